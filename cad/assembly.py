@@ -48,8 +48,6 @@ class Product:
         Of the CAD kernel, mm.
     material
         Name that the file gives its material, or "".
-    density
-        kg/m³ that the file gives; 0 where it gives none.
     volume, centre, inertia
         m³, (3,) m, and (3, 3) about the centre for a density of 1, m⁵.
     """
@@ -57,7 +55,6 @@ class Product:
     number: int
     solid: "Solid"
     material: str
-    density: float
     volume: float
     centre: Array
     inertia: Array
@@ -145,7 +142,11 @@ def read_assembly(
         check_unit(path, content)
         told = json.loads((folder / "assembly.json").read_text())
         solids = cad.kernel.children(cad.kernel_files.read_any(folder / "solids.brep"))
-    lost = len(_SOLID.findall(content)) - len(solids)
+    there = len(_SOLID.findall(content))
+    lost = there - len(solids)
+    if 0 < there < len(solids):
+        what = f"{there} that fall into {len(solids)}, as edges or points of more than two faces part them"
+        raise InputError(f"{path}: expected manifold solids, got {what}")
     if left_out is not None:
         left_out += [f"{lost} of its solids could not be read: left out"] * (lost > 0) + told["left_out"]
     return place_solids(solids, told)
@@ -195,7 +196,7 @@ def _check_references(path: Path, content: bytes) -> None:
 def _product(number: int, solid: "Solid", told: dict[str, Any]) -> Product:
     properties = cad.kernel.volume_properties(solid)
     return Product(
-        number, solid, told["material"], told["density"], volume=1e-9 * properties.Mass(),
+        number, solid, told["material"], volume=1e-9 * properties.Mass(),
         centre=1e-3 * cad.kernel.xyz(properties.CentreOfMass()), inertia=1e-15 * cad.kernel.inertia(properties),
     )  # fmt: skip
 
@@ -254,10 +255,10 @@ def gather_solids(found: "Sequence[PlacedProduct]", shown: str) -> "tuple[list[S
     """Distinct solids of the leaves of a tree, called `shown` in messages, and a table of them and their places."""
     products, instances, numbers = [], [], dict[tuple[int, int], int]()
     solids: list[Any] = []
-    loose = 0
+    loose = list[str]()
     for each in found:
         shapes = cad.kernel.solids(each.shape)
-        loose += not shapes
+        loose += [] if shapes else [each.path[-1] or "one without a name"]
         for index, solid in enumerate(shapes):
             key = each.product, index
             if key not in numbers:
@@ -267,10 +268,11 @@ def gather_solids(found: "Sequence[PlacedProduct]", shown: str) -> "tuple[list[S
                     )
                 numbers[key] = len(solids)
                 solids.append(cad.kernel.orient_solid(solid))
-                products.append({"material": each.material, "density": each.density})
+                products.append({"material": each.material})
             instances.append({"path": each.path, "product": numbers[key], "place": each.place})
     if not instances:
-        what = f"{loose} shapes that are no closed solid (surfaces, wires or points)" if loose else "none"
+        what = f"{len(loose)} shapes that are no closed solid (surfaces, wires or points)" if loose else "none"
         raise InputError(f"{shown}: expected at least one closed solid, got {what}")
-    left_out = [f"{loose} shapes that are no closed solid: left out"] * (loose > 0)
+    listed = ", ".join(loose[:8]) + (f" and {len(loose) - 8} more" if len(loose) > 8 else "")
+    left_out = [f"{len(loose)} shapes that are no closed solid ({listed}): left out"] * (len(loose) > 0)
     return solids, {"products": products, "instances": instances, "left_out": left_out}

@@ -82,7 +82,6 @@ def _read_leaf(leaf: Any, numbers: kernel.Numbering) -> PlacedProduct:
         shape=shape,
         place=_place_of(leaf.global_location)[:3].tolist(),
         material=str(getattr(leaf.material, "name", "")),
-        density=0.0,
     )
 
 

@@ -19,7 +19,7 @@ from OCP.TCollection import TCollection_ExtendedString, TCollection_HAsciiString
 from OCP.TDataStd import TDataStd_Name, TDataStd_TreeNode
 from OCP.TDocStd import TDocStd_Document
 from OCP.TopoDS import TopoDS
-from OCP.XCAFDoc import XCAFDoc, XCAFDoc_Material, XCAFDoc_MaterialTool, XCAFDoc_ShapeTool
+from OCP.XCAFDoc import XCAFDoc, XCAFDoc_Material, XCAFDoc_ShapeTool
 from OCP.XCAFPrs import XCAFPrs_DocumentExplorer, XCAFPrs_DocumentExplorerFlags_OnlyLeafNodes
 
 from stiffscope.cad.kernel import Shape, Solid, compound
@@ -47,7 +47,6 @@ class PlacedProduct:
     shape: Shape
     place: list[list[float]]
     material: str
-    density: float
 
 
 def read_products(path: Path) -> list[PlacedProduct]:
@@ -70,7 +69,6 @@ def read_products(path: Path) -> list[PlacedProduct]:
                 shape=XCAFDoc_ShapeTool.GetShape_s(node.RefLabel),
                 place=[[place.Value(i, j) for j in (1, 2, 3, 4)] for i in (1, 2, 3)],
                 material=_material_name(node.RefLabel),
-                density=1e9 * XCAFDoc_MaterialTool.GetDensityForShape_s(node.RefLabel),
             )
         )
         explorer.Next()

@@ -8,7 +8,11 @@ import re
 import build123d as b
 import numpy as np
 import pytest
+from OCP.BRep import BRep_Builder
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeSolid, BRepBuilderAPI_Sewing
+from OCP.TopoDS import TopoDS_Shell
 
+from stiffscope import cad
 from stiffscope.cad.assembly import read_assembly
 from stiffscope.cad.built_assembly import read_built
 from stiffscope.cad.contacts import find_contacts
@@ -295,6 +299,27 @@ def test_files_that_are_no_whole_machine_are_refused(case, tmp_path):
     with pytest.raises(InputError, match=message) as told:
         import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml", Said(material=("*=steel",)))
     assert "\n" not in str(told.value)
+
+
+def test_a_solid_that_is_not_manifold_is_refused_by_that_name(tmp_path):
+    sewing, builder, shell = BRepBuilderAPI_Sewing(1e-6, True, True, True, True), BRep_Builder(), TopoDS_Shell()
+    for face in b.Box(10, 10, 10).faces() + b.Box(10, 10, 10, align=(b.Align.MAX,) * 3).move(b.Pos(-5, -5)).faces():
+        sewing.Add(face.wrapped)
+    sewing.Perform()
+    builder.MakeShell(shell)
+    for face in cad.kernel.faces(sewing.SewedShape()):
+        builder.Add(shell, face)
+    cad.kernel_files.write_step(BRepBuilderAPI_MakeSolid(shell).Solid(), tmp_path / "machine.step")
+    with pytest.raises(InputError, match=r"expected manifold solids, got 1 that fall into 2, as edges"):
+        read_assembly(tmp_path / "machine.step")
+
+
+def test_what_assembly_toml_says_wrongly_is_refused_with_its_line(tmp_path):
+    assemblies.finger().write(tmp_path / "machine.step")
+    (tmp_path / "assembly.toml").write_text('ground = "palm"\n[material]\n"*" = "steel"\n"pad" = "unobtainium"\n')
+    message = r"assembly\.toml:4: material: expected PATTERN=NAME with a name of .*, got \"pad=unobtainium\""
+    with pytest.raises(InputError, match=message):
+        import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml")
 
 
 def test_what_an_assembly_has_beside_its_solids_is_told(tmp_path):

@@ -14,6 +14,7 @@ from stiffscope.errors import InputError
 from stiffscope.robot.imports.compiled_model import print_safely
 from stiffscope.robot.imports.import_model import to_toml, toml_key, vector_text
 from stiffscope.robot.imports.import_record import parts_folder
+from stiffscope.robot.imports.said import place_of
 from stiffscope.runtime.reading import show_path
 
 if TYPE_CHECKING:
@@ -59,9 +60,8 @@ def choose_materials(
     for text in said:
         pattern, equals, name = (each.strip() for each in text.partition("="))
         if not equals or name.lower() not in known:
-            raise InputError(
-                f'--material {text}: expected PATTERN=NAME with a name of {", ".join(MATERIALS)}, got "{text}"'
-            )
+            where, names = place_of("--material", text), ", ".join(MATERIALS)
+            raise InputError(f'{where}: expected PATTERN=NAME with a name of {names}, got "{text}"')
         rules.append((pattern.lower(), known[name.lower()]))
     found, missing = dict[int, str](), defaultdict[str, list[str]](list)
     for number in parts:

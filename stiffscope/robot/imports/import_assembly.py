@@ -38,7 +38,7 @@ from stiffscope.robot.imports.import_record import (
     read_record,
     tell_changes,
 )
-from stiffscope.robot.imports.said import Said, as_said, match_solids, said_beside, said_of
+from stiffscope.robot.imports.said import Said, as_said, match_solids, place_of, said_beside, said_of
 from stiffscope.robot.imports.simulator_model import ModelBody, ModelJoint, SimulatorModel
 from stiffscope.robot.reader import read_robot
 from stiffscope.runtime.output import scratch_folder, write_bytes
@@ -224,7 +224,7 @@ def _choose_ground(found: _Found, wanted: str | None) -> int:
     if wanted is not None:
         named = sorted(match_solids(found.solids, (wanted,), "--ground") & set(parts))
         if not named:
-            raise InputError(f'--ground {wanted}: expected a part, got "{wanted}", which is hardware')
+            raise InputError(f'{place_of("--ground", wanted)}: expected a part, got "{wanted}", which is hardware')
         return named[0]
     if not parts:
         raise InputError("expected an assembly with parts, got hardware alone; say --part NAME of what is a part")
@@ -256,7 +256,7 @@ def _choose_tool(found: _Found, ground: int, wanted: str | None) -> int:
         named = sorted(match_solids(found.solids, (wanted,), "--tool") & set(able))
         if not named:
             names = ", ".join(found.solids[n].name for n in able)
-            raise InputError(f'--tool {wanted}: expected a part that moves ({names}), got "{wanted}"')
+            raise InputError(f'{place_of("--tool", wanted)}: expected a part that moves ({names}), got "{wanted}"')
         return named[0]
     if not able:
         raise InputError(

@@ -18,7 +18,7 @@ from stiffscope.runtime.reading import show_path
 from stiffscope.vjm.joints import FREE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from stiffscope.cad.assembly import Instance
@@ -52,7 +52,7 @@ def said_beside(path: Path, said: Said) -> Said:
         table = tomllib.loads(file.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         raise InputError(f"{show_path(file)}: expected TOML, got {error}") from error
-    held = said_of(table, f"{show_path(file)}: ")
+    held = said_of(table, file)
     lists = {
         each.name: (*getattr(held, each.name), *getattr(said, each.name))
         for each in fields(Said)
@@ -61,11 +61,34 @@ def said_beside(path: Path, said: Said) -> Said:
     return Said(said.ground or held.ground, said.tool or held.tool, **lists)
 
 
-def said_of(table: Mapping[str, Any], where: str = "") -> Said:
+class Text(str):
+    """A text of an `assembly.toml`, which knows where it stands."""
+
+    where: str
+
+
+def place_of(option: str, text: str) -> str:
+    """Where a text was said: the option and the text, or the file, its line and the field."""
+    return text.where if isinstance(text, Text) else f"{option} {text}"
+
+
+def _note_places(file: Path, key: str, texts: Iterable[str]) -> Iterator[Text]:
+    """Texts of a key with the first line of the file that has all their words, else the key."""
+    lines = file.read_text(encoding="utf-8").splitlines()
+    for text in map(Text, texts):
+        words = [each.strip() for each in text.split("=")]
+        found = [n for n, line in enumerate(lines, 1) if all(word in line for word in words)]
+        found += [n for n, line in enumerate(lines, 1) if key in line]
+        text.where = f"{show_path(file)}:{next(iter(found), 1)}: {key}"
+        yield text
+
+
+def said_of(table: Mapping[str, Any], file: Path | None = None) -> Said:
     """What a table says: texts, lists of texts, or tables such as ``material = {"*": "steel"}``.
 
-    Raises InputError, in a message that begins with ``where``.
+    Raises InputError, in a message that begins with the file.
     """
+    where = "" if file is None else f"{show_path(file)}: "
     known = [each.name for each in fields(Said)]
     values: dict[str, Any] = {}
     for key, value in table.items():
@@ -79,6 +102,7 @@ def said_of(table: Mapping[str, Any], where: str = "") -> Said:
         if not listed or (single and len(texts) != 1):
             wanted = "a name" if single else "a list of texts"
             raise InputError(f"{where}{key}: expected {wanted}, got {value!r}")
+        texts = texts if file is None else _note_places(file, key, texts)
         values[key] = next(iter(texts)) if single else tuple(texts)
     return Said(**values)
 
@@ -90,7 +114,8 @@ def match_solids(solids: Sequence[Instance], patterns: Iterable[str], option: st
         here = {n for n, solid in enumerate(solids) if fnmatch.fnmatch(solid.name.lower(), pattern.lower())}
         if not here:
             names = ", ".join(solid.name for solid in solids[:12]) + (", …" if len(solids) > 12 else "")
-            raise InputError(f'{option} {pattern}: expected the name of a solid ({names}), got "{pattern}"')
+            where = place_of(option, pattern)
+            raise InputError(f'{where}: expected the name of a solid ({names}), got "{pattern}"')
         found |= here
     return found
 
@@ -108,11 +133,12 @@ def as_said(
     scale = measure_size(solids)
     for text in said:
         pair, _, kind = (each.strip() for each in text.rpartition("="))
+        where = place_of("--joint", text)
         first, _, second = (each.strip() for each in pair.partition("/"))
         if kind not in {*FREE, "none"} or not first or not second:
             kinds = ", ".join((*FREE, "none"))
-            raise InputError(f'--joint {text}: expected A/B=KIND with one of {kinds}, got "{text}"')
-        ones, others = (match_solids(solids, (name,), f"--joint {text}: solid") for name in (first, second))
+            raise InputError(f'{where}: expected A/B=KIND with one of {kinds}, got "{text}"')
+        ones, others = (match_solids(solids, (name,), f"{where}: solid") for name in (first, second))
 
         def is_named(each: Freedom | Contact, ones: set[int] = ones, others: set[int] = others) -> bool:
             i, j = each.first, each.second
@@ -122,9 +148,7 @@ def as_said(
         for each in (*filter(is_named, found), *filter(is_named, contacts)):
             here[frozenset((each.first, each.second))].append(each)
         if not here:
-            raise InputError(
-                f'--joint {text}: expected two solids that touch, got "{first}" and "{second}", which do not'
-            )
+            raise InputError(f'{where}: expected two solids that touch, got "{first}" and "{second}", which do not')
         named |= here.keys()
         found = [joint for joint in found if not is_named(joint)]
         if kind != "none":
