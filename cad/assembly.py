@@ -16,9 +16,8 @@ import numpy as np
 
 from stiffscope import cad
 from stiffscope.cad.faces import FaceGeometry, face_geometries
-from stiffscope.cad.step import check_file, check_unit
+from stiffscope.cad.step import check_file, check_unit, read_alone
 from stiffscope.errors import InputError
-from stiffscope.runtime.executor import KILLED, LateError, WorkerError, do_alone
 from stiffscope.runtime.output import scratch_folder
 from stiffscope.runtime.types import Array
 
@@ -138,7 +137,7 @@ def read_assembly(
     content = check_file(path)
     _check_references(path, content)
     with scratch_folder() as folder:
-        _read_alone(path, folder, time_limit)
+        read_alone(_write_solids, path, folder, time_limit, "a STEP file of closed solids")
         check_unit(path, content)
         told = json.loads((folder / "assembly.json").read_text())
         solids = cad.kernel.children(cad.kernel_files.read_any(folder / "solids.brep"))
@@ -229,19 +228,6 @@ def _name_distinct(paths: Sequence[Sequence[str]]) -> list[str]:
 
 def _is_nameless(name: str) -> bool:
     return not name or name.upper().startswith(_NAMELESS)
-
-
-def _read_alone(path: Path, folder: Path, time_limit: float) -> None:
-    """Read a file in a process of its own."""
-    try:
-        do_alone(_write_solids, path.absolute(), str(path), folder, name=str(path), limit=time_limit)
-    except LateError as error:
-        raise InputError(f"{path}: expected an assembly that is read within {time_limit:g} s, got none") from error
-    except WorkerError as error:
-        if error.code in KILLED:
-            raise
-        why = str(error).removeprefix(f"{path}: ")
-        raise InputError(f"{path}: expected a STEP file of closed solids, the CAD kernel failed ({why})") from error
 
 
 def _write_solids(path: Path, shown: str, folder: Path) -> None:

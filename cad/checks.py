@@ -43,6 +43,16 @@ def require(valid: bool, field: str, expected: str, got: object) -> None:
         raise InputError(f"{field}: expected {expected}, got {got}")
 
 
+def require_between(field: str, least: float, value: float, most: float, note: str = "") -> None:
+    """Raise InputError unless a length (m) is within two others; ``note`` follows these in the message."""
+    require(least <= value <= most, field, f"{mm(least)} to {mm(most)}{note}", mm(value))
+
+
+def require_below(field: str, value: float, limit: float, note: str = "") -> None:
+    """Raise InputError unless a length (m) is below a limit; ``note`` follows that in the message."""
+    require(value < limit, field, f"less than {mm(limit)}{note}", mm(value))
+
+
 def number(field: str, value: object) -> float:
     """Return `value` as a finite float. Raises InputError."""
     if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):

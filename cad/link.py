@@ -6,7 +6,7 @@ Axes: x along the link, from the clamped end at x = 0 to the loaded end, whose c
 from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
-from stiffscope.cad.checks import GAP, length, mm, optional_length, require
+from stiffscope.cad.checks import GAP, length, mm, optional_length, require, require_between
 from stiffscope.cad.solid import SolidParameters
 
 
@@ -45,26 +45,16 @@ class LinkParameters(SolidParameters):
         optional_length("link.bore", self.bore)
         optional_length("link.fitting_radius", self.fitting_radius)
         optional_length("link.fitting_length", self.fitting_length)
-        require(
-            self.bore <= max(2 * (self.radius - GAP), 0.0),
-            "link.bore",
-            f"a diameter up to {mm(max(2 * (self.radius - GAP), 0.0))} (the link's is {mm(2 * self.radius)})",
-            mm(self.bore),
-        )
+        widest = max(2 * (self.radius - GAP), 0.0)
+        wanted = f"a diameter up to {mm(widest)} (the link's is {mm(2 * self.radius)})"
+        require(self.bore <= widest, "link.bore", wanted, mm(self.bore))
         if not (self.fitting_radius or self.fitting_length):
             return
-        require(
-            self.fitting_radius >= self.bore / 2 + GAP,
-            "link.fitting_radius",
-            f"at least {mm(self.bore / 2 + GAP)} for fittings {mm(self.fitting_length)} long about the bore",
-            mm(self.fitting_radius),
-        )
-        require(
-            GAP <= self.fitting_length <= self.length / 2 - GAP,
-            "link.fitting_length",
-            f"{mm(GAP)} to {mm(self.length / 2 - GAP)} for fittings on a link of {mm(self.length)}",
-            mm(self.fitting_length),
-        )
+        least = self.bore / 2 + GAP
+        wanted = f"at least {mm(least)} for fittings {mm(self.fitting_length)} long about the bore"
+        require(self.fitting_radius >= least, "link.fitting_radius", wanted, mm(self.fitting_radius))
+        note = f" for fittings on a link of {mm(self.length)}"
+        require_between("link.fitting_length", GAP, self.fitting_length, self.length / 2 - GAP, note)
 
     @property
     def has_fittings(self) -> bool:

@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 
-from stiffscope.cad.checks import FINEST, GAP, choice, count, length, mm, optional_length, require
+from stiffscope.cad.checks import (
+    FINEST,
+    GAP,
+    choice,
+    count,
+    length,
+    mm,
+    optional_length,
+    require,
+    require_below,
+    require_between,
+)  # fmt: skip
 from stiffscope.cad.faces import FaceSelector, face_geometries, select
 from stiffscope.cad.part import Interface
 from stiffscope.cad.solid import GREATEST_X, LEAST_X, SolidParameters
@@ -99,14 +110,9 @@ class SliderParameters(SolidParameters):
     @property
     def _absent(self) -> tuple[str, ...]:
         """Beginnings of the names of parameters that are not used."""
-        features = {
-            "rib_": self.rib_count,
-            "rib_pitch": self.rib_count > 1,
-            "hole_": self.hole_count,
-            "hole_pitch": self.hole_count > 1,
-            "pad_": self.pad_height,
-        }
-        return tuple(name for name, there in features.items() if not there)
+        counts = {"rib_": self.rib_count, "hole_": self.hole_count}
+        there = {"pad_": self.pad_height, **counts, **{f"{name}pitch": n > 1 for name, n in counts.items()}}
+        return tuple(name for name, used in there.items() if not used)
 
     def present(self) -> Self:
         """See `SolidParameters`."""
@@ -149,22 +155,13 @@ def _row(number: int, pitch: float, width: float) -> tuple[float, ...]:
 def _check_row(slider: SliderParameters, item: str, size: str, needs: float) -> None:
     """Check that ribs or holes, each `needs` wide, keep clear of one another and of the plate's sides."""
     number, pitch = getattr(slider, f"{item}_count"), getattr(slider, f"{item}_pitch")
-    spacing = pitch or slider.width / number
-    most = max((slider.width - 2 * GAP - needs) / (number - 1) if number > 1 else spacing, 0.0)
-    require(
-        needs < slider.width - 2 * GAP,
-        f"slider.{item}_{size}",
-        f"{item}s that fit the plate's width of {mm(slider.width)}",
-        f"{mm(needs)} each",
-    )
-    if pitch:
-        require(
-            needs + GAP <= spacing <= most or number == 1,
-            f"slider.{item}_pitch",
-            f"{mm(needs + GAP)} to {mm(most)} for {number} {item}s of {mm(needs)} on {mm(slider.width)}",
-            mm(pitch),
-        )
-    else:
+    most = max((slider.width - 2 * GAP - needs) / max(number - 1, 1), 0.0)
+    fits = f"{item}s that fit the plate's width of {mm(slider.width)}"
+    require(needs < slider.width - 2 * GAP, f"slider.{item}_{size}", fits, f"{mm(needs)} each")
+    if pitch and number > 1:
+        note = f" for {number} {item}s of {mm(needs)} on {mm(slider.width)}"
+        require_between(f"slider.{item}_pitch", needs + GAP, pitch, most, note)
+    elif not pitch:
         largest = int(slider.width / (needs + GAP) + 1e-9)
         require(number <= largest, f"slider.{item}_count", f"at most {largest} {item}s of {mm(needs)}", number)
 
@@ -181,12 +178,8 @@ def _check_ribs(slider: SliderParameters) -> None:
     )
     _check_row(slider, "rib", "thickness", slider.rib_thickness + 2 * slider.fillet)
     shortest, longest = slider.rib_thickness / 2 + GAP, slider.depth - slider.fillet - GAP
-    require(
-        shortest <= slider.rib_length <= longest,
-        "slider.rib_length",
-        f"{mm(shortest)} to {mm(longest)}, so that nose and fillet end on the plate",
-        mm(slider.rib_length),
-    )
+    note = ", so that nose and fillet end on the plate"
+    require_between("slider.rib_length", shortest, slider.rib_length, longest, note)
 
 
 def _check_holes(slider: SliderParameters) -> None:
@@ -195,18 +188,9 @@ def _check_holes(slider: SliderParameters) -> None:
         return
     radius = slider.hole_diameter / 2
     _check_row(slider, "hole", "diameter", slider.hole_diameter)
-    require(
-        2 * radius < slider.depth - 2 * GAP,
-        "slider.hole_diameter",
-        f"less than {mm(slider.depth - 2 * GAP)}",
-        mm(2 * radius),
-    )
-    require(
-        radius + GAP <= slider.hole_offset <= slider.depth - radius - GAP,
-        "slider.hole_offset",
-        f"{mm(radius + GAP)} to {mm(slider.depth - radius - GAP)}, so that the holes are inside of the plate",
-        mm(slider.hole_offset),
-    )
+    require_below("slider.hole_diameter", 2 * radius, slider.depth - 2 * GAP)
+    note = ", so that the holes are inside of the plate"
+    require_between("slider.hole_offset", radius + GAP, slider.hole_offset, slider.depth - radius - GAP, note)
     if slider.hole_offset - radius - GAP > slider.rib_length + slider.fillet:
         return
     clearance = radius + slider.rib_thickness / 2 + slider.fillet + GAP
@@ -225,18 +209,10 @@ def _check_pads(slider: SliderParameters) -> None:
         require(slider.pads != "apart", "slider.pads", "'together' without pads (pad_height = 0)", "'apart'")
         return
     widest = min(slider.pad_spacing - GAP, slider.width - 2 * slider.pad_spacing - 2 * GAP)
-    require(
-        slider.pad_spacing < slider.width / 2 - GAP,
-        "slider.pad_spacing",
-        f"less than {mm(slider.width / 2 - GAP)}, so that the pads are on the loaded face",
-        mm(slider.pad_spacing),
-    )
-    require(
-        slider.pad_width <= widest,
-        "slider.pad_width",
-        f"up to {mm(widest)} for pads {mm(slider.pad_spacing)} apart on {mm(slider.width)}",
-        mm(slider.pad_width),
-    )
+    note = ", so that the pads are on the loaded face"
+    require_below("slider.pad_spacing", slider.pad_spacing, slider.width / 2 - GAP, note)
+    range_ = f"up to {mm(widest)} for pads {mm(slider.pad_spacing)} apart on {mm(slider.width)}"
+    require(slider.pad_width <= widest, "slider.pad_width", range_, mm(slider.pad_width))
 
 
 def _draw(slider: SliderParameters) -> Any:

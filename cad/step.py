@@ -20,6 +20,8 @@ from stiffscope.runtime.output import scratch_folder
 from stiffscope.runtime.reading import read_bytes
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from stiffscope.cad.kernel import Solid
 
 START, END = b"ISO-10303-21", b"END-ISO-10303-21"
@@ -79,7 +81,7 @@ def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
     content = check_file(Path(path))
     with scratch_folder() as folder:
         brep = folder / "solid.brep"
-        _convert_alone(Path(path), brep, time_limit)
+        read_alone(_write_valid, Path(path), brep, time_limit, "a STEP file with one closed solid")
         check_unit(Path(path), content)
         return cad.kernel_files.read_binary(brep)
 
@@ -124,22 +126,18 @@ def _write_valid(path: Path, shown: str, brep: Path) -> None:
     cad.kernel_files.write_binary(cad.validity.valid_solid(cad.kernel_files.read_step(path), shown), brep)
 
 
-def _convert_alone(path: Path, brep: Path, time_limit: float) -> None:
-    """Read and check a file in a process of its own: the kernel may crash or hang on it."""
+def read_alone(read: "Callable[[Path, str, Path], None]", path: Path, goal: Path, time_limit: float, what: str) -> None:
+    """Read what a file is to hold in a process of its own: the kernel may crash or hang on it. Raises InputError."""
     try:
-        do_alone(_write_valid, path.absolute(), str(path), brep, name=str(path), limit=time_limit)
+        do_alone(read, path.absolute(), str(path), goal, name=str(path), limit=time_limit)
     except LateError as error:
-        raise InputError(
-            f"{path}: expected a solid that is read and checked within {time_limit:g} s, got none; "
-            "remove threads, engravings and tiny fillets"
-        ) from error
+        late = f"got none within {time_limit:g} s; remove threads, engravings and tiny fillets"
+        raise InputError(f"{path}: expected {what}, {late}") from error
     except WorkerError as error:
         if error.code in KILLED:
             raise
         why = str(error).removeprefix(f"{path}: ")
-        raise InputError(
-            f"{path}: expected a STEP file with one closed solid, the CAD kernel failed ({why})"
-        ) from error
+        raise InputError(f"{path}: expected {what}, the CAD kernel failed ({why})") from error
 
 
 def write_step(part: Part, path: str | Path) -> None:

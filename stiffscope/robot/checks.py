@@ -29,16 +29,7 @@ if TYPE_CHECKING:
 
 SAME_LENGTH = 1e-4  # relative; coordinates are often rounded to a hundredth of a millimetre
 _ROUNDED = 1e-9  # relative, of moments of inertia
-MESHES = (
-    ".stl",
-    ".obj",
-    ".ply",
-    ".vtp",
-    ".vtk",
-    ".vtu",
-    ".glb",
-    ".gltf",
-)
+MESHES = (".stl", ".obj", ".ply", ".vtp", ".vtk", ".vtu", ".glb", ".gltf")
 """Files for pictures: what PyVista reads without further packages."""
 _PARALLEL = 1e-6  # sine of the angle below which two directions are one
 _FILE_NAME = re.compile(r"[^/\\\x00-\x1f]{0,100}")
@@ -101,13 +92,11 @@ def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
         raise FieldError((*key, "tip"), f"{message}, got {mm(size)}")
     if body.y is None:
         if part.shape not in {"rod", "tube"}:
-            raise FieldError(
-                (*key, "y"), f"expected a direction across a {part.shape} part, such as [0, 1, 0], got nothing"
-            )
+            across = f"expected a direction across a {part.shape} part, such as [0, 1, 0], got nothing"
+            raise FieldError((*key, "y"), across)
     elif np.linalg.norm(np.cross(along / size, body.y)) < _PARALLEL * np.linalg.norm(body.y):
-        raise FieldError(
-            (*key, "y"), f"expected a direction across the line from base to tip, got one along it, {list(body.y)}"
-        )
+        message = f"expected a direction across the line from base to tip, got one along it, {list(body.y)}"
+        raise FieldError((*key, "y"), message)
 
 
 def _check_rigid(robot: RobotFile, name: str, body: RigidBody) -> None:
@@ -118,9 +107,8 @@ def _check_rigid(robot: RobotFile, name: str, body: RigidBody) -> None:
     if body.mesh is not None:
         file = robot.path.parent / body.mesh
         if file.suffix.lower() not in MESHES:
-            raise FieldError(
-                (*key, "mesh"), f"expected a file for pictures ({', '.join(MESHES)}), got {q.show_value(body.mesh)}"
-            )
+            message = f"expected a file for pictures ({', '.join(MESHES)}), got {q.show_value(body.mesh)}"
+            raise FieldError((*key, "mesh"), message)
         if not file.is_file():
             raise FieldError((*key, "mesh"), f"expected a file for pictures, got none at {file}")
     if body.mass and body.centre is None:

@@ -105,11 +105,8 @@ def _of_parts(robot: RobotFile, components: Components) -> Iterator[tuple[Any, .
 def _of_joint(name: str, joint: JointSection) -> Iterator[tuple[Any, ...]]:
     drive, bearing = getattr(joint, "drive", None), joint.compliance
     if drive is not None and drive.stiffness:
-        yield (
-            as_written(("joints", name, "drive", "stiffness")),
-            drive.stiffness,
-            "N*m/rad" if joint.type == "revolute" else "N/m",
-        )
+        unit = "N*m/rad" if joint.type == "revolute" else "N/m"
+        yield as_written(("joints", name, "drive", "stiffness")), drive.stiffness, unit
     if getattr(joint, "spring", None) is not None:
         unit = "N/m" if joint.type == "prismatic" else "N*m/rad"
         yield as_written(("joints", name, "spring")), getattr(joint, "spring", None), unit

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.cad.assembly import Instance
-    from stiffscope.robot.imports.bonds import Freedom
+    from stiffscope.robot.imports.part_motions import Freedom
 
 
 @dataclass(frozen=True, eq=False)

@@ -18,10 +18,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import nnls
 
-from stiffscope.robot.imports.bonds import Bond, Freedom
 from stiffscope.robot.imports.doubts import Doubt, doubt_bores, doubt_built, doubt_pins
 from stiffscope.robot.imports.hardware import FIT, turned_form
-from stiffscope.robot.imports.part_motions import joint_freedom, relative_freedom
+from stiffscope.robot.imports.part_motions import Bond, Freedom, joint_freedom, relative_freedom
 from stiffscope.vjm.screws import shift, skew
 from stiffscope.vjm.subspaces import null_space, range_space
 
@@ -234,8 +233,11 @@ def find_joints(
     if built:
         doubts += doubt_built(joints, find_joints(solids, contacts, hardware)[0], built, solids)
     joints = _add_planes(joints, sorted(planes, key=planes.__getitem__), contacts, solids, doubts)
-    loose = [each for each in contacts if _adds(hold(each, scale), joints, each.first, each.second)]
-    return joints, doubts + doubt_bores(solids, loose, hardware)
+
+    def adds(contact: Contact) -> bool:
+        return contact.gap < 0 or _adds(hold(contact, scale), joints, contact.first, contact.second)
+
+    return joints, doubts + doubt_bores(solids, contacts, hardware, adds)
 
 
 def _clusters(bonds: Sequence[Bond], hardware: Hardware) -> list[set[int]]:

@@ -11,13 +11,13 @@ import numpy as np
 from stiffscope.robot.imports.hardware import FIT, may_be_screw
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from stiffscope.cad.assembly import Instance
     from stiffscope.cad.built_assembly import BuiltJoint
     from stiffscope.cad.contacts import Contact
-    from stiffscope.robot.imports.bonds import Bond, Freedom
     from stiffscope.robot.imports.hardware import Hardware
+    from stiffscope.robot.imports.part_motions import Bond, Freedom
 
 
 @dataclass(frozen=True)
@@ -44,12 +44,14 @@ def doubt_pins(joint: Freedom, bonds: Sequence[Bond], solids: Sequence[Instance]
     ]
 
 
-def doubt_bores(solids: Sequence[Instance], contacts: Iterable[Contact], hardware: Hardware) -> list[Doubt]:
-    """Bores that are too wide to guide, or so tight that they hold, between parts."""
+def doubt_bores(
+    solids: Sequence[Instance], contacts: Iterable[Contact], hardware: Hardware, adds: Callable[[Contact], bool]
+) -> list[Doubt]:
+    """Bores that are too wide to guide, or so tight that they hold, between parts; not those that add nothing."""
     found = defaultdict[tuple[str, str, str], dict[str, "Contact"]](dict)
     for contact in contacts:
         round_ = contact.kind in {"cylinder", "sphere"} and not hardware.roles.keys() & {contact.first, contact.second}
-        if round_ and not FIT[0] <= contact.gap / contact.radius <= FIT[1]:
+        if round_ and not FIT[0] <= contact.gap / contact.radius <= FIT[1] and adds(contact):
             gap, size = 1e3 * abs(contact.gap), 1e3 * contact.radius
             way = "play" if contact.gap > 0 else "overlap"
             what = f"a {contact.kind} of radius {size:.4g} mm with {gap:.3g} mm of {way}"

@@ -23,7 +23,6 @@ from stiffscope.robot.imports.assembly_parts import (
     part_lines,
     part_name,
 )
-from stiffscope.robot.imports.bonds import Freedom
 from stiffscope.robot.imports.compiled_model import GROUND, print_safely
 from stiffscope.robot.imports.contact_joints import find_joints, measure_size, tool_motions
 from stiffscope.robot.imports.doubts import Doubt, doubt_twins, gather_alike
@@ -38,12 +37,13 @@ from stiffscope.robot.imports.import_record import (
     read_record,
     tell_changes,
 )
+from stiffscope.robot.imports.model_tool import choose_coordinates
+from stiffscope.robot.imports.part_motions import Freedom
 from stiffscope.robot.imports.said import Said, as_said, match_solids, place_of, said_beside, said_of
 from stiffscope.robot.imports.simulator_model import ModelBody, ModelJoint, SimulatorModel
 from stiffscope.robot.reader import read_robot
 from stiffscope.runtime.output import scratch_folder, write_bytes
 from stiffscope.runtime.reading import show_path
-from stiffscope.vjm.subspaces import rank
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from stiffscope.cad.built_assembly import BuiltJoint
     from stiffscope.cad.contacts import Contact
     from stiffscope.robot.imports.hardware import Hardware
-    from stiffscope.runtime.types import Array, Progress
+    from stiffscope.runtime.types import Progress
 
 _GROUND = re.compile(r"ground|base|bed|frame|foot|gestell|grund|rahmen|sockel|bett", re.IGNORECASE)
 _TOOL = re.compile(r"tool|platform|effector|tcp|spindle|flange|plate|werkzeug|plattform|greifer|gripper", re.IGNORECASE)
@@ -180,14 +180,15 @@ def _import(
     doubts = [doubt for doubt in doubts if {*doubt.solids} not in named]
     found = _Found(solids, tuple(contacts), hardware, tuple(joints))
     ground = _choose_ground(found, said.ground)
-    kept, loose = _find_reached(found.joints, ground)
+    reached = _find_distances(found.joints, ground)
+    loose = {each for joint in found.joints for each in (joint.first, joint.second)} - reached.keys()
     doubts += [Doubt((path.name,), text) for text in left_out] + doubt_twins(solids)
     doubts += [
         Doubt((solids[n].name,), "no joint leads from it to the ground: left out", tuple(solids[n].centre))
         for n in sorted(loose - {*hardware.roles})
     ]
     doubts = gather_alike(doubts, solids)
-    found = replace(found, joints=kept)
+    found = replace(found, joints=tuple(joint for joint in found.joints if joint.first in reached))
     tool = _choose_tool(found, ground, said.tool)
     model, parts = _model(path, found, ground, tool, said)
     head = _HEAD if not doubts else _HEAD + "#\n# Look at these, which may be read in another way:\n" + "".join(
@@ -232,25 +233,19 @@ def _choose_ground(found: _Found, wanted: str | None) -> int:
     return max(named, key=lambda n: (found.solids[n].product.volume, -n))
 
 
-def _find_reached(joints: Sequence[Freedom], ground: int) -> tuple[tuple[Freedom, ...], set[int]]:
-    """Joints that hang on the ground, and the parts that none leads to."""
-    ends = {each for joint in joints for each in (joint.first, joint.second)} | {ground}
-    seen, new = set[int](), {ground}
+def _find_distances(joints: Sequence[Freedom], ground: int) -> dict[int, int]:
+    """How many joints each part that hangs on the ground is away from it."""
+    distances, new = {ground: 0}, {ground}
     while new:
-        seen |= new
-        new = {b for j in joints for a, b in ((j.first, j.second), (j.second, j.first)) if a in seen} - seen
-    return tuple(joint for joint in joints if joint.first in seen), ends - seen
+        ends = ((a, b) for j in joints for a, b in ((j.first, j.second), (j.second, j.first)))
+        new = {b for a, b in ends if a in new} - distances.keys()
+        distances |= dict.fromkeys(new, max(distances.values()) + 1)
+    return distances
 
 
 def _choose_tool(found: _Found, ground: int, wanted: str | None) -> int:
     """The part that is the tool: what is said, else by a usual name, else that farthest from the ground."""
-    distance, new = {ground: 0}, {ground}
-    while new:
-        step = {b for j in found.joints for a, b in ((j.first, j.second), (j.second, j.first)) if a in new} - set(
-            distance
-        )
-        distance |= dict.fromkeys(step, max(distance.values()) + 1)
-        new = step
+    distance = _find_distances(found.joints, ground)
     able = [n for n in distance if n != ground]
     if wanted is not None:
         named = sorted(match_solids(found.solids, (wanted,), "--tool") & set(able))
@@ -302,7 +297,7 @@ def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tup
         )
     model = SimulatorModel(
         print_safely(path.stem), tuple(bodies), tuple(joints), tool_body=tool_body, tool_at=at,
-        pose=_coordinates(motions), gravity=np.zeros(3), notes=_notes(found, ground, tool, said),
+        pose=choose_coordinates(motions), gravity=np.zeros(3), notes=_notes(found, ground, tool, said),
     )  # fmt: skip
     return model, parts
 
@@ -346,15 +341,6 @@ def _notes(found: _Found, ground: int, tool: int, said: Said) -> tuple[str, ...]
     )
     where = f"the tool is {solids[tool].name}, M at its centre of mass where it is rigid, else at its last joint"
     return (*notes, where + ("" if said.tool else "; --tool NAME chooses another"))
-
-
-def _coordinates(motions: Array) -> tuple[str, ...]:
-    """Coordinates that the tool moves in, translations first; motions (6, k) at M."""
-    chosen: list[int] = []
-    for coordinate in range(6):
-        if motions.size and rank(motions[[*chosen, coordinate]]) > len(chosen):
-            chosen.append(coordinate)
-    return tuple(("x", "y", "z", "rx", "ry", "rz")[each] for each in chosen)
 
 
 def _rigid_reason(number: int, joints: Sequence[Freedom], said: set[int], share: float) -> str:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.cad.assembly import Instance
-    from stiffscope.robot.imports.bonds import Freedom
+    from stiffscope.robot.imports.part_motions import Freedom
 
 RECORD = "import.json"
 _SAME = 1e-6  # of the volume and the inertia of one shape; m and 1 of places

@@ -68,14 +68,19 @@ def movable_coordinates(source: CompiledModel, body: int, at: Array) -> tuple[st
     if closures.size:
         _, sizes, rows = np.linalg.svd(closures)
         basis = rows[(sizes > 1e-9 * sizes[0]).sum() :].T
-    motions = jacobian @ basis
+    chosen = choose_coordinates(jacobian @ basis)
+    if not closures.size and len(chosen) < min(6, m.nv) and _nearby_rank(source, body, at) > len(chosen):
+        source.notes.append("home is singular: the tool moves in more directions elsewhere; choose another with --home")
+    return chosen
+
+
+def choose_coordinates(motions: Array) -> tuple[str, ...]:
+    """Coordinates that twists (6, k) move independently, translations first."""
     chosen: list[int] = []
     for coordinate in range(6):
         rows = motions[[*chosen, coordinate]]
-        if motions.size and np.linalg.svd(rows)[1].min(initial=np.inf) > 1e-6 and len(rows) <= motions.shape[1]:
+        if len(rows) <= motions.shape[1] and np.linalg.svd(rows)[1].min() > 1e-6:
             chosen.append(coordinate)
-    if not closures.size and len(chosen) < min(6, m.nv) and _nearby_rank(source, body, at) > len(chosen):
-        source.notes.append("home is singular: the tool moves in more directions elsewhere; choose another with --home")
     return tuple(("x", "y", "z", "rx", "ry", "rz")[each] for each in chosen)
 
 

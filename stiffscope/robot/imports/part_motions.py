@@ -1,4 +1,4 @@
-"""How two parts of many can move against each other, where constraints between parts are rows on relative twists.
+"""What holds two parts together, and how two of many can move against each other, where constraints between parts are rows on relative twists.
 
 The constraints are a network that is reduced as one of resistors is: parts in a chain add what they leave free,
 constraints side by side add what they hold, a part that hangs on one other alone tells nothing of the rest
@@ -9,6 +9,7 @@ whole.
 from __future__ import annotations
 
 from collections import defaultdict
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,9 +20,43 @@ from stiffscope.vjm.subspaces import null_space, range_space
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from stiffscope.cad.contacts import Contact
     from stiffscope.runtime.types import Array
 
     _Network = defaultdict[int, dict[int, Array]]  # rows (m, 6) between neighbours, both ways
+
+
+@dataclass(frozen=True, eq=False)
+class Freedom:
+    """A joint's kind, where it is (3,) m, its axes (3,), and why.
+
+    ``kind`` is empty where no joint of a robot file has these freedoms; ``faces`` of either part are in contact.
+    """
+
+    first: int
+    second: int
+    kind: str
+    at: Array
+    axis: Array | None
+    axis2: Array | None
+    reason: str
+    faces: tuple[tuple[int, ...], tuple[int, ...]]
+    freedom: Array = field(repr=False)  # (6, k) at the base origin, translations over the assembly's size
+
+
+@dataclass(frozen=True, eq=False)
+class Bond:
+    """Constraints between two solids, as rows (m, 6) on the relative twist at the base origin; the contact it is.
+
+    ``label``: of the joint that the assembly itself has here, and where, (3,) m.
+    """
+
+    first: int
+    second: int
+    rows: Array
+    contact: Contact | None
+    label: str = ""
+    at: Array | None = None
 
 
 def joint_freedom(kind: str, at: Array, axis: Array | None, axis2: Array | None) -> Array:

@@ -6,19 +6,19 @@ import fnmatch
 import tomllib
 from collections import defaultdict
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.robot.imports.bonds import Freedom
+from stiffscope.robot.file.positions import line_of, positions
 from stiffscope.robot.imports.contact_joints import measure_size
-from stiffscope.robot.imports.part_motions import joint_freedom
+from stiffscope.robot.imports.part_motions import Freedom, joint_freedom
 from stiffscope.runtime.reading import show_path
 from stiffscope.vjm.joints import FREE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from stiffscope.cad.assembly import Instance
@@ -43,16 +43,35 @@ class Said:
     drive: tuple[str, ...] = ()
 
 
+class Text(str):
+    """A text of an `assembly.toml`, which knows where it stands."""
+
+    __slots__ = ("where",)
+
+    def __new__(cls, text: str, where: str) -> Self:
+        """A text that stands somewhere, "FILE:LINE: FIELD"."""
+        found = super().__new__(cls, text)
+        found.where = where
+        return found
+
+
+def place_of(option: str, text: str) -> str:
+    """Where a text was said: the option and the text, or the file, its line and the field."""
+    return text.where if isinstance(text, Text) else f"{option} {text}"
+
+
 def said_beside(path: Path, said: Said) -> Said:
     """What `assembly.toml` beside a file says, and over it what is said otherwise. Raises InputError."""
     file = path.with_name(SAID)
     if not file.is_file():
         return said
     try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
+        written = file.read_text(encoding="utf-8")
+        table = tomllib.loads(written)
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         raise InputError(f"{show_path(file)}: expected TOML, got {error}") from error
-    held = said_of(table, file)
+    lines = positions(written)
+    held = said_of(table, lambda *key: f"{show_path(file)}:{line_of(lines, key)}: {key[0]}")
     lists = {
         each.name: (*getattr(held, each.name), *getattr(said, each.name))
         for each in fields(Said)
@@ -61,49 +80,30 @@ def said_beside(path: Path, said: Said) -> Said:
     return Said(said.ground or held.ground, said.tool or held.tool, **lists)
 
 
-class Text(str):
-    """A text of an `assembly.toml`, which knows where it stands."""
-
-    where: str
-
-
-def place_of(option: str, text: str) -> str:
-    """Where a text was said: the option and the text, or the file, its line and the field."""
-    return text.where if isinstance(text, Text) else f"{option} {text}"
-
-
-def _note_places(file: Path, key: str, texts: Iterable[str]) -> Iterator[Text]:
-    """Texts of a key with the first line of the file that has all their words, else the key."""
-    lines = file.read_text(encoding="utf-8").splitlines()
-    for text in map(Text, texts):
-        words = [each.strip() for each in text.split("=")]
-        found = [n for n, line in enumerate(lines, 1) if all(word in line for word in words)]
-        found += [n for n, line in enumerate(lines, 1) if key in line]
-        text.where = f"{show_path(file)}:{next(iter(found), 1)}: {key}"
-        yield text
-
-
-def said_of(table: Mapping[str, Any], file: Path | None = None) -> Said:
+def said_of(table: Mapping[str, Any], place: Callable[..., str] | None = None) -> Said:
     """What a table says: texts, lists of texts, or tables such as ``material = {"*": "steel"}``.
 
-    Raises InputError, in a message that begins with the file.
+    Raises InputError, in a message that begins with the ``place`` of a key where there is one.
     """
-    where = "" if file is None else f"{show_path(file)}: "
     known = [each.name for each in fields(Said)]
     values: dict[str, Any] = {}
     for key, value in table.items():
-        single = key in _SINGLE
-        texts: Any = [value] if isinstance(value, str) else value
+        where = key if place is None else place(key)
         if key not in known:
-            raise InputError(f'{where}{key}: expected one of {", ".join(known)}, got "{key}"')
-        if isinstance(value, dict) and key in {"joint", "material", "drive"}:
-            texts = [f"{name}={each}" for name, each in value.items()]
+            raise InputError(f'{where}: expected one of {", ".join(known)}, got "{key}"')
+        tables = isinstance(value, dict) and key in {"joint", "material", "drive"}
+        texts: Any = [f"{name}={each}" for name, each in value.items()] if tables else value
+        texts = [texts] if isinstance(texts, str) else texts
         listed = isinstance(texts, (list, tuple)) and all(isinstance(each, str) for each in texts)
-        if not listed or (single and len(texts) != 1):
-            wanted = "a name" if single else "a list of texts"
-            raise InputError(f"{where}{key}: expected {wanted}, got {value!r}")
-        texts = texts if file is None else _note_places(file, key, texts)
-        values[key] = next(iter(texts)) if single else tuple(texts)
+        if not listed or (key in _SINGLE and len(texts) != 1):
+            wanted = "a name" if key in _SINGLE else "a list of texts"
+            raise InputError(f"{where}: expected {wanted}, got {value!r}")
+        if place is not None:
+            texts = [
+                Text(text, place(key, each))
+                for text, each in zip(texts, value if tables else range(len(texts)), strict=True)
+            ]
+        values[key] = texts[0] if key in _SINGLE else tuple(texts)
     return Said(**values)
 
 

@@ -120,15 +120,9 @@ def read_model(path: str | Path, tool: str | None = None, home: Mapping[str, flo
     body, at, where = find_tool(source, tool)
     pose = movable_coordinates(source, body, at)
     source.notes.append(f"tool: {where}; check body and point")
+    gravity, notes = np.array(source.model.opt.gravity), tuple(source.notes)
     return SimulatorModel(
-        _model_name(source),
-        tuple(bodies),
-        tuple(joints),
-        source.mover(body),
-        at,
-        pose,
-        np.array(source.model.opt.gravity),
-        tuple(source.notes),
+        _model_name(source), tuple(bodies), tuple(joints), source.mover(body), at, pose, gravity, notes
     )
 
 
@@ -217,17 +211,9 @@ def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
         "armature": np.ravel(m.dof_armature[dof])[0],
     }
     return ModelJoint(
-        name=source.label("joint", number),
-        first="",
-        second="",
-        kind=kind,
-        at=d.xanchor[number].copy(),
-        axis=axis,
-        range=limits,
-        note=note,
-        gain=gain,
+        source.label("joint", number), "", "", kind, d.xanchor[number].copy(), axis, range=limits, note=note, gain=gain,
         dynamics={word: float(value) for word, value in dynamics.items() if value},
-    )
+    )  # fmt: skip
 
 
 def _actuator(source: CompiledModel, joint: int) -> tuple[str, float]:
