@@ -370,14 +370,13 @@ def _add_planes(
 
 def _count_holes(one: Instance, other: Instance, plane: Freedom) -> int:
     """How many round holes of two solids that slide on a plane are in line, as those of screws that are missing."""
-    axis, places = plane.axis, [set[tuple[float, ...]](), set[tuple[float, ...]]()]
-    if axis is None or plane.kind != "planar":
-        return 0
-    for solid, found in zip((one, other), places, strict=True):
-        for face in solid.faces:
-            if face.kind == "cylinder" and face.hollow and np.linalg.norm(np.cross(axis, face.axis)) < _SAME:
-                found.add(tuple(np.round(1e4 * np.cross(axis, face.origin)) + 0.0))
-    return len(places[0] & places[1])
+
+    def places(solid: Instance) -> set[tuple[float, ...]]:
+        holes = (face for face in solid.faces if face.kind == "cylinder" and face.hollow)
+        along = (face for face in holes if np.linalg.norm(np.cross(plane.axis, face.axis)) < _SAME)
+        return {tuple(np.round(1e4 * np.cross(plane.axis, face.origin)) + 0.0) for face in along}
+
+    return len(places(one) & places(other)) if plane.kind == "planar" else 0
 
 
 def _lifts_off(plane: Freedom, contacts: Sequence[Contact], bodies: dict[int, set[int]]) -> bool:
@@ -386,8 +385,8 @@ def _lifts_off(plane: Freedom, contacts: Sequence[Contact], bodies: dict[int, se
     for one, other in (ends, ends[::-1]):
         touching = [each for each in contacts if each.kind == "plane" and (each.first in one) != (each.second in one)]
         outward = np.array([each.axis * (1.0 if each.first in one else -1.0) for each in touching])
-        between = [bool({each.first, each.second} & other) for each in touching]
-        if any(nnls(outward.T, -normal)[1] > 1e-3 for normal in outward[between]):
+        between = outward[[bool({each.first, each.second} & other) for each in touching]]
+        if any(nnls(outward.T, -normal)[1] > 1e-3 for normal in between):
             return True
     return False
 

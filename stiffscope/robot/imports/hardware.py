@@ -174,9 +174,8 @@ def find_hardware(solids: Sequence[Instance], contacts: Sequence[Contact], said:
         Solids that are none are left out.
 
     """
-    forms = {
-        solid.product.number: turned_form(solid.product) for solid in {s.product.number: s for s in solids}.values()
-    }
+    products = {solid.product.number: solid.product for solid in solids}
+    forms = {number: turned_form(product) for number, product in products.items()}
     form = [forms[solid.product.number] for solid in solids]
     pairs, elements = _rolling_bearings(solids, form)
     found = {ring: ("ring", "ring of rolling elements") for pair in pairs for ring in pair}
@@ -311,14 +310,11 @@ def _is_shoulder_screw(form: Turned, number: int, inside: Sequence[Contact], tou
     guide = max(guides, key=lambda each: each.radius, default=None)
     if guide is None or form.radius < 1.3 * guide.radius:
         return False
-    under = {each.find_other(number) for each in touched if each.kind == "plane"}
-    threaded = any(
-        each.radius < 0.95 * guide.radius and each.find_other(number) in under - {guide.find_other(number)}
-        for each in inside
-    )
+    under = {each.find_other(number) for each in touched if each.kind == "plane"} - {guide.find_other(number)}
+    slim = 0.95 * guide.radius
     steps = sorted(form.steps, key=lambda step: step[1] - step[0])
-    narrow = [step for step in steps if step[2] < 0.95 * guide.radius]
-    if not threaded or not narrow:
+    narrow = [step for step in steps if step[2] < slim]
+    if not narrow or not any(each.radius < slim and each.find_other(number) in under for each in inside):
         return False
     thread, head = sum(narrow[-1][:2]), sum(max(steps, key=lambda step: step[2])[:2])
     shoulder = sum(min(steps, key=lambda step: abs(step[2] - guide.radius))[:2])
@@ -376,18 +372,13 @@ def _find_between(inner: int, outer: int, solids: Sequence[Instance], forms: Seq
     if parallel > 1e-4 or across > 2e-5 or abs(middles[0] - middles[1]) > 0.5 * small.length or large.bore < small.bore:
         return []
     found = []
-    for number, solid in enumerate(solids):
+    for number, (solid, form) in enumerate(zip(solids, forms, strict=True)):
         away = solid.centre - points[0]
-        along = float(axis @ away) - middles[0]
-        apart = float(np.linalg.norm(np.cross(axis, away)))
-        reach = float(np.linalg.norm(solid.box[1] - solid.box[0]))
+        along, apart = float(axis @ away) - middles[0], float(np.linalg.norm(np.cross(axis, away)))
+        reach = float(np.linalg.norm(np.diff(solid.box, axis=0)))
         ball = _middle(small) < apart < _middle(large) and reach < 2.0 * (large.radius - small.bore)
-        cage = apart < 1e-5 and small.bore < 0.5 * reach < 2.0 * large.radius and number not in {inner, outer}
-        if (
-            number not in {inner, outer}
-            and abs(along) < 0.5 * small.length
-            and (ball or (cage and _is_cage(forms[number], small, large)))
-        ):
+        cage = form is not None and apart < 1e-5 and small.bore < form.radius < large.radius and form.bore > small.bore
+        if number not in {inner, outer} and abs(along) < 0.5 * small.length and (ball or cage):
             found.append(number)
     return found
 
@@ -395,7 +386,3 @@ def _find_between(inner: int, outer: int, solids: Sequence[Instance], forms: Seq
 def _middle(ring: Turned) -> float:
     """Mean radius of a ring, m."""
     return 0.5 * (ring.bore + ring.radius)
-
-
-def _is_cage(form: Turned | None, small: Turned, large: Turned) -> bool:
-    return form is not None and small.bore < form.radius < large.radius and form.bore > small.bore

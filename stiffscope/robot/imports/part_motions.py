@@ -1,4 +1,4 @@
-"""What holds two parts together, and how two of many can move against each other, where constraints between parts are rows on relative twists.
+"""What holds two parts together, and how two of many can move where constraints are rows on relative twists.
 
 The constraints are a network that is reduced as one of resistors is: parts in a chain add what they leave free,
 constraints side by side add what they hold, a part that hangs on one other alone tells nothing of the rest

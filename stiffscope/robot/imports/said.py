@@ -99,10 +99,8 @@ def said_of(table: Mapping[str, Any], place: Callable[..., str] | None = None) -
             wanted = "a name" if key in _SINGLE else "a list of texts"
             raise InputError(f"{where}: expected {wanted}, got {value!r}")
         if place is not None:
-            texts = [
-                Text(text, place(key, each))
-                for text, each in zip(texts, value if tables else range(len(texts)), strict=True)
-            ]
+            keys = value if tables else range(len(texts))
+            texts = [Text(text, place(key, each)) for text, each in zip(texts, keys, strict=True)]
         values[key] = texts[0] if key in _SINGLE else tuple(texts)
     return Said(**values)
 
