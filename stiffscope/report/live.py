@@ -16,6 +16,7 @@ from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import at_named_poses, deflection_bars, stiffness_bars
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.report import page, tables
+from stiffscope.report.campaign_check import marks
 from stiffscope.report.maps import UNITS
 from stiffscope.report.numbers import WRENCH, coordinates
 from stiffscope.report.pictures import PictureError
@@ -53,6 +54,8 @@ FORCE, MOMENT = 1000.0, 100.0  # N, N·m
 POINTS = 21  # of a map along either coordinate
 MODES = 3
 MOST_READINGS = 40
+NEAR, FAR = "sensor, residuals up to 3 σ rms", "sensor, residuals beyond 3 σ rms"
+MARKS = {NEAR: "#2f7d6b", FAR: "#c2255c"}
 
 
 @dataclass(frozen=True)
@@ -200,8 +203,8 @@ def draw_maps(assembled: Assembled) -> str:
     return page.templates().get_template("live_maps.html").render(maps=drawn, axes=axes)
 
 
-def readings_html(case: Case, assembled: Assembled) -> str:
-    """Return a campaign's readings beside what the robot predicts, the newest first, as HTML.
+def compare_readings(case: Case, assembled: Assembled) -> dict[str, Any]:
+    """Return a campaign's readings beside what the robot predicts, the newest first, as HTML, and marks of its sensors.
 
     Parameters
     ----------
@@ -226,7 +229,20 @@ def readings_html(case: Case, assembled: Assembled) -> str:
         ]  # fmt: skip
         columns = ("pose", "reads", "measured", "predicted", "residual", "in sigma")
         show_table("Newest readings, SI", (columns,), rows)
-    return as_html(shown)
+    sure = campaign.sigma > 0.0
+    of = [sure & (campaign.sensor == k) for k in range(len(campaign.sensors))]
+    sizes = [left[mine] / campaign.sigma[mine] for mine in of]
+    drawn = [each for each in marks(campaign, assembled.mechanism) if each["kind"] == "sensor"]
+    return {"readings": as_html(shown), "marks": [_mark(*each) for each in zip(drawn, sizes, strict=True)]}
+
+
+def _mark(arrow: Mapping[str, Any], sizes: np.ndarray) -> dict[str, Any]:
+    """A sensor as the viewer draws it, by the sizes of its residuals in standard uncertainties."""
+    rms = float(np.sqrt(np.mean(np.square(sizes)))) if len(sizes) else np.nan
+    kind = "sensor without readings" if np.isnan(rms) else FAR if rms > 3.0 else NEAR
+    words = f"{arrow['name']}: {len(sizes)} readings" + ("" if np.isnan(rms) else f", residuals {rms:.3g} σ rms")
+    place = {name: np.round(arrow[name], 9).tolist() for name in ("at", "direction")}
+    return {"node": arrow["node"], **place, "words": words, "kind": kind, "colour": MARKS.get(kind, "#8a949e")}
 
 
 def view_html(assembled: Assembled, setting: Setting, draw_now: Callable[..., None]) -> str:

@@ -160,7 +160,7 @@ class LiveRobot:
         made, _ = self.made
         try:
             case = open_case(self.campaign, instead=str(self.robot.source.path))
-            self.tell({"readings": live.readings_html(case, made)})
+            self.tell(live.compare_readings(case, made))
             with workshop() as shop, record_shown() as shown:
                 gap_tables.show_diagnosis(diagnose_case(case, made, shop))
             self.tell({"diagnosis": live.as_html(shown)})

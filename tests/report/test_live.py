@@ -138,10 +138,11 @@ def test_new_rows_of_a_campaign_appear(delta, tmp_path):
         await socket.write_message(json.dumps(STILL))
         for count in (12, 15):
             table.write_text("".join(lines[: count + 1]))
-            while f"{count} readings" not in json.loads(await asyncio.wait_for(socket.read_message(), 60)).get(
-                "readings", ""
-            ):
-                pass
+            said: dict = {}
+            while f"{count} readings" not in said.get("readings", ""):
+                said = json.loads(await asyncio.wait_for(socket.read_message(), 60))
+            words = [mark["words"] for mark in said["marks"]]
+            assert sum(int(re.search(r": (\d+) readings", each)[1]) for each in words) == count
         socket.close()
 
     run(delta, work)

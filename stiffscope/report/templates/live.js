@@ -30,7 +30,7 @@
   const say = (text, problem) => { state.textContent = text; state.classList.toggle("problem", !!problem); };
   const put = (name, html) => { id(name).innerHTML = html; };
   const robot = () => id("solids").querySelector(".robot-view");
-  let last = null;
+  let last = null, marks = [];
   const take = {
     progress: (text) => { if (text) say(`${text}; until then the last robot is shown`); },
     problem: (text) => { if (text) say(text, true); if (text) take.stale(true); },
@@ -44,9 +44,10 @@
       if (!robot()) return;
       window.viewRobot(robot());
       if (robot().look) robot().look(seen);
-      if (last && robot().update) robot().update(last);
+      if (last && robot().update) robot().update({ ...last, marks });
     },
     maps: (html) => { put("maps", html); document.querySelector(".of-maps").hidden = !html; },
+    marks: (given) => { marks = given; if (robot() && robot().update) robot().update({ marks }); },
     readings: (html) => put("readings", html),
     diagnosis: (html) => put("diagnosis", html),
     kept: (text) => say(text),

@@ -199,17 +199,22 @@
         const end = tip.map((c, i) => c + (i === k ? 1.2 * length : 0) - now.centre[i]), seen = times(camera, end), label = one("xyz"[k]);
         label.style.left = `${50 * (1 + seen[0] * scale[0])}%`; label.style.top = `${50 * (1 - seen[1] * scale[1])}%`;
       });
+      const spear = (tip, along, node) => {  // an arrow that ends at a point, with its node
+        const size = Math.hypot(...along), side = cross(along, Math.abs(along[0]) < 0.9 * size ? [1, 0, 0] : [0, 1, 0]);
+        const thick = side.map((c) => 1.8 * length * c / Math.hypot(...side)), other = cross(along, thick).map((c) => c / size);
+        put({ axes: [0, 1, 2].flatMap((i) => [along[i], thick[i], other[i]]), base: tip.map((c, i) => c - along[i]), nodes: [node] }, where);
+        gl.bindVertexArray(arrows); gl.drawArrays(gl.TRIANGLES, 0, arrow.length / 3);
+      };
+      for (const mark of data.marks || []) {
+        gl.uniform4f(uniform.colour, ...rgb(mark.colour), 1);
+        spear(mark.at, mark.direction.map((c) => length * c), mark.node);
+      }
       for (const [k, heads] of [[0, 1], [3, 2]]) {  // the load: a force with one head, a moment with two
         const load = current() && current().load ? current().load.slice(k, k + 3) : [0, 0, 0], size = Math.hypot(...load);
         if (!size) continue;
-        const along = load.map((c) => 1.6 * length * c / size), side = cross(along, Math.abs(load[0]) < 0.9 * size ? [1, 0, 0] : [0, 1, 0]);
-        const thick = side.map((c) => 1.8 * length * c / Math.hypot(...side)), other = cross(along, thick).map((c) => c / (1.6 * length));
+        const along = load.map((c) => 1.6 * length * c / size);
         gl.uniform4f(uniform.colour, ...rgb("#e07b00"), 1);
-        for (let head = 0; head < heads; head++) {
-          const base = tip.map((c, i) => c - along[i] * (1 + 0.2 * head));
-          put({ axes: [0, 1, 2].flatMap((i) => [along[i], thick[i], other[i]]), base, nodes: ["ground"] }, () => GROUND);
-          gl.bindVertexArray(arrows); gl.drawArrays(gl.TRIANGLES, 0, arrow.length / 3);
-        }
+        for (let head = 0; head < heads; head++) spear(tip.map((c, i) => c - 0.2 * head * along[i]), along, "ground");
       }
       gl.bindVertexArray(null);
     }
@@ -235,12 +240,21 @@
       return data.solids[ink[0] + 256 * ink[1] - 1];
     }
     const told = one("tip");
+    function marked(x, y) {  // the mark whose arrow is near a point of the canvas
+      const { camera, scale } = projection(), length = 0.14 * data.reach, factor = amount();
+      return (data.marks || []).find((mark) => {
+        const { r, p } = moved(mark.node, factor), middle = mark.at.map((c, i) => c - 0.3 * length * mark.direction[i]);
+        const seen = times(camera, times(r, middle).map((c, i) => c + p[i] - now.centre[i]));
+        return Math.hypot(canvas.clientWidth * (1 + seen[0] * scale[0]) / 2 - x, canvas.clientHeight * (1 - seen[1] * scale[1]) / 2 - y) < 12;
+      });
+    }
     function point(event) {
-      const found = event.buttons || move.checked ? undefined : pick(event.offsetX, event.offsetY);
+      const still = !event.buttons && !move.checked, mark = still && marked(event.offsetX, event.offsetY);
+      const found = mark || (still && pick(event.offsetX, event.offsetY));
       told.hidden = !found;
       if (!found) return;
       const has = current() && current().coloured && member.has(found.element);
-      told.textContent = has ? `${found.element}: ${(100 * share(found.element)).toPrecision(3)} % (${data.quantity})` : found.element;
+      told.textContent = mark ? mark.words : has ? `${found.element}: ${(100 * share(found.element)).toPrecision(3)} % (${data.quantity})` : found.element;
       told.style.left = `${Math.min(event.offsetX + 14, canvas.clientWidth - told.offsetWidth)}px`; told.style.top = `${event.offsetY + 14}px`;
     }
     function toolAt(where) {
@@ -286,6 +300,7 @@
         whole.className = "gauge"; whole.append(bar, marks); key.append(`${data.quantity}, %`, whole);
       }
       else Object.entries(data.key).forEach(([name, ink]) => box(ink, name));
+      new Map((data.marks || []).map((mark) => [mark.kind, mark.colour])).forEach((ink, kind) => box(ink, kind));
       ask();
     }
     function pose() {
