@@ -220,7 +220,7 @@ def test_a_platform_that_hangs_on_closures_and_two_hinges_of_one_body(imported):
     ("text", "options", "message"),
     [
         (FOUR_BAR.replace('mass="2"', 'mass="-2"'), {}, 'expected no mass below zero, got -2 kg of body "crank"'),
-        ("<mujoco>", {}, "model.xml: expected a model in URDF or MJCF, got: "),
+        ("\n<mujoco>", {}, "model.xml:2: expected a model in URDF or MJCF, got: "),
         ("", {}, "model.xml: expected a model in URDF or MJCF, got: "),
         (FOUR_BAR, {"drives": ["moter=1"]}, r'--drive moter=1: expected a joint .*did you mean "motor"'),
         (FOUR_BAR, {"drives": ["motor"]}, "--drive motor: expected JOINT=STIFFNESS"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -161,7 +162,10 @@ def _compile(mj: Any, path: Path) -> tuple[Any, list[str]]:
     except InputError:
         raise
     except (ValueError, OSError, RuntimeError) as error:
-        raise InputError(f"{path}: expected a model in URDF or MJCF, got: {_reason(error)}") from error
+        said = _reason(error)
+        line = re.search(r"\bline (?:number=)?(\d+)", said, re.IGNORECASE)
+        place = f"{path}:{line[1]}" if line else path
+        raise InputError(f"{place}: expected a model in URDF or MJCF, got: {said}") from error
     return model, [f"read without its meshes ({first})", "a body whose mass would come from a mesh has none here"]
 
 
