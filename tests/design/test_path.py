@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import meshio
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_limits
 
 from stiffscope.cli.main import cli
 from stiffscope.design.path.along import along, respond_at_worst
@@ -25,6 +27,8 @@ from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.statics import respond
 from tests.experiments.one_part import ROBOT, ROD
+from tests.vjm import oracle
+from tests.vjm.files import CHECKED
 
 STIFFNESS = np.array([9e3, 6e3, 2e3])  # N·m/rad
 JOINTS = np.array([[0.0, 0.0], [0.4, 0.0], [0.4, 0.3]])  # m, at home
@@ -157,6 +161,36 @@ def test_the_compensated_commands_bring_the_tool_where_it_should_be(tmp_path):
     table = np.loadtxt(tmp_path / "compensated.csv", delimiter=",", skiprows=1)
     reached = table * [1e-3, 1e-3, np.pi / 180]
     np.testing.assert_allclose(reached, after.path.values, rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", ["linear-delta", "braced-gantry"])
+def test_paths_of_a_delta_and_a_gantry_are_those_of_an_independent_code(name, tmp_path):
+    """All bodies' constraints by least squares, then one system of all nodes, under weight and force."""
+    robot, force = Path(__file__).parents[1] / "vjm" / "robots" / f"{name}.toml", np.array([40.0, -25.0, -60.0])
+    ends = np.array(CHECKED[name]["poses"])
+    wanted = ends[0] + np.array([[0.1], [1.0]]) * (ends[1] - ends[0])
+    head = ["x", "y", "z"][: wanted.shape[1]]
+    np.savetxt(tmp_path / "a.csv", np.column_stack((wanted, np.tile(force, (2, 1)))), "%.15g", ",",
+               header=",".join([*head, "fx", "fy", "fz"]), comments="")  # fmt: skip
+    (tmp_path / "job.toml").write_text(f'robot = "{robot}"\npath = "a.csv"')
+    job = load_job(tmp_path / "job.toml")
+    with workshop() as shop:
+        made = assemble_robots({"robot": job.robot}, None, shop)["robot"]
+
+    def predict(pose):
+        bodies = oracle.Bodies(made.mechanism).close(pose, 4)
+        turn, moved = bodies.of(made.mechanism.tool.body)
+        tool = turn @ made.mechanism.tool.at + moved
+        loads = oracle.weights(bodies) | {"<tool>": np.concatenate([force, np.cross(tool, force)])}
+        return tool, oracle.solve(bodies, loads)[1][:3]
+
+    before = along(job, made)
+    with threadpool_limits(1):
+        expected = np.array([predict(pose)[1] for pose in wanted])
+        reached = np.sum(predict(compensate(made, before).path.values[1]), axis=0)
+    np.testing.assert_allclose(before.error[:, :3], expected, rtol=0.0, atol=1e-6 * np.abs(expected).max())
+    left = (reached - before.tool[1, :3])[: len(head)]
+    assert np.abs(left).max() < 1e-6 * np.abs(expected).max()
 
 
 def test_a_free_turn_is_nowhere_worse_than_the_best_of_72_fixed_ones_and_smooth(tmp_path):
