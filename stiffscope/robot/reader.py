@@ -60,7 +60,7 @@ def load_robot_of(file: Path, robot: str, overrides: Sequence[str] = (), toleran
     Parameters
     ----------
     file
-        The study or job; its keys `robot` and `set` are blamed for what is not the robot file's own fault.
+        The study or job; its keys `robot`, `set`, `tolerance` are blamed for what is not the robot file's own fault.
     robot
         Name or path, as it stands there.
     overrides, tolerance
@@ -81,7 +81,8 @@ def load_robot_of(file: Path, robot: str, overrides: Sequence[str] = (), toleran
     except InputError as error:
         if not bundled and beside.is_file() and str(error).startswith(f"{beside}:"):
             raise
-        raise FieldError(("robot",) if not str(error).startswith("--") else ("set",), str(error)) from error
+        key = {"--tolerance": "tolerance", "--set": "set"}.get(str(error).partition(" ")[0], "robot")
+        raise FieldError((key,), str(error)) from error
 
 
 def read_robot(path: Path, text: str, overrides: Sequence[str] = (), tolerance: str | None = None) -> RobotFile:
