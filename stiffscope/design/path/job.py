@@ -14,7 +14,7 @@ from stiffscope.design.path.motions import Motion
 from stiffscope.design.path.toolpath import MOST_LOAD, ToolPath, read_toolpath
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.description import RobotFile
-from stiffscope.robot.file.parse import FieldError, Source, parse_text
+from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
 from stiffscope.robot.file.sections import check_rising
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import (
@@ -247,6 +247,8 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
         else:
             robot = load_robot_of(path, top.robot, top.set) if instead is None else load_robot(instead, top.set)
         file = path.parent / top.path
+        with blame("path"):
+            reading.open_file(file, "a table in CSV or a program in G-code").close()
         found = read_toolpath(file, robot, top.units, step=top.step, at=top.at, axes=_axes(top))
     except FieldError as error:
         raise source.refuse(error.key, str(error)) from error
