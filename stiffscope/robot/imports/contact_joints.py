@@ -371,12 +371,14 @@ def _add_planes(
 def _count_holes(one: Instance, other: Instance, plane: Freedom) -> int:
     """How many round holes of two solids that slide on a plane are in line, as those of screws that are missing."""
 
-    def places(solid: Instance) -> set[tuple[float, ...]]:
+    def places(solid: Instance, axis: Array) -> set[tuple[float, ...]]:
         holes = (face for face in solid.faces if face.kind == "cylinder" and face.hollow)
-        along = (face for face in holes if np.linalg.norm(np.cross(plane.axis, face.axis)) < _SAME)
-        return {tuple(np.round(1e4 * np.cross(plane.axis, face.origin)) + 0.0) for face in along}
+        along = (face for face in holes if np.linalg.norm(np.cross(axis, face.axis)) < _SAME)
+        return {tuple(np.round(1e4 * np.cross(axis, face.origin)) + 0.0) for face in along}
 
-    return len(places(one) & places(other)) if plane.kind == "planar" else 0
+    if plane.axis is None or plane.kind != "planar":
+        return 0
+    return len(places(one, plane.axis) & places(other, plane.axis))
 
 
 def _lifts_off(plane: Freedom, contacts: Sequence[Contact], bodies: dict[int, set[int]]) -> bool:

@@ -46,7 +46,7 @@ class Said:
 class Text(str):
     """A text of an `assembly.toml`, which knows where it stands."""
 
-    __slots__ = ("where",)
+    where: str
 
     def __new__(cls, text: str, where: str) -> Self:
         """A text that stands somewhere, "FILE:LINE: FIELD"."""
