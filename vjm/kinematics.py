@@ -247,12 +247,9 @@ def _place_text(coordinate: str, value: float) -> str:
 
 
 def _range_text(joint: Joint, value: float) -> str:
-    turns = joint.kind == "revolute"
-    factor, unit = (180.0 / np.pi, "deg") if turns else (1.0, "m")
-    low, high = (joint.drive.low, joint.drive.high) if joint.drive else (-np.inf, np.inf)
-    here = spell_name("joints", joint.name)
-    ends = f"{low * factor:.6g} to {high * factor:.6g}"
-    return f"{here}: {value * factor:.6g} {unit} is outside its range {ends} {unit}"
+    ends = (joint.drive.low, joint.drive.high) if joint.drive else (-np.inf, np.inf)
+    here, low, high = (_value_text(joint, each) for each in (value, *ends))
+    return f"{spell_name('joints', joint.name)}: {here} is outside its range {low.partition(' ')[0]} to {high}"
 
 
 def _join(mechanism: Mechanism, parts: list[Configurations]) -> Configurations:

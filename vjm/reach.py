@@ -87,15 +87,14 @@ def _faults(solver: Solver, found: Solution) -> list[str]:
     linkage = solver.linkage
     sign = drive_sign(solver, found.placed, solver.closure.rates(found.placed))
     out = ["passes a singular pose" if each * solver.home_sign < 0.0 else "" for each in sign]
-    outside: list[list[str]] = [[] for _ in out]
+    beyond: dict[int, list[str]] = {}
     for joint in solver.mechanism.drives:
         if joint.drive is not None:
             value = linkage.coordinates(joint, found.q, found.placed)[:, joint.driven or 0]
             for i in np.flatnonzero((value < joint.drive.low) | (value > joint.drive.high)):
-                outside[i].append(joint.name)
-    for i, names in enumerate(outside):
-        if names:
-            out[i] = f"{list_names(names)} at the end of {'its' if len(names) == 1 else 'their'} range"
+                beyond.setdefault(int(i), []).append(joint.name)
+    for i, names in beyond.items():
+        out[i] = f"{list_names(names)} at the end of {'its' if len(names) == 1 else 'their'} range"
     for i in np.flatnonzero(~found.closed):
         name = linkage.name_worst(found.error[:, i])
         out[i] = "out of reach or singular" + f": the loop through {name} does not close" * (len(linkage.cuts) > 1)
