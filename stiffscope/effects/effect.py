@@ -76,6 +76,8 @@ class Candidate:
     """Other names, as `effect @ place`, for this effect at this place."""
     twins: tuple[str, ...] = ()
     """Other effects, as `effect @ place`, with the very same signature in the readings."""
+    stated: bool = False
+    """True where the prior size is a stated tolerance: a standard uncertainty, without heavy tails."""
     groups: tuple[int, ...] = ()
     """How many internal parameters share each unknown size, in their order; by default all share one."""
     parts: tuple[str, ...] = ()

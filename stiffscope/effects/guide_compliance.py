@@ -1,4 +1,4 @@
-"""Guides of slides that yield across the slide and about all axes."""
+"""Guides of slides that yield across the slide and about its axes."""
 
 from __future__ import annotations
 
@@ -10,20 +10,23 @@ import numpy as np
 from stiffscope.effects.effect import ADDED, Candidates, Parameter, Setting
 from stiffscope.effects.elements import ROTATIONS, ElementEffect, add_diagonal
 
-_PATTERNS = np.array([np.eye(6)[1], np.eye(6)[2], ROTATIONS])
+_ALIKE = np.array([np.eye(6)[1], np.eye(6)[2], ROTATIONS])
+_APART = np.eye(6)[1:]
+_PER_MOMENT = "rad/(N·m)"
 
 
 @dataclass(frozen=True)
 class GuideCompliance(ElementEffect):
-    """Guides yield sideways, up and down, and about all axes alike."""
+    """Guides yield sideways, up and down, and about all axes alike or about each in its own way."""
 
     word = "guide-compliance"
     precedence = 80
     parameters = (
         Parameter("lateral", "m/N", low=0.0),
         Parameter("vertical", "m/N", low=0.0),
-        Parameter("angular", "rad/(N·m)", low=0.0),
+        Parameter("angular", _PER_MOMENT, low=0.0),
     )
+    apart = (*parameters[:2], *(Parameter(name, _PER_MOMENT, low=0.0) for name in ("roll", "pitch", "yaw")))
     bounds = ADDED
     blames = True
 
@@ -32,5 +35,6 @@ class GuideCompliance(ElementEffect):
         """At slides."""
         slides = [joint.name for joint in setting.robot.mechanism.joints if joint.kind == "prismatic"]
         for place in setting.robot.places(slides):
-            effect = cls(partial(add_diagonal, dict.fromkeys(place.members, _PATTERNS)))
-            yield effect.make_candidate(place, setting.in_robots_units(cls.parameters))
+            for patterns, known in ((_ALIKE, cls.parameters), (_APART, cls.apart)):
+                effect = cls(partial(add_diagonal, dict.fromkeys(place.members, patterns)))
+                yield effect.make_candidate(place, setting.in_robots_units(known))

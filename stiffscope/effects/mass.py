@@ -52,7 +52,8 @@ class Mass(Effect):
             prior = Parameter(known.name, known.unit, min(known.size, most / KNOWN), max(known.low, 1.0 - most),
                               min(known.high, 1.0 + most))  # fmt: skip
             effect = cls(tuple(part for name in place.members for part in heavy[name]))
-            yield effect.make_candidate(place, (prior,), bounds=(max(low, -most), min(high, most)))
+            bounds = max(low, -most), min(high, most)
+            yield effect.make_candidate(place, (prior,), bounds=bounds, stated=bool(np.isfinite(most)))
 
     def influence(self, values: Array) -> Influence:
         """The masses that are more, or less."""

@@ -59,12 +59,13 @@ class AddedMass(Effect):
                 heavy = cls(body.name, _find_point(mechanism, body), axes)
                 place, (mass, *centre), sigma = Place(body.name), cls.parameters, setting.robot.mass_sigma(body.name)
                 mass = mass._replace(size=min(mass.size, sigma), high=min(mass.high, KNOWN * sigma))
-                if np.isinf(sigma):
+                if not np.isfinite(sigma):
                     yield heavy.make_candidate(
                         place, scale=(mass.size, *(centre[a].size for a in axes)), physical=heavy.physical,
                         internal=heavy.internal, couplings=len(axes),
                     )  # fmt: skip
-                yield heavy.make_candidate(place, (mass,), bounds=(0.0, KNOWN * sigma))
+                known = bool(np.isfinite(sigma))
+                yield heavy.make_candidate(place, (mass,), bounds=(0.0, KNOWN * sigma), stated=known)
 
     def influence(self, values: Array) -> Influence:
         """Its mass, and its first moments where there are any."""

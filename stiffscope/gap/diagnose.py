@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 
 
 COMPARED = 50.0  # ln-odds up to which an alternative's parameters are looked at
-POSSIBLE = 0.02  # probability from which an effect is worth naming as possible
 FACTOR = 10.0  # on the prior, either way, for the sensitivity of the verdict
 TAILS = (0.025, 0.975)
 _LISTED = 12  # alternatives, possible effects
@@ -216,7 +215,7 @@ def _quantiles(mean: float, deviation: float, lowest: float = -np.inf) -> Array:
 
 def _possible(found: Findings, judgement: Judgement) -> tuple[Possible, ...]:
     rows = doubtful(found, judgement.effects)[:_LISTED]
-    return tuple(Possible(*name.split(" @ ", 1), p) for name, p in rows if p >= POSSIBLE)  # type: ignore[arg-type]
+    return tuple(Possible(*name.split(" @ ", 1), p) for name, p in rows)  # type: ignore[arg-type]
 
 
 def _under_other_priors(found: Findings) -> dict[str, Findings]:

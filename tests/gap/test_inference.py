@@ -449,6 +449,20 @@ def test_effects_of_one_signature_share_its_probability(count, verdict):
     assert others == {f"twin-{k} @ place" for k in range(2, count)}
 
 
+def test_prior_odds_alone_identify_nothing():
+    """A word that may be at sixty places does at one of them what another does that may be at one alone."""
+    rng = np.random.default_rng(12)
+    model, many = linear_model(rng, effects=6, parameters=(1,)), linear_model(rng, effects=60, parameters=(1,))
+    crowd = [replace(c, effect="crowd", place=c.effect) for c in many.library]
+    signatures = {c.name: many.signatures[f"{c.place} @ place"] for c in crowd}
+    signatures[crowd[0].name] = model.signatures["effect-0 @ place"]
+    model = replace(model, library=(*model.library, *crowd), signatures=model.signatures | signatures)
+    diagnosis = conclude(find(planted(model, e0=(0.5,))))
+    assert (diagnosis.verdict, [e.effect for e in diagnosis.effects]) == ("ambiguous", ["effect-0"])
+    assert diagnosis.effects[0].probability == pytest.approx(60 / 61, abs=0.01)
+    assert any("crowd @ effect-0 fits about as well as effect-0 @ place" in r for r in diagnosis.remarks)
+
+
 def test_what_stands_in_the_place_of_another_effect_is_in_no_group_but_its_own():
     """Two effects with rivals: one with three twins, one with an effect of its own."""
     model = linear_model(np.random.default_rng(24), parameters=(1,))

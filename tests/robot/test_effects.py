@@ -49,7 +49,7 @@ axis = [0, 0, 1]
     robot = read_robot(tmp_path / "robot.toml", ROBOT.format(part=MATRIX, length=60.0) + more)
     nominal = NominalRobot(mechanism_of(robot, part_matrices(robot, "beam")), robot)
     effects = find_candidates(Setting(nominal))
-    found = {(e.effect, e.place): (e.members, e.names) for e in effects}
+    found = {(e.effect, e.place): (e.members, e.names) for e in reversed([*effects])}  # of two forms the shorter
     ram = ("ram",)
     assert found["guide-compliance", "ram"] == (ram, ("lateral", "vertical", "angular"))
     assert found["joint-compliance", "ram"] == (ram, ("radial", "tilting"))

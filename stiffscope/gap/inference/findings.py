@@ -38,6 +38,8 @@ class Group:
     """That the effect or one of the others is at work; of names for the same effect some may be left out."""
     known: float
     """The same of those that the vocabulary has a word for."""
+    doubted: float
+    """The same as ``probability`` if all effects were equally likely, and the noise as large as what is left."""
     elsewhere: bool
     """Whether the same fault where it has no word would explain the readings nearly as well."""
 
@@ -156,7 +158,24 @@ class Findings:
         ]
         others = tuple(dict.fromkeys([*first, *listed[1:], *aliases]))[:CONFUSED]
         whole = self._at_work([name, *others])  # what there is no place for is not part of it
-        return Group(others, whole, min(known, whole), bool(elsewhere))
+        doubted = self.doubted._at_work([name, *others])
+        return Group(others, whole, min(known, whole), min(doubted, whole), bool(elsewhere))
+
+    @cached_property
+    def doubted(self) -> Findings:
+        """The same hypotheses, ranked by what the readings say for them, no louder than what is left allows."""
+        alike, left = replace(self.problem, even=True), max(self.misfit(self.best), 1.0)
+        return _rank_hypotheses(
+            alike, [(h, self.evidence(h) / left + alike.log_odds(h)) for h in self.hypotheses], self.fitted
+        )
+
+    def find_instead(self, name: str) -> str:
+        """What fits about as well without an effect and all of its group, as `effect @ place`, joined by "and"."""
+        group = {name, *self.group(name).others}
+        for hypothesis in self.doubted.hypotheses:
+            if self._sum_missed(hypothesis, group) == 1.0:
+                return " and ".join(sorted(hypothesis.names - self.best.names)) or "no effect"
+        return "no effect"
 
     @cached_property
     def imitating_patterns(self) -> dict[str, list[Candidate]]:

@@ -13,7 +13,7 @@ import numpy as np
 from stiffscope.effects.vocabulary import word_of
 from stiffscope.errors import InputError
 from stiffscope.gap.inference.evidence import constrained_minima, errors_of, posterior
-from stiffscope.gap.inference.hypothesis import Hypothesis, bound_parameters, positive_of, scale_of, split
+from stiffscope.gap.inference.hypothesis import Hypothesis, bound_parameters, join_values, positive_of, split
 from stiffscope.gap.inference.plausibility import implausible
 from stiffscope.gap.inference.priors import choose_near, spread_groups, spread_priors
 
@@ -77,6 +77,8 @@ class Problem:
     """Factor on all prior sizes."""
     sizes: Array = field(default_factory=lambda: SIZES)
     """(s,) of effects in units of their own, on a grid of equal ratios."""
+    even: bool = False
+    """Whether all effects have the same odds, at however many places their word may be."""
 
     @cached_property
     def _place_counts(self) -> Counter[str]:
@@ -92,8 +94,10 @@ class Problem:
         """Prior odds (t,) of an effect and of each of its twins: all words alike, and all places of a word."""
         if candidate.is_nuisance:
             return np.array([self._odds_of_pattern(candidate.pattern)])
-        places = np.array([max(self._place_counts[word_of(name)], 1) for name in candidate.signature_of])
-        return self.odds / max(len(self._place_counts), 1) / places
+        counts = self._place_counts
+        places = np.array([max(counts[word_of(name)], 1) for name in candidate.signature_of], dtype=float)
+        places[:] = counts.total() / len(counts) if self.even else places
+        return self.odds / len(counts) / places
 
     def _odds_of_pattern(self, pattern: str) -> float:
         return UNKNOWN * self.odds / len(self._unknown) / max(self._unknown[pattern], 1)
@@ -107,15 +111,20 @@ class Problem:
         """Priors of a candidate's parameters, of each group that shares a size."""
         known = self._spreads.get(id(candidate))
         if known is None:
-            unit, positive = self.widening * np.array(candidate.scale), np.array(candidate.one_sided, dtype=np.bool_)
-            found = spread_groups(unit, positive, candidate.groups, self.sizes)
+            (unit, sizes), positive = self._scales_of(candidate), np.array(candidate.one_sided, dtype=np.bool_)
+            found = spread_groups(unit, positive, candidate.groups, sizes)
             known = self._spreads[id(candidate)] = candidate, found
         return known[1]
 
     def rough_spreads_of(self, candidate: Candidate) -> Spreads:
         """One size for all, half as many of them, and no subsets of its parameters: a score can do without."""
-        unit, free = self.widening * np.array(candidate.scale), np.zeros(len(candidate.scale), dtype=np.bool_)
-        return spread_priors(unit, free, self.sizes[::2])
+        unit, sizes = self._scales_of(candidate)
+        return spread_priors(unit, np.zeros(len(unit), dtype=np.bool_), sizes[::2])
+
+    def _scales_of(self, candidate: Candidate) -> tuple[Array, Array]:
+        """A candidate's own units (k,), and its sizes (s,) in these; all are one where a tolerance states them."""
+        unit = np.array(candidate.scale)
+        return (unit, np.ones(len(self.sizes))) if candidate.stated else (self.widening * unit, self.sizes)
 
     @cached_property
     def _spreads(self) -> dict[int, tuple[Candidate, tuple[Spreads, ...]]]:
@@ -169,7 +178,8 @@ class Problem:
             return Hypothesis((*((c, ()) for c in candidates),), residual, slopes, log, known)
         if len(candidates) > 1 and log < target - MARGIN - DOUBT * abs(log - self._nominal_evidence):
             return Hypothesis(split(candidates, u), residual, slopes, log, known, converged=False)
-        setting, scales = int(np.argmax(known.settings)), self.widening * self.sizes[-1] * scale_of(candidates)
+        setting = int(np.argmax(known.settings))
+        scales = join_values(sizes[-1] * unit for unit, sizes in map(self._scales_of, candidates))
         many = np.repeat([bool(c.parts) for c in candidates], [len(c.scale) for c in candidates])
         scales = np.where(many, known.scales, scales)  # of so many errors some combinations show in no reading
         u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, scales)

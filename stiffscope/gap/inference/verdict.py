@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 CONFIDENT = 0.9  # probability from which an effect, or its group, is certain
 MAJORITY = 0.5  # probability from which there is no gap, and a group has a word
 FEW = 3  # readings a parameter below which nothing is identified
+POSSIBLE = 0.02  # probability from which an effect is worth naming as possible
 MENTIONED = 3  # patterns at most that would do in the place of an effect
 
 
@@ -38,7 +39,7 @@ def judge_findings(found: Findings) -> Judgement:
     """The verdict.
 
     An effect is certain when it, or its group of at most three, has a probability of `CONFIDENT`, most of it with a
-    word, and plausible parameters; none is where the likeliest set, or what is certain of it, leaves a greater χ² than
+    word, by what the readings say and not by its prior odds alone, and plausible parameters; none is where the likeliest set, or what is certain of it, leaves a greater χ² than
     no effect at all.
     With certain effects the verdict is "identified" where they bring the gap to the noise and "partly" where they do
     not, or where a nuisance pattern is certain beside them; without, "no-gap" or "unexplained", as the gap is within
@@ -51,28 +52,31 @@ def judge_findings(found: Findings) -> Judgement:
     unnamed = sorted(c.place for c in best.candidates if c.is_nuisance)
     if unnamed:
         strange.append(f"the readings follow {', '.join(unnamed)}, for which the vocabulary has no word")
-    certain = [c for c in best.words if not wrong[c.name] and _certain(found.group(c.name))]
+    groups = {c.name: found.group(c.name) for c in best.words}
+    certain = [c for c in best.words if not wrong[c.name] and _certain(groups[c.name])]
+    favoured = [name for name, group in groups.items() if group.doubted < CONFIDENT <= group.probability]
+    unsettled = [f"{found.find_instead(name)} fits about as well as {name}" for name in favoured]
     kept, before = found.fit_effects(certain), found.chi2(none)
     if certain and max(found.chi2(kept), found.chi2(best)) >= before:  # beside a discrepancy they follow details alone
         certain, kept = [], none
     count, parameters = int(found.used_readings.sum()), len(kept.values)
-    few = (
-        [f"{count} readings are too few to identify {parameters} parameters"] if count < FEW * (parameters + 1) else []
-    )
+    few = count < FEW * (parameters + 1)
+    if few:
+        unsettled.append(f"{count} readings are too few to identify {parameters} parameters")
     if certain and not few:
-        return _judge_named(found, kept, strange)
+        return _judge_named(found, kept, strange, unsettled)
     gap = lack_of_fit(found, none)
     if gap:
         known = found.fit_effects(best.words)
         rest = lack_of_fit(found, known)
         if not best.words or strange or rest:
             return Judgement("unexplained", (), none, (*strange, *_as_tuple(rest if best.words else gap)))
-        return Judgement("ambiguous", known.words, known, tuple(few))
+        return Judgement("ambiguous", known.words, known, tuple(unsettled))
     alone = sum(p for h, p in zip(found.hypotheses, found.probability, strict=True) if not h.words)
     if alone > MAJORITY or not best.words or strange:
         return Judgement("no-gap", (), none, tuple(strange))
     known = found.fit_effects(best.words)
-    return Judgement("ambiguous", known.words, known, tuple(few))
+    return Judgement("ambiguous", known.words, known, tuple(unsettled))
 
 
 def settle_verdict(found: Findings, judgement: Judgement, others: Mapping[str, Findings]) -> Judgement:
@@ -96,27 +100,30 @@ def settle_verdict(found: Findings, judgement: Judgement, others: Mapping[str, F
     return judgement
 
 
-def _judge_named(found: Findings, kept: Hypothesis, strange: Sequence[str]) -> Judgement:
+def _judge_named(
+    found: Findings, kept: Hypothesis, strange: Sequence[str], unsettled: Sequence[str]
+) -> Judgement:
     """The verdict where some effects are certain.
 
-    kept: these and no others; strange: what is implausible, or has no word.
+    kept: these and no others; strange: what is implausible, or has no word; unsettled: what fits as well as others.
     """
     rest, names = lack_of_fit(found, kept), [c.name for c in kept.words]
     if rest and not strange:
         known = found.fit_effects(found.best.words)
         if not lack_of_fit(found, known) and _main(found, known) not in names:
-            return Judgement("ambiguous", known.words, known, _find_unsettled(known, names))
+            return Judgement("ambiguous", known.words, known, (_find_unsettled(known, names), *unsettled))
     if rest or _pattern_beside(found, kept):
         verdict = "partly"
     else:
         main = found.group(_main(found, kept))
         verdict = "identified" if main.known >= CONFIDENT and not main.elsewhere else "ambiguous"
-    return Judgement(verdict, kept.words, kept, (*strange, *_as_tuple(rest), *_imitations(found, kept.names)))
+    remarks = (*strange, *unsettled, *_as_tuple(rest), *_imitations(found, kept.names))
+    return Judgement(verdict, kept.words, kept, remarks)
 
 
 def _certain(group: Group) -> bool:
     """Whether it is certain that one of a group is at work, and more likely than not one with a word."""
-    return group.probability >= CONFIDENT and group.known > MAJORITY
+    return group.doubted >= CONFIDENT and group.known > MAJORITY
 
 
 def _pattern_beside(found: Findings, kept: Hypothesis) -> bool:
@@ -139,10 +146,10 @@ def _main(found: Findings, hypothesis: Hypothesis) -> str:
     return min(hypothesis.candidates, key=lambda c: found.chi2(found.fit_effects([c]))).name
 
 
-def _find_unsettled(known: Hypothesis, names: Sequence[str]) -> tuple[str, ...]:
+def _find_unsettled(known: Hypothesis, names: Sequence[str]) -> str:
     """What is certain of effects of which the main one is not settled."""
     open_ones = [c.name for c in known.words if c.name not in names]
-    return (f"certain: {', '.join(names)}; not settled: {', '.join(open_ones)}",)
+    return f"certain: {', '.join(names)}; not settled: {', '.join(open_ones)}"
 
 
 def _as_tuple(text: str) -> tuple[str, ...]:
@@ -178,8 +185,13 @@ def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
 
 
 def doubtful(found: Findings, named: tuple[Candidate, ...]) -> list[tuple[str, float]]:
-    """Effects, `effect @ place`, that may be at work beside the named ones and their groups, with probability."""
+    """Effects, `effect @ place`, that may be at work beside the named ones and their groups, with probability.
+
+    They are worth a word by it, or by what it would be if all effects were equally likely.
+    """
     groups: list[Group] = [found.group(c.name) for c in named]
     known = {c.name for c in named} | {other for group in groups for other in group.others}
     names = {n for h in found.hypotheses for c in h.words for n in c.signature_of}
-    return sorted(((n, found.compute_probability(n)) for n in names - known), key=lambda item: (-item[1], item[0]))
+    likely = {n: found.compute_probability(n) for n in names - known}
+    open_ones = (n for n, p in likely.items() if max(p, found.doubted.compute_probability(n)) >= POSSIBLE)
+    return sorted(((n, likely[n]) for n in open_ones), key=lambda item: (-item[1], item[0]))

@@ -104,7 +104,8 @@ def _joint_compliance(machine: Machine, place: str, parameters: Parameters) -> M
 
 
 def _guide_compliance(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    diagonal = name_parameters(parameters, "", "lateral", "vertical", "angular", "angular", "angular")
+    diagonal = name_parameters(parameters, "", "lateral", "vertical", "roll", "pitch", "yaw")
+    diagonal[3:] += parameters.get("angular", 0.0)
     for name, joint in _joints(machine, place).items():
         if joint.kind == "prismatic":
             machine = _bearing(machine, name, diagonal)
@@ -280,7 +281,9 @@ KNOWN: dict[str, Word] = {
     "encoder-offset": Word(("offset",), _driven(lambda d, v: replace(d, offset=d.offset + v), "offset"), _drives),
     "joint-compliance": Word(("radial", "axial", "tilting"), _joint_compliance, _joints),
     "guide-compliance": Word(
-        ("lateral", "vertical", "angular"), _guide_compliance, _any_joint(lambda joint: joint.kind == "prismatic")
+        ("lateral", "vertical", "angular", "roll", "pitch", "yaw"),
+        _guide_compliance,
+        _any_joint(lambda joint: joint.kind == "prismatic"),
     ),
     "link-stiffness": Word(
         ("factor",), _bodies(lambda b, v: replace(b, compliance=b.compliance / v["factor"])), _find_elastic
