@@ -51,6 +51,8 @@ EXAMPLES = {
         "c66": 8e-9,
     },
     ("guide-compliance", "carriages"): {"lateral": 5e-9, "vertical": 5e-9, "angular": 1e-6},
+    ("joint-axis", "stage"): {"rz": 1e-3},
+    ("mass", "platform"): {"factor": 1.3},
     ("base-compliance", "base"): DIAGONAL,
     ("platform-compliance", "tool"): {"x": 1e-8, "z": 1e-8, "ry": 1e-6},
     ("backlash", "stage"): {"half_width": 1e-5},
@@ -189,7 +191,7 @@ def test_every_word_and_every_fault_can_be_planted_and_seen():
     start = without_weight(SOUND)
     reference = {base.weighted: true_readings(base, plan, located(base, plan)).value for base in (SOUND, start)}
     for (effect, place), parameters in EXAMPLES.items():
-        base = SOUND if effect in {"backlash", "joint-play"} else start
+        base = SOUND if effect in {"backlash", "joint-play", "mass"} else start
         faulty = inject(base, effect, place, parameters)
         after = measure(faulty, plan, QUIET, np.random.default_rng(0)).value
         assert np.isfinite(after).all(), effect
@@ -252,6 +254,21 @@ def test_an_arm_follows_its_errors_exactly():
     longer = respond(inject(arm, "link-length", "upper", {"error": e}), plan.poses, [tool])
     along = locate(arm, plan.poses).frames.rotation["upper"][0] @ arm.bodies["upper"].axes[:, 0]
     assert longer.shift(tool)[0] == pytest.approx([*(e * along), 0, 0, 0], abs=1e-12)
+
+
+def test_an_axis_that_lies_off_leads_the_arm_about_itself():
+    """J1 by q about an axis off by (x, y), tilted by e: M turns about that, and stays where it is at home."""
+    arm, home = without_weight(machine("serial-arm")), load_robot("serial-arm").poses["near"]
+    e, plan = 2e-3, loaded([home], deviations=True)
+    tool, axes = tool_spot(arm), arm.joints["J1"].axes
+    astray = inject(arm, "joint-axis", "J1", {"y": 1e-3, "rz": e})
+    response = respond(astray, plan.poses, [tool])
+    (q,) = locate(arm, plan.poses).drives["J1"]
+    other = turn(axes @ [0, 0, e]) @ axes[:, 0]
+    there, drawn = turn(q * other), turn(q * axes[:, 0])
+    on_axis = arm.joints["J1"].at + axes @ [0, 1e-3, 0]
+    expected = on_axis + there @ (drawn.T @ home[:3] - on_axis)  # J1 at home has it at drawnᵀ home
+    assert np.abs(response.true.point(tool.node, tool.at)[0] - expected).max() < 1e-12
 
 
 def test_a_turned_drive_may_go_round_more_than_once():

@@ -28,11 +28,11 @@ _TURN = 1e-3  # rad, or of a scale: for derivatives
 _IMITATORS = 3  # effects of the vocabulary that together may do what one outside of it does
 _TWINS = 2  # other effects that the named group of a true one has room for
 _KEPT = {"mass", "row"}  # of a payload, whose centre shows by its mass; of a gauge that slips at a row
-_OF_INSTRUMENTS = {
+_BY_STEPS = {
     "instrument-misalignment": tuple({axis: _TURN} for axis in ("rx", "ry", "rz")),
     "displacement-scale": ({"factor": 1.0 + _TURN},),
-    "force-scale": ({"factor": 1.0 + _TURN},),
-}
+    "force-scale": ({"factor": 1.0 + _TURN},), "mass": ({"factor": 1.0 + _TURN},),
+}  # fmt: skip
 """Small steps of their parameters."""
 
 
@@ -71,8 +71,8 @@ class Judge:
         return self._spans[fault.name]
 
     def _isolate_fault(self, effect: str, place: str) -> Array | None:
-        if effect in _OF_INSTRUMENTS:
-            return np.stack([self._signature(Fault(effect, place, step)) for step in _OF_INSTRUMENTS[effect]], axis=1)
+        if effect in _BY_STEPS:
+            return np.stack([self._signature(Fault(effect, place, step)) for step in _BY_STEPS[effect]], axis=1)
         return self._elements.find_columns(effect, place, self.lab.softer(effect, place))
 
     @cached_property

@@ -17,8 +17,10 @@ if TYPE_CHECKING:
     from stiffscope.gap.blind.laboratory import Lab
     from stiffscope.gap.lab.plans import Style
 
-_LIKE = (8.075e-8, 1.346e-6)  # m/N, rad/(N·m): the scale of the robot at which these sizes hold
-_SOFTER = {"actuator-stiffness": 0.2, "link-stiffness": 0.15}  # relative compliance that size one adds
+_LIKE = 8.075e-8  # m/N: the scale of the robot at which these sizes hold
+_SOFTEST = {"actuator-stiffness": 0.1, "link-stiffness": 0.2}  # least factor on a stiffness,
+_SLIGHT = 0.95  # and the greatest
+_OWN = 0.02, 3.0  # what a bearing or support yields, over the robot's own compliance
 _SCALES = {"displacement-scale", "force-scale"}
 
 
@@ -56,11 +58,16 @@ def draw_known(effect: str, rng: np.random.Generator, lab: Lab, sensors: Sequenc
     size = _draw_size(rng, 0.3, 3.0)
     sign = 1.0 if rng.random() < 0.5 else -1.0
     members = lab.sound.members(place)
-    soft, bend = lab.workspace.scale.linear / _LIKE[0], lab.workspace.scale.angular / _LIKE[1]
-    if effect in _SOFTER:
-        parameters = {"factor": 1 / (1 + _SOFTER[effect] * size)}
+    if effect in _SOFTEST:
+        parameters = {"factor": _draw_size(rng, _SOFTEST[effect], _SLIGHT)}
+    elif effect == "mass":
+        parameters = {"factor": (1 + 0.2 * size) ** sign}
     elif effect in _SCALES:
         parameters = {"factor": 1 + sign * 0.02 * size}
+    elif effect in _YIELDING:
+        own = [_draw_size(rng, *_OWN) * size for size in (lab.workspace.scale.linear, lab.workspace.scale.angular)]
+        names = _YIELDING[effect] or bearing_words([lab.sound.joints[name] for name in members])
+        parameters = {name: own[name in _TURNING] * float(rng.uniform(0.2, 1.0)) for name in names}
     elif effect in _OF_NUMBERS:
         parameters = _draw_of_numbers(effect, rng, sign * size)
     elif effect == "part-compliance":
@@ -69,13 +76,18 @@ def draw_known(effect: str, rng: np.random.Generator, lab: Lab, sensors: Sequenc
         parameters = {"value": other_dimension(lab, place, sign * min(size, 2.0))}
     elif effect == "payload":
         offset = {k: float(rng.uniform(-0.1, 0.1)) for k in COORDINATES[:3]}
-        parameters = {"mass": 3.0 * size / max(1.0, soft), **offset}
+        parameters = {"mass": 3.0 * size / max(1.0, lab.workspace.scale.linear / _LIKE), **offset}
     else:
-        one = _sizes_of_one(effect, lab, members, sign, soft, bend)
+        one = _sizes_of_one(effect, lab, members, sign)
         parameters = {name: s * float(rng.uniform(0.2, 1.0)) * size for name, s in one.items()}
     return Fault(effect, place, parameters)
 
 
+_TURNING = {"tilting", "angular", "roll", "pitch", "yaw", *COORDINATES[3:]}
+_YIELDING: dict[str, tuple[str, ...]] = {
+    "joint-compliance": (), "guide-compliance": ("lateral", "vertical", "roll", "pitch", "yaw"),
+    "base-compliance": COORDINATES, "platform-compliance": COORDINATES,
+}  # fmt: skip
 _OF_NUMBERS = {"unit", "sensor-sign", "sensor-step"}
 _UNITS = (1e3, 1e6, 1e-3)
 _LINES = (100, 500)  # of the rows of a table, in which a gauge slips
@@ -87,23 +99,16 @@ def _draw_of_numbers(effect: str, rng: np.random.Generator, size: float) -> dict
     return {"jump": 2e-4 * size, "row": float(rng.integers(*_LINES))} if effect == "sensor-step" else {}
 
 
-def _sizes_of_one(
-    effect: str, lab: Lab, members: Sequence[str], sign: float, soft: float, bend: float
-) -> dict[str, float]:
+def _sizes_of_one(effect: str, lab: Lab, members: Sequence[str], sign: float) -> dict[str, float]:
     """Parameters of an effect at size one."""
-    if effect == "joint-compliance":
-        words = bearing_words([lab.sound.joints[name] for name in members])
-        return {word: 1e-6 * bend if word == "tilting" else 3e-9 * soft for word in words}
     if effect == "joint-stiffness":
         return {"factor": 3.0}
     if effect == "rigid-ends":
         return {"length": 0.04 * float(np.mean([lab.sound.bodies[n].length for n in members]))}
     lever = max((lab.drive_lever(name) for name in members), default=1.0) if effect in _OF_DRIVES else 1.0
-    support: dict[str, float] = dict(zip(COORDINATES, [8e-9 * soft] * 3 + [8e-8 * bend] * 3, strict=True))
     turns: dict[str, float] = dict.fromkeys(COORDINATES[3:], 0.015)
     return {
-        "guide-compliance": {"lateral": 4e-9 * soft, "vertical": 4e-9 * soft, "angular": 8e-8 * bend},
-        "base-compliance": support, "platform-compliance": support,
+        "joint-axis": {"y": 1e-4, "z": sign * 1e-4, "ry": 3e-4, "rz": sign * 3e-4},
         "backlash": {"half_width": 8e-6 / lever}, "encoder-offset": {"offset": sign * 5e-5 / lever},
         "link-length": {"error": sign * 3e-5}, "thermal": {"temperature": sign * 4.0},
         "instrument-misalignment": turns,
@@ -160,7 +165,7 @@ def draw_outside(effect: str, rng: np.random.Generator, lab: Lab, style: Style) 
     place = choose(rng, _outside_places(lab, effect, channels))
     size = _draw_size(rng, 0.5, 3.0)
     scale, joints = lab.workspace.scale, lab.sound.joints
-    soft = scale.linear / _LIKE[0]
+    soft = scale.linear / _LIKE
     members = [name for name in lab.sound.members(place) if name in joints]
     stiffest = max((drive.stiffness for n in members if (drive := joints[n].drive)), default=1.0)
     lever = max((lab.drive_lever(name) for name in members), default=1.0)

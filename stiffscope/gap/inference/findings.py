@@ -144,7 +144,7 @@ class Findings:
         """
         listed, own = [name], next(c for c in self.best.candidates if c.name == name)
         self._add_rivals(listed, own, [h.words for h in self.hypotheses])
-        known = self._at_work(listed)
+        known = self.at_work(listed)
         self._add_rivals(listed, own, [h.candidates for h in self.hypotheses])
         elsewhere = [c.name for c in self.imitating_patterns.get(name, ()) if c.like == own.effect]
         listed = list(dict.fromkeys([*listed, *elsewhere]))[: CONFUSED + 1]
@@ -157,8 +157,8 @@ class Findings:
             if alias in competing and self._find_canonical(alias) == self._find_canonical(name)
         ]
         others = tuple(dict.fromkeys([*first, *listed[1:], *aliases]))[:CONFUSED]
-        whole = self._at_work([name, *others])  # what there is no place for is not part of it
-        doubted = self.doubted._at_work([name, *others])
+        whole = self.at_work([name, *others])  # what there is no place for is not part of it
+        doubted = self.doubted.at_work([name, *others])
         return Group(others, whole, min(known, whole), min(doubted, whole), bool(elsewhere))
 
     @cached_property
@@ -203,7 +203,7 @@ class Findings:
             if len(gone) == len(new) == 1:
                 yield next(iter(gone)), new[0], hypothesis, p
 
-    def _at_work(self, names: Iterable[str]) -> float:
+    def at_work(self, names: Iterable[str]) -> float:
         """Probability that one of these effects is at work."""
         pairs = zip(self.hypotheses, self.probability, strict=True)
         return min(float(sum(p * (1.0 - self._sum_missed(h, names)) for h, p in pairs)), 1.0)

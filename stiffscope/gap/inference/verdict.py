@@ -39,8 +39,8 @@ def judge_findings(found: Findings) -> Judgement:
     """The verdict.
 
     An effect is certain when it, or its group of at most three, has a probability of `CONFIDENT`, most of it with a
-    word, by what the readings say and not by its prior odds alone, and plausible parameters; none is where the likeliest set, or what is certain of it, leaves a greater χ² than
-    no effect at all.
+    word, by what the readings say and not by its prior odds alone, and plausible parameters; none is where the
+    likeliest set, or what is certain of it, leaves a greater χ² than no effect at all.
     With certain effects the verdict is "identified" where they bring the gap to the noise and "partly" where they do
     not, or where a nuisance pattern is certain beside them; without, "no-gap" or "unexplained", as the gap is within
     the noise or beyond. It is "ambiguous" where known effects bring the gap to the noise of which the main one is not
@@ -100,9 +100,7 @@ def settle_verdict(found: Findings, judgement: Judgement, others: Mapping[str, F
     return judgement
 
 
-def _judge_named(
-    found: Findings, kept: Hypothesis, strange: Sequence[str], unsettled: Sequence[str]
-) -> Judgement:
+def _judge_named(found: Findings, kept: Hypothesis, strange: Sequence[str], unsettled: Sequence[str]) -> Judgement:
     """The verdict where some effects are certain.
 
     kept: these and no others; strange: what is implausible, or has no word; unsettled: what fits as well as others.

@@ -21,7 +21,7 @@ from stiffscope.gap.lab.instrument_faults import (
     slip_channel,
     turn_instrument,
 )
-from stiffscope.gap.lab.machine import DRIVEN, FREE, Payload, Slot
+from stiffscope.gap.lab.machine import DRIVEN, FREE, LED, Payload, Slot
 from stiffscope.gap.lab.rotations import lever
 
 if TYPE_CHECKING:
@@ -249,6 +249,26 @@ def _larger_body(machine: Machine, place: str, parameters: Parameters) -> Machin
     return machine.with_joints(grown)
 
 
+def _mislay_axes(machine: Machine, place: str, parameters: Parameters) -> Machine:
+    """Axes of joints lie off the drawn ones, square to them; that of a slide is turned alone."""
+    twist = name_parameters(parameters, "", "y", "z", "", "ry", "rz")
+    found = {n: j for n, j in _joints(machine, place).items() if j.kind in LED}
+    return machine.with_joints({
+        n: replace(j, astray=j.astray + np.where(np.arange(6) > 2, twist, twist * (j.kind != "prismatic")))
+        for n, j in found.items()
+    })  # fmt: skip
+
+
+def _weigh(machine: Machine, place: str, parameters: Parameters) -> Machine:
+    """A factor on the mass of a rigid body."""
+    body = machine.bodies[place]
+    return machine.with_bodies({place: replace(body, mass=body.mass * parameters["factor"])})
+
+
+def _is_heavy(machine: Machine, place: str) -> bool:
+    return machine.gravity.any() and _is_rigid(machine, place) and machine.bodies[place].mass > 0.0
+
+
 def _is_rigid(machine: Machine, place: str) -> bool:
     return place in machine.bodies and len(machine.bodies[place].nodes) == 1
 
@@ -285,6 +305,8 @@ KNOWN: dict[str, Word] = {
         _guide_compliance,
         _any_joint(lambda joint: joint.kind == "prismatic"),
     ),
+    "joint-axis": Word(("y", "z", "ry", "rz"), _mislay_axes, _any_joint(lambda joint: joint.kind in LED)),
+    "mass": Word(("factor",), _weigh, _is_heavy),
     "link-stiffness": Word(
         ("factor",), _bodies(lambda b, v: replace(b, compliance=b.compliance / v["factor"])), _find_elastic
     ),
@@ -310,7 +332,7 @@ KNOWN: dict[str, Word] = {
         _allow_only("instrument"),
     ),
 }
-"""Every word of the vocabulary; a part's dimension comes as the entries of its new 6x6."""
+"""The vocabulary's words but `geometry`; a part's dimension comes as the entries of its new 6x6."""
 
 OUTSIDE: dict[str, Word] = {
     "hardening-drive": Word(("cubic",), _on_drives("hardening", "cubic"), _drives),

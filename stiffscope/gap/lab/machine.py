@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from stiffscope.gap.lab.rotations import axes_along, skew
+from stiffscope.gap.lab.rotations import axes_along, skew, turn
 from stiffscope.robot.file.sections import ElasticBody, InterfaceBody
 
 if TYPE_CHECKING:
@@ -29,6 +29,8 @@ DRIVEN = {"revolute": 3, "prismatic": 0, "cylindrical": 0}
 """Direction along which a drive acts."""
 
 
+LED = ("revolute", "prismatic", "cylindrical")
+"""Kinds that lead a body about or along one axis."""
 _ALONG = 1e-9  # of a body's length: what its end may be off its x axis
 
 
@@ -110,6 +112,16 @@ class Joint:
     rest: float = 0.0
     directed: bool = True
     """Whether its file gives an axis: what has none yields alike in all directions that it holds."""
+    astray: Array = field(default_factory=lambda: _zeros(6))
+    """Twist of its real axis away from the drawn one, in its axes and at its point; bodies are as drawn at home."""
+
+    @property
+    def real_joint(self) -> Joint:
+        """The joint with its axis where it really is."""
+        off = self.axes @ self.astray[:3]
+        return replace(
+            self, at_first=self.at_first + off, at_second=self.at_second + off, axes=self.axes @ turn(self.astray[3:])
+        )
 
     @property
     def drawn_joint(self) -> Joint:

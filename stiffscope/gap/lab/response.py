@@ -151,6 +151,7 @@ def _is_distorted(machine: Machine) -> bool:
     return (
         any(body.offset.any() for body in machine.bodies.values())
         or any((joint.at_first != joint.at_second).any() for joint in machine.joints.values())
+        or any(joint.astray.any() for joint in machine.joints.values())
         or any(joint.drive and (joint.drive.offset or joint.drive.pitch) for joint in machine.joints.values())
         or any(joint.spring for joint in machine.joints.values())
         or bool(machine.cable.any())
@@ -163,7 +164,7 @@ def _elements(machine: Machine, located: Located, frames: Frames, index: dict[st
     world, origin = np.eye(3), np.zeros(3)
     misfit = _offset_between(frames, GROUND, BASE, origin, world)
     out = [Element(BASE, -1, (index[BASE],), everything, everything, machine.base, misfit)]
-    for joint in machine.joints.values():
+    for joint in (drawn.real_joint for drawn in machine.joints.values()):
         first, second = (BASE if node == GROUND else node for node in (joint.first, joint.second))
         commanded: Array | float = 0.0
         if joint.drive is not None:

@@ -7,16 +7,18 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
+from stiffscope.gap.lab.closure import joint_state
 from stiffscope.gap.lab.machine import BASE, DRIVEN, FREE, TOOL
 from stiffscope.gap.lab.measuring import sigma_of
 from stiffscope.gap.lab.nonlinear import rounding_force
 from stiffscope.gap.lab.response import Spot, respond, tool_spot
+from stiffscope.gap.lab.rotations import turn
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from stiffscope.gap.lab.closure import Located
-    from stiffscope.gap.lab.machine import Machine
+    from stiffscope.gap.lab.machine import Joint, Machine
     from stiffscope.gap.lab.measuring import Noise, Plan, Readings
     from stiffscope.gap.lab.rotations import Array
 
@@ -30,7 +32,7 @@ class Signatures:
     """Derivatives of a plan's readings by the parameters of faults, over the readings' noise."""
 
     def __init__(self, machine: Machine, plan: Plan, located: Located, rows: Readings, noise: Noise) -> None:
-        self._machine, self._plan, self._rows = machine, plan, rows
+        self._machine, self._plan, self._rows, self._located = machine, plan, rows, located
         self._found: dict[tuple[str, str], Array | None] = {}
         self.sigma = sigma_of(rows, noise)
         channels = plan.channels(machine)
@@ -68,6 +70,8 @@ class Signatures:
             return of_drives[effect]({name: np.eye(6)[DRIVEN[joints[name].kind]] for name in members})
         if effect == "part-compliance":
             return self._entries(members)
+        if effect == "joint-axis":
+            return self._mislay({name: joints[name] for name in members})
         if effect in added or effect in shapes:
             held = {} if effect in added else {
                 n: [self._hold_diagonal(n, np.array(shape)) for shape in shapes[effect]] for n in members
@@ -117,8 +121,24 @@ class Signatures:
         out = np.zeros((len(self._plan.poses), len(self._looks), len(self._pulls)))
         for name, twist in offsets.items():
             carried = self._response.wrench(name)[:, :, : self._looks.shape[1]]
-            out[:, :, -1] += np.einsum("nic,kc,i->nk", carried, self._looks, twist)
+            out[:, :, -1] += np.einsum("nic,kc,ni->nk", carried, self._looks, np.broadcast_to(twist, carried.shape[:2]))
         return self._column(out)
+
+    def _mislay(self, joints: Mapping[str, Joint]) -> Array:
+        """Columns (r, k) of axes that lie off: by a twist, less that twist as the joint's own motion carries it."""
+        columns: list[Array] = []
+        for k in (1, 2, 4, 5):
+            moved: dict[str, Array] = {}
+            for name, joint in joints.items():
+                ends = self._machine.carrier(joint.first), self._machine.carrier(joint.second)
+                way = joint_state(joint.drawn_joint, self._located.frames, *ends).displacement
+                astray = np.eye(6)[k].reshape(2, 3)
+                if joint.kind == "prismatic":  # a slide that is turned leads elsewhere
+                    moved[name] = np.hstack([way[:, None] * np.cross(astray[1], np.eye(3)[0]), np.zeros((len(way), 3))])
+                else:
+                    moved[name] = np.hstack([a - turn(way[:, None] * np.eye(3)[0]) @ a for a in astray])
+            columns.append(self._move(moved))
+        return np.hstack(columns)
 
     def _lose_motion(self, along: Mapping[str, Array]) -> Array:
         """Play: each element moves along its direction (6,) towards the force that it carries there."""
