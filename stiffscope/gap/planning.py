@@ -20,7 +20,7 @@ from stiffscope.gap.campaign.template import (
     write_plan,
 )
 from stiffscope.gap.forward.robot_model import RobotModel
-from stiffscope.gap.inference.reading_choice import Pair, choose_readings
+from stiffscope.gap.inference.reading_choice import Pair, choose_readings, judge_pairs
 from stiffscope.gap.inference.verdict import FEW
 from stiffscope.robot.file.sections import ElasticBody
 from stiffscope.runtime.output import scratch_folder
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
 
 ENOUGH = 10.0
 """Expected ln-odds of every pair."""
+AMPLE = 4.0 * ENOUGH
+"""What all readings that are offered must bring a pair: others would take nearly all of them."""
 USUAL = 0.3  # of its unit: the fault that is planned for
 NONE = "no effect"
 _ALL, _FROM = "all", " from "
@@ -58,7 +60,7 @@ class Answered:
     log_odds: float
     """The least of all parameters of the first that readings can show."""
     hidden: tuple[str, ...] = ()
-    """Parameters of the first that none of the readings that are offered tells from the second."""
+    """Parameters of the first that all the readings that are offered hardly tell from the second."""
     asked: bool = True
     """Whether both are named in the question."""
 
@@ -101,7 +103,7 @@ def propose_plan(nominal: NominalRobot, name: str, question: str, given: Header 
     known = {c.name: c for c in model.library if c.simple and c.effect not in _NUMBERS}
     sides = read_question(question, known)
     pairs = _pair_up(model, known, sides)
-    told = [pair for pair in pairs if pair.judge(range(len(campaign))) >= ENOUGH]
+    told = [p for p, odds in zip(pairs, judge_pairs(pairs, range(len(campaign))), strict=True) if odds >= AMPLE]
     asked = [known[name] for name in dict.fromkeys([*sides[0], *sides[1]])]
     least = FEW * (1 + max(len(c.scale) for c in asked))
     rows = choose_readings(told, offer.settings, ENOUGH, min(least, len(campaign)))
@@ -183,13 +185,14 @@ def _pair_up(
     asked = {*sides[0], *sides[1]}
     out: list[Pair] = []
     for first in dict.fromkeys([*sides[0], *sides[1]]):
+        own = USUAL * columns[first].T
         opposite = {*(sides[1] if first in sides[0] else ()), *(sides[0] if first in sides[1] else ())}
         for second in (NONE, *known):
             if second == first or (second in asked and second not in opposite):
                 continue
             out += [
-                Pair(first, second, parameter, USUAL * columns[first][:, k], columns[second])
-                for k, parameter in enumerate(known[first].names)
+                Pair(first, second, parameter, column, columns[second])
+                for parameter, column in zip(known[first].names, own, strict=True)
             ]
     return out
 

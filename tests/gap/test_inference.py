@@ -110,6 +110,9 @@ def test_parameters_that_are_summed_over_leave_the_gaussian_of_the_readings():
     whole = np.eye(9) + x[:, gone[:4]] @ np.diag(scales[gone[:4]] ** 2) @ x[:, gone[:4]].T
     assert left[0] == pytest.approx(all_of[:, ~gone].T @ np.linalg.solve(whole, all_of[:, ~gone]))
     assert log == pytest.approx(-0.5 * np.linalg.slogdet(whole)[1])
+    left, log = eliminate(np.full((1, 3, 3), 1e20), gone[1:4], np.ones(2))  # two that are one, the prior lost in them
+    assert np.isfinite(left).all()
+    assert np.isfinite(log).all()
 
 
 def test_prior_sizes_are_averaged_effect_by_effect():

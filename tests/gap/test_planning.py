@@ -11,7 +11,7 @@ from stiffscope.gap.campaign.campaign_header import load_header
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaign.template import write_template
 from stiffscope.gap.diagnose import diagnose_campaign
-from stiffscope.gap.inference.reading_choice import Pair, choose_readings
+from stiffscope.gap.inference.reading_choice import Pair, choose_readings, judge_pairs
 from stiffscope.gap.lab import measuring
 from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.response import Spot
@@ -106,7 +106,7 @@ def test_what_readings_add_is_what_least_squares_leave():
     a, y = np.vstack([rival[rows], 0.1 * np.eye(3)]), np.append(own[rows], np.zeros(3))
     left = y - a @ np.linalg.lstsq(a, y, rcond=None)[0]
     assert pair.log_odds == pytest.approx(0.5 * left @ left)
-    assert pair.judge(rows) == pytest.approx(pair.log_odds)
+    assert judge_pairs([pair], rows) == pytest.approx(pair.log_odds)
 
 
 def test_no_reading_of_a_choice_is_in_vain():
@@ -114,10 +114,10 @@ def test_no_reading_of_a_choice_is_in_vain():
     pairs = [Pair("a", f"b{k}", "p", rng.standard_normal(60), rng.standard_normal((60, 2))) for k in range(6)]
     settings = np.column_stack([np.arange(60) // 20, np.arange(60) // 5 % 4, np.arange(60) % 5])
     rows = choose_readings(pairs, settings, ENOUGH)
-    assert all(pair.judge(rows) >= ENOUGH for pair in pairs)
+    assert (judge_pairs(pairs, rows) >= ENOUGH).all()
     for row in rows:
         rest = [other for other in rows if other != row]
-        assert any(pair.judge(rest) < ENOUGH for pair in pairs)
+        assert (judge_pairs(pairs, rest) < ENOUGH).any()
 
 
 def test_questions_name_effects_places_and_patterns():

@@ -68,7 +68,7 @@ def _draw_faults(count: int, turn: int, rng: np.random.Generator, judge: Judge) 
         left = [word for word in words if word not in {fault.effect for fault in faults}]
         for attempt in range(_ATTEMPTS if count > 1 else max(_ATTEMPTS, 3 * len(left))):
             word = left[(turn + attempt // 3) % len(left)] if count == 1 else choose(rng, left)
-            tried = (*faults, draw_known(word, rng, lab, judge.sensors))
+            tried = (*faults, draw_known(word, rng, lab, judge.sensors, alone=count == 1))
             if judge.can_decide(tried):
                 faults = tried
                 break

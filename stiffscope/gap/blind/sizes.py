@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.plans import Style
 
 _LIKE = 8.075e-8  # m/N: the scale of the robot at which these sizes hold
-_SOFTEST = {"actuator-stiffness": 0.1, "link-stiffness": 0.2}  # least factor on a stiffness,
-_SLIGHT = 0.95  # and the greatest
-_OWN = 0.02, 3.0  # what a bearing or support yields, over the robot's own compliance
+_SOFTEST = {"actuator-stiffness": 0.1, "link-stiffness": 0.2}  # least factor on a stiffness alone,
+_SOFT, _SLIGHT = 0.6, 0.95  # beside other faults, and the greatest
+_OWN = {True: (0.02, 3.0), False: (0.02, 0.3)}  # what a bearing yields alone, or not, over the robot's own compliance
 _SCALES = {"displacement-scale", "force-scale"}
 
 
@@ -34,7 +34,7 @@ def _draw_size(rng: np.random.Generator, low: float, high: float) -> float:
     return low * (high / low) ** rng.random()
 
 
-def draw_known(effect: str, rng: np.random.Generator, lab: Lab, sensors: Sequence[str]) -> Fault:
+def draw_known(effect: str, rng: np.random.Generator, lab: Lab, sensors: Sequence[str], *, alone: bool = True) -> Fault:
     """Draw a fault of the vocabulary.
 
     Parameters
@@ -47,6 +47,8 @@ def draw_known(effect: str, rng: np.random.Generator, lab: Lab, sensors: Sequenc
         The robot in the laboratory; a softer or larger one gets larger faults.
     sensors
         Names of the sensors that may be at fault themselves.
+    alone
+        Whether it is the only fault: its size is then drawn over decades.
 
     Returns
     -------
@@ -59,13 +61,14 @@ def draw_known(effect: str, rng: np.random.Generator, lab: Lab, sensors: Sequenc
     sign = 1.0 if rng.random() < 0.5 else -1.0
     members = lab.sound.members(place)
     if effect in _SOFTEST:
-        parameters = {"factor": _draw_size(rng, _SOFTEST[effect], _SLIGHT)}
+        parameters = {"factor": _draw_size(rng, _SOFTEST[effect] if alone else _SOFT, _SLIGHT)}
     elif effect == "mass":
         parameters = {"factor": (1 + 0.2 * size) ** sign}
     elif effect in _SCALES:
         parameters = {"factor": 1 + sign * 0.02 * size}
     elif effect in _YIELDING:
-        own = [_draw_size(rng, *_OWN) * size for size in (lab.workspace.scale.linear, lab.workspace.scale.angular)]
+        scale = lab.workspace.scale
+        own = [_draw_size(rng, *_OWN[alone]) * unit for unit in (scale.linear, scale.angular)]
         names = _YIELDING[effect] or bearing_words([lab.sound.joints[name] for name in members])
         parameters = {name: own[name in _TURNING] * float(rng.uniform(0.2, 1.0)) for name in names}
     elif effect in _OF_NUMBERS:
@@ -89,7 +92,7 @@ _YIELDING: dict[str, tuple[str, ...]] = {
     "base-compliance": COORDINATES, "platform-compliance": COORDINATES,
 }  # fmt: skip
 _OF_NUMBERS = {"unit", "sensor-sign", "sensor-step"}
-_UNITS = (1e3, 1e6, 1e-3)
+_UNITS = (1e3, 1e-3)
 _LINES = (100, 500)  # of the rows of a table, in which a gauge slips
 
 

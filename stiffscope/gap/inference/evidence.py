@@ -258,7 +258,7 @@ def eliminate(inner: Array, gone: Flags, scales: Array) -> tuple[Array, Array]:
     The last column is the readings. Also what that adds to ln of the evidence (q,).
     """
     wide = scales[:, None] * inner[:, gone]
-    whole = wide[:, :, gone] * scales + np.eye(len(scales))
+    whole = (wide[:, :, gone] * scales + np.eye(len(scales))) * (1.0 + _ROUNDING * np.eye(len(scales)))
     beside = wide[:, :, ~gone]
     rest = inner[:, ~gone][:, :, ~gone]
     left = rest - np.swapaxes(beside, 1, 2) @ np.linalg.solve(whole, beside)

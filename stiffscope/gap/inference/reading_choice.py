@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Indices
 
 _LOOSE = 0.01  # precision of a rival's parameters, in units of their own: ten units are nothing unusual
+_WORST = 100  # pairs, those that lack most, that are looked at beside others
 _LEAST_GAIN = 1e-9  # ln-odds that a further reading must bring to any pair
 _NEW_SETTING = (2.0, 1.0, 1.0)  # effort of a new posture, load or instrument, beside a reading's one
 
@@ -44,31 +45,41 @@ class Pair:
 
     def __post_init__(self) -> None:
         """Start without readings."""
-        self.reset()
+        self.take(())
 
-    def reset(self) -> None:
-        """Forget all readings."""
+    def take(self, rows: Sequence[int]) -> None:
+        """Forget all readings but some."""
         count = self.rival.shape[1]
         self._inverse, self._pull, self.log_odds = np.eye(count) / _LOOSE, np.zeros(count), 0.0
+        for row in rows:
+            self.add(row)
 
-    @property
-    def gains(self) -> Array:
-        """What each of the readings (n,) would add."""
-        left = self.own - self.rival @ (self._inverse @ self._pull)
-        return 0.5 * left**2 / (1.0 + np.einsum("ni,ij,nj->n", self.rival, self._inverse, self.rival))
+    def find_gains(self, rows: slice = slice(None)) -> Array:
+        """What each of the readings (n,), or of some of them, would add."""
+        own, rival = self.own[rows], self.rival[rows]
+        left = own - rival @ (self._inverse @ self._pull)
+        return 0.5 * left**2 / (1.0 + np.einsum("ni,ij,nj->n", rival, self._inverse, rival))
 
     def add(self, row: int) -> None:
         """Take one of the readings."""
-        self.log_odds += float(self.gains[row])
+        self.log_odds += float(self.find_gains(slice(row, row + 1))[0])
         y = self._inverse @ self.rival[row]
         self._inverse = self._inverse - np.outer(y, y) / (1.0 + self.rival[row] @ y)
         self._pull = self._pull + self.own[row] * self.rival[row]
 
-    def judge(self, rows: Sequence[int]) -> float:
-        """Expected ln-odds by some readings."""
-        x, y = self.own[list(rows)], self.rival[list(rows)]
-        left = x - y @ np.linalg.solve(y.T @ y + _LOOSE * np.eye(y.shape[1]), y.T @ x)
-        return 0.5 * float(x @ left)
+
+def judge_pairs(pairs: Sequence[Pair], rows: Sequence[int]) -> Array:
+    """Expected ln-odds (p,) of pairs by some readings, those with one rival at once."""
+    out, chosen = np.zeros(len(pairs)), np.array(rows, dtype=np.int64)
+    together: dict[int, list[int]] = {}
+    for number, pair in enumerate(pairs):
+        together.setdefault(id(pair.rival), []).append(number)
+    for numbers in together.values():
+        x, y = np.stack([pairs[k].own[chosen] for k in numbers], axis=1), pairs[numbers[0]].rival[chosen]
+        pull = y.T @ x
+        followed = np.sum(pull * np.linalg.solve(y.T @ y + _LOOSE * np.eye(y.shape[1]), pull), axis=0)
+        out[numbers] = 0.5 * (np.sum(x**2, axis=0) - followed)
+    return out
 
 
 def choose_readings(pairs: Sequence[Pair], settings: Indices, enough: float, least: int = 0) -> list[int]:
@@ -91,23 +102,29 @@ def choose_readings(pairs: Sequence[Pair], settings: Indices, enough: float, lea
         Rows, in order.
     """
     chosen: list[int] = []
-    for pair in pairs:
-        pair.reset()
+    active: list[Pair] = []  # few of many pairs say what is chosen; the others are judged by it
     while pairs and len(chosen) < len(settings):
-        short = [pair for pair in pairs if pair.log_odds < enough]
+        short = [pair for pair in active if pair.log_odds < enough]
+        if not short:
+            odds = judge_pairs(pairs, chosen)
+            worst = np.argsort(odds, kind="stable")[:_WORST]
+            short = [pairs[k] for k in worst if odds[k] < enough - _LEAST_GAIN]
+            for pair in short:
+                pair.take(chosen)
+            active += short
         if not short and len(chosen) >= least:
             break
-        wanted = [(pair, enough - pair.log_odds) for pair in short] or [(pair, enough) for pair in pairs]
-        worth = sum((np.minimum(pair.gains, most) for pair, most in wanted), np.zeros(len(settings)))
+        wanted = [(pair, enough - pair.log_odds) for pair in short] or [(pair, enough) for pair in active]
+        worth = sum((np.minimum(pair.find_gains(), most) for pair, most in wanted), np.zeros(len(settings)))
         worth = worth / _count_effort(settings, chosen)
         worth[chosen] = -np.inf
         best = int(np.argmax(worth))
         if not worth[best] > _LEAST_GAIN:
             break
         chosen.append(best)
-        for pair in pairs:
+        for pair in active:
             pair.add(best)
-    return _drop(pairs, chosen, enough, least)
+    return _drop([active, pairs], chosen, enough, least)
 
 
 def _count_effort(settings: Indices, chosen: Sequence[int]) -> Array:
@@ -118,15 +135,16 @@ def _count_effort(settings: Indices, chosen: Sequence[int]) -> Array:
     return out
 
 
-def _drop(pairs: Sequence[Pair], chosen: Sequence[int], enough: float, least: int) -> list[int]:
-    """Readings without those, the first that were chosen first, that no pair needs."""
+def _drop(judges: Sequence[Sequence[Pair]], chosen: Sequence[int], enough: float, least: int) -> list[int]:
+    """Readings without those, the first that were chosen first, that no pair needs; judges: few pairs, then all."""
     kept = list(chosen)
+    needed = [np.minimum(judge_pairs(pairs, kept), enough) - _LEAST_GAIN for pairs in judges]
     for row in chosen:
-        if len(kept) <= least:
-            break
         rest = [other for other in kept if other != row]
-        if all(pair.judge(rest) >= min(enough, pair.log_odds) for pair in pairs):
+        if len(kept) > least and all(
+            (judge_pairs(pairs, rest) >= odds).all() for pairs, odds in zip(judges, needed, strict=True)
+        ):
             kept = rest
-    for pair in pairs:
-        pair.log_odds = pair.judge(kept)
+    for pair, odds in zip(judges[-1], judge_pairs(judges[-1], kept), strict=True):
+        pair.log_odds = float(odds)
     return sorted(kept)

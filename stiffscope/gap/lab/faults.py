@@ -21,7 +21,7 @@ from stiffscope.gap.lab.instrument_faults import (
     slip_channel,
     turn_instrument,
 )
-from stiffscope.gap.lab.machine import DRIVEN, FREE, LED, Payload, Slot
+from stiffscope.gap.lab.machine import DRIVEN, FREE, Payload, Slot
 from stiffscope.gap.lab.rotations import lever
 
 if TYPE_CHECKING:
@@ -74,15 +74,19 @@ def _driven(change: Callable[[Any, float], Any], parameter: str) -> Injector:
     return injector
 
 
-def _bearing(machine: Machine, place: str, diagonal: Array) -> Machine:
-    """Compliance added to bearings, along and about what they hold."""
-    changed: dict[str, Joint] = {}
-    for name, joint in _joints(machine, place).items():
-        held = np.array([i not in FREE[joint.kind] for i in range(6)])
-        if joint.kind == "universal":  # it holds the direction across both axes, and that is not quite z
-            held[3:] = True
-        changed[name] = replace(joint, bearing=joint.bearing + np.diag(np.where(held, diagonal, 0.0)))
-    return machine.with_joints(changed)
+def _every_joint(change: Callable[[Joint, Parameters], Joint]) -> Injector:
+    """An injector that changes every joint of a place."""
+    return lambda machine, place, parameters: machine.with_joints(
+        {name: change(joint, parameters) for name, joint in _joints(machine, place).items()}
+    )
+
+
+def _soften_bearing(joint: Joint, diagonal: Sequence[float]) -> Joint:
+    """Compliance added to a bearing, along and about what it holds."""
+    held = np.array([i not in FREE[joint.kind] for i in range(6)])
+    if joint.kind == "universal":  # it holds the direction across both axes, and that is not quite z
+        held[3:] = True
+    return replace(joint, bearing=joint.bearing + np.diag(np.where(held, diagonal, 0.0)))
 
 
 def bearing_words(joints: Sequence[Joint]) -> tuple[str, ...]:
@@ -95,21 +99,15 @@ def bearing_words(joints: Sequence[Joint]) -> tuple[str, ...]:
     return tuple(word for word, means in words.items() if means)
 
 
-def _joint_compliance(machine: Machine, place: str, parameters: Parameters) -> Machine:
+def _joint_compliance(joint: Joint, parameters: Parameters) -> Joint:
     radial, axial, tilting = name_parameters(parameters, "radial", "axial", "tilting")
-    for name, joint in _joints(machine, place).items():
-        along = axial if joint.directed else radial
-        machine = _bearing(machine, name, np.array([along, radial, radial, tilting, tilting, tilting]))
-    return machine
+    return _soften_bearing(joint, [axial if joint.directed else radial, radial, radial, *[tilting] * 3])
 
 
-def _guide_compliance(machine: Machine, place: str, parameters: Parameters) -> Machine:
+def _guide_compliance(joint: Joint, parameters: Parameters) -> Joint:
     diagonal = name_parameters(parameters, "", "lateral", "vertical", "roll", "pitch", "yaw")
     diagonal[3:] += parameters.get("angular", 0.0)
-    for name, joint in _joints(machine, place).items():
-        if joint.kind == "prismatic":
-            machine = _bearing(machine, name, diagonal)
-    return machine
+    return _soften_bearing(joint, diagonal) if joint.kind == "prismatic" else joint
 
 
 def _bodies(change: Callable[[Body, Parameters], Body]) -> Injector:
@@ -199,11 +197,11 @@ def _on_drives(law: str, parameter: str) -> Injector:
 _ALIKE = ("revolute", "prismatic", "universal", "spherical")
 
 
-def _joint_stiffness(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    """A factor on the springs of passive joints, or a stiffness where there is none."""
-    found = {n: j for n, j in _joints(machine, place).items() if j.drive is None and j.kind in _ALIKE}
-    factor, added = parameters.get("factor", 1.0), parameters.get("stiffness", 0.0)
-    return machine.with_joints({n: replace(j, spring=j.spring * factor + added) for n, j in found.items()})
+def _joint_stiffness(joint: Joint, parameters: Parameters) -> Joint:
+    """A factor on the spring of a passive joint, or a stiffness where there is none."""
+    if joint.drive is not None or joint.kind not in _ALIKE:
+        return joint
+    return replace(joint, spring=joint.spring * parameters.get("factor", 1.0) + parameters.get("stiffness", 0.0))
 
 
 def _held_across(joint: Joint) -> tuple[int, ...]:
@@ -249,14 +247,10 @@ def _larger_body(machine: Machine, place: str, parameters: Parameters) -> Machin
     return machine.with_joints(grown)
 
 
-def _mislay_axes(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    """Axes of joints lie off the drawn ones, square to them; that of a slide is turned alone."""
-    twist = name_parameters(parameters, "", "y", "z", "", "ry", "rz")
-    found = {n: j for n, j in _joints(machine, place).items() if j.kind in LED}
-    return machine.with_joints({
-        n: replace(j, astray=j.astray + np.where(np.arange(6) > 2, twist, twist * (j.kind != "prismatic")))
-        for n, j in found.items()
-    })  # fmt: skip
+def _mislay_axis(joint: Joint, parameters: Parameters) -> Joint:
+    """The axis of a joint lies off the drawn one, square to it; that of a slide is turned alone."""
+    twist = name_parameters(parameters, "", *(("", "") if joint.kind == "prismatic" else "yz"), "", "ry", "rz")
+    return replace(joint, astray=joint.astray + twist) if joint.kind in DRIVEN else joint
 
 
 def _weigh(machine: Machine, place: str, parameters: Parameters) -> Machine:
@@ -296,16 +290,20 @@ KNOWN: dict[str, Word] = {
     "actuator-stiffness": Word(
         ("factor",), _driven(lambda d, v: replace(d, stiffness=d.stiffness * v), "factor"), _drives
     ),
-    "joint-stiffness": Word(("factor", "stiffness"), _joint_stiffness, _any_joint(lambda joint: joint.spring)),
+    "joint-stiffness": Word(
+        ("factor", "stiffness"), _every_joint(_joint_stiffness), _any_joint(lambda joint: joint.spring)
+    ),
     "backlash": Word(("half_width",), _on_drives("play", "half_width"), _drives),
     "encoder-offset": Word(("offset",), _driven(lambda d, v: replace(d, offset=d.offset + v), "offset"), _drives),
-    "joint-compliance": Word(("radial", "axial", "tilting"), _joint_compliance, _joints),
+    "joint-compliance": Word(("radial", "axial", "tilting"), _every_joint(_joint_compliance), _joints),
     "guide-compliance": Word(
         ("lateral", "vertical", "angular", "roll", "pitch", "yaw"),
-        _guide_compliance,
+        _every_joint(_guide_compliance),
         _any_joint(lambda joint: joint.kind == "prismatic"),
     ),
-    "joint-axis": Word(("y", "z", "ry", "rz"), _mislay_axes, _any_joint(lambda joint: joint.kind in LED)),
+    "joint-axis": Word(
+        ("y", "z", "ry", "rz"), _every_joint(_mislay_axis), _any_joint(lambda joint: joint.kind in DRIVEN)
+    ),
     "mass": Word(("factor",), _weigh, _is_heavy),
     "link-stiffness": Word(
         ("factor",), _bodies(lambda b, v: replace(b, compliance=b.compliance / v["factor"])), _find_elastic

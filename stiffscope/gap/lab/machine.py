@@ -26,11 +26,7 @@ FREE: dict[str, tuple[int, ...]] = {
 }  # fmt: skip
 """Directions of a joint's axes (x along `axis`) that it leaves free; a universal joint's second is its `axis2`."""
 DRIVEN = {"revolute": 3, "prismatic": 0, "cylindrical": 0}
-"""Direction along which a drive acts."""
-
-
-LED = ("revolute", "prismatic", "cylindrical")
-"""Kinds that lead a body about or along one axis."""
+"""Direction along which a drive acts, of the kinds that lead a body about or along one axis."""
 _ALONG = 1e-9  # of a body's length: what its end may be off its x axis
 
 
