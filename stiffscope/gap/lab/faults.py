@@ -63,22 +63,16 @@ def _support(parameters: Parameters) -> Array:
     return out
 
 
-def _driven(change: Callable[[Any, float], Any], parameter: str) -> Injector:
-    """An injector that changes every drive of a place."""
-
-    def injector(machine: Machine, place: str, parameters: Parameters) -> Machine:
-        value = parameters[parameter]
-        found = _drives(machine, place)
-        return machine.with_joints({n: replace(j, drive=change(j.drive, value)) for n, j in found.items()})
-
-    return injector
-
-
 def _every_joint(change: Callable[[Joint, Parameters], Joint]) -> Injector:
     """An injector that changes every joint of a place."""
     return lambda machine, place, parameters: machine.with_joints(
         {name: change(joint, parameters) for name, joint in _joints(machine, place).items()}
     )
+
+
+def _driven(change: Callable[[Any, float], Any], parameter: str) -> Injector:
+    """An injector that changes every drive of a place."""
+    return _every_joint(lambda j, v: replace(j, drive=change(j.drive, v[parameter])) if j.drive else j)
 
 
 def _soften_bearing(joint: Joint, diagonal: Sequence[float]) -> Joint:
@@ -253,16 +247,6 @@ def _mislay_axis(joint: Joint, parameters: Parameters) -> Joint:
     return replace(joint, astray=joint.astray + twist) if joint.kind in DRIVEN else joint
 
 
-def _weigh(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    """A factor on the mass of a rigid body."""
-    body = machine.bodies[place]
-    return machine.with_bodies({place: replace(body, mass=body.mass * parameters["factor"])})
-
-
-def _is_heavy(machine: Machine, place: str) -> bool:
-    return machine.gravity.any() and _is_rigid(machine, place) and machine.bodies[place].mass > 0.0
-
-
 def _is_rigid(machine: Machine, place: str) -> bool:
     return place in machine.bodies and len(machine.bodies[place].nodes) == 1
 
@@ -304,7 +288,11 @@ KNOWN: dict[str, Word] = {
     "joint-axis": Word(
         ("y", "z", "ry", "rz"), _every_joint(_mislay_axis), _any_joint(lambda joint: joint.kind in DRIVEN)
     ),
-    "mass": Word(("factor",), _weigh, _is_heavy),
+    "mass": Word(
+        ("factor",),
+        lambda m, place, v: m.with_bodies({place: replace(m.bodies[place], mass=m.bodies[place].mass * v["factor"])}),
+        lambda m, place: m.gravity.any() and _is_rigid(m, place) and m.bodies[place].mass,
+    ),
     "link-stiffness": Word(
         ("factor",), _bodies(lambda b, v: replace(b, compliance=b.compliance / v["factor"])), _find_elastic
     ),
