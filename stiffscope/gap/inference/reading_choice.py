@@ -107,7 +107,7 @@ def choose_readings(pairs: Sequence[Pair], settings: Indices, enough: float, lea
         short = [pair for pair in active if pair.log_odds < enough]
         if not short:
             odds = judge_pairs(pairs, chosen)
-            worst = np.argsort(odds, kind="stable")[:_WORST]
+            worst: list[int] = np.argsort(odds, kind="stable")[:_WORST].tolist()
             short = [pairs[k] for k in worst if odds[k] < enough - _LEAST_GAIN]
             for pair in short:
                 pair.take(chosen)

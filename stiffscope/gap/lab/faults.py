@@ -75,7 +75,7 @@ def _driven(change: Callable[[Any, float], Any], parameter: str) -> Injector:
     return _every_joint(lambda j, v: replace(j, drive=change(j.drive, v[parameter])) if j.drive else j)
 
 
-def _soften_bearing(joint: Joint, diagonal: Sequence[float]) -> Joint:
+def _soften_bearing(joint: Joint, diagonal: Sequence[float] | Array) -> Joint:
     """Compliance added to a bearing, along and about what it holds."""
     held = np.array([i not in FREE[joint.kind] for i in range(6)])
     if joint.kind == "universal":  # it holds the direction across both axes, and that is not quite z
