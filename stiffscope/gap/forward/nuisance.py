@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.effects.effect import UNNAMED, Candidate
-from stiffscope.effects.elements import ElementEffect, along_drive
+from stiffscope.effects.elements import ElementEffect, add_diagonal, along_drive
 from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, DEVIATION
 from stiffscope.gap.forward.robot_prediction import Gain, Pattern
 from stiffscope.vjm.mechanism import Change
@@ -42,8 +42,12 @@ def nuisance_patterns(nominal: RobotReadings) -> tuple[Candidate, ...]:
 
 
 def _parts(at: RobotAtPoses) -> Iterator[Candidate]:
-    """Bodies that are bowed."""
+    """Guides that yield in one way, bodies that are bowed."""
     nominal = at.robot
+    guides = [j.name for j in at.mechanism.joints if j.kind == "prismatic" and j.drive is not None]
+    for name in guides:
+        yield _part(f"the whole guide of {name}", (1e-8,) * 3 + (1e-7,) * 3,
+                    partial(add_diagonal, {name: np.eye(6)}), "guide")  # fmt: skip
     rods = {part: nominal.robot.bodies_of(part) for part in nominal.robot.parts}
     for part, bodies in rods.items():
         for names in ([*bodies], *([name] for name in bodies if len(bodies) > 1)):
