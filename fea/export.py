@@ -15,7 +15,7 @@ from scipy.linalg import block_diag
 from stiffscope.fea.dmig import dmig_text
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from stiffscope.fea.experiment import Experiment
     from stiffscope.fea.mesh import Floats, TetMesh
@@ -47,7 +47,7 @@ def write_vtu(experiment: Experiment, path: Path | str) -> Path:
     return path
 
 
-def write_fields(mesh: TetMesh, path: Path, fields: dict[str, Floats]) -> None:
+def write_fields(mesh: TetMesh, path: Path, fields: Mapping[str, np.ndarray]) -> None:
     """Write a mesh with fields at its nodes (k, …) and the CAD faces of its boundary as VTU."""
     cells: list[Any] = [("tetra10", mesh.cells), ("triangle6", mesh.facets)]
     faces = [np.full(len(mesh.cells), -1, dtype=np.int64), mesh.facet_face.astype(np.int64)]

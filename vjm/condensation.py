@@ -137,18 +137,18 @@ def condense_network(order: Order, where: Places) -> Condensed:
 
 def _carry_constants(order: Order, where: Places) -> Iterator[Array]:
     """Stiffness (n or 1, 6, 6), at M in base axes, of every connection that has a constant one, in their order."""
-    connections, n = order.constant, len(where.tool)
-    turned = [where.rotation[c.anchor] for c in connections]
-    moved = [where.position[c.anchor] for c in connections]
-    if not connections or n > FEW or any(len(each) != n for each in (*turned, *moved)):
-        for c in connections:
+    n = len(where.tool)
+    turned = [where.rotation[c.anchor] for c, _ in order.constant]
+    moved = [where.position[c.anchor] for c, _ in order.constant]
+    if not turned or n > FEW or any(len(each) != n for each in (*turned, *moved)):
+        for c, constant in order.constant:
             back = c.frame(where).inverse_adjoint()
-            yield np.swapaxes(back, -1, -2) @ c.constant @ back
+            yield np.swapaxes(back, -1, -2) @ constant @ back
         return
     rotation = np.array(turned)  # all at once: there calls cost more than numbers do
-    origins = np.array([c.origin for c in connections])[:, None, :, None]
+    origins = np.array([c.origin for c, _ in order.constant])[:, None, :, None]
     back = Frame(rotation, (rotation @ origins)[..., 0] + moved - where.tool).inverse_adjoint()
-    yield from np.swapaxes(back, -1, -2) @ np.array([c.constant for c in connections]) @ back
+    yield from np.swapaxes(back, -1, -2) @ np.array([constant for _, constant in order.constant]) @ back
 
 
 def _stiffen(state: Condensed, connection: Connection, ready: Iterator[Array]) -> Stiff:

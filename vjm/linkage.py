@@ -16,12 +16,10 @@ import numpy as np
 
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.screws import rotation_of, skew
-from stiffscope.vjm.tabulated import Table
+from stiffscope.vjm.tabulated import Cut, Motion, Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from numpy.typing import NDArray
 
     from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.mechanism import Mechanism
@@ -31,41 +29,6 @@ if TYPE_CHECKING:
 Given = Literal["tool", "drives"]
 FEW = 32  # poses, up to which tables cost less than one motion and one joint after the other
 TOOL_MOTIONS = (*((("P", axis)) for axis in np.eye(3)), ("S", np.zeros(3)))
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """One motion of a tree joint: ``sign`` is -1 where the tree enters the joint from its second body."""
-
-    kind: str
-    axis: Array
-    point: Array
-    sign: float
-    column: int
-    parent: int
-    child: int
-
-    @cached_property
-    def turning(self) -> tuple[Array, Array]:
-        """What of a rotation (3, 3), transposed, grows with the sine of its angle, and with 1 less the cosine."""
-        s = skew(self.axis)
-        return (self.sign * s).T, (s @ s).T
-
-
-@dataclass(frozen=True, eq=False)
-class Cut:
-    """A joint that closes a loop: ``columns`` of the coordinates that move its links apart, with their signs."""
-
-    joint: Joint
-    first: int
-    second: int
-    columns: NDArray[np.intp]
-    signs: Array
-
-    @property
-    def size(self) -> int:
-        """Number of its equations."""
-        return sum(len(part) for part in self.joint.held_components)
 
 
 @dataclass(frozen=True, eq=False)
@@ -262,7 +225,7 @@ class Linkage:
     @cached_property
     def table(self) -> Table:
         """Its motions and equations, for few poses."""
-        return Table(self)
+        return Table(self.motions, self.cuts, self.length, self.size)
 
     def name_worst(self, errors: Array) -> str:
         """Name of the cut joint with the largest of all errors (rows,)."""

@@ -129,10 +129,10 @@ class Order:
     """Of a saddle-point system its scale and independent rows at home, by what is solved for, once it has been."""
 
     @cached_property
-    def constant(self) -> list[Connection]:
-        """Stiffened connections whose stiffness no pose changes."""
+    def constant(self) -> list[tuple[Connection, Array]]:
+        """Stiffened connections whose stiffness no pose changes, and that in their own axes."""
         stiff = [step.connection for step in self.steps if isinstance(step, Stiffen)]
-        return [c for c in stiff if c.constant is not None]
+        return [(c, c.constant) for c in stiff if c.constant is not None]
 
     @cached_property
     def unstiffened_order(self) -> Order:

@@ -7,6 +7,7 @@ vector that rides on its first link and one that rides on its second, ``u·(v - 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,14 +15,51 @@ import numpy as np
 from stiffscope.vjm.screws import skew
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
-    from stiffscope.vjm.linkage import Cut, Linkage
+    from numpy.typing import NDArray
+
+    from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.screws import Array
 
 _TINY, _SMALL = 1e-300, 1e-2  # rad²: none, and where a series serves
 _ONE = np.eye(4)
 _AHEAD, _BEHIND = np.array([1, 2, 0]), np.array([2, 0, 1])
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """One motion of a tree joint: ``sign`` is -1 where the tree enters the joint from its second body."""
+
+    kind: str
+    axis: Array
+    point: Array
+    sign: float
+    column: int
+    parent: int
+    child: int
+
+    @cached_property
+    def turning(self) -> tuple[Array, Array]:
+        """What of a rotation (3, 3), transposed, grows with the sine of its angle, and with 1 less the cosine."""
+        s = skew(self.axis)
+        return (self.sign * s).T, (s @ s).T
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """A joint that closes a loop: ``columns`` of the coordinates that move its links apart, with their signs."""
+
+    joint: Joint
+    first: int
+    second: int
+    columns: NDArray[np.intp]
+    signs: Array
+
+    @property
+    def size(self) -> int:
+        """Number of its equations."""
+        return sum(len(part) for part in self.joint.held_components)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,16 +80,15 @@ class Look:
 class Table:
     """What does not change with the pose."""
 
-    def __init__(self, linkage: Linkage) -> None:
-        motions, m = linkage.motions, linkage.size
+    def __init__(self, motions: Sequence[Motion], cuts: Sequence[Cut], length: float, size: int) -> None:
         generators = np.zeros((len(motions) + 1, 3, 4, 4))
         self.lead = np.array([0, *(motion.column for motion in motions)])
         self.slides = np.array([True, *(motion.kind == "P" for motion in motions)])
         parent = np.array([0, *(motion.parent for motion in motions)])
-        constants, coefficients = np.zeros((m, 4, 2)), np.zeros((m, 2, 2))
-        frame = np.zeros(m, dtype=int)
+        constants, coefficients = np.zeros((size, 4, 2)), np.zeros((size, 2, 2))
+        frame = np.zeros(size, dtype=int)
         for motion in motions:
-            spans = {"S": np.eye(3)}.get(motion.kind, motion.axis[None])
+            spans = np.eye(3) if motion.kind == "S" else motion.axis[None]
             for k, axis in enumerate(motion.sign * spans):
                 column, slides = motion.column + k, motion.kind == "P"
                 if slides:
@@ -70,11 +107,11 @@ class Table:
         self.generators = generators[self.balls].reshape(-1, 3, 16)
         self.screws = generators[:, 0]
         self.squares = self.screws @ self.screws
-        self.ancestors: list[Array] = []
+        self.ancestors: list[NDArray[np.intp]] = []
         while parent.any():
             self.ancestors.append(parent)
             parent = parent[parent]
-        terms = list(_list_terms(linkage))
+        terms = list(_list_terms(cuts, length))
         rows = [row for row, *_ in terms]
         self.home = np.array([const for *_, const in terms])
         self.sums = (np.arange(max(rows, default=-1) + 1)[:, None] == rows).astype(float)
@@ -91,28 +128,28 @@ class Table:
         measured = np.zeros((len(terms), 2, 2))
         measured[:, 0, 0], measured[:, 1, 1] = forces, 1.0
         self.coefficients = np.concatenate([coefficients, measured])
-        self.size = m
+        self.size = size
 
     def look(self, q: Array) -> Look:
         """Links and equations at coordinates (m, n)."""
         angle = q.take(self.lead, axis=0).T
         first, second = np.where(self.slides, angle, np.sin(angle)), 1.0 - np.cos(angle)
-        frames = self.screws * first[..., None, None] + self.squares * second[..., None, None] + _ONE
+        frames: Array = self.screws * first[..., None, None] + self.squares * second[..., None, None] + _ONE
         rates = _ONE
         if len(self.balls):
             frames[:, self.balls], rates = _turn_balls(q.T[:, self.ball_columns[:, None]] @ self.generators)
         for ancestors in self.ancestors:
             frames = frames.take(ancestors, axis=1) @ frames
-        seen = (frames.take(self.frame, axis=1) @ self.constants)[:, :, :3]
+        seen: Array = (frames.take(self.frame, axis=1) @ self.constants)[:, :, :3]
         m, end = self.size, len(self.coefficients)
         along, across, onto = seen[:, :end, :, 0], seen[:, m:end, :, 1], seen[:, end:, :, 0]
         if len(self.balls):
-            turned = frames.take(self.ball_parents, axis=1)[:, :, :3, :3] @ rates
+            turned: Array = frames.take(self.ball_parents, axis=1)[:, :, :3, :3] @ rates
             along[:, self.ball_columns] = self.ball_signs * turned.swapaxes(-1, -2)
         at = np.concatenate([seen[:, :m, :, 1], onto], axis=1)
         both = np.concatenate([along, cross(at, along)], axis=2).reshape(len(angle), end, 2, 3)
         screws = (self.coefficients @ both).reshape(len(angle), end, 6)
-        errors = (along[:, m:] * (onto - across)).sum(axis=-1) - self.home
+        errors: Array = (along[:, m:] * (onto - across)).sum(axis=-1) - self.home
         twists, wrenches = screws[:, :m], screws[:, m:]
         if not self.simple:
             errors, wrenches = errors @ self.sums.T, self.sums @ wrenches
@@ -122,23 +159,24 @@ class Table:
 def _turn_balls(screw: Array) -> tuple[Array, Array]:
     """Displacements (n, b, 4, 4) by rotation vectors as screws (n, b, 1, 16), and spins (n, b, 3, 3) per rate."""
     screw = screw.reshape(*screw.shape[:2], 4, 4)
-    turn = screw @ screw
-    square = -0.5 * np.trace(turn, axis1=-2, axis2=-1)[..., None, None]
-    angle = np.sqrt(square + _TINY)
-    sine, half = np.sin(angle) / angle, 2.0 * (np.sin(0.5 * angle) / angle) ** 2
-    series = 1.0 / 6.0 - square / 120.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0))
-    third = np.where(square < _SMALL, series, (1.0 - sine) / (angle * angle))
+    turn: Array = screw @ screw
+    square: Array = -0.5 * np.trace(turn, axis1=-2, axis2=-1)[..., None, None]
+    angle: Array = np.sqrt(square + _TINY)
+    sine: Array = np.sin(angle) / angle
+    half: Array = 2.0 * (np.sin(0.5 * angle) / angle) ** 2
+    series: Array = 1.0 / 6.0 - square / 120.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0))
+    third: Array = np.where(square < _SMALL, series, (1.0 - sine) / (angle * angle))
     return _ONE + sine * screw + half * turn, (_ONE + half * screw + third * turn)[..., :3, :3]
 
 
-def _list_terms(linkage: Linkage) -> Iterator[tuple[int, Cut, Array, Array, float]]:
+def _list_terms(cuts: Sequence[Cut], length: float) -> Iterator[tuple[int, Cut, Array, Array, float]]:
     """Number of its row, cut joint, u (3,), v (4,) and what is subtracted, of every term of all errors."""
     row = 0
-    for cut in linkage.cuts:
+    for cut in cuts:
         joint = cut.joint
         (held, turns), (x, y, z) = joint.held_components, joint.axes.T
         for k in held:
-            yield row, cut, joint.axes[:, k] / linkage.length, np.append(joint.at, 1.0), 0.0
+            yield row, cut, joint.axes[:, k] / length, np.append(joint.at, 1.0), 0.0
             row += 1
         if joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None:
             pairs = [[(joint.axis, joint.axis2)]]
