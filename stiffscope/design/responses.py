@@ -38,12 +38,7 @@ _TAKE: dict[str, Callable[[np.ndarray], Any]] = {
     "least": np.min, "greatest": np.max, "mean": np.mean,
     "worst": lambda each: np.max(np.abs(each)), "rms": lambda each: np.sqrt(np.mean(each**2)),
 }  # fmt: skip
-ALONG_PATH: tuple[str, ...] = (
-    "error",
-    "normal",
-    "along",
-    "binormal",
-)  # m: the size of the tool's error on a path, and its parts
+ALONG_PATH: tuple[str, ...] = ("error", "normal", "along", "binormal")  # m: size of the error on a path, its parts
 
 
 @dataclass(frozen=True)
