@@ -44,6 +44,8 @@ from OCP.TopoDS import (
     TopoDS_Vertex,
 )
 
+from stiffscope.runtime.types import Array
+
 Floats = NDArray[np.float64]
 Shape: TypeAlias = TopoDS_Shape
 Solid: TypeAlias = TopoDS_Solid
@@ -259,7 +261,7 @@ def in_axes(solid: Solid, origin: Floats, x: Floats, z: Floats) -> Solid:
     return TopoDS.Solid(solid.Moved(TopLoc_Location(change)))
 
 
-def place_solid(solid: Solid, rotation: Floats, translation: Floats) -> Solid:
+def place_solid(solid: Solid, rotation: Array, translation: Array) -> Solid:
     """Return the solid turned by a rotation (3, 3), then moved by a translation (3,)."""
     change = gp_Trsf()
     change.SetValues(*np.column_stack((rotation, translation)).ravel().tolist())

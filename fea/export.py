@@ -51,7 +51,7 @@ def write_fields(mesh: TetMesh, path: Path, fields: Mapping[str, np.ndarray]) ->
     """Write a mesh with fields at its nodes (k, …) and the CAD faces of its boundary as VTU."""
     cells: list[Any] = [("tetra10", mesh.cells), ("triangle6", mesh.facets)]
     faces = [np.full(len(mesh.cells), -1, dtype=np.int64), mesh.facet_face.astype(np.int64)]
-    meshio.Mesh(mesh.points, cells, point_data=fields, cell_data={"face": faces}).write(path, file_format="vtu")
+    meshio.Mesh(mesh.points, cells, point_data=dict(fields), cell_data={"face": faces}).write(path, file_format="vtu")
 
 
 def _add_field_data(path: Path, experiment: Experiment) -> None:

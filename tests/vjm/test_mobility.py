@@ -204,7 +204,7 @@ def test_reach_of_a_two_bar_arm():
     """M = (1, 1), elbow at a right angle: straight at x = √3, where x² + 1 = 2²; shoulder at -1 rad below."""
     x, y = reach(arm(np.pi / 2))
     assert x.high == pytest.approx(np.sqrt(3), abs=2e-3)
-    assert "does not close" in x.at_high
+    assert x.at_high == "out of reach or singular"
     shoulder = brentq(lambda at: np.arctan2(at, 1) - np.arccos(np.hypot(1, at) / 2) + 1, -1.5, 0.9)
     assert y.low == pytest.approx(shoulder, abs=2e-3)
     assert y.at_low == "a at the end of its range"
