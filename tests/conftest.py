@@ -78,15 +78,12 @@ def _drawing():
 
     @contextmanager
     def lend(_width):
-        executor.ended = False
         yield executor
 
     with Processes(2) as executor, pytest.MonkeyPatch.context() as patch:
         patch.setattr("stiffscope.report.pictures.Processes", lend)
         patch.setattr(executor, "end", lambda: None)
         yield
-        patch.undo()
-        executor.end()
 
 
 @pytest.fixture
