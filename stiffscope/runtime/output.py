@@ -54,10 +54,20 @@ def write_bytes(path: Path, content: bytes) -> None:
         if _is_stream(path):
             path.write_bytes(content)
             return
-        goal = path.resolve()
+        goal = _resolve(path)
         with scratch_folder(goal.parent) as folder:
             (folder / "file").write_bytes(content)
             (folder / "file").replace(goal)
+
+
+def _resolve(path: str | Path) -> Path:
+    """Where a path leads; a circle of links is refused by every version of Python."""
+    try:
+        Path(path).stat()
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            raise
+    return Path(path).resolve()
 
 
 def check_file(path: Path) -> None:
@@ -66,7 +76,7 @@ def check_file(path: Path) -> None:
         if os.path.isdir(path):  # noqa: PTH112 (those of pathlib raise on some names)
             raise InputError(f"{show_path(path)}: is a folder; give a file")
         if not _is_stream(path):
-            with scratch_folder(path.resolve().parent) as folder:
+            with scratch_folder(_resolve(path).parent) as folder:
                 (folder / path.name).touch()
 
 
@@ -244,12 +254,12 @@ def _open_aside(target: str | Path) -> Iterator[Path]:
 def check_output(target: str | Path, *others: str | Path | None) -> None:
     """Refuse an output folder before work is spent on it: see `staged_folder`. The other outputs must not be in it."""
     with _refusing(target, folder=True):
-        goal = Path(target).resolve()
+        goal = _resolve(target)
         there = os.path.lexists(goal)
         _check_place(target, goal, there=there)
         for other in filter(None, others):
             with _refusing(other):
-                if Path(other).resolve().is_relative_to(goal):
+                if _resolve(other).is_relative_to(goal):
                     raise InputError(f"{other}: is in {target}, which is replaced as a whole; give a file elsewhere")
         for reason in _foreign(goal).values() if there and not _forced else ():
             raise InputError(f"{target}: {reason}; give a new or empty folder, or --force, which keeps that file")
