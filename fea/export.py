@@ -32,7 +32,7 @@ def write_vtu(experiment: Experiment, path: Path | str) -> Path:
     """Write the quadratic mesh with displacement (m) and von Mises stress (Pa) for each unit wrench; return the path.
 
     The boundary triangles are a second block of cells; the cell field ``face`` is their CAD face, -1 for tetrahedra.
-    The field data ``reference_points`` are where the wrenches act; a comment tells units, axes and loads.
+    The field data ``reference_points`` are where the wrenches act; a comment gives units, axes and loads.
     """
     path = Path(path)
     mesh = experiment.mesh

@@ -156,7 +156,7 @@ def grade(mesh: TetMesh, edges: Ints, layers: int, ratio: float) -> TetMesh:
 
 
 def _finder(position: Floats) -> Callable[[Floats], np.ndarray]:
-    """Return a function that tells which points coincide with the given ones (nodes are renumbered)."""
+    """Return a function that finds the points that coincide with the given ones (nodes are renumbered)."""
     tree = KDTree(position)
     reach = 1e-9 * float(np.linalg.norm(np.ptp(position, axis=0)))
 

@@ -66,7 +66,7 @@ class Solver:
     bends: Array
     """And how these rates change with the given values (m, k, k)."""
     home_sign: float = 0.0
-    """Sign of the determinant of drives by commanded coordinates at the start; 0 where it tells nothing."""
+    """Sign of the determinant of drives by commanded coordinates at the start; 0 if it is undetermined."""
 
     @property
     def start_values(self) -> Array:

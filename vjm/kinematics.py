@@ -40,7 +40,7 @@ class Configurations:
 
     ``poses`` (n, k): commanded tool coordinates; ``tool`` (n, 6): x y z in m, rotation vector from home in rad;
     ``valid`` (n,): where every loop closes on the branch of home with all drives in range. Elsewhere numbers are NaN
-    and ``reason`` tells why.
+    and ``reason`` is why.
     """
 
     __repr__ = describe_briefly

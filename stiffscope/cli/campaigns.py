@@ -154,7 +154,7 @@ def campaign() -> None:
 @click.option(
     "--ask",
     metavar="QUESTION",
-    help='Plan the fewest readings that tell causes apart: "base-compliance from J1", effects, places or patterns of '
+    help='Plan the fewest readings that distinguish causes: "base-compliance from J1", effects, places or patterns of '
     '"effect @ place", several divided by commas; or "all".',
 )
 @click.option(

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     options.json,
 )
 def check(name: str, *, overrides: tuple[str, ...], output: Output) -> None:
-    """Report what a robot file describes; no virtual experiment is made.
+    """Report what a robot file describes, without virtual experiments.
 
     Bodies, joints, mobility, masses, drives, reach and poses are shown, even if the mechanism is then refused because
     it cannot move as its poses command.

@@ -54,7 +54,7 @@ DESIGNS = "designs"
 def sensitivity(
     name: str, part: str | None, *, poses: tuple[str, ...], components: Any, overrides: tuple[str, ...], output: Output
 ) -> None:
-    """Rank the parameters by what they change of the stiffness.
+    """Rank the parameters by their effect on the stiffness.
 
     Derivatives by dimensions, materials, drives, bearings and masses, with error bars and per kilogram: of the robot's
     stiffness, sag and first frequency at tool poses (by default those of the robot file), or with --part of one part's

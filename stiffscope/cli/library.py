@@ -98,7 +98,7 @@ def import_(
 
     Of a simulator's model: bodies, masses, joints and ranges. Of an assembly: parts with their solids, joints from
     where they touch, and what is doubtful. Drives are not in either; comments in the file mark where to add them.
-    What an assembly.toml beside the assembly says (ground, tool, joint, weld, part, rigid, material, drive) counts too.
+    An assembly.toml beside the assembly may hold the same settings.
     """
     if model.suffix.lower() in {".step", ".stp", ".p21"}:
         if home:

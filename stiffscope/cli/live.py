@@ -32,7 +32,7 @@ def live(
     name: str, *, components: Any, overrides: tuple[str, ...], campaign: Path | None, port: int, no_browser: bool,
     output: Output,
 ) -> None:  # fmt: skip
-    """Open a page with the robot that turns and a slider for every value, pose and load.
+    """Open a page with the turning robot and a slider for every value, pose and load.
 
     Stiffness, sag, natural frequencies and maps follow the sliders. The page is served on this machine only, at an
     address with a token; Ctrl-C ends it.

@@ -31,12 +31,12 @@ class Stopped(BaseException):
 COMMANDS = {
     "A robot": {
         "run": ("running", "From CAD to report: parts, robot, tables, pictures."),
-        "check": ("check", "Report what a robot file describes; no virtual experiment is made."),
+        "check": ("check", "Report what a robot file describes, without virtual experiments."),
         "stiffness": ("robots", "6x6 stiffness and sag of the robot at tool poses."),
         "deflection": ("robots", "Deflection of the tool under a wrench, and each element's share of it."),
         "map": ("mapping", "Stiffness over the workspace: figures, numbers, a report."),
         "modes": ("vibration", "Natural frequencies and mode shapes of the robot at tool poses."),
-        "live": ("live", "Open a page with the robot that turns and a slider for every value, pose and load."),
+        "live": ("live", "Open a page with the turning robot and a slider for every value, pose and load."),
         "frf": ("vibration", "Frequency response from a force at one point to the displacement at another."),
     },
     "A part": {
@@ -50,7 +50,7 @@ COMMANDS = {
         "element": ("elements", "Stiffness of a bearing, guide or screw from its data sheet."),
     },
     "A design": {
-        "sensitivity": ("design", "Rank the parameters by what they change of the stiffness."),
+        "sensitivity": ("design", "Rank the parameters by their effect on the stiffness."),
         "study": ("design", "Evaluate many designs: a sweep, an optimum under constraints, a Pareto front."),
     },
     "A machine at work": {

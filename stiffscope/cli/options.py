@@ -94,7 +94,7 @@ debug = click.option(
 OUT = "Folder to write: complete or absent."
 force = click.option(
     "--force", is_flag=True, is_eager=True, expose_value=False, callback=_force,
-    help="Write over JSON and output folders that stiffscope did not write; other files in a folder stay.",
+    help="Overwrite JSON and output folders that stiffscope did not write; other files in a folder stay.",
 )  # fmt: skip
 out = folder("--out", OUT, required=True)
 json = click.option(

@@ -60,7 +60,7 @@ class _Step:
 
 @click.command()
 @takes(options.robot, options.out, options.components, options.tolerance, options.overrides, options.json)
-@click.option("--watch", is_flag=True, help="Go on: run again what a saved file changes, until Ctrl-C.")
+@click.option("--watch", is_flag=True, help="Stay open and recompute what a saved file changes, until Ctrl-C.")
 def run(
     name: str, *, components: Any, tolerance: str | None, overrides: tuple[str, ...], watch: bool, output: Output
 ) -> None:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 @click.command()
 @takes(click.argument("name", metavar="JOB", type=click.Path(path_type=Path)), options.out, options.json)
 @click.option(
-    "--compensate", "undo", is_flag=True, help="Also commands such that the loaded tool is where it should be."
+    "--compensate", "undo", is_flag=True, help="Also write commands with which the loaded tool is where it should be."
 )
 @click.option("--robot", metavar="FILE", help="The robot to use instead of the job's: one that was adopted.")
 def path(name: Path, *, undo: bool, robot: str | None, output: Output) -> None:

@@ -179,7 +179,7 @@ def _write(part: Part, experiment: Experiment, folder: Path, *, whole: bool) -> 
 
 
 def describe_solid(part: Part) -> dict[str, Any]:
-    """What cad tells of a part's solid, SI: mass, inertia, its clamped faces and their centre."""
+    """Properties of a part's solid in CAD, SI: mass, inertia, its clamped faces and their centre."""
     solid = mass_properties(part)
     held = [face for face in face_geometries(part.solid) if face.index in set(map(int, part.clamped))]
     return {

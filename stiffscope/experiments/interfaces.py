@@ -166,7 +166,7 @@ def choices(robot: RobotFile, part: str) -> list[Choice]:
 
 
 def _bed(robot: RobotFile, part: str) -> float | None:
-    """Stiffness per area of the foundation to test, N/m³; None where nothing tells how thick the part is."""
+    """Stiffness per area of the foundation to test, N/m³; None if the part's thickness is unknown."""
     section, material = robot.part(part), robot.material(part)
     given = getattr(section, "foundation", None)
     if given or material is None or not isinstance(section, ParametricPart):

@@ -44,7 +44,7 @@ class PartResult:
     order, key : what was asked for, and its cache key.
     folder : where its files are: the experiment (npz); of a whole one the fields (vtu) and the solid (STEP, STL).
     experiment : what the unit wrenches did; without fields and modes where only the compliance was wanted.
-    solid : what cad tells of the solid: mass in kg, mass_centre in m, inertia in kg·m², clamped_centre (of the clamped
+    solid : of the solid in CAD: mass in kg, mass_centre in m, inertia in kg·m², clamped_centre (of the clamped
         faces) in m, numbers of its faces.
     reused, seconds : whether the cache had it, and the time that it took now.
     """

@@ -1,4 +1,4 @@
-"""A plan of readings for a question: the fewest that tell named causes apart, and from all other causes."""
+"""A plan of readings for a question: the fewest that distinguish named causes from each other and from all others."""
 
 from __future__ import annotations
 

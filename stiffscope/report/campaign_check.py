@@ -101,7 +101,7 @@ def _unit(c: Campaign, reading: int) -> str:
 
 
 def show_campaign(facts: Mapping[str, Any], name: str) -> None:
-    """Print what was understood, of `campaign_json`."""
+    """Print how a campaign was read, from `campaign_json`."""
     kinds = ", ".join(f"{count} {_PLURAL.get(kind, kind + 's')}" for kind, count in facts["kinds"].items())
     show_line(f"{name}: {facts['readings']} readings ({kinds}) at {len(facts['poses'])} poses", "bold")
     if facts["empty"]:
@@ -147,7 +147,7 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
 
 
 def write_page(name: str, folder: Path, shown: Sequence[Shown]) -> None:
-    """Write ``report.html`` of what was understood: tables as shown, pictures in the folder.
+    """Write ``report.html`` on how a campaign was read: tables as shown, pictures in the folder.
 
     Parameters
     ----------
@@ -161,7 +161,7 @@ def write_page(name: str, folder: Path, shown: Sequence[Shown]) -> None:
     """
     words = "the robot, with arrows where sensors touch and loads act"
     drawn = page.figures(folder, {file: (caption, words) for file, caption in PICTURES.items()})
-    about = ["what was understood of the campaign; nothing is compared here"]
+    about = ["how the campaign was read; nothing is compared here"]
     write_report(folder, f"{name}: its readings", about, [Section("Readings", shown, drawn, files=("check.json",))])
 
 

@@ -199,7 +199,7 @@ def view(shown: Mechanism | Configurations | Stiffness | Modes, robot: RobotFile
     shown
         A mechanism (at home, or at the poses of its robot file), or what was found of one at its poses.
     robot
-        The robot file that it was assembled from, which tells the parts' shapes; without it, they are drawn as rods.
+        The robot file that it was assembled from, which has the parts' shapes; without it, they are drawn as rods.
 
     Raises
     ------

@@ -33,7 +33,7 @@ def plan_json(proposal: Proposal) -> dict[str, Any]:
 
 
 def show_plan(proposal: Proposal, names: Sequence[str]) -> None:
-    """Print what is to be read, and which pairs of causes that tells apart; ``names``: of a pose's coordinates."""
+    """Print what is to be read, and which pairs of causes it distinguishes; ``names``: of a pose's coordinates."""
     plan = proposal.plan
     rows: list[list[str]] = []
     for pose, values in enumerate(plan.poses):

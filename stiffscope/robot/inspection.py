@@ -209,7 +209,7 @@ def _map_reach(robot: RobotFile, mechanism: Mechanism) -> float:
 
 
 def _of_mobility(found: Mobility, start: str | None = None) -> Iterator[str]:
-    """What is amiss with drives and coordinates; ``start`` tells where tool poses start, unless at home."""
+    """What is amiss with drives and coordinates; ``start`` is where tool poses start, unless at home."""
     locked, free = ([name for name, what in found.coordinates.items() if what == word] for word in ("locked", "free"))
     if start:
         yield start
@@ -320,7 +320,7 @@ def _of_places(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:
 
 
 def _knows_places(robot: RobotFile, body: str) -> bool:
-    """Whether the file itself tells where the ends of an elastic body are."""
+    """Whether the file itself gives the ends of an elastic body."""
     section = robot.bodies[body]
     return not isinstance(section, InterfaceBody) or isinstance(robot.parts[section.part], InterfacePart)
 

@@ -100,7 +100,7 @@ def used_parts(robot: RobotFile) -> tuple[str, ...]:
 
 
 def rigid_part(robot: RobotFile, name: str) -> PartMatrix:
-    """A part that does not yield, of the known mass; interfaces that only CAD tells are all at its origin."""
+    """A part that does not yield, of the known mass; interfaces that only CAD knows are all at its origin."""
     part = robot.parts[name]
     two_ended = any(body.part == name for body in robot.elastic_bodies().values())
     ends = 2 if two_ended else max(2, len(part.interface_names))
@@ -234,7 +234,7 @@ def _matrix(
 
 
 def known_mass(robot: RobotFile, name: str) -> float | None:
-    """Mass of a part in kg where the file or its plain shape tells it; None where only CAD does."""
+    """Mass of a part in kg if the file or its plain shape gives it; None if only CAD does."""
     part = robot.parts[name]
     if isinstance(part, InterfacePart):
         return part.build("part").mass

@@ -101,7 +101,7 @@ def answer(function: Callable[..., Any], *arguments: Any) -> tuple[str, Any]:
         raise
     except (InputError, OSError, MemoryError) as error:
         return "error", error
-    except Exception:  # noqa: BLE001 (whatever it is, whoever gave the job tells it)
+    except Exception:  # noqa: BLE001 (whatever it is, the caller reports it)
         return "failed", traceback.format_exc()
 
 

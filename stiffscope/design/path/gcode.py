@@ -37,7 +37,7 @@ _REFUSED = "expected G0 to G3, G17 to G21, G90, G91 and others that do not move 
 class Program:
     """Points (n, 3) in m, program axes: the first is where it starts.
 
-    ``rapid`` (n,) tells moves by G0, ``feed`` (n,) is in m/s (NaN before any F), ``line`` (n,) the line of the file.
+    ``rapid`` (n,) marks moves by G0, ``feed`` (n,) is in m/s (NaN before any F), ``line`` (n,) the line of the file.
     ``text``: lines of the file, ``moving``: which of them move the tool.
     """
 

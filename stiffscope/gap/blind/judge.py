@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.rotations import Array
 
 VISIBLE = 8.0  # standard deviations, of all readings together, by which a fault must stand out
-_ALIKE = 4.0  # standard deviations, of all readings together, that nobody tells apart
+_ALIKE = 4.0  # standard deviations, of all readings together, that nobody can distinguish
 _SAME = 1e-4  # of a signature, that may be left when another is fitted to it that no readings tell apart
 _TURN = 1e-3  # rad, or of a scale: for derivatives
 _IMITATORS = 3  # effects of the vocabulary that together may do what one outside of it does

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 _OUTLYING = 8.0  # robust standard deviations
 _PASSES = 6
 _FLAT = 1e-6  # of the largest extent of points: below it they lie in a plane
-_LEAST = 3  # points that tell an orientation
+_LEAST = 3  # points that determine an orientation
 
 
 def find_outlying(left: Array) -> Flags:

@@ -1,4 +1,4 @@
-"""Effects that no reading tells apart from another."""
+"""Effects that no reading distinguishes from another."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array
 
 _MODULUS = ".youngs_modulus"
-_SAME = 1e-9  # 1 - |cosine| of signatures below which no reading tells two effects apart
+_SAME = 1e-9  # 1 - |cosine| of signatures below which no reading distinguishes two effects
 _ROUNDING = 1e-10  # of the largest reading
 _OF_ONE_SIZE = 30.0  # times what one of two twins usually does to the readings that the other may do
 

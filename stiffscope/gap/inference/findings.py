@@ -133,7 +133,7 @@ class Findings:
         return missed
 
     def compute_probability(self, name: str) -> float:
-        """Probability that an effect is at work, of what no reading tells apart its share."""
+        """Probability that an effect is at work; indistinguishable effects share theirs."""
         pairs = zip(self.hypotheses, self.probability, strict=True)
         return float(sum(p * self._shares(c).get(name, 0.0) for h, p in pairs for c in h.candidates))
 

@@ -81,7 +81,7 @@ class Hypothesis:
 
 
 def forms_of(candidates: Iterable[Candidate]) -> frozenset[tuple[str, int]]:
-    """What tells sets of effects apart: their names, and with how many parameters each comes."""
+    """What distinguishes sets of effects: their names, and the number of parameters of each."""
     return frozenset((c.name, len(c.scale)) for c in candidates)
 
 

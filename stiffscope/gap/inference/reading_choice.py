@@ -1,4 +1,4 @@
-"""The fewest readings that tell causes apart: a T-optimum design for many pairs of causes at once.
+"""The fewest readings that distinguish causes: a T-optimum design for many pairs of causes at once.
 
 Of two causes the first is true, with one parameter ``s``; what the second cannot follow of its readings is
 ``½ s² (|x|² - xᵀ Y (ρ + Yᵀ Y)⁻¹ Yᵀ x)`` in ln-odds, x and Y their derivatives over the noise. A further reading adds

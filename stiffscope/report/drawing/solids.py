@@ -134,7 +134,7 @@ def _make_elastic(bodies: Tables, reach: float) -> Iterable[Solid]:
 
 
 def _place_ends(body: dict[str, Any], joints: Tables) -> dict[str, Any]:
-    """A body of named interfaces with its ends where its joints are, as long as no experiment tells their places."""
+    """A body of named interfaces with its ends where its joints are, as long as no experiment gives their places."""
     if len(body["nodes"]) < 2 or body["length"] or body.get("experiment"):
         return body
     at = {joint[end]: joint["at"] for joint in joints for end in ("first", "second")}

@@ -116,7 +116,7 @@ def _describe_missing(model: type[BaseModel], key: str) -> str:
 
 
 def _model_at(model: type[BaseModel], key: Key) -> type[BaseModel]:
-    """Model of the section that a place of pydantic's leads to; "tagged-MODEL" tells which of several."""
+    """Model of the section that a place of pydantic's leads to; "tagged-MODEL" names one of several."""
     several: list[type[BaseModel]] = []
     for part in key:
         tagged = next((each for each in several if part == f"tagged-{each.__name__}"), None)

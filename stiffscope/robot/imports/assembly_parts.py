@@ -37,7 +37,7 @@ class PartFile:
 
 
 def interface_names(number: int, joints: Sequence[Freedom], solids: Sequence[Instance]) -> list[str]:
-    """Names of a part's interfaces: what is at each, without numbers where that tells them apart."""
+    """Names of a part's interfaces: what is at each, without numbers where that distinguishes them."""
     others = [solids[joint.second if joint.first == number else joint.first].name for joint in joints]
     short = [re.sub(r"[^A-Za-z]+$", "", re.split(r"[._\- ]", other)[0]) or other for other in others]
     names = short if len(set(short)) == len(short) else [re.sub(r"[.\s]", "_", other) for other in others]

@@ -1,7 +1,7 @@
 """What holds two parts together, and how two of many can move where constraints are rows on relative twists.
 
 The constraints are a network that is reduced as one of resistors is: parts in a chain add what they leave free,
-constraints side by side add what they hold, a part that hangs on one other alone tells nothing of the rest
+constraints side by side add what they hold, a part that is joined to one other alone does not constrain the rest
 (K. J. Waldron, The constraint analysis of mechanisms, J. Mechanisms 1, 1966). What neither rule reduces is solved
 whole.
 """
