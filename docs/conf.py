@@ -20,6 +20,7 @@ extensions = [
     "sphinx-mathjax-offline",
     "sphinx_click",
     "sphinx_copybutton",
+    "cross_links",
     "file_reference",
     "json_answers",
     "known_answers",

@@ -167,3 +167,12 @@ def test_a_question_is_answered_two_links_from_the_front_page(question: str) -> 
     headings = re.findall(r"^#+ (.+)$", (ROOT / "docs" / page).read_text(encoding="utf-8"), re.MULTILINE)
     anchors = {re.sub(r"[^\w\- ]", "", each.lower()).replace(" ", "-") for each in headings}
     assert not section or section in anchors
+
+
+def test_names_of_other_libraries_link_to_their_pages(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(ROOT / "docs/extensions")
+    links = importlib.import_module("cross_links")
+    assert links.find_page("ArrayLike") == "https://numpy.org/doc/stable/reference/typing.html#numpy.typing.ArrayLike"
+    assert links.find_page("xr.Dataset") == "https://docs.xarray.dev/en/stable/generated/xarray.Dataset.html"
+    assert links.find_page("numpy.nowhere") is None
+    assert links.find_page("Mechanism") is None
