@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +18,7 @@ from stiffscope.vjm.checks import (
     check_vector,
     spell_name,
 )
-from stiffscope.vjm.dynamics import Dynamics, factor_semidefinite
+from stiffscope.vjm.dynamics import Dynamics, Masses, factor_semidefinite, split_load
 from stiffscope.vjm.screws import shift
 
 if TYPE_CHECKING:
@@ -94,6 +95,18 @@ class Body:
     def nodes(self) -> tuple[str, ...]:
         """What a joint can be attached to."""
         return (self.name,) if self.elastic is None else tuple(f"{self.name}.{end}" for end in self.elastic.ends)
+
+    @cached_property
+    def masses(self) -> dict[str, Masses]:
+        """What its nodes weigh at home, about the origin; an elastic body's ends as its dynamics say, or alike."""
+        elastic = self.elastic
+        if elastic is not None and elastic.dynamics is not None:
+            loads = np.split(elastic.dynamics.load, len(self.nodes))
+            each = zip(self.nodes, elastic.places, loads, strict=True)
+            return {node: split_load(load).place(elastic.axes[None], at[None]) for node, at, load in each}
+        places = elastic.places if elastic is not None else [np.zeros(3) if self.centre is None else self.centre]
+        share = self.mass / len(places)
+        return {n: Masses(share, share * at[None]) for n, at in zip(self.nodes, places, strict=True) if self.mass}
 
 
 def member(

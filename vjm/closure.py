@@ -56,7 +56,7 @@ class Solution:
 def differentiate_closure(linkage: Linkage, q: Array) -> Array:
     """Derivatives (rows, m, n) of all equations of a linkage's cut joints at coordinates (m, n)."""
     look = linkage.table.look(q)
-    whole = look.wrenches @ np.swapaxes(look.twists, -1, -2)
+    whole = look.wrenches @ look.twists.mT
     signs = np.zeros(whole.shape[1:])
     for cut, start in zip(linkage.cuts, linkage.starts, strict=False):
         signs[start : start + cut.size, cut.columns] = cut.signs
@@ -181,14 +181,15 @@ class Closure:
                 errors = placed.errors
                 most = np.abs(errors).max(axis=0, initial=0.0)
                 going = most >= _ENOUGH if patient else (most >= _ENOUGH) & trusted
-                if count == steps or not len(self.rows) or not going.any():
+                left = np.count_nonzero(going)
+                if count == steps or not len(self.rows) or not left:
                     break
-                if count > 1 and 0 < going.sum() < _STRAGGLERS * n:
+                if count > 1 and left < _STRAGGLERS * n:
                     late = self.solve(q[:, going], steps - count, patient=patient)
                     q[:, going], errors[:, going], closed = late.q, late.error, (most < CLOSED) & trusted
                     closed[going] = late.closed & trusted[going]
                     return Solution(q, closed, linkage.place_links(q), errors, factors)
-                if factors is None or count != 1 or np.mean(size < _STILL) < 1.0 - _STRAGGLERS:
+                if factors is None or count != 1 or np.count_nonzero(size < _STILL) < (1.0 - _STRAGGLERS) * n:
                     factors = self.factorize(placed)
                 step = factors.solve(errors[self.rows])
                 size = np.abs(step).max(axis=0)
@@ -198,7 +199,7 @@ class Closure:
                     trusted &= (size < _CONTRACTION * first) | (first < _NEAR) | (most < CLOSED)
                     checks = False
                 going &= size < 10.0
-                q[self.columns] -= step * scale if going.all() else np.where(going, step * scale, 0.0)
+                q[self.columns] -= step * scale if np.count_nonzero(going) == n else np.where(going, step * scale, 0.0)
         closed = (most < CLOSED) & trusted  # pyright: ignore[reportPossiblyUnboundVariable]
         return Solution(q, closed, placed, errors, factors)  # pyright: ignore[reportPossiblyUnboundVariable]
 
@@ -206,7 +207,7 @@ class Closure:
         """Factors of the ranked equations' derivatives."""
         look = placed.look
         if look:
-            whole = look.wrenches.take(self.rows, axis=1) @ look.twists.swapaxes(-1, -2) * self.weights
+            whole = look.wrenches.take(self.rows, axis=1) @ look.twists.mT * self.weights
             return DenseFactors.invert(whole[:, :, self.columns], whole[:, :, self.linkage.known])
         wrenches: list[Array] = [np.zeros(0)] * len(self.rows)
         for cut, rows in zip(self.linkage.cuts, self.rows_of, strict=True):

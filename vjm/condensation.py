@@ -91,7 +91,7 @@ class Condensed:
         """Stiffness G (n or 1, 6, 6) between two nodes: b's twist times it is a force on a."""
         if (a, b) in self.pairs:
             return self.pairs[a, b]
-        return np.swapaxes(self.pairs[b, a], -1, -2)
+        return self.pairs[b, a].mT
 
     def add(self, a: str, b: str, stiffness: Array) -> None:
         """Put one more stiffness between two nodes.
@@ -107,7 +107,7 @@ class Condensed:
 
         """
         if (b, a) in self.pairs:
-            self.pairs[b, a] = self.pairs[b, a] + np.swapaxes(stiffness, -1, -2)
+            self.pairs[b, a] = self.pairs[b, a] + stiffness.mT
         elif (a, b) in self.pairs:
             self.pairs[a, b] = self.pairs[a, b] + stiffness
         else:
@@ -143,12 +143,12 @@ def _carry_constants(order: Order, where: Places) -> Iterator[Array]:
     if not turned or n > FEW or any(len(each) != n for each in (*turned, *moved)):
         for c, constant in order.constant:
             back = c.frame(where).inverse_adjoint()
-            yield np.swapaxes(back, -1, -2) @ constant @ back
+            yield back.mT @ constant @ back
         return
     rotation = np.array(turned)  # all at once: there calls cost more than numbers do
     origins = np.array([c.origin for c, _ in order.constant])[:, None, :, None]
     back = Frame(rotation, (rotation @ origins)[..., 0] + moved - where.tool).inverse_adjoint()
-    yield from np.swapaxes(back, -1, -2) @ np.array([constant for _, constant in order.constant]) @ back
+    yield from back.mT @ np.array([constant for _, constant in order.constant]) @ back
 
 
 def _stiffen(state: Condensed, connection: Connection, ready: Iterator[Array]) -> Stiff:
@@ -172,7 +172,7 @@ def _eliminate(state: Condensed, step: Eliminate) -> Eliminated:
     reach: list[Array] = [half @ g for g in around]
     for i, a in enumerate(step.neighbours):
         for j in range(i):
-            state.add(a, step.neighbours[j], np.swapaxes(reach[i], -1, -2) @ reach[j])
+            state.add(a, step.neighbours[j], reach[i].mT @ reach[j])
     state.drop(step.node, step.neighbours)
     return Eliminated(step, own, half, reach)
 
@@ -181,20 +181,19 @@ def _fold(state: Condensed, step: Fold) -> Folded:
     connection, start = step.connection, step.connection.start
     factor, free = connection.flexible(state.where)
     columns = stack_columns([factor, free])
-    columns_t = np.swapaxes(columns, -1, -2)
     around = {c: state.pair(step.node, c) for c in step.neighbours}
     own = sum(around.values(), np.zeros((1, 6, 6)))
-    springs = np.repeat([1.0, 0.0], [factor.shape[2], free.shape[2]])
-    core = columns_t @ own @ columns + np.diag(springs)
+    core = columns.mT @ own @ columns
+    np.einsum("nii->ni", core)[:, : factor.shape[2]] += 1.0  # unit springs
     half = half_inverse(core)
-    pull = half @ columns_t  # (n, m, 6)
+    pull = half @ columns.mT  # (n, m, 6)
     reach = {c: pull @ around[c] for c in step.neighbours if c != start}
     everything = sum(reach.values(), np.zeros((1, pull.shape[-2], 6)))
     others = list(reach)
     for i, c in enumerate(others):
-        back = np.swapaxes(reach[c], -1, -2)
-        state.add(c, start, np.swapaxes(around[c], -1, -2) - back @ everything)
+        back = reach[c].mT
+        state.add(c, start, around[c].mT - back @ everything)
         for other in others[:i]:
             state.add(c, other, back @ reach[other])
     state.drop(step.node, step.neighbours)
-    return Folded(step, columns, core, half, np.swapaxes(half, -1, -2) @ pull, around, own)
+    return Folded(step, columns, core, half, half.mT @ pull, around, own)

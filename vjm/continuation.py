@@ -9,6 +9,7 @@ Steps are such that Newton's method takes them without doubt, from home or from 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations, combinations_with_replacement
 from math import comb, prod
 from typing import TYPE_CHECKING
@@ -67,6 +68,13 @@ class Solver:
     """And how these rates change with the given values (m, k, k)."""
     home_sign: float = 0.0
     """Sign of the determinant of drives by commanded coordinates at the start; 0 if it is undetermined."""
+
+    @cached_property
+    def ranges(self) -> tuple[Array, Array]:
+        """Least and greatest displacement (d,) of each drive from home, infinite where it has no end."""
+        ends = [(-np.inf, np.inf) if j.drive is None else (j.drive.low, j.drive.high) for j in self.mechanism.drives]
+        low, high = np.array(ends).reshape(-1, 2).T
+        return low, high
 
     @property
     def start_values(self) -> Array:
@@ -192,11 +200,9 @@ def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
             moved = across[:3] - np.cross(at[:, None], across[3:], axis=0)
             rows[:, k] = np.einsum("in,ikn->nk", np.broadcast_to(axis, (3, n)), moved) / scale
     rows = rows * linkage.scale[linkage.known]
-    finite = np.isfinite(rows).all(axis=(1, 2))
-    rows[~finite] = 0.0
-    size = np.linalg.norm(rows, axis=2).prod(axis=1)
+    rows[~np.isfinite(rows).all(axis=(1, 2))] = 0.0
     det = np.linalg.det(rows)
-    return np.where(np.abs(det) > 1e-9 * np.where(size > 0.0, size, 1.0), np.sign(det), 0.0)
+    return np.where(np.abs(det) > 1e-9 * np.linalg.norm(rows, axis=2).prod(axis=1), np.sign(det), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +269,7 @@ class Reached:
         if home.any():
             q[:, home], done[home], placed = 0.0, True, None
         if self.predict is None:
-            self._keep(values[done], q[:, done])
+            self._keep(values, q, done)
             if n > 1:
                 spacing = KDTree(values / self.unit).query(values / self.unit, k=2)[0]
                 self.near = _NEIGHBOURS * float(np.median(spacing[:, 1]))
@@ -293,14 +299,13 @@ class Reached:
         bent = ((solver.bends @ along) * along).sum(axis=1)
         return solver.start[:, None] + step + 0.5 * bent, size
 
-    def _keep(self, values: Array, q: Array) -> None:
-        """Remember values (n, k) and coordinates (m, n) that were reached."""
-        self.values, self.q = np.concatenate([self.values, values]), np.concatenate([self.q, q], axis=1)
+    def _keep(self, values: Array, q: Array, some: NDArray[np.intp] | NDArray[np.bool_]) -> None:
+        """Remember some of values (n, k) and coordinates (m, n): those that were reached."""
+        self.values, self.q = np.concatenate([self.values, values[some]]), np.concatenate([self.q, q[:, some]], axis=1)
 
     def _at_singular_home(self, values: Array) -> NDArray[np.bool_]:
         """Which values (n, k) are those of a home that paths do not start from; all coordinates are zero there."""
-        home = (np.abs(values) < _SAME * self.unit).all(axis=1)
-        return np.asarray(home & bool(self.solver.displaced))
+        return np.asarray((np.abs(values) < _SAME * self.unit).all(axis=1) & bool(self.solver.displaced))
 
     def _find_crossed(self, placed: Placed, factors: Factors | None = None) -> NDArray[np.bool_]:
         """Which configurations (n,) are beyond a pose where the drives' rates by the commanded ones are singular."""
@@ -342,28 +347,24 @@ class Reached:
             return False
         reached, at = self._walk(self.values[start], self.q[:, start], values[some], shortest, first=first)
         there = some[reached]
-        q[:, there] = at[:, reached]
-        done[there] = True
-        self._keep(values[there], at[:, reached])
-        return bool(reached.any())
+        q[:, there], done[there] = at[:, reached], True
+        self._keep(values, q, there)
+        return bool(there.size)
 
     def _walk(
         self, start: Array, q: Array, end: Array, shortest: float, longest: float = 1.0, first: float = 1.0
     ) -> tuple[NDArray[np.bool_], Array]:
         """Follow coordinates (m, n) from start to end values (n, k), each in steps of its own, as shares of the way."""
         linkage, closure = self.solver.linkage, self.solver.closure
-        n = q.shape[1]
-        way, step = np.zeros(n), np.full(n, min(first, longest))
-        q = q.copy()
-        some = np.arange(n)
+        q, some = q.copy(), np.arange(q.shape[1])
+        way, step = np.zeros(len(some)), np.full(len(some), min(first, longest))
         while some.size:
             ahead = np.minimum(way[some] + step[some], 1.0)
             trial = q[:, some]
             trial[linkage.known] = (start[some] + ahead[:, None] * (end[some] - start[some])).T
             found = closure.solve(trial)
             good = found.closed
-            q[:, some[good]] = found.q[:, good]
-            way[some[good]] = ahead[good]
+            q[:, some[good]], way[some[good]] = found.q[:, good], ahead[good]
             step[some] = np.where(good, np.minimum(2.0 * step[some], longest), 0.5 * step[some])
             some = some[(way[some] < 1.0) & (step[some] >= shortest)]
         return way >= 1.0, q

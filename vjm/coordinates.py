@@ -97,7 +97,7 @@ class Coordinates:
         """Sum of the squares of rows as a matrix (n, size, size)."""
         out = np.zeros((len(self.where.tool), self.size, self.size))
         for r in rows:
-            out[:, r.columns[:, None], r.columns] += np.swapaxes(r.matrix, -1, -2) @ r.matrix
+            out[:, r.columns[:, None], r.columns] += r.matrix.mT @ r.matrix
         return out
 
     @property

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.screws import shift, skew
+from stiffscope.vjm.screws import Frame, shift, skew
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -100,11 +100,35 @@ def factor_semidefinite(matrix: Array, message: str) -> Array:
     return (vectors[:, keep] * np.sqrt(values[keep])).T * unit
 
 
-def split_moments(moments: Array) -> tuple[Array, Array]:
-    """First moment a (3,) of the mass that best gives moments (3, 3) for unit accelerations, and what it leaves.
+@dataclass(frozen=True, eq=False)
+class Masses:
+    """Mass in kg on a node, and its first moment Σ m r (n or 1, 3); about one point, in one set of axes.
 
-    ``moments @ g = a × g + rest @ g``.
+    ``rest`` (n or 1, 6, 3): wrench for unit accelerations, that no mass on the node would give.
     """
-    half = 0.5 * (moments - moments.T)
-    a = np.array([half[2, 1], half[0, 2], half[1, 0]])
-    return a, moments - skew(a)
+
+    mass: float
+    moment: Array
+    rest: Array | None = None
+
+    def weight(self, gravity: Array) -> Array:
+        """Wrench (n or 1, 6, 1) under an acceleration (3,)."""
+        out = np.empty((len(self.moment), 6, 1))
+        out[:, :3, 0], out[:, 3:, 0] = self.mass * gravity, self.moment @ skew(gravity)
+        return out if self.rest is None else out + (self.rest @ gravity)[..., None]
+
+    def place(self, rotation: Array, away: Array) -> Masses:
+        """The same where its axes are turned (n or 1, 3, 3) and its point is ``away`` (n or 1, 3)."""
+        rest = self.rest
+        if rest is not None:
+            back = Frame(rotation, away).inverse_adjoint()
+            rest = back.mT @ rest @ rotation.mT
+        return Masses(self.mass, (rotation @ self.moment[..., None])[..., 0] + self.mass * away, rest)
+
+
+def split_load(load: Array) -> Masses:
+    """The mass on a lever that best gives wrenches (6, 3) for unit accelerations, and what it leaves."""
+    mass = float(np.trace(load[:3])) / 3.0
+    half = 0.5 * (load[3:] - load[3:].T)
+    moment = np.array([half[2, 1], half[0, 2], half[1, 0]])
+    return Masses(mass, moment[None], (load - np.concatenate([mass * np.eye(3), skew(moment)]))[None])

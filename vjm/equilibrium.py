@@ -19,12 +19,13 @@ from stiffscope.vjm.laws import find_laws, find_segments, linearize, settle, wit
 from stiffscope.vjm.loading import ElementState, Loads, Response, condense_loads, recover_response, solve_tool
 from stiffscope.vjm.network import END
 from stiffscope.vjm.order import find_order
-from stiffscope.vjm.saddle import saddle_held, saddle_response, saddle_unit
+from stiffscope.vjm.saddle import saddle_held, saddle_response, saddle_stiffness
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from stiffscope.vjm.condensation import Condensed
+    from stiffscope.vjm.loading import CondensedLoads
     from stiffscope.vjm.network import Places
     from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
@@ -35,7 +36,7 @@ _ROUNDING = 1e-12  # of a drive's wrench: a force that is none
 def tool_stiffness(state: Condensed) -> Array:
     """Stiffness (n or 1, 6, 6) at M in base axes. Raises InfiniteStiffnessError where it would be infinite."""
     if state.order.left:
-        return saddle_unit(state)[0]
+        return saddle_stiffness(state)
     if (GROUND, END) in state.pairs or (END, GROUND) in state.pairs:
         return state.pair(END, GROUND)
     return np.zeros((1, 6, 6))
@@ -172,18 +173,20 @@ def _pad(cases: Array, more: int) -> Array:
 
 
 def solve_condensed(state: Condensed, loads: Loads) -> Response:
-    """``loaded`` of a network that was condensed before."""
+    """``solve_loads`` of a network that was condensed before."""
     load = condense_loads(state, loads)
     if state.order.left:
         return recover_response(state, load, *saddle_response(state, load))
-    ends = {GROUND: np.zeros((1, 6, loads.cases)), END: solve_tool(tool_stiffness(state), load.force(END))}
-    return recover_response(state, load, ends)
+    return recover_held(state, load, solve_tool(tool_stiffness(state), load.force(END)))
+
+
+def recover_held(state: Condensed, load: CondensedLoads, twist: Array) -> Response:
+    """Equilibrium under loads with the tool held at a twist (n or 1, 6, c)."""
+    if state.order.left:
+        return recover_response(state, load, *saddle_held(state, load, twist))
+    return recover_response(state, load, {GROUND: np.zeros((1, 6, load.loads.cases)), END: twist})
 
 
 def solve_held(state: Condensed, loads: Loads) -> Response:
-    """``equilibrium`` with the tool held."""
-    load = condense_loads(state, loads)
-    still = np.zeros((1, 6, loads.cases))
-    if state.order.left:
-        return recover_response(state, load, *saddle_held(state, load))
-    return recover_response(state, load, {GROUND: still, END: still})
+    """Equilibrium under loads with the tool held at rest."""
+    return recover_held(state, condense_loads(state, loads), np.zeros((1, 6, loads.cases)))

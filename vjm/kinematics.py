@@ -69,6 +69,9 @@ class Configurations:
 
     def link_frame(self, link: int) -> tuple[Array, Array]:
         """Displacement from home of a rigid link: rotation (n or 1, 3, 3) and position (n or 1, 3)."""
+        look = self.placed_links.look
+        if look is not None:
+            return look.frames[:, link, :3, :3], look.frames[:, link, :3, 3]
         rotation = np.ascontiguousarray(self.placed_links.rotation[link].transpose(2, 0, 1))
         return rotation, np.ascontiguousarray(self.placed_links.position[link].T)
 
@@ -274,12 +277,10 @@ def _configurations(solver: Solver, followed: Followed) -> Configurations:
         poses = mechanism.tool.home + q[linkage.known].T
     out = Configurations(mechanism, poses, tool, failure == 0, q, linkage, failure, culprit)
     out.__dict__["placed_links"] = placed
-    drives = out.drives
-    for k, joint in enumerate(mechanism.drives):
-        if joint.drive is None or not np.isfinite([joint.drive.low, joint.drive.high]).any():
-            continue
-        outside = (drives[:, k] < joint.drive.low - _SLACK) | (drives[:, k] > joint.drive.high + _SLACK)
-        outside &= failure == REACHED
-        failure[outside], culprit[outside] = RANGE, k
-    np.equal(failure, 0, out=out.valid)
+    drives, (low, high) = out.drives, solver.ranges
+    outside = ((drives < low - _SLACK) | (drives > high + _SLACK)) & (failure == REACHED)[:, None]
+    if outside.any():
+        some = outside.any(axis=1)
+        failure[some], culprit[some] = RANGE, outside[some].argmax(axis=1)
+        np.equal(failure, 0, out=out.valid)
     return out

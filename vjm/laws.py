@@ -103,8 +103,8 @@ def settle(laws: Sequence[Law], stiffness: Array, force: Array, influence: Array
     size = len(laws)
     back = np.linalg.inv(np.eye(size) - influence * change)
     pull, tie = (back @ force[..., None])[..., 0], -back @ influence
-    values, axes = np.linalg.eigh(0.5 * (tie + np.swapaxes(tie, -1, -2)))
-    tie = (axes * values.clip(min=0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2)  # rounding pushes no drive apart
+    values, axes = np.linalg.eigh(0.5 * (tie + tie.mT))
+    tie = (axes * values.clip(min=0.0)[..., None, :]) @ axes.mT  # rounding pushes no drive apart
     curves = [law.subtract_spring(k) for law, k in zip(laws, steep.tolist(), strict=True)]
     shift: Array = np.zeros_like(pull)
     whole = np.maximum(np.abs(pull).max(axis=1, keepdims=True), 1e-300)

@@ -314,7 +314,7 @@ def find_free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:
         case "spherical":
             found = list(rotation_vector(across).T)
         case "universal" if joint.axis2 is not None:
-            image, back = across @ joint.axis2, np.swapaxes(across, -1, -2) @ x
+            image, back = across @ joint.axis2, across.mT @ x
             side = np.cross(x, joint.axis2)
             found = [np.arctan2(image @ side, image @ np.cross(side, x))]
             found.append(np.arctan2(back @ side, back @ np.cross(joint.axis2, side)))
@@ -361,7 +361,7 @@ def rotation_vector(rotation: Array) -> Array:
     half = near & (cosine < 0.0)
     if half.any():
         r = rotation[half]
-        outer = 0.5 * (r + np.swapaxes(r, -1, -2)) + np.eye(3) * (-cosine[half])[..., None, None]
+        outer = 0.5 * (r + r.mT) + np.eye(3) * (-cosine[half])[..., None, None]
         best = np.argmax(np.einsum("...ii->...i", outer), axis=-1)
         axis = np.take_along_axis(outer, best[..., None, None], axis=-1)[..., 0]
         axis = axis / np.linalg.norm(axis, axis=-1, keepdims=True)

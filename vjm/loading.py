@@ -13,6 +13,7 @@ from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import Eliminated, Folded, Stiff
 from stiffscope.vjm.joints import DRIVEN
 from stiffscope.vjm.network import END
+from stiffscope.vjm.order import stack_rows
 from stiffscope.vjm.semidefinite import pivot
 
 if TYPE_CHECKING:
@@ -50,9 +51,9 @@ class ChainLoads:
 
     connection: Connection
     carried: list[Array]
-    """Wrenches (n or 1, 6, c) on each member's end by the loads on the nodes after it, from the start."""
-    total: Array
-    """Of all loads on its inner nodes (n or 1, 6, c)."""
+    """Wrenches (n or 1, 6, c) on each member's end by the loads on the nodes after it, from the start: first all."""
+    moved: list[Array | None]
+    """Twists (n or 1, 6, c) of each member by its offset."""
     offset: Array
     """Twist (n or 1, 6, c) of its end against its start by its members' offsets."""
 
@@ -98,7 +99,7 @@ class ElementState:
     @cached_property
     def wrench(self) -> Array:
         """Wrench (n, 6, c) that it carries, at its own point in its own axes."""
-        return np.swapaxes(self.where.adjoint(self.element), -1, -2) @ self.carried
+        return self.where.adjoint(self.element).mT @ self.carried
 
     @cached_property
     def twist(self) -> Array:
@@ -115,14 +116,14 @@ class ElementState:
             along = DRIVEN[joint.kind]
             return self.wrench[:, along : along + 1] / joint.spring
         factor = self.where.factor(self.element)[..., -self.element.sprung :]
-        return np.swapaxes(factor, -1, -2) @ self.wrench / np.sqrt(joint.spring)
+        return factor.mT @ self.wrench / np.sqrt(joint.spring)
 
     @cached_property
     def energy(self) -> Array:
         """Strain energy (n, c) in J; of elements that share theirs the sum of all is the body's."""
         if self.strained is not None:
             return 0.5 * np.einsum("nic,nic->nc", self.carried, self.strained)
-        stress = np.swapaxes(self.where.factor(self.element), -1, -2) @ self.wrench
+        stress = self.where.factor(self.element).mT @ self.wrench
         energy = 0.5 * np.einsum("nrc,nrc->nc", stress, stress)
         if self.law is not None and self.deflection is not None:  # in place of the linear spring's
             force = self.law.force(self.deflection)
@@ -177,7 +178,7 @@ def store_energy(state: Condensed, load: CondensedLoads) -> Array:
     for gone, kept in zip(state.gone, load.kept, strict=True):
         if isinstance(gone, Folded):
             y: Array = kept[1]
-            out = out + np.swapaxes(y, -1, -2) @ gone.core @ y
+            out = out + y.mT @ gone.core @ y
             continue
         stresses: list[Array] = []
         if isinstance(gone, Eliminated):
@@ -186,48 +187,44 @@ def store_energy(state: Condensed, load: CondensedLoads) -> Array:
             for (e, _), carried in zip(gone.connection.members, kept[0].carried, strict=True):
                 factor = state.where.columns(e)[0]
                 if factor.shape[2]:
-                    stresses.append(np.swapaxes(factor, -1, -2) @ (kept[1] + carried))
+                    stresses.append(factor.mT @ (kept[1] + carried))
         for stress in stresses:
-            out = out + np.swapaxes(stress, -1, -2) @ stress
+            out = out + stress.mT @ stress
     return out
 
 
 def recover_response(
     state: Condensed,
-    load: CondensedLoads | None,
+    load: CondensedLoads,
     ends: dict[str, Array],
-    left: Sequence[tuple[Connection, ChainLoads | None, Array, Array, Array]] = (),
-    mix: Array | None = None,
+    left: Sequence[tuple[ChainLoads, Array, Array, Array]] = (),
 ) -> Response:
     """Twists (n, 6, c) of all nodes and states of all elements from those of the nodes that were not condensed.
 
-    ``left``: connections that were not, with their loads, wrench, twist across and rates. ``mix`` (c₀, c): how much of
-    each of the carried load cases is in each of these.
+    ``left``: connections that were not, by their loads, with their wrench, twist across and rates.
     """
     out = Response(state.where, ends[END], ends)
-    walk = _Walk(state, load, out, mix)
-    for connection, along, wrench, span, rates in left:
-        if connection.members[0][0].group:
-            walk.follow_shared(*connection.members[0], wrench, span)
+    for along, wrench, span, rates in left:
+        (e, sign), where = along.connection.members[0], state.where
+        if e.group:  # its own wrench alone does not tell how it strains
+            strained = sign * (span - along.offset)
+            out.elements[e.name] = ElementState(e, where, sign * wrench, sign * span, rates[:, :0], strained)
         else:
-            walk.follow_connection(connection, along, wrench, span, rates)
-    kept = load.kept if load else [None] * len(state.gone)
-    for gone, own in zip(reversed(state.gone), reversed(kept), strict=True):
+            _follow_connection(out, along, wrench, span, rates)
+    for gone, own in zip(reversed(state.gone), reversed(load.kept), strict=True):
         match gone:
             case Stiff():
-                c = gone.connection
-                span = out.nodes[c.end] - out.nodes[c.start]
-                wrench = gone.stiffness @ span
-                if own:
-                    wrench = wrench + walk.mix_cases(own[1])
-                walk.follow_connection(c, own[0] if own else None, wrench, span, gone)
+                along, preload = own
+                span = out.nodes[gone.connection.end] - out.nodes[gone.connection.start]
+                _follow_connection(out, along, gone.stiffness @ span + preload, span, gone)
             case Eliminated():
-                moved = walk.mix_cases(own) if own is not None else np.zeros((1, 6, 1))
+                moved = np.zeros((1, 6, 1)) if own is None else own
                 for c, reach in zip(gone.step.neighbours, gone.reach, strict=True):
                     moved = moved + reach @ out.nodes[c]
-                out.nodes[gone.step.node] = np.swapaxes(gone.half, -1, -2) @ moved
+                out.nodes[gone.step.node] = gone.half.mT @ moved
             case Folded():
-                _recover_folded(gone, own, walk)
+                along, y, force = own
+                _recover_folded(gone, along, y, force, out)
     return out
 
 
@@ -237,7 +234,7 @@ def solve_tool(stiffness: Array, wrench: Array) -> Array:
     Raises InputError where a wrench acts along a free direction.
     """
     half, pivots = pivot(stiffness, _FREE)
-    twist = np.swapaxes(half, -1, -2) @ (half @ wrench)
+    twist = half.mT @ (half @ wrench)
     if (pivots <= _FREE).any():
         left = np.abs(stiffness @ twist - wrench)
         if (left > _BALANCED * np.abs(wrench).max(axis=1, keepdims=True)).any():
@@ -256,11 +253,13 @@ def chain_loads(state: Condensed, load: CondensedLoads, connection: Connection) 
         if node in load.forces:
             total = total + load.forces[node]
         each.insert(0, total)
-    offset: Array = np.zeros((1, 6, load.loads.cases))
-    for e, sign in connection.members:
-        if e.name in load.loads.offsets:
-            offset = offset + state.where.adjoint(e) @ (sign * load.loads.offsets[e.name])
-    return ChainLoads(connection, each, total, offset)
+    offsets = load.loads.offsets
+    moved: list[Array | None] = [
+        state.where.adjoint(e) @ (sign * offsets[e.name]) if e.name in offsets else None
+        for e, sign in connection.members
+    ]
+    offset: Array = sum((twist for twist in moved if twist is not None), np.zeros((1, 6, load.loads.cases)))
+    return ChainLoads(connection, each, moved, offset)
 
 
 def _load_stiff(state: Condensed, gone: Stiff, load: CondensedLoads) -> tuple[ChainLoads, Array]:
@@ -272,7 +271,7 @@ def _load_stiff(state: Condensed, gone: Stiff, load: CondensedLoads) -> tuple[Ch
     if any(w.any() for w in along.carried):
         preload = preload + _hold_end(state, gone, along, load.loads.balanced)
     load.add(c.end, -preload)
-    load.add(c.start, preload + along.total)
+    load.add(c.start, preload + along.carried[0])
     return along, preload
 
 
@@ -282,24 +281,19 @@ def _hold_end(state: Condensed, gone: Stiff, along: ChainLoads, balanced: float)
     ``w = w₀ - K (τ + C w₀)`` with Nᵀ w₀ = -ν, what the loads would do along the free directions.
     """
     connection, where = gone.connection, state.where
+    columns = [where.columns(e) for e, _ in connection.members]
     hold: Array = np.zeros((1, 6, 1))
     if gone.fit is not None:
-        work = stack_rows(
-            [
-                np.swapaxes(where.columns(e)[1], -1, -2) @ wrench
-                for (e, _), wrench in zip(connection.members, along.carried, strict=True)
-            ]
-        )
-        hold = -np.swapaxes(gone.fit, -1, -2) @ work
+        work = stack_rows([free.mT @ wrench for (_, free), wrench in zip(columns, along.carried, strict=True)])
+        hold = -gone.fit.mT @ work
         if balanced < HELD:
-            left = np.abs(np.swapaxes(connection.flexible(where)[1], -1, -2) @ hold + work)
+            left = np.abs(connection.flexible(where)[1].mT @ hold + work)
             if (left > balanced * np.abs(work).max(axis=(1, 2), keepdims=True)).any():
                 _refuse([e.name for e, _ in connection.members])
     tau: Array = np.zeros((1, 6, 1))
-    for (e, _), wrench in zip(connection.members, along.carried, strict=True):
-        factor = where.columns(e)[0]
+    for (factor, _), wrench in zip(columns, along.carried, strict=True):
         if factor.shape[2]:
-            tau = tau + factor @ (np.swapaxes(factor, -1, -2) @ (wrench + hold))
+            tau = tau + factor @ (factor.mT @ (wrench + hold))
     return hold - gone.stiffness @ tau
 
 
@@ -310,7 +304,7 @@ def _load_eliminated(gone: Eliminated, load: CondensedLoads) -> Array | None:
     push = gone.half @ force
     _check_balance((gone.step.node,), gone.half, gone.own, force, load.loads.balanced)
     for c, reach in zip(gone.step.neighbours, gone.reach, strict=True):
-        load.add(c, np.swapaxes(reach, -1, -2) @ push)
+        load.add(c, reach.mT @ push)
     return push
 
 
@@ -318,16 +312,16 @@ def _load_folded(state: Condensed, gone: Folded, load: CondensedLoads) -> tuple[
     connection = gone.step.connection
     along = chain_loads(state, load, connection)
     force = load.force(gone.step.node)
-    drive = np.swapaxes(gone.columns, -1, -2) @ (force - gone.own @ along.offset)
+    drive = gone.columns.mT @ (force - gone.own @ along.offset)
     if any(w.any() for w in along.carried):
         drive = drive + project_loads(along, gone.columns)
-    y = np.swapaxes(gone.half, -1, -2) @ (gone.half @ drive)
+    y = gone.half.mT @ (gone.half @ drive)
     names = [e.name for e, _ in connection.members]
     _check_balance(names, gone.half, gone.core, drive, load.loads.balanced)
     moved = along.offset + gone.columns @ y  # twist of the node where all others stand still
-    load.add(connection.start, force + along.total)
+    load.add(connection.start, force + along.carried[0])
     for c, stiffness in gone.around.items():
-        share = np.swapaxes(stiffness, -1, -2) @ moved
+        share = stiffness.mT @ moved
         load.add(c, share)
         load.add(connection.start, -share)
     return along, y, force
@@ -340,22 +334,16 @@ def project_loads(along: ChainLoads, columns: Array) -> Array:
     sizes = [e.factor.shape[1] for e, _ in along.connection.members]
     sizes += [e.free.shape[1] for e, _ in along.connection.members]
     for size, wrench in zip(sizes, along.carried * 2, strict=True):
-        out.append(np.swapaxes(columns[:, :, at : at + size], -1, -2) @ wrench)
+        out.append(columns[:, :, at : at + size].mT @ wrench)
         at += size
     return stack_rows(out)
-
-
-def stack_rows(blocks: list[Array]) -> Array:
-    """Concatenate rows (n or 1, r, c) of blocks."""
-    n = max(len(b) for b in blocks)
-    return np.concatenate([np.broadcast_to(b, (n, *b.shape[1:])) for b in blocks], axis=1)
 
 
 def _check_balance(names: Sequence[str], half: Array, matrix: Array, load: Array, balanced: float) -> None:
     """Refuse a load along a direction that a generalized inverse has dropped."""
     if balanced >= HELD or not (np.einsum("nii->ni", half) == 0.0).any():
         return
-    left = np.abs(load - matrix @ (np.swapaxes(half, -1, -2) @ (half @ load)))
+    left = np.abs(load - matrix @ (half.mT @ (half @ load)))
     if (left > balanced * np.abs(load).max(axis=(1, 2), keepdims=True) + 1e-300).any():
         _refuse(names)
 
@@ -364,87 +352,45 @@ def _refuse(names: Sequence[str]) -> None:
     raise InputError(f"{', '.join(names)}: moves freely under its load, there is no equilibrium")
 
 
-def _recover_folded(gone: Folded, own: tuple[ChainLoads, Array, Array] | None, walk: _Walk) -> None:
-    nodes, connection = walk.out.nodes, gone.step.connection
-    start = nodes[connection.start]
-    y: Array = walk.mix_cases(own[1]) if own else np.zeros((1, gone.columns.shape[2], 1))
+def _recover_folded(gone: Folded, along: ChainLoads, own: Array, force: Array, out: Response) -> None:
+    nodes, start, y, wrench = out.nodes, out.nodes[gone.step.connection.start], own, force
     for c, stiffness in gone.around.items():
         y = y + gone.share @ (stiffness @ (nodes[c] - start))
-    span = gone.columns @ y
-    if own:
-        span = span + walk.mix_cases(own[0].offset)
-    node = start + span
-    wrench: Array = walk.mix_cases(own[2]) if own else np.zeros_like(node)
+    span = gone.columns @ y + along.offset
+    node = nodes[gone.step.node] = start + span
     for c, stiffness in gone.around.items():
         wrench = wrench + stiffness @ (nodes[c] - node)
-    nodes[gone.step.node] = node
-    count = sum(e.factor.shape[1] for e, _ in connection.members)
-    walk.follow_connection(connection, own[0] if own else None, wrench, span, y[:, count:])
+    count = sum(e.factor.shape[1] for e, _ in gone.step.connection.members)
+    _follow_connection(out, along, wrench, span, y[:, count:])
 
 
-@dataclass(eq=False)
-class _Walk:
-    """Carries wrenches and twists along connections into a response."""
+def _follow_connection(out: Response, loads: ChainLoads, wrench: Array, span: Array, rates: Array | Stiff) -> None:
+    """Members and nodes of a connection whose end, moved by ``span``, carries ``wrench``.
 
-    state: Condensed
-    load: CondensedLoads | None
-    out: Response
-    mix: Array | None
-
-    def mix_cases(self, cases: Array) -> Array:
-        """The carried cases (n, k, c₀) as these cases have them."""
-        return cases if self.mix is None else cases @ self.mix
-
-    def follow_connection(
-        self, connection: Connection, loads: ChainLoads | None, wrench: Array, span: Array, rates: Array | Stiff
-    ) -> None:
-        """Members and nodes of a connection whose end, moved by ``span``, carries ``wrench``.
-
-        ``rates`` (n, k, c) of its free motions; of a stiffened one these follow from ``span``.
-        """
-        where = self.state.where
-        offsets = self.load.loads.offsets if self.load else {}
-        wrenches: list[Array] = []
-        elastic: list[Array | None] = []
-        columns: list[Array] = []
-        for k, (e, sign) in enumerate(connection.members):
-            w = wrench
-            if loads is not None and loads.carried[k].any():
-                w = wrench + self.mix_cases(loads.carried[k])
-            part = None
-            f, free = where.columns(e)
-            if f.shape[2]:
-                part = f @ (np.swapaxes(f, -1, -2) @ w)
-            if e.name in offsets:
-                offset = where.adjoint(e) @ self.mix_cases(sign * offsets[e.name])
-                part = offset if part is None else part + offset
-            wrenches.append(w)
-            elastic.append(part)
-            columns.append(free)
-        if isinstance(rates, Stiff):
-            rest = span - sum(part for part in elastic if part is not None)
-            rates = np.zeros((1, 0, 1)) if rates.fit is None else rates.fit @ rest
-        node, at = self.out.nodes[connection.start], 0
-        inner = connection.inner
-        for k, ((e, sign), w, part, free) in enumerate(
-            zip(connection.members, wrenches, elastic, columns, strict=True)
-        ):
-            across: Array = np.zeros((1, 6, w.shape[2])) if part is None else part
-            rate: Array = np.zeros((1, 0, w.shape[2]))
-            if free.shape[2]:
-                rate = rates[:, at : at + free.shape[2]]
-                at += free.shape[2]
-                across = across + free @ rate
-            self.out.elements[e.name] = ElementState(e, where, sign * w, sign * across, sign * rate)
-            if part is not None or free.shape[2]:
-                node = node + across
-            if k < len(inner):
-                self.out.nodes[inner[k]] = node
-
-    def follow_shared(self, e: Element, sign: float, wrench: Array, span: Array) -> None:
-        """An element whose own wrench alone does not tell how it strains: all of its twist but the offset."""
-        strained, offset = span, self.load.loads.offsets.get(e.name) if self.load else None
-        if offset is not None:
-            strained = span - self.state.where.adjoint(e) @ self.mix_cases(sign * offset)
-        none: Array = np.zeros((1, 0, wrench.shape[2]))
-        self.out.elements[e.name] = ElementState(e, self.state.where, sign * wrench, sign * span, none, sign * strained)
+    ``rates`` (n, k, c) of its free motions; of a stiffened one these follow from ``span``.
+    """
+    connection, nothing = loads.connection, np.zeros((1, 6, span.shape[2]))
+    wrenches: list[Array] = []
+    elastic: list[Array | None] = []
+    for (e, _), carried, moved in zip(connection.members, loads.carried, loads.moved, strict=True):
+        w, (f, _), part = wrench, out.where.columns(e), moved
+        if carried.any():
+            w = wrench + carried
+        if f.shape[2]:
+            part = f @ (f.mT @ w)
+            part = part if moved is None else part + moved
+        wrenches.append(w)
+        elastic.append(part)
+    if isinstance(rates, Stiff):
+        rest = span - sum(part for part in elastic if part is not None)
+        rates = nothing[:, :0] if rates.fit is None else rates.fit @ rest
+    node, at, ends = out.nodes[connection.start], 0, (*connection.inner, None)
+    for (e, sign), w, part, end in zip(connection.members, wrenches, elastic, ends, strict=True):
+        free, across = out.where.columns(e)[1], nothing if part is None else part
+        rate = rates[:, at : at + free.shape[2]]
+        at += free.shape[2]
+        if free.shape[2]:
+            across = across + free @ rate
+        out.elements[e.name] = ElementState(e, out.where, sign * w, sign * across, sign * rate)
+        if end is not None:
+            node = out.nodes[end] = node + across

@@ -48,12 +48,12 @@ class Tool:
             raise InputError(f"tool.pose: expected some of {', '.join(COORDINATES)}, each once, got {list(pose)}")
         assign(self, "pose", pose)
 
-    @property
+    @cached_property
     def commanded_axes(self) -> list[int]:
         """Places of the commanded coordinates among x y z rx ry rz."""
         return [COORDINATES.index(name) for name in self.pose]
 
-    @property
+    @cached_property
     def home(self) -> Array:
         """The commanded pose at home (k,)."""
         return np.concatenate([self.at, np.zeros(3)])[self.commanded_axes]

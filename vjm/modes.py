@@ -206,11 +206,11 @@ class _Part:
                 continue
             if body.elastic.error is not None and body.name in system.springs:
                 carried = np.abs(system.springs[body.name] @ system.strains[body.name][0].apply_to(self.vectors))
-                mixed = mixed + np.swapaxes(carried, -1, -2) @ body.elastic.error @ carried
+                mixed = mixed + carried.mT @ body.elastic.error @ carried
             inner = body.elastic.dynamics
             if inner is not None and inner.error is not None and len(inner.squares):
                 strained = np.abs(system.strains[body.name][-1].apply_to(self.vectors))
-                mixed = mixed + np.swapaxes(strained, -1, -2) @ ((inner.error / inner.squares)[:, None] * strained)
+                mixed = mixed + strained.mT @ ((inner.error / inner.squares)[:, None] * strained)
         own = np.einsum("nii->ni", mixed)
         apart = np.abs(self.squares[:, :, None] - self.squares[:, None])
         bound = np.where(apart <= own[:, :, None] + own[:, None], mixed, 0.0).sum(axis=2)
@@ -346,18 +346,17 @@ def _iterate_subspace(pencil: Pencil, matrix: Array, begin: Array, wanted: int) 
     step = np.linalg.inv(matrix) @ mass
     chance = np.random.default_rng(0).normal(size=(d, wanted + _GUARDS - begin.shape[1]))
     x = np.broadcast_to(np.hstack([begin, chance]), (n, d, wanted + _GUARDS))
-    before: Array = np.zeros((n, wanted))
+    now: Array = np.zeros((n, wanted))
     done: NDArray[np.bool_] = np.zeros(n, dtype=bool)
     for _ in range(_ROUNDS):
         for _ in range(_POWERS):
             x = step @ x
         x = x / np.linalg.norm(x, axis=1, keepdims=True).clip(min=1e-300)
-        half = half_inverse(np.swapaxes(x, -1, -2) @ matrix @ x, 1e-13)
-        values, turned = np.linalg.eigh(half @ (np.swapaxes(x, -1, -2) @ mass @ x) @ np.swapaxes(half, -1, -2))
-        x = x @ (np.swapaxes(half, -1, -2) @ turned[..., ::-1])
-        now = values[:, ::-1][:, :wanted]
+        half = half_inverse(x.mT @ matrix @ x, 1e-13)
+        values, turned = np.linalg.eigh(half @ (x.mT @ mass @ x) @ half.mT)
+        x = x @ (half.mT @ turned[..., ::-1])
+        before, now = now, values[:, ::-1][:, :wanted]
         done = np.all((np.abs(now - before) <= _CONVERGED * now[:, :1]) & (now > 0.0), axis=1)
-        before = now
         if done.all():
             break
     return x[..., :wanted], done

@@ -13,10 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.vjm.checks import BASE, GROUND, TOOL
-from stiffscope.vjm.dynamics import split_moments
 from stiffscope.vjm.joints import DRIVEN
 from stiffscope.vjm.linkage import rotation_vector
-from stiffscope.vjm.screws import Frame, rotation, rotation_of
+from stiffscope.vjm.screws import Frame, rotation, rotation_of, shift
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -24,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from stiffscope.vjm.bodies import Elastic
-    from stiffscope.vjm.dynamics import Dynamics
+    from stiffscope.vjm.dynamics import Masses
     from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.linkage import Linkage
@@ -168,11 +167,15 @@ class Places:
 
     def rotation_across(self, element: Element) -> Array:
         """Rotation (n or 1, 3, 3) of an element's second node against its first."""
-        return np.swapaxes(self.rotation[element.first], -1, -2) @ self.rotation[element.second]
+        return self.rotation[element.first].mT @ self.rotation[element.second]
 
     def point(self, node: str, home: Array) -> Array:
         """A point (3,) of a node's body, in base axes, (n or 1, 3)."""
         return self.rotation[node] @ home + self.position[node]
+
+    def wrenches(self, node: str, home: Array) -> Array:
+        """Wrenches (n or 1, 6, 6) at M for unit wrenches at a point of a node's body, base axes."""
+        return shift(self.point(node, home) - self.tool).mT
 
 
 def list_elements(mechanism: Mechanism) -> tuple[Element, ...]:
@@ -354,61 +357,10 @@ def _factor(compliance: Array) -> Array:
     return out
 
 
-@dataclass(frozen=True, eq=False)
-class Masses:
-    """Mass in kg at a node, and its first moment Σ m r (n or 1, 3) about M.
-
-    ``rest`` (n or 1, 6, 3): wrench at M in base axes for unit accelerations, that no mass on the node would give.
-    """
-
-    mass: float
-    moment: Array
-    rest: Array
-
-    def weight(self, gravity: Array) -> Array:
-        """Wrench (n or 1, 6, 1) at M in base axes under an acceleration (3,)."""
-        force = np.broadcast_to(self.mass * gravity, self.moment.shape)
-        return (np.concatenate([force, np.cross(self.moment, gravity)], axis=1) + self.rest @ gravity)[..., None]
-
-    def plus(self, other: Masses) -> Masses:
-        """Both on the same node."""
-        return Masses(self.mass + other.mass, self.moment + other.moment, self.rest + other.rest)
-
-
 def lump_masses(mechanism: Mechanism, where: Places) -> dict[str, Masses]:
-    """Masses of every node that has any; an elastic body's acts at its ends, as its dynamics say or half at either."""
-    out: dict[str, Masses] = {}
-    for body in mechanism.bodies:
-        if body.elastic is not None and body.elastic.dynamics is not None:
-            found = list(_split_weight(body.nodes, body.elastic, body.elastic.dynamics, where))
-        elif body.mass == 0.0:
-            continue
-        elif body.elastic is not None:
-            ends = list(zip(body.nodes, body.elastic.places, strict=True))
-            found = [(node, _point_mass(body.mass / len(ends), node, at, where)) for node, at in ends]
-        else:
-            centre = body.centre if body.centre is not None else np.zeros(3)
-            found = [(body.name, _point_mass(body.mass, body.name, centre, where))]
-        for node, each in found:
-            out[node] = out[node].plus(each) if node in out else each
-    return out
-
-
-def _point_mass(mass: float, node: str, at: Array, where: Places) -> Masses:
-    return Masses(mass, mass * (where.point(node, at) - where.tool), np.zeros((1, 6, 3)))
-
-
-def _split_weight(
-    nodes: tuple[str, ...], elastic: Elastic, dynamics: Dynamics, where: Places
-) -> Iterator[tuple[str, Masses]]:
-    """An elastic body's weight at its ends: at each the mass on a lever that gives it, and the rest."""
-    loads = np.split(dynamics.load, len(nodes))
-    for node, at, load in zip(nodes, elastic.places, loads, strict=True):
-        mass = float(np.trace(load[:3])) / 3.0
-        moment, more = split_moments(load[3:])
-        axes = where.rotation[node] @ elastic.axes
-        away = where.point(node, at) - where.tool
-        frame = Frame(axes, away)
-        left = np.concatenate([load[:3] - mass * np.eye(3), more])
-        rest = np.swapaxes(frame.inverse_adjoint(), -1, -2) @ left @ np.swapaxes(axes, -1, -2)
-        yield node, Masses(mass, mass * away + axes @ moment, rest)
+    """Masses of every node that has any, about M in base axes."""
+    return {
+        node: mass.place(where.rotation[node], where.position[node] - where.tool)
+        for body in mechanism.bodies
+        for node, mass in body.masses.items()
+    }

@@ -256,7 +256,7 @@ class _Planner:
         k, formable = form_stiffness(factor, free, self.length)
         if formable and all(moves_with(e, self.links[c.anchor], self.links) for e, _ in c.members):
             carry = c.frame(self.home).adjoint()
-            return replace(c, constant=np.swapaxes(carry, -1, -2) @ k @ carry, formable=True)
+            return replace(c, constant=carry.mT @ k @ carry, formable=True)
         return replace(c, formable=formable)
 
 
@@ -267,10 +267,18 @@ def _connection(start: str, end: str, members: Members) -> Connection:
 
 
 def stack_columns(blocks: Iterable[Array]) -> Array:
-    """Concatenate columns (n or 1, 6, r) of blocks."""
+    """Concatenate columns (n or 1, d, r) of blocks."""
     parts = list(blocks)
-    n = max(len(b) for b in parts if b.shape[2]) if any(b.shape[2] for b in parts) else 1
-    return np.concatenate([np.broadcast_to(b, (n, *b.shape[1:])) for b in parts if b.shape[2]] or parts[:1], axis=-1)
+    parts = [b for b in parts if b.shape[2]] or parts[:1]
+    n = max(map(len, parts))
+    return np.concatenate([b if len(b) == n else np.broadcast_to(b, (n, *b.shape[1:])) for b in parts], axis=-1)
+
+
+def stack_rows(blocks: Iterable[Array]) -> Array:
+    """Concatenate rows (n or 1, r, c) of blocks."""
+    parts = list(blocks)
+    n = max(map(len, parts))
+    return np.concatenate([b if len(b) == n else np.broadcast_to(b, (n, *b.shape[1:])) for b in parts], axis=1)
 
 
 def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bool]:
@@ -297,19 +305,18 @@ def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bo
         size = np.linalg.norm(f, axis=1, keepdims=True)
         f = p @ f
         f = np.where(np.linalg.norm(f, axis=1, keepdims=True) > ROUNDING * size, f, 0.0)
-    core = f @ np.swapaxes(f, -1, -2)
+    core = f @ f.mT
     mean = np.where(rank < 6.0, np.einsum("nii->n", core) / np.maximum(6.0 - rank, 1.0), 1.0)
     core = core + mean[:, None, None] * (np.eye(6) - p)
     half, pivots = pivot(core, RIGID)
     least = np.minimum.accumulate(np.clip(pivots[:, :-1], _LOST, 1.0), axis=1)
     finite = bool((pivots > RIGID).all() and (pivots[:, 1:] * least > _LOST).all())
     half = half @ p * scale[:, 0]
-    return np.swapaxes(half, -1, -2) @ half, finite
+    return half.mT @ half, finite
 
 
 def fit_free_motions(free: Array, length: float) -> Array:
     """Coordinates (n, k, 6) of the free directions (n, 6, k) nearest to a twist, lengths scaled."""
     scale = np.array([1.0 / length] * 3 + [1.0] * 3)
     unit = free * scale[:, None]
-    unit_t = np.swapaxes(unit, -1, -2)
-    return inverse(unit_t @ unit) @ unit_t * scale
+    return inverse(unit.mT @ unit) @ unit.mT * scale

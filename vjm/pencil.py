@@ -114,6 +114,6 @@ def form_pencils(
     ranks = (values > RANK * values[:, :1]).sum(axis=1)
     for rank in np.unique(ranks):
         some = np.flatnonzero(ranks == rank)
-        basis = unit[:, None] * np.swapaxes(rows[some, rank:], -1, -2)
-        reduced = [np.swapaxes(basis, -1, -2) @ a[some] @ basis for a in (stiffness, mass)]
+        basis = unit[:, None] * rows[some, rank:].mT
+        reduced = [basis.mT @ a[some] @ basis for a in (stiffness, mass)]
         yield Pencil(system.some(some), basis, *reduced), some

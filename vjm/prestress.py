@@ -20,16 +20,18 @@ import numpy as np
 
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import condense_network
-from stiffscope.vjm.equilibrium import solve_held, solve_loads, tool_stiffness
-from stiffscope.vjm.loading import HELD, Loads, condense_loads, recover_response, solve_tool, stack_rows, store_energy
+from stiffscope.vjm.equilibrium import recover_held, solve_held, solve_loads, tool_stiffness
+from stiffscope.vjm.loading import HELD, Loads, condense_loads, solve_tool, store_energy
 from stiffscope.vjm.network import END, Places, free_directions, lump_masses
-from stiffscope.vjm.order import stack_columns
-from stiffscope.vjm.saddle import saddle_loaded_unit
+from stiffscope.vjm.order import stack_columns, stack_rows
+from stiffscope.vjm.saddle import saddle_response
 from stiffscope.vjm.screws import rotation_of, skew
 from stiffscope.vjm.semidefinite import inverse
 from stiffscope.vjm.strain import find_offsets, find_remaining_offsets
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
     from stiffscope.vjm.condensation import Condensed
@@ -45,48 +47,30 @@ _STEPS = 12
 _SLOW = 3e-4  # of the motions, as the root of the energy: below, what their change changes is below 1e-10 of all
 
 
-def own_loads(order: Order, where: Places, gravity: Array) -> Loads:
-    """The mechanism's own weight under ``gravity`` (3,), its offsets, and springs that are not at rest: one case.
-
-    Parameters
-    ----------
-    order
-        Order in which the network is condensed.
-    where
-        Places of all nodes at n configurations.
-    gravity
-        Acceleration (3,) in base axes, m/s².
-
-    """
-    nodes = (
-        {node: m.weight(gravity) for node, m in lump_masses(order.mechanism, where).items()} if gravity.any() else {}
-    )
-    return Loads(1, nodes, find_offsets(order, where))
+def own_loads(order: Order, where: Places) -> Loads:
+    """The mechanism's own weight, its offsets, and springs that are not at rest: one case."""
+    return Loads(1, _find_weights(order, where), find_offsets(order, where))
 
 
-def loaded_stiffness(order: Order, where: Places, gravity: Array) -> tuple[Array, Array]:
-    """Stiffness (n, 6, 6) at M in base axes under the mechanism's own weight and offsets, and its sag (n, 6).
+def _find_weights(order: Order, where: Places) -> dict[str, Array]:
+    gravity = order.mechanism.gravity
+    masses = lump_masses(order.mechanism, where) if gravity.any() else {}
+    return {node: mass.weight(gravity) for node, mass in masses.items()}
+
+
+def loaded_stiffness(order: Order, where: Places) -> Array:
+    """Stiffness at M in base axes under the mechanism's own weight and offsets, and its sag behind it, (n, 6, 7).
 
     The sag is that of small displacements; the stiffness is taken at the equilibrium of finite ones, and is NaN where
     none is found. Raises InputError where the tool moves freely.
-
-    Parameters
-    ----------
-    order
-        Order in which the network is condensed.
-    where
-        Places of all nodes at n configurations.
-    gravity
-        Acceleration (3,) in base axes, m/s².
-
     """
-    bent = bend_network(order, where, gravity)
-    matrix, slack = _tangent(order, bent.there, where, gravity)
+    bent = bend_network(order, where)
+    matrix, slack = _tangent(order, bent.there, where)
     slack = slack & bent.found
     if slack.any():
-        matrix[slack] = _tangent(order, bent.there.some(slack), where.some(slack), gravity, thorough=True)[0]
+        matrix[slack] = _tangent(order, bent.there.some(slack), where.some(slack), thorough=True)[0]
     matrix[~bent.found] = np.nan
-    return matrix, bent.sag
+    return stack_columns([matrix, bent.sag[..., None]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,7 +82,7 @@ class Bent:
     found: NDArray[np.bool_]
 
 
-def bend_network(order: Order, where: Places, gravity: Array, small: float = _SMALL) -> Bent:
+def bend_network(order: Order, where: Places, small: float = _SMALL) -> Bent:
     """Equilibrium under own weight and offsets: a linear step, and more where displacements are not ``small``.
 
     Parameters
@@ -107,20 +91,17 @@ def bend_network(order: Order, where: Places, gravity: Array, small: float = _SM
         Order in which the network is condensed.
     where
         Places of all nodes at n configurations.
-    gravity
-        Acceleration (3,) in base axes, m/s².
     small
         Rad, or of the mechanism's length, up to which one step is enough; smaller costs more steps.
-
     """
-    moved = solve_loads(order, where, own_loads(order, where, gravity))
+    moved = solve_loads(order, where, own_loads(order, where))
     n = len(where.tool)
     there, size = bend_places(where, moved), _find_size(moved, order.length)
     far = size > small
     if far.any():
         rest, bent, left = where.some(far), there.some(far), size[far]
         for _ in range(_STEPS):
-            step = solve_loads(order, bent, _remaining_loads(order, bent, rest, gravity))
+            step = solve_loads(order, bent, _remaining_loads(order, bent, rest))
             bent, last, left = bend_places(bent, step), left, _find_size(step, order.length)
             if not (left * np.minimum(left / last, 1.0) > _SETTLED).any():  # what the next step would be
                 break
@@ -129,62 +110,38 @@ def bend_network(order: Order, where: Places, gravity: Array, small: float = _SM
     return Bent(there, np.broadcast_to(moved.twist[..., 0], (n, 6)), ~(size > _SMALL) | ~far)
 
 
-def _tangent(
-    order: Order, there: Places, rest: Places, gravity: Array, *, thorough: bool = False
-) -> tuple[Array, NDArray[np.bool_]]:
+def _tangent(order: Order, there: Places, rest: Places, *, thorough: bool = False) -> tuple[Array, NDArray[np.bool_]]:
     """Tangent stiffness (n, 6, 6) at bent places, and where (n,) internal motions change too much for a first order.
 
     ``thorough``: internal motions to convergence, not to first order.
     """
     state = condense_network(order, there)
-    load = condense_loads(state, _remaining_loads(order, there, rest, gravity))
-    if order.left:
-        stiffness, ends, left = saddle_loaded_unit(state, load)
-    else:
-        stiffness, left = tool_stiffness(state), []
-        unit = np.broadcast_to(np.eye(6), (len(stiffness), 6, 6))
-        end = np.concatenate([solve_tool(stiffness, load.force(END)), unit], axis=2)
-        ends = {GROUND: np.zeros((1, 6, 7)), END: end}
-    work = SecondOrder(recover_response(state, load, ends, left, mix=np.eye(1, 7)), order.mechanism, gravity)
+    load = condense_loads(state, _widen(_remaining_loads(order, there, rest)))
+    stiffness = tool_stiffness(state)
+    end = saddle_response(state, load)[0][END] if order.left else solve_tool(stiffness, load.force(END))
+    work = SecondOrder(recover_held(state, load, end + np.eye(6, 7, 1)), order.mechanism)
     change, slack = _relax(state, work, stiffness, thorough=thorough)
     n = len(there.tool)
     return np.array(np.broadcast_to(stiffness + change, (n, 6, 6))), np.broadcast_to(slack, n)
 
 
-def loaded_compliance(order: Order, where: Places, gravity: Array) -> tuple[Array, Array]:
-    """Compliance (n, 6, 6) of the tool under own weight and offsets, and its sag (n, 6), as ``loaded_stiffness``.
+def loaded_compliance(order: Order, where: Places) -> Array:
+    """Compliance of the tool under own weight and offsets, and its sag behind it, (n, 6, 7); as ``loaded_stiffness``.
 
     It serves where the stiffness is infinite in some direction. With X the motions for unit wrenches on the tool and H
     the Hessian of the second-order work, these change by δ where ``H₀ δ = -H (X + δ)``.
-
-    Parameters
-    ----------
-    order
-        Order in which the network is condensed.
-    where
-        Places of all nodes at n configurations.
-    gravity
-        Acceleration (3,) in base axes, m/s².
-
     """
-    bent = bend_network(order, where, gravity, 0.0)
+    bent = bend_network(order, where, 0.0)
     there = bent.there
-    loads = _remaining_loads(order, there, where, gravity)
-    mix = np.eye(1, 7)
-    nodes: dict[str, Array] = {node: wrench @ mix for node, wrench in loads.nodes.items()}
-    nodes[END] = nodes.get(END, np.zeros((1, 6, 7))) + np.eye(6, 7, 1)
-    offsets: dict[str, Array] = {name: offset @ mix for name, offset in loads.offsets.items()}
-    response = solve_loads(order, there, Loads(7, nodes, offsets, balanced=HELD))
-    work = SecondOrder(response, order.mechanism, gravity)
-    unit = whole = Motion.select_cases(response, slice(1, 7))
-    for _ in range(_STEPS):
-        loads = Loads(6, work.differentiate(whole, held=False)[1], balanced=HELD)
-        before, whole = whole, unit.plus(Motion.select_cases(solve_loads(order, there, loads), slice(0, 6)), 1.0)
-        if (whole.plus(before, -1.0).size <= _SETTLED * unit.size).all():
-            break
-    matrix = whole.nodes[END]
-    matrix = np.where(bent.found[:, None, None], 0.5 * (matrix + _t(matrix)), np.nan)
-    return matrix, bent.sag
+    loads = _widen(_remaining_loads(order, there, where))
+    loads.nodes[END] = loads.nodes.get(END, np.zeros((1, 6, 7))) + np.eye(6, 7, 1)
+    response = solve_loads(order, there, loads)
+    work = SecondOrder(response, order.mechanism)
+    unit = Motion.select_cases(response, slice(1, 7))
+    change = _settle_motions(work, unit, lambda loads: solve_loads(order, there, loads), held=False)
+    matrix = unit.nodes[END] + change.nodes[END]
+    matrix = np.where(bent.found[:, None, None], 0.5 * (matrix + matrix.mT), np.nan)
+    return stack_columns([matrix, bent.sag[..., None]])
 
 
 def _relax(state: Condensed, work: SecondOrder, stiffness: Array, *, thorough: bool) -> tuple[Array, NDArray[np.bool_]]:
@@ -195,37 +152,52 @@ def _relax(state: Condensed, work: SecondOrder, stiffness: Array, *, thorough: b
     beside the stiffness bounds the rest, and by ``Xᵀ H (X + δ)`` for the last.
     """
     unit = Motion.select_cases(work.response, slice(1, 7))
+    if thorough:
+        relaxed = _settle_motions(work, unit, lambda loads: solve_held(state, loads))
+        change = work.differentiate(unit.plus(relaxed, 0.5))[0] - 0.25 * work.differentiate(relaxed)[0]
+        return change, np.zeros(1, dtype=bool)
     square, wrenches = work.differentiate(unit)
     loads = Loads(6, wrenches, balanced=HELD)
-    if not (thorough or state.order.left):
-        stored = store_energy(state, condense_loads(state, loads))
-    else:
+    if state.order.left:
         held = solve_held(state, loads)
-        stored = sum((_t(wrench) @ held.nodes[node] for node, wrench in wrenches.items()), np.zeros((1, 6, 6)))
-    if not thorough:
-        slack = np.einsum("nii->ni", stored) > _SLOW**2 * np.einsum("nii->ni", stiffness)
-        return square - 0.5 * (stored + _t(stored)), slack.any(axis=1)
-    relaxed = Motion.select_cases(held, slice(0, 6))  # pyright: ignore[reportPossiblyUnboundVariable]
+        stored = sum((wrench.mT @ held.nodes[node] for node, wrench in wrenches.items()), np.zeros((1, 6, 6)))
+    else:
+        stored = store_energy(state, condense_loads(state, loads))
+    slack = np.einsum("nii->ni", stored) > _SLOW**2 * np.einsum("nii->ni", stiffness)
+    return square - 0.5 * (stored + stored.mT), slack.any(axis=1)
+
+
+def _settle_motions(
+    work: SecondOrder, unit: Motion, solve: Callable[[Loads], Response], *, held: bool = True
+) -> Motion:
+    """Change δ of six motions X to convergence, where ``H₀ δ = -H (X + δ)``; ``held``: with the tool at rest."""
+    change = unit.plus(unit, -1.0)
     for _ in range(_STEPS):
-        loads = Loads(6, work.differentiate(unit.plus(relaxed, 1.0))[1], balanced=HELD)
-        before, relaxed = relaxed, Motion.select_cases(solve_held(state, loads), slice(0, 6))
-        if (relaxed.plus(before, -1.0).size < _SETTLED * unit.size).all():
+        loads = Loads(6, work.differentiate(unit.plus(change, 1.0), held=held)[1], balanced=HELD)
+        before, change = change, Motion.select_cases(solve(loads), slice(0, 6))
+        if (change.plus(before, -1.0).size <= _SETTLED * unit.size).all():
             break
-    change = work.differentiate(unit.plus(relaxed, 0.5))[0] - 0.25 * work.differentiate(relaxed)[0]
-    return change, np.zeros(1, dtype=bool)
+    return change
 
 
-def _remaining_loads(order: Order, there: Places, rest: Places, gravity: Array) -> Loads:
-    nodes = own_loads(order, there, gravity).nodes
+def _remaining_loads(order: Order, there: Places, rest: Places) -> Loads:
+    nodes = _find_weights(order, there)
     return Loads(1, nodes, find_remaining_offsets(order, there, rest), balanced=HELD)
+
+
+def _widen(loads: Loads) -> Loads:
+    """A case of loads with six after it that have none."""
+    nodes, offsets = (
+        {name: np.pad(each, ((0, 0), (0, 0), (0, 6))) for name, each in some.items()}
+        for some in (loads.nodes, loads.offsets)
+    )
+    return Loads(7, nodes, offsets, loads.balanced)
 
 
 def _find_size(moved: Response, length: float) -> Array:
     """Largest rotation, or translation over the mechanism's length, of any node (n,)."""
     unit = np.repeat([1.0 / length, 1.0], 3)
-    n = len(moved.twist)
-    sizes = [np.abs(u[..., 0] * unit).max(axis=1) for u in moved.nodes.values()]
-    return np.max([np.broadcast_to(size, n) for size in sizes], axis=0)
+    return np.max(np.broadcast_arrays(*(np.abs(u[..., 0] * unit).max(axis=1) for u in moved.nodes.values())), axis=0)
 
 
 def bend_places(where: Places, response: Response) -> Places:
@@ -267,7 +239,7 @@ class Motion:
                 out.turns[name] = twist[:, 3:]
                 continue
             factor, rates = state.where.factor(e), state.rates[..., some]
-            stress = _t(factor) @ state.wrench[..., some]
+            stress = factor.mT @ state.wrench[..., some]
             own = factor.shape[2] - e.sprung
             strained = [factor[:, 3:, :own] @ stress[:, :own]] if own and _is_ordered(e) else []
             out.turns[name] = stack_rows([*strained, stress[:, own:], rates])
@@ -276,18 +248,13 @@ class Motion:
     @property
     def size(self) -> Array:
         """Largest of all nodes' twists (n,)."""
-        return _measure_nodes(self.nodes)
+        return np.max(np.broadcast_arrays(*(np.abs(u).max(axis=(1, 2)) for u in self.nodes.values())), axis=0)
 
     def plus(self, other: Motion, times: float) -> Motion:
         """Its sum with ``times`` the other."""
         keys = ("nodes", "twist", "turns")
         mine, theirs = ([getattr(m, key) for key in keys] for m in (self, other))
         return Motion(*({k: a[k] + times * b[k] for k in a} for a, b in zip(mine, theirs, strict=True)))
-
-
-def _measure_nodes(nodes: dict[str, Array]) -> Array:
-    """Largest of all nodes' twists (n,)."""
-    return np.max(np.broadcast_arrays(*(np.abs(u).max(axis=(1, 2)) for u in nodes.values())), axis=0)
 
 
 def _is_ordered(element: Element) -> bool:
@@ -301,7 +268,6 @@ class SecondOrder:
 
     response: Response
     mechanism: Mechanism
-    gravity: Array
 
     @cached_property
     def _brackets(self) -> list[tuple[ElementState, Array]]:
@@ -315,16 +281,19 @@ class SecondOrder:
         """What elements carry (n, 6), at their own points in their own axes."""
         where = self.response.where
         first = ((s.element, s.carried[..., :1]) for s, _ in self._brackets)
-        return {e.name: (_t(where.adjoint(e)) @ carried)[..., 0] for e, carried in first}
+        return {e.name: (where.adjoint(e).mT @ carried)[..., 0] for e, carried in first}
 
     @cached_property
-    def _weights(self) -> dict[str, tuple[Array, Array]]:
-        """For every node with mass the matrices of ``f·(ω × v)`` (3, 3) and of ``f·(ω × (ω × r))`` (n, 3, 3)."""
-        out: dict[str, tuple[Array, Array]] = {}
-        for node, m in lump_masses(self.mechanism, self.response.where).items() if self.gravity.any() else ():
-            lever = m.moment[:, :, None] * self.gravity
-            block = 0.5 * (lever + _t(lever)) - np.einsum("nii->n", lever)[:, None, None] * np.eye(3)
-            out[node] = skew(m.mass * self.gravity), block
+    def _weights(self) -> dict[str, Array]:
+        """For every node with mass the matrix (n, 6, 6) of ``½ f·(ω × v)`` and ``½ f·(ω × (ω × r))``."""
+        out: dict[str, Array] = {}
+        gravity = self.mechanism.gravity
+        for node, m in lump_masses(self.mechanism, self.response.where).items() if gravity.any() else ():
+            lever = m.moment[:, :, None] * gravity
+            matrix = out[node] = np.zeros((len(lever), 6, 6))
+            matrix[:, :3, 3:] = 0.5 * skew(m.mass * gravity)
+            matrix[:, 3:, :3] = -matrix[:, :3, 3:]
+            matrix[:, 3:, 3:] = 0.5 * (lever + lever.mT) - np.einsum("nii->n", lever)[:, None, None] * np.eye(3)
         return out
 
     @cached_property
@@ -337,9 +306,9 @@ class SecondOrder:
                 continue
             axes = list_axes(state)
             k = axes.shape[1]
-            hessian = 0.5 * np.triu(axes @ skew(moment) @ _t(axes), 1)
-            hessian = hessian + _t(hessian)
-            back = _t(axes) @ inverse(axes @ _t(axes)) if k < 4 else inverse(_t(axes) @ axes) @ _t(axes)
+            hessian = 0.5 * np.triu(axes @ skew(moment) @ axes.mT, 1)
+            hessian = hessian + hessian.mT
+            back = axes.mT @ inverse(axes @ axes.mT) if k < 4 else inverse(axes.mT @ axes) @ axes.mT
             out[e.name] = hessian, back
         return out
 
@@ -357,15 +326,12 @@ class SecondOrder:
             e = state.element
             add(e.first, -matrix @ motion.nodes[e.second])
             add(e.second, matrix @ motion.nodes[e.first])
-        for node, (force, block) in self._weights.items():
-            v, spin = np.split(motion.nodes[node], 2, axis=1)
-            moment = block @ spin - 0.5 * force @ v
-            push = np.broadcast_to(0.5 * force @ spin, moment.shape)
-            add(node, np.concatenate([push, moment], axis=1))
+        for node, matrix in self._weights.items():
+            add(node, matrix @ motion.nodes[node])
         square: Array = np.zeros((1, 6, 6))
         for node, wrench in on_nodes.items():
             if node != GROUND:
-                square = square - _t(motion.nodes[node]) @ wrench
+                square = square - motion.nodes[node].mT @ wrench
         for state, _ in self._brackets:
             if state.element.name in motion.twist:
                 more, wrench = self._differentiate_own(state, motion)
@@ -383,14 +349,14 @@ class SecondOrder:
         name, twist = state.element.name, motion.twist[state.element.name]
         force = 0.5 * skew(self._wrenches[name][:, :3])
         push, turn = force @ twist[:, 3:], -force @ twist[:, :3]
-        square = _t(twist[:, :3]) @ push
-        square = square + _t(square)
+        square = twist[:, :3].mT @ push
+        square = square + square.mT
         if name in self._orders:
             hessian, back = self._orders[name]
             work = hessian @ motion.turns[name]
-            square, turn = square + _t(motion.turns[name]) @ work, turn + back @ work
+            square, turn = square + motion.turns[name].mT @ work, turn + back @ work
         frame = state.where.frame(state.element)
-        return square, _t(frame.inverse_adjoint()) @ np.concatenate([push, turn], axis=1)
+        return square, frame.inverse_adjoint().mT @ np.concatenate([push, turn], axis=1)
 
 
 def list_axes(state: ElementState) -> Array:
@@ -398,7 +364,7 @@ def list_axes(state: ElementState) -> Array:
     e = state.element
     sprung = state.where.factor(e)[..., e.factor.shape[1] - e.sprung :]
     own = [np.eye(3)[None]] if e.factor.shape[1] > e.sprung else []
-    return stack_rows([*own, _t(stack_columns([sprung, free_directions(e, state.where)])[:, 3:])])
+    return stack_rows([*own, stack_columns([sprung, free_directions(e, state.where)])[:, 3:].mT])
 
 
 def bracket(wrench: Array) -> Array:
@@ -407,7 +373,3 @@ def bracket(wrench: Array) -> Array:
     out[:, :3, 3:] = out[:, 3:, :3] = skew(wrench[:, :3])
     out[:, 3:, 3:] = skew(wrench[:, 3:])
     return out
-
-
-def _t(a: Array) -> Array:
-    return np.swapaxes(a, -1, -2)

@@ -22,7 +22,7 @@ from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import InfiniteStiffnessError, condense_network
 from stiffscope.vjm.loading import chain_loads, project_loads
 from stiffscope.vjm.network import END
-from stiffscope.vjm.order import places_at_home, stack_columns
+from stiffscope.vjm.order import places_at_home, stack_columns, stack_rows
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from stiffscope.vjm.condensation import Condensed
     from stiffscope.vjm.loading import ChainLoads, CondensedLoads
-    from stiffscope.vjm.order import Connection
     from stiffscope.vjm.screws import Array
 
 _RANK = 1e-10
@@ -49,30 +48,22 @@ class System:
     columns: list[Array]  # B (n or 1, 6, m) of each connection at M in base axes
 
 
-Left: TypeAlias = "list[tuple[Connection, ChainLoads | None, Array, Array, Array]]"
-"""Connections left: their loads, wrench, twist across and rates."""
+Left: TypeAlias = "list[tuple[ChainLoads, Array, Array, Array]]"
+"""Connections left, by their loads: wrench, twist across and rates."""
 
 
-def saddle_unit(state: Condensed) -> tuple[Array, dict[str, Array], Left]:
-    """Stiffness (n or 1, 6, 6) at M in base axes; twists of the kept nodes, and connections, under unit tool twists.
-
-    Raises InfiniteStiffnessError where it would be infinite.
-    """
-    system = _assemble(state)
-    tool = system.nodes[END]
-    inner = np.r_[tool.stop : system.matrix.shape[-1]]
-    m = system.matrix
-    coupling = m[:, inner, tool]
-    moved, good = _solve(state, m[:, inner[:, None], inner], -coupling, "held")
+def saddle_stiffness(state: Condensed) -> Array:
+    """Stiffness (n or 1, 6, 6) at M in base axes. Raises InfiniteStiffnessError where it would be infinite."""
+    matrix, tool, inner = _divide(_assemble(state))
+    coupling = matrix[:, inner, tool]
+    moved, good = _solve(state, matrix[:, inner[:, None], inner], -coupling, "held")
     if not good:
         names = ", ".join(e.name for c in state.order.left for e, _ in c.members)
         raise InfiniteStiffnessError(
             f"the tool has infinite stiffness in a direction, through {names}: expected a compliance there"
         )
-    k = m[:, tool, tool] + np.swapaxes(coupling, -1, -2) @ moved
-    unit = np.concatenate([np.broadcast_to(np.eye(6), (len(moved), 6, 6)), moved], axis=1)
-    nothing = [None] * len(state.order.left)
-    return 0.5 * (k + np.swapaxes(k, -1, -2)), *_recover(state, system, nothing, unit)
+    k = matrix[:, tool, tool] + coupling.mT @ moved
+    return 0.5 * (k + k.mT)
 
 
 def saddle_response(state: Condensed, load: CondensedLoads) -> tuple[dict[str, Array], Left]:
@@ -82,64 +73,51 @@ def saddle_response(state: Condensed, load: CondensedLoads) -> tuple[dict[str, A
     found, good = _solve(state, system.matrix, right, "response", load.loads.balanced)
     if not good:
         raise InputError("the tool, or a body, moves freely under its load: ask for its mobility, not its deflection")
-    return _recover(state, system, chains, found)
+    return _recover(system, chains, found)
 
 
-def saddle_held(state: Condensed, load: CondensedLoads) -> tuple[dict[str, Array], Left]:
-    """``saddle_response`` with the tool held."""
+def saddle_held(state: Condensed, load: CondensedLoads, twist: Array) -> tuple[dict[str, Array], Left]:
+    """``saddle_response`` with the tool held at a twist (n or 1, 6, c)."""
     system = _assemble(state)
     chains, right = _form_right_side(state, system, load)
-    tool = system.nodes[END]
-    inner = np.r_[tool.stop : system.matrix.shape[-1]]
-    found, good = _solve(state, system.matrix[:, inner[:, None], inner], right[:, inner], "held", load.loads.balanced)
+    matrix, tool, inner = _divide(system)
+    rest = right[:, inner] - matrix[:, inner, tool] @ twist
+    found, good = _solve(state, matrix[:, inner[:, None], inner], rest, "held", load.loads.balanced)
     if not good:
         raise InputError("a body moves freely under its load: there is no equilibrium")
-    whole = np.concatenate([np.zeros((len(found), 6, found.shape[2])), found], axis=1)
-    return _recover(state, system, chains, whole)
+    return _recover(system, chains, stack_rows([twist, found]))
 
 
-def saddle_loaded_unit(state: Condensed, load: CondensedLoads) -> tuple[Array, dict[str, Array], Left]:
-    """``saddle_unit`` with one case more, before the unit twists: the equilibrium under the loads."""
-    stiffness, unit, across = saddle_unit(state)
-    moved, under = saddle_response(state, load)
-
-    def join_cases(a: Array, b: Array) -> Array:
-        n = max(len(a), len(b))
-        return np.concatenate([np.broadcast_to(x, (n, *x.shape[1:])) for x in (a, b)], axis=2)
-
-    ends = {node: join_cases(moved[node], unit[node]) for node in moved}
-    left: Left = [
-        (c, along, join_cases(w, v[2]), join_cases(t, v[3]), join_cases(q, v[4]))
-        for (c, along, w, t, q), v in zip(under, across, strict=True)
-    ]
-    return stiffness, ends, left
+def _divide(system: System) -> tuple[Array, slice, NDArray[np.intp]]:
+    """The matrix, the places of the tool's twist in it, and those of all else."""
+    tool = system.nodes[END]
+    return system.matrix, tool, np.r_[tool.stop : system.matrix.shape[-1]]
 
 
 def _form_right_side(state: Condensed, system: System, load: CondensedLoads) -> tuple[list[ChainLoads], Array]:
     """Loads along the connections, and the right-hand side (n, s, c)."""
     chains = [chain_loads(state, load, c) for c in state.order.left]
-    n = max([len(system.matrix), *(len(f) for f in load.forces.values()), *(len(c.total) for c in chains)])
+    n = max([len(system.matrix), *(len(f) for f in load.forces.values()), *(len(c.carried[0]) for c in chains)])
     right = np.zeros((n, system.matrix.shape[-1], load.loads.cases))
     for node, place in system.nodes.items():
         right[:, place] += load.force(node)
     for along, y, w, b in zip(chains, system.coordinates, system.wrenches, system.columns, strict=True):
         c = along.connection
         if c.start in system.nodes:
-            right[:, system.nodes[c.start]] += along.total
+            right[:, system.nodes[c.start]] += along.carried[0]
         right[:, w] += along.offset
         right[:, y] += project_loads(along, b)
     return chains, right
 
 
-def _recover(
-    state: Condensed, system: System, chains: Sequence[ChainLoads | None], found: Array
-) -> tuple[dict[str, Array], Left]:
+def _recover(system: System, chains: Sequence[ChainLoads], found: Array) -> tuple[dict[str, Array], Left]:
     moved = {node: found[:, place] for node, place in system.nodes.items()}
     moved[GROUND] = np.zeros((1, 6, found.shape[2]))
     states: Left = []
-    for c, along, y, w in zip(state.order.left, chains, system.coordinates, system.wrenches, strict=True):
+    for along, y, w in zip(chains, system.coordinates, system.wrenches, strict=True):
+        c = along.connection
         count = sum(e.factor.shape[1] for e, _ in c.members)
-        states.append((c, along, found[:, w], moved[c.end] - moved[c.start], found[:, y][:, count:]))
+        states.append((along, found[:, w], moved[c.end] - moved[c.start], found[:, y][:, count:]))
     return moved, states
 
 
@@ -172,7 +150,7 @@ def _assemble(state: Condensed) -> System:
     _add_stiffnesses(m, state, nodes)
     for c, y, w, b, r in zip(order.left, coordinates, wrenches, columns, counts, strict=True):
         m[:, np.arange(y.start, y.start + r), np.arange(y.start, y.start + r)] = 1.0
-        m[:, y, w] = -np.swapaxes(b, -1, -2)
+        m[:, y, w] = -b.mT
         m[:, w, y] = -b
         for node, sign in ((c.end, 1.0), (c.start, -1.0)):
             if node in nodes:
@@ -182,7 +160,7 @@ def _assemble(state: Condensed) -> System:
 
 def _add_stiffnesses(matrix: Array, state: Condensed, nodes: dict[str, slice]) -> None:
     for (a, b), k in state.pairs.items():
-        for i, j, part in ((a, b, k), (b, a, np.swapaxes(k, -1, -2))):
+        for i, j, part in ((a, b, k), (b, a, k.mT)):
             if i in nodes:
                 matrix[:, nodes[i], nodes[i]] += part
                 if j in nodes:
@@ -210,7 +188,7 @@ def _solve(
         rest = np.broadcast_to(b, (n, *b.shape[1:]))[bad]
         values, vectors = np.linalg.eigh(some)
         kept = np.abs(values) > _RANK * np.abs(values).max(axis=1, keepdims=True)
-        turned = np.swapaxes(vectors, -1, -2) @ rest
+        turned = vectors.mT @ rest
         out[bad] = vectors @ (np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)[..., None] * turned)
         left = np.abs(some @ out[bad] - rest).max(axis=(1, 2))
         if not (left <= balanced * np.broadcast_to(size, n)[bad]).all():

@@ -82,7 +82,7 @@ class Frame:
 
     def inverse_adjoint(self) -> Array:
         """Carry a twist from the parent to the child: ``[[Rᵀ, -RᵀS(p)], [0, Rᵀ]]``, (..., 6, 6)."""
-        rt = np.swapaxes(self.matrix(), -1, -2)
+        rt = self.matrix().mT
         moment = None if self.translation is None else -(rt @ skew(self.translation))
         return _blocks(rt, moment)
 

@@ -55,7 +55,7 @@ def pivot(matrix: Array, tolerance: float = DROPPED) -> tuple[Array, Array]:
 def inverse(matrix: Array, tolerance: float = DROPPED) -> Array:
     """Generalized inverse (n, m, m) of semidefinite matrices (n, m, m)."""
     half = half_inverse(matrix, tolerance)
-    return np.swapaxes(half, -1, -2) @ half
+    return half.mT @ half
 
 
 def projector(directions: Array, tolerance: float = DROPPED) -> tuple[Array, Array]:

@@ -72,7 +72,7 @@ def invert_stiffness(matrix: Array, free: NDArray[np.int_]) -> Array:
     out = np.full_like(matrix, np.nan)
     known = np.isfinite(matrix).all(axis=(1, 2)) & (free == 0)
     out[known] = np.linalg.inv(matrix[known])
-    return 0.5 * (out + np.swapaxes(out, -1, -2))
+    return 0.5 * (out + out.mT)
 
 
 def softest(matrix: Array) -> Array:

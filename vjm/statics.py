@@ -12,18 +12,16 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import InfiniteStiffnessError, condense_network
 from stiffscope.vjm.datasets import Labelled, make_dataset
 from stiffscope.vjm.equilibrium import find_equilibrium, map_segments, solve_condensed, solve_loads, tool_stiffness
 from stiffscope.vjm.kinematics import CHUNK, Configurations, check_poses, configure, configure_chunks
 from stiffscope.vjm.laws import find_laws
-from stiffscope.vjm.loading import Loads, Response, stack_rows
-from stiffscope.vjm.network import END, FOOT, lump_masses, place_nodes
-from stiffscope.vjm.order import find_order
+from stiffscope.vjm.loading import Loads
+from stiffscope.vjm.network import END, place_nodes
+from stiffscope.vjm.order import find_order, stack_columns
 from stiffscope.vjm.prestress import loaded_compliance, loaded_stiffness, own_loads
 from stiffscope.vjm.singularity import characteristic_length, count_freedoms, invert_stiffness, rigid_wrenches
-from stiffscope.vjm.strain import find_offsets
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -96,15 +94,6 @@ class Stiffness(Labelled):
         return make_dataset(self.configurations, variables)
 
 
-@dataclass(frozen=True, eq=False)
-class Load:
-    """A dead load on a node: ``wrench`` (6,) or (n, 6) in N, N·m, base axes, at the body's home point ``at`` (3,)."""
-
-    node: str
-    wrench: Array
-    at: Array
-
-
 def stiffness(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity: Gravity = "none") -> Array:
     """Stiffness of the tool at many poses.
 
@@ -135,7 +124,7 @@ def stiffness(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravit
     >>> (k.diagonal()[:3] / 1e6).round(2)  # N/um
     array([23.84,  1.97, 12.4 ])
     """
-    return _map_chunks(mechanism, poses, (6, 6), lambda order, where: _find_stiffness(order, where, gravity)[0])
+    return _map_chunks(mechanism, poses, (6, 6), lambda order, where: _find_stiffness(order, where, gravity)[..., :6])
 
 
 def compliance(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity: Gravity = "none") -> Array:
@@ -205,7 +194,7 @@ def sag(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
     """
 
     def work(order: Order, where: Places) -> Array:
-        return find_equilibrium(order, where, own_loads(order, where, mechanism.gravity)).twist[..., 0]
+        return find_equilibrium(order, where, own_loads(order, where)).twist[..., 0]
 
     return _map_chunks(mechanism, poses, (6,), work)
 
@@ -281,58 +270,6 @@ def _analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array
     return out
 
 
-def respond(
-    mechanism: Mechanism,
-    poses: ArrayLike | Configurations,
-    wrench: ArrayLike,
-    *,
-    loads: Sequence[Load] = (),
-    gravity: float | ArrayLike = 0.0,
-    misfit: float | ArrayLike = 0.0,
-) -> Response:
-    """Equilibrium under wrenches (6,), (6, c) or (n, 6, c) at M in base axes, and what every element carries.
-
-    Parameters
-    ----------
-    loads
-        Dead loads on bodies, in every case.
-    gravity, misfit
-        How many times the mechanism's own weight, and its offsets, act; one for all cases or one a case (c,).
-
-    Raises
-    ------
-    InputError
-        For a pose out of reach, a load on no body, and where the tool moves freely under its load.
-    """
-    found = (poses if isinstance(poses, Configurations) else configure(mechanism, poses)).require_valid()
-    applied = np.asarray(wrench, dtype=float)
-    applied = applied[None, :, None] if applied.ndim == 1 else applied[None] if applied.ndim == 2 else applied
-    cases = applied.shape[2]
-    if applied.shape[1] != 6 or len(applied) not in {1, len(found)} or not np.isfinite(applied).all():
-        raise InputError(f"wrench: expected finite (6,), (6, c) or ({len(found)}, 6, c), got shape {np.shape(wrench)}")
-    order, where = find_order(mechanism, found.linkage), place_nodes(found)
-    all_loads = Loads(cases)
-    weight = np.broadcast_to(np.asarray(gravity, dtype=float), (cases,))
-    if weight.any():
-        for node, m in lump_masses(mechanism, where).items():
-            all_loads.nodes[node] = m.weight(mechanism.gravity) * weight
-    times = np.broadcast_to(np.asarray(misfit, dtype=float), (cases,))
-    if times.any():
-        all_loads.offsets |= {name: offset * times for name, offset in find_offsets(order, where).items()}
-    for load in loads:
-        node = FOOT if load.node == GROUND else load.node
-        if node not in where.rotation:
-            raise InputError(f"load: expected a body or an end of one, got {load.node!r}")
-        at_tool = np.atleast_2d(np.asarray(load.wrench, dtype=float)).copy()
-        lever = where.point(node, np.asarray(load.at, dtype=float)) - where.tool
-        moment = at_tool[:, 3:] + np.cross(lever, at_tool[:, :3])
-        force = np.broadcast_to(at_tool[:, :3], moment.shape)
-        whole = np.concatenate([force, moment], axis=1)[..., None] * np.ones(cases)
-        all_loads.nodes[node] = all_loads.nodes.get(node, np.zeros((1, 6, 1))) + whole
-    all_loads.nodes[END] = all_loads.nodes.get(END, np.zeros((1, 6, 1))) + applied
-    return find_equilibrium(order, where, all_loads)
-
-
 def stiffness_error(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
     """Bound (n, 6, 6) on the error of the stiffness at M from the bounds on the compliances of its elastic bodies.
 
@@ -347,56 +284,47 @@ def stiffness_error(mechanism: Mechanism, poses: ArrayLike | Configurations) -> 
             matrix = tool_stiffness(state)
         except InfiniteStiffnessError:
             return np.full((1, 6, 6), np.nan)
-        elements = solve_condensed(state, Loads(6, {END: matrix})).elements
-        out = np.zeros_like(matrix)
-        wrenches: dict[str, list[Array]] = {e.group or e.name: [] for e in order.elements}
-        for e in order.elements:
-            wrenches[e.group or e.name].append(elements[e.name].wrench)
+        response, out = solve_condensed(state, Loads(6, {END: matrix})), np.zeros_like(matrix)
         for name, bar in bars.items():
-            carried = np.abs(stack_rows(wrenches[name]))
-            out = out + np.swapaxes(carried, -1, -2) @ bar @ carried
+            carried = np.abs(response.find_wrench(mechanism.rows(name)))
+            out = out + carried.mT @ bar @ carried
         return out
 
     return _map_chunks(mechanism, poses, (6, 6), work)
 
 
-def _find_stiffness(order: Order, where: Places, gravity: Gravity) -> tuple[Array, Array]:
-    """Stiffness (n, 6, 6) and, with gravity, sag (n, 6)."""
-    if gravity == "exact" and find_laws(order.mechanism):
-        own = own_loads(order, where, order.mechanism.gravity)
+def _find_stiffness(order: Order, where: Places, gravity: Gravity) -> Array:
+    """Stiffness and, with gravity, sag (n, 6, 7)."""
+    if gravity == "none":
+        return stack_columns([tool_stiffness(condense_network(order, where)), np.zeros((1, 6, 1))])
+    return _at_weight(order, where, loaded_stiffness, 7)
 
-        def work(linear: Order, there: Places, _case: int) -> Array:
-            matrix, sagged = loaded_stiffness(linear, there, linear.mechanism.gravity)
-            return np.concatenate([matrix, sagged[..., None]], axis=2)
 
-        both = map_segments(order, where, own, (6, 7), work)[..., 0]
-        return both[..., :6], both[..., 6]
-    if gravity == "exact":
-        return loaded_stiffness(order, where, order.mechanism.gravity)
-    return tool_stiffness(condense_network(order, where)), np.zeros((1, 6))
+def _at_weight(order: Order, where: Places, work: Callable[[Order, Places], Array], columns: int) -> Array:
+    """What is found (n, 6, columns) under own weight, of the linear robots that drives with laws make of theirs."""
+    if not find_laws(order.mechanism):
+        return work(order, where)
+    own = own_loads(order, where)
+    return map_segments(order, where, own, (6, columns), lambda linear, there, _: work(linear, there))[..., 0]
 
 
 def _find_matrices(order: Order, where: Places, gravity: Gravity) -> Array:
     """Stiffness, compliance and sag (n, 6, 13); NaN where infinite, and where it is the stiffness's inverse to take."""
     if gravity == "exact" and find_laws(order.mechanism):
-        own = own_loads(order, where, order.mechanism.gravity)
-        return map_segments(order, where, own, (6, 13), lambda o, w, _case: _find_matrices(o, w, gravity))[..., 0]
+        return _at_weight(order, where, lambda linear, there: _find_matrices(linear, there, gravity), 13)
     try:
-        matrix, sagged = _find_stiffness(order, where, gravity)
-        yielding = np.full_like(matrix, np.nan)
+        found = _find_stiffness(order, where, gravity)
+        return np.concatenate([found[..., :6], np.full((len(found), 6, 6), np.nan), found[..., 6:]], axis=2)
     except InfiniteStiffnessError:
         if gravity == "exact":
-            yielding, sagged = loaded_compliance(order, where, order.mechanism.gravity)
+            found = loaded_compliance(order, where)
         else:
-            yielding = solve_loads(order, where, Loads(6, {END: np.eye(6)[None]})).twist
-            sagged = np.zeros((1, 6))
-        yielding = 0.5 * (yielding + np.swapaxes(yielding, -1, -2))
-        matrix = np.full_like(yielding, np.nan)
-        firm = [k for k, c in enumerate(yielding) if np.isfinite(c).all() and not len(rigid_wrenches(c, order.length))]
-        matrix[firm] = np.linalg.inv(yielding[firm])
-    parts = (matrix, yielding, sagged[..., None])
-    n = max(len(part) for part in parts)
-    return np.concatenate([np.broadcast_to(part, (n, *part.shape[1:])) for part in parts], axis=2)
+            unit = solve_loads(order, where, Loads(6, {END: np.eye(6)[None]})).twist
+            found = stack_columns([0.5 * (unit + unit.mT), np.zeros((1, 6, 1))])
+    matrix, yielding = np.full((len(found), 6, 6), np.nan), found[..., :6]
+    firm = [k for k, c in enumerate(yielding) if np.isfinite(c).all() and not len(rigid_wrenches(c, order.length))]
+    matrix[firm] = np.linalg.inv(yielding[firm])
+    return np.concatenate([matrix, found], axis=2)
 
 
 def _find_unloaded(order: Order, where: Places, gravity: Gravity) -> Array:
@@ -427,10 +355,7 @@ def _map_chunks(
     for found in chunks:
         some = slice(at, at + len(found))
         at += len(found)
-        if found.valid.all():
-            if len(found):
-                out[some] = work(find_order(mechanism, found.linkage), place_nodes(found))
-        elif found.valid.any():
-            good = found[found.valid]
+        good = found if found.valid.all() else found[found.valid]
+        if len(good):
             out[some][found.valid] = work(find_order(mechanism, good.linkage), place_nodes(good))
     return out

@@ -78,7 +78,7 @@ def _strain(e: Element, where: Places, rest: Places) -> Array:
     if joint.resistance and joint.kind in DRIVEN:
         before, turned = _relative(e, rest, e.drawn)
         if joint.kind == "revolute":
-            out[:, 3] = euler_angles(turn @ np.swapaxes(turned, -1, -2))[:, 0]
+            out[:, 3] = euler_angles(turn @ turned.mT)[:, 0]
         else:
             out[:, 0] = gap[:, 0] - before[:, 0]
     if joint.spring is not None:
@@ -88,7 +88,7 @@ def _strain(e: Element, where: Places, rest: Places) -> Array:
 
 def _strain_spring(e: Element, joint: Joint, where: Places) -> Array:
     """Displacement (n, 6) of a passive joint's free motions from its spring's rest, own axes."""
-    back = np.swapaxes(where.rotation[e.first], -1, -2)
+    back = where.rotation[e.first].mT
     gap = (back @ (where.point(e.second, e.at) - where.point(e.first, e.at))[..., None])[..., 0]
     away = find_free_coordinates(joint, where.rotation_across(e), gap) - joint.rest
     out = np.zeros((len(away), 6))
@@ -109,7 +109,7 @@ def _relative(e: Element, where: Places, drawn: Joint | None = None) -> tuple[Ar
     """
     own, at = (e.axes, e.at) if drawn is None else (drawn.axes, drawn.at)
     moved = where.point(e.second, at) - where.point(e.first, at)
-    gap = (np.swapaxes(where.rotation[e.first] @ own, -1, -2) @ moved[..., None])[..., 0]
+    gap = (own.T @ (where.rotation[e.first].mT @ moved[..., None]))[..., 0]
     return gap, own.T @ where.rotation_across(e) @ own
 
 

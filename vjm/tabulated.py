@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.screws import Array
 
-_TINY, _SMALL = 1e-300, 1e-2  # rad²: none, and where a series serves
+_TINY = 1e-300  # rad²: none
 _ONE = np.eye(4)
 _AHEAD, _BEHIND = np.array([1, 2, 0]), np.array([2, 0, 1])
 
@@ -104,7 +104,12 @@ class Table:
         self.ball_columns = self.lead[self.balls][:, None] + np.arange(3)
         self.ball_parents = parent[self.balls]
         self.ball_signs = np.array([motion.sign for motion in motions if motion.kind == "S"])[:, None, None]
-        self.generators = generators[self.balls].reshape(-1, 3, 16)
+        count = len(self.balls)
+        self.turned = np.zeros((size, count))  # which coordinates turn which ball
+        self.turned[self.ball_columns, np.arange(count)[:, None]] = 1.0
+        spans = np.zeros((size, count, 16))
+        spans[self.ball_columns, np.arange(count)[:, None]] = generators[self.balls].reshape(-1, 3, 16)
+        self.generators = spans.reshape(size, 16 * count)
         self.screws = generators[:, 0]
         self.squares = self.screws @ self.screws
         self.ancestors: list[NDArray[np.intp]] = []
@@ -137,7 +142,8 @@ class Table:
         frames: Array = self.screws * first[..., None, None] + self.squares * second[..., None, None] + _ONE
         rates = _ONE
         if len(self.balls):
-            frames[:, self.balls], rates = _turn_balls(q.T[:, self.ball_columns[:, None]] @ self.generators)
+            screw = (q.T @ self.generators).reshape(len(angle), -1, 4, 4)
+            frames[:, self.balls], rates = _turn_balls(screw, (q * q).T @ self.turned)
         for ancestors in self.ancestors:
             frames = frames.take(ancestors, axis=1) @ frames
         seen: Array = (frames.take(self.frame, axis=1) @ self.constants)[:, :, :3]
@@ -145,7 +151,7 @@ class Table:
         along, across, onto = seen[:, :end, :, 0], seen[:, m:end, :, 1], seen[:, end:, :, 0]
         if len(self.balls):
             turned: Array = frames.take(self.ball_parents, axis=1)[:, :, :3, :3] @ rates
-            along[:, self.ball_columns] = self.ball_signs * turned.swapaxes(-1, -2)
+            along[:, self.ball_columns] = self.ball_signs * turned.mT
         at = np.concatenate([seen[:, :m, :, 1], onto], axis=1)
         both = np.concatenate([along, cross(at, along)], axis=2).reshape(len(angle), end, 2, 3)
         screws = (self.coefficients @ both).reshape(len(angle), end, 6)
@@ -156,16 +162,13 @@ class Table:
         return Look(frames, errors.T, twists, wrenches)
 
 
-def _turn_balls(screw: Array) -> tuple[Array, Array]:
-    """Displacements (n, b, 4, 4) by rotation vectors as screws (n, b, 1, 16), and spins (n, b, 3, 3) per rate."""
-    screw = screw.reshape(*screw.shape[:2], 4, 4)
+def _turn_balls(screw: Array, square: Array) -> tuple[Array, Array]:
+    """Displacements (n, b, 4, 4) by rotation vectors as screws, of a square (n, b), and spins (n, b, 3, 3) per rate."""
+    angle: Array = np.sqrt(square + _TINY)[..., None, None]
     turn: Array = screw @ screw
-    square: Array = -0.5 * np.trace(turn, axis1=-2, axis2=-1)[..., None, None]
-    angle: Array = np.sqrt(square + _TINY)
     sine: Array = np.sin(angle) / angle
     half: Array = 2.0 * (np.sin(0.5 * angle) / angle) ** 2
-    series: Array = 1.0 / 6.0 - square / 120.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0))
-    third: Array = np.where(square < _SMALL, series, (1.0 - sine) / (angle * angle))
+    third: Array = (1.0 - sine) / (angle * angle)  # its rounding, times `turn`, is that of 1
     return _ONE + sine * screw + half * turn, (_ONE + half * screw + third * turn)[..., :3, :3]
 
 

@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import InfiniteStiffnessError, condense_network
 from stiffscope.vjm.datasets import Labelled, make_dataset
 from stiffscope.vjm.equilibrium import find_equilibrium, map_segments, tool_stiffness
 from stiffscope.vjm.kinematics import Configurations, configure
-from stiffscope.vjm.loading import Loads
-from stiffscope.vjm.network import END, place_nodes
+from stiffscope.vjm.loading import Loads, Response
+from stiffscope.vjm.network import END, FOOT, place_nodes
 from stiffscope.vjm.order import find_order
+from stiffscope.vjm.prestress import own_loads
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -49,6 +51,59 @@ class Deflection(Labelled):
         return make_dataset(self.configurations, variables, element=list(self.shares))
 
 
+@dataclass(frozen=True, eq=False)
+class Load:
+    """A dead load on a node: ``wrench`` (6,) or (n, 6) in N, N·m, base axes, at the body's home point ``at`` (3,)."""
+
+    node: str
+    wrench: Array
+    at: Array
+
+
+def respond(
+    mechanism: Mechanism,
+    poses: ArrayLike | Configurations,
+    wrench: ArrayLike,
+    *,
+    loads: Sequence[Load] = (),
+    gravity: float | ArrayLike = 0.0,
+    misfit: float | ArrayLike = 0.0,
+) -> Response:
+    """Equilibrium under wrenches (6,), (6, c) or (n, 6, c) at M in base axes, and what every element carries.
+
+    Parameters
+    ----------
+    loads
+        Dead loads on bodies, in every case.
+    gravity, misfit
+        How many times the mechanism's own weight, and its offsets, act; one for all cases or one a case (c,).
+
+    Raises
+    ------
+    InputError
+        For a pose out of reach, a load on no body, and where the tool moves freely under its load.
+    """
+    found = _find(mechanism, poses)
+    applied = np.asarray(wrench, dtype=float)
+    applied = applied[None, :, None] if applied.ndim == 1 else applied[None] if applied.ndim == 2 else applied
+    cases = applied.shape[2]
+    if applied.shape[1] != 6 or len(applied) not in {1, len(found)} or not np.isfinite(applied).all():
+        raise InputError(f"wrench: expected finite (6,), (6, c) or ({len(found)}, 6, c), got shape {np.shape(wrench)}")
+    order, where = find_order(mechanism, found.linkage), place_nodes(found)
+    weight, times = (np.broadcast_to(np.asarray(each, dtype=float), (cases,)) for each in (gravity, misfit))
+    own = own_loads(order, where)
+    nodes: dict[str, Array] = {node: wrench * weight for node, wrench in own.nodes.items() if weight.any()}
+    for load in loads:
+        node = FOOT if load.node == GROUND else load.node
+        if node not in where.rotation:
+            raise InputError(f"load: expected a body or an end of one, got {load.node!r}")
+        wrench = np.atleast_2d(np.asarray(load.wrench, dtype=float))[..., None] * np.ones(cases)
+        nodes[node] = nodes.get(node, 0.0) + where.wrenches(node, np.asarray(load.at, dtype=float)) @ wrench
+    nodes[END] = nodes.get(END, 0.0) + applied
+    offsets: dict[str, Array] = {name: twist * times for name, twist in own.offsets.items() if times.any()}
+    return find_equilibrium(order, where, Loads(cases, nodes, offsets))
+
+
 def deflection(mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: ArrayLike) -> Deflection:
     """Deflection under a wrench (6,) or (n, 6) in N, N·m at M. The shares of strain energy sum to 1 at every pose.
 
@@ -78,8 +133,7 @@ def deflection(mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: 
     """
     found = _find(mechanism, poses)
     load = _check_wrench(wrench, len(found))
-    order = find_order(mechanism, found.linkage)
-    response = find_equilibrium(order, place_nodes(found), Loads(1, {END: load[..., None]}))
+    response = respond(mechanism, found, load[..., None])
     twist = np.broadcast_to(response.twist[..., 0], (len(found), 6))
     stored: dict[str, Array] = {
         name: np.broadcast_to(each[:, 0], (len(found),)) for name, each in response.energies.items()

@@ -11,7 +11,7 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.report.numbers import base64_of
 from stiffscope.report.robot_scene import exaggeration, moves, pose_text
-from stiffscope.vjm.statics import respond
+from stiffscope.vjm.yielding import respond
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -25,7 +25,7 @@ from stiffscope.report.paths import write_stress
 from stiffscope.report.robot_view import read_cases
 from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.statics import respond
+from stiffscope.vjm.yielding import respond
 from tests.experiments.one_part import ROBOT, ROD
 from tests.vjm import oracle
 from tests.vjm.files import CHECKED

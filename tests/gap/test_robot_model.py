@@ -29,7 +29,8 @@ from stiffscope.vjm.kinematics import configure, configure_drives
 from stiffscope.vjm.mechanism import Change
 from stiffscope.vjm.modes import frequencies
 from stiffscope.vjm.network import place_nodes
-from stiffscope.vjm.statics import Load, respond, stiffness
+from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.yielding import Load, respond
 
 LINEAR_DELTA = Path(__file__).parents[1] / "vjm" / "robots" / "linear-delta.toml"
 ROBOTS = ("delta", "stewart", "serial-arm", "five-bar")

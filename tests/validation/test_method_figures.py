@@ -5,7 +5,8 @@ import pytest
 
 from stiffscope.biglide.audit import findings_on_paper, matrix_findings, principal_findings, rms_findings
 from stiffscope.biglide.published_model import published_model
-from stiffscope.vjm.statics import respond, sag, stiffness
+from stiffscope.vjm.statics import sag, stiffness
+from stiffscope.vjm.yielding import respond
 from tests.robots import GEOMETRY, euler_bernoulli, nominal_robot, pose_at, robot_of
 
 ENTRIES = ((0, 0), (1, 1), (2, 2), (3, 3), (4, 4), (5, 5), (0, 4), (1, 3))

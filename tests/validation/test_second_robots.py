@@ -9,7 +9,8 @@ from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.singularity import count_freedoms
-from stiffscope.vjm.statics import respond, stiffness
+from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.yielding import respond
 from tests.robots import cubic_hexapod
 
 

@@ -12,9 +12,9 @@ from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.mechanism import Mechanism, Tool
 from stiffscope.vjm.modes import modes
 from stiffscope.vjm.screws import shift
-from stiffscope.vjm.statics import analyse, respond, sag, stiffness, stiffness_error
+from stiffscope.vjm.statics import analyse, sag, stiffness, stiffness_error
 from stiffscope.vjm.superelement import superelement
-from stiffscope.vjm.yielding import deflection
+from stiffscope.vjm.yielding import deflection, respond
 from tests.robots import euler_bernoulli, random_compliance
 
 POSES = [[0.5, 0.0, 0.0], [0.51, 0.1, -0.05], [0.48, -0.12, 0.2]]

@@ -9,8 +9,8 @@ from stiffscope.errors import InputError
 from stiffscope.vjm.bodies import Body
 from stiffscope.vjm.joints import Drive, Joint, Law
 from stiffscope.vjm.mechanism import Mechanism, Tool
-from stiffscope.vjm.statics import analyse, respond, sag, stiffness
-from stiffscope.vjm.yielding import deflection, find_load_curve
+from stiffscope.vjm.statics import analyse, sag, stiffness
+from stiffscope.vjm.yielding import deflection, find_load_curve, respond
 from tests.vjm import oracle
 from tests.vjm.files import CHECKED, read
 

@@ -8,8 +8,8 @@ from stiffscope.vjm.joints import Drive, Joint
 from stiffscope.vjm.kinematics import configure, configure_drives
 from stiffscope.vjm.mechanism import Mechanism, Tool
 from stiffscope.vjm.screws import rotation
-from stiffscope.vjm.statics import analyse, compliance, respond, sag, stiffness
-from stiffscope.vjm.yielding import deflection
+from stiffscope.vjm.statics import analyse, compliance, sag, stiffness
+from stiffscope.vjm.yielding import deflection, respond
 
 SIX = ("x", "y", "z", "rx", "ry", "rz")
 

@@ -12,7 +12,7 @@ from stiffscope.errors import InputError
 from stiffscope.vjm.kinematics import configure_chunks
 from stiffscope.vjm.mechanism import COORDINATES
 from stiffscope.vjm.screws import rotation_of
-from stiffscope.vjm.statics import Load, respond
+from stiffscope.vjm.yielding import Load, respond
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.runtime.types import Array
     from stiffscope.vjm.kinematics import Configurations
-    from stiffscope.vjm.statics import Response
+    from stiffscope.vjm.loading import Response
 
 BLOCK = 4096  # points at once
 

@@ -32,14 +32,7 @@ def unit_wrenches(sensor: Sensor) -> Array:
 
 def wrenches_at(where: Places, node: str, home: Sequence[float] | Array) -> Array:
     """Wrench (n or 1, 6, 6) at M for unit wrenches at a point of a body, base axes: ``[[I, 0], [S(r), I]]``."""
-    node = FOOT if node == GROUND else node
-    lever = where.point(node, np.array(home)) - where.tool
-    out = np.zeros((len(lever), 6, 6))
-    out[:] = np.eye(6)
-    out[:, 3, 1], out[:, 3, 2] = -lever[:, 2], lever[:, 1]
-    out[:, 4, 0], out[:, 4, 2] = lever[:, 2], -lever[:, 0]
-    out[:, 5, 0], out[:, 5, 1] = -lever[:, 1], lever[:, 0]
-    return out
+    return where.wrenches(FOOT if node == GROUND else node, np.array(home))
 
 
 def find_weight(payload: Payload, where: Places, gravity: Array) -> Array:
