@@ -99,14 +99,12 @@ class SharesPicture:
 def shares_ahead(assembled: Assembled, campaign: Mapping[str, str], cache: Cache) -> Iterator[SharesPicture]:
     """Get ready for the picture of a diagnosis, while that is made, where the cache does not have it.
 
-    ``campaign``: the campaign's files with their checksums, which determine it together with the robot.
-
     Parameters
     ----------
     assembled
         Robot with its parts' matrices.
     campaign
-        Files of the campaign with their checksums.
+        Files of the campaign with their checksums, which determine the diagnosis together with the robot.
     cache
         Cache of results.
 
@@ -254,8 +252,11 @@ def _write(orders: Sequence[Order], cache: Cache, manifest: Manifest) -> None:
     with ThreadPoolExecutor(AT_ONCE) as pool:
         made = [pool.submit(_keep_pictures, order, cache) for order in orders]
         try:
-            for order, each in zip(orders, made, strict=True):
-                _place(order, *each.result(), manifest)
+            for order, (held, reused, seconds) in zip(orders, (each.result() for each in made), strict=True):
+                if held is not None:
+                    for file in kept_files(held):
+                        shutil.copyfile(held / file, order.target / file)
+                    manifest.note(order.name, key=order.key, reused=reused, seconds=seconds)
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
@@ -271,13 +272,6 @@ def _keep_pictures(order: Order, cache: Cache) -> tuple[Path | None, bool, float
     except PictureError as error:
         log.warning("%s", error)
     return held, reused, time.perf_counter() - begun
-
-
-def _place(order: Order, held: Path | None, reused: bool, seconds: float, manifest: Manifest) -> None:
-    if held is not None:
-        for file in kept_files(held):
-            shutil.copyfile(held / file, order.target / file)
-        manifest.note(order.name, key=order.key, reused=reused, seconds=seconds)
 
 
 def _describe_drawn(diagnosis: Diagnosis) -> dict[str, Any]:

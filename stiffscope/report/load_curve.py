@@ -35,16 +35,11 @@ def show_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array) -> No
 
     """
     size, along, unit, stiff = _project_curve(curve, wrench)
-    whole = len(curve.load) // 4 + 1  # the way there; all others repeat it
     rows = [
-        (
-            name if not k else "",
-            f"{size * curve.load[k]:.4g}",
-            f"{1e6 * along[i, k]:.5g}",
-            f"{stiff[i, k]:.5g}".replace("nan", "–"),
-        )
-        for i, name in enumerate(names)
-        for k in range(whole)
+        ("" if k else name, f"{size * load:.4g}", f"{1e6 * moved:.5g}", f"{tangent:.5g}".replace("nan", "–"))
+        for name, displaced, tangents in zip(names, along, stiff, strict=True)
+        for k, (load, moved, tangent) in enumerate(zip(curve.load, displaced, tangents, strict=True))
+        if k <= len(curve.load) // 4  # the way there; all others repeat it
     ]
     force = "N" if unit == "m" else "N·m"
     groups = (("pose",), (force, f"µ{unit}", f"tangent {force}/{unit}"))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.experiments.results import EXPERIMENT
+from stiffscope.report.kept_pictures import list_experiments
 from stiffscope.report.pictures import draw, optional_pictures
 from stiffscope.report.robot_scene import deform_nodes, exaggeration, moves, picture, scene
 from stiffscope.report.run_report import GEOMETRY
@@ -61,8 +61,7 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
 
     """
     robot, mechanism, configurations = assembled.robot, assembled.mechanism, found.configurations
-    experiments = {name: result.folder / EXPERIMENT for name, result in assembled.results.items()}
-    arguments = {**scene(robot, mechanism, experiments), "scale": "share of the strain energy"}
+    arguments = {**scene(robot, mechanism, list_experiments(assembled)), "scale": "share of the strain energy"}
     stills: list[dict[str, Any]] = []
     moving: list[dict[str, Any]] = []
     for k, name in enumerate(names):

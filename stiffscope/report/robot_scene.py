@@ -154,12 +154,11 @@ def picture(file: str, title: str, moved: Moves, before: Moves | None = None) ->
 
 def pose_text(mechanism: Mechanism, pose: Sequence[float]) -> str:
     """Commanded coordinates in mm and degrees: x = 20 mm, ry = 6 deg; rotations of zero are left out."""
-    said = []
-    for name, value in zip(mechanism.tool.pose, pose, strict=True):
-        if not name.startswith("r"):
-            said.append(f"{name} = {1e3 * value:.5g} mm")
-        elif value:
-            said.append(f"{name} = {np.degrees(value):.4g} deg")
+    said = [
+        f"{name} = {np.degrees(value):.4g} deg" if name.startswith("r") else f"{name} = {1e3 * value:.5g} mm"
+        for name, value in zip(mechanism.tool.pose, pose, strict=True)
+        if value or not name.startswith("r")
+    ]
     return ", ".join(said)
 
 

@@ -119,10 +119,7 @@ def write_map_report(folder: Path, assembled: Assembled, titles: Mapping[str, st
         page.figure(folder / f"{stem}.png", title[:1].upper() + title[1:], f"map: {title}")
         for stem, title in titles.items()
     ]
-    sections = [
-        Section("Maps", (), figures),
-        Section("The robot under load", view=view),
-    ]
+    sections = [Section("Maps", (), figures), Section("The robot under load", view=view)]
     _write(folder, assembled, "stiffness over the workspace", sections)
 
 

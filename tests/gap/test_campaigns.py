@@ -36,7 +36,7 @@ def test_a_robot_by_name_or_beside_the_campaign(tmp_path):
             "biglide",
             "x,y,z",
             "0,0,2",
-            r"x, y, z: expected a pose that the robot reaches, got \(0, 0, 2\): out of reach",
+            r"x, y, z: expected a pose that the robot reaches, got \(0, 0, 2000 mm\): out of reach",
         ),
     ],
 )

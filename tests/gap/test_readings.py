@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.gap.campaign.quantities import KINDS
+from stiffscope.gap.campaign.quantities import KINDS, label_pose
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaign.writing import number_cells, write_campaign
 from stiffscope.gap.campaigns import open_case
@@ -137,6 +137,18 @@ def test_names_absent_files(tmp_path):
         InputError, match=r"^campaign.toml:2: readings: expected a table \(.*\), got no file \(r\.csv\)"
     ):
         load_campaign(folder(tmp_path, toml='robot = "biglide"\nreadings = ["r.csv"]'))
+
+
+@pytest.mark.parametrize(
+    ("coordinates", "pose", "label"),
+    [
+        (("x", "y", "z"), (0.1, 0.3, -1.164), "(100, 300, -1164 mm)"),
+        (("z", "rx", "ry"), (0.5, -0.0, np.pi / 6), "(500 mm, 0, 30 deg)"),
+        (("q:J1", "q:J2"), (0.1, -2.5), "(0.1, -2.5)"),
+    ],
+)
+def test_a_pose_without_a_name_is_shown_in_millimetres_and_degrees(coordinates, pose, label):
+    assert label_pose(coordinates, pose) == label
 
 
 def test_several_files_share_poses_and_sessions(tmp_path):

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from stiffscope.runtime.types import Indices
 
 
@@ -32,3 +34,13 @@ FIRST_POSITION = len(QUANTITIES)
 def kind_of(quantity: Indices) -> Indices:
     """Position in `KINDS` of quantities by their codes (n,)."""
     return np.where(quantity >= FIRST_POSITION, POSITION, np.minimum(quantity // 6, FREQUENCY))
+
+
+def label_pose(coordinates: Sequence[str], pose: Sequence[float]) -> str:
+    """Return a pose as a label: "(100, 300, -1164 mm)", rotations in deg, drives in m and rad."""
+    scales = {**dict.fromkeys(AXES[:3], (1e3, " mm")), **dict.fromkeys(AXES[3:], (np.degrees(1.0), " deg"))}
+    shown: dict[str, list[str]] = {}
+    for name, value in zip(coordinates, pose, strict=True):
+        factor, unit = scales.get(name, (1.0, ""))
+        shown.setdefault(unit, []).append(f"{factor * value + 0.0:g}")
+    return f"({', '.join(', '.join(values) + unit for unit, values in shown.items())})"

@@ -20,7 +20,7 @@ from stiffscope.gap.campaign.keys import (
     read_keys,
 )
 from stiffscope.gap.campaign.on_robot import match_robot
-from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, FREQUENCY, STIFFNESS, WRENCH, kind_of
+from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, FREQUENCY, STIFFNESS, WRENCH, kind_of, label_pose
 from stiffscope.gap.campaign.units import MOVED, check_units, readings_in_si
 from stiffscope.runtime.reading import open_file
 from stiffscope.runtime.reading import show_path as shown_path
@@ -154,7 +154,7 @@ def _number_poses(parts: list[Keys]) -> tuple[tuple[str, ...], list[int], list[l
     pose = [index[place] for place in places]
     if parts[0].coordinates == LABEL:
         return tuple(str(place[0]) for place in index), pose, [[np.nan] * 3 for _ in index]
-    names = tuple(f"({', '.join(f'{value:g}' for value in place)})" for place in index)
+    names = tuple(label_pose(parts[0].coordinates, place) for place in index)
     return names, pose, [list(place) for place in index]
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.gap.campaign.campaign import AT_TOOL
-from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION
+from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, label_pose
 from stiffscope.gap.forward.robot_at_poses import configure_robot
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def plan_trial(c: Campaign, nominal: NominalRobot, sigma: Array) -> tuple[Campai
     direction = np.tile(axes[channels], n // per)
     trial = replace(
         c,
-        pose_names=tuple(f"({', '.join(f'{v:g}' for v in pose)})" for pose in poses),
+        pose_names=tuple(label_pose(c.coordinates, pose) for pose in poses.tolist()),
         poses=poses,
         pose=np.repeat(np.arange(len(poses)), rows),
         wrench=wrench,
