@@ -1,5 +1,8 @@
 """The errors of the package: one base class, and the one that a user's input raises."""
 
+import difflib
+from collections.abc import Iterable
+
 
 class StiffscopeError(Exception):
     """Base class of every error that stiffscope raises on purpose."""
@@ -11,3 +14,9 @@ class InputError(StiffscopeError, ValueError):
     def __init__(self, message: str = "") -> None:
         """Keep a message on its line, whatever the names and values of the user are."""
         super().__init__("".join(each if each.isprintable() else repr(each)[1:-1] for each in message))
+
+
+def meant(word: str, valid: Iterable[str], cutoff: float = 0.6) -> str:
+    """End of a message: the valid word that was probably meant, where one is as like as ``cutoff`` (1 is the same)."""
+    close = difflib.get_close_matches(word, list(valid), n=1, cutoff=cutoff)
+    return f'; did you mean "{close[0]}"?' if close else ""

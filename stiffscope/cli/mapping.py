@@ -21,7 +21,6 @@ from stiffscope.report.kept_pictures import draw_named_poses
 from stiffscope.report.run_report import write_map_report
 from stiffscope.report.volumes import write_volume
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.values import ANGLE
 from stiffscope.robot.inspection import configured_poses, rigid_mechanism
 from stiffscope.robot.reader import load_robot
 
@@ -129,7 +128,7 @@ def _find_ranges(robot: RobotFile, over: Sequence[str]) -> dict[str, tuple[float
         name, _, ends = (each.strip() for each in text.partition("="))
         if name not in robot.tool.pose or name in out:
             raise InputError(f"--over {text}: expected each of {', '.join(robot.tool.pose)} at most once, got {name}")
-        low, high = _read(f"--over {text}", ends, [ANGLE if name.startswith("r") else q.LENGTH] * 2)
+        low, high = _read(f"--over {text}", ends, [q.ANGLE if name.startswith("r") else q.LENGTH] * 2)
         if not low < high:
             raise InputError(f"--over {text}: expected the lower end first, got {ends}")
         out[name] = low, high

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 import logging
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, meant
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.values import ANGLE
 from stiffscope.robot.inspection import configured_poses, rigid_mechanism
 from stiffscope.vjm.kinematics import configure_drives, start_note
 
@@ -57,13 +55,13 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
         found = configure_drives(mechanism, [_displacements(robot, text) for text in joints])
     else:
         found = configured_poses(robot, mechanism, [_coordinates(robot, text) for text in names])
-        if note := start_note(mechanism):
-            log.warning("%s", note)
     for index, name in enumerate(names):
         if not found.valid[index]:
             named = name in robot.poses and not (at or joints)
             reason = found.reason(index)
             raise robot.refuse(("poses", name), reason) if named else InputError(f"{name}: {reason}")
+    if not joints and (note := start_note(mechanism)):
+        log.warning("%s", note)
     return Asked(names, found)
 
 
@@ -73,7 +71,7 @@ def _coordinates(robot: RobotFile, text: str) -> tuple[float, ...]:
         return robot.poses[text]
     pose = robot.tool.pose
     try:
-        return q.several(text, *(ANGLE if name.startswith("r") else q.LENGTH for name in pose))
+        return q.several(text, *(q.ANGLE if name.startswith("r") else q.LENGTH for name in pose))
     except ValueError as error:
         example = ",".join("10 deg" if name.startswith("r") else "350 mm" if name == "z" else "0" for name in pose)
         names = f" or a pose of {robot.path}: {', '.join(robot.poses)}" if robot.poses else ""
@@ -92,11 +90,10 @@ def _displacements(robot: RobotFile, text: str) -> list[float]:
         if not equals:
             raise InputError(f'--joints {text}: expected DRIVE=POSITION,… such as "{drives[0]}=10 mm", got "{word}"')
         if name not in drives or name in given:
-            close = difflib.get_close_matches(name, drives, n=1, cutoff=0.6)
-            guess = f'; did you mean "{close[0]}"?' if close and name not in given else ""
+            guess = "" if name in given else meant(name, drives)
             raise InputError(f'--joints {text}: expected each of {", ".join(drives)} once, got "{name}"{guess}')
         try:
-            (given[name],) = q.several(value, ANGLE if robot.joints[name].type == "revolute" else q.LENGTH)
+            (given[name],) = q.several(value, q.ANGLE if robot.joints[name].type == "revolute" else q.LENGTH)
         except ValueError as error:
             raise InputError(f"--joints {text}: {name}: {error}") from error
     return [given.get(name, 0.0) for name in drives]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -10,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.sections import RigidBody
 from stiffscope.robot.part_matrices import beam_segments, known_mass, part_sources
@@ -105,29 +103,6 @@ def known_units(robot: RobotFile) -> dict[str, str]:
         **{f"{name}.mass": "kg" for name in parts},
         **{f"{name}.{entry}": unit for name in parts for entry, (matrix, *_, unit) in ENTRIES.items() if matrix == "C"},
     }
-
-
-def measured_dimension(expression: Expression, units: Mapping[str, str]) -> tuple[float, ...] | None:
-    """Exponents of metre, kilogram and second in an expression's unit.
-
-    None where they cannot be told: of numbers that may have units of their own, of sums of unlike quantities.
-    """
-    if not all(isinstance(each.value, int) for each in ast.walk(expression.tree) if isinstance(each, ast.Constant)):
-        return None
-    dimensions = {name: q.exponents_of(units[name]) for name in expression.names}
-    found = []
-    for start in (1.3, 1.9):
-        sizes = {name: start + 0.1 * k for k, name in enumerate(expression.names)}
-        try:
-            least = expression.value(sizes)
-            scaled = [
-                expression.value({name: size * 2.0 ** (dimensions[name] or ())[base] for name, size in sizes.items()})
-                for base in range(3)
-            ]
-            found.append(np.log2(np.array(scaled) / least))
-        except (ValueError, IndexError, ZeroDivisionError):
-            return None
-    return tuple(found[0].tolist()) if np.allclose(*found, rtol=0.0, atol=1e-9) else None
 
 
 def worst_of(quantity: str) -> str:

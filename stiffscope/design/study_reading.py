@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,14 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.design.path.job import load_job
-from stiffscope.design.responses import ALONG_PATH, Response, known_units, measured_dimension, worst_of
+from stiffscope.design.responses import ALONG_PATH, Response, known_units, worst_of
 from stiffscope.design.study_file import Goal, Limit, StudyFile, Variable, round_off, write_override
 from stiffscope.design.study_sections import DESIGNS, MOST_DESIGNS, RANGE, RangeSection, ResponseSection, StudySection
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.expressions import parse
 from stiffscope.robot.file.parse import FieldError, Source, parse_text
-from stiffscope.robot.file.tables import one_of, read_table, unknown_key
+from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import Section, any_quantity, unit_of
 from stiffscope.robot.inspection import configured_poses, rigid_mechanism
 from stiffscope.robot.parameters import parameters
@@ -53,16 +54,9 @@ def load_study(path: str | Path) -> StudyFile:
     path = Path(path)
     source = Source(path, reading.read_text(path, "a study's file in TOML"))
     try:
-        return _read(read_table(StudySection, _check_keys(parse_text(path, source.text, "a study's file")), ()), source)
+        return _read(read_table(StudySection, parse_text(path, source.text, "a study's file"), ()), source)
     except FieldError as error:
         raise source.refuse(error.key, str(error)) from error
-
-
-def _check_keys(data: dict[str, Any]) -> dict[str, Any]:
-    for key in data:
-        if key not in StudySection.model_fields:
-            raise FieldError((key,), unknown_key(key, tuple(StudySection.model_fields)))
-    return data
 
 
 def _read(top: StudySection, source: Source) -> StudyFile:
@@ -183,10 +177,13 @@ def _read_response(
     unit, take = (units[alone] if alone else found.unit), found.take or (worst_of(alone) if alone else None)
     if unit is None:
         raise FieldError((*key, "unit"), 'expected the SI unit of the expression such as "N/m/kg", got nothing')
-    given, measured = q.exponents_of(unit), measured_dimension(expression, units)
-    if unit != "1" and given is not None and measured is not None and not np.allclose(given, measured):
-        powers = " ".join(f"{base}^{power:g}" for base, power in zip(("m", "kg", "s"), measured, strict=True) if power)
-        message = f'expected a unit of {powers or "a plain number"}, which {expression.text} measures, got "{unit}"'
+    given, measured = q.powers_of(unit), None
+    with suppress(ValueError):  # an index may be a sum of unlike quantities
+        measured = expression.powers({each: q.powers_of(units[each]) for each in expression.names})
+    if given is None:
+        raise FieldError((*key, "unit"), f'expected a product of SI units such as "N/m/kg", got "{unit}"')
+    if unit != "1" and measured is not None and not np.allclose(given[:-1], measured[:-1]):
+        message = f'expected a unit of {q.show_powers(measured)}, which {expression.text} measures, got "{unit}"'
         raise FieldError((*key, "unit"), message)
     if job is not None:
         if found.at is not None:

@@ -157,7 +157,8 @@ def choices(robot: RobotFile, part: str) -> list[Choice]:
         slider: Any = robot.dimensions(part)
         height = slider.pad_height or PAD_HEIGHT * slider.thickness
         rigid = {} if slider.pad_height else {"interface": "rigid"}  # pads that are there are loaded as they are
-        pads = ", ".join(f"{1e3 * size:g} mm {word}" for size, word in _pad_sizes(slider, height))
+        sizes = (height, "high"), (slider.pad_width, "wide"), (slider.pad_spacing, "apart")
+        pads = ", ".join(f"{1e3 * size:g} mm {word}" for size, word in sizes)
         count = slider.hole_count or _hole_count(slider)
         holes = f"held in {count} bolt holes of {1e3 * slider.hole_diameter:g} mm instead of by the face"
         found.insert(2, choice("three pads", f"loaded on three joint pads, {pads}", pad_height=height, **rigid))
@@ -184,10 +185,6 @@ def _format_value(key: str, value: Any) -> str:
     if key == "foundation":
         return "rigid" if value is None else f"{value / 1e9:.12g} N/mm^3"
     return f"{1e3 * value:.12g} mm" if key == "pad_height" else str(value)
-
-
-def _pad_sizes(slider: SliderParameters, height: float) -> tuple[tuple[float, str], ...]:
-    return (height, "high"), (slider.pad_width, "wide"), (slider.pad_spacing, "apart")
 
 
 def _hole_count(slider: SliderParameters) -> int:

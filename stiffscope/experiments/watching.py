@@ -111,14 +111,10 @@ def differences(
 
     """
     files = [f"content of {name}" for name, now in (present or {}).items() if (former or {}).get(name, now) != now]
-    old, new = (_leaves(_parse_plain(robot)) for robot in (before, after))
+    old, new = (_leaves(parse_text(robot.path, robot.source.text)) for robot in (before, after))
     names = [name for name in dict.fromkeys([*new, *old]) if old.get(name) != new.get(name)]
     shown = [f"{name} {_word(old.get(name))} → {_word(new.get(name))}" for name in names[:4]]
     return files + ([*shown, f"{len(names) - 4} more"] if len(names) > 4 else shown)
-
-
-def _parse_plain(robot: RobotFile) -> dict[str, Any]:
-    return parse_text(robot.path, robot.source.text)
 
 
 def _leaves(value: Any, name: str = "") -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import inspect
 import tomllib
 from dataclasses import astuple, dataclass
@@ -17,7 +16,7 @@ from stiffscope.cad.materials import MATERIALS
 from stiffscope.design.path import job
 from stiffscope.design.study_sections import SECTIONS
 from stiffscope.effects.vocabulary import EFFECTS
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, meant
 from stiffscope.report.terminal import show_line, show_table
 from stiffscope.robot.file import element_sections, part_sections, sections
 from stiffscope.robot.file.values import Reads, Says
@@ -205,8 +204,7 @@ def find_keys(wanted: str | None) -> dict[str, dict[str, list[Key]]]:
     found = {kind: titles for kind, titles in found.items() if titles}
     if not found:
         titles = [title for titles in every.values() for title in titles]
-        close = difflib.get_close_matches(wanted, [*every, *titles], n=1, cutoff=0.4)
-        guess = f'; did you mean "{close[0]}"?' if close else ""
+        guess = meant(wanted, [*every, *titles], cutoff=0.4)
         raise InputError(f'keys: expected {", ".join(every)} or part of a section\'s title, got "{wanted}"{guess}')
     return found
 

@@ -278,7 +278,14 @@ def _of_matrices(robot: RobotFile) -> Iterator[str]:
         if not isinstance(part, MatrixPart):
             continue
         given = np.array(part.matrix)
-        length = float(np.linalg.norm(np.subtract(*_ends(robot, robot.bodies_of(name)[0]))))
+        body = robot.elastic_bodies()[robot.bodies_of(name)[0]]
+        length = float(np.linalg.norm(np.subtract(body.base, body.tip)))
+        doubt = "are its numbers SI, and of a compliance rather than a stiffness?"
+        most = int(np.argmax(np.diag(given)[:3]))
+        if given[most, most] > length:
+            softest = f"C{most + 1}{most + 1} = {given[most, most]:.3g} m/N"
+            yield f"part {name}: by {softest} one newton moves its tip by more than its length {length:.3g} m; {doubt}"
+            continue
         for lateral, turning in ((1, 5), (2, 4)):
             if not (given[lateral, lateral] > 0.0 and given[turning, turning] > 0.0):
                 continue
@@ -287,14 +294,9 @@ def _of_matrices(robot: RobotFile) -> Iterator[str]:
                 entries = f"C{lateral + 1}{lateral + 1}/C{turning + 1}{turning + 1}"
                 yield (
                     f"part {name}: √(3·{entries}) = {slender:.3g} m, the length of a slender part, contradicts its "
-                    f"length {length:.3g} m; are its numbers SI, and of a compliance rather than a stiffness?"
+                    f"length {length:.3g} m; {doubt}"
                 )
                 break
-
-
-def _ends(robot: RobotFile, name: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    body = robot.elastic_bodies()[name]
-    return body.base, body.tip
 
 
 def _of_places(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:

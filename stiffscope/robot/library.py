@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 from pathlib import Path
 
 from stiffscope.data import FOLDER
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, meant
 from stiffscope.runtime import reading
 from stiffscope.runtime.output import write_new
 
@@ -29,8 +28,7 @@ def find_robot(name_or_path: str | Path) -> Path:
     path, names = Path(name_or_path), list(robot_names())
     if str(name_or_path) in names and not os.path.isfile(path):  # noqa: PTH113 (Path.is_file raises on some names)
         return ROBOTS / f"{name_or_path}.toml"
-    close = difflib.get_close_matches(str(name_or_path)[:100], names, n=1, cutoff=0.6)
-    guess = f'; did you mean "{close[0]}"?' if close else ""
+    guess = meant(str(name_or_path)[:100], names)
     try:
         reading.open_file(name_or_path, f"a robot file or one of {', '.join(names)}").close()
     except InputError as error:

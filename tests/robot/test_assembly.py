@@ -20,7 +20,7 @@ from stiffscope.errors import InputError
 from stiffscope.robot.imports.contact_joints import find_joints
 from stiffscope.robot.imports.hardware import find_hardware
 from stiffscope.robot.imports.import_assembly import from_assembly, import_assembly
-from stiffscope.robot.imports.said import Said
+from stiffscope.robot.imports.said import Said, said_beside
 from stiffscope.robot.inspection import inspect_robot
 from stiffscope.robot.reader import load_robot
 from tests.robot import assemblies
@@ -320,6 +320,19 @@ def test_what_assembly_toml_says_wrongly_is_refused_with_its_line(tmp_path):
     message = r"assembly\.toml:4: material: expected PATTERN=NAME with a name of .*, got \"pad=unobtainium\""
     with pytest.raises(InputError, match=message):
         import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (b'ground = "palm"\ntool = \n', r"assembly\.toml:2: expected valid TOML"),
+        (b'ground = "palm"\n# \xff\n', r"assembly\.toml:2: expected .* in UTF-8, got byte 0xff"),
+    ],
+)
+def test_an_assembly_toml_that_is_no_toml_is_refused_with_its_line(tmp_path, text, message):
+    (tmp_path / "assembly.toml").write_bytes(text)
+    with pytest.raises(InputError, match=message):
+        said_beside(tmp_path / "machine.step", Said())
 
 
 def test_what_an_assembly_has_beside_its_solids_is_told(tmp_path):

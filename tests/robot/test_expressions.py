@@ -1,10 +1,13 @@
 """Expressions are arithmetic and nothing else."""
 
 import math
+from pathlib import Path
 
 import pytest
 
+from stiffscope.errors import InputError
 from stiffscope.robot.file.expressions import MOST_CHARACTERS, check_names, is_expression, parse
+from stiffscope.robot.reader import read_robot
 
 
 def value(text, **names):
@@ -51,3 +54,52 @@ def test_anything_else_is_refused_in_one_line(text, message):
         value(text, a=0.2)
     assert "\n" not in str(refused.value)
     assert str(refused.value).startswith("expected ")
+
+
+ROD = """
+[parameters]
+a = "300 mm"
+m = "5 kg"
+th = "25 deg"
+f = 0.1
+[parts.rod]
+shape = "rod"
+radius = "10 mm"
+material = "steel"
+compliance = "beam"
+length = "= LENGTH"
+[bodies.rod]
+part = "rod"
+base = [0, 0, 0]
+tip = ["= rod.length", 0, 0]
+[joints.root]
+between = ["ground", "rod.base"]
+type = "revolute"
+at = [0, 0, 0]
+axis = [0, 0, "= a"]
+drive = { stiffness = "24 kN*m/rad" }
+[tool]
+body = "rod.tip"
+at = ["= rod.length", 0, 0]
+pose = ["y"]
+"""
+
+
+@pytest.mark.parametrize(
+    ("text", "refusal"),
+    [
+        ("m", "length: expected a length .* which is a mass"), ("th", "length: expected a length .* which is an angle"),
+        ("2*m/3", "length: expected a length .* a mass"), ("a**2", "length: expected a length .* an area"),
+        ("sqrt(m*a)", r"length: expected a length .* in m\^0.5 kg\^0.5"), ("a + m", "length: expected .* one kind"),
+        ("a*cos(a)", "length: expected an angle or a plain number, got cos"), ("atan2(a, a)", "length: .* an angle"),
+        ("a", ""), ("a - 0.1", ""), ("0.3*cos(th)", ""), ("a*th", ""), ("a*f + f", ""), ("sqrt(a**2 + 4*a*a)", ""),
+        ("m/15", ""), ("f", ""), ("a**f", ""), ("1 - f", ""),
+    ],
+)  # fmt: skip
+def test_expressions_carry_what_their_names_measure(text, refusal):
+    robot = ROD.replace("LENGTH", text)
+    if not refusal:
+        assert read_robot(Path("r.toml"), robot).parts["rod"].length > 0.0
+        return
+    with pytest.raises(InputError, match=rf"^r\.toml:12: parts\.rod\.{refusal}"):
+        read_robot(Path("r.toml"), robot)

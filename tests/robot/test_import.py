@@ -1,5 +1,7 @@
 """URDF and MJCF become robot files: geometry, masses, joints and closures, and nothing of a simulator's dynamics."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -239,6 +241,8 @@ def test_a_platform_that_hangs_on_closures_and_two_hinges_of_one_body(imported):
          {}, "expected loops that close, got a gap of"),
         (FOUR_BAR.replace("mass=\"2\"", "mass=\"1e308\""), {},
          r"model\.xml: expected the model of a robot, got one with bodies\.crank\.mass: expected"),
+        (FOUR_BAR.replace('anchor="0.4 0.05 0"', 'anchor="0.4 nan 0"'), {}, "model.xml: expected .* numbers are finite"),
+        (FOUR_BAR.replace('pos="0 0 1"', 'pos="1e308 0 1"'), {}, "model.xml: expected a model whose places are within"),
     ],
 )  # fmt: skip
 def test_refusals(imported, tmp_path, text, options, message):
@@ -246,6 +250,22 @@ def test_refusals(imported, tmp_path, text, options, message):
         imported(text, ".xml", **options)
     assert "\n" not in str(refused.value)
     assert not (tmp_path / "robot.toml").exists()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('<origin xyz="0.1 0 0"/><axis', '<origin xyzx="0.1 0 0"/><axis', r'23: origin: expected a known .*mean "xyz"'),
+        ('rpy="0 0 1.57', 'ryp="0 0 1.57', "16: origin: expected a known key"),
+        ('<axis xyz="1 0 0"/>', '<axisx xyz="1 0 0"/>', r'23: axisx: expected an element of URDF, got "axisx"'),
+        ('iyz="0"/></inertial>\n  </link>\n  <joint', 'iyz="inf"/></inertial>\n  </link>\n  <joint',
+         r'13: inertia\.iyz: expected finite numbers, got "inf"'),
+    ],
+)  # fmt: skip
+def test_words_of_urdf_that_a_parser_passes_over_are_refused(imported, old, new, message):
+    assert old in ARM
+    with pytest.raises(InputError, match=rf"model\.urdf:{message}"):
+        imported(ARM.replace(old, new), ".urdf")
 
 
 def test_two_joints_of_one_name_are_refused(imported):
@@ -281,7 +301,7 @@ def test_numbers_that_are_none_are_refused_in_one_line(tmp_path, monkeypatch, ca
     assert _guarded(["import", "arm.urdf", "--out", "new.toml"]) == 2
     said = capfd.readouterr().err.splitlines()
     assert len(said) == 1
-    assert said[0].startswith("stiffscope: arm.urdf: expected ")
+    assert re.match(r"stiffscope: arm\.urdf(:[1-5]: (mass|axis|origin)\.\w+)?: expected ", said[0])
     assert [file.name for file in tmp_path.iterdir()] == ["arm.urdf"]
 
 

@@ -54,7 +54,7 @@ def test_usual_units_are_what_pint_says(monkeypatch):
         except ValueError as error:
             return str(error)
 
-    pairs = [(unit, si) for unit in q.USUAL for si in q._KIND]
+    pairs = [(unit, si) for unit in q.USUAL for si in q.SI]
     ours = [answer(*pair) for pair in pairs]
     assert sum(isinstance(each, float) for each in ours) == len(q.USUAL) + 5  # rad, deg; N*m, N*m/rad, kN*m/rad
     monkeypatch.setattr(q, "USUAL", {})

@@ -416,7 +416,7 @@ def test_set_reaches_parts_parameters_joints_bodies_and_copies(read):
     robot = read(
         TEXT, "arm.radius=20 mm", "parameters.th=30 deg", "leg1.motor.drive.stiffness=2e4", "platform.mass=1 kg",
         "leg2.motor.drive.stiffness=1 kN*m/rad", "parts.arm.mesh.size=6mm", "poses.P=[0.1, 0, -0.5]",
-        "gravity.acceleration=1.62", 'bodies."leg3.rod".y=[0, 1, 1]', "strut.mass= = 2*a", "map.x=[0, 0.1]",
+        "gravity.acceleration=1.62", 'bodies."leg3.rod".y=[0, 1, 1]', "strut.mass= = 2.0*a", "map.x=[0, 0.1]",
     )  # fmt: skip
     assert robot.parts["arm"].lengths()["radius"] == 0.02
     assert robot.bodies["leg1.arm"].tip[2] == pytest.approx(-0.11)

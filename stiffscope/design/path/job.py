@@ -18,7 +18,6 @@ from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
 from stiffscope.robot.file.sections import check_rising
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import (
-    ANGLE,
     Angles,
     Direction,
     Length,
@@ -63,7 +62,7 @@ Turns = Annotated[float, Reads(_speed, says='a rotational speed such as "9000 rp
 Stress = Annotated[float, Reads(lambda value: q.to_si(value, _STRESS), says='such as "2220 N/mm^2"')]
 Strength = Annotated[float, Reads(lambda value: q.to_si(value, _STRENGTH), says='a strength such as "355 MPa"')]
 Share = Annotated[float, Reads(lambda value: q.to_si(value, q.NUMBER, sign="non-negative"), says="a number")]
-Turned = Annotated[float, Reads(lambda value: q.to_si(value, ANGLE), says='an angle such as "90 deg"')]
+Turned = Annotated[float, Reads(lambda value: q.to_si(value, q.ANGLE), says='an angle such as "90 deg"')]
 
 
 class ForceSection(Section):

@@ -12,7 +12,6 @@ from stiffscope.robot.file.description import Turned
 from stiffscope.robot.file.parse import FieldError
 from stiffscope.robot.file.sections import Copies
 from stiffscope.robot.file.tables import read_table
-from stiffscope.robot.file.values import INERTIA
 from stiffscope.vjm.screws import rotation
 
 if TYPE_CHECKING:
@@ -143,7 +142,7 @@ def _turn(table: Any, of: str, new: str, turn: np.ndarray) -> Any:
             if key in _VECTORS:
                 made[key] = (turn @ _numbers(made[key], _VECTORS[key], 3)).tolist()
             elif key == "inertia":
-                made[key] = _six(turn @ tensor(_numbers(table[key], INERTIA, 6)) @ turn.T)
+                made[key] = _six(turn @ tensor(_numbers(table[key], q.INERTIA, 6)) @ turn.T)
             elif key == "between":
                 made[key] = [rename(name, of, new) for name in table[key]]
         except (TypeError, ValueError, AttributeError):

@@ -11,7 +11,7 @@ from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.expressions import check_names, is_expression, normalize, parse, refuse_name
 from stiffscope.robot.file.parse import FieldError, blame
 from stiffscope.robot.file.part_sections import PARTS
-from stiffscope.robot.file.values import ANY, Reads, any_quantity
+from stiffscope.robot.file.values import Reads, measured_quantity, read_any
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -107,16 +107,14 @@ def _nominal(text: str, key: Key, tolerances: dict[Key, float]) -> str:
         width = f"{100.0 * math.log(float(factor[1])):.12g} %"
     if not re.search(r"[^\d.eE+\-\s]", value):  # "20 ± 0.1 mm"
         value += " " + re.sub(r"^[\d.eE+\-\s]*", "", width) * (not width.endswith("%"))
-    value = value.strip()
-    for dimension in ANY:
-        try:
-            nominal = q.to_si(value, dimension, sign="any")
-            share = width.endswith("%")
-            tolerances[key] = abs(nominal) * q.to_si(width, q.SHARE) if share else q.to_si(width, dimension)
-        except ValueError:
-            continue
-        return value
-    raise FieldError(key, f"expected a quantity with its tolerance such as {_EXAMPLE}, got {q.show_value(text)}")
+    try:
+        nominal, dimension = read_any(value.strip())
+        share = width.endswith("%")
+        tolerances[key] = abs(nominal) * q.to_si(width, q.SHARE) if share else q.to_si(width, dimension)
+    except ValueError as error:
+        message = f"expected a quantity with its tolerance such as {_EXAMPLE}, got {q.show_value(text)}"
+        raise FieldError(key, message) from error
+    return value.strip()
 
 
 def _parameter_values(data: Mapping[str, Any]) -> dict[str, float]:
@@ -128,7 +126,7 @@ def _parameter_values(data: Mapping[str, Any]) -> dict[str, float]:
             expressions[name] = _parse(key, value, given)
         elif key[0] == "parameters":
             with blame(*key):
-                values[name] = any_quantity(value)
+                values[name] = measured_quantity(value)
         elif (number := _number(value)) is not None:
             values[name] = number
     order = TopologicalSorter({name: expression.names for name, expression in expressions.items()})
@@ -174,10 +172,8 @@ def _check_field(field: FieldInfo | None, key: Key, value: Any) -> None:
 
 def _number(value: Any) -> float | None:
     """A part's number, or None for what is none; whether it measures what it should is checked later."""
-    if isinstance(value, bool) or not isinstance(value, int | float | str):
-        return None
     try:
-        return any_quantity(value)
+        return measured_quantity(value)
     except ValueError:
         return None
 
@@ -194,4 +190,5 @@ def _evaluate(key: Key, expression: Expression, values: Mapping[str, float]) -> 
         if name not in values:
             raise FieldError(key, f'expected names of numbers, got "{name}", which is none')
     with blame(*key):
-        return expression.value(values)
+        known = {name: getattr(values[name], "powers", None) for name in expression.names}
+        return q.Measured(expression.value(values), expression.powers(known))

@@ -7,7 +7,6 @@ import of Python can be reached. Every number is a float: no power takes long.
 from __future__ import annotations
 
 import ast
-import difflib
 import keyword
 import math
 import operator
@@ -26,6 +25,10 @@ FUNCTIONS: dict[str, tuple[Operation, int]] = {
     "atan2": (math.atan2, 2),
 }
 CONSTANTS = {"pi": math.pi}
+Powers = tuple[float, ...]  # of metre, kilogram, second, kelvin and radian
+PLAIN: Powers = (0.0, 0.0, 0.0, 0.0, 0.0)
+_ANGLE: Powers = (0.0, 0.0, 0.0, 0.0, 1.0)
+_FACTORS = 10  # below, a whole number is a plain factor; any other may have a unit of its own
 _OPERATORS: dict[type[ast.AST], Operation] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -52,6 +55,13 @@ class Expression:
         if not math.isfinite(found):
             raise ValueError("expected an expression of finite value, got one that is too large")
         return found
+
+    def powers(self, known: Mapping[str, Powers | None]) -> Powers | None:
+        """What it measures, from what its names do; None where a number without a unit leaves that open.
+
+        Raises ValueError for a sum of unlike quantities, or a sine of what is no angle.
+        """
+        return _measure(self.tree, self.text, known)
 
 
 def is_expression(value: Any) -> bool:
@@ -93,10 +103,10 @@ def check_names(expression: Expression, known: Collection[str]) -> None:
     """Raise ValueError for a name that is not known, with the one that was probably meant."""
     for name in expression.names:
         if name not in known:
-            close = difflib.get_close_matches(name, sorted(known), n=1, cutoff=0.6)
-            guess = f'; did you mean "{close[0]}"?' if close else ""
             listed = ", ".join(sorted(known)[:12]) or "(none)"
-            raise ValueError(f'expected a name of [parameters] or part.parameter ({listed}), got "{name}"{guess}')
+            raise ValueError(
+                f'expected a name of [parameters] or part.parameter ({listed}), got "{name}"{meant(name, sorted(known))}'
+            )
 
 
 def _levels(tree: ast.expr) -> int:
@@ -128,6 +138,43 @@ def _evaluate(node: ast.expr, text: str, values: Mapping[str, float]) -> float:
         return CONSTANTS[name] if name in CONSTANTS else values[name]
     operation, operands = _operation(node, text)
     return _apply(operation, [_evaluate(each, text, values) for each in operands], _piece(node, text))
+
+
+def _measure(  # noqa: PLR0911 (one for each kind of node)
+    node: ast.expr, text: str, known: Mapping[str, Powers | None]
+) -> Powers | None:
+    if isinstance(node, ast.Constant):
+        return PLAIN if isinstance(node.value, int) and node.value < _FACTORS else None
+    if isinstance(node, ast.Name | ast.Attribute):
+        name = _join_dotted(node, text)
+        return PLAIN if name in CONSTANTS else known.get(name)
+    operation, operands = _operation(node, text)
+    found = [_measure(each, text, known) for each in operands]
+    first, last = found[0], found[-1]
+    match node:
+        case ast.UnaryOp():
+            return first
+        case ast.BinOp(op=ast.Add() | ast.Sub()) | ast.Call(func=ast.Name(id="atan2")):
+            if not (fits(first, last) or fits(last, first)):
+                raise ValueError(f"expected quantities of one kind, got {_piece(node, text)}")
+            alike = first if first != PLAIN else last
+            return _ANGLE if isinstance(node, ast.Call) else None if None in found else alike
+        case ast.BinOp(op=ast.Pow(), right=power):
+            share = None if any(_names(power, text)) else _evaluate(power, text, {})
+            return first and tuple(each * share for each in first) if share is not None else None
+        case ast.BinOp(op=op):
+            sign = operator.add if isinstance(op, ast.Mult) else operator.sub
+            return first and last and tuple(map(sign, first, last))
+    if operation is math.sqrt:
+        return first and tuple(each / 2.0 for each in first)
+    if first is not None and any(first[:-1]):
+        raise ValueError(f"expected an angle or a plain number, got {_piece(node, text)} of another quantity")
+    return _ANGLE if operation in {math.asin, math.acos, math.atan} else PLAIN
+
+
+def fits(found: Powers | None, wanted: Powers | None) -> bool:
+    """Whether a quantity may be one of another kind: unknown ones and plain numbers may be any."""
+    return not found or not wanted or found == PLAIN or all(map(math.isclose, found[:-1], wanted[:-1]))
 
 
 def _operation(node: ast.expr, text: str) -> tuple[Operation, list[ast.expr]]:

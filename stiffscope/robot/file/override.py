@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import tomllib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, meant
 from stiffscope.robot.file.copies import copied_names
 from stiffscope.robot.file.part_sections import PARTS, InterfacePart
 from stiffscope.robot.file.sections import JOINTS, ElasticBody, InterfaceBody, RigidBody
@@ -105,8 +104,7 @@ def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
         found.append((section, *(inside or rest.split("."))))
     if not found:
         known = [each for section in NAMED for each in names.get(section, ())]
-        close = difflib.get_close_matches(section, [*known, *TABLES], n=1, cutoff=0.6)
-        guess = f'; did you mean "{close[0]}"?' if close else ""
+        guess = meant(section, [*known, *TABLES])
         shown = ", ".join(known[:12]) + (", …" if len(known) > 12 else "")
         raise InputError(
             f'--set {text}: expected NAME.KEY=VALUE with a NAME of {shown} or {", ".join(TABLES)}, got "{name}"{guess}'

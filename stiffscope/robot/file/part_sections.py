@@ -379,27 +379,19 @@ class MaterialSection(Section):
         return self.law(name, **self.model_dump())
 
 
-class Isotropic(MaterialSection):
-    """An isotropic elastic material."""
+def _material_section(name: str, law: type, doc: str) -> type[MaterialSection]:
+    """A section with one key for each field of a material."""
+    kinds = {"modulus": Modulus, "poisson": Ratio, "density": Density, "expansion": Expansion, "source": str}
+    fields: dict[str, Any] = {}
+    for field in dataclasses.fields(law)[1:]:  # after the name
+        default = ... if field.default is dataclasses.MISSING else field.default
+        fields[field.name] = (kinds[field.name.rpartition("_")[2]], default)
+    model = create_model(name, __base__=MaterialSection, __doc__=doc, **fields)
+    model.law = law
+    return model
 
-    law: ClassVar[type] = Material
-    youngs_modulus: Modulus
-    shear_modulus: Modulus
-    density: Density
-    expansion: Expansion = 0.0
-    source: str = ""
 
-
-class Fibrous(MaterialSection):
-    """A transversely isotropic material, fibres along the part's x."""
-
-    law: ClassVar[type] = TransverselyIsotropic
-    axial_modulus: Modulus
-    transverse_modulus: Modulus
-    axial_shear_modulus: Modulus
-    axial_poisson: Ratio
-    transverse_poisson: Ratio
-    density: Density
-    axial_expansion: Expansion = 0.0
-    transverse_expansion: Expansion = 0.0
-    source: str = ""
+Isotropic = _material_section("Isotropic", Material, "An isotropic elastic material.")
+Fibrous = _material_section(
+    "Fibrous", TransverselyIsotropic, "A transversely isotropic material, fibres along the part's x."
+)

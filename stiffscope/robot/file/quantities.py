@@ -9,9 +9,12 @@ import math
 import re
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
 
 from stiffscope import data
+from stiffscope.robot.file.expressions import PLAIN, Powers, fits, parse
 
 if TYPE_CHECKING:
     import pint
@@ -58,21 +61,45 @@ FORCE = Dimension("a force", "N", "100 N", most=1e12)
 MOMENT = Dimension("a moment", "N*m", "5 N*m", most=1e12)
 NUMBER = Dimension("a number", "", "0.3")
 SHARE = Dimension("a share", "", "0.1 %")
+ANGLE = Dimension("an angle", "rad", "25 deg", most=1e4)
+TORSION = Dimension("a torsional stiffness", "N*m/rad", "24 kN*m/rad", 1e-9, 1e18)
+INERTIA = Dimension("a moment of inertia", "kg*m^2", "0.012 kg*m^2", most=1e12)
+COMPLIANCE = Dimension("a compliance", "m/N", "0.01 um/N", 1e-24, 1e6)
+TILTING = Dimension("a rotational compliance", "rad/(N*m)", "2e-6 rad/(N*m)", 1e-24, 1e9)
 
-_NAMED = (
-    *(LENGTH, MODULUS, DENSITY, EXPANSION, MASS, STIFFNESS, ACCELERATION, DURATION, FREQUENCY, FOUNDATION),
-    *(Dimension("an angle", "rad"), Dimension("an area", "m^2"), FORCE, Dimension("a volume", "m^3")),
-    *(Dimension("a temperature", "K"), MOMENT),
+NAMED = (
+    *(LENGTH, MASS, STIFFNESS, MOMENT, TORSION, MODULUS, DENSITY, EXPANSION, ACCELERATION, FOUNDATION, DURATION),
+    *(FREQUENCY, INERTIA, COMPLIANCE, TILTING, FORCE, ANGLE, Dimension("an area", "m^2", "3 mm^2")),
+    *(Dimension("a volume", "m^3", "3 mm^3"), Dimension("a temperature", "K", "20 K")),
 )
 
-# What pint answers for the units that most files use: importing it takes as long as a robot's stiffness. SI units of
-# one line measure the same.
-_SAME = (
-    *(("rad", ""), ("N*m", "N*m/rad"), ("m",), ("m^2",), ("m^3",), ("kg",), ("s",), ("Hz",), ("K",), ("N",), ("N/m",)),
-    *(("Pa",), ("kg/m^3",), ("m/s^2",), ("N/m^3",), ("1/K",), ("kg*m^2",), ("m/N",), ("rad/(N*m)",)),
-)
-_KIND = {si: kind for kind, line in enumerate(_SAME) for si in line}
-USUAL = {si: (si, 1.0) for line in _SAME for si in line if si} | {
+
+class Measured(float):
+    """The value, SI, of an expression or parameter that knows what it measures."""
+
+    powers: Powers | None
+
+    def __new__(cls, value: float, powers: Powers | None = None) -> Self:
+        """A number with the powers of its units; None where they are not known."""
+        found = super().__new__(cls, value)
+        found.powers = powers
+        return found
+
+
+_UNITS = dict(zip(("m", "kg", "s", "K", "rad"), map(tuple, np.eye(5).tolist()), strict=True)) | {
+    "N": (1.0, 1.0, -2.0, 0.0, 0.0), "Pa": (-1.0, 1.0, -2.0, 0.0, 0.0), "Hz": (0.0, 0.0, -1.0, 0.0, 0.0),
+}  # fmt: skip
+
+
+@cache
+def powers_of(unit: str) -> Powers | None:
+    """What an SI unit of a `Dimension` measures, such as "N*m/rad"."""
+    return parse(unit.replace("^", "**") or "1").powers(_UNITS)
+
+
+# What pint answers for the units that most files use: importing it takes as long as a robot's stiffness.
+SI = ("", *(each.unit for each in NAMED))
+USUAL = {si: (si, 1.0) for si in SI[1:]} | {
     "mm": ("m", 1e-3), "um": ("m", 1e-6), "g": ("kg", 1e-3), "deg": ("rad", math.pi / 180), "GPa": ("Pa", 1e9),
     "MPa": ("Pa", 1e6), "N/um": ("N/m", 1e6), "N/mm": ("N/m", 1e3), "N/mm^3": ("N/m^3", 1e9), "um/N": ("m/N", 1e-6),
     "kN*m/rad": ("N*m/rad", 1e3),
@@ -107,6 +134,8 @@ def to_si(value: Any, dimension: Dimension, *, sign: str = "positive") -> float:
     expected = f'expected {dimension.noun} such as "{dimension.example}", got {show_value(value)}'
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError(expected)
+    if isinstance(value, Measured) and dimension.unit and not fits(value.powers, powers_of(dimension.unit)):
+        raise ValueError(f"{expected}, which is {_name_powers(value.powers)}")
     try:
         si = _parse(value, dimension, expected) if isinstance(value, str) else float(value)
     except OverflowError:
@@ -156,9 +185,9 @@ def _parse(text: str, dimension: Dimension, expected: str) -> float:
 @cache
 def _factor(unit: str, si: str) -> float:
     """What one of a unit is in SI. Raises whatever pint does for what is no such unit."""
-    if unit in USUAL and si in _KIND:
+    if unit in USUAL and si in SI:
         base, factor = USUAL[unit]
-        if _KIND[base] != _KIND[si]:
+        if powers_of(base)[:-1] != powers_of(si)[:-1]:  # but for radians
             raise ValueError(f"{unit} is no {si}")
         return factor
     _check_unit(unit)
@@ -179,10 +208,7 @@ def _why(unit: str) -> str:
     """Say what the unit measures instead, if it can be named."""
     nothing = f', and "{unit}" is not a unit'
     if unit in USUAL:
-        kind = _KIND[USUAL[unit][0]]
-        known = next((other for other in _NAMED if _KIND[other.unit] == kind), None)
-        if known is not None:
-            return f", which is {known.noun}"
+        return f", which is {_name_powers(powers_of(USUAL[unit][0]))}"
     try:
         _check_unit(unit)
         found = _registry().parse_units(unit)
@@ -190,20 +216,21 @@ def _why(unit: str) -> str:
         return nothing
     if found.dimensionless and "%" in unit:
         return nothing
-    same = (other for other in _NAMED if found.dimensionality == _registry().parse_units(other.unit).dimensionality)
+    same = (other for other in NAMED if found.dimensionality == _registry().parse_units(other.unit).dimensionality)
     other = next(same, None)
     return f", which is {other.noun}" if other else f", which measures {found.dimensionality}"
 
 
-def exponents_of(unit: str) -> tuple[float, float, float] | None:
-    """Exponents of metre, kilogram and second in a unit; None for what is no unit, or measures something else too."""
-    try:
-        _check_unit(unit)
-        found = dict(_registry().parse_units(unit).dimensionality)
-    except Exception:  # noqa: BLE001 (as above)
-        return None
-    length, mass, time = (float(str(found.pop(f"[{each}]", 0.0))) for each in ("length", "mass", "time"))
-    return None if found else (length, mass, time)
+def _name_powers(powers: Powers | None) -> str:
+    """What a quantity is called; its units where it has no name."""
+    alike = next((each.noun for each in NAMED if fits(powers, powers_of(each.unit))), None)
+    return alike or f"in {show_powers(powers or PLAIN)}"
+
+
+def show_powers(powers: Powers) -> str:
+    """What is measured, in base units such as "m^2 kg^1"."""
+    shown = (f"{base}^{power:g}" for base, power in zip(_UNITS, powers, strict=False) if power)
+    return " ".join(shown) or "a plain number"
 
 
 def show_value(value: Any) -> str:

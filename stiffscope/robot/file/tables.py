@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import difflib
 import typing
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, meant
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.parse import FieldError
 from stiffscope.robot.file.values import Reads, Says
@@ -60,17 +59,12 @@ def one_of(word: Any, valid: Iterable[str], what: str) -> str:
     if isinstance(word, str) and word in valid:
         return word
     listed = ", ".join(valid[:20]) + (", …" if len(valid) > 20 else "")
-    raise ValueError(f"expected {what} ({listed or 'none'}), got {q.show_value(word)}{_meant(word, valid)}")
+    raise ValueError(f"expected {what} ({listed or 'none'}), got {q.show_value(word)}{meant(str(word), valid)}")
 
 
 def unknown_key(word: str, valid: Sequence[str]) -> str:
     """Message for a key that a table cannot have."""
-    return f'expected a known key ({", ".join(valid)}), got "{word}"{_meant(word, valid)}'
-
-
-def _meant(word: Any, valid: Iterable[str]) -> str:
-    close = difflib.get_close_matches(word, list(valid), n=1, cutoff=0.6) if isinstance(word, str) else []
-    return f'; did you mean "{close[0]}"?' if close else ""
+    return f'expected a known key ({", ".join(valid)}), got "{word}"{meant(word, valid)}'
 
 
 def keys_of(model: type[BaseModel]) -> list[str]:
@@ -107,11 +101,8 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
 def _describe_missing(model: type[BaseModel], key: str) -> str:
     """What a missing key should have held."""
     field = next((field for name, field in model.model_fields.items() if key in {name, field.alias}), None)
-    said = (
-        [note.says if isinstance(note, Reads) else note for note in field.metadata if isinstance(note, Reads | Says)]
-        if field
-        else []
-    )
+    notes = [note for note in (field.metadata if field else ()) if isinstance(note, Reads | Says)]
+    said = [note.says if isinstance(note, Reads) else note for note in notes]
     return said[-1] if said else "a value"
 
 
@@ -125,8 +116,7 @@ def _model_at(model: type[BaseModel], key: Key) -> type[BaseModel]:
             model = tagged
         if field is not None:
             several = list(_models(field.annotation))
-        if field is not None:
-            model = next(iter(_models(field.annotation)), model)
+            model = next(iter(several), model)
     return model
 
 

@@ -25,7 +25,6 @@ from stiffscope.robot.file.sections import (
     ToolSection,
 )
 from stiffscope.robot.file.tables import keys_of, one_of, read_table, unknown_key
-from stiffscope.robot.file.values import ANGLE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
@@ -261,7 +260,7 @@ def read_pose(value: Any, tool: ToolSection, key: Key) -> tuple[float, ...]:
     found = []
     for number, (name, each) in enumerate(zip(tool.pose, value, strict=True)):
         with blame(*key, number):
-            found.append(q.to_si(each, q.LENGTH if name in AXES[:3] else ANGLE, sign="any"))
+            found.append(q.to_si(each, q.LENGTH if name in AXES[:3] else q.ANGLE, sign="any"))
     return tuple(found)
 
 

@@ -5,6 +5,7 @@ Importing this module imports pydantic; the reader does so when a file is read.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -17,25 +18,6 @@ from stiffscope.robot.file import quantities as q
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-ANGLE = q.Dimension("an angle", "rad", "25 deg", most=1e4)
-TORSION = q.Dimension("a torsional stiffness", "N*m/rad", "24 kN*m/rad", 1e-9, 1e18)
-INERTIA = q.Dimension("a moment of inertia", "kg*m^2", "0.012 kg*m^2", most=1e12)
-COMPLIANCE = q.Dimension("a compliance", "m/N", "0.01 um/N", 1e-24, 1e6)
-TILTING = q.Dimension("a rotational compliance", "rad/(N*m)", "2e-6 rad/(N*m)", 1e-24, 1e9)
-FORCE = q.Dimension("a force", "N", "10 N")
-MOMENT = q.Dimension("a moment", "N*m", "10 N*m")
-_OTHERS = (
-    FORCE,
-    MOMENT,
-    q.Dimension("an area", "m^2", "3 mm^2"),
-    q.Dimension("a volume", "m^3", "3 mm^3"),
-    q.Dimension("a temperature", "K", "20 K"),
-)
-ANY = (
-    q.NUMBER, q.LENGTH, q.MASS, q.STIFFNESS, TORSION, q.MODULUS, q.DENSITY, q.EXPANSION, q.ACCELERATION, q.FOUNDATION,
-    q.DURATION, INERTIA, COMPLIANCE, TILTING, *_OTHERS,
-)  # fmt: skip
-
 
 class Says(str):
     """What a missing value should have been, kept beside its type."""
@@ -45,22 +27,32 @@ class Says(str):
 
 def any_quantity(value: Any) -> float:
     """A number, or a text with a unit of any of the dimensions above, in SI. Raises ValueError."""
-    return _any_text(value) if isinstance(value, str) else _any(value)
+    return read_any(value)[0] if isinstance(value, str) else _any(value)[0]
+
+
+def measured_quantity(value: Any) -> float:
+    """The same, which knows what it measures where it is a text with a unit. Raises ValueError."""
+    if not isinstance(value, str):
+        return any_quantity(value)
+    si, dimension = read_any(value)
+    angle = dimension is q.NUMBER and value.rstrip()[-1] in "°dgn"  # rad, deg, arcmin; not "%"
+    return q.Measured(si, q.powers_of("rad" if angle else dimension.unit))
 
 
 @cache
-def _any_text(text: str) -> float:
+def read_any(text: str) -> tuple[float, q.Dimension]:
+    """A text's value, SI, and what it measures. Raises ValueError."""
     return _any(text)
 
 
-def _any(value: Any) -> float:
-    for dimension in ANY:
+def _any(value: Any) -> tuple[float, q.Dimension]:
+    for dimension in (q.NUMBER, q.TORSION, *q.NAMED):
         try:
-            return q.to_si(value, dimension, sign="any")
+            return q.to_si(value, dimension, sign="any"), dimension
         except ValueError:
             continue
     try:
-        return q.to_si(value, q.LENGTH, sign="any")
+        return q.to_si(value, q.LENGTH, sign="any"), q.LENGTH
     except ValueError as error:
         why = str(error).partition(", got ")[2]
         raise ValueError(f'expected a quantity such as "220 mm" or "25 deg", or an expression, got {why}') from error
@@ -68,13 +60,10 @@ def _any(value: Any) -> float:
 
 def unit_of(value: Any) -> str:
     """SI unit of what a text with a unit measures, "1" for a number."""
-    for dimension in ANY if isinstance(value, str) else ():
-        try:
-            q.to_si(value.partition("±")[0].strip(), dimension, sign="any")
-        except ValueError:
-            continue
-        return dimension.unit or "1"
-    return "1"
+    try:
+        return read_any(value.partition("±")[0].strip())[1].unit or "1" if isinstance(value, str) else "1"
+    except ValueError:
+        return "1"
 
 
 @dataclass(frozen=True)
@@ -98,25 +87,18 @@ def parse_whole(value: Any) -> int:
     return value
 
 
-def _layers(value: Any) -> int:
-    if not 1 <= parse_whole(value) <= MOST_LAYERS:
-        raise ValueError(f"expected 1 to {MOST_LAYERS} thin layers of elements, got {value}")
-    return parse_whole(value)
-
-
 MOST_ELEMENTS = 1000  # rolling elements of a row, carriages, rails
 
 
-def _some(value: Any) -> int:
-    if not 1 <= parse_whole(value) <= MOST_ELEMENTS:
-        raise ValueError(f"expected 1 to {MOST_ELEMENTS}, got {value}")
-    return parse_whole(value)
+def _whole(expected: str, most: float = math.inf) -> Callable[[Any], int]:
+    """What reads a whole number from 1 on."""
 
+    def read(value: Any) -> int:
+        if not 1 <= parse_whole(value) <= most:
+            raise ValueError(f"expected {expected}, got {q.show_value(value)}")
+        return parse_whole(value)
 
-def _positive(value: Any) -> int:
-    if not parse_whole(value):
-        raise ValueError(f"expected a positive whole number such as 2000000, got {q.show_value(value)}")
-    return parse_whole(value)
+    return read
 
 
 def _mass_or_cad(value: Any) -> float | str:
@@ -184,22 +166,22 @@ def _direction(value: Any) -> Any:
 Length = Annotated[float, _quantity(q.LENGTH)]
 LengthOrZero = Annotated[float, _quantity(q.LENGTH, "non-negative")]
 Coordinate = Annotated[float, _quantity(q.LENGTH, "any")]
-Angle = Annotated[float, _quantity(ANGLE, "any")]
+Angle = Annotated[float, _quantity(q.ANGLE, "any")]
 Modulus = Annotated[float, _quantity(q.MODULUS)]
 Ratio = Annotated[float, _quantity(q.NUMBER, "any")]
 Density = Annotated[float, _quantity(q.DENSITY)]
 Expansion = Annotated[float, _quantity(q.EXPANSION, "any")]
 Mass = Annotated[float, _quantity(q.MASS, "non-negative")]
 Stiffness = Annotated[float, _quantity(q.STIFFNESS)]
-Torsion = Annotated[float, _quantity(TORSION)]
-Force = Annotated[float, _quantity(FORCE, "any")]
-Preload = Annotated[float, _quantity(FORCE, "non-negative")]
+Torsion = Annotated[float, _quantity(q.TORSION)]
+Force = Annotated[float, _quantity(q.FORCE, "any")]
+Preload = Annotated[float, _quantity(q.FORCE, "non-negative")]
 Acceleration = Annotated[float, _quantity(q.ACCELERATION, "non-negative")]
 Duration = Annotated[float, _quantity(q.DURATION)]
 Frequency = Annotated[float, _quantity(q.FREQUENCY)]
-Compliance = Annotated[float, _quantity(COMPLIANCE, "non-negative")]
-Tilting = Annotated[float, _quantity(TILTING, "non-negative")]
-_Inertia = Annotated[float, _quantity(INERTIA, "any")]
+Compliance = Annotated[float, _quantity(q.COMPLIANCE, "non-negative")]
+Tilting = Annotated[float, _quantity(q.TILTING, "non-negative")]
+_Inertia = Annotated[float, _quantity(q.INERTIA, "any")]
 
 Point = Annotated[tuple[Coordinate, Coordinate, Coordinate], _list_of(3, _POINT), Says(_POINT)]
 Vector = Annotated[tuple[Ratio, Ratio, Ratio], _list_of(3, _VECTOR), Says(_VECTOR)]
@@ -209,10 +191,10 @@ Inertia = Annotated[
     _list_of(6, "six moments of inertia, Ixx Iyy Izz Ixy Ixz Iyz"),
 ]
 Diagonal = Annotated[tuple[Compliance, Compliance, Compliance, Tilting, Tilting, Tilting], _list_of(6, _SIX)]
-ForceAbove = Annotated[float, _quantity(FORCE)]
-MomentAbove = Annotated[float, _quantity(MOMENT)]
-AngleAbove = Annotated[float, _quantity(ANGLE)]
-AngleOrZero = Annotated[float, _quantity(ANGLE, "non-negative")]
+ForceAbove = Annotated[float, _quantity(q.FORCE)]
+MomentAbove = Annotated[float, _quantity(q.MOMENT)]
+AngleAbove = Annotated[float, _quantity(q.ANGLE)]
+AngleOrZero = Annotated[float, _quantity(q.ANGLE, "non-negative")]
 LinearCurve = Annotated[
     tuple[Annotated[tuple[Length, ForceAbove], _list_of(2, "a deflection and a force")], ...],
     Says('deflections and forces such as [["2 um", "20 N"], ["8 um", "140 N"]]'),
@@ -232,9 +214,9 @@ Foundation = Annotated[
 ]
 Tolerance = Annotated[float | None, _or_word(_tolerance, "auto", "whatever one mesh reaches", "a share")]
 Count = Annotated[int, Reads(parse_whole, says="a whole number")]
-Layers = Annotated[int, Reads(_layers, says=f"1 to {MOST_LAYERS}")]
-Some = Annotated[int, Reads(_some, says="a whole number above 0")]
-Positive = Annotated[int, Reads(_positive, says="a whole number above 0")]
+Layers = Annotated[int, Reads(_whole(f"1 to {MOST_LAYERS} layers", MOST_LAYERS), says=f"1 to {MOST_LAYERS}")]
+Some = Annotated[int, Reads(_whole(f"1 to {MOST_ELEMENTS}", MOST_ELEMENTS), says="a whole number above 0")]
+Positive = Annotated[int, Reads(_whole("a positive whole number such as 2000000"), says="a whole number above 0")]
 OwnMass = Annotated[float, Reads(_own_mass, says='a mass such as "1.95 kg"')]
 MassOrCad = Annotated[float | Literal["cad"], Reads(_mass_or_cad, says='a mass, or "cad": volume times density')]
 

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
+from xml.parsers import expat
 
 import numpy as np
 
-from stiffscope.errors import InputError
-from stiffscope.runtime.reading import open_file
+from stiffscope.errors import InputError, meant
+from stiffscope.robot.file.tables import unknown_key
+from stiffscope.runtime.reading import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,6 +26,12 @@ if TYPE_CHECKING:
 GROUND = "ground"
 CLOSED = 1e-10  # m, rad: largest gap of a loop that counts as closed
 _ROUNDS = 100
+_FARTHEST = 1e6  # m: of a place in a model
+_URDF = {
+    "origin": ("xyz", "rpy"), "axis": ("xyz",), "mass": ("value",), "limit": ("lower", "upper", "effort", "velocity"),
+    "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
+}  # fmt: skip
+"""Elements of URDF that hold a robot's numbers, and the attributes of each."""
 
 
 @dataclass
@@ -125,7 +134,9 @@ def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
             "import: expected the package mujoco, which reads URDF and MJCF, got none; "
             "install it by: python -m pip install mujoco"
         ) from error
-    open_file(path, "a model in URDF or MJCF").close()
+    content = read_bytes(path, "a model in URDF or MJCF")
+    if path.suffix.lower() == ".urdf":
+        _check_urdf(path, content)
     library: Any = mujoco
     warnings: list[str] = []
     library.set_mju_user_warning(warnings.append)  # else it writes them to MUJOCO_LOG.TXT in the working folder
@@ -169,6 +180,26 @@ def _compile(mj: Any, path: Path) -> tuple[Any, list[str]]:
     return model, [f"read without its meshes ({first})", "a body whose mass would come from a mesh has none here"]
 
 
+def _check_urdf(path: Path, content: bytes) -> None:
+    """Refuse what MuJoCo passes over in silence: misspelled words, and numbers that are not finite."""
+    parser = expat.ParserCreate()
+
+    def look(element: str, attributes: Mapping[str, str]) -> None:
+        place = f"{path}:{parser.CurrentLineNumber}: {print_safely(element)}"
+        if element not in {*_URDF, "inertial"} and (guess := meant(element, _URDF, cutoff=0.8)):
+            raise InputError(f'{place}: expected an element of URDF, got "{element}"{guess}')
+        for name, text in attributes.items() if element in _URDF else ():
+            if name not in _URDF[element]:
+                raise InputError(f"{place}: {unknown_key(name, _URDF[element])}")
+            words = {word.lower().lstrip("+-") for word in text.split()}
+            if element != "limit" and words & {"inf", "nan", "infinity"}:
+                raise InputError(f'{place}.{name}: expected finite numbers, got "{text}"')
+
+    parser.StartElementHandler = look
+    with contextlib.suppress(expat.ExpatError):  # MuJoCo says what is wrong
+        parser.Parse(content, True)
+
+
 def _check_spec(path: Path, spec: Any) -> None:
     known = [("mass", "kg", "body", each.name, each.mass) for each in spec.bodies]
     known += [("mass", "kg", "geom", each.name, each.mass) for each in spec.geoms]
@@ -190,8 +221,10 @@ def _reason(error: Exception) -> str:
 
 def _check_finite(path: Path, m: Any) -> None:
     bodies = m.body_pos, m.body_quat, m.body_ipos, m.body_iquat, m.body_mass, m.body_inertia
-    if not all(np.isfinite(each).all() for each in (*bodies, m.jnt_pos, m.jnt_axis, m.opt.gravity)):
+    if not all(np.isfinite(each).all() for each in (*bodies, m.jnt_pos, m.jnt_axis, m.eq_data, m.opt.gravity)):
         raise InputError(f"{path}: expected a model in URDF or MJCF whose numbers are finite, got others")
+    if max(np.abs(each).max(initial=0.0) for each in (m.body_pos, m.body_ipos, m.jnt_pos)) > _FARTHEST:
+        raise InputError(f"{path}: expected a model whose places are within {_FARTHEST:g} m, got one farther off")
 
 
 def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:

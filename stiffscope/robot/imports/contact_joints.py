@@ -20,7 +20,7 @@ from scipy.optimize import nnls
 
 from stiffscope.robot.imports.doubts import Doubt, doubt_bores, doubt_built, doubt_pins
 from stiffscope.robot.imports.hardware import FIT, turned_form
-from stiffscope.robot.imports.part_motions import Bond, Freedom, joint_freedom, relative_freedom
+from stiffscope.robot.imports.part_motions import Bond, Freedom, held_by, holds_more, joint_freedom, relative_freedom
 from stiffscope.vjm.screws import shift, skew
 from stiffscope.vjm.subspaces import null_space, range_space
 
@@ -41,18 +41,18 @@ _SLIDES = "planes that slide on each other: taken as planar; if glued or screwed
 _IDLE = "plane on plane where other joints guide already: taken as no joint; if it carries load"
 
 
-def hold(contact: Contact, scale: float) -> Array:
-    """Rows (m, 6) that a contact takes to zero, on twists at the base origin whose translations are over ``scale``."""
-    across = null_space(contact.axis[None, :]).T
-    if contact.kind == "plane":
-        lines, turns = contact.axis[None, :], across
-    elif contact.kind == "sphere":
+def hold(kind: str, axis: Array, at: Array) -> Array:
+    """Rows (m, 6) that a contact with an axis (3,) through a point (3,) takes to zero, on twists at the base origin."""
+    across = null_space(axis[None, :]).T
+    if kind == "plane":
+        lines, turns = axis[None, :], across
+    elif kind == "sphere":
         lines, turns = np.eye(3), np.zeros((0, 3))
     else:
-        lines, turns = (np.eye(3) if contact.kind == "cone" else across), across
+        lines, turns = (np.eye(3) if kind == "cone" else across), across
     rows = np.zeros((len(lines) + len(turns), 6))
     rows[: len(lines), :3], rows[len(lines) :, 3:] = lines, turns
-    return rows @ shift(contact.point / scale)
+    return rows @ shift(at)
 
 
 def _bonds_of(
@@ -73,7 +73,7 @@ def _bonds_of(
             found.append(Bond(contact.first, contact.second, rows, contact))
     for joint in built:
         free = [joint_freedom(kind, at / scale, axis, None) for kind, at, axis in joint.motions]
-        rows = null_space(np.hstack(free).T).T if any(map(np.size, free)) else np.eye(6)
+        rows = null_space(np.hstack(free).T).T
         for each in touching[frozenset((joint.first, joint.second))] or [None]:
             at = joint.motions[0][1]
             found.append(Bond(joint.first, joint.second, rows, each, joint.label, at))
@@ -95,26 +95,19 @@ def _held_by(contact: Contact, hardware: Hardware, scale: float) -> Array | None
     ):
         return np.eye(6)  # a seat; of a bearing of one solid, that of its inner ring
     if bearing is not None:
-        return _all_but_spin(contact.axis, contact.point / scale)
+        return hold("cone", contact.axis, contact.point / scale)
     thread = THREADED & {*roles} and contact.kind != "plane" and not (fits and "shoulder screw" in roles)
     tight = contact.kind == "cylinder" and contact.gap / contact.radius < FIT[0]
     if thread or tight:
         return np.eye(6)
-    return hold(contact, scale) if fits else None
-
-
-def _all_but_spin(axis: Array, at: Array) -> Array:
-    """Rows (5, 6) that leave the turn about an axis (3,) through a point (3,) alone."""
-    rows = np.zeros((5, 6))
-    rows[:3, :3], rows[3:, 3:] = np.eye(3), null_space(axis[None, :]).T
-    return rows @ shift(at)
+    return hold(contact.kind, contact.axis, contact.point / scale) if fits else None
 
 
 def _spin(ring: Instance, scale: float) -> Array:
-    """Rows that leave a ring's spin alone."""
+    """Rows that leave a ring's spin alone, as a cone's do."""
     form = turned_form(ring.product)
     axis = np.array([0.0, 0.0, 1.0]) if form is None else ring.rotation @ form.axis
-    return _all_but_spin(axis, ring.centre / scale)
+    return hold("cone", axis, ring.centre / scale)
 
 
 def kind_of(freedom: Array, near: Array) -> tuple[str, Array, Array | None, Array | None]:
@@ -235,7 +228,8 @@ def find_joints(
     joints = _add_planes(joints, sorted(planes, key=planes.__getitem__), contacts, solids, doubts)
 
     def adds(contact: Contact) -> bool:
-        return contact.gap < 0 or _adds(hold(contact, scale), joints, contact.first, contact.second)
+        rows = hold(contact.kind, contact.axis, contact.point / scale)
+        return contact.gap < 0 or holds_more(rows, joints, contact.first, contact.second)
 
     return joints, doubts + doubt_bores(solids, contacts, hardware, adds)
 
@@ -363,7 +357,7 @@ def _add_planes(
         settle(laid, fixed, _SCREWED if laid in screwed else _LAID)
         _merge(bodies, i, j)
     for plane in [*planes]:
-        adds = plane.kind == "prismatic" or _adds(_hold_of(plane)[2], kept, plane.first, plane.second)
+        adds = plane.kind == "prismatic" or holds_more(held_by(plane)[2], kept, plane.first, plane.second)
         settle(plane, plane if adds else None, _IDLE if not adds else _SLIDES if plane.kind == "planar" else "")
     return kept
 
@@ -391,19 +385,3 @@ def _lifts_off(plane: Freedom, contacts: Sequence[Contact], bodies: dict[int, se
         if any(nnls(outward.T, -normal)[1] > 1e-3 for normal in between):
             return True
     return False
-
-
-def _adds(rows: Array, joints: Sequence[Freedom], first: int, second: int) -> bool:
-    """Whether rows (m, 6) hold anything that joints do not hold between two parts."""
-    moving = relative_freedom(map(_hold_of, joints), first, second)
-    return bool(np.abs(rows @ moving).max(initial=0.0) > 1e-7)
-
-
-def _hold_of(joint: Freedom) -> tuple[int, int, Array]:
-    """A joint as its parts and the rows (m, 6) that it takes to zero."""
-    return joint.first, joint.second, null_space(joint.freedom.T).T if joint.freedom.size else np.eye(6)
-
-
-def tool_motions(joints: Sequence[Freedom], tool: int, ground: int, at: Array, scale: float) -> Array:
-    """Twists (6, k) of a part against the ground at a point (3,), translations over ``scale``, m."""
-    return shift(at / scale) @ relative_freedom(map(_hold_of, joints), ground, tool)

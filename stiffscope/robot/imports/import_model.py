@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import fnmatch
 import json
 import re
@@ -11,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, meant
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.values import TORSION, any_quantity
+from stiffscope.robot.file.values import any_quantity
 from stiffscope.robot.imports.compiled_model import print_safely
 from stiffscope.robot.imports.simulator_model import read_model
 from stiffscope.robot.reader import read_robot
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
 
     from stiffscope.robot.imports.simulator_model import ModelBody, ModelJoint, SimulatorModel
 
-_DRIVABLE = {"revolute": TORSION, "prismatic": q.STIFFNESS, "cylindrical": q.STIFFNESS}
+_DRIVABLE = {"revolute": q.TORSION, "prismatic": q.STIFFNESS, "cylindrical": q.STIFFNESS}
 _HEAD = """# Imported from {file}: geometry, masses, joints and their ranges at its home; SI, base axes of the source.
 #
 # Fill in what a simulator's model does not say:
@@ -109,11 +108,8 @@ def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
             raise InputError(f'--drive {text}: expected JOINT=STIFFNESS such as "joint1=25 kN*m/rad", got "{text}"')
         named = [name] if name in able else fnmatch.filter(able, name)
         if not named:
-            close = difflib.get_close_matches(name, able, n=1, cutoff=0.6)
-            guess = f'; did you mean "{close[0]}"?' if close else ""
-            raise InputError(
-                f'--drive {text}: expected a joint that turns or slides ({", ".join(able)}), got "{name}"{guess}'
-            )
+            what = f"a joint that turns or slides ({', '.join(able)})"
+            raise InputError(f'--drive {text}: expected {what}, got "{name}"{meant(name, able)}')
         try:
             for each in named:
                 q.to_si(_number_or_text(value), _DRIVABLE[joints[each].kind])
@@ -177,7 +173,8 @@ def robot_text(
             f"acceleration = {_number(size)}",
             f"direction = {vector_text(model.gravity / size)}",
         ]
-    at_home = [_number(value) for value in _home(model)]
+    place = dict(zip("xyz", map(float, model.tool_at), strict=True))
+    at_home = [_number(place.get(coordinate, 0.0)) for coordinate in model.pose]
     lines += ["", "[poses]", f"home = [{', '.join(at_home)}]", ""]
     return "\n".join(lines)
 
@@ -222,11 +219,6 @@ def _joint_lines(joint: ModelJoint, drives: dict[str, str]) -> Iterator[str]:
     if joint.dynamics:
         listed = ", ".join(f"{word} {_number(value)}" for word, value in joint.dynamics.items())
         yield f"# the source has {listed} here (SI), not taken"
-
-
-def _home(model: SimulatorModel) -> list[float]:
-    values = dict(zip("xyz", map(float, model.tool_at), strict=True))
-    return [values.get(coordinate, 0.0) for coordinate in model.pose]
 
 
 def toml_key(name: str) -> str:

@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.vjm.joints import FREE
+from stiffscope.vjm.screws import shift
 from stiffscope.vjm.subspaces import null_space, range_space
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from stiffscope.cad.contacts import Contact
     from stiffscope.runtime.types import Array
@@ -111,8 +112,24 @@ def relative_freedom(holds: Iterable[tuple[int, int, Array]], first: int, second
         elif len(around) == 2:
             (one, rows), (other, others) = around.items()
             freedom = range_space(np.hstack((null_space(rows), null_space(others))))
-            _hold(network, one, other, null_space(freedom.T).T if freedom.size else np.eye(6))
+            _hold(network, one, other, null_space(freedom.T).T)
     return _solve_whole(network, first, second)
+
+
+def holds_more(rows: Array, joints: Sequence[Freedom], first: int, second: int) -> bool:
+    """Whether rows (m, 6) hold anything that joints do not hold between two parts."""
+    moving = relative_freedom(map(held_by, joints), first, second)
+    return bool(np.abs(rows @ moving).max(initial=0.0) > 1e-7)
+
+
+def held_by(joint: Freedom) -> tuple[int, int, Array]:
+    """A joint as its parts and the rows (m, 6) that it takes to zero."""
+    return joint.first, joint.second, null_space(joint.freedom.T).T
+
+
+def tool_motions(joints: Sequence[Freedom], tool: int, ground: int, at: Array, scale: float) -> Array:
+    """Twists (6, k) of a part against the ground at a point (3,), translations over ``scale``, m."""
+    return shift(at / scale) @ relative_freedom(map(held_by, joints), ground, tool)
 
 
 def _hold(network: _Network, one: int, other: int, rows: Array) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fnmatch
-import tomllib
 from collections import defaultdict
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Self
@@ -11,10 +10,10 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.robot.file.positions import line_of, positions
+from stiffscope.robot.file.parse import Source, parse_text
 from stiffscope.robot.imports.contact_joints import measure_size
 from stiffscope.robot.imports.part_motions import Freedom, joint_freedom
-from stiffscope.runtime.reading import show_path
+from stiffscope.runtime.reading import read_text, show_path
 from stiffscope.vjm.joints import FREE
 
 if TYPE_CHECKING:
@@ -65,13 +64,9 @@ def said_beside(path: Path, said: Said) -> Said:
     file = path.with_name(SAID)
     if not file.is_file():
         return said
-    try:
-        written = file.read_text(encoding="utf-8")
-        table = tomllib.loads(written)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise InputError(f"{show_path(file)}: expected TOML, got {error}") from error
-    lines = positions(written)
-    held = said_of(table, lambda *key: f"{show_path(file)}:{line_of(lines, key)}: {key[0]}")
+    source = Source(file, read_text(file, what := "what is said of an assembly"))
+    table = parse_text(file, source.text, what)
+    held = said_of(table, lambda *key: f"{show_path(file)}:{source.line(key)}: {key[0]}")
     lists = {
         each.name: (*getattr(held, each.name), *getattr(said, each.name))
         for each in fields(Said)
