@@ -137,5 +137,6 @@ EXTENDED = {
     "vjm/test_kinematics.py": ("test_out_of_reach_is_told_and_never_taken",),
     "vjm/test_laws.py": ("test_equilibrium_under_wrench_weight_and_springs_beside_hanging_drives",),
     "vjm/test_rigid_directions.py": ("test_limbs_off_the_path_to_the_tool_change_nothing",),
+    "test_hostile.py": ("test_mutants_of_every_family",),
 }
 """Names of tests, with or without one of their parameters, by file."""

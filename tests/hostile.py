@@ -1,7 +1,7 @@
 """Seeded mutations of valid files, and the judge of what a command makes of them.
 
-`python -m tests.hostile_families FAMILY COUNT [SEED] [--read]` prints each case of a family that is wrong (and each that
-is answered).
+`python -m tests.hostile_families FAMILY COUNT [SEED] [--read]` prints each case of a family that is wrong (and each
+that is answered).
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ SECONDS, MEMORY = 10, 2 << 30
 VALUES = (
     "nan", "inf", "-inf", "0", "-1", "1e308", "1e-308", "-1e30", "true", '""', "[]", "{}", '"5 kg"', '"3 rad"', '"7 N"',
     '"-20 mm"', '"0 mm"', '"1e9 m"', '"nan mm"', '"5 furlong"', '"no such name"', '"= nothing"', '"= 1/0"', '"= 1e999"',
-    '"a\\nb"', '"\\u001b[31mred"', '"' + "x" * 3000 + '"', "1979-05-27", '["1 mm"]', '"../../../etc/passwd"', '"ground"',
+    '"a\\nb"', '"\\u001b[31mred"', '"' + "x" * 3000 + '"',
+    "1979-05-27", '["1 mm"]', '"../../../etc/passwd"', '"ground"',
 )  # fmt: skip
 NUMBERS = ("nan", "inf", "-1", "0", "1e308", "1e-300", "-1e9", "1e9", "007", "1,5", "x")
 UNITS = ("mm", "um", "m", "kg", "g", "N", "N*m", "N/um", "kN*m/rad", "deg", "rad", "um/N", "rad/(N*m)", "%", "Hz", "Pa")
@@ -56,7 +57,9 @@ def mutate(rng: random.Random, data: bytes, suffix: str) -> tuple[bytes, str]:
     return "\n".join(lines).encode("utf-8", "surrogatepass"), f"{at + 1}: {old!r} -> {lines[at][:120]!r}"
 
 
-def _mutate_line(rng: random.Random, line: str, suffix: str, lines: list[str]) -> list[str]:
+def _mutate_line(  # noqa: PLR0911 (one for each kind)
+    rng: random.Random, line: str, suffix: str, lines: list[str]
+) -> list[str]:
     names = sorted(set(re.findall(r'(?<==\s")\w[\w.]*(?=")|(?<=")\w[\w.]+(?=")|(?<=\.)\w+(?=\])', "\n".join(lines))))
     kind = rng.choice(("value", "value", "number", "number", "unit", "name", "name", "key", "gone", "twice", "letter"))
     key, is_value, _ = line.partition("=")
@@ -139,7 +142,7 @@ def warm(family: Family) -> Case:
             Path(name).write_bytes(data)
         with contextlib.suppress(SystemExit), contextlib.redirect_stdout(io.StringIO()):
             main(list(family.before or family.arguments))
-    logging.getLogger().handlers.clear()
+    logging.getLogger().handlers.clear()  # which hold this process's standard error
     return run(family, None)
 
 
@@ -150,7 +153,7 @@ def run(family: Family, seed: int | None) -> Case:
             (Path(folder) / name).write_bytes(data)
         change = "none"
         if seed is not None:
-            rng = random.Random(seed)
+            rng = random.Random(seed)  # noqa: S311
             name = rng.choice(family.mutated)
             data, change = mutate(rng, family.files[name], Path(name).suffix)
             (Path(folder) / name).write_bytes(data)

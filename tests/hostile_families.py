@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import sys
+from collections import Counter
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -39,7 +40,8 @@ material = "mine"
 compliance = "beam"
 [parts.link]
 shape = "matrix"
-matrix = [[1e-9, 0, 0, 0, 0, 0], [0, 2e-7, 0, 0, 0, 1e-6], [0, 0, 2e-7, 0, -1e-6, 0], [0, 0, 0, 2e-5, 0, 0], [0, 0, -1e-6, 0, 1.1e-5, 0], [0, 1e-6, 0, 0, 0, 1.1e-5]]
+matrix = [[1e-9, 0, 0, 0, 0, 0], [0, 2e-7, 0, 0, 0, 1e-6], [0, 0, 2e-7, 0, -1e-6, 0],
+  [0, 0, 0, 2e-5, 0, 0], [0, 0, -1e-6, 0, 1.1e-5, 0], [0, 1e-6, 0, 0, 0, 1.1e-5]]
 mass = "120 g"
 [bodies.base]
 mass = "2 kg"
@@ -175,56 +177,71 @@ STIFFNESS = ("stiffness", "robot.toml", "--components", "beam", *JSON)
 SHEET = {"campaign.toml": CAMPAIGN.replace(b".csv", b".xlsx"), "robot.toml": SECTIONS}
 
 
+CSV = "\n".join(",".join(map(str, row)) for row in ROWS).encode()
+CHECK = ("campaign", "check", ".", *JSON)
+IMPORTS = ("--out", "robot.toml", *JSON)
+PLAIN = {
+    "stewart": Family({"robot.toml": _robots("stewart.toml")}, ("robot.toml",), STIFFNESS),
+    "sections": Family({"robot.toml": SECTIONS}, ("robot.toml",), STIFFNESS),
+    "check": Family({"robot.toml": SECTIONS}, ("robot.toml",), ("check", "robot.toml", *JSON)),
+    "csv": Family(
+        {"campaign.toml": CAMPAIGN, "readings.csv": CSV, "robot.toml": SECTIONS}, ("campaign.toml", "readings.csv"),
+        CHECK,
+    ),
+}  # fmt: skip
+"""Those that need neither CAD nor processes of their own."""
+
+
 @cache
 def families() -> dict[str, Family]:
     """All of them by name; those of solids are built here."""
     from tests.robot.test_import import ARM, FOUR_BAR
 
-    csv = "\n".join(",".join(map(str, row)) for row in ROWS).encode()
-    imports = ("--out", "robot.toml", *JSON)
-    campaign = ("campaign", "check", ".", *JSON)
     return {
-        "stewart": Family({"robot.toml": _robots("stewart.toml")}, ("robot.toml",), STIFFNESS),
-        "sections": Family({"robot.toml": SECTIONS}, ("robot.toml",), STIFFNESS),
-        "check": Family({"robot.toml": SECTIONS}, ("robot.toml",), ("check", "robot.toml", *JSON)),
+        **PLAIN,
         "study": Family(
             {"study.toml": STUDY, "robot.toml": SECTIONS}, ("study.toml",),
             ("study", "study.toml", "--out", "out", *JSON), ("check", "robot.toml", *JSON),
         ),
-        "urdf": Family({"arm.urdf": ARM.encode()}, ("arm.urdf",), ("import", "arm.urdf", *imports)),
-        "mjcf": Family({"bar.xml": FOUR_BAR.encode()}, ("bar.xml",), ("import", "bar.xml", *imports)),
-        "csv": Family(
-            {"campaign.toml": CAMPAIGN, "readings.csv": csv, "robot.toml": SECTIONS}, ("campaign.toml", "readings.csv"),
-            campaign,
-        ),
-        "xlsx": Family({**SHEET, "readings.xlsx": _workbook()}, ("readings.xlsx",), campaign),
-        **_of_solids(imports),
+        "urdf": Family({"arm.urdf": ARM.encode()}, ("arm.urdf",), ("import", "arm.urdf", *IMPORTS)),
+        "mjcf": Family({"bar.xml": FOUR_BAR.encode()}, ("bar.xml",), ("import", "bar.xml", *IMPORTS)),
+        "xlsx": Family({**SHEET, "readings.xlsx": _workbook()}, ("readings.xlsx",), CHECK),
+        **_of_solids(),
     }  # fmt: skip
 
 
-def _of_solids(imports: tuple[str, ...]) -> dict[str, Family]:
-    from tests.robot.assemblies import LOW, Made, at, b, ring, rod  # noqa: F401
+def _of_solids() -> dict[str, Family]:
+    from tests.robot.assemblies import LOW, Made, at, b, rod
 
     with TemporaryDirectory() as folder:
         made = Made()
         made.add("base", b.Box(80, 40, 20, align=LOW) - at(rod(5, 20), (25, 0, 0)))
-        made.add("arm", at(b.Box(100, 20, 10, align=LOW), (60, 0, 20)) - at(rod(5, 10), (25, 0, 20)) - at(rod(4, 10), (100, 0, 20)))
+        bores = at(rod(5, 10), (25, 0, 20)), at(rod(4, 10), (100, 0, 20))
+        made.add("arm", at(b.Box(100, 20, 10, align=LOW), (60, 0, 20)) - bores[0] - bores[1])
         made.add("pin", at(rod(5, 30), (25, 0, 0)))
         made.write(Path(folder) / "a.step")
         assembly = (Path(folder) / "a.step").read_bytes()
         b.export_step(b.Box(80, 40, 20), Path(folder) / "p.step")
         part = (Path(folder) / "p.step").read_bytes()
-    words = (
-        b'ground = "base"\ntool = "arm"\npart = ["pin"]\nrigid = ["base"]\n'
-        b'[joint]\n"base/arm" = "revolute"\n[material]\n"arm" = "steel"\n"*" = "aluminium-7075"\n[drive]\n"base/arm" = "9 kN*m/rad"\n'
-    )
+    words = b"""ground = "base"
+tool = "arm"
+part = ["pin"]
+rigid = ["base"]
+[joint]
+"base/arm" = "revolute"
+[material]
+"arm" = "steel"
+"*" = "aluminium-7075"
+[drive]
+"base/arm" = "9 kN*m/rad"
+"""
     files = {"a.step": assembly, "assembly.toml": words}
     begun, ended = SECTIONS.split(b"[parts.link]")
-    solid = begun + b'[parts.link]\nshape = "step"\nfile = "p.step"\nmaterial = "steel"\n' + ended[ended.index(b"[bodies.base]") :]
-    solid = solid.replace(b"reach + 0.1", b"reach + 0.08")
+    step = b'[parts.link]\nshape = "step"\nfile = "p.step"\nmaterial = "steel"\n'
+    solid = (begun + step + ended[ended.index(b"[bodies.base]") :]).replace(b"reach + 0.1", b"reach + 0.08")
     return {
-        "assembly": Family(files, ("assembly.toml",), ("import", "a.step", *imports)),
-        "solids": Family(files, ("a.step",), ("import", "a.step", *imports)),
+        "assembly": Family(files, ("assembly.toml",), ("import", "a.step", *IMPORTS)),
+        "solids": Family(files, ("a.step",), ("import", "a.step", *IMPORTS)),
         "faces": Family({"p.step": part}, ("p.step",), ("faces", "p.step", *JSON)),
         "step": Family({"p.step": part, "robot.toml": solid}, ("p.step",), ("check", "robot.toml", *JSON)),
     }
@@ -232,14 +249,12 @@ def _of_solids(imports: tuple[str, ...]) -> dict[str, Family]:
 
 if __name__ == "__main__":
     chosen, count, first = families()[sys.argv[1]], int(sys.argv[2]), int((*sys.argv, "0")[3])
-    whole = warm(chosen)
-    print("as it is:", whole.code, whole.wrong, whole.said[:300])
-    codes = {0: 0, 2: 0}
+    whole, codes = warm(chosen), Counter[int]()
     for seed in range(first, first + count):
         case = run(chosen, seed)
-        codes[case.code] = codes.get(case.code, 0) + 1
+        codes[case.code] += 1
         if case.wrong or (case.code == 0 and "--read" in sys.argv):
             same = "same" if case.answer == whole.answer else "differs"
-            print(flush=True, end="")
-            print(f"[{seed}] {case.wrong or same} | {case.change} | {case.said[-400:].strip()}")
-    print(codes)
+            sys.stdout.write(f"[{seed}] {case.wrong or same} | {case.change} | {case.said[-400:].strip()}\n")
+            sys.stdout.flush()
+    sys.stdout.write(f"as it is: {whole.code} {whole.wrong} {whole.said[:300]}\n{dict(codes)}\n")

@@ -46,10 +46,6 @@ def _note_debug(_context: click.Context, _option: click.Parameter, wanted: bool)
             logging.getLogger(chatty).setLevel(logging.WARNING)
 
 
-def _force(_context: click.Context, _option: click.Parameter, wanted: bool) -> None:
-    overwrite(wanted)
-
-
 def check_file(_context: click.Context, _option: click.Parameter, target: str | None) -> str | None:
     """Refuse a file that cannot be written before anything is computed."""
     if target not in (None, "-"):
@@ -93,7 +89,8 @@ debug = click.option(
 )
 OUT = "Folder to write: complete or absent."
 force = click.option(
-    "--force", is_flag=True, is_eager=True, expose_value=False, callback=_force,
+    "--force", is_flag=True, is_eager=True, expose_value=False,
+    callback=lambda _context, _option, wanted: overwrite(wanted),
     help="Overwrite JSON and output folders that stiffscope did not write; other files in a folder stay.",
 )  # fmt: skip
 out = folder("--out", OUT, required=True)

@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.statics import Stiffness
-    from stiffscope.vjm.yielding import LoadCurve
 
 log = logging.getLogger(__name__)
 
@@ -92,12 +91,6 @@ def assemble(robot: RobotFile, components: Any, output: Output) -> Assembled:
         made = assemble_robots({"now": robot}, components, shop)["now"]
     warn_of_robot(made)
     return made
-
-
-def _path_json(curve: LoadCurve) -> dict[str, Any]:
-    return {
-        "load": curve.load, "twist": np.moveaxis(curve.twist, 2, 1), "stiffness": np.moveaxis(curve.stiffness, 3, 1),
-    }  # fmt: skip
 
 
 @click.command()
@@ -152,8 +145,10 @@ def deflection(
     answer = {
         "poses": at.poses, "tool": at.tool, "wrench": load, "twist": found.twist, "energy": found.energy,
         "shares": found.shares, "convention": CONVENTION,
-        **({} if curve is None else {"path": _path_json(curve)}),
     }  # fmt: skip
+    if curve is not None:
+        twist, matrix = np.moveaxis(curve.twist, 2, 1), np.moveaxis(curve.stiffness, 3, 1)
+        answer["path"] = {"load": curve.load, "twist": twist, "stiffness": matrix}
     emit(output, answer, show, manifest=manifest, page=page)
 
 

@@ -15,12 +15,8 @@ ROBOTS = FOLDER / "robots"
 
 def robot_names() -> dict[str, str]:
     """Names of the robots in `data/robots`, each with its one line of description, the first comment of its file."""
-    return {path.stem: _first_line(path) for path in sorted(ROBOTS.glob("*.toml"))}
-
-
-def _first_line(path: Path) -> str:
-    with path.open(encoding="utf-8") as lines:
-        return next(lines, "").removeprefix("#").strip()
+    texts = {path.stem: path.read_text(encoding="utf-8") for path in sorted(ROBOTS.glob("*.toml"))}
+    return {name: text.partition("\n")[0].removeprefix("#").strip() for name, text in texts.items()}
 
 
 def find_robot(name_or_path: str | Path) -> Path:

@@ -113,7 +113,8 @@ def read_table(
         name: tuple(map(str.strip, column)) for name, column in zip(header, cells, strict=True) if name not in ignore
     }
     if decimal_comma:
-        columns = {name: tuple(_with_point(cell) for cell in column) for name, column in columns.items()}
+        for name, column in columns.items():
+            columns[name] = tuple(c.replace(",", ".") if _DECIMAL_COMMA.fullmatch(c) else c for c in column)
     return Table(path.name, columns, tuple(lines[1:]))
 
 
@@ -210,10 +211,6 @@ def _cell(value: object) -> str:
 
 
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
-
-
-def _with_point(cell: str) -> str:
-    return cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell
 
 
 def _header(name: str, row: list[str], line: int) -> list[str]:

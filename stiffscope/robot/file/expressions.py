@@ -14,6 +14,8 @@ import unicodedata
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from stiffscope.errors import meant
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping
 
@@ -104,9 +106,8 @@ def check_names(expression: Expression, known: Collection[str]) -> None:
     for name in expression.names:
         if name not in known:
             listed = ", ".join(sorted(known)[:12]) or "(none)"
-            raise ValueError(
-                f'expected a name of [parameters] or part.parameter ({listed}), got "{name}"{meant(name, sorted(known))}'
-            )
+            guess = meant(name, sorted(known))
+            raise ValueError(f'expected a name of [parameters] or part.parameter ({listed}), got "{name}"{guess}')
 
 
 def _levels(tree: ast.expr) -> int:

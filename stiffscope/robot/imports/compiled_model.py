@@ -221,10 +221,10 @@ def _reason(error: Exception) -> str:
 
 def _check_finite(path: Path, m: Any) -> None:
     bodies = m.body_pos, m.body_quat, m.body_ipos, m.body_iquat, m.body_mass, m.body_inertia
-    if not all(np.isfinite(each).all() for each in (*bodies, m.jnt_pos, m.jnt_axis, m.eq_data, m.opt.gravity)):
-        raise InputError(f"{path}: expected a model in URDF or MJCF whose numbers are finite, got others")
-    if max(np.abs(each).max(initial=0.0) for each in (m.body_pos, m.body_ipos, m.jnt_pos)) > _FARTHEST:
-        raise InputError(f"{path}: expected a model whose places are within {_FARTHEST:g} m, got one farther off")
+    finite = all(np.isfinite(each).all() for each in (*bodies, m.jnt_pos, m.jnt_axis, m.eq_data, m.opt.gravity))
+    if not finite or np.abs(m.body_pos).max() > _FARTHEST:
+        what = f"whose numbers are finite, and its places within {_FARTHEST:g} m"
+        raise InputError(f"{path}: expected a model in URDF or MJCF {what}, got others")
 
 
 def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
