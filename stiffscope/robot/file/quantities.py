@@ -187,7 +187,7 @@ def _factor(unit: str, si: str) -> float:
     """What one of a unit is in SI. Raises whatever pint does for what is no such unit."""
     if unit in USUAL and si in SI:
         base, factor = USUAL[unit]
-        if powers_of(base)[:-1] != powers_of(si)[:-1]:  # but for radians
+        if (powers_of(base) or PLAIN)[:-1] != (powers_of(si) or PLAIN)[:-1]:  # but for radians
             raise ValueError(f"{unit} is no {si}")
         return factor
     _check_unit(unit)
