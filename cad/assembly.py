@@ -158,8 +158,9 @@ def place_solids(solids: "Sequence[Solid]", told: dict[str, Any]) -> tuple[Insta
     ]
     names = _name_distinct([each["path"] for each in told["instances"]])
     return tuple(
-        _instance(name, products[each["product"]], np.array(each["place"]))
+        Instance(name, products[each["product"]], rotation=place[:, :3], origin=1e-3 * place[:, 3])
         for name, each in zip(names, told["instances"], strict=True)
+        for place in [np.array(each["place"])]
     )
 
 
@@ -198,10 +199,6 @@ def _product(number: int, solid: "Solid", told: dict[str, Any]) -> Product:
         number, solid, told["material"], volume=1e-9 * properties.Mass(),
         centre=1e-3 * cad.kernel.xyz(properties.CentreOfMass()), inertia=1e-15 * cad.kernel.inertia(properties),
     )  # fmt: skip
-
-
-def _instance(name: str, product: Product, place: Array) -> Instance:
-    return Instance(name, product, rotation=place[:, :3], origin=1e-3 * place[:, 3])
 
 
 def _name_distinct(paths: Sequence[Sequence[str]]) -> list[str]:

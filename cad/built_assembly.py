@@ -110,7 +110,8 @@ def _read_joints(
             if first is None or second is None or first == second:
                 left_out.append(f"{label}: connected to nothing else of the assembly: left out")
                 continue
-            motions = tuple(_motion(each) for each in (joint, joint.connected_to))
+            frames = [(type(each).__name__, _placed(each)) for each in (joint, joint.connected_to)]
+            motions = tuple((_KINDS[kind], 1e-3 * frame[:3, 3], frame[:3, 2]) for kind, frame in frames)
             found.append(BuiltJoint(first, second, label, motions))
     return found
 
@@ -120,11 +121,6 @@ def _placed(joint: Any) -> Array:
     above = joint.parent.parent
     frame = _place_of(joint.location)
     return frame if above is None else _place_of(above.global_location) @ frame
-
-
-def _motion(joint: Any) -> tuple[str, Array, Array]:
-    frame = _placed(joint)
-    return _KINDS[type(joint).__name__], 1e-3 * frame[:3, 3], frame[:3, 2]
 
 
 def _nearest(joint: Any, node: Any, instances: tuple[Instance, ...], owners: list[Any]) -> int | None:

@@ -175,11 +175,26 @@ def load_experiment(path: Path | str, *, fields: bool = True) -> Experiment:
             mesh = TetMesh(**{name: _read(held[f"mesh_{name}"]) for name in _MESH_NAMES})
             keys, values = held["seconds_names"].tolist(), held["seconds_values"].tolist()
         plain["interfaces"] = tuple(plain["interfaces"].tolist())
-        return Experiment(**plain, mesh=mesh, seconds=dict(zip(keys, values, strict=True)))
+        found = Experiment(**plain, mesh=mesh, seconds=dict(zip(keys, values, strict=True)))
+        _check_sound(found)
+        return found
     except (zipfile.BadZipFile, zlib.error) as problem:
         raise InputError(f"{path}: the file is damaged ({problem})") from problem
     except (OSError, KeyError, ValueError, TypeError, EOFError) as problem:
         raise InputError(f"{path}: not an experiment of this version ({problem})") from problem
+
+
+def _check_sound(found: Experiment) -> None:
+    """Raise ValueError for arrays of other shapes, numbers that are not finite, and a part that does not yield."""
+    n = len(found.interfaces) - 1
+    shapes = (6 * n, 6 * n), (n, 3), (3,), (3, 3)
+    arrays = found.full_compliance, found.reference_points, found.clamp_point, found.inertia
+    sound = all(each.shape == shape and np.isfinite(each).all() for each, shape in zip(arrays, shapes, strict=True))
+    nodes = found.mesh.points
+    if not (sound and np.isfinite(nodes).all() and found.mesh.cells.max() < len(nodes)):
+        raise ValueError("expected finite numbers, as many as it has interfaces")
+    if found.full_error.shape != shapes[0] or not (np.diag(found.full_compliance) > 0.0).all():
+        raise ValueError("expected a part that yields, with bounds")
 
 
 def _read(array: np.ndarray) -> Any:

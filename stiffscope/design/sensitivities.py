@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.design.sensitivity import poses_of, robot_sensitivity
-from stiffscope.errors import StiffscopeError
 from stiffscope.experiments.assembly import check_one_interface
 from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.orders import order_part
@@ -54,21 +53,14 @@ def part_sensitivities(orders: Sequence[PartOrder], shop: Workshop) -> list[Part
         A part cannot be built, meshed or held as asked.
 
     """
-    missing = [order for order in dict.fromkeys(orders) if shop.cache.get(KIND, order.key()) is None]
-    folders: dict[PartOrder, Any] = {}
+    held = {order: shop.cache.load([KIND], order.key(), read_sensitivity) for order in dict.fromkeys(orders)}
+    missing = [order for order, found in held.items() if found is None]
     if missing:
         solved = {result.order: result.folder for result in solve_parts(missing, shop)}
         jobs = {order.label: (order, solved[order], shop.cache) for order in missing}
         made = shop.work(_make_sensitivity, jobs)
-        folders = {order: made[order.label] for order in missing}
-    return [read_sensitivity(folders.get(order) or _take_held(shop, order)) for order in orders]
-
-
-def _take_held(shop: Workshop, order: PartOrder) -> Path:
-    held = shop.cache.get(KIND, order.key())
-    if held is None:
-        raise StiffscopeError(f"{order.label}: its derivatives are no longer in the cache")
-    return held
+        held |= {order: read_sensitivity(made[order.label]) for order in missing}
+    return [found for order in orders if (found := held[order]) is not None]
 
 
 def _make_sensitivity(order: PartOrder, experiment: Path, cache: Cache, report: Report) -> Path:

@@ -112,7 +112,9 @@ def assemble_robots(
     """
     orders: dict[tuple[str, str], PartOrder] = {}
     for i, (label, robot) in enumerate(robots.items()):
-        for name, order in _orders(robot, components).items():
+        for name in needed_experiments(robot, components):
+            check_one_interface(robot, name)
+            order = order_part(robot, name)
             orders[label, name] = order if i == 0 else dataclasses.replace(order, label=f"{name} ({label})")
     with name_lines(next(iter(robots.values()))):
         solved = dict(zip(orders, solve_parts(list(orders.values()), shop, whole=whole, near=near), strict=True))
@@ -120,14 +122,6 @@ def assemble_robots(
         label: _assemble(robot, components, {name: solved[at, name] for at, name in solved if at == label})
         for label, robot in robots.items()
     }
-
-
-def _orders(robot: RobotFile, components: Components) -> dict[str, PartOrder]:
-    orders = {}
-    for name in needed_experiments(robot, components):
-        check_one_interface(robot, name)
-        orders[name] = order_part(robot, name)
-    return orders
 
 
 def check_one_interface(robot: RobotFile, name: str) -> None:
@@ -161,13 +155,7 @@ def _assemble(robot: RobotFile, components: Components, results: dict[str, PartR
             _check_length(robot, name, results[name].length)
     matrices = part_matrices(robot, components, results)
     bare = mechanism_of(robot, matrices)
-    return Assembled(robot, sources, results, matrices, _with_effects(bare, robot), bare)
-
-
-def _with_effects(bare: Mechanism, robot: RobotFile) -> Mechanism:
-    if not robot.effects:
-        return bare
-    return apply_effects(bare, robot)
+    return Assembled(robot, sources, results, matrices, apply_effects(bare, robot) if robot.effects else bare, bare)
 
 
 def check_solids(robot: RobotFile) -> dict[str, Part]:

@@ -6,6 +6,7 @@ import json
 import logging
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -79,17 +80,17 @@ def solve_parts(
     found: dict[PartOrder, PartResult] = {}
     missing: list[PartOrder] = []
     for order in dict.fromkeys(orders):
-        begun, key = time.perf_counter(), order.key()
-        folder = next((held for kind in kinds if (held := shop.cache.get(kind, key)) is not None), None)
-        if folder is None:
+        begun = time.perf_counter()
+        held = shop.cache.load(kinds, order.key(), partial(_read, order, whole=whole, reused=True))
+        if held is None:
             missing.append(order)
         else:
-            found[order] = _read(order, folder, time.perf_counter() - begun, whole=whole, reused=True)
+            found[order] = replace(held, seconds=time.perf_counter() - begun)
     if missing:
         make = partial(_make_part, whole=whole, near=near or {}, skip=skip)
         for order, (folder, seconds) in _make_missing(missing, shop, make).items():
             if folder is not None:
-                found[order] = _read(order, folder, seconds, whole=whole, reused=False)
+                found[order] = replace(_read(order, folder, whole=whole, reused=False), seconds=seconds)
     return [found[order] for order in orders if order in found]
 
 
@@ -97,7 +98,10 @@ def _make_missing(missing: Sequence[PartOrder], shop: Workshop, make: Callable[.
     jobs = {order.label: (order, shop.cache) for order in missing}
     if len(jobs) < len(missing):
         raise ValueError("experiments that differ have the same label")
-    limits = {each.label: _limit(each) for each in missing}
+    limits = {  # refinement checks its own time, and modes follow it
+        each.label: each.settings.time_limit * (1.0 if each.settings.tolerance is None else AFTER_REFINEMENT)
+        for each in missing
+    }
     try:
         made = shop.work(make, jobs, limits)
     except LateError as late:
@@ -106,15 +110,13 @@ def _make_missing(missing: Sequence[PartOrder], shop: Workshop, make: Callable[.
     return {order: made[order.label] for order in missing}
 
 
-def _limit(order: PartOrder) -> float:
-    """Seconds after which the whole experiment is ended; refinement checks its own time, and modes follow it."""
-    return order.settings.time_limit * (1.0 if order.settings.tolerance is None else AFTER_REFINEMENT)
-
-
-def _read(order: PartOrder, folder: Path, seconds: float, *, whole: bool, reused: bool) -> PartResult:
+def _read(order: PartOrder, folder: Path, *, whole: bool, reused: bool) -> PartResult:
     solid = json.loads((folder / SOLID).read_text())
+    for name, shape in {"mass": (), "mass_centre": (3,), "clamped_centre": (3,), "inertia": (3, 3)}.items():
+        if np.shape(solid[name]) != shape or not np.isfinite(solid[name]).all():
+            raise ValueError(f"expected finite numbers of {name}")
     experiment = load_experiment(folder / EXPERIMENT, fields=whole)
-    return PartResult(order, order.key(), folder, experiment, solid, reused, seconds)
+    return PartResult(order, order.key(), folder, experiment, solid, reused, 0.0)
 
 
 def _make_part(
@@ -154,12 +156,13 @@ def _test(
     report("cad", 0.02)
     part = order.build()
     built = time.perf_counter() - begun
-    held = cache.get(CONDENSED, order.key()) if whole else None
+    kinds = [CONDENSED] if whole else []
+    former = cache.load(kinds, order.key(), lambda held: load_experiment(held / EXPERIMENT, fields=False))
     experiment = run_experiment(
         part,
         order.settings,
         lambda stage, fraction: report(stage, 0.1 + 0.85 * fraction),
-        former=None if held is None else load_experiment(held / EXPERIMENT, fields=False),
+        former=former,
         near=(near.order.build(), near.experiment.mesh) if near and order.moves_from(near.order) else None,
         whole=whole,
     )

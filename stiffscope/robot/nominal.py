@@ -28,10 +28,6 @@ if TYPE_CHECKING:
 _ALONG = 1e-9  # of a body's length: what its end may be off its x axis
 
 
-def _no_experiments() -> dict[str, Callable[[], tuple[PartDimension, ...]]]:
-    return {}
-
-
 @dataclass(frozen=True)
 class Place:
     """A name for one or more elements, and the other names for the very same."""
@@ -52,7 +48,7 @@ class NominalRobot:
 
     mechanism: Mechanism
     robot: RobotFile
-    tested: Mapping[str, Callable[[], tuple[PartDimension, ...]]] = field(default_factory=_no_experiments)
+    tested: Mapping[str, Callable[[], tuple[PartDimension, ...]]] = field(default_factory=dict)
     """By part, what gives its parameters by virtual experiments: made where they are asked for."""
 
     @cached_property

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module, metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import platformdirs
 
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Mapping
 
 log = logging.getLogger(__name__)
+_Result = TypeVar("_Result")
 
 FORMAT = 1
 _INDEX = "entry.json"
@@ -72,6 +73,18 @@ class Cache:
             return folder
         log.info("cache entry %s/%s is not used: %s", kind, key[:12], reason)
         self._discard(folder)
+        return None
+
+    def load(self, kinds: Iterable[str], key: str, read: Callable[[Path], _Result]) -> _Result | None:
+        """What `read(folder)` makes of the first entry of some kinds; one that it refuses counts as absent too."""
+        for kind in kinds:
+            folder = self.get(kind, key)
+            try:
+                if folder is not None:
+                    return read(folder)
+            except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+                log.info("cache entry %s/%s is not used: %s", kind, key[:12], error)
+                self._discard(self.root / kind / key)
         return None
 
     def put(self, kind: str, key: str, write: Callable[[Path], object]) -> Path:

@@ -1,5 +1,7 @@
 """The two default parts against much finer meshes."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -85,6 +87,11 @@ def test_saved_and_loaded_again(plate, tmp_path):
     (tmp_path / "torn.npz").write_bytes(torn)
     with pytest.raises(InputError):
         load_experiment(tmp_path / "torn.npz")
+    forged = np.full_like(plate.full_compliance, np.nan), 0.0 * plate.full_compliance, plate.full_compliance[:5]
+    for compliance in forged:
+        dataclasses.replace(plate, full_compliance=compliance).save(tmp_path / "forged.npz")
+        with pytest.raises(InputError, match=r"forged\.npz: not an experiment of this version"):
+            load_experiment(tmp_path / "forged.npz")
 
 
 def test_vtu_holds_mesh_and_fields(plate, tmp_path):

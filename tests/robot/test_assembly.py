@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import re
+from pathlib import Path
+from types import SimpleNamespace
 
 import build123d as b
 import numpy as np
@@ -17,6 +19,7 @@ from stiffscope.cad.assembly import read_assembly
 from stiffscope.cad.built_assembly import read_built
 from stiffscope.cad.contacts import find_contacts
 from stiffscope.errors import InputError
+from stiffscope.robot.imports.assembly_parts import choose_materials
 from stiffscope.robot.imports.contact_joints import find_joints
 from stiffscope.robot.imports.hardware import find_hardware
 from stiffscope.robot.imports.import_assembly import from_assembly, import_assembly
@@ -320,6 +323,15 @@ def test_what_assembly_toml_says_wrongly_is_refused_with_its_line(tmp_path):
     message = r"assembly\.toml:4: material: expected PATTERN=NAME with a name of .*, got \"pad=unobtainium\""
     with pytest.raises(InputError, match=message):
         import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml")
+    (tmp_path / "assembly.toml").write_text('ground = "palm"\n[material]\n"*" = "steel"\n"paad" = "titanium"\n')
+    with pytest.raises(InputError, match=r'assembly\.toml:4: material: expected the name of a solid, .*got "paad"'):
+        import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml")
+
+
+def test_a_name_counts_more_than_a_pattern_wherever_it_stands():
+    solids = [SimpleNamespace(name=name, product=SimpleNamespace(material="")) for name in ("arm", "armrest")]
+    for said in (["arm=titanium", "arm*=steel"], ["arm*=steel", "arm=titanium"]):
+        assert choose_materials([0, 1], solids, said, Path("a.step")) == {0: "titanium", 1: "steel"}
 
 
 @pytest.mark.parametrize(

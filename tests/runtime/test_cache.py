@@ -64,6 +64,16 @@ def test_damaged_entry_is_absent_and_replaced(cache, harm):
     assert result(cache) == "43"
 
 
+def test_an_entry_that_its_reader_refuses_is_absent_and_replaced(cache):
+    def read(folder):
+        return float((folder / "deep" / "result.json").read_text())
+
+    cache.put("experiment", KEY, write("forty"))
+    assert cache.load(["condensed", "experiment"], KEY, read) is None
+    cache.put("experiment", KEY, write("43"))
+    assert cache.load(["condensed", "experiment"], KEY, read) == 43.0
+
+
 def test_failed_writer_leaves_nothing(tmp_path):
     cache = Cache(tmp_path / "cache", tmp_path)
 

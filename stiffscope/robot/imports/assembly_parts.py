@@ -54,26 +54,29 @@ def part_name(solid: Instance, parts: Sequence[PartFile]) -> str:
 def choose_materials(
     parts: Sequence[int], solids: Sequence[Instance], said: Sequence[str], path: Path
 ) -> dict[int, str]:
-    """Material of each part: what is said of its name or of the file's word for its material, else that word."""
+    """Material of each part: what is said of its name or of the file's word for its material, else that word.
+
+    A name or word itself counts more than a pattern, and of several patterns the last.
+    """
     known = {name.lower(): name for name in MATERIALS}
-    rules = []
+    rules, words = [], {word.lower() for each in solids for word in (each.name, each.product.material)}
     for text in said:
         pattern, equals, name = (each.strip() for each in text.partition("="))
+        where, names = place_of("--material", text), ", ".join(MATERIALS)
         if not equals or name.lower() not in known:
-            where, names = place_of("--material", text), ", ".join(MATERIALS)
             raise InputError(f'{where}: expected PATTERN=NAME with a name of {names}, got "{text}"')
+        if not fnmatch.filter(words, pattern.lower()):
+            raise InputError(
+                f'{where}: expected the name of a solid, or of its material, got "{print_safely(pattern)}"'
+            )
         rules.append((pattern.lower(), known[name.lower()]))
     found, missing = dict[int, str](), defaultdict[str, list[str]](list)
     for number in parts:
         word = solids[number].product.material.lower()
-        named = [
-            name
-            for pattern, name in rules
-            for each in (solids[number].name.lower(), word)
-            if each and fnmatch.fnmatch(each, pattern)
-        ]
+        own = [each for each in (solids[number].name.lower(), word) if each]
+        named = [(pattern in own, n) for n, (pattern, _) in enumerate(rules) if fnmatch.filter(own, pattern)]
         if named:
-            found[number] = named[-1]
+            found[number] = rules[max(named)[1]][1]
         elif word in known:
             found[number] = known[word]
         else:

@@ -274,7 +274,9 @@ def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tup
         solid, held = solids[number], found.find_joints(number)
         why = _rigid_reason(number, held, rigid, solid.product.volume / total)
         if why:
-            bodies.append(_rigid_body(solid, materials[number], why))
+            density, note = MATERIALS[materials[number]].density, f"{why}; {materials[number]}"
+            weight = density * solid.product.volume, solid.centre, density * solid.inertia
+            bodies.append(ModelBody(solid.name, *weight, note=note))
             ends |= {(number, joint): solid.name for joint in held}
             continue
         faces = [joint.faces[joint.first != number] for joint in held]
@@ -300,12 +302,6 @@ def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tup
         pose=choose_coordinates(motions), gravity=np.zeros(3), notes=_notes(found, ground, tool, said),
     )  # fmt: skip
     return model, parts
-
-
-def _rigid_body(solid: Instance, material: str, why: str) -> ModelBody:
-    density = MATERIALS[material].density
-    mass, inertia = density * solid.product.volume, density * solid.inertia
-    return ModelBody(solid.name, mass, solid.centre, inertia, note=f"{why}; {material}")
 
 
 def _share_part(
