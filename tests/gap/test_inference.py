@@ -10,6 +10,7 @@ from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.forward.forward_model import Noise
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.evidence import (
+    Errors,
     constrained_minima,
     eliminate,
     errors_of,
@@ -21,7 +22,7 @@ from stiffscope.gap.inference.fitting import MARGIN, SIZES, Problem
 from stiffscope.gap.inference.hypothesis import forms_of
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit
 from stiffscope.gap.inference.posterior_samples import draw_samples, write_posterior
-from stiffscope.gap.inference.priors import SPARSE, Spreads, spread_priors
+from stiffscope.gap.inference.priors import SPARSE, Spreads, spread_groups, spread_priors
 from stiffscope.gap.inference.search import Search
 from stiffscope.gap.inference.verdict import shares
 from tests.gap.synthetic import LinearModel, LinearPrediction, linear_model
@@ -129,6 +130,23 @@ def test_prior_sizes_are_averaged_effect_by_effect():
         for b, wb in zip(priors[1].scales, priors[1].log_weight, strict=True)
     ]
     assert posterior(errors, y, x, priors, free).log_evidence == pytest.approx(np.logaddexp.reduce(logs), abs=0.05)
+
+
+@pytest.mark.parametrize("unit", [1.0, 2.4])
+def test_a_size_that_many_errors_have_in_common_is_summed_over_whatever_its_unit(unit):
+    """Against the readings' own normal density, summed over two thousand sizes: the unit only shifts the grid."""
+    rng = np.random.default_rng(41)
+    x, free = 3.0 * rng.standard_normal((300, 60)), np.zeros(60, bool)
+    y = x @ (0.3 * rng.standard_normal(60)) + rng.standard_normal(300)
+    noise = Noise(np.ones(300), np.ones(300, bool), np.zeros(300, bool), np.ones(1))
+    errors = Errors(noise, np.zeros(300, int), np.zeros((300, 2)), np.zeros(0), np.ones(1), np.zeros(1), np.zeros(1))
+    values, vectors = np.linalg.eigh(x @ x.T)
+    sizes = np.geomspace(1e-3, 1e3, 2001)
+    whole = 1.0 + (unit * sizes[:, None]) ** 2 * values.clip(min=0.0)
+    logs = -0.5 * (np.log(whole) + (vectors.T @ y) ** 2 / whole).sum(axis=1)
+    logs -= np.log(np.cosh(np.log(sizes))) + np.log((1.0 / np.cosh(np.log(sizes))).sum())
+    known = posterior(errors, y, x, spread_groups(np.full(60, unit), free, (60,), SIZES), free)
+    assert known.log_evidence == pytest.approx(np.logaddexp.reduce(logs), abs=0.5)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 6])
@@ -541,7 +559,7 @@ def test_what_is_likelier_without_a_word_is_not_named():
     assert [e.effect for e in conclude(found).effects] == ["effect-1"]
 
 
-def test_a_part_entry_by_entry_is_named_before_what_is_less_probable():
+def test_a_part_entry_by_entry_takes_no_place_of_others_in_a_group():
     """A matrix does as well as the plain factor that bears its name too; two others do, but for a little noise."""
     model = linear_model(np.random.default_rng(31), parameters=(1,))
     own = model.signatures["effect-0 @ place"]
@@ -559,7 +577,9 @@ def test_a_part_entry_by_entry_is_named_before_what_is_less_probable():
         ["effect-0 @ place"], ["matrix @ place"], ["effect-1 @ place"], ["effect-2 @ place"]
     ]  # fmt: skip
     assert found.probability[3] > 0.02
-    assert found.group("effect-0 @ place").others[0] == "matrix @ place"
+    group = found.group("effect-0 @ place")
+    assert group.others == ("effect-1 @ place", "effect-2 @ place")
+    assert group.probability > 0.98  # with the matrix
 
 
 def test_a_main_cause_that_is_not_settled_is_ambiguous():

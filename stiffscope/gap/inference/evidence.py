@@ -215,21 +215,21 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
         return _sum(log_evidences(grams, pulls, totals, errors.log_weight, scales, positive)[0], axis=0)
 
     def alone(chosen: Array, mine: Indices, scales: Array) -> Array:
-        """The same where only some scales change, to (s, m): the other parameters are summed over once."""
-        gone = np.ones(k + 1, dtype=bool)
-        gone[[*mine, k]] = False
-        left, log = eliminate(inner, gone, chosen[gone[:-1]])
+        """The same where only some scales change, to (s, m): other normal parameters are summed over once."""
+        gone = ~positive
+        gone[mine] = False
+        left, log = eliminate(inner, np.append(gone, False), chosen[gone])
         rest = left[:, :-1, :-1], left[:, :-1, -1], left[:, -1, -1]
-        return _sum(log_evidences(*rest, errors.log_weight + log, scales, positive[mine])[0], axis=0)
+        tried = _with(chosen, mine, scales)[:, ~gone]
+        return _sum(log_evidences(*rest, errors.log_weight + log, tried, positive[~gone])[0], axis=0)
 
     chosen, averaging = _likeliest_together(priors, logs_of), 0.0
     for _ in range(_SWEEPS if len(priors) > 1 else len(priors)):
         averaging, before = 0.0, chosen
         for prior, mine in zip(priors, own, strict=True):
-            tried = _with(chosen, mine, prior.scales)
-            logs = logs_of(tried) if positive.any() else alone(chosen, mine, prior.scales)
+            logs = alone(chosen, mine, prior.scales)
             best = int(np.argmax(logs + prior.log_weight))
-            chosen = tried[best]
+            chosen = _with(chosen, mine, prior.scales[best : best + 1])[0]
             averaging += float(_sum(logs + prior.log_weight) - logs[best])
         if np.array_equal(before, chosen):
             break

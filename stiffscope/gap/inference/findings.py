@@ -140,7 +140,8 @@ class Findings:
     def group(self, name: str) -> Group:
         """An effect of the best hypothesis with the most probable ones that may stand in its place.
 
-        Nuisance patterns come last, and of these what is less probable but the same fault elsewhere.
+        Nuisance patterns come last, and of these what is less probable but the same fault elsewhere. Other names of
+        what is in the group have no place of their own in it, and stand where one is left.
         """
         listed, own = [name], next(c for c in self.best.candidates if c.name == name)
         self._add_rivals(listed, own, [h.words for h in self.hypotheses])
@@ -150,13 +151,7 @@ class Findings:
         listed = list(dict.fromkeys([*listed, *elsewhere]))[: CONFUSED + 1]
         same = {self._find_canonical(each) for each in listed}
         aliases = [a for a in (*own.aliases, *self._canonical) if self._find_canonical(a) in same and a not in listed]
-        competing = self._in_place_of.get(name, set())  # with more parameters, or fewer, under a name of its own
-        first = [
-            alias
-            for alias in aliases
-            if alias in competing and self._find_canonical(alias) == self._find_canonical(name)
-        ]
-        others = tuple(dict.fromkeys([*first, *listed[1:], *aliases]))[:CONFUSED]
+        others = tuple(dict.fromkeys([*listed[1:], *aliases]))[:CONFUSED]
         whole = self.at_work([name, *others])  # what there is no place for is not part of it
         doubted = self.doubted.at_work([name, *others])
         return Group(others, whole, min(known, whole), min(doubted, whole), bool(elsewhere))

@@ -37,6 +37,7 @@ _STEPS = 12  # of Gauss-Newton
 _CONVERGED = 1e-3  # of the cost, χ² with the prior's: a step that lowers it by less is not taken,
 _SETTLED = 0.05  # and one by less than this is the last
 _REPEATED = 4  # descents more at most, each in the sizes that the one before makes the likeliest
+_ALIKE = 0.5  # ln of the ratio of two sizes, below which a descent in one has found what one in the other would
 _DAMPING = (1.0, 0.5, 0.25, 0.1, 0.02)
 _FAR = 4.0  # standard deviations squared from where a posterior is linearized, for which it must not count
 _SLIGHT = 1.0  # of the cost, what a step promises that is not worth much damping
@@ -190,13 +191,13 @@ class Problem:
                 u, residual, slopes, short = again
         known = self.posterior(candidates, residual + slopes @ u, slopes)
         states = [(u, residual, slopes, short, scales)]
-        seen = {(setting, scales.tobytes())}
+        seen = [(setting, np.log(scales))]
         for _ in range(_REPEATED):  # what the start left may have looked like a discrepancy, or like a larger one
             setting, scales = int(np.argmax(known.settings)), known.scales
-            behind = known.log_evidence + self.log_prior(candidates) < target - MARGIN
-            if behind or (setting, scales.tobytes()) in seen:
+            behind, here = known.log_evidence + self.log_prior(candidates) < target - MARGIN, np.log(scales)
+            if behind or any(before == setting and np.abs(sizes - here).max() < _ALIKE for before, sizes in seen):
                 break
-            seen.add((setting, scales.tobytes()))
+            seen.append((setting, here))
             u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, scales)
             states.append((u, residual, slopes, short, scales))
             known = self.posterior(candidates, residual + slopes @ u, slopes)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Flags
 
 SPARSE = 1.0 / 3.0  # of an effect's weight, those of its parameters of which some are zero
+FINER = 4  # times as many sizes of many errors, which together show their size to within a share of it
 _ABSENT = 1e-6  # times its unit, what a parameter that is zero may still be
 _SAME = 1e-6  # ln of the ratio of two sizes that are one
 _MOST_APART = 3  # parameters of which any may be zero
@@ -33,6 +34,8 @@ class Spreads:
 def spread_groups(scale: Array, positive: Flags, groups: Sequence[int], sizes: Array) -> tuple[Spreads, ...]:
     """The prior of each group of an effect's parameters that share one size; see `spread_priors`.
 
+    In several groups those of many parameters have the sizes first, and then finer ones between them.
+
     Parameters
     ----------
     scale, positive
@@ -43,7 +46,12 @@ def spread_groups(scale: Array, positive: Flags, groups: Sequence[int], sizes: A
         (s,).
     """
     ends = np.cumsum([0, *(groups or (len(scale),))]).tolist()
-    return tuple(spread_priors(scale[a:b], positive[a:b], sizes) for a, b in pairwise(ends))
+    step = np.arange(FINER * (len(sizes) - 1) + 1)
+    between = np.exp(np.interp(step / FINER, np.arange(len(sizes)), np.log(sizes)))[step % FINER > 0]
+    finer = np.concatenate([sizes, between])
+    return tuple(
+        spread_priors(scale[a:b], positive[a:b], finer if groups and b - a > 1 else sizes) for a, b in pairwise(ends)
+    )
 
 
 def spread_priors(scale: Array, positive: Flags, sizes: Array) -> Spreads:
