@@ -26,8 +26,9 @@ class Backlash(Effect):
         driven = setting.robot.driven
         for place in setting.robot.places(driven):
             if place.sole:
-                unit = "rad" if driven[place.sole].kind == "revolute" else "m"
-                yield cls(place.sole).make_candidate(place, units=(unit,))
+                turns = driven[place.sole].kind == "revolute"
+                own = cls.parameters if turns else setting.in_robots_units(cls.parameters)
+                yield cls(place.sole).make_candidate(place, own, units=("rad" if turns else "m",))
 
     def influence(self, values: Array) -> Influence:
         """Its drive has a dead zone."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from stiffscope.effects.effect import FACTOR, GROWTH, Array, Candidates, Influence, Parameter, Setting
+from stiffscope.effects.effect import FACTOR, GROWTH, Array, Influence, Parameter
 from stiffscope.effects.instruments import InstrumentEffect
 
 
@@ -17,11 +17,6 @@ class DisplacementScale(InstrumentEffect):
     parameters = (Parameter("factor", "1", 0.05, 0.7, 1.4),)
     conversion = GROWTH
     bounds = FACTOR
-
-    @classmethod
-    def candidates(cls, setting: Setting) -> Candidates:
-        """At every instrument."""
-        return cls.everywhere(setting)
 
     def influence(self, values: Array) -> Influence:
         """Its instrument has another gain."""

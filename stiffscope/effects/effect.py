@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -212,9 +213,23 @@ class Setting:
     """Whether virtual experiments on a part, which take time, are worth while."""
     doubts: Doubts = field(default_factory=Doubts)
 
+    @cached_property
+    def length(self) -> float:
+        """Largest distance of two joints, or of the tool from one, m."""
+        mechanism = self.robot.mechanism
+        points = np.array([*(joint.at for joint in mechanism.joints), mechanism.tool.at])
+        return float(np.linalg.norm(points[:, None] - points, axis=2).max()) or 1.0
+
+    @cached_property
+    def mass(self) -> float:
+        """Mass of all bodies, kg; one where none is known."""
+        return sum(body.mass for body in self.robot.mechanism.bodies) or 1.0
+
     def in_robots_units(self, parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
-        """Added compliances, with the robot's own as their sizes."""
-        return tuple(p._replace(size=p.size * self.compliance[p.unit.startswith("rad")]) for p in parameters)
+        """Parameters whose sizes and ranges are shares of the robot's own compliance, length or mass."""
+        units = {"m/N": self.compliance[0], "rad/(N·m)": self.compliance[1], "m": self.length, "kg": self.mass}
+        own = [(p, units.get(p.unit, 1.0)) for p in parameters]
+        return tuple(p._replace(size=unit * p.size, low=unit * p.low, high=unit * p.high) for p, unit in own)
 
 
 class Effect:

@@ -25,4 +25,5 @@ class EncoderOffset(ElementEffect):
             directions = {name: along_drive(driven[name]) for name in place.members}
             turns = all(driven[name].kind == "revolute" for name in place.members)
             effect = cls(partial(move_ends, directions))
-            yield effect.make_candidate(place, units=("rad",)) if turns else effect.make_candidate(place)
+            own = cls.parameters if turns else setting.in_robots_units(cls.parameters)
+            yield effect.make_candidate(place, own, units=("rad" if turns else "m",))

@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
 _ALL = "robot"
 _LEAST = 2  # joints that make a set
-_SHARE = 3e-4  # of the robot's size: unit of lengths
 
 
 @dataclass(frozen=True)
@@ -50,25 +49,18 @@ class Geometry(ElementEffect):
     def candidates(cls, setting: Setting) -> Candidates:
         """Of the whole robot, and of groups of joints."""
         robot = setting.robot
-        twists = find_axis_twists(robot.mechanism)
-        size = _SHARE * _size(robot)
+        twists, known = find_axis_twists(robot.mechanism), setting.in_robots_units(cls.parameters)
         for place in _places(robot, list(twists)):
             errors = sorted(_errors(robot, place.members), key=lambda error: error.turns)
             turns = [error.turns for error in errors]
             counts = (turns.count(False), turns.count(True))
-            kinds = [p for p, count in zip(cls.parameters, counts, strict=True) if count]
+            kinds = [p for p, count in zip(known, counts, strict=True) if count]
             counts = tuple(count for count in counts if count)
             yield cls(partial(_displace, _find_patterns(errors))).make_candidate(
-                place, kinds, scale=tuple(cls.parameters[1].size if t else size for t in turns), groups=counts,
+                place, kinds, scale=tuple(known[t].size for t in turns), groups=counts,
                 parts=tuple(f"{e.joint}.{e.name}" for e in errors),
                 part_units=tuple("rad" if t else "m" for t in turns), physical=partial(_rms, counts), flexible=True,
             )  # fmt: skip
-
-
-def _size(robot: NominalRobot) -> float:
-    """Largest distance of two joints, or of the tool from one, m."""
-    points = np.array([*(joint.at for joint in robot.mechanism.joints), robot.mechanism.tool.at])
-    return float(np.linalg.norm(points[:, None] - points, axis=2).max()) or 1.0
 
 
 def _places(robot: NominalRobot, joints: Sequence[str]) -> Iterator[Place]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from stiffscope.effects.effect import Array, Candidates, Influence, Parameter, Setting
+from stiffscope.effects.effect import Array, Influence, Parameter
 from stiffscope.effects.instruments import InstrumentEffect
 
 
@@ -15,11 +15,6 @@ class InstrumentMisalignment(InstrumentEffect):
     word = "instrument-misalignment"
     precedence = 150
     parameters = tuple(Parameter(name, "rad", 0.01, -0.1, 0.1) for name in ("rx", "ry", "rz"))
-
-    @classmethod
-    def candidates(cls, setting: Setting) -> Candidates:
-        """At every instrument."""
-        return cls.everywhere(setting)
 
     def influence(self, values: Array) -> Influence:
         """Its instrument is turned."""

@@ -19,7 +19,7 @@ class InstrumentEffect(Effect):
     instrument: str
 
     @classmethod
-    def everywhere(cls, setting: Setting) -> Candidates:
+    def candidates(cls, setting: Setting) -> Candidates:
         """At the instrument at M, or all sensors together, and at each sensor that reads displacements."""
         together = [INSTRUMENT] if setting.tool_is_read or len(setting.sensors) > 1 else []
         for name in (*together, *(sensor for sensor, moves in setting.sensors.items() if moves)):

@@ -42,7 +42,8 @@ class JointAxis(ElementEffect):
         """At joints that lead a body about or along one axis."""
         twists = find_axis_twists(setting.robot.mechanism)
         for place in setting.robot.places(twists):
-            known = [p for p in cls.parameters if any(p.name in twists[name] for name in place.members)]
+            axes = setting.in_robots_units(cls.parameters)
+            known = [p for p in axes if any(p.name in twists[name] for name in place.members)]
             patterns = {n: np.array([twists[n].get(p.name, np.zeros(6)) for p in known]) for n in place.members}
             yield cls(partial(mislay_axes, patterns)).make_candidate(place, known)
 

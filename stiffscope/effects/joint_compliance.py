@@ -20,7 +20,10 @@ _RADIAL = np.array([0.0, 1, 1, 0, 0, 0])
 
 @dataclass(frozen=True)
 class JointCompliance(ElementEffect):
-    """Bearings yield across, along and about the axes of their joints; those of driven slides are guides."""
+    """Bearings yield across, along and about the axes of their joints, or across as much as along.
+
+    Those of driven slides are guides.
+    """
 
     word = "joint-compliance"
     precedence = 40
@@ -40,8 +43,19 @@ class JointCompliance(ElementEffect):
         for place in setting.robot.places(bearings):
             held = [p for p in cls.parameters if any(p.name in bearings[m] for m in place.members)]
             patterns = {m: np.array([bearings[m].get(p.name, np.zeros(6)) for p in held]) for m in place.members}
-            effect = cls(partial(add_diagonal, patterns))
-            yield effect.make_candidate(place, setting.in_robots_units(held))
+            effect, known = cls(partial(add_diagonal, patterns)), setting.in_robots_units(held)
+            yield effect.make_candidate(place, known)
+            if [p.name for p in held[:2]] == ["radial", "axial"]:
+                alike = {m: np.vstack([each[0] + each[1], each[2:]]) for m, each in patterns.items()}
+                yield cls(partial(add_diagonal, alike)).make_candidate(
+                    place, known, scale=tuple(p.size for p in known[1:]),
+                    physical=_tell_apart, internal=lambda values: values[1:],
+                )  # fmt: skip
+
+
+def _tell_apart(values: Array) -> Array:
+    """Radial, axial and what else there is of a bearing that yields alike across and along its axis."""
+    return np.append(values[:1], values)
 
 
 def held_patterns(joint: Joint) -> dict[str, Array]:

@@ -26,4 +26,4 @@ class LinkLength(ElementEffect):
         """At elastic bodies of two ends."""
         for place in setting.robot.places(setting.robot.links):
             directions: dict[str, Array] = dict.fromkeys(place.members, ALONG)
-            yield cls(partial(move_ends, directions)).make_candidate(place)
+            yield cls(partial(move_ends, directions)).make_candidate(place, setting.in_robots_units(cls.parameters))

@@ -36,7 +36,7 @@ class AddedMass(Effect):
     word = "payload"
     precedence = 20
     adoptable = True
-    parameters = (Parameter("mass", "kg", 3.0, 0.0, 50.0), *(Parameter(x, "m", 0.3, -0.5, 0.5) for x in "xyz"))
+    parameters = (Parameter("mass", "kg", 0.2, 0.0, 3.0), *(Parameter(x, "m", 0.1, -0.5, 0.5) for x in "xyz"))
     bounds = ADDED
 
     body: str
@@ -57,12 +57,13 @@ class AddedMass(Effect):
             if body.elastic is None:
                 axes = np.arange(3) if setting.turning.get(body.name, True) else level
                 heavy = cls(body.name, _find_point(mechanism, body), axes)
-                place, (mass, *centre), sigma = Place(body.name), cls.parameters, setting.robot.mass_sigma(body.name)
+                place, sigma = Place(body.name), setting.robot.mass_sigma(body.name)
+                mass, *centre = setting.in_robots_units(cls.parameters)
                 mass = mass._replace(size=min(mass.size, sigma), high=min(mass.high, KNOWN * sigma))
                 if not np.isfinite(sigma):
                     yield heavy.make_candidate(
-                        place, scale=(mass.size, *(centre[a].size for a in axes)), physical=heavy.physical,
-                        internal=heavy.internal, couplings=len(axes),
+                        place, (mass, *centre), scale=(mass.size, *(mass.size * centre[a].size for a in axes)),
+                        physical=heavy.physical, internal=heavy.internal, couplings=len(axes),
                     )  # fmt: skip
                 known = bool(np.isfinite(sigma))
                 yield heavy.make_candidate(place, (mass,), bounds=(0.0, KNOWN * sigma), stated=known)

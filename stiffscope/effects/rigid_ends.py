@@ -40,7 +40,8 @@ class RigidEnds(ElementEffect):
         links = [name for name in yielding_bodies(robot) if name in robot.links]
         uniform = [name for name in links if _is_uniform(robot.compliances[name], robot.length(name))]
         for place in robot.places(uniform):
-            yield cls(partial(_clamp_ends, robot, place.members)).make_candidate(place)
+            effect = cls(partial(_clamp_ends, robot, place.members))
+            yield effect.make_candidate(place, setting.in_robots_units(cls.parameters))
 
 
 def _is_uniform(c: Array, length: float) -> bool:

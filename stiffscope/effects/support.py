@@ -19,7 +19,10 @@ _PER_MOMENT = "rad/(N·m)"
 
 @dataclass(frozen=True)
 class Support(ElementEffect):
-    """A support yields by six diagonal terms; with nine a moment about one axis turns it about others, too."""
+    """A support yields by six diagonal terms, or as much along all axes and about all axes.
+
+    With nine a moment about one axis turns it about others, too.
+    """
 
     parameters = (
         *(Parameter(name, "m/N", low=0.0) for name in ("x", "y", "z")),
@@ -30,9 +33,13 @@ class Support(ElementEffect):
 
     @classmethod
     def supports(cls, setting: Setting, place: Place) -> Candidates:
-        """The effect at its place, without and with coupled rotations."""
+        """The effect at its place, without and with coupled rotations, and alike in all directions."""
         effect, parameters = cls(partial(yield_support, place.sole)), setting.in_robots_units(cls.parameters)
         yield effect.make_candidate(place, parameters[:6], component=place.name)
+        yield cls(lambda values: yield_support(place.sole, np.repeat(values, 3))).make_candidate(
+            place, parameters[:6], component=place.name, scale=tuple(p.size for p in parameters[:6:3]),
+            physical=lambda values: np.repeat(values, 3), internal=lambda values: values[::3],
+        )  # fmt: skip
         yield effect.make_candidate(place, parameters, component=place.name, couplings=3, physical=find_possible)
 
 

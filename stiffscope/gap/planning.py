@@ -100,7 +100,8 @@ def propose_plan(nominal: NominalRobot, name: str, question: str, given: Header 
         write_plan(robot, name, folder, offer)
         campaign = replace(load_campaign(folder, robot, planned=True), components="fea")
     model = RobotModel(campaign, nominal)
-    known = {c.name: c for c in model.library if c.simple and c.effect not in _NUMBERS}
+    simple = [c for c in model.library if c.simple and c.effect not in _NUMBERS]
+    known = {c.name: c for c in simple if len(c.scale) == len(c.names)}  # none of what is alike in all directions
     sides = read_question(question, known)
     pairs = _pair_up(model, known, sides)
     told = [p for p, odds in zip(pairs, judge_pairs(pairs, range(len(campaign))), strict=True) if odds >= AMPLE]

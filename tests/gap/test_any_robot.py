@@ -7,6 +7,8 @@ import pytest
 
 from stiffscope.data import FOLDER
 from stiffscope.effects.vocabulary import apply_effect
+from stiffscope.gap.campaign.campaign import Campaign
+from stiffscope.gap.campaign.quantities import DEVIATION
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import conclude, diagnose_campaign
 from stiffscope.gap.forward.robot_model import RobotModel
@@ -33,9 +35,24 @@ def resized(robot, length, stiffness):
         turns = length**2 if joint.kind == "revolute" else 1.0
         return joint.drive and replace(joint.drive, stiffness=joint.drive.stiffness * stiffness * turns)
 
+    weight = length * stiffness  # weighs as much more as it deflects in proportion
+
+    def move(dynamics):
+        twists = np.sqrt(weight) * np.tile(np.repeat([1.0, length], 3), len(dynamics.mass) // 6)
+        twists[12:] = 1.0  # of own modes, of a modal mass of one
+        mass, squares = dynamics.mass * np.outer(twists, twists), dynamics.squares * stiffness / weight
+        return replace(dynamics, mass=mass, squares=squares)
+
+    def yielding(e):
+        more = {"dynamics": e.dynamics and move(e.dynamics), "compliance": soft(e.compliance)}
+        return replace(e, places=length * e.places, **more)
+
     bodies = tuple(
-        b if b.elastic is None else
-        replace(b, elastic=replace(b.elastic, places=length * b.elastic.places, compliance=soft(b.elastic.compliance)))
+        replace(
+            b, mass=weight * b.mass, centre=None if b.centre is None else length * b.centre,
+            inertia=None if b.inertia is None else weight * length**2 * b.inertia,
+            elastic=b.elastic and yielding(b.elastic),
+        )
         for b in m.bodies
     )  # fmt: skip
     joints = tuple(replace(j, at=length * j.at, compliance=soft(j.compliance), drive=drive(j)) for j in m.joints)
@@ -62,6 +79,52 @@ def test_a_robot_of_another_size_and_stiffness_gets_the_same_answer(number, seed
     for verdict, named in answers[1:]:
         assert (verdict, named) == (answers[0][0], pytest.approx(answers[0][1], abs=0.1))
     assert answers[0][0] == ("identified" if planted.name else "no-gap")
+
+
+def sagged(robot, true, noise=5e-6):
+    """Deviations of an arm under its own weight at some postures, with noise in m and rad."""
+    rng = np.random.default_rng(5)
+    poses = np.array(list(robot.robot.poses.values())).mean(axis=0) + rng.uniform(-1, 1, (16, 6)) * np.repeat(
+        [0.1, 0.4], 3
+    )
+    pose, direction = np.divmod(np.arange(6 * len(poses)), 6)
+    n = len(pose)
+    c = Campaign(
+        robot.robot.name, ("gravity",), "beam", tuple(map(str, range(len(poses)))), poses, pose, np.zeros((n, 6)),
+        6 * DEVIATION + direction, np.zeros(n), np.full(n, noise), ("",), np.zeros(n), ("readings.csv",), np.zeros(n),
+        np.arange(2, n + 2), coordinates=robot.mechanism.tool.pose,
+    )  # fmt: skip
+    return replace(c, value=RobotModel(c, true).predict().values + noise * rng.standard_normal(n))
+
+
+@pytest.mark.parametrize(
+    ("effect", "place", "parameters"),
+    [
+        (
+            "geometry",
+            "robot",
+            {"J1.zero": 2e-3, "J2.ry": -3e-3, "J3.z": 1e-3, "J5.rz": 4e-3, "J4.y": -8e-4, "J6.ry": 2e-3},
+        ),
+        ("joint-axis", "J2", {"y": 6e-4, "z": -4e-4, "ry": 2e-3, "rz": 1e-3}),
+        ("mass", "wrist2", {"factor": 2.5}),
+        ("payload", "flange", {"mass": 4.0}),
+    ],
+)
+def test_geometry_and_masses_have_no_favourite_size(effect, place, parameters):
+    """The sag of a robot s times as large, k times as stiff and s k times as heavy: the same in proportion."""
+    robot = nominal("serial-arm")
+    c = sagged(robot, apply_effect(robot, effect, place, parameters))
+    answers = []
+    for length, stiffness in ((1.0, 1.0), (6.0, 300.0), (0.2, 1e-2)):
+        scale = np.where(c.direction < 3, length, 1.0)
+        poses = c.poses * np.repeat([length, 1.0], 3)
+        model = RobotModel(replace(c, poses=poses, value=scale * c.value, sigma=scale * c.sigma),
+                           resized(robot, length, stiffness), without="part-dimension")  # fmt: skip
+        found = conclude(find(model))
+        answers.append((found.verdict, {f"{e.effect} @ {e.place}": e.probability for e in found.effects}))
+    assert answers[0][0] in {"identified", "ambiguous"}
+    for answer in answers[1:]:
+        assert answer == (answers[0][0], pytest.approx(answers[0][1], abs=0.1))
 
 
 def measured(robot, true, quantities, spread, seed=1):

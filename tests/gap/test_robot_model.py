@@ -465,7 +465,9 @@ def test_weights_that_hang_beside_their_hook_are_a_pattern():
 
 
 def test_a_tolerance_of_a_mass_bounds_what_may_be_added(tmp_path):
-    """Of 2 kg ± 2 % three standard deviations are 0.12 kg, or 6 %; a body without a tolerance may carry 50 kg."""
+    """Of 2 kg ± 2 % three standard deviations are 0.12 kg, or 6 %; a body without a tolerance may carry thrice
+    what the robot weighs.
+    """
     text = """[bodies]
 known = { mass = "2 kg ± 2 %", centre = [0.5, 0, 0] }
 guessed = { mass = "2 kg", centre = [1.5, 0, 0] }
@@ -486,7 +488,7 @@ direction = [0, 0, -1]
     heaviest = {key: bound_parameters([c], np.full(len(c.scale), 1e3)) for key, c in heavy.items()}
     assert heaviest[("payload @ known", 1)] == pytest.approx(0.12)
     assert [key for key in heavy if key[1] == 4] == [("payload @ guessed", 4)]
-    assert heavy[("payload @ guessed", 1)].plausible[0][1] == 50.0
+    assert heavy[("payload @ guessed", 1)].plausible[0][1] == 3.0 * (2.0 + 2.0)
     assert heaviest[("payload @ guessed", 1)] == 1e3
     assert heaviest[("mass @ known", 1)] == pytest.approx(0.06)
     assert heaviest[("mass @ guessed", 1)] > 1.0

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.effects.effect import UNNAMED, Candidate
-from stiffscope.effects.elements import ElementEffect, add_diagonal, along_drive
+from stiffscope.effects.elements import ElementEffect, along_drive
 from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, DEVIATION
 from stiffscope.gap.forward.robot_prediction import Gain, Pattern
 from stiffscope.vjm.mechanism import Change
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from stiffscope.effects.effect import Changes
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
@@ -42,19 +42,15 @@ def nuisance_patterns(nominal: RobotReadings) -> tuple[Candidate, ...]:
 
 
 def _parts(at: RobotAtPoses) -> Iterator[Candidate]:
-    """Guides that yield in one way, bodies that are bowed."""
+    """Bodies that are bowed."""
     nominal = at.robot
-    guides = [j.name for j in at.mechanism.joints if j.kind == "prismatic" and j.drive is not None]
-    for name in guides:
-        yield _part(f"the whole guide of {name}", (1e-8,) * 3 + (1e-7,) * 3,
-                    partial(add_diagonal, {name: np.eye(6)}), "guide")  # fmt: skip
     rods = {part: nominal.robot.bodies_of(part) for part in nominal.robot.parts}
     for part, bodies in rods.items():
         for names in ([*bodies], *([name] for name in bodies if len(bodies) > 1)):
             if names and all(name in nominal.links and nominal.compliances[name].any() for name in names):
                 lengths = {name: nominal.length(name) for name in names}
                 place = f"bowed bodies, {part}" if len(names) > 1 else f"a bowed body, {names[0]}"
-                yield _part(place, (1e-4,), partial(_bow, lengths), "bowed")
+                yield _make_unnamed(place, (1e-4,), ElementEffect(partial(_bow, lengths)), "bowed")
 
 
 def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
@@ -143,10 +139,6 @@ def _find_held_across(joint: Joint) -> Array:
     held = np.zeros(6)
     held[[k for k in joint.held_components[0] if k > 0 or joint.axis is None]] = 1.0
     return held
-
-
-def _part(place: str, scale: tuple[float, ...], changes: Callable[[Array], Changes], pattern: str) -> Candidate:
-    return _make_unnamed(place, scale, ElementEffect(changes), pattern)
 
 
 def _make_unnamed(place: str, scale: tuple[float, ...], action: object, pattern: str = "") -> Candidate:

@@ -239,11 +239,13 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
 
     def find_covariance() -> Array:
         few = share > _NEGLIGIBLE
-        part = _Part(grams[few], pulls[few], totals[few], errors.log_weight[few], positive)
-        covariance = part.find_moment(chosen[None], np.zeros(1), mean)
+        part = grams[few], pulls[few], totals[few], errors.log_weight[few]
+        covariance = _find_moment(*log_evidences(*part, chosen[None], positive), chosen[None], mean)
         wider = np.ones(k)
         for prior, mine in zip(priors, own, strict=True):  # by how much, as its prior scale is not known either
-            variance = np.diagonal(part.find_moment(_with(chosen, mine, prior.scales), prior.log_weight, mean))
+            tried = _with(chosen, mine, prior.scales)
+            log, means, cores = log_evidences(*part, tried, positive)
+            variance = np.diagonal(_find_moment(log + prior.log_weight, means, cores, tried, mean))
             wider[mine] = np.sqrt(variance / np.diagonal(covariance)).clip(min=1.0)[mine]
         return wider[:, None] * covariance * wider
 
@@ -280,27 +282,16 @@ def _with(chosen: Array, mine: Indices, scales: Array) -> Array:
     return tried
 
 
-@dataclass(frozen=True)
-class _Part:
-    """A linear hypothesis in those settings of the errors that count; see `log_evidences`."""
-
-    grams: Array
-    pulls: Array
-    totals: Array
-    log_weight: Array
-    positive: Flags
-
-    def find_moment(self, scales: Array, log_prior: Array, about: Array) -> Array:
-        """Second moment (k, k) about a point (k,), over the settings and prior scales (s, k) of log weights (s,)."""
-        log, means, cores = log_evidences(self.grams, self.pulls, self.totals, self.log_weight, scales, self.positive)
-        weight = np.exp(log + log_prior - _sum(log + log_prior))
-        counted = np.argwhere(weight > _NEGLIGIBLE)
-        out = np.zeros((len(about), len(about)))
-        for q, s in counted:
-            away = means[q, s] - about
-            covariance = scales[s][:, None] * np.linalg.inv(cores[q, s]) * scales[s]
-            out += weight[q, s] * (covariance + np.outer(away, away))
-        return out / weight[tuple(counted.T)].sum()
+def _find_moment(log: Array, means: Array, cores: Array, scales: Array, about: Array) -> Array:
+    """Second moment (k, k) about a point (k,), over settings and prior scales (s, k); see `log_evidences`."""
+    weight = np.exp(log - _sum(log))
+    counted = np.argwhere(weight > _NEGLIGIBLE)
+    out = np.zeros((len(about), len(about)))
+    for q, s in counted:
+        away = means[q, s] - about
+        covariance = scales[s][:, None] * np.linalg.inv(cores[q, s]) * scales[s]
+        out += weight[q, s] * (covariance + np.outer(away, away))
+    return out / weight[tuple(counted.T)].sum()
 
 
 def log_evidences(

@@ -85,11 +85,6 @@ def forms_of(candidates: Iterable[Candidate]) -> frozenset[tuple[str, int]]:
     return frozenset((c.name, len(c.scale)) for c in candidates)
 
 
-def scale_of(candidates: Sequence[Candidate]) -> Array:
-    """Prior sizes (k,) of the internal parameters of effects."""
-    return join_values(c.scale for c in candidates)
-
-
 def join_values(values: Iterable[Any]) -> Array:
     """One vector (k,) of several."""
     return np.concatenate([np.zeros(0), *(np.asarray(v, dtype=np.float64) for v in values)])

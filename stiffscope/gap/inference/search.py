@@ -15,7 +15,6 @@ from stiffscope.gap.inference.hypothesis import (
     forms_of,
     join_values,
     positive_of,
-    scale_of,
     split,
 )
 
@@ -70,7 +69,8 @@ class Search:
         none = self.problem.fit((), np.zeros(0))
         fitted = _Fitted(self.problem, {frozenset(): none}, self.progress)
         fit, found = fitted.fit, fitted.found
-        tried = [Start(c, np.zeros(len(scale_of(c))), np.zeros(len(scale_of(c)))) for c in self.problem.model.tried]
+        nothing = [np.zeros(sum(len(c.scale) for c in each)) for each in self.problem.model.tried]
+        tried = [Start(each, u, u) for each, u in zip(self.problem.model.tried, nothing, strict=True)]
         fit(tried, _heights([none]), "effects", len(tried))
         self._grow([none], fitted)
         best = fitted.best
