@@ -18,7 +18,7 @@ from stiffscope.gap.forward.robot_prediction import Gain, Pattern
 from stiffscope.vjm.mechanism import Change
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from stiffscope.effects.effect import Changes
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
@@ -58,13 +58,15 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
     c, drives = at.campaign, list(at.robot.driven)
     read, sessions = np.unique(c.channel[c.kind <= DEVIATION]), len(c.session_names)  # instruments that displace
     channels, middle = len(read), at.configurations.tool[:, :3].mean(axis=0)
-    yield _make_unnamed("a drift of the gain in time", (0.05,), Gain(_gain_drift))
+    apart, drift = (partial(_by_channel, read, size) for size in (lambda p: np.ones(len(p.campaign)), _time))
+    yield _make_unnamed("a drift of the gain in time", (0.05,), Gain(lambda p: _time(p)[:, None]))
     if not channels:
         return
-    yield _make_unnamed("a drift of the readings in time", (5e-6,) * channels, Pattern(partial(_drift, read)))
-    yield _make_unnamed("a gain of its own in every direction", (0.05,) * channels, Gain(partial(_apart, read)))
+    yield _make_unnamed("a drift of the readings in time", (5e-6,) * channels, Pattern(drift))
+    yield _make_unnamed("a gain of its own in every direction", (0.05,) * channels, Gain(apart))
     if sessions > 1 and sessions <= _MOST_SESSIONS:
-        yield _make_unnamed("a gain of its own in a session", (0.05,), Gain(partial(_session_gain, c.session.max())))
+        last = Gain(lambda p: np.where(p.campaign.session == c.session.max(), 1.0, 0.0)[:, None])
+        yield _make_unnamed("a gain of its own in a session", (0.05,), last)
         yield _make_unnamed(
             "hysteresis between sessions of loading and unloading", (0.05,) * sessions, Pattern(_hysteresis)
         )
@@ -77,7 +79,7 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
         yield _make_unnamed(
             "a stiffness towards the frame, growing with the distance", (0.01,) * 6, Pattern(partial(_tether, middle))
         )
-    yield _make_unnamed("a zero of its own in every direction", (1e-5,) * channels, Pattern(partial(_apart, read)))
+    yield _make_unnamed("a zero of its own in every direction", (1e-5,) * channels, Pattern(apart))
 
 
 def _crossings(at: RobotAtPoses) -> Iterator[Candidate]:
@@ -167,10 +169,10 @@ def _stretch(body: str, middle: Array, held: Sequence[Joint], prediction: RobotR
     return np.where(still[:, None], columns, 0.0)
 
 
-def _by_channel(read: Indices, prediction: RobotReadings, size: Array) -> Array:
-    """Columns (n, k): ``size`` (n,) in each of the instruments and directions read (k,)."""
+def _by_channel(read: Indices, find_size: Callable[[RobotReadings], Array], prediction: RobotReadings) -> Array:
+    """Columns (n, k): a size (n,) in each of the instruments and directions read (k,)."""
     c = prediction.campaign
-    return np.where(c.kind <= DEVIATION, size, 0.0)[:, None] * (c.channel[:, None] == read)
+    return np.where(c.kind <= DEVIATION, find_size(prediction), 0.0)[:, None] * (c.channel[:, None] == read)
 
 
 def _time(prediction: RobotReadings) -> Array:
@@ -180,22 +182,6 @@ def _time(prediction: RobotReadings) -> Array:
     time = np.empty(len(c))
     time[order] = np.linspace(0.0, 1.0, len(c))
     return time
-
-
-def _drift(read: Indices, prediction: RobotReadings) -> Array:
-    return _by_channel(read, prediction, _time(prediction))
-
-
-def _apart(read: Indices, prediction: RobotReadings) -> Array:
-    return _by_channel(read, prediction, np.ones(len(prediction.campaign)))
-
-
-def _gain_drift(prediction: RobotReadings) -> Array:
-    return _time(prediction)[:, None]
-
-
-def _session_gain(last: float, prediction: RobotReadings) -> Array:
-    return np.where(prediction.campaign.session == last, 1.0, 0.0)[:, None]
 
 
 def _hysteresis(prediction: RobotReadings) -> Array:
