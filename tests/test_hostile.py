@@ -24,6 +24,6 @@ def test_a_sample_of_mutants(name):
     ["stewart", "sections", "check", "csv", "study", "urdf", "mjcf", "xlsx", "assembly", "solids", "faces", "step"],
 )
 def test_mutants_of_every_family(name):
-    cases = [run(families()[name], seed) for seed in (None, *range(10, 20))]
+    cases = [run(families()[name], seed) for seed in (None, *range(10, 15))]
     assert cases[0].code == 0, cases[0].said
     assert [case for case in cases if case.wrong] == []
