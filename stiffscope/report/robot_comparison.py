@@ -49,14 +49,24 @@ def show_robots(found: RobotComparison) -> None:
         for k in range(6)
     ]
     show_table("Stiffness at M, no gravity", [["pose"], ["entry", "unit", first, second, "change"]], rows, prose=_WORDS)
-    least = 1e-9 * np.nanmax(np.abs(found.sag))
+    sag = _round_alike(1e6 * found.sag.reshape(2, -1, 2, 3)).reshape(found.sag.shape)
     rows = [
-        [pose if k == 0 else "", f"{COORDINATES[k]}", "µm" if k < 3 else "µrad"]
-        + [f"{1e6 * each:.4g}" for each in np.where(np.abs(found.sag[:, p, k]) < least, 0.0, found.sag[:, p, k])]
+        [pose if k == 0 else "", COORDINATES[k], "µm" if k < 3 else "µrad", *(f"{each:.4g}" for each in sag[:, p, k])]
         for p, pose in enumerate(found.poses)
         for k in range(6)
     ]
     show_table("Sag under their own weight", [["pose"], ["component", "unit", first, second]], rows, prose=_WORDS)
+
+
+def _round_alike(values: np.ndarray) -> np.ndarray:
+    """Values (2, n, 2, 3) to four digits of the largest of both robots at a pose, of translations and rotations apart.
+
+    What is below is rounding, and noise of meshes where symmetry has none.
+    """
+    size = np.abs(np.nan_to_num(values)).max(axis=(0, 3), keepdims=True)
+    size = np.maximum(size, 1e-6 * size.max(initial=1e-6))
+    step = 10.0 ** (np.floor(np.log10(size)) - 3.0)
+    return np.round(values / step) * step + 0.0
 
 
 def _change(before: float, after: float) -> str:

@@ -19,7 +19,7 @@ def test_twice_the_drives_of_a_robot_of_drives_alone_is_twice_the_stiffness(tmp_
             "[joints.y]", 'between = ["x", "table"]', 'type = "prismatic"', "at = [0, 0, 0]", "axis = [0, 1, 0]",
             "drive = { stiffness = 2e6 }",
             "[tool]", 'body = "table"', "at = [0, 0, 0]", 'pose = ["x", "y"]', "[poses]", "home = [0, 0]",
-            "[gravity]", "direction = [0, -1, 0]", "acceleration = 10",
+            "[gravity]", "direction = [1e-6, -1, 0]", "acceleration = 10",
         ]
     )  # fmt: skip
     (tmp_path / "one.toml").write_text(text)
@@ -27,7 +27,11 @@ def test_twice_the_drives_of_a_robot_of_drives_alone_is_twice_the_stiffness(tmp_
     cli(["compare", str(tmp_path / "one.toml"), str(tmp_path / "two.toml"), "--json", "-"], standalone_mode=False)
     answer = json.loads(capsys.readouterr().out)
     assert answer["robots"] == ["one", "two"]
-    np.testing.assert_allclose(np.array(answer["sag"], dtype=float)[:, 0, 1], -20 / 2e6)
+    np.testing.assert_allclose(np.array(answer["sag"], dtype=float)[:, 0, :2], [[2e-11, -1e-5], [2e-11 / 3, -1e-5]])
+    cli(["compare", str(tmp_path / "one.toml"), str(tmp_path / "two.toml")], standalone_mode=False)
+    along, across = capsys.readouterr().out.split("Sag under")[1].splitlines()[3:5]
+    assert along.split() == ["home", "x", "µm", "0", "0"]  # beside 10 µm along y, 0.00002 µm is rounding
+    assert across.split() == ["y", "µm", "-10", "-10"]
 
 
 def test_a_picture_shows_the_first_robot_in_outlines_beside_the_second(tmp_path):
