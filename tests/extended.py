@@ -20,7 +20,10 @@ EXTENDED = {
         "test_a_stopped_run_leaves_nothing[15]",
         "test_modules_of_the_working_folder_change_nothing[arguments1]",
     ),
-    "cli/test_diagnosis.py": ("test_pictures_of_a_diagnosis_are_kept",),
+    "cli/test_diagnosis.py": (
+        "test_backlash_of_a_rotary_drive_with_two_slopes_is_found_adopted_and_found_no_more",
+        "test_pictures_of_a_diagnosis_are_kept",
+    ),
     "cli/test_experiment_options.py": (
         "test_a_foundation_gives_way_and_the_superelement_holds_the_part",
         "test_a_tolerance_that_is_not_met_is_told_in_one_line",

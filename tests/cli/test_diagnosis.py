@@ -1,14 +1,17 @@
 """`stiffscope diagnose`: what it writes and says, the robot file that carries the answer, and what it refuses."""
 
+import csv
 import errno
 import json
 import re
 import shutil
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+import stiffscope as ss
 from stiffscope.cli import campaigns
 from stiffscope.cli.main import _guarded
 from stiffscope.cli.output import Output, emit
@@ -19,7 +22,10 @@ from stiffscope.gap.lab.measuring import Noise
 from stiffscope.gap.lab.writing import write_readings
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
+from stiffscope.vjm.yielding import Load, respond
 from tests.labs import biglide, default_plan
+
+POSE = ("x", "y", "z", "rx", "ry", "rz")
 
 
 def measured(machine, folder, seed, robot="biglide"):
@@ -175,3 +181,43 @@ def test_bad_input_writes_nothing(arguments, message, soft_drive, tmp_path, caps
     assert len(said.err.splitlines()) == 1
     assert not (tmp_path / "out").exists()
     assert tomllib.loads((tmp_path / "notes.toml").read_text()) == {"a": 1}
+
+
+def test_backlash_of_a_rotary_drive_with_two_slopes_is_found_adopted_and_found_no_more(tmp_path, monkeypatch):
+    """The arm that mills the pocket, J3 by its curve; readings from the linear arm's torques and the axis of J3."""
+    nominal, stiffer, half, rng = 20e3, 40e3, 10e-6, np.random.default_rng(7)
+    text = find_robot("serial-arm").read_text()
+    assert 'stiffness = "20 kN*m/rad"' in text
+    curve = 'curve = [["0.5 mrad", "10 N*m"], ["1.5 mrad", "50 N*m"]]'
+    (tmp_path / "arm.toml").write_text(text.replace('stiffness = "20 kN*m/rad"', curve))
+    linear = ss.assemble(ss.load_robot("serial-arm"), "beam")
+    source, at = Path("examples/pocket/machine"), np.array([0.579707026, 0.10915, 0.210103364])
+    rows = list(csv.DictReader((source / "readings.csv").read_text().splitlines()))
+    for row in rows:
+        pose = [float(row[k]) * unit for k, unit in zip(POSE, np.repeat([1e-3, np.pi / 180], 3), strict=True)]
+        force = [float(row[k]) for k in ("fx", "fy", "fz")]
+        found = respond(linear, [pose], np.zeros(6), loads=[Load("flange", [*force, 0, 0, 0], at)])
+        joint, there = found.elements["J3"], found.where.frame(found.elements["J3"].element)
+        torque, point = joint.wrench[0, 3, 0], found.where.point("flange", at)[0] - found.where.tool[0]
+        size, twist = abs(torque), found.nodes["flange"][0, :, 0]
+        bent = min(size, 10.0) / nominal + max(size - 10.0, 0.0) / stiffer
+        more = np.sign(torque) * (half + bent - size / nominal) if size > 1e-9 else 0.0
+        turned = np.cross(there.rotation[0, :, 0], point - there.translation[0])
+        moved = twist[:3] + np.cross(twist[3:], point) + more * turned
+        row["value"] = f"{1e6 * moved['xyz'.index(row['sensor'][-1])] + rng.normal():.1f}"
+    with (tmp_path / "readings.csv").open("w", newline="") as file:
+        table = csv.DictWriter(file, rows[0])
+        table.writeheader()
+        table.writerows(rows)
+    campaign = (source / "campaign.toml").read_text()
+    (tmp_path / "campaign.toml").write_text(campaign.replace('"serial-arm"', '"arm.toml"'))
+    monkeypatch.chdir(tmp_path)
+    assert _guarded(["diagnose", ".", "--out", "first", "--adopt", "machine.toml", "--quiet"]) == 0
+    first = json.loads(Path("first/diagnosis.json").read_text())
+    (effect,) = first["effects"]
+    width = effect["parameters"]["half_width"]
+    assert (first["verdict"], effect["effect"], effect["place"]) == ("identified", "backlash", "J3")
+    assert width["value"] == pytest.approx(half, abs=4.0 * width["sigma"])
+    assert width["sigma"] < 0.1 * half
+    assert _guarded(["diagnose", ".", "--robot", "machine.toml", "--out", "second", "--quiet"]) == 0
+    assert json.loads(Path("second/diagnosis.json").read_text())["verdict"] == "no-gap"
