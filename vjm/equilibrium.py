@@ -177,16 +177,18 @@ def solve_condensed(state: Condensed, loads: Loads) -> Response:
     load = condense_loads(state, loads)
     if state.order.left:
         return recover_response(state, load, *saddle_response(state, load))
-    return recover_held(state, load, solve_tool(tool_stiffness(state), load.force(END)))
+    return recover_response(state, load, _hold_tool(load, solve_tool(tool_stiffness(state), load.force(END))))
 
 
-def recover_held(state: Condensed, load: CondensedLoads, twist: Array) -> Response:
-    """Equilibrium under loads with the tool held at a twist (n or 1, 6, c)."""
+def solve_held(state: Condensed, loads: Loads, twist: Array | None = None) -> Response:
+    """Equilibrium under loads with the tool held, at rest or at a twist (n or 1, 6, c)."""
+    load = condense_loads(state, loads)
+    at = np.zeros((1, 6, loads.cases)) if twist is None else twist
     if state.order.left:
-        return recover_response(state, load, *saddle_held(state, load, twist))
-    return recover_response(state, load, {GROUND: np.zeros((1, 6, load.loads.cases)), END: twist})
+        return recover_response(state, load, *saddle_held(state, load, at))
+    return recover_response(state, load, _hold_tool(load, at))
 
 
-def solve_held(state: Condensed, loads: Loads) -> Response:
-    """Equilibrium under loads with the tool held at rest."""
-    return recover_held(state, condense_loads(state, loads), np.zeros((1, 6, loads.cases)))
+def _hold_tool(load: CondensedLoads, twist: Array) -> dict[str, Array]:
+    """Twists of the ground and the tool."""
+    return {GROUND: np.zeros((1, 6, load.loads.cases)), END: twist}

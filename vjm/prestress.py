@@ -20,11 +20,10 @@ import numpy as np
 
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.condensation import condense_network
-from stiffscope.vjm.equilibrium import recover_held, solve_held, solve_loads, tool_stiffness
-from stiffscope.vjm.loading import HELD, Loads, condense_loads, solve_tool, store_energy
+from stiffscope.vjm.equilibrium import solve_condensed, solve_held, solve_loads, tool_stiffness
+from stiffscope.vjm.loading import HELD, Loads, condense_loads, store_energy
 from stiffscope.vjm.network import END, Places, free_directions, lump_masses
 from stiffscope.vjm.order import stack_columns, stack_rows
-from stiffscope.vjm.saddle import saddle_response
 from stiffscope.vjm.screws import rotation_of, skew
 from stiffscope.vjm.semidefinite import inverse
 from stiffscope.vjm.strain import find_offsets, find_remaining_offsets
@@ -116,11 +115,9 @@ def _tangent(order: Order, there: Places, rest: Places, *, thorough: bool = Fals
     ``thorough``: internal motions to convergence, not to first order.
     """
     state = condense_network(order, there)
-    load = condense_loads(state, _widen(_remaining_loads(order, there, rest)))
-    stiffness = tool_stiffness(state)
-    end = saddle_response(state, load)[0][END] if order.left else solve_tool(stiffness, load.force(END))
-    work = SecondOrder(recover_held(state, load, end + np.eye(6, 7, 1)), order.mechanism)
-    change, slack = _relax(state, work, stiffness, thorough=thorough)
+    work = SecondOrder(solve_condensed(state, _remaining_loads(order, there, rest)), order.mechanism)
+    unit, stiffness = Motion.of(solve_held(state, Loads(6, balanced=HELD), np.eye(6)[None])), tool_stiffness(state)
+    change, slack = _relax(state, work, unit, stiffness, thorough=thorough)
     n = len(there.tool)
     return np.array(np.broadcast_to(stiffness + change, (n, 6, 6))), np.broadcast_to(slack, n)
 
@@ -133,25 +130,23 @@ def loaded_compliance(order: Order, where: Places) -> Array:
     """
     bent = bend_network(order, where, 0.0)
     there = bent.there
-    loads = _widen(_remaining_loads(order, there, where))
-    loads.nodes[END] = loads.nodes.get(END, np.zeros((1, 6, 7))) + np.eye(6, 7, 1)
-    response = solve_loads(order, there, loads)
-    work = SecondOrder(response, order.mechanism)
-    unit = Motion.select_cases(response, slice(1, 7))
+    work = SecondOrder(solve_loads(order, there, _remaining_loads(order, there, where)), order.mechanism)
+    unit = Motion.of(solve_loads(order, there, Loads(6, {END: np.eye(6)[None]}, balanced=HELD)))
     change = _settle_motions(work, unit, lambda loads: solve_loads(order, there, loads), held=False)
     matrix = unit.nodes[END] + change.nodes[END]
     matrix = np.where(bent.found[:, None, None], 0.5 * (matrix + matrix.mT), np.nan)
     return stack_columns([matrix, bent.sag[..., None]])
 
 
-def _relax(state: Condensed, work: SecondOrder, stiffness: Array, *, thorough: bool) -> tuple[Array, NDArray[np.bool_]]:
+def _relax(
+    state: Condensed, work: SecondOrder, unit: Motion, stiffness: Array, *, thorough: bool
+) -> tuple[Array, NDArray[np.bool_]]:
     """Change (n, 6, 6) of the stiffness by the second-order work, and where (n,) internal motions change too much.
 
     With H the Hessian of that work and X the motions for unit twists of the tool, these change by δ where
     ``H₀ δ = -H (X + δ)``; the stiffness, being stationary, by ``Xᵀ H X - δᵀ H₀ δ`` for the first such δ, whose energy
     beside the stiffness bounds the rest, and by ``Xᵀ H (X + δ)`` for the last.
     """
-    unit = Motion.select_cases(work.response, slice(1, 7))
     if thorough:
         relaxed = _settle_motions(work, unit, lambda loads: solve_held(state, loads))
         change = work.differentiate(unit.plus(relaxed, 0.5))[0] - 0.25 * work.differentiate(relaxed)[0]
@@ -174,7 +169,7 @@ def _settle_motions(
     change = unit.plus(unit, -1.0)
     for _ in range(_STEPS):
         loads = Loads(6, work.differentiate(unit.plus(change, 1.0), held=held)[1], balanced=HELD)
-        before, change = change, Motion.select_cases(solve(loads), slice(0, 6))
+        before, change = change, Motion.of(solve(loads))
         if (change.plus(before, -1.0).size <= _SETTLED * unit.size).all():
             break
     return change
@@ -183,15 +178,6 @@ def _settle_motions(
 def _remaining_loads(order: Order, there: Places, rest: Places) -> Loads:
     nodes = _find_weights(order, there)
     return Loads(1, nodes, find_remaining_offsets(order, there, rest), balanced=HELD)
-
-
-def _widen(loads: Loads) -> Loads:
-    """A case of loads with six after it that have none."""
-    nodes, offsets = (
-        {name: np.pad(each, ((0, 0), (0, 0), (0, 6))) for name, each in some.items()}
-        for some in (loads.nodes, loads.offsets)
-    )
-    return Loads(7, nodes, offsets, loads.balanced)
 
 
 def _find_size(moved: Response, length: float) -> Array:
@@ -227,19 +213,19 @@ class Motion:
     turns: dict[str, Array]
 
     @classmethod
-    def select_cases(cls, response: Response, some: slice) -> Motion:
-        """The cases ``some`` of a response."""
-        out = cls({node: u[..., some] for node, u in response.nodes.items()}, {}, {})
+    def of(cls, response: Response) -> Motion:
+        """Those of a response's cases."""
+        out = cls(response.nodes, {}, {})
         for name, state in response.elements.items():
             e = state.element
             if e.factor.shape[1] + e.free.shape[1] < 2:
                 continue
-            twist = out.twist[name] = state.twist[..., some]
+            twist = out.twist[name] = state.twist
             if e.joint is None:  # no free motions: all of its twist is strain
                 out.turns[name] = twist[:, 3:]
                 continue
-            factor, rates = state.where.factor(e), state.rates[..., some]
-            stress = factor.mT @ state.wrench[..., some]
+            factor, rates = state.where.factor(e), state.rates
+            stress = factor.mT @ state.wrench
             own = factor.shape[2] - e.sprung
             strained = [factor[:, 3:, :own] @ stress[:, :own]] if own and _is_ordered(e) else []
             out.turns[name] = stack_rows([*strained, stress[:, own:], rates])
@@ -264,7 +250,7 @@ def _is_ordered(element: Element) -> bool:
 
 @dataclass(eq=False)
 class SecondOrder:
-    """Second-order work of what the first case of a response carries, and of the weights."""
+    """Second-order work of what a response of one case carries, and of the weights."""
 
     response: Response
     mechanism: Mechanism
