@@ -37,6 +37,7 @@ exclude_patterns = ["extensions"]
 html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["pages.css"]
+html_js_files = ["pages.js"]
 man_pages = [("reference/commands", "stiffscope", "stiffness of robots, from CAD to the gap to the machine", "", 1)]
 copybutton_exclude = ".linenos, .gp, .go"
 html_title = f"stiffscope {release}"
