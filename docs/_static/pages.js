@@ -6,7 +6,5 @@ document.addEventListener("DOMContentLoaded", () => {
   set(".sidebar-drawer", { "aria-label": "All pages" });
   set(".toc-drawer", { "aria-label": "On this page" });
   set(".content-icon-container", { role: "navigation", "aria-label": "Source and colours of this page" });
-  document.querySelectorAll("th:has(.math)").forEach((cell) =>  // before MathJax replaces the text
-    cell.setAttribute("aria-label", cell.textContent.replace(/\\[()]/g, "").trim()));
   set("pre, .table-wrapper, .math-wrapper", { tabindex: 0 });
 });
