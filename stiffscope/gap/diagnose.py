@@ -28,10 +28,12 @@ from stiffscope.gap.inference.lack_of_fit import correlation
 from stiffscope.gap.inference.location import locate_residuals, signature_correlation
 from stiffscope.gap.inference.plausibility import implausible, own_part, physical_sigma, plausible
 from stiffscope.gap.inference.posterior_samples import draw_samples
-from stiffscope.gap.inference.residuals import percent_noise, rms_by_kind
+from stiffscope.gap.inference.residuals import percent_rms, rms_by_kind
 from stiffscope.gap.inference.verdict import doubtful, judge_findings, settle_verdict, shares
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.forward_model import Candidate, ForwardModel
     from stiffscope.gap.inference.diagnosis import NextMeasurement
@@ -46,6 +48,7 @@ COMPARED = 50.0  # ln-odds up to which an alternative's parameters are looked at
 FACTOR = 10.0  # on the prior, either way, for the sensitivity of the verdict
 TAILS = (0.025, 0.975)
 _LISTED = 12  # alternatives, possible effects
+_LEFT = 0.9  # of the variance of its prior: more left of an error, or of a combination of some, is nothing seen
 _RIVALS = 4  # hypotheses that a further reading is to separate from the best
 
 
@@ -88,6 +91,7 @@ def conclude(found: Findings) -> Diagnosis:
     judgement = settle_verdict(found, judge_findings(found), others)
     reported = judgement.hypothesis
     joint = found.best if reported.names <= found.best.names else reported
+    unseen = tuple(_unseen(found, joint, judgement.effects))
     if judgement.verdict == "partly":  # what is left shows in the values, too
         joint = joint.widen_covariance(max(found.misfit(joint), 1.0))
     effects = _effects(found, judgement, joint)
@@ -95,12 +99,13 @@ def conclude(found: Findings) -> Diagnosis:
     check, held_out = _held_out_check(found, reported, residual)
     gap = _gap(found, reported, residual)
     beyond = judgement.verdict in {"partly", "unexplained"}
-    together = correlation(found, reported)
+    together, open_ones = correlation(found, reported), doubtful(found, judgement.effects)[:_LISTED]
     remarks = (
         *found.problem.noise.remarks,
         *found.model.remarks(found.problem.noise, found.residual(found.none)),
         *judgement.remarks,
         *([] if beyond or not together else [f"{together}: intervals are widened by a discrepancy"]),
+        *unseen,
         *_counts(found, reported),
     )
     return Diagnosis(
@@ -113,7 +118,7 @@ def conclude(found: Findings) -> Diagnosis:
         remarks,
         _steps(gap, effects),
         signature_correlation(found),
-        _possible(found, judgement),
+        tuple(Possible(*name.split(" @ ", 1), p) for name, p in open_ones),  # type: ignore[arg-type]
         tuple(
             Sensitivity(
                 prior,
@@ -213,11 +218,6 @@ def _quantiles(mean: float, deviation: float, lowest: float = -np.inf) -> Array:
     return mean - deviation * np.asarray(ndtri_exp(above), dtype=float)
 
 
-def _possible(found: Findings, judgement: Judgement) -> tuple[Possible, ...]:
-    rows = doubtful(found, judgement.effects)[:_LISTED]
-    return tuple(Possible(*name.split(" @ ", 1), p) for name, p in rows)  # type: ignore[arg-type]
-
-
 def _under_other_priors(found: Findings) -> dict[str, Findings]:
     """The same hypotheses where prior odds of an effect, or prior sizes, are ten times as large or as small."""
     problem = found.problem
@@ -263,7 +263,8 @@ def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative
 def _gap(found: Findings, reported: Hypothesis, held_out: Array) -> Gap:
     none = found.none
     count = max(int(found.used_readings.sum()), 1)
-    explained, noise = found.percent_rms(reported), percent_noise(found.campaign, found.sigma, found.used_readings)
+    c, explained = found.campaign, found.percent_rms(reported)
+    noise = percent_rms(c, c.value + found.sigma, found.sigma, found.used_readings)  # as uncertainties alone leave it
     return Gap(
         found.percent_rms(none),
         explained,
@@ -297,6 +298,20 @@ def _next(found: Findings) -> NextMeasurement | None:
         return None
     ranked = sorted(rivals[:_RIVALS], key=lambda h: best.names <= h.names)  # an extension of the best comes last
     return next_measurement(found.model.trial(found.sigma), best, ranked)
+
+
+def _unseen(found: Findings, joint: Hypothesis, effects: tuple[Candidate, ...]) -> Iterator[str]:
+    """A line for each effect of many errors of which readings show some combinations alone."""
+    ends = np.cumsum([0, *(len(values) for _, values in joint.parameters)]).tolist()
+    for c, a, b in zip(joint.candidates, ends[:-1], ends[1:], strict=True):
+        if c.parts and c in effects:
+            own = found.slopes(joint)[found.used_readings, a:b] * joint.known.scales[a:b]
+            left = np.linalg.inv(np.eye(b - a) + own.T @ own)
+            seen = int(np.sum(np.linalg.eigvalsh(left) < _LEFT))
+            alone = [name for name, share in zip(c.parts, np.diagonal(left), strict=True) if share >= _LEFT]
+            nothing = f", and nothing of {', '.join(alone)}" if alone else ""
+            if seen < b - a:
+                yield f"{c.name}: readings show {seen} combinations of its {b - a} errors{nothing}"
 
 
 def _counts(found: Findings, reported: Hypothesis) -> list[str]:

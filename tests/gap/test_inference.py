@@ -797,3 +797,18 @@ def test_units_of_parameters_change_neither_what_is_held_out_nor_what_is_drawn()
         assert draws.std(axis=1) == pytest.approx(sigma, rel=0.1)
     assert held_out[0] == pytest.approx(held_out[1])
     assert spread[0] == pytest.approx(spread[1], abs=0.1)
+
+
+def test_what_no_reading_shows_of_many_errors_is_said():
+    """Of four errors two show by their sum alone, and one in no reading."""
+    model = linear_model(np.random.default_rng(19), parameters=(4,))
+    first, columns = model.library[0], model.signatures["effect-0 @ place"].copy()
+    columns[:, 1], columns[:, 3] = columns[:, 0], 0.0
+    many = replace(first, parts=("a.y", "a.z", "b.y", "b.z"), part_units=("m",) * 4, groups=(4,))
+    model = replace(
+        model, library=(many, *model.library[1:]), signatures=model.signatures | {"effect-0 @ place": columns}
+    )
+    found = conclude(find(planted(model, e0=(0.3, 0.2, 0.4, 0.0))))
+    assert [e.effect for e in found.effects] == ["effect-0"]
+    text = "effect-0 @ place: readings show 2 combinations of its 4 errors, and nothing of b.z"
+    assert text in found.remarks

@@ -15,33 +15,19 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Flags, Indices
 
 
-def _percent(stiff: Flags, relative: Array, weighted: Array, scale: Array) -> float:
-    """Join both measures of the gap, each weighted by its number of readings."""
-    squares = np.array([np.sum(relative[stiff] ** 2), 0.0])
-    loose = ~stiff
-    if loose.any():
-        squares[1] = loose.sum() * np.sum(weighted[loose] ** 2) / max(np.sum(scale[loose] ** 2), 1e-300)
-    return float(100 * np.sqrt(squares.sum() / max(len(stiff), 1)))
-
-
 def percent_rms(campaign: Campaign, model: Array, sigma: Array, chosen: Flags | None = None) -> float:
     """Return the gap in % rms between a model's values (n,) and the readings, over the `chosen` ones.
 
     Stiffness and frequency: rms of (model − measured)/measured. Deflections and deviations: 100·sqrt(Σ(r/σ)²/Σ(v/σ)²).
+    Both are joined by their numbers of readings.
     """
     pick = np.ones(len(campaign), dtype=np.bool_) if chosen is None else chosen
-    value, model, sigma = campaign.value[pick], model[pick], sigma[pick]
-    stiff = campaign.relative[pick]
-    safe = np.where(stiff, value, 1.0)
-    return _percent(stiff, (model - value) / safe, (model - value) / sigma, value / sigma)
-
-
-def percent_noise(campaign: Campaign, sigma: Array, chosen: Flags | None = None) -> float:
-    """Return the gap in % rms that uncertainties sigma (n,) alone would leave."""
-    pick = np.ones(len(campaign), dtype=np.bool_) if chosen is None else chosen
-    value, sigma = campaign.value[pick], sigma[pick]
-    stiff = campaign.relative[pick]
-    return _percent(stiff, sigma / np.where(stiff, value, 1.0), np.ones_like(value), value / sigma)
+    stiff, loose = pick & campaign.relative, pick & ~campaign.relative
+    left, value = model - campaign.value, campaign.value
+    squares = float(np.sum((left[stiff] / value[stiff]) ** 2))
+    weighted, size = (float(np.sum((each[loose] / sigma[loose]) ** 2)) for each in (left, value))
+    squares += loose.sum() * weighted / max(size, 1e-300)
+    return float(100 * np.sqrt(squares / max(pick.sum(), 1)))
 
 
 def split_by_kind(campaign: Campaign) -> dict[str, tuple[str, Flags]]:

@@ -109,7 +109,9 @@ def _judge_named(found: Findings, kept: Hypothesis, strange: Sequence[str], unse
     if rest and not strange:
         known = found.fit_effects(found.best.words)
         if not lack_of_fit(found, known) and _main(found, known) not in names:
-            return Judgement("ambiguous", known.words, known, (_find_unsettled(known, names), *unsettled))
+            open_ones = ", ".join(c.name for c in known.words if c.name not in names)
+            text = f"certain: {', '.join(names)}; not settled: {open_ones}"
+            return Judgement("ambiguous", known.words, known, (text, *unsettled))
     if rest or _pattern_beside(found, kept):
         verdict = "partly"
     else:
@@ -142,12 +144,6 @@ def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:
 def _main(found: Findings, hypothesis: Hypothesis) -> str:
     """The effect of a hypothesis that explains the most alone: of two that with the greater share, too."""
     return min(hypothesis.candidates, key=lambda c: found.chi2(found.fit_effects([c]))).name
-
-
-def _find_unsettled(known: Hypothesis, names: Sequence[str]) -> str:
-    """What is certain of effects of which the main one is not settled."""
-    open_ones = [c.name for c in known.words if c.name not in names]
-    return f"certain: {', '.join(names)}; not settled: {', '.join(open_ones)}"
 
 
 def _as_tuple(text: str) -> tuple[str, ...]:
