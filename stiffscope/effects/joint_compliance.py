@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -49,7 +50,7 @@ class JointCompliance(ElementEffect):
                 alike = {m: np.vstack([each[0] + each[1], each[2:]]) for m, each in patterns.items()}
                 yield cls(partial(add_diagonal, alike)).make_candidate(
                     place, known, scale=tuple(p.size for p in known[1:]),
-                    physical=_tell_apart, internal=lambda values: values[1:],
+                    physical=_tell_apart, internal=itemgetter(slice(1, None)),
                 )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import partial
 from itertools import combinations
+from operator import itemgetter
 
 import numpy as np
 
@@ -36,15 +37,21 @@ class Support(ElementEffect):
         """The effect at its place, without and with coupled rotations, and alike in all directions."""
         effect, parameters = cls(partial(yield_support, place.sole)), setting.in_robots_units(cls.parameters)
         yield effect.make_candidate(place, parameters[:6], component=place.name)
-        yield cls(lambda values: yield_support(place.sole, np.repeat(values, 3))).make_candidate(
+        yield effect.make_candidate(
             place, parameters[:6], component=place.name, scale=tuple(p.size for p in parameters[:6:3]),
-            physical=lambda values: np.repeat(values, 3), internal=lambda values: values[::3],
+            physical=_repeat, internal=itemgetter(slice(None, None, 3)),
         )  # fmt: skip
         yield effect.make_candidate(place, parameters, component=place.name, couplings=3, physical=find_possible)
 
 
+def _repeat(values: Array) -> Array:
+    """Diagonal (6,) of what yields alike along all axes and about all axes (2,)."""
+    return np.repeat(values, 3)
+
+
 def find_compliance(values: Array) -> Array:
-    """Compliance (6, 6) of a support: its diagonal (6,), and its rotations' couplings where there are nine values."""
+    """Compliance (6, 6) of a support: its diagonal (6,), or both values of it, and couplings of nine values."""
+    values = _repeat(values) if len(values) < 6 else values
     compliance = np.diag(values[:6])
     if len(values) > 6:
         compliance[_PAIRS] = compliance[_PAIRS[::-1]] = values[6:]

@@ -265,6 +265,8 @@ def _gap(found: Findings, reported: Hypothesis, held_out: Array) -> Gap:
     count = max(int(found.used_readings.sum()), 1)
     c, explained = found.campaign, found.percent_rms(reported)
     noise = percent_rms(c, c.value + found.sigma, found.sigma, found.used_readings)  # as uncertainties alone leave it
+    residuals = (found.residual(none), found.residual(reported), held_out, np.ones(len(held_out)))
+    kinds = rms_by_kind(c, found.used_readings, *(found.sigma * each for each in residuals))
     return Gap(
         found.percent_rms(none),
         explained,
@@ -273,14 +275,8 @@ def _gap(found: Findings, reported: Hypothesis, held_out: Array) -> Gap:
         (found.chi2(none) / count, found.chi2(reported) / count),
         float(np.sqrt(max(explained**2 - noise**2, 0.0))),
         100.0 * reported.known.discrepancy,
-        _absolute_gap(found, reported, held_out),
+        {name: AbsoluteGap(unit, *sizes) for name, (unit, sizes) in kinds.items()},
     )
-
-
-def _absolute_gap(found: Findings, reported: Hypothesis, held_out: Array) -> dict[str, AbsoluteGap]:
-    residuals = (found.residual(found.none), found.residual(reported), held_out, np.ones(len(held_out)))
-    kinds = rms_by_kind(found.campaign, found.used_readings, *(found.sigma * each for each in residuals))
-    return {name: AbsoluteGap(unit, *sizes) for name, (unit, sizes) in kinds.items()}
 
 
 def _steps(gap: Gap, effects: tuple[Effect, ...]) -> tuple[tuple[str, float], ...]:

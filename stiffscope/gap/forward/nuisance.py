@@ -58,7 +58,7 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
     c, drives = at.campaign, list(at.robot.driven)
     read, sessions = np.unique(c.channel[c.kind <= DEVIATION]), len(c.session_names)  # instruments that displace
     channels, middle = len(read), at.configurations.tool[:, :3].mean(axis=0)
-    apart, drift = (partial(_by_channel, read, size) for size in (lambda p: np.ones(len(p.campaign)), _time))
+    apart, drift = partial(_by_channel, read, None), partial(_by_channel, read, _time)
     yield _make_unnamed("a drift of the gain in time", (0.05,), Gain(lambda p: _time(p)[:, None]))
     if not channels:
         return
@@ -169,10 +169,11 @@ def _stretch(body: str, middle: Array, held: Sequence[Joint], prediction: RobotR
     return np.where(still[:, None], columns, 0.0)
 
 
-def _by_channel(read: Indices, find_size: Callable[[RobotReadings], Array], prediction: RobotReadings) -> Array:
-    """Columns (n, k): a size (n,) in each of the instruments and directions read (k,)."""
+def _by_channel(read: Indices, find_size: Callable[[RobotReadings], Array] | None, prediction: RobotReadings) -> Array:
+    """Columns (n, k): a size (n,), by default one, in each of the instruments and directions read (k,)."""
     c = prediction.campaign
-    return np.where(c.kind <= DEVIATION, find_size(prediction), 0.0)[:, None] * (c.channel[:, None] == read)
+    size = np.where(c.kind <= DEVIATION, find_size(prediction) if find_size else 1.0, 0.0)
+    return size[:, None] * (c.channel[:, None] == read)
 
 
 def _time(prediction: RobotReadings) -> Array:

@@ -311,7 +311,8 @@ class Problem:
         values = np.hstack([np.zeros((len(self.noise.sigma), 0)), *parts]) / self.noise.sigma[:, None]
         values = np.where(np.isfinite(values), values, 0.0)
         projection = self.errors.project(values)
-        parts = (_cut(projection, here) for here in where)
+        whole = projection.stated, projection.scaled, projection.features
+        parts = [type(projection)(*(part[:, here] for part in whole)) for here in where]
         return Library(candidates, where, values, projection, tuple(self.errors.inner(p, p) for p in parts))
 
     def library_at(self, hypothesis: Hypothesis) -> Library:
@@ -350,7 +351,3 @@ def _minimize_within_bounds(candidates: Sequence[Candidate], precision: Array, p
         out[free] = np.linalg.solve(precision[np.ix_(free, free)], rest)
         out = bound_parameters(candidates, out)
     return out
-
-
-def _cut(projection: Projection, columns: slice) -> Projection:
-    return type(projection)(*(part[:, columns] for part in (projection.stated, projection.scaled, projection.features)))

@@ -70,7 +70,8 @@ def judge_findings(found: Findings) -> Judgement:
         known = found.fit_effects(best.words)
         rest = lack_of_fit(found, known)
         if not best.words or strange or rest:
-            return Judgement("unexplained", (), none, (*strange, *_as_tuple(rest if best.words else gap)))
+            left = rest if best.words else gap
+            return Judgement("unexplained", (), none, (*strange, *([left] if left else [])))
         return Judgement("ambiguous", known.words, known, tuple(unsettled))
     alone = sum(p for h, p in zip(found.hypotheses, found.probability, strict=True) if not h.words)
     if alone > MAJORITY or not best.words or strange:
@@ -117,7 +118,7 @@ def _judge_named(found: Findings, kept: Hypothesis, strange: Sequence[str], unse
     else:
         main = found.group(_main(found, kept))
         verdict = "identified" if main.known >= CONFIDENT and not main.elsewhere else "ambiguous"
-    remarks = (*strange, *unsettled, *_as_tuple(rest), *_imitations(found, kept.names))
+    remarks = (*strange, *unsettled, *([rest] if rest else []), *_imitations(found, kept.names))
     return Judgement(verdict, kept.words, kept, remarks)
 
 
@@ -144,10 +145,6 @@ def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:
 def _main(found: Findings, hypothesis: Hypothesis) -> str:
     """The effect of a hypothesis that explains the most alone: of two that with the greater share, too."""
     return min(hypothesis.candidates, key=lambda c: found.chi2(found.fit_effects([c]))).name
-
-
-def _as_tuple(text: str) -> tuple[str, ...]:
-    return (text,) if text else ()
 
 
 def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
