@@ -348,7 +348,15 @@ def _add_planes(
             _merge(groups, joint.first, joint.second)
 
     screwed = {each for each in planes if _count_holes(solids[each.first], solids[each.second], each) > 1}
-    while laid := next((each for each in planes if each in screwed or _lifts_off(each, contacts, bodies)), None):
+    for guide in planes:
+        if guide.kind == "prismatic" and not _lifts_off(guide, contacts, bodies):
+            _merge(groups, guide.first, guide.second)
+
+    def is_laid(plane: Freedom) -> bool:
+        joined = plane.second in groups.get(plane.first, ())  # else what moves with either is lifted off with it
+        return plane in screwed or _lifts_off(plane, contacts, bodies if joined else groups)
+
+    while laid := next(filter(is_laid, planes), None):
         i, j = laid.first, laid.second
         if j in groups.get(i, ()):
             settle(laid, None, _IDLE)
@@ -376,7 +384,7 @@ def _count_holes(one: Instance, other: Instance, plane: Freedom) -> int:
 
 
 def _lifts_off(plane: Freedom, contacts: Sequence[Contact], bodies: dict[int, set[int]]) -> bool:
-    """Whether nothing keeps one of two parts that planes touch, with all that is fixed to it, from being lifted off."""
+    """Whether nothing keeps one of two parts that planes touch, with its ``bodies``, from being lifted off."""
     ends = [bodies.get(each, {each}) for each in (plane.first, plane.second)]
     for one, other in (ends, ends[::-1]):
         touching = [each for each in contacts if each.kind == "plane" and (each.first in one) != (each.second in one)]

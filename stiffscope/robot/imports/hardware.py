@@ -207,14 +207,11 @@ def _role_of(
     if role and not all(_is_about_axis(each, solid, form) for each in touched):
         return "", ""
     named = next((word for word, pattern in _NAMED.items() if pattern.search(solid.name)), "")
-    if named and ((not role and _may_be(named, form)) or (role, named) == ("pin", "screw")):
+    share = 0.2 if named in {"screw", "nut", "circlip"} else 0.6  # turned, at least: no plate named after a screw
+    may_be = form is not None and form.share > share
+    if named and ((not role and may_be) or (role, named) == ("pin", "screw")):
         return named, "its name"
     return role, reason
-
-
-def _may_be(role: str, form: Turned | None) -> bool:
-    """Whether a shape may have a role that its name says: at least partly turned, not a plate named after a screw."""
-    return form is not None and form.share > (0.2 if role in {"screw", "nut", "circlip"} else 0.6)
 
 
 def _add_spacers(

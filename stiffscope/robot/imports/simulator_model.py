@@ -121,16 +121,9 @@ def read_model(path: str | Path, tool: str | None = None, home: Mapping[str, flo
     pose = movable_coordinates(source, body, at)
     source.notes.append(f"tool: {where}; check body and point")
     gravity, notes = np.array(source.model.opt.gravity), tuple(source.notes)
-    return SimulatorModel(
-        _model_name(source), tuple(bodies), tuple(joints), source.mover(body), at, pose, gravity, notes
-    )
-
-
-def _model_name(source: CompiledModel) -> str:
-    """The model's own name, or the file's."""
-    names = source.model.names
-    name = names[: names.find(b"\0")].decode(errors="replace")
-    return print_safely(name if name.strip() and name != "MuJoCo Model" else source.path.stem)
+    own = source.model.names.partition(b"\0")[0].decode(errors="replace")
+    name = print_safely(own if own.strip() and own != "MuJoCo Model" else source.path.stem)
+    return SimulatorModel(name, tuple(bodies), tuple(joints), source.mover(body), at, pose, gravity, notes)
 
 
 def _merge(source: CompiledModel, mover: int, name: str) -> ModelBody:
