@@ -1,1 +1,1 @@
-"""The whole robot: screws, elastic elements in series and parallel, the Biglide, gravity, workspace maps."""
+"""Virtual-joint model of a robot: kinematics, stiffness, gravity, vibration and mobility."""

@@ -29,17 +29,17 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 _ORTHONORMAL = 1e-9
-_BALANCED = 1e-6  # of a stiffness: what a rigid motion may cost, and how unsymmetric it may be
+_BALANCED = 1e-6  # of a stiffness: tolerance of rigid-motion forces and of asymmetry
 
 
 @dataclass(frozen=True, eq=False)
 class Elastic:
-    """What makes a body elastic: its compliance, and the places of its n ends.
+    """Elasticity of a body: its compliance and the places of its n ends.
 
-    ``compliance`` (6m, 6m), m = n - 1: of all ends but the first, which is clamped, in part axes at each end, in their
-    order; ``error`` (6m, 6m): bounds on its entries; ``places`` (n, 3) of the ends in m; ``axes`` (3, 3): columns are
-    the part's x, y, z in base axes; ``ends``: their names; ``offset`` (6m,): twists of the unloaded ends against the
-    first (lack of fit, heat). ``dynamics``: its inertia; without it, the ends share the body's mass alike.
+    ``compliance`` (6m, 6m), m = n - 1, of the ends in part axes with the first clamped; ``error``
+    (6m, 6m): bounds on it; ``places`` (n, 3) of the ends, m; ``axes`` (3, 3): part axes as columns,
+    in base axes; ``ends``: names; ``offset`` (6m,): twists of unloaded ends from the first (lack of
+    fit, heat); ``dynamics``: inertia; without it, the ends share the body's mass equally.
     """
 
     compliance: Array
@@ -63,10 +63,10 @@ class Elastic:
 
 @dataclass(frozen=True, eq=False)
 class Body:
-    """A rigid body, or an elastic one between its ends.
+    """A rigid body, or an elastic one with two or more ends.
 
-    ``mass`` in kg; a rigid body's acts at its ``centre`` (3,), an elastic one's as its ``dynamics`` say.
-    ``inertia`` (3, 3) about the centre, base axes, kg·m².
+    ``mass`` in kg; at the ``centre`` (3,) of a rigid body, distributed by the ``dynamics`` of an
+    elastic one. ``inertia`` (3, 3) about the centre, base axes, kg·m².
     """
 
     name: str
@@ -93,7 +93,7 @@ class Body:
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """What a joint can be attached to."""
+        """Nodes to which joints can be attached."""
         return (self.name,) if self.elastic is None else tuple(f"{self.name}.{end}" for end in self.elastic.ends)
 
     @cached_property
@@ -120,29 +120,29 @@ def member(
     error: ArrayLike | None = None,
     dynamics: Dynamics | None = None,
 ) -> Body:
-    """An elastic body between two ends, ``NAME.base`` and ``NAME.tip``.
+    """Create an elastic body with two ends, ``NAME.base`` and ``NAME.tip``.
 
     Parameters
     ----------
     name
-        Its own, unlike that of any other body.
+        Unique name of the body.
     base, tip
         Places (3,) in m of its ends at home, base axes. Part axes have x from base to tip.
     compliance
-        (6, 6) of its tip, clamped at its base, in part axes at the tip; larger values yield more.
+        (6, 6) of the tip, clamped at the base, in part axes at the tip; larger values are softer.
     y
-        Direction (3,) that the part's y is as near to as can be; by default the base axis after the one nearest to x.
+        Direction (3,) near the part's y; by default the base axis after the one nearest to x.
     mass
-        In kg; half of it acts at either end where there are no ``dynamics``.
+        In kg; half of it acts at each end if ``dynamics`` is None.
     error
         Bounds (6, 6) on the entries of the compliance; by default none.
     dynamics
-        Its inertia between these ends.
+        Inertia referred to these ends.
 
     Returns
     -------
     Body
-        The body; raises InputError for what is not a compliance.
+        The body; raises InputError if the compliance is invalid.
     """
     here = spell_name("bodies", name)
     start = check_vector(base, f"{here}.base", "a position in m")
@@ -164,29 +164,29 @@ def superelement_body(
     mass_matrix: ArrayLike | None = None,
     mode_squares: ArrayLike = (),
 ) -> Body:
-    """An elastic body of two or more interfaces, each a node ``NAME.INTERFACE``, from its unsupported stiffness.
+    """Create an elastic body, nodes ``NAME.INTERFACE``, from its interfaces' unsupported stiffness.
 
     Parameters
     ----------
     name
-        Its own, unlike that of any other body.
+        Unique name of the body.
     interfaces
         Places (3,) in m of its n interfaces in part axes, by name, in the matrix's order.
     stiffness
-        (6n, 6n), N/m, N, N·m/rad: wrenches on the interfaces for their twists, part axes; rigid motions cost nothing.
+        (6n, 6n), N/m, N, N·m/rad, part axes: twists to wrenches, singular to rigid motions.
     at, axes
-        Place (3,) of the part's origin at home, and its axes x, y, z as columns (3, 3); by default the base's.
+        Place (3,) of the part's origin at home, and its axes as columns (3, 3), default the base's.
     mass
-        In kg; the interfaces share it alike where there is no ``mass_matrix``.
+        In kg; the interfaces share it equally if ``mass_matrix`` is None.
     mass_matrix
-        (6n + k, 6n + k) in the same order, then of k fixed-interface modes, kg, kg·m, kg·m².
+        (6n + k, 6n + k) in the same order, followed by k fixed-interface modes; kg, kg·m, kg·m².
     mode_squares
-        (k,) squared angular frequencies of these modes, rad²/s²; by default there are none.
+        (k,) squared angular frequencies of these modes, rad²/s²; none by default.
 
     Returns
     -------
     Body
-        The body; raises InputError for a matrix of another shape, or one that is no unsupported stiffness.
+        The body; raises InputError for a wrong shape or a stiffness that is not unsupported.
     """
     here = spell_name("bodies", name)
     names = tuple(interfaces)
@@ -212,12 +212,12 @@ def superelement_body(
 
 
 def rigid_motions(places: Array) -> Array:
-    """Twists (6n, 6) of points (n, 3) that a body's rigid motions at the first give."""
+    """Return twists (6n, 6) of points (n, 3) under rigid motions of the first point."""
     return np.vstack([shift(place - places[0]) for place in places])
 
 
 def _clamp_first(stiffness: Array, places: Array, here: str) -> Array:
-    """Compliance (6m, 6m) of all interfaces but the first from an unsupported stiffness (6n, 6n)."""
+    """Clamp the first interface of a stiffness (6n, 6n); return the compliance (6m, 6m)."""
     scale = np.sqrt(np.diagonal(stiffness).clip(min=0.0))
     size = np.outer(scale, scale)
     if not (scale > 0.0).all():

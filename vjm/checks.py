@@ -1,4 +1,4 @@
-"""Checks of what is handed to the mechanics: names, shape, finiteness, symmetry, definiteness."""
+"""Input checks of the mechanics: names, shapes, finiteness, symmetry, definiteness."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ _PARALLEL = 1e-6
 
 
 def check_compliance(matrix: ArrayLike, name: str, *, semidefinite: bool = False, ends: int = 1) -> Array:
-    """A compliance (6, 6), or (6m, 6m) of m ``ends``, made exactly symmetric.
+    """Check a compliance (6, 6), or (6m, 6m) of m ``ends``; return it exactly symmetric.
 
-    Raises InputError on another shape, asymmetry or indefiniteness.
+    Raises InputError if it has another shape, is not symmetric or is indefinite.
 
     Parameters
     ----------
     matrix
         Compliance (6m, 6m), SI.
     name
-        Name that messages have.
+        Name for messages.
     semidefinite
         Whether zero compliance in some direction is allowed.
     ends
@@ -66,17 +66,17 @@ def check_compliance(matrix: ArrayLike, name: str, *, semidefinite: bool = False
 
 
 def spell_name(table: str, name: str) -> str:
-    """A body or joint as a robot file spells it, such as ``joints."leg1.motor"``."""
+    """Spell a body or joint as a robot file does, e.g. ``joints."leg1.motor"``."""
     return f"{table}.{name}" if re.fullmatch(r"[A-Za-z0-9_-]+", name) else f'{table}."{name}"'
 
 
 def list_names(names: Sequence[str]) -> str:
-    """Names as a sentence lists them."""
+    """Join names for a sentence."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def check_name(table: str, name: str) -> str:
-    """Refuse a body's or joint's name that is taken; return how a robot file spells it."""
+    """Refuse an empty or reserved name of a body or joint; return its spelling in a robot file."""
     here = spell_name(table, name)
     if not name or name in {GROUND, BASE, TOOL}:
         raise InputError(f"{here}: expected a name of its own, got {name!r}")
@@ -84,18 +84,18 @@ def check_name(table: str, name: str) -> str:
 
 
 def check_array(value: ArrayLike, shape: tuple[int, ...], here: str, what: str) -> Array:
-    """Finite numbers of a given shape.
+    """Check that a value is an array of finite numbers of a given shape.
 
     Parameters
     ----------
     value
         Value to check.
     shape
-        Shape wanted.
+        Expected shape.
     here
-        Field that messages name.
+        Field for messages.
     what
-        What is expected, for messages.
+        Expected quantity, for messages.
 
     """
     array = np.asarray(value, dtype=float)
@@ -107,23 +107,23 @@ def check_array(value: ArrayLike, shape: tuple[int, ...], here: str, what: str) 
 
 
 def check_vector(value: ArrayLike, here: str, what: str) -> Array:
-    """Three finite numbers.
+    """Check that a value is a vector of three finite numbers.
 
     Parameters
     ----------
     value
         Value to check.
     here
-        Field that messages name.
+        Field for messages.
     what
-        What is expected, for messages.
+        Expected quantity, for messages.
 
     """
     return check_array(value, (3,), here, what)
 
 
 def check_direction(value: ArrayLike, here: str) -> Array:
-    """A unit vector (3,) along a direction."""
+    """Return the unit vector (3,) along a direction."""
     vector = check_vector(value, here, "a direction")
     length = float(np.linalg.norm(vector))
     if not length > 0.0:
@@ -134,18 +134,18 @@ def check_direction(value: ArrayLike, here: str) -> Array:
 def axes_along(
     x: ArrayLike, y: ArrayLike | None = None, name: str = "axes", keys: tuple[str, str] = ("x", "y")
 ) -> Array:
-    """Axes (3, 3) as columns: x along ``x`` (3,), y as near to ``y`` (3,) as can be, z = x × y.
+    """Return axes (3, 3) as columns: x along ``x`` (3,), y nearest to ``y`` (3,), z = x × y.
 
-    ``y`` is by default the base axis after the one that ``x`` is nearest to; ``name`` and ``keys`` are for messages.
+    ``name`` and ``keys`` are for messages.
 
     Parameters
     ----------
     x
         Direction (3,) of the first axis.
     y
-        Direction (3,) near the second axis; by default the base axis after that nearest to `x`.
+        Direction (3,) near the second axis; by default the base axis after the one nearest to `x`.
     name
-        Name that messages have.
+        Name for messages.
     keys
         Fields of x and y, for messages.
 
@@ -161,16 +161,16 @@ def axes_along(
 
 
 def assign(owner: object, key: str, value: object) -> None:
-    """Set a field of a frozen dataclass while it is made.
+    """Set a field of a frozen dataclass during its initialization.
 
     Parameters
     ----------
     owner
-        Instance that is being made.
+        Instance under initialization.
     key
-        Its field, or the keys of its table.
+        Name of the field.
     value
-        Value to check.
+        Value to set.
 
     """
     object.__setattr__(owner, key, value)

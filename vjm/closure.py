@@ -1,8 +1,8 @@
 """Loop closure by Newton's method, vectorized over poses.
 
-At home the equations are ranked once: columns without which the rest has full rank are held (idle motions, redundant
-drives), rows that depend on others (overconstrained loops) are only verified. What is left is square and sparse; it is
-factored without pivoting, in an order found at home, every entry a vector over poses.
+The equations are ranked once, at home: columns not needed for full rank are held (idle motions,
+redundant drives); rows that depend on others (overconstrained loops) are only verified. The rest is
+square, sparse and factored without pivoting in an order found at home, entries vectors over poses.
 """
 
 # pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
@@ -24,19 +24,19 @@ if TYPE_CHECKING:
     from stiffscope.vjm.linkage import Linkage, Placed
     from stiffscope.vjm.screws import Array
 
-CLOSED = 1e-12  # errors over the mechanism's own length, and rad
-_ENOUGH = 2e-13  # below which another step gains nothing
+CLOSED = 1e-12  # relative lengths, and rad
+_ENOUGH = 2e-13  # below which another step is useless
 _RANK = 1e-9
 _LOCKED = 1e-7  # of the largest derivative
 _STRUCTURAL = 1e-13
-_PIVOT = 0.05  # of the largest in its row or column, for the sake of sparsity
+_PIVOT = 0.05  # of the largest in its row or column; smaller values are sparser
 _STEPS = 8
-_CONTRACTION = 0.3  # of the second step over the first: beyond, the start was too far
+_CONTRACTION = 0.3  # largest ratio of second to first step of a start close enough
 _NEAR = 1e-6  # of a first step that needs no such check
-_STILL = 1e-4  # rad or own lengths, of a first step after which the next may use the same factors
-_STRAGGLERS = 0.25  # of the poses, that go on alone
-_FAR = 0.7  # rad or own lengths, of a first step
-_PASSIVE_FIRST = 1e-4  # weight of driven columns: passive ones carry the motion where there is a choice
+_STILL = 1e-4  # rad or relative length: first step after which the next may reuse the factors
+_STRAGGLERS = 0.25  # fraction of the poses that continue separately
+_FAR = 0.7  # rad or relative length, of a first step
+_PASSIVE_FIRST = 1e-4  # weight of driven columns: passive ones take the motion if there is a choice
 
 
 Factors: TypeAlias = "SparseFactors | DenseFactors"
@@ -44,17 +44,17 @@ Factors: TypeAlias = "SparseFactors | DenseFactors"
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """Coordinates (m, n), where they close every loop, the links there, and the factors of the last step."""
+    """Coordinates (m, n), whether they close all loops, the links, and the last factors."""
 
     q: Array
     closed: NDArray[np.bool_]
     placed: Placed
-    error: Array  # (rows, n): of every equation
+    error: Array  # (rows, n): error of every equation
     factors: Factors | None
 
 
 def differentiate_closure(linkage: Linkage, q: Array) -> Array:
-    """Derivatives (rows, m, n) of all equations of a linkage's cut joints at coordinates (m, n)."""
+    """Return derivatives (rows, m, n) of all equations of cut joints at coordinates (m, n)."""
     look = linkage.table.look(q)
     whole = look.wrenches @ look.twists.mT
     signs = np.zeros(whole.shape[1:])
@@ -64,9 +64,9 @@ def differentiate_closure(linkage: Linkage, q: Array) -> Array:
 
 
 def find_locked(linkage: Linkage, q: Array) -> tuple[list[int], float]:
-    """Which of the known coordinates the loops lock at coordinates (m,), and how far the others are from that.
+    """Return the known coordinates that the loops lock at (m,), and the margin of the others.
 
-    The latter is the smallest singular value that counts, relative to the largest.
+    The margin is the smallest nonzero singular value relative to the largest.
     """
     known, whole = linkage.known, differentiate_closure(linkage, q[:, None])[..., 0]
     if not known or not len(whole):
@@ -81,7 +81,7 @@ def find_locked(linkage: Linkage, q: Array) -> tuple[list[int], float]:
 
 
 class Closure:
-    """The equations of a linkage's cut joints, ranked and ordered at coordinates ``q`` (m,)."""
+    """Equations of a linkage's cut joints, ranked and ordered at coordinates ``q`` (m,)."""
 
     def __init__(self, linkage: Linkage, q: Array) -> None:
         self.linkage = linkage
@@ -106,7 +106,7 @@ class Closure:
         return [unknown[k] for k in _find_independent(whole[:, unknown] * weight)]
 
     def _order(self, q: Array) -> None:
-        """Pivots by Markowitz's rule, and the fill of the factors."""
+        """Choose pivots by Markowitz's rule, and find the fill of the factors."""
         rng = np.random.default_rng(0)
         spread = q[:, None] + 0.3 * rng.normal(size=(len(q), 3)) * self.linkage.scale[:, None]
         everywhere: NDArray[np.bool_] = np.any(
@@ -152,10 +152,10 @@ class Closure:
         self.weights[:, self.columns] *= self.linkage.scale[self.columns]
 
     def solve(self, q: Array, steps: int = _STEPS, *, patient: bool = False, first: Array | None = None) -> Solution:
-        """Newton's method from coordinates (m, n), whose known rows are as given.
+        """Solve by Newton's method from coordinates (m, n) with their known rows fixed.
 
-        A pose is closed where all equations hold to 1e-12 and the steps contract as they do near a solution: a start
-        too far away may lead to another branch. ``patient``: go on with poses that cannot be closed so.
+        A pose is closed if all equations hold to 1e-12 and the steps contract as near a solution: a
+        start too far away may lead to another branch. ``patient`` continues with poses that do not.
 
         Parameters
         ----------
@@ -164,10 +164,9 @@ class Closure:
         steps
             Largest number of Newton steps.
         patient
-            Go on with poses whose steps do not contract.
+            Continue with poses whose steps do not contract.
         first
-            Size (n,) of a step that led here, from where the way begins; none where it begins here.
-
+            Size (n,) of the step that led here from the start of the path; None at its start.
         """
         n, linkage = q.shape[1], self.linkage
         q = q.copy()
@@ -204,7 +203,7 @@ class Closure:
         return Solution(q, closed, placed, errors, factors)  # pyright: ignore[reportPossiblyUnboundVariable]
 
     def factorize(self, placed: Placed) -> Factors:
-        """Factors of the ranked equations' derivatives."""
+        """Factorize the derivatives of the ranked equations."""
         look = placed.look
         if look:
             whole = look.wrenches.take(self.rows, axis=1) @ look.twists.mT * self.weights
@@ -218,7 +217,7 @@ class Closure:
         return SparseFactors(self, self._eliminate(self._entries(placed, wrenches)))
 
     def _entries(self, placed: Placed, wrenches: list[Array]) -> dict[tuple[int, int], Array]:
-        """Entries (n,) of the derivatives, in the order of elimination; behind the unknown coordinates the known."""
+        """Return entries (n,) of the derivatives in elimination order, unknowns first."""
         entries: dict[tuple[int, int], Array] = {}
         for i, wrench in enumerate(wrenches):
             known = enumerate(self.linkage.known, len(self.rows))
@@ -229,7 +228,7 @@ class Closure:
         return entries
 
     def _eliminate(self, a: dict[tuple[int, int], Array]) -> dict[tuple[int, int], Array]:
-        """Factors L and U in place of the entries."""
+        """Replace the entries by the factors L and U."""
         for k, (below, right) in enumerate(zip(self.below, self.right, strict=True)):
             pivot = a[k, k]
             for i in below:
@@ -241,7 +240,7 @@ class Closure:
         return a
 
     def rates(self, placed: Placed, factors: Factors | None = None) -> Array:
-        """Rates (m, k, n) of all coordinates for unit rates of each known one; ``factors`` may be those near by."""
+        """Return rates (m, k, n) of coordinates per known one; ``factors`` may be from nearby."""
         linkage = self.linkage
         out = np.zeros((linkage.size, len(linkage.known), placed.q.shape[1]))
         with np.errstate(all="ignore"):
@@ -254,21 +253,21 @@ class Closure:
 
 @dataclass(frozen=True, eq=False)
 class SparseFactors:
-    """Factors L and U in the order of a closure's elimination, every entry a vector over poses."""
+    """Factors L and U in a closure's elimination order, every entry a vector over poses."""
 
     closure: Closure
     entries: dict[tuple[int, int], Array]
 
     @property
     def rates(self) -> Array:
-        """What the unknown coordinates (columns, k, n) do for unit rates of each known one, scaled."""
+        """Scaled rates (columns, k, n) of unknowns for unit rates of each known one."""
         size, known = len(self.closure.rows), len(self.closure.linkage.known)
         nothing = np.zeros_like(self.entries[0, 0])
         sides = [[self.entries.get((i, size + k), nothing) for i in range(size)] for k in range(known)]
         return -np.stack([self.solve(side) for side in sides], axis=1)
 
     def solve(self, right: Sequence[Array] | Array) -> Array:
-        """Solution (columns, n) for one right-hand side."""
+        """Return the solution (columns, n) for one right-hand side."""
         factors, y = self.entries, list(right)
         for k, below in enumerate(self.closure.below):
             for i in below:
@@ -282,14 +281,14 @@ class SparseFactors:
 
 @dataclass(frozen=True, eq=False)
 class DenseFactors:
-    """The same for few poses: the inverse (n, columns, rows), NaN where a matrix is singular."""
+    """Factors for few poses: the inverse (n, columns, rows), NaN if a matrix is singular."""
 
     inverse: Array
     others: Array  # (n, rows, known)
 
     @classmethod
     def invert(cls, matrix: Array, others: Array) -> DenseFactors:
-        """Factors of matrices (n, rows, columns) and what known coordinates do to the equations."""
+        """Invert matrices (n, rows, columns); ``others``: derivatives by the known coordinates."""
         try:
             return cls(np.linalg.inv(matrix), others)
         except np.linalg.LinAlgError:
@@ -297,16 +296,16 @@ class DenseFactors:
 
     @property
     def rates(self) -> Array:
-        """As of ``SparseFactors``."""
+        """As ``SparseFactors.rates``."""
         return -(self.inverse @ self.others).transpose(1, 2, 0)
 
     def solve(self, right: Array) -> Array:
-        """Solution (columns, n) for one right-hand side."""
+        """Return the solution (columns, n) for one right-hand side."""
         return (self.inverse @ right.T[..., None])[..., 0].T
 
 
 def _find_independent(matrix: Array) -> list[int]:
-    """Columns that span the range of a matrix, by QR with pivoting."""
+    """Return columns that span the range of a matrix, by QR with pivoting."""
     if not matrix.size:
         return []
     _, r, order = qr(matrix, mode="economic", pivoting=True)  # pyright: ignore[reportAssignmentType]

@@ -1,9 +1,9 @@
 """Condensation of an elastic network to its tool, batched over poses.
 
-All twists and wrenches of nodes stand at M in base axes, so that members in series add their compliances C and collect
-their free directions N, and members in parallel add their stiffnesses ``K = Z (Zᵀ C Z)⁻¹ Zᵀ``. Nodes are eliminated by
-Schur complements, in the order of ``stiffscope.vjm.order``. What only constrains itself in rigid loops is solved with
-its constraints as multipliers (``stiffscope.vjm.saddle``). No singular matrix is inverted.
+All nodal twists and wrenches refer to M in base axes: members in series add compliances C and
+collect free directions N, members in parallel add stiffnesses ``K = Z (Zᵀ C Z)⁻¹ Zᵀ``. Nodes are
+eliminated by Schur complements, in the order of ``stiffscope.vjm.order``; parts stiff only through
+rigid loops are solved with multipliers (``stiffscope.vjm.saddle``). No singular matrix is inverted.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
 
 
 class InfiniteStiffnessError(InputError):
-    """A stiffness is infinite in some direction; the compliance still is what it is."""
+    """A stiffness is infinite in some direction; the compliance is still defined."""
 
 
 @dataclass(eq=False)
 class Stiff:
-    """A stiffened connection, and its stiffness (n or 1, 6, 6) at M in base axes."""
+    """A stiffened connection and its stiffness (n or 1, 6, 6) at M in base axes."""
 
     connection: Connection
     where: Places
@@ -43,14 +43,14 @@ class Stiff:
 
     @cached_property
     def fit(self) -> Array | None:
-        """Coordinates (n, k, 6) of its free directions nearest to a twist; None without any."""
+        """Least-squares map (n, k, 6) from a twist to free coordinates; None without any."""
         free = self.connection.flexible(self.where)[1]
         return fit_free_motions(free, self.length) if free.shape[2] else None
 
 
 @dataclass(eq=False)
 class Eliminated:
-    """An eliminated node: ``half`` W, WᵀW an inverse of its ``own`` stiffness; ``reach`` W G of each neighbour."""
+    """Eliminated node: ``half`` W, WᵀW an inverse of ``own``; ``reach`` W G of each neighbour."""
 
     step: Eliminate
     own: Array
@@ -60,10 +60,10 @@ class Eliminated:
 
 @dataclass(eq=False)
 class Folded:
-    """A node that went with its connection: coordinates ``y = share · force``, twist ``columns · y`` against the start.
+    """A folded node: coordinates ``y = share · force``, twist from the start ``columns · y``.
 
-    ``half`` W with WᵀW an inverse of the coordinates' stiffness ``core``; ``around``: stiffness to each neighbour, and
-    ``own`` their sum.
+    ``half`` W with WᵀW an inverse of the coordinates' stiffness ``core``; ``around``: stiffness to
+    each neighbour; ``own``: their sum.
     """
 
     step: Fold
@@ -80,7 +80,7 @@ Gone: TypeAlias = "Stiff | Eliminated | Folded"
 
 @dataclass(eq=False)
 class Condensed:
-    """A network condensed to ground, tool and what no step could take: stiffnesses between ``pairs`` of nodes."""
+    """A network condensed to ground, tool and irremovable nodes: stiffnesses by node pair."""
 
     order: Order
     where: Places
@@ -88,13 +88,13 @@ class Condensed:
     gone: list[Gone] = field(default_factory=list[Any])
 
     def pair(self, a: str, b: str) -> Array:
-        """Stiffness G (n or 1, 6, 6) between two nodes: b's twist times it is a force on a."""
+        """Return G (n or 1, 6, 6) between two nodes: G times b's twist is a force on a."""
         if (a, b) in self.pairs:
             return self.pairs[a, b]
         return self.pairs[b, a].mT
 
     def add(self, a: str, b: str, stiffness: Array) -> None:
-        """Put one more stiffness between two nodes.
+        """Add a stiffness between two nodes.
 
         Parameters
         ----------
@@ -104,7 +104,6 @@ class Condensed:
             The other node.
         stiffness
             Stiffness, SI.
-
         """
         if (b, a) in self.pairs:
             self.pairs[b, a] = self.pairs[b, a] + stiffness.mT
@@ -114,14 +113,14 @@ class Condensed:
             self.pairs[a, b] = stiffness
 
     def drop(self, node: str, neighbours: tuple[str, ...]) -> None:
-        """Forget the stiffnesses at a node that went."""
+        """Remove the stiffnesses at an eliminated node."""
         for c in neighbours:
             self.pairs.pop((node, c), None)
             self.pairs.pop((c, node), None)
 
 
 def condense_network(order: Order, where: Places) -> Condensed:
-    """Condense a network. Raises InfiniteStiffnessError where a connection has one."""
+    """Condense a network. Raises InfiniteStiffnessError if a connection is infinitely stiff."""
     state = Condensed(order, where)
     ready = iter(_carry_constants(order, where) if where.rigid else ())
     for step in order.steps:
@@ -136,7 +135,7 @@ def condense_network(order: Order, where: Places) -> Condensed:
 
 
 def _carry_constants(order: Order, where: Places) -> Iterator[Array]:
-    """Stiffness (n or 1, 6, 6), at M in base axes, of every connection that has a constant one, in their order."""
+    """Yield the constant connections' stiffnesses (n or 1, 6, 6) at M in base axes, in order."""
     n = len(where.tool)
     turned = [where.rotation[c.anchor] for c, _ in order.constant]
     moved = [where.position[c.anchor] for c, _ in order.constant]
@@ -145,7 +144,7 @@ def _carry_constants(order: Order, where: Places) -> Iterator[Array]:
             back = c.frame(where).inverse_adjoint()
             yield back.mT @ constant @ back
         return
-    rotation = np.array(turned)  # all at once: there calls cost more than numbers do
+    rotation = np.array(turned)  # batched: for few poses call overhead dominates
     origins = np.array([c.origin for c, _ in order.constant])[:, None, :, None]
     back = Frame(rotation, (rotation @ origins)[..., 0] + moved - where.tool).inverse_adjoint()
     yield from back.mT @ np.array([constant for _, constant in order.constant]) @ back

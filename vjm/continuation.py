@@ -1,6 +1,6 @@
-"""Paths of configurations from home: coordinates followed along straight lines of the given values.
+"""Continuation of configurations from home along straight lines in the given values.
 
-Steps are such that Newton's method takes them without doubt, from home or from a pose that was reached before.
+Steps are short enough for Newton's method, from home or from a pose reached before.
 """
 
 # pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
@@ -37,24 +37,24 @@ if TYPE_CHECKING:
 
 _FEW = 1500  # poses, below which each is followed from home
 _LANDMARKS = 1200
-_SHORTEST, _SHORT = 1.0 / 1024.0, 1.0 / 4.0  # of the way from home, or from a pose near by
-_CAREFUL = 1.0 / 16.0  # of the way from home, the longest step where longer ones lead to another branch
-_NEIGHBOURS = 3.0  # distances between poses, within which one is reached from another
+_SHORTEST, _SHORT = 1.0 / 1024.0, 1.0 / 4.0  # of the path from home, or from a nearby pose
+_CAREFUL = 1.0 / 16.0  # of the path from home: longest step if longer ones lead to another branch
+_NEIGHBOURS = 3.0  # multiple of the pose spacing within which one pose is reached from another
 _ROUNDS = 20
-_FIT = 0.05  # rad or own lengths that a predicted start may be off
-_ASIDE = 0.1  # rad, or own lengths, that drives are displaced from a singular home
-_TOGETHER = 3  # drives displaced at once, at most
-_STEP = 1e-4  # rad or own lengths, of differences
-_SAME = 1e-12  # rad or own lengths: a pose that is home
-_DEGREE = 14  # of a polynomial that predicts starts, at most
+_FIT = 0.05  # rad or relative length: tolerance of a predicted start
+_ASIDE = 0.1  # rad or relative length: displacement of drives from a singular home
+_TOGETHER = 3  # largest number of drives displaced together
+_STEP = 1e-4  # rad or relative length, of finite differences
+_SAME = 1e-12  # rad or relative length: a pose taken as home
+_DEGREE = 14  # largest degree of the polynomial that predicts starts
 REACHED, OPEN, RANGE, BRANCH = range(4)
 
 
 @dataclass(eq=False)
 class Solver:
-    """The equations at the configuration that paths start from, and what was learned of them since.
+    """Equations at the start configuration of paths, with cached derivatives.
 
-    ``start`` (m,): home, or the nearest regular configuration; ``displaced``: drives that are off home there.
+    ``start`` (m,): home or the nearest regular configuration; ``displaced``: drives off home there.
     """
 
     mechanism: Mechanism
@@ -63,11 +63,11 @@ class Solver:
     start: Array
     displaced: dict[str, float]
     rates: Array
-    """What coordinates (m, k) do at the start for unit rates of the given values."""
+    """Rates of the coordinates (m, k) at the start per given value."""
     bends: Array
-    """And how these rates change with the given values (m, k, k)."""
+    """Derivatives (m, k, k) of these rates by the given values."""
     home_sign: float = 0.0
-    """Sign of the determinant of drives by commanded coordinates at the start; 0 if it is undetermined."""
+    """Sign of the drives' determinant (``drive_sign``) at the start; 0 if undetermined."""
 
     @cached_property
     def ranges(self) -> tuple[Array, Array]:
@@ -78,7 +78,7 @@ class Solver:
 
     @property
     def start_values(self) -> Array:
-        """Given values (k,) at the start, as displaced from home."""
+        """Given values (k,) at the start, as displacements from home."""
         return self.start[self.linkage.known]
 
 
@@ -86,9 +86,9 @@ _solvers: WeakKeyDictionary[Mechanism, dict[Given, Solver]] = WeakKeyDictionary(
 
 
 def find_solver(mechanism: Mechanism, given: Given) -> Solver:
-    """The equations of a mechanism, ranked once.
+    """Return the cached solver of a mechanism.
 
-    Raises InputError where the tool cannot be moved along a commanded coordinate, at home or near by.
+    Raises InputError if the tool cannot move along a commanded coordinate, at home or nearby.
     """
     known = _solvers.setdefault(mechanism, {})
     if given not in known:
@@ -113,7 +113,7 @@ def find_solver(mechanism: Mechanism, given: Given) -> Solver:
 
 
 def _differentiate_rates(closure: Closure, start: Array, rates: Array) -> Array:
-    """Derivatives (m, k, k) of the rates (m, k, 1) at coordinates (m,) by the known ones, by central differences."""
+    """Return central differences (m, k, k) of the rates (m, k, 1) by known coordinates."""
     known = closure.linkage.known
     step = _STEP * closure.linkage.scale[known]
     ahead, behind = (
@@ -123,9 +123,9 @@ def _differentiate_rates(closure: Closure, start: Array, rates: Array) -> Array:
 
 
 def _find_regular(mechanism: Mechanism, linkage: Linkage) -> tuple[Array, dict[str, float]] | None:
-    """Coordinates (m,) of the nearest regular configuration, and the drives' displacements there; None without any.
+    """Return the nearest regular configuration (m,) and the displaced drives; None if not found.
 
-    It is found by displacing as few drives as can be, those with which it is farthest from a singular one.
+    As few drives as possible are displaced: those that lead farthest from a singular configuration.
     """
     solver, drives = find_solver(mechanism, "drives"), mechanism.drives
     steps = [_step_of(joint, linkage.length) for joint in drives]
@@ -147,14 +147,14 @@ def _find_regular(mechanism: Mechanism, linkage: Linkage) -> tuple[Array, dict[s
 
 
 def _step_of(joint: Joint, length: float) -> float:
-    """Displacement of a drive towards a regular configuration, within its range."""
+    """Return the displacement of a drive towards a regular configuration, within its range."""
     step = _ASIDE * (1.0 if joint.kind == "revolute" else length)
     low, high = (joint.drive.low, joint.drive.high) if joint.drive else (-np.inf, np.inf)
     return step if step <= high else -step if low <= -step else 0.5 * max(high, low, key=abs)
 
 
 def _transfer(source: Linkage, target: Linkage, followed: Followed) -> Array:
-    """Coordinates (m,) of one linkage's spanning tree from a configuration of another's."""
+    """Convert a configuration of one linkage to coordinates (m,) of another's spanning tree."""
     q, tool = np.zeros(target.size), target.mechanism.tool
     for joint in target.mechanism.joints:
         if joint.name in target.columns:
@@ -167,16 +167,16 @@ def _transfer(source: Linkage, target: Linkage, followed: Followed) -> Array:
 
 
 def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
-    """Sign (n,) of the determinant of the drives' rates by the commanded coordinates; zeros where it is not square.
+    """Return the sign (n,) of det(drive rates by commanded coordinates); 0 if not square.
 
     Parameters
     ----------
     solver
-        Solver of the loop closure.
+        Solver of the mechanism.
     placed
-        Links at these coordinates.
+        Links at the configurations.
     rates
-        Rates of the coordinates by the commanded ones.
+        Rates of the coordinates by the commanded coordinates.
 
     """
     drives = solver.mechanism.drives
@@ -207,7 +207,7 @@ def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Followed:
-    """Coordinates ``q`` (m, n) where paths have led, the links there, and ``failure`` (n,): REACHED, OPEN or BRANCH."""
+    """Path ends ``q`` (m, n), the links there, and ``failure`` (n,): REACHED, OPEN or BRANCH."""
 
     q: Array
     placed: Placed
@@ -215,16 +215,16 @@ class Followed:
 
 
 def follow_paths(solver: Solver, values: Array, size: int) -> Iterator[Followed]:
-    """Follow given values (n, k), displacements from home, ``size`` at a time.
+    """Follow paths to given values (n, k), displacements from home, in chunks.
 
     Parameters
     ----------
     solver
-        Solver of the loop closure.
+        Solver of the mechanism.
     values
         Displacements (n, k) from home.
     size
-        Configurations at a time; more take more memory.
+        Configurations per chunk; more take more memory.
 
     """
     if len(values) <= _FEW:
@@ -236,11 +236,11 @@ def follow_paths(solver: Solver, values: Array, size: int) -> Iterator[Followed]
 
 
 class Reached:
-    """Poses reached so far, from which others are."""
+    """Poses reached so far, from which others are reached."""
 
     @classmethod
     def among(cls, solver: Solver, values: Array) -> Reached:
-        """What some of given values (n, k) tell of starts at the others."""
+        """Sample given values (n, k) to predict starts for the others."""
         out, count = cls(solver), min(len(values), _LANDMARKS)
         out.visit(values[np.random.default_rng(0).choice(len(values), count, replace=False)])
         out.fit()
@@ -256,7 +256,7 @@ class Reached:
         self.predict: Callable[[Array], Array] | None = None
 
     def visit(self, values: Array) -> Followed:
-        """Where paths to given values (n, k) lead."""
+        """Follow paths to given values (n, k)."""
         solver, linkage = self.solver, self.solver.linkage
         n = len(values)
         failure = np.zeros(n, dtype=np.int8)
@@ -265,7 +265,7 @@ class Reached:
         q[linkage.known] = values.T
         found = solver.closure.solve(q, first=first)
         q, done, placed = found.q, found.closed.copy(), found.placed
-        factors = None if self.predict is None and n > 1 else found.factors  # stragglers' are those of another place
+        factors = None if self.predict is None and n > 1 else found.factors  # not stragglers'
         if home.any():
             q[:, home], done[home], placed = 0.0, True, None
         if self.predict is None:
@@ -278,7 +278,7 @@ class Reached:
             placed, factors = linkage.place_links(q), None
         failure[~done] = OPEN
         crossed = self._find_crossed(placed, factors) & done & ~home
-        if crossed.any() and self.predict is None:  # a step may end on another branch near by, a short one does not
+        if crossed.any() and self.predict is None:  # short steps stay on their branch
             again = np.flatnonzero(crossed)
             start = np.repeat(solver.start_values[None], len(again), 0), np.repeat(solver.start[:, None], len(again), 1)
             reached, at = self._walk(*start, values[again], _SHORTEST, _CAREFUL)
@@ -289,7 +289,7 @@ class Reached:
         return Followed(q, placed, failure)
 
     def _start(self, values: Array) -> tuple[Array, Array | None]:
-        """Coordinates (m, n) from which to go to given values (n, k), and what was gone (n,) from where paths start."""
+        """Return starts (m, n) for given values (n, k), and step sizes (n,) from the start."""
         if self.predict:
             return self.predict(values), None
         solver, columns = self.solver, self.solver.closure.columns
@@ -308,14 +308,14 @@ class Reached:
         return np.asarray((np.abs(values) < _SAME * self.unit).all(axis=1) & bool(self.solver.displaced))
 
     def _find_crossed(self, placed: Placed, factors: Factors | None = None) -> NDArray[np.bool_]:
-        """Which configurations (n,) are beyond a pose where the drives' rates by the commanded ones are singular."""
+        """Return which configurations (n,) lie beyond a singularity of the drive rates."""
         solver = self.solver
         if not solver.home_sign:
             return np.zeros(placed.q.shape[1], dtype=bool)
         return drive_sign(solver, placed, solver.closure.rates(placed, factors)) * solver.home_sign < 0.0
 
     def _follow(self, values: Array, q: Array, done: NDArray[np.bool_]) -> None:
-        """Reach what one step has not: from home, then those near by from what was reached before them."""
+        """Reach the remaining poses, from home first, then from poses reached before."""
         linkage = self.solver.linkage
         if self.predict is None:
             far = np.flatnonzero(~done)
@@ -342,7 +342,7 @@ class Reached:
         shortest: float,
         first: float = 1.0,
     ) -> bool:
-        """Walk to some of the values from ``start`` among what was reached; whether any new one was."""
+        """Walk to some values from reached ones; return whether any new one was reached."""
         if not some.size:
             return False
         reached, at = self._walk(self.values[start], self.q[:, start], values[some], shortest, first=first)
@@ -354,7 +354,7 @@ class Reached:
     def _walk(
         self, start: Array, q: Array, end: Array, shortest: float, longest: float = 1.0, first: float = 1.0
     ) -> tuple[NDArray[np.bool_], Array]:
-        """Follow coordinates (m, n) from start to end values (n, k), each in steps of its own, as shares of the way."""
+        """Follow coordinates (m, n) from start to end values (n, k), each with its own steps."""
         linkage, closure = self.solver.linkage, self.solver.closure
         q, some = q.copy(), np.arange(q.shape[1])
         way, step = np.zeros(len(some)), np.full(len(some), min(first, longest))
@@ -370,7 +370,7 @@ class Reached:
         return way >= 1.0, q
 
     def fit(self) -> None:
-        """Predict starts by a polynomial of the given values, where one fits what was reached."""
+        """Fit a polynomial that predicts starts; without a good fit use nearest neighbours."""
         low, high = self.values.min(axis=0), self.values.max(axis=0)
         middle, half = 0.5 * (low + high), np.where(high > low, 0.5 * (high - low), 1.0)
         count, k = self.values.shape
@@ -380,7 +380,7 @@ class Reached:
         powers = [p for d in range(degree + 1) for p in combinations_with_replacement(range(k), d)]
 
         def features(values: Array) -> Array:
-            """Products (n, terms) of Chebyshev polynomials of the values."""
+            """Return products (n, terms) of Chebyshev polynomials of the values."""
             tables = chebvander(((values - middle) / half).T, degree)
             out = np.empty((len(powers), len(values)))
             for row, power in enumerate(powers):

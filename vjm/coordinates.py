@@ -1,9 +1,9 @@
-"""Coordinates in which a mechanism vibrates, and its strain and kinetic energy in them, batched over poses.
+"""Coordinates of a vibrating mechanism, with its strain and kinetic energy, batched over poses.
 
-Elements that hold some direction rigidly make a forest: their own coordinates (springs of unit stiffness and free
-motions, ``t = F y + N q``) place every node from the root of its tree, which is the ground or has a twist of its own.
-Those that close loops within a tree add their coordinates and six constraints each. What yields in all directions that
-it does not leave free is a spring between two nodes. Elastic bodies with dynamics add the coordinates of their modes.
+Elements that are rigid in some direction form a forest: their coordinates (unit springs and free
+motions, ``t = F y + N q``) place every node from the root of its tree, which is the ground or has
+its own twist. Elements that close loops in a tree add their coordinates and six constraints each.
+Others are springs between two nodes. Elastic bodies with dynamics add modal coordinates.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.network import Element, Places
     from stiffscope.vjm.screws import Array
 
-_SPANNING = 1e9  # condition number, lengths scaled, up to which an element's directions are independent
+_SPANNING = 1e9  # scaled condition number up to which an element's directions are independent
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,40 +41,40 @@ class Rows:
     matrix: Array
 
     def over(self, columns: NDArray[np.intp]) -> Array:
-        """The matrix (n or 1, r, c) of more columns (c,), which hold its own."""
+        """Return the matrix (n or 1, r, c) over more columns (c,), which include its own."""
         out = np.zeros((*self.matrix.shape[:2], len(columns)))
         out[..., np.searchsorted(columns, self.columns)] = self.matrix
         return out
 
     def plus(self, other: Rows, times: float = 1.0) -> Rows:
-        """The sum with ``times`` others."""
+        """Return the sum with ``times`` other rows."""
         columns = np.union1d(self.columns, other.columns)
         return Rows(columns, self.over(columns) + times * other.over(columns))
 
     def below(self, other: Rows) -> Rows:
-        """Both, one below the other."""
+        """Stack both, one below the other."""
         columns = np.union1d(self.columns, other.columns)
         n = max(len(self.matrix), len(other.matrix))
         parts = [r.over(columns) for r in (self, other)]
         return Rows(columns, np.concatenate([np.broadcast_to(p, (n, *p.shape[1:])) for p in parts], axis=1))
 
     def after(self, matrix: Array) -> Rows:
-        """A matrix (n or 1, k, r) times these."""
+        """Multiply by a matrix (n or 1, k, r) from the left."""
         return Rows(self.columns, matrix @ self.matrix)
 
     def apply_to(self, vectors: Array) -> Array:
-        """Values (n, r, c) for vectors (n, size, c) of all coordinates."""
+        """Return values (n, r, c) for vectors (n, size, c) of all coordinates."""
         return self.matrix @ vectors[:, self.columns]
 
 
 @dataclass(eq=False)
 class Coordinates:
-    """``size`` coordinates, and what is linear in them.
+    """``size`` coordinates and linear functions of them.
 
-    ``twists`` of every node at M in base axes. ``strains`` by element: half of their squares is strain energy in J.
-    ``springs`` by element: how many of its strains are its own springs', and F⁺ᵀ (6, r), which makes its wrench of
-    these. ``inertias``: half of the squares of their rates is kinetic energy. ``rates`` of the driven motions.
-    ``constraints`` (6 rows each) that hold the loops together, lengths over the mechanism's own ``length``.
+    ``twists`` of every node at M in base axes. ``strains`` by element: half their squares is strain
+    energy, J. ``springs`` by element: F⁺ᵀ (6, r), which maps its r spring strains to its wrench.
+    ``inertias``: half the squares of their rates is kinetic energy. ``rates`` of the driven
+    motions. ``constraints`` (6 rows each) of the loops, relative to ``length``.
     """
 
     mechanism: Mechanism
@@ -89,12 +89,12 @@ class Coordinates:
     constraints: list[Rows] = field(default_factory=list[Any])
 
     def more(self, count: int) -> NDArray[np.intp]:
-        """Columns of as many coordinates more."""
+        """Add coordinates; return their columns."""
         self.size += count
         return np.arange(self.size - count, self.size)
 
     def gram(self, rows: Iterable[Rows]) -> Array:
-        """Sum of the squares of rows as a matrix (n, size, size)."""
+        """Return the sum of the squares of rows as a matrix (n, size, size)."""
         out = np.zeros((len(self.where.tool), self.size, self.size))
         for r in rows:
             out[:, r.columns[:, None], r.columns] += r.matrix.mT @ r.matrix
@@ -102,23 +102,23 @@ class Coordinates:
 
     @property
     def stiffness(self) -> Array:
-        """(n, size, size), before the constraints."""
+        """Stiffness (n, size, size), before the constraints."""
         return self.gram(r for rows in self.strains.values() for r in rows)
 
     @property
     def mass(self) -> Array:
-        """(n, size, size), before the constraints."""
+        """Mass (n, size, size), before the constraints."""
         return self.gram(self.inertias)
 
     def some(self, index: NDArray[np.intp]) -> Coordinates:
-        """The same at some of the poses."""
+        """Return the coordinates at some of the poses."""
         keys = ("twists", "strains", "inertias", "rates", "constraints")
         return replace(
             self, where=self.where.some(index), **{key: _pick_rows(getattr(self, key), index) for key in keys}
         )
 
     def jacobian(self) -> Array:
-        """All constraints (n, 6 m, size)."""
+        """Return all constraints (n, 6 m, size)."""
         out = np.zeros((len(self.where.tool), 6 * len(self.constraints), self.size))
         for k, r in enumerate(self.constraints):
             out[:, 6 * k : 6 * k + 6, r.columns] = r.matrix
@@ -126,7 +126,7 @@ class Coordinates:
 
 
 def _pick_rows(rows: Any, index: NDArray[np.intp]) -> Any:
-    """Rows of some poses, in whatever holds them."""
+    """Select poses in rows and containers of rows."""
     if isinstance(rows, Rows):
         return rows if len(rows.matrix) == 1 else replace(rows, matrix=rows.matrix[index])
     if isinstance(rows, list):
@@ -135,25 +135,25 @@ def _pick_rows(rows: Any, index: NDArray[np.intp]) -> Any:
 
 
 def form_coordinates(mechanism: Mechanism, where: Places, length: float, drives: Iterable[str] = ()) -> Coordinates:
-    """Coordinates of a mechanism whose bodies are not bent.
+    """Form the coordinates of a mechanism whose bodies are not bent.
 
     Parameters
     ----------
     mechanism
-        A joint with a drive has its spring; one without moves freely.
+        Mechanism in which joints with a drive have its spring, and those without move freely.
     where
-        Its nodes at n configurations.
+        Places of the nodes at n configurations.
     length
-        Characteristic length in m, by which rotations compare with translations.
+        Characteristic length in m that scales rotations to translations.
     drives
-        Joints without a drive here whose rates are asked for: drives that are free.
+        Joints without a drive whose rates are included: free drives.
     """
     out = Coordinates(mechanism, where, length)
     unit = np.repeat([1.0 / length, 1.0], 3)
     elements = list_elements(mechanism)
     spanning = {e.name: inverse for e in elements if (inverse := _invert_columns(e, unit)) is not None}
     tree, chords = _grow_forest([e for e in elements if e.name not in spanning])
-    own: dict[str, Rows] = {}  # by element, and by body of those that share theirs
+    own: dict[str, Rows] = {}  # by element, and by body for shared coordinates
     _place_nodes(out, tree, own)
     for e in chords:
         own[e.name] = _own_rows(out, e, own)
@@ -177,7 +177,7 @@ def form_coordinates(mechanism: Mechanism, where: Places, length: float, drives:
             else:
                 out.strains[e.name] = [Rows(strain.columns[:r], np.eye(r)[None])]
         if e.joint is not None and e.name in drives:
-            k = r + (1 if e.joint.kind == "cylindrical" else 0)  # turns come first
+            k = r + (1 if e.joint.kind == "cylindrical" else 0)  # rotations come first
             out.rates.append(Rows(own[e.name].columns, own[e.name].matrix[:, k : k + 1]))
     for body in mechanism.bodies:
         _add_inertia(out, body)
@@ -185,12 +185,12 @@ def form_coordinates(mechanism: Mechanism, where: Places, length: float, drives:
 
 
 def _relate_ends(out: Coordinates, e: Element) -> Rows:
-    """Twist of an element's second node against its first, at M in base axes."""
+    """Return the twist of an element's second node relative to its first, at M in base axes."""
     return out.twists[e.second].plus(out.twists[e.first], -1.0)
 
 
 def _invert_columns(e: Element, unit: Array) -> Array | None:
-    """Inverse (6, 6) of ``[F N]`` where that is square and regular at every pose, else None."""
+    """Return the inverse (6, 6) of ``[F N]``; None if not square and regular at every pose."""
     if e.group or (e.joint is not None and e.joint.kind == "universal") or e.factor.shape[1] + e.free.shape[1] != 6:
         return None
     both = np.hstack([e.factor, e.free])
@@ -200,7 +200,7 @@ def _invert_columns(e: Element, unit: Array) -> Array | None:
 
 
 def _grow_forest(elements: list[Element]) -> tuple[list[Element], list[Element]]:
-    """Elements of a spanning forest, those with few coordinates first, and those that close loops within a tree."""
+    """Return a spanning forest, elements with few coordinates first, and those that close loops."""
     parent: dict[str, str] = {}
 
     def top(node: str) -> str:
@@ -218,7 +218,7 @@ def _grow_forest(elements: list[Element]) -> tuple[list[Element], list[Element]]
 
 
 def _own_rows(out: Coordinates, e: Element, own: dict[str, Rows]) -> Rows:
-    """Coordinates of an element's own: its springs, then its free motions; its body's, where several share them."""
+    """Return an element's coordinates, springs then free motions; its body's if shared."""
     if e.group in own:
         return own[e.group]
     count = e.factor.shape[1] + e.free.shape[1]
@@ -229,13 +229,13 @@ def _own_rows(out: Coordinates, e: Element, own: dict[str, Rows]) -> Rows:
 
 
 def _columns(e: Element, where: Places) -> Array:
-    """Twists ``[F N]`` (n or 1, 6, c) of an element's own coordinates at M in base axes."""
+    """Return twists ``[F N]`` (n or 1, 6, c) of an element's coordinates at M in base axes."""
     free = free_directions(e, where)
     return where.adjoint(e) @ stack_columns([where.factor(e), free])
 
 
 def _place_nodes(out: Coordinates, tree: list[Element], own: dict[str, Rows]) -> None:
-    """Twists of all nodes, outward from the ground and from roots of their own."""
+    """Set the twists of all nodes, outward from the ground and from free roots."""
     at: dict[str, list[Element]] = {}
     for e in tree:
         at.setdefault(e.first, []).append(e)
@@ -264,7 +264,7 @@ def _add_inertia(out: Coordinates, body: Body) -> None:
     where, elastic = out.where, body.elastic
 
     def express_twist(node: str, home: Array, axes: Array) -> Rows:
-        """Twist of a node at a point of its own, axes that ride on it."""
+        """Return a node's twist at a point of its own, in axes fixed to it."""
         frame = Frame(where.rotation[node] @ axes, where.point(node, home) - where.tool)
         return out.twists[node].after(frame.inverse_adjoint())
 

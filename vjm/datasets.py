@@ -1,4 +1,4 @@
-"""Results with names: as a dataset of xarray, and as a table of pandas with a row a pose."""
+"""Labelled results: as an xarray dataset, and as a pandas table with a row per pose."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 
 
 class Labelled(ABC):
-    """A result at n poses that has names for its axes, and a short account of itself."""
+    """A result at n poses with labelled axes and a short summary."""
 
     __repr__ = describe_briefly
 
     @abstractmethod
     def to_xarray(self) -> xr.Dataset:
-        """Return the numbers with names along pose, twist (x y z rx ry rz) and wrench, units in their attributes."""
+        """Return values labelled by pose, twist (x y z rx ry rz) and wrench, with units."""
 
     def to_pandas(self) -> pd.DataFrame:
-        """Return a row for each pose; a column for each number, named after its place: `stiffness_fx_x`."""
+        """Return a row per pose and a column per labelled number, e.g. `stiffness_fx_x`."""
         import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
 
         dataset: Any = self.to_xarray()
@@ -58,9 +58,9 @@ def make_dataset(
     found
         Configurations at the n poses.
     variables
-        Dimensions, values and unit of each variable; "m, rad" stands for the twist's or wrench's two units.
+        Dimensions, values and unit of each variable; "m, rad" for a twist's or wrench's two units.
     names
-        Names along dimensions other than pose, twist and wrench.
+        Labels along dimensions other than pose, twist and wrench.
 
     """
     import xarray as xr

@@ -1,4 +1,4 @@
-"""Mass of an elastic body condensed on its ends and a few modes between them (Craig and Bampton)."""
+"""Craig-Bampton mass of an elastic body, on its ends and a few modes."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 _SYMMETRY = 1e-6  # relative
-_INDEFINITE = -1e-6  # relative eigenvalue of a condensed mass that is more than rounding
+_INDEFINITE = -1e-6  # relative eigenvalue of a condensed mass beyond rounding
 
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
     """Inertia of an elastic body: ``mass`` (6n + k, 6n + k), ``squares`` (k,), and bounds ``error`` (k,) of these.
 
-    Coordinates are the twists of its n ends, each at its place, and k mass-normalized fixed-interface modes, part axes;
-    ``squares`` are those modes' squared angular frequencies in rad²/s². Its stiffness has no coupling between the ends
-    and the modes.
+    Coordinates are the twists of its n ends, at their places, and k mass-normalized fixed-interface
+    modes, part axes; ``squares`` are the modes' squared angular frequencies, rad²/s². Its stiffness
+    does not couple ends and modes.
 
     References
     ----------
@@ -56,12 +56,12 @@ class Dynamics:
 
     @cached_property
     def factor(self) -> Array:
-        """Γ (r, 6n + k) with ``ΓᵀΓ`` the mass; InputError where that is indefinite."""
+        """Γ (r, 6n + k) with ``ΓᵀΓ`` the mass; InputError if it is indefinite."""
         return factor_semidefinite(self.mass, "dynamics: expected a positive semidefinite condensed mass")
 
     @cached_property
     def load(self) -> Array:
-        """Wrenches (6n, 3) at the ends for unit accelerations along the part's x, y, z, that act on all of it."""
+        """Wrenches (6n, 3) at the ends for unit accelerations of the part along x, y, z."""
         size = self.ends_size
         return sum((self.mass[:size, k : k + 3] for k in range(0, size, 6)), np.zeros((size, 3)))
 
@@ -72,25 +72,25 @@ class Dynamics:
 
     @property
     def ends_size(self) -> int:
-        """6n: how many coordinates are its ends' twists."""
+        """6n: number of coordinates that are end twists."""
         return len(self.mass) - self.squares.size
 
     def move_ends(self, *ways: ArrayLike) -> Dynamics:
-        """The same for ends at other points, each (3,) from its present one, part axes."""
+        """Return the inertia for displaced ends, each by a vector (3,) in part axes."""
         carry = np.eye(len(self.mass))
         for k, way in enumerate(ways):
             carry[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = shift(-np.asarray(way, dtype=float))
         return Dynamics(carry.T @ self.mass @ carry, self.squares, self.error)
 
     def scale_density(self, factor: float) -> Dynamics:
-        """The same of a material ``factor`` times as dense; modes are normalized anew."""
+        """Return the inertia for ``factor`` times the density; modes are normalized again."""
         unit = np.repeat([np.sqrt(factor), 1.0], [self.ends_size, self.squares.size])
         error = None if self.error is None else self.error / factor
         return Dynamics(self.mass * np.outer(unit, unit), self.squares / factor, error)
 
 
 def factor_semidefinite(matrix: Array, message: str) -> Array:
-    """Γ (r, m) with ``ΓᵀΓ`` a positive semidefinite matrix (m, m); InputError with the message where it is not."""
+    """Return Γ (r, m) with ``ΓᵀΓ`` the matrix (m, m); raise InputError if it is indefinite."""
     diagonal = np.sqrt(np.diagonal(matrix).clip(min=0.0))
     unit = np.where(diagonal > 0.0, diagonal, 1.0)
     values, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))

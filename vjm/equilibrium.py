@@ -1,6 +1,6 @@
-"""Solutions of a condensed network: its stiffness at the tool, and equilibrium under loads.
+"""Solutions of a condensed network: tool stiffness, and equilibrium under loads.
 
-What no step of the condensation could take is solved as a saddle-point system.
+Connections that condensation cannot remove are solved as a saddle-point system.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ if TYPE_CHECKING:
     from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
 
-_ROUNDING = 1e-12  # of a drive's wrench: a force that is none
+_ROUNDING = 1e-12  # of a drive's wrench: a force taken as zero
 
 
 def tool_stiffness(state: Condensed) -> Array:
-    """Stiffness (n or 1, 6, 6) at M in base axes. Raises InfiniteStiffnessError where it would be infinite."""
+    """Return the stiffness (n or 1, 6, 6) at M, base axes. Raises InfiniteStiffnessError."""
     if state.order.left:
         return saddle_stiffness(state)
     if (GROUND, END) in state.pairs or (END, GROUND) in state.pairs:
@@ -43,14 +43,14 @@ def tool_stiffness(state: Condensed) -> Array:
 
 
 def solve_loads(order: Order, where: Places, loads: Loads) -> Response:
-    """Equilibrium under loads on nodes (the tool is one) and offsets.
+    """Solve the equilibrium under loads on nodes, including the tool, and offsets.
 
-    Raises InputError where something moves freely under its load.
+    Raises InputError if something moves freely under its load.
 
     Parameters
     ----------
     order
-        Order in which the network is condensed.
+        Elimination order of the network.
     where
         Places of all nodes at n configurations.
     loads
@@ -65,14 +65,14 @@ def solve_loads(order: Order, where: Places, loads: Loads) -> Response:
 
 
 def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
-    """``solve_loads`` with every drive by its law: each case an equilibrium of its own.
+    """Solve ``solve_loads`` with the drives' laws, one equilibrium per case.
 
-    Raises InputError as well where none is found.
+    Also raises InputError if no equilibrium is found.
 
     Parameters
     ----------
     order
-        Order in which the network is condensed.
+        Elimination order of the network.
     where
         Places of all nodes at n configurations.
     loads
@@ -116,7 +116,7 @@ def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
 
 
 def _force_along(wrench: Array, component: int, length: float) -> Array:
-    """Component (n, c) of wrenches (n, 6, c), without what is rounding beside the others."""
+    """Return a component (n, c) of wrenches (n, 6, c), with rounding set to zero."""
     unit = np.repeat([length, 1.0] if component > 2 else [1.0, 1.0 / length], 3)
     size = np.abs(wrench * unit[:, None]).max(axis=1)
     return np.where(np.abs(wrench[:, component]) > _ROUNDING * size, wrench[:, component], 0.0)
@@ -129,22 +129,22 @@ def map_segments(
     entries: tuple[int, ...],
     work: Callable[[Order, Places, int], Array],
 ) -> Array:
-    """What is found (n, *entries, c) of the linear robots that drives with laws make of theirs under c cases of loads.
+    """Map ``work`` over the robots, linearized by their drives' laws: (n, *entries, c) for c cases.
 
-    ``work`` gets the order of one, the places of some poses, and the number of the case; NaN where it moves freely.
+    NaN if the robot moves freely.
 
     Parameters
     ----------
     order
-        Order in which the network is condensed.
+        Elimination order of the network.
     where
         Places of all nodes at n configurations.
     loads
         Wrenches on nodes and imposed offsets, c cases.
     entries
-        Shape of what is found for each pose and case.
+        Shape of the result for each pose and case.
     work
-        Gets a linear order, the places of some poses and the number of the case.
+        Function of a linear order, the places of some poses and the case number.
 
     """
     laws = find_laws(order.mechanism)

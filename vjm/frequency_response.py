@@ -1,4 +1,4 @@
-"""Frequency response of a mechanism at a pose: displacement by a harmonic force, by superposition of modes."""
+"""Frequency response of a mechanism at a pose by modal superposition."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ if TYPE_CHECKING:
     from stiffscope.vjm.pencil import Drives
     from stiffscope.vjm.screws import Array
 
-_FREELY = 1e-6  # of a motion without stiffness and inertia, that a port takes part in
+_FREELY = 1e-6  # of a massless free motion: participation of a port
 
 
 @dataclass(frozen=True, eq=False)
 class Port:
-    """Where a force acts or a displacement is read: along ``direction`` (6,) at a node's point ``at`` (3,) at home.
+    """A point of force or response: ``direction`` (6,) at a node's home point ``at`` (3,).
 
-    ``direction``: of a force and a moment, or of a displacement and a rotation, base axes. Without a node, the tool.
+    ``direction``: force and moment, or displacement and rotation, base axes. Node None is the tool.
     """
 
     node: str | None
@@ -46,30 +46,30 @@ def frequency_response(
     damping: float = 0.01,
     drives: Drives = "held",
 ) -> NDArray[np.complex128]:
-    """Receptance: complex displacement at one port for a unit force at another, at frequencies (f,) in Hz.
+    """Return the receptance: complex displacement at one port per unit force at another.
 
     Parameters
     ----------
     mechanism, found
-        The mechanism, at one configuration.
+        Mechanism, and one configuration of it.
     source, target
-        Where the force acts, and where the displacement is read.
+        Ports of the force and of the response.
     frequencies
         (f,) in Hz, above 0.
     damping
-        Modal damping ratio, the same of every mode.
+        Modal damping ratio, equal for all modes.
     drives
         As for `modes`.
 
     Returns
     -------
     ndarray
-        (f,), in m/N, m/(N·m), rad/N or rad/(N·m). Every mode of the model is there, and what has no inertia statically.
+        (f,), in m/N, m/(N·m), rad/N or rad/(N·m). Massless motions are static.
 
     Raises
     ------
     InputError
-        A port on no body, a frequency or damping ratio out of range, or a port that moves freely without inertia.
+        If a port has no body or moves freely without inertia, or a value is out of range.
 
     References
     ----------
@@ -103,7 +103,7 @@ def frequency_response(
 
 
 def _displace_port(system: Coordinates, port: Port, vectors: Array) -> Array:
-    """Displacement (n, c) of a port for vectors (n, size, c)."""
+    """Return the displacement (n, c) of a port for vectors (n, size, c)."""
     node = END if port.node is None else port.node
     if node not in system.twists:
         raise InputError(f"expected a body or an end of one, {', '.join(system.twists)}, got {node!r}")

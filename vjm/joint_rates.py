@@ -1,4 +1,4 @@
-"""Joint rates of a mechanism at one configuration, and the twists that they cause, every body rigid."""
+"""Joint rates of a mechanism at one configuration, and the twists they cause, with rigid bodies."""
 
 from __future__ import annotations
 
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
 
 
 class JointRates:
-    """Rates of all joints in their order, rad/s and own lengths/s; twists at the middle of the mechanism, base axes.
+    """Rates of all joints, rad/s and lengths/s; twists at the mechanism's middle, base axes.
 
-    ``loops``: independent loops, as joints by number and the sign in which each is gone through.
+    ``loops``: independent loops, as joint numbers with the sign of traversal.
     """
 
     def __init__(self, mechanism: Mechanism, configurations: Configurations | None, index: int) -> None:
@@ -49,7 +49,7 @@ class JointRates:
         return rotation @ home + position
 
     def _screws(self, joint: Joint, at: Array) -> Array:
-        """Unit rates of a joint's motions (6, k): twist of its second body against its first."""
+        """Return twists (6, k) of a joint's second body relative to its first for unit rates."""
         first, second = self.place[joint.first][0], self.place[joint.second][0]
         arm = (at - self.middle) / self.length
         out: list[Array] = []
@@ -64,26 +64,26 @@ class JointRates:
         return np.array(out).T if out else np.zeros((6, 0))
 
     def columns(self, k: int) -> slice:
-        """Columns of a joint among all rates."""
+        """Return a joint's columns among all rates."""
         return slice(int(self.starts[k]), int(self.starts[k + 1]))
 
     def add_twists(self, way: Iterable[tuple[int, float]]) -> Array:
-        """Twist (6, m) of the end of a way through joints against its start."""
+        """Return the twist (6, m) of a path's end relative to its start."""
         out = np.zeros((6, int(self.starts[-1])))
         for k, sign in way:
             out[:, self.columns(k)] += sign * self.screws[k]
         return out
 
     def of_body(self, name: str) -> Array:
-        """Twist (6, m) of a body against the ground."""
+        """Return the twist (6, m) of a body relative to the ground."""
         return self.add_twists(self.paths[name])
 
     def bodies(self, loop: Sequence[tuple[int, float]]) -> tuple[str, ...]:
-        """The bodies that a loop passes, in its order."""
+        """Return the bodies of a loop, in order."""
         return tuple(self.edges[k][0 if sign > 0.0 else 1] for k, sign in loop)
 
     def names(self, some: Iterable[int]) -> tuple[str, ...]:
-        """Joints by name."""
+        """Return names of joints."""
         return tuple(self.joints[k].name for k in some)
 
 
@@ -92,7 +92,7 @@ def _nodes(mechanism: Mechanism) -> tuple[str, ...]:
 
 
 def _place_node(configurations: Configurations | None, index: int, node: str) -> tuple[Array, Array]:
-    """Displacement of a node since home, ``x = R x_home + p``."""
+    """Return a node's displacement from home, ``x = R x_home + p``."""
     if configurations is None:
         return np.eye(3), np.zeros(3)
     linkage = configurations.linkage
@@ -105,9 +105,9 @@ def _rotation(arm: Array, axis: Array) -> Array:
 
 
 def span_tree(edges: Edges) -> tuple[dict[str, Way], list[int]]:
-    """Ways from the ground to every body, breadth first, and the joints outside of this tree.
+    """Return breadth-first paths from the ground to all bodies, and the joints outside this tree.
 
-    ``edges``: the two bodies of each joint. A way is joints by number, -1 beside one that is gone backwards.
+    ``edges``: the two bodies of each joint. A path is joint numbers with signs, -1 if reversed.
     """
     paths: dict[str, Way] = {GROUND: []}
     queue, used = deque([GROUND]), set[int]()
@@ -123,7 +123,7 @@ def span_tree(edges: Edges) -> tuple[dict[str, Way], list[int]]:
 
 
 def _close_loops(edges: Edges, paths: dict[str, Way], chords: list[int]) -> list[Way]:
-    """One loop for each chord, the shortest first, through the tree and chords that were taken before it."""
+    """Return one loop per chord, shortest first, through the tree and earlier chords."""
     open_edges = {k for path in paths.values() for k, _ in path}
     out: list[Way] = []
     left = list(chords)

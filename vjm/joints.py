@@ -1,4 +1,4 @@
-"""Joints: what each kind leaves free, its drive, spring and bearing."""
+"""Joints: their free motions, drives, springs and bearings."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ FREE: dict[str, tuple[int, ...]] = {
     "spherical": (3, 4, 5),
     "planar": (1, 2, 3),
 }
-"""What each kind of joint leaves free of x y z rx ry rz in its axes, in the order of its coordinates; the second axis
-of a universal joint need not be square to the first. All else is held."""
+"""Free components, among x y z rx ry rz in the joint's axes, by kind, in the order of its
+coordinates; all others are held. A universal joint's axes need not be perpendicular."""
 DRIVEN = {"revolute": 3, "prismatic": 0, "cylindrical": 0}
-"""The component that a drive acts along."""
+"""Component along which a drive acts."""
 LED = ("revolute", "prismatic", "cylindrical")
-"""Kinds that lead a body about or along one axis."""
-ALIKE = ("revolute", "prismatic", "universal", "spherical")  # free motions of one unit, which a spring may resist
+"""Kinds that guide a body about or along one axis."""
+ALIKE = ("revolute", "prismatic", "universal", "spherical")  # free motions have one unit
 
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """Force over deflection, odd: straight from each of ``starts`` (m,) on, m or rad, by its ``slopes`` (m,).
+    """Odd, piecewise linear force-deflection law: ``slopes`` (m,) beyond ``starts`` (m,), m or rad.
 
-    The first start is half the backlash, within which there is no force.
+    The first start is half the backlash, within which the force is zero.
     """
 
     starts: Array
@@ -55,7 +55,7 @@ class Law:
 
     @classmethod
     def from_curve(cls, curve: ArrayLike, backlash: float = 0.0) -> Law:
-        """From forces at deflections (m, 2), straight from the origin and beyond the last, past half a backlash."""
+        """Create a law from (deflection, force) points (m, 2), extrapolated, and a backlash."""
         points = np.vstack([np.zeros((1, 2)), np.asarray(curve, dtype=float)])
         steps = np.diff(points, axis=0)
         if not (np.isfinite(points).all() and (steps > 0.0).all()):
@@ -66,7 +66,7 @@ class Law:
 
     @property
     def backlash(self) -> float:
-        """Lost motion from one side to the other, m or rad."""
+        """Total lost motion, m or rad."""
         return 2.0 * float(self.starts[0])
 
     @cached_property
@@ -75,19 +75,19 @@ class Law:
         return np.concatenate([[0.0], np.cumsum(self.slopes[:-1] * np.diff(self.starts))])
 
     def segment(self, deflection: Array) -> NDArray[np.intp]:
-        """0 within the backlash, 1, 2, … beyond each start; negative on the other side."""
+        """Return segments: 0 within the backlash, ±1, ±2, … beyond each start by sign."""
         count = np.searchsorted(self.starts, np.abs(deflection), side="right")
         return np.where(deflection < 0.0, -count, count)
 
     def line(self, segment: int) -> tuple[float, float]:
-        """Slope of a segment, and the deflection at which its straight line carries no force."""
+        """Return a segment's slope, and the deflection at which its line has zero force."""
         if not segment:
             return 0.0, 0.0
         k = abs(segment) - 1
         return float(self.slopes[k]), float(np.sign(segment) * (self.starts[k] - self.forces[k] / self.slopes[k]))
 
     def force(self, deflection: Array) -> Array:
-        """Forces at deflections, N or N·m."""
+        """Return forces at deflections, N or N·m."""
         size = np.abs(deflection)
         out = self.slopes[-1] * np.maximum(size - self.starts[-1], 0.0)
         for k in range(len(self.starts) - 1):
@@ -95,12 +95,12 @@ class Law:
         return np.copysign(out, deflection)
 
     def slope(self, deflection: Array) -> Array:
-        """Tangent stiffness at deflections; 0 within the backlash."""
+        """Return tangent stiffnesses at deflections; 0 within the backlash."""
         size = np.searchsorted(self.starts, np.abs(deflection), side="right")
         return np.concatenate([[0.0], self.slopes])[size]
 
     def energy(self, deflection: Array) -> Array:
-        """Strain energy at deflections, J."""
+        """Return strain energies at deflections, J."""
         size, out = np.abs(deflection), np.zeros(np.shape(deflection))
         ends = np.append(self.starts[1:], np.inf)
         for start, end, slope, force in zip(self.starts, ends, self.slopes, self.forces, strict=True):
@@ -109,11 +109,11 @@ class Law:
         return out
 
     def subtract_spring(self, stiffness: float) -> Law:
-        """Force over what a deflection has more than a spring of a stiffness above all slopes would have."""
+        """Return the law relative to a spring: force over deflection in excess of the spring's."""
         return Law(self.starts - self.forces / stiffness, self.slopes / (1.0 - self.slopes / stiffness))
 
     def add_compliance(self, compliance: float) -> Law:
-        """The same with a compliance in series, which may be negative. Raises InputError where none is left."""
+        """Add a compliance in series, which may be negative. Raises InputError if none is left."""
         left = 1.0 / self.slopes + compliance
         if not (left > 0.0).all():
             raise InputError(f"expected a drive that yields, got a compliance of {left.min():.6g}")
@@ -122,9 +122,9 @@ class Law:
 
 @dataclass(frozen=True, eq=False)
 class Drive:
-    """A spring along the free direction of a joint, N/m or N·m/rad, and the range of its displacement from home.
+    """Spring along a joint's free direction, N/m or N·m/rad, and its range relative to home.
 
-    ``law``: its force over deflection where it is not linear; its stiffness is then the slope beyond the backlash.
+    ``law``: its force-deflection law if nonlinear; the stiffness is then its first slope.
     """
 
     stiffness: float
@@ -134,16 +134,16 @@ class Drive:
 
     @property
     def unloaded_stiffness(self) -> float:
-        """Its tangent stiffness without load: 0 where it has backlash."""
+        """Tangent stiffness without load: 0 with backlash."""
         return 0.0 if self.law is not None and self.law.starts[0] else self.stiffness
 
     def add_backlash(self, backlash: float) -> Drive:
-        """The same with more backlash."""
+        """Return the drive with additional backlash."""
         law = Law(np.zeros(1), np.array([self.stiffness])) if self.law is None else self.law
         return replace(self, law=Law(law.starts + 0.5 * backlash, law.slopes))
 
     def add_compliance(self, compliance: float) -> Drive:
-        """The same with a compliance in series, which may be negative. Raises InputError where none is left."""
+        """Add a compliance in series, which may be negative. Raises InputError if none is left."""
         law = (Law(np.zeros(1), np.array([self.stiffness])) if self.law is None else self.law).add_compliance(
             compliance
         )
@@ -154,13 +154,13 @@ class Drive:
 class Joint:
     """A joint between two nodes, ``first`` and ``second``.
 
-    ``at`` (3,) in m; ``axis`` (3,) rides on the first body, ``axis2`` of a universal joint on the second. The joint's
-    axes have x along ``axis`` and y as near to ``axis2`` as can be (by default the next base axis; without ``axis``,
-    the base axes); they ride on the first body, their origin on the second. ``compliance`` (6, 6) of its bearing and
-    ``offset`` (6,) of the unloaded second body (encoder offset, lack of fit), both there. ``astray`` (6,): twist that
-    carries the joint from where it is drawn to where it really is, there too; bodies are as drawn at home, and poses
-    are those of the drawing. ``spring`` in N/m or N·m/rad resists each free motion of a passive joint (a flexure);
-    unloaded at the displacement ``rest`` from home.
+    ``at`` (3,) in m; ``axis`` (3,) is fixed to the first body, ``axis2`` of a universal joint to
+    the second. Joint axes: x along ``axis``, y nearest to ``axis2`` (by default the next base axis;
+    without ``axis``, base axes), fixed to the first body, origin on the second. In these axes:
+    bearing ``compliance`` (6, 6), ``offset`` (6,) of the unloaded second body (encoder offset, lack
+    of fit), ``astray`` (6,), the twist from the nominal to the actual joint; bodies at home, and
+    poses, are nominal. ``spring`` in N/m or N·m/rad resists each free motion of a passive joint (a
+    flexure); unloaded at the displacement ``rest`` from home.
     """
 
     name: str
@@ -228,13 +228,13 @@ class Joint:
 
     @cached_property
     def axes(self) -> Array:
-        """Columns (3, 3): the joint's x, y, z in base axes at home."""
+        """Joint axes x, y, z as columns (3, 3), in base axes at home."""
         here = spell_name("joints", self.name)
         return np.eye(3) if self.axis is None else axes_along(self.axis, self.axis2, here, ("axis", "axis2"))
 
     @cached_property
     def motions(self) -> tuple[tuple[str, Array], ...]:
-        """Free motions in their order: ``R`` or ``P`` and the direction (3,) in base axes at home, or ``S``."""
+        """Free motions: ``R`` or ``P`` with a direction (3,) in base axes at home, or ``S``."""
         if self.kind == "spherical":
             return (("S", np.zeros(3)),)
         motions = [("R" if k > 2 else "P", self.axes[:, k % 3]) for k in FREE[self.kind]]
@@ -244,23 +244,23 @@ class Joint:
 
     @property
     def driven(self) -> int | None:
-        """Which of the free motions the drive acts along; None without a drive."""
+        """Index of the free motion along which the drive acts; None without a drive."""
         return None if self.drive is None else FREE[self.kind].index(DRIVEN[self.kind])
 
     @property
     def resistance(self) -> float:
-        """Stiffness of its unloaded drive, or of its spring along each free motion, N/m or N·m/rad; 0 without one."""
+        """Unloaded stiffness of the drive, or of its springs, N/m or N·m/rad; else 0."""
         return self.drive.unloaded_stiffness if self.drive is not None else self.spring or 0.0
 
     def resists(self, motion: int) -> bool:
-        """Whether its drive or spring acts along a free motion, by number."""
+        """Return whether the drive or spring acts along a free motion, given by index."""
         return self.resistance > 0.0 and (self.drive is None or motion == self.driven)
 
     @cached_property
     def held_components(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
-        """Components along the joint's axes that it holds: of translation, of rotation (0, 1, 2).
+        """Held components along the joint's axes: of translation and of rotation (0, 1, 2).
 
-        The rotation that a universal joint holds is the one across both of its axes.
+        A universal joint holds the rotation about the common normal of its axes.
         """
         held = [k for k in range(6) if k not in FREE[self.kind]]
         return tuple(k for k in held if k < 3), tuple(k - 3 for k in held if k >= 3)

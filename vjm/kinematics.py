@@ -1,6 +1,6 @@
-"""Kinematics of any mechanism: configurations from tool poses or from displacements of the drives.
+"""Kinematics of a mechanism: configurations from tool poses or from drive displacements.
 
-The branch is the one that is reached from home without passing a singular pose.
+The solution branch is the one connected to home without passing a singular pose.
 """
 
 from __future__ import annotations
@@ -30,17 +30,17 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
-CHUNK = 1024  # poses; what is at work stays within the processor's cache
-_SLACK = 1e-9  # rad or m; a drive at the very end of its range is still in it
+CHUNK = 1024  # poses; the working set fits the processor's cache
+_SLACK = 1e-9  # rad or m; tolerance at the ends of a drive's range
 
 
 @dataclass(frozen=True, eq=False)
 class Configurations:
     """A mechanism at n configurations.
 
-    ``poses`` (n, k): commanded tool coordinates; ``tool`` (n, 6): x y z in m, rotation vector from home in rad;
-    ``valid`` (n,): where every loop closes on the branch of home with all drives in range. Elsewhere numbers are NaN
-    and ``reason`` is why.
+    ``poses`` (n, k): commanded tool coordinates; ``tool`` (n, 6): x y z in m, rotation vector from
+    home in rad; ``valid`` (n,): whether every loop closes on the branch of home with all drives in
+    range. If not, numbers are NaN and ``reason`` explains why.
     """
 
     __repr__ = describe_briefly
@@ -64,7 +64,7 @@ class Configurations:
 
     @cached_property
     def placed_links(self) -> Placed:
-        """Links where they are."""
+        """Links at their places."""
         return self.linkage.place_links(self.q)
 
     def link_frame(self, link: int) -> tuple[Array, Array]:
@@ -76,9 +76,9 @@ class Configurations:
         return rotation, np.ascontiguousarray(self.placed_links.position[link].T)
 
     def frame(self, node: str) -> tuple[Array, Array]:
-        """Rotation (n, 3, 3) and position (n, 3) of a node.
+        """Return the rotation (n, 3, 3) and position (n, 3) of a node.
 
-        Of a rigid body its displacement from home, of an elastic body's end the part axes and the end's place.
+        A rigid body's displacement from home; an elastic body's part axes and the end's place.
         """
         link = self.linkage.frame[self.linkage.link_of[node]]
         rotation, position = self.link_frame(link)
@@ -90,7 +90,7 @@ class Configurations:
         return np.broadcast_to(rotation, (n, 3, 3)), np.broadcast_to(position, (n, 3))
 
     def coordinates(self, joint: str) -> Array:
-        """Coordinates (n, f) of a joint as displaced from home, rad and m, in the order of its free motions."""
+        """Return a joint's displacements (n, f) from home, rad and m, by free motion."""
         return self.linkage.coordinates(self.mechanism.joint(joint), self.q, self.placed_links)
 
     @property
@@ -101,7 +101,7 @@ class Configurations:
         return np.stack(columns, axis=1) if columns else np.zeros((len(self), 0))
 
     def reason(self, index: int) -> str:
-        """Why a configuration is not valid; empty where it is."""
+        """Return why a configuration is not valid; empty if it is valid."""
         if self.valid[index]:
             return ""
         if int(self.failure[index]) == RANGE:
@@ -123,7 +123,7 @@ class Configurations:
         return "on another branch, or too close to one: no way leads there from home without passing a singular pose"
 
     def require_valid(self) -> Configurations:
-        """Itself, where all are valid. Raises InputError with the first that is not."""
+        """Return itself if all are valid. Raises InputError with the first that is not."""
         bad = np.flatnonzero(~self.valid)
         if bad.size:
             i = int(bad[0])
@@ -135,24 +135,24 @@ class Configurations:
 
 
 def configure(mechanism: Mechanism, poses: ArrayLike) -> Configurations:
-    """Configurations of a mechanism at tool poses, on the branch that is reached from home.
+    """Find configurations at tool poses, on the branch reached from home.
 
     Parameters
     ----------
     mechanism
-        Its joints' ranges bound where it can go; where home is singular, paths start from ``start_note``'s.
+        Joint ranges limit its motion; paths start at home, or as ``start_note`` describes.
     poses
         (n, k), one column for each coordinate of ``tool.pose``, m and rad.
 
     Returns
     -------
     Configurations
-        Where every body is; a pose out of reach is not valid, and its ``reason`` says why.
+        Places of all bodies; a pose out of reach is not valid, and its ``reason`` explains why.
 
     Raises
     ------
     InputError
-        For an array of another shape, a number that is not finite, and a mechanism that cannot move as its poses say.
+        If the array is invalid, or the mechanism cannot move along its pose coordinates.
 
     Examples
     --------
@@ -167,7 +167,7 @@ def configure(mechanism: Mechanism, poses: ArrayLike) -> Configurations:
 
 
 def start_note(mechanism: Mechanism) -> str | None:
-    """Which configuration tool poses start from where home is singular; None where they start from home."""
+    """Return the start configuration of tool poses if home is singular; None if it is home."""
     displaced = find_solver(mechanism, "tool").displaced
     if not displaced:
         return None
@@ -179,7 +179,7 @@ def start_note(mechanism: Mechanism) -> str | None:
 def configure_chunks(
     mechanism: Mechanism, points: Array, size: int = CHUNK, given: Given = "tool"
 ) -> Iterator[Configurations]:
-    """Configurations at checked tool poses (n, k) or displacements of drives (n, d), ``size`` at a time.
+    """Yield configurations at checked tool poses (n, k) or drive displacements (n, d), in chunks.
 
     Parameters
     ----------
@@ -188,10 +188,9 @@ def configure_chunks(
     points
         Tool poses, or displacements of the drives from home, m and rad.
     size
-        Configurations at a time; more take more memory.
+        Configurations per chunk; more take more memory.
     given
-        Which of the two.
-
+        Whether the points are tool poses or drive displacements.
     """
     solver = find_solver(mechanism, given)
     home = mechanism.tool.home if given == "tool" else 0.0
@@ -199,7 +198,7 @@ def configure_chunks(
 
 
 def learn_configurations(mechanism: Mechanism, poses: ArrayLike) -> Callable[[Array], Configurations]:
-    """What finds configurations as `configure` does, sooner at poses that lie among given ones (n, k)."""
+    """Return a function like `configure` that is faster at poses among given ones (n, k)."""
     home, solver = mechanism.tool.home, find_solver(mechanism, "tool")
     known = Reached.among(solver, check_poses(mechanism, poses) - home)
 
@@ -216,9 +215,9 @@ def learn_configurations(mechanism: Mechanism, poses: ArrayLike) -> Callable[[Ar
 
 
 def configure_drives(mechanism: Mechanism, displacements: ArrayLike) -> Configurations:
-    """Configurations at displacements (n, d) of all drives from home, in the mechanism's order, m and rad.
+    """Find configurations at displacements (n, d) of all drives from home, in order, m and rad.
 
-    Raises InputError for an array of another shape or a number that is not finite.
+    Raises InputError if the array has another shape or numbers that are not finite.
     """
     names = [j.name for j in mechanism.drives]
     values = _check_rows(displacements, names, "drives")
@@ -227,7 +226,7 @@ def configure_drives(mechanism: Mechanism, displacements: ArrayLike) -> Configur
 
 
 def check_poses(mechanism: Mechanism, poses: ArrayLike) -> Array:
-    """Poses as a stack (n, k). Raises InputError on another shape or what is not finite."""
+    """Return poses (n, k). Raises InputError if they have another shape or are not finite."""
     return _check_rows(poses, list(mechanism.tool.pose), "poses")
 
 

@@ -1,9 +1,9 @@
-"""Laws of drives: force as a function of deflection, a straight line the special case, and their equilibrium.
+"""Force-deflection laws of drives, and the equilibrium of drives that have them.
 
-A law is odd and piecewise straight: nothing within half the backlash, then a slope from each point on. Beside a linear
-spring k₀ in its place a drive lies apart by the shift ``s = θ - F/k₀``; the rest of the robot is linear, so that its
-forces are ``F = F₀ + H s``, and equilibrium is the minimum of a convex function of the shifts of the few drives with a
-law. On its segment every drive is a linear one with an offset (`linearize`), by which all else is found.
+A law is odd and piecewise linear: no force within half the backlash, then one slope for each
+segment. Relative to a linear spring k₀ in its place a drive is shifted by ``s = θ - F/k₀``. The
+rest of the robot is linear, so the forces are ``F = F₀ + H s``, and the shifts at equilibrium
+minimize a convex function. On each segment a drive is linear with an offset (`linearize`).
 """
 
 from __future__ import annotations
@@ -29,21 +29,21 @@ if TYPE_CHECKING:
 _STEPS = 200
 _SETTLED, _NEARLY = 1e-13, 1e-9  # of the largest force
 _ROUNDING = 1e-14  # of the steepest slope times a shift
-_ALONE = 1e-14  # of the steepest slope: what holds a drive within its gap where nothing else does
+_ALONE = 1e-14  # of the steepest slope: regularizes a drive within its backlash
 
 
 def find_laws(mechanism: Mechanism) -> dict[str, Law]:
-    """Laws of the drives that are not linear, by joint."""
+    """Return the laws of the nonlinear drives, by joint."""
     return {j.name: j.drive.law for j in mechanism.drives if j.drive is not None and j.drive.law is not None}
 
 
 def without_laws(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with a linear spring in place of every law: the slope with which it begins."""
+    """Return the mechanism with every law replaced by a linear spring of its initial slope."""
     return _with_drives(mechanism, {name: (law.slopes[0], 0.0) for name, law in find_laws(mechanism).items()})
 
 
 def linearize(mechanism: Mechanism, segments: Sequence[int]) -> Mechanism:
-    """The mechanism with every law on one of its segments, by number: 0 in the gap, ±1, ±2, … from there."""
+    """Return the mechanism with every law on a given segment: 0 in the backlash, then ±1, ±2, …."""
     pairs = zip(find_laws(mechanism).items(), segments, strict=True)
     return _with_drives(mechanism, {name: law.line(segment) for (name, law), segment in pairs})
 
@@ -52,7 +52,7 @@ _linear: WeakKeyDictionary[Mechanism, dict[Any, Mechanism]] = WeakKeyDictionary(
 
 
 def _with_drives(mechanism: Mechanism, lines: Mapping[str, tuple[float, float]]) -> Mechanism:
-    """Linear springs of stiffness k, unloaded at an offset, in some drives; kept, since its order is found once."""
+    """Replace some drives by springs of stiffness k, unloaded at an offset; cached."""
     if not lines:
         return mechanism
     known = _linear.setdefault(mechanism, {})
@@ -72,7 +72,7 @@ def _with_drives(mechanism: Mechanism, lines: Mapping[str, tuple[float, float]])
 
 @dataclass(frozen=True, eq=False)
 class Settled:
-    """Equilibrium (m, k) of drives with laws: ``shift`` beside their linear springs, ``force``, ``deflection``."""
+    """Equilibrium (m, k) of drives: ``shift`` from linear springs, ``force``, ``deflection``."""
 
     shift: Array
     force: Array
@@ -80,25 +80,25 @@ class Settled:
 
 
 def settle(laws: Sequence[Law], stiffness: Array, force: Array, influence: Array) -> Settled:
-    """Equilibrium of drives with laws in a robot that is linear beside them.
+    """Find the equilibrium of drives with laws in a robot that is otherwise linear.
 
     Parameters
     ----------
     laws
-        k of them.
+        k laws.
     stiffness
-        (k,) of the linear springs in their place, N/m or N·m/rad.
+        (k,) stiffnesses of the linear springs that replace the laws, N/m or N·m/rad.
     force
-        (m, k) that each drive carries with those springs.
+        (m, k) drive forces with those springs.
     influence
-        (m, k, k) force of each drive for a unit of shift in each, symmetric, no positive eigenvalue.
+        (m, k, k) drive forces for a unit shift of each drive; symmetric, negative semidefinite.
 
     Raises
     ------
     InputError
-        Where no equilibrium is found.
+        If no equilibrium is found.
     """
-    steep = np.array([2.0 * law.slopes.max() for law in laws])  # beside it every shift grows with the force
+    steep = np.array([2.0 * law.slopes.max() for law in laws])  # stiffer than every law
     change = 1.0 / steep - 1.0 / stiffness
     size = len(laws)
     back = np.linalg.inv(np.eye(size) - influence * change)
@@ -117,7 +117,7 @@ def settle(laws: Sequence[Law], stiffness: Array, force: Array, influence: Array
         matrix = tie + np.eye(size) * np.maximum(slopes, _ALONE * steep)[:, None]
         step = np.linalg.solve(matrix, left[..., None])[..., 0]
         reach = _search(curves, shift, step, pull, tie)
-        if not (reach[open_] > 0.0).any():  # all that is left is rounding
+        if not (reach[open_] > 0.0).any():  # only rounding is left
             break
         shift = np.where(open_[:, None], shift + reach[:, None] * step, shift)
     rounding = _ROUNDING * steep * np.abs(shift)
@@ -133,7 +133,7 @@ def _values(curves: Sequence[Any], shift: Array) -> Array:
 
 
 def _search(curves: Sequence[Law], shift: Array, step: Array, pull: Array, tie: Array) -> Array:
-    """How far (m,) along a step the energy is least: exactly, between the corners that the step passes."""
+    """Return the step length (m,) of least energy: an exact search between the laws' corners."""
     corners = [np.concatenate([-c.starts, c.starts]) for c in curves]
     some = [
         np.divide(
@@ -150,7 +150,7 @@ def _search(curves: Sequence[Law], shift: Array, step: Array, pull: Array, tie: 
         slope += step[:, j, None] * (c.force(there) - pull[:, j, None])
     start = (step * (tie @ shift[..., None])[..., 0]).sum(axis=1, keepdims=True)
     slope += start + at * (step * (tie @ step[..., None])[..., 0]).sum(axis=1, keepdims=True)
-    last = np.minimum((slope < 0.0).sum(axis=1), at.shape[1] - 1)  # the slope grows along the step
+    last = np.minimum((slope < 0.0).sum(axis=1), at.shape[1] - 1)  # the slope is increasing
     first = np.maximum(last - 1, 0)
     rows = np.arange(len(at))
     a, b, fa, fb = at[rows, first], at[rows, last], slope[rows, first], slope[rows, last]
@@ -159,5 +159,5 @@ def _search(curves: Sequence[Law], shift: Array, step: Array, pull: Array, tie: 
 
 
 def find_segments(laws: Sequence[Law], deflection: Array) -> NDArray[np.intp]:
-    """The segment (m, k) of every law at deflections (m, k)."""
+    """Return the segment (m, k) of every law at deflections (m, k)."""
     return np.stack([law.segment(deflection[:, j]) for j, law in enumerate(laws)], axis=1)

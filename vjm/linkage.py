@@ -1,8 +1,8 @@
-"""A mechanism as rigid links: a spanning tree of joint coordinates, and the joints that close its loops.
+"""A mechanism as rigid links: a spanning tree of joints, and cut joints that close loops.
 
-Every link stands by its displacement from home, ``x = R x_home + p`` in base axes. A tree joint contributes its
-coordinates (rotations R and slides P along axes, or a rotation vector S); a joint that is cut contributes equations:
-what it holds of the relative displacement of its two links.
+A link's place is its displacement from home, ``x = R x_home + p`` in base axes. A tree joint adds
+coordinates (rotations R and translations P along axes, or a rotation vector S); a cut joint adds
+equations: the held components of the relative displacement of its two links.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
     from stiffscope.vjm.tabulated import Look
 
 Given = Literal["tool", "drives"]
-FEW = 32  # poses, up to which tables cost less than one motion and one joint after the other
+FEW = 32  # poses, up to which the tabulated form is faster
 TOOL_MOTIONS = (*((("P", axis)) for axis in np.eye(3)), ("S", np.zeros(3)))
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """Links at n configurations ``q`` (m, n), one after the other, or all at once, of few poses.
+    """Links at n configurations ``q`` (m, n), placed one by one or, for few poses, all at once.
 
-    Poses stand last here and in the closure of loops, where every entry is a vector over poses; elsewhere they lead.
+    Here and in the loop closure the poses are the last axis, elsewhere the first.
     """
 
     q: Array
@@ -54,12 +54,12 @@ class Placed:
         return self.frames[1] if self.look is None else list(self.look.frames[:, :, :3, 3].transpose(1, 2, 0))
 
     def point(self, frame: int, home: Array) -> Array:
-        """Where a point (3,) of a link is, (3, n or 1)."""
+        """Return the place (3, n or 1) of a point (3,) of a link."""
         return home @ self.rotation[frame] + self.position[frame]
 
     @cached_property
     def errors(self) -> Array:
-        """Errors (rows, n) of all cut joints: lengths over the mechanism's own, and what held rotations are off."""
+        """Errors (rows, n) of all cut joints: relative lengths, and errors of held rotations."""
         if self.look:
             return self.look.errors
         starts = self.linkage.starts
@@ -70,7 +70,7 @@ class Placed:
 
     @cached_property
     def twists(self) -> Array:
-        """What a unit rate of each coordinate moves, (m, 6, n), at the origin in base axes."""
+        """Twists (m, 6, n) for a unit rate of each coordinate, at the origin in base axes."""
         if self.look:
             return self.look.twists.transpose(1, 2, 0)
         out = np.zeros((len(self.q), 6, self.q.shape[1]))
@@ -92,10 +92,10 @@ class Placed:
 
 
 class Linkage:
-    """Spanning tree and cut joints of a mechanism whose tool pose, or whose drives, are given.
+    """Spanning tree and cut joints of a mechanism with a given tool pose or given drives.
 
-    Where the tool is given, it hangs in the tree by three slides x, y, z and a rotation vector: the pose's coordinates,
-    as displacements from home.
+    If the tool is given, three translations x, y, z and a rotation vector connect it to the ground
+    in the tree: the coordinates of the pose, as displacements from home.
     """
 
     def __init__(self, mechanism: Mechanism, given: Given) -> None:
@@ -122,7 +122,7 @@ class Linkage:
         self.scale = scale
 
     def _tree(self, joints: list[Joint], links: int) -> set[str]:
-        """Kruskal: joints with few unknown coordinates first, driven before passive, so that the freest are cut."""
+        """Grow the tree (Kruskal): few unknowns first, driven before passive; cut the freest."""
 
         def unknown(j: Joint) -> tuple[float, bool]:
             count = sum(3 if kind == "S" else 1 for kind, _ in j.motions)
@@ -147,7 +147,7 @@ class Linkage:
         return tree
 
     def _grow(self, joints: list[Joint], tree: set[str]) -> None:
-        """Frames and motions along the tree, outward from the ground."""
+        """Create frames and motions along the tree, outward from the ground."""
         edges: list[tuple[str, int, int, tuple[tuple[str, Array], ...], Array]] = [
             (j.name, self.link_of[j.first], self.link_of[j.second], j.motions, j.at) for j in joints if j.name in tree
         ]
@@ -191,7 +191,7 @@ class Linkage:
         return Cut(joint, first, second, np.array(ahead + behind, dtype=int), signs)
 
     def _find_known(self) -> list[int]:
-        """Columns whose values are given, in the order of the commanded coordinates or of the drives."""
+        """Return columns of the given values, in the order of commanded coordinates or drives."""
         if self.given == "tool":
             return [self.columns[""][k] for k in self.mechanism.tool.commanded_axes]
         return [
@@ -201,7 +201,7 @@ class Linkage:
         ]
 
     def place_links(self, q: Array) -> Placed:
-        """Links and their motions at coordinates (m, n)."""
+        """Place links at coordinates (m, n)."""
         if q.shape[1] <= FEW:
             return Placed(q, self, ([], []), self.table.look(q))
         rotation: list[Array] = [np.eye(3)[..., None]] * self.frames
@@ -224,16 +224,16 @@ class Linkage:
 
     @cached_property
     def table(self) -> Table:
-        """Its motions and equations, for few poses."""
+        """Tabulated motions and equations, for few poses."""
         return Table(self.motions, self.cuts, self.length, self.size)
 
     def name_worst(self, errors: Array) -> str:
-        """Name of the cut joint with the largest of all errors (rows,)."""
+        """Return the name of the cut joint with the largest error (rows,)."""
         row = int(np.nan_to_num(np.abs(errors), nan=np.inf).argmax())
         return self.cuts[int(np.searchsorted(self.starts, row, side="right")) - 1].joint.name
 
     def find_errors(self, cut: Cut, placed: Placed, out: Array) -> None:
-        """Put the errors (h, n) of a cut joint into ``out``."""
+        """Write the errors (h, n) of a cut joint into ``out``."""
         joint = cut.joint
         held, turns = joint.held_components
         axes = np.matmul(joint.axes.T, placed.rotation[cut.first])  # (3, 3, n): component, axis
@@ -253,9 +253,9 @@ class Linkage:
                 out[row] = 0.5 * ((axes[:, j] * theirs[:, i]).sum(axis=0) - (axes[:, i] * theirs[:, j]).sum(axis=0))
 
     def wrenches(self, cut: Cut, rows: Sequence[int], placed: Placed) -> Array:
-        """The wrenches (6, rows, n or 1) on the second link, at the origin in base axes, that measure some errors.
+        """Return wrenches (6, rows, n or 1) on the second link that measure some errors.
 
-        In their order; times a twist each gives its error's rate.
+        At the origin in base axes; a wrench times a twist is the rate of its error.
         """
         joint = cut.joint
         held, turns = joint.held_components
@@ -279,7 +279,7 @@ class Linkage:
         return out
 
     def coordinates(self, joint: Joint, q: Array, placed: Placed) -> Array:
-        """Coordinates (n, f) of a joint in the order of its motions, rad and m, from all coordinates (m, n)."""
+        """Return a joint's coordinates (n, f), rad and m, in order, from all coordinates (m, n)."""
         if joint.name in self.columns:
             return q[self.columns[joint.name]].T
         first, second = (self.frame[self.link_of[node]] for node in (joint.first, joint.second))
@@ -291,14 +291,14 @@ class Linkage:
 
 
 def _cross(a: Array, b: Array, out: Array) -> None:
-    """Cross product of vectors (3, n) into ``out``."""
+    """Write the cross product of vectors (3, n) into ``out``."""
     out[0] = a[1] * b[2] - a[2] * b[1]
     out[1] = a[2] * b[0] - a[0] * b[2]
     out[2] = a[0] * b[1] - a[1] * b[0]
 
 
 def find_free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:
-    """Coordinates of a joint from the displacement of its second body against its first."""
+    """Return a joint's coordinates from its second body's displacement relative to its first."""
     x, y, z = joint.axes.T
     angle = np.arctan2((across @ y) @ z, (across @ y) @ y)
     found: list[Array] = []
@@ -324,7 +324,7 @@ def find_free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:
 
 
 def _find_links(mechanism: Mechanism) -> tuple[dict[str, int], int]:
-    """Rigid link of every node: bodies that fixed joints connect are one, and so are the ends of an elastic one."""
+    """Return the rigid link of every node: fixed joints and elastic bodies merge their nodes."""
     names = [GROUND, *(b.name for b in mechanism.bodies)]
     group = {name: k for k, name in enumerate(names)}
     for j in mechanism.joints:
@@ -338,24 +338,24 @@ def _find_links(mechanism: Mechanism) -> tuple[dict[str, int], int]:
 
 
 def _measure_length(mechanism: Mechanism) -> float:
-    """Characteristic length in m: of the box about joints and tool."""
+    """Return the characteristic length in m: the diagonal of the box around joints and tool."""
     points = np.array([mechanism.tool.at, *(j.at for j in mechanism.joints)])
     return float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
 
 
 def rotation_sine(rotation: Array) -> Array:
-    """Sine of the angle times the axis (..., 3) of rotations (..., 3, 3)."""
+    """Return the sine of the angle times the axis (..., 3) of rotations (..., 3, 3)."""
     r = rotation
     return 0.5 * np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], -1)
 
 
 def rotation_vector(rotation: Array) -> Array:
-    """Rotation vector (..., 3) in rad, no longer than π, of rotations (..., 3, 3)."""
+    """Return the rotation vector (..., 3) in rad, at most π long, of rotations (..., 3, 3)."""
     s = rotation_sine(rotation)
     sine: Array = np.linalg.norm(s, axis=-1)
     cosine = 0.5 * (np.einsum("...ii->...", rotation) - 1.0)
     angle = np.arctan2(sine, cosine)
-    near = sine < 1e-4  # no rotation, or half a turn: its axis is in the symmetric part
+    near = sine < 1e-4  # no rotation or a half turn: its axis is in the symmetric part
     factor: Array = np.where(near & (cosine > 0.0), 1.0 + angle**2 / 6.0, angle / np.where(sine > 0.0, sine, 1.0))
     vector: Array = s * factor[..., None]
     half = near & (cosine < 0.0)
@@ -371,7 +371,7 @@ def rotation_vector(rotation: Array) -> Array:
 
 
 def left_jacobian(vector: Array) -> Array:
-    """Angular velocity in fixed axes per rate of a rotation vector (..., 3); (..., 3, 3)."""
+    """Return angular velocity, fixed axes, per rate of a rotation vector (..., 3); (..., 3, 3)."""
     square = np.einsum("...i,...i", vector, vector)[..., None, None]
     angle = np.sqrt(square)
     s = skew(vector)

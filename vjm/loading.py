@@ -1,4 +1,4 @@
-"""Loads on a condensed network: carried to the tool step by step; what every element carries, recovered from there."""
+"""Loads on a condensed network, carried to the tool, and recovery of what every element carries."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ if TYPE_CHECKING:
     from stiffscope.vjm.order import Connection
     from stiffscope.vjm.screws import Array
 
-_FREE = 1e-12  # relative pivot of the tool's stiffness that is rounding
-HELD = 1e12  # `balanced` where friction holds whatever motion does not move the tool
-_SLIGHT = 1e-2  # of a load, that friction may hold along a motion which does not move the tool
-_BALANCED = 1e-6  # of a load, that may be left along a free motion of the tool
+_FREE = 1e-12  # relative pivot of the tool's stiffness taken as rounding
+HELD = 1e12  # value of `balanced` if friction holds all motions that do not move the tool
+_SLIGHT = 1e-2  # of a load: friction limit along a motion that does not move the tool
+_BALANCED = 1e-6  # of a load: tolerance along a free motion of the tool
 
 
 @dataclass(eq=False)
 class Loads:
-    """``cases`` of wrenches (n or 1, 6, c) on nodes at M in base axes, and of elements' offsets in their own axes.
+    """``cases`` of wrenches (n or 1, 6, c) on nodes at M, base axes, and offsets in element axes.
 
-    ``balanced``: share of a load that may be left along an idle motion. ``HELD`` once nodes are bent: a rod between
-    balls whose weight then acts beside the line through them is held by their friction.
+    ``balanced``: fraction of a load allowed along an idle motion. ``HELD`` once nodes are bent: the
+    friction of its balls holds a rod whose weight then acts off the line through them.
     """
 
     cases: int
@@ -47,7 +47,7 @@ class Loads:
 
 @dataclass(eq=False)
 class ChainLoads:
-    """Loads along a connection: at M in base axes."""
+    """Loads along a connection, at M in base axes."""
 
     connection: Connection
     carried: list[Array]
@@ -55,32 +55,32 @@ class ChainLoads:
     moved: list[Array | None]
     """Twists (n or 1, 6, c) of each member by its offset."""
     offset: Array
-    """Twist (n or 1, 6, c) of its end against its start by its members' offsets."""
+    """Twist (n or 1, 6, c) of its end relative to its start from its members' offsets."""
 
 
 @dataclass(eq=False)
 class CondensedLoads:
-    """Loads that were carried to the nodes left: ``forces`` (n or 1, 6, c) on them, and what each step has kept."""
+    """Condensed loads: ``forces`` (n or 1, 6, c) on remaining nodes, and data kept by each step."""
 
     loads: Loads
     forces: dict[str, Array]
     kept: list[Any] = field(default_factory=list[Any])
 
     def add(self, node: str, wrench: Array) -> None:
-        """Add a wrench on a node."""
+        """Add a wrench to a node."""
         self.forces[node] = self.forces[node] + wrench if node in self.forces else wrench
 
     def force(self, node: str) -> Array:
-        """Wrench on a node so far."""
+        """Return the wrench on a node so far."""
         return self.forces.get(node, np.zeros((1, 6, self.loads.cases)))
 
 
 @dataclass(eq=False)
 class ElementState:
-    """An element under c cases.
+    """State of an element in c cases.
 
-    ``across`` (n, 6, c): twist of its second node against its first; ``carried`` (n, 6, c): wrench on its second node's
-    side; both at M in base axes.
+    At M in base axes: ``across`` (n, 6, c), twist of its second node relative to its first, and
+    ``carried`` (n, 6, c), wrench on its second node's side.
     """
 
     element: Element
@@ -88,13 +88,13 @@ class ElementState:
     carried: Array
     across: Array
     rates: Array
-    """(n, k, c): motion along each of its free directions."""
+    """Motions (n, k, c) along its free directions."""
     strained: Array | None = None
-    """What of ``across`` is strain, where the element shares its coordinates and its own wrench alone does not tell."""
+    """Strain part of ``across``, if it shares coordinates: its wrench does not determine it."""
 
     deflection: Array | None = None
     law: Law | None = None
-    """Of a drive that is not linear its law, and its deflection (n, c)."""
+    """Law of a nonlinear drive, with its deflection (n, c)."""
 
     @cached_property
     def wrench(self) -> Array:
@@ -103,12 +103,12 @@ class ElementState:
 
     @cached_property
     def twist(self) -> Array:
-        """Twist (n, 6, c) across it, at its own point in its own axes."""
+        """Twist (n, 6, c) across the element, at its point in its axes."""
         return self.where.frame(self.element).inverse_adjoint() @ self.across
 
     @property
     def motions(self) -> Array:
-        """Motion (n, k, c) along each free direction of its joint, those that springs resist among them."""
+        """Motions (n, k, c) along its joint's free directions, including those with springs."""
         joint = self.element.joint
         if joint is None or joint.spring is None:
             return self.rates
@@ -120,12 +120,12 @@ class ElementState:
 
     @cached_property
     def energy(self) -> Array:
-        """Strain energy (n, c) in J; of elements that share theirs the sum of all is the body's."""
+        """Strain energy (n, c), J; of elements with shared coordinates only the sum counts."""
         if self.strained is not None:
             return 0.5 * np.einsum("nic,nic->nc", self.carried, self.strained)
         stress = self.where.factor(self.element).mT @ self.wrench
         energy = 0.5 * np.einsum("nrc,nrc->nc", stress, stress)
-        if self.law is not None and self.deflection is not None:  # in place of the linear spring's
+        if self.law is not None and self.deflection is not None:  # replaces the linear spring's
             force = self.law.force(self.deflection)
             energy = energy - 0.5 * force**2 / self.law.slopes[0] + self.law.energy(self.deflection)
         return energy
@@ -133,9 +133,9 @@ class ElementState:
 
 @dataclass(eq=False)
 class Response:
-    """``twist`` (n, 6, c) of the tool at M in base axes, m and rad, and all that leads to it.
+    """Tool ``twist`` (n, 6, c) at M in base axes, m and rad, with nodes and elements.
 
-    ``nodes``: twists (n, 6, c) of every node at M in base axes; ``elements``: the state of every element by name.
+    ``nodes``: twists (n, 6, c) at M in base axes; ``elements``: state of every element by name.
     """
 
     where: Places
@@ -144,12 +144,12 @@ class Response:
     elements: dict[str, ElementState] = field(default_factory=dict[Any, Any])
 
     def find_wrench(self, rows: Sequence[str]) -> Array:
-        """Wrenches (n, 6m, c) that m elements carry, each at its own point in its own axes."""
+        """Return wrenches (n, 6m, c) on m elements, each at its point in its axes."""
         return stack_rows([self.elements[name].wrench for name in rows])
 
     @property
     def energies(self) -> dict[str, Array]:
-        """Strain energy (n, c) in J of every joint and body that yields."""
+        """Strain energy (n, c) in J of every compliant joint and body."""
         out: dict[str, Array] = {}
         for name, state in self.elements.items():
             if state.element.factor.shape[1]:
@@ -159,7 +159,7 @@ class Response:
 
 
 def condense_loads(state: Condensed, loads: Loads) -> CondensedLoads:
-    """Carry loads through every step of the condensation."""
+    """Carry loads through all condensation steps."""
     out = CondensedLoads(loads, {node: w for node, w in loads.nodes.items() if node != GROUND})
     for gone in state.gone:
         match gone:
@@ -173,7 +173,7 @@ def condense_loads(state: Condensed, loads: Loads) -> CondensedLoads:
 
 
 def store_energy(state: Condensed, load: CondensedLoads) -> Array:
-    """Twice the energy (n or 1, c, c) that loads store while the nodes left stand still; none of them an offset."""
+    """Return twice the energy (n or 1, c, c) of loads, not offsets, with remaining nodes fixed."""
     out: Array = np.zeros((1, load.loads.cases, load.loads.cases))
     for gone, kept in zip(state.gone, load.kept, strict=True):
         if isinstance(gone, Folded):
@@ -199,7 +199,7 @@ def recover_response(
     ends: dict[str, Array],
     left: Sequence[tuple[ChainLoads, Array, Array, Array]] = (),
 ) -> Response:
-    """Twists (n, 6, c) of all nodes and states of all elements from those of the nodes that were not condensed.
+    """Recover all node twists (n, 6, c) and element states from those of the remaining nodes.
 
     ``left``: connections that were not, by their loads, with their wrench, twist across and rates.
     """
@@ -229,9 +229,9 @@ def recover_response(
 
 
 def solve_tool(stiffness: Array, wrench: Array) -> Array:
-    """Twist (n, 6, c) of a stiffness (n or 1, 6, 6) under wrenches (n or 1, 6, c).
+    """Return the twist (n, 6, c) of a stiffness (n or 1, 6, 6) under wrenches (n or 1, 6, c).
 
-    Raises InputError where a wrench acts along a free direction.
+    Raises InputError if a wrench acts along a free direction.
     """
     half, pivots = pivot(stiffness, _FREE)
     twist = half.mT @ (half @ wrench)
@@ -246,7 +246,7 @@ def solve_tool(stiffness: Array, wrench: Array) -> Array:
 
 
 def chain_loads(state: Condensed, load: CondensedLoads, connection: Connection) -> ChainLoads:
-    """Loads and offsets along a connection."""
+    """Collect loads and offsets along a connection."""
     total: Array = np.zeros((1, 6, load.loads.cases))
     each: list[Array] = [total]
     for node in reversed(connection.inner):
@@ -276,9 +276,9 @@ def _load_stiff(state: Condensed, gone: Stiff, load: CondensedLoads) -> tuple[Ch
 
 
 def _hold_end(state: Condensed, gone: Stiff, along: ChainLoads, balanced: float) -> Array:
-    """Wrench (n, 6, c) that holds the end of a connection under the loads on its inner nodes.
+    """Return the wrench (n, 6, c) that holds a connection's end under loads on its inner nodes.
 
-    ``w = w₀ - K (τ + C w₀)`` with Nᵀ w₀ = -ν, what the loads would do along the free directions.
+    ``w = w₀ - K (τ + C w₀)`` with Nᵀ w₀ = -ν, the loads along the free directions.
     """
     connection, where = gone.connection, state.where
     columns = [where.columns(e) for e, _ in connection.members]
@@ -328,7 +328,7 @@ def _load_folded(state: Condensed, gone: Folded, load: CondensedLoads) -> tuple[
 
 
 def project_loads(along: ChainLoads, columns: Array) -> Array:
-    """What the loads on a connection's inner nodes do along its coordinates, (n, m, c)."""
+    """Project loads on a connection's inner nodes onto its coordinates, (n, m, c)."""
     out: list[Array] = []
     at = 0
     sizes = [e.factor.shape[1] for e, _ in along.connection.members]
@@ -340,7 +340,7 @@ def project_loads(along: ChainLoads, columns: Array) -> Array:
 
 
 def _check_balance(names: Sequence[str], half: Array, matrix: Array, load: Array, balanced: float) -> None:
-    """Refuse a load along a direction that a generalized inverse has dropped."""
+    """Refuse a load along a direction that a generalized inverse dropped."""
     if balanced >= HELD or not (np.einsum("nii->ni", half) == 0.0).any():
         return
     left = np.abs(load - matrix @ (half.mT @ (half @ load)))

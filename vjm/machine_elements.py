@@ -1,8 +1,8 @@
-"""Stiffness of bearings, guides and screws from their own data; x along the axis, or the way of the slide.
+"""Stiffness of bearings, guides and screws from their data; x is the axis or sliding direction.
 
-Every function returns a ``MachineElement``: its stiffness (6, 6) at the load that it carries, zero along what is free.
-Races, carriages and rails are rigid, and nothing rotates: gyroscopic and centrifugal effects of fast spindles, and the
-yielding of rings and housings, are left out.
+Every function returns a ``MachineElement``: its stiffness (6, 6) at its load, zero along free
+directions. Races, carriages and rails are rigid, and nothing rotates: the compliance of rings and
+housings, and gyroscopic and centrifugal effects of fast spindles, are neglected.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ STEEL = 206e9, 0.3  # Young's modulus (Pa) and Poisson's ratio of bearing steel
 CERAMIC = 310e9, 0.27  # of silicon nitride balls
 Arrangement = Literal["single", "back-to-back", "face-to-face", "tandem"]
 _SLICES = 31  # along a roller
-_MOST_PRESSED = 5e-3  # approach over the radius of the circle: several times what marks steel for good
+_MOST_PRESSED = 5e-3  # approach over circle radius; several times what indents steel
 _ROUNDED = 1e-13  # of sqrt(K_ii K_jj)
 _HERTZ = "Hertz point contacts (Harris and Kotzalas 2006, ch. 6), equilibrium of de Mul, Vree and Maas (1989)"
 _PALMGREN = "Palmgren line contacts (Harris and Kotzalas 2006, eq. 7.8), rollers in slices"
@@ -34,11 +34,11 @@ _FEW_LOADED = "some elements carry nothing: the stiffness changes with the direc
 
 @dataclass(frozen=True, eq=False)
 class MachineElement:
-    """What an element does at its load.
+    """State of a machine element at its load.
 
-    ``stiffness`` (6, 6) in N/m, N, N·m/rad at its middle, zero along what is free; ``free``: those directions;
-    ``twist`` (6,) of the moved side under the load, m, rad; ``loads`` (k,) N on the rolling elements and ``angles``
-    (k,) of their contacts against the radial plane, rad; ``source``; ``notes``: what limits the result.
+    ``stiffness`` (6, 6) in N/m, N, N·m/rad at its middle, zero along the ``free`` directions;
+    ``twist`` (6,) of the moved side, m, rad; ``loads`` (k,) on the rolling elements, N, and contact
+    ``angles`` (k,) from the radial plane, rad; ``source``; ``notes``: limits of the result.
     """
 
     stiffness: Array
@@ -51,7 +51,7 @@ class MachineElement:
 
     @property
     def compliance(self) -> Array:
-        """(6, 6), the inverse over what is held; zero along what is free."""
+        """Compliance (6, 6): the inverse over held directions; zero along free ones."""
         held = [i for i in range(6) if i not in self.free]
         out = np.zeros((6, 6))
         inner = self.stiffness[np.ix_(held, held)]
@@ -64,7 +64,7 @@ class MachineElement:
 
 
 def reduced_modulus(element: tuple[float, float] = STEEL, race: tuple[float, float] = STEEL) -> float:
-    """E' (Pa) of two materials, each a Young's modulus (Pa) and a Poisson's ratio."""
+    """Return E' (Pa) of two materials, each a Young's modulus (Pa) and a Poisson's ratio."""
     return 1.0 / sum((1.0 - nu**2) / e for e, nu in (element, race))
 
 
@@ -72,20 +72,20 @@ def ball_contacts(
     count: int, diameter: float, pitch: float, angle: float, osculation: tuple[float, float],
     modulus: float, clearance: float = 0.0,
 ) -> Contacts:  # fmt: skip
-    """The balls of a bearing whose inner ring moves; loaded by moving it along +x.
+    """Return the ball contacts of a bearing whose inner ring moves; moving it along +x loads them.
 
     Parameters
     ----------
     count, diameter, pitch
         Number of balls, their diameter and that of their circle, m.
     angle
-        Contact angle against the radial plane where balls just touch both races, rad.
+        Contact angle from the radial plane with balls just touching both races, rad.
     osculation
-        Groove radius over ball diameter at the inner and the outer ring; nearer to 0.5 is stiffer.
+        Groove radius over ball diameter, inner and outer ring; nearer to 0.5 is stiffer.
     modulus
         Reduced modulus, Pa.
     clearance
-        Diametral clearance of a radial bearing at contact angle 0, m; an interference is negative.
+        Diametral clearance of a radial bearing with contact angle 0, m; negative for interference.
     """
     inner, outer = osculation
     if not 0.0 <= angle < 0.5 * np.pi:
@@ -113,18 +113,18 @@ def ball_contacts(
 def ball_bearing(
     contacts: Contacts, load: Array, arrangement: Arrangement = "single", spacing: float = 0.0
 ) -> MachineElement:
-    """A ball bearing, or a pair of them, each preloaded.
+    """Compute a ball bearing, or a pair of equally preloaded ones.
 
     Parameters
     ----------
     contacts
-        As `ball_contacts` gives them.
+        From `ball_contacts`.
     load
-        (3,) force on the inner ring, N: along x the preload; of a pair on each bearing, the other's being opposite.
+        (3,) force on the inner ring, N: preload along x; for a pair, the preload of each bearing.
     arrangement
-        Of a pair: back to back (pressure lines diverge, stiffest against tilting), face to face, or tandem.
+        Of a pair: back to back (pressure lines diverge, stiffest in tilting), face to face, tandem.
     spacing
-        Distance of a pair's middle planes, m.
+        Distance between a pair's middle planes, m.
     """
     length = float(np.linalg.norm(contacts.at[0]))
     wrench = np.concatenate([np.asarray(load, dtype=float), np.zeros(3)])
@@ -144,14 +144,14 @@ def ball_bearing(
 
 
 def roller_bearing(count: int, length: float, pitch: float, clearance: float, load: Array) -> MachineElement:
-    """A cylindrical roller bearing, free along its axis.
+    """Compute a cylindrical roller bearing, free along its axis.
 
     Parameters
     ----------
     count, length, pitch
-        Number of rollers, their effective length and the diameter of their circle, m.
+        Number of rollers, effective roller length and diameter of their circle, m.
     clearance
-        Diametral, m; an interference, which preloads, is negative.
+        Diametral, m; negative for an interference, which preloads.
     load
         (3,) radial force on the inner ring, N.
     """
@@ -169,7 +169,7 @@ def roller_bearing(count: int, length: float, pitch: float, clearance: float, lo
 
 
 def crossed_roller(count: int, length: float, pitch: float, clearance: float, load: Array) -> MachineElement:
-    """A crossed-roller bearing: rollers at 45 degrees, every other one the other way.
+    """Compute a crossed-roller bearing: rollers at 45 degrees, alternating in direction.
 
     Parameters
     ----------
@@ -189,22 +189,22 @@ def carriage_contacts(
     count: int, diameter: float, osculation: float, angle: float, width: float, height: float, length: float,
     preload: float, modulus: float, *, face_to_face: bool = False,
 ) -> Contacts:  # fmt: skip
-    """The loaded balls of a carriage of four rows on a straight rail.
+    """Return the loaded ball contacts of a four-row carriage on a straight rail.
 
     Parameters
     ----------
     count, diameter, osculation
-        Number of loaded balls of each row, their diameter (m), groove radius over ball diameter.
+        Number of loaded balls per row, their diameter (m), groove radius over ball diameter.
     angle
-        Contact angle against the horizontal, rad.
+        Contact angle from the horizontal, rad.
     width, height, length
-        Distances (m) of the rows across and above one another, and along the rail of the first ball from the last.
+        Row distances (m) across and in height, and from the first to the last ball along the rail.
     preload
-        Force (N) by which the upper rows are pressed against the lower ones.
+        Force (N) that presses the upper rows against the lower ones.
     modulus
         Reduced modulus, Pa.
     face_to_face
-        Whether the contact lines of a side meet inside; then it yields to rolling far more.
+        True if the contact lines of a side meet inside; the guide is then far softer in roll.
     """
     one = hertz_constant(np.array([2.0 / diameter, 2.0 / diameter - 1.0 / (osculation * diameter)]), modulus)
     c = in_series(one, one)
@@ -220,7 +220,7 @@ def carriage_contacts(
 
 
 def guide_of_balls(contacts: Contacts, rails: tuple[int, float], carriages: tuple[int, float]) -> MachineElement:
-    """A linear guide of like carriages; number and spacing (m) of rails, and of the carriages on each."""
+    """Compute a guide of equal carriages; number and spacing (m) of rails and of carriages."""
     length = float(np.linalg.norm(contacts.at, axis=1).max())
     one = _element(contacts, np.zeros(6), length, (0,), f"{_HERTZ.partition(',')[0]}; rigid rail and carriage")
     return replace(one, stiffness=_on_rails(one.stiffness, rails, carriages))
@@ -229,20 +229,20 @@ def guide_of_balls(contacts: Contacts, rails: tuple[int, float], carriages: tupl
 def guide_of_sheet(
     diagonal: Sequence[float], rails: tuple[int, float], carriages: tuple[int, float], source: str
 ) -> MachineElement:
-    """A linear guide of carriages with stiffnesses (6,) of their own: 0 along x, then y, z, and about x, y, z."""
+    """Compute a guide from carriage stiffnesses (6,): 0 along x, then y, z, and about x, y, z."""
     none = np.zeros(0)
     return MachineElement(_on_rails(np.diag(diagonal), rails, carriages), (0,), np.zeros(6), none, none, source)
 
 
 def of_sheet(radial: float, axial: float, tilting: float, source: str) -> MachineElement:
-    """A rotary bearing with stiffnesses of its own, N/m, N/m, N·m/rad; what is 0 is free, as its axis is."""
+    """Create a rotary bearing from stiffnesses, N/m, N/m, N·m/rad; 0 is free, as is its axis."""
     diagonal, none = np.array([axial, radial, radial, 0.0, tilting, tilting]), np.zeros(0)
     free = tuple(int(i) for i in np.flatnonzero(diagonal == 0.0))
     return MachineElement(np.diag(diagonal), free, np.zeros(6), none, none, source)
 
 
 def at_load(stiffness: float, known: float, load: float, exponent: float) -> float:
-    """A stiffness known at one load, at another: as the load to the power 1 - 1/e (1/3 of balls, 1/10 of rollers)."""
+    """Scale a stiffness to another load by the load ratio^(1 - 1/e) (1/3 balls, 1/10 rollers)."""
     return stiffness * (load / known) ** (1.0 - 1.0 / exponent)
 
 
@@ -250,19 +250,19 @@ def ball_screw(
     diameter: float, length: float, nut: float, support: float, *,
     both_ends: bool = False, lead: float = 0.0, material: tuple[float, float] = STEEL,
 ) -> MachineElement:  # fmt: skip
-    """A screw along x, free in all else: shaft, nut and support in series.
+    """Compute a ball screw along x, free in all other directions: shaft, nut and support in series.
 
     Parameters
     ----------
     diameter, length
-        Of the shaft at its root, and from the support to the nut; with ``both_ends`` from one support to the other,
-        the nut in the middle, m.
+        Root diameter of the shaft, and its length from support to nut, m; with ``both_ends`` the
+        length between the supports, with the nut in the middle.
     nut, support
         Axial stiffness of the nut and of one support bearing, N/m; infinite ones are rigid.
     both_ends
-        Whether both supports hold it axially.
+        True if both supports hold the shaft axially.
     lead
-        m a turn; the shaft's twist between support and nut yields too, with the drive held. 0 leaves that out.
+        m per turn; adds the shaft's torsion between support and nut, drive held. 0 neglects it.
     material
         Young's modulus (Pa) and Poisson's ratio of the shaft.
     """
@@ -281,7 +281,7 @@ def ball_screw(
 
 
 def _on_rails(one: Array, rails: tuple[int, float], carriages: tuple[int, float]) -> Array:
-    """Sum of carriages' stiffnesses at their middle; rails spread along y, carriages along x."""
+    """Add the carriages' stiffnesses at their middle; rails spread along y, carriages along x."""
     out = np.zeros((6, 6))
     for y in (np.arange(rails[0]) - (rails[0] - 1) / 2.0) * rails[1]:
         for x in (np.arange(carriages[0]) - (carriages[0] - 1) / 2.0) * carriages[1]:
@@ -291,7 +291,7 @@ def _on_rails(one: Array, rails: tuple[int, float], carriages: tuple[int, float]
 
 
 def _circle(count: int) -> tuple[Array, Array]:
-    """Radial and circumferential directions (k, 3) of elements spread around x, the first on y."""
+    """Return radial and circumferential directions (k, 3) of elements around x, the first on y."""
     turn = 2.0 * np.pi * np.arange(count) / count
     none = np.zeros(count)
     radial, around = ((none, np.cos(turn), np.sin(turn)), (none, -np.sin(turn), np.cos(turn)))

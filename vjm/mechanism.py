@@ -1,8 +1,8 @@
-"""A mechanism: rigid and elastic bodies, the joints between them, and the tool.
+"""A mechanism: rigid and elastic bodies, joints between them, and the tool.
 
-All positions and directions are given in the base axes {O} at one home configuration, where every loop is closed.
-A rigid body is one node, ``NAME``; an elastic one has a node ``NAME.END`` at each of its ends; ``ground`` is the fixed
-one.
+Positions and directions are in the base axes {O} at one home configuration, with all loops closed.
+A rigid body is one node, ``NAME``; an elastic one has a node ``NAME.END`` at each end; ``ground``
+is fixed.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ DIAGONAL = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")  # of a stiffness ma
 
 @dataclass(frozen=True, eq=False)
 class Tool:
-    """The tool point M on a body (or end of one), ``at`` (3,) in m, and the coordinates that command a pose.
+    """Tool point M, ``at`` (3,) in m, on a body or one of its ends, and the coordinates of a pose.
 
     ``pose``: some of x y z (m) and rx ry rz (rotation vector from home, rad), base axes; the others follow.
     """
@@ -50,22 +50,22 @@ class Tool:
 
     @cached_property
     def commanded_axes(self) -> list[int]:
-        """Places of the commanded coordinates among x y z rx ry rz."""
+        """Indices of the commanded coordinates in x y z rx ry rz."""
         return [COORDINATES.index(name) for name in self.pose]
 
     @cached_property
     def home(self) -> Array:
-        """The commanded pose at home (k,)."""
+        """Commanded pose (k,) at home."""
         return np.concatenate([self.at, np.zeros(3)])[self.commanded_axes]
 
 
 @dataclass(frozen=True, eq=False)
 class Change:
-    """What an effect does to an element, in its own axes.
+    """Change of an element by an effect, in the element's axes.
 
-    Compliance (6, 6) added, twist (6,) of its unloaded end, twist (6,) of a joint's axis away from where it is drawn,
-    stiffness of a spring added to each free motion of a passive joint. Of a body with n ends (6m, 6m) and (6m,),
-    m = n - 1: of all ends but the first.
+    Additional compliance (6, 6), twist (6,) of the unloaded end, displacement (6,) of a joint's
+    axis as a twist, and spring stiffness for each free motion of a passive joint. For a body with n
+    ends, (6m, 6m) and (6m,) with m = n - 1: all ends except the first.
     """
 
     compliance: Array | None = None
@@ -75,7 +75,7 @@ class Change:
 
     @property
     def displaces(self) -> bool:
-        """Whether it is an error of the geometry."""
+        """Whether it is a geometric error."""
         return self.offset is not None or self.astray is not None
 
 
@@ -84,10 +84,10 @@ NO_CHANGE = Change()
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """Bodies, joints and tool, and ``gravity`` (3,), the acceleration of free fall in m/s², base axes.
+    """Bodies, joints and tool; ``gravity`` (3,) is the free-fall acceleration, m/s², base axes.
 
-    ``base``: what yields between the ground and all that stands on it, at the origin; ``grip``: between the tool's body
-    and M, at M; both in base axes at home. Raises InputError for what does not make a mechanism.
+    ``base``: change between ground and robot, at the origin; ``grip``: between tool body and M, at
+    M; both in base axes at home. Raises InputError if the mechanism is inconsistent.
     """
 
     __repr__ = describe_briefly
@@ -148,11 +148,11 @@ class Mechanism:
         return {GROUND: GROUND} | {node: body.name for body in self.bodies for node in body.nodes}
 
     def carrier(self, node: str) -> str:
-        """Name of the body that a node belongs to."""
+        """Return the name of a node's body."""
         return self._carriers[node]
 
     def rows(self, name: str) -> tuple[str, ...]:
-        """Elements of the network that an element is: of a body with more than two ends one from the first to each."""
+        """Return its network elements: of a body of n > 2 ends, n - 1 from the first end."""
         return self._rows.get(name, (name,))
 
     @cached_property
@@ -160,11 +160,11 @@ class Mechanism:
         return {body.name: body.nodes[1:] for body in self.bodies if len(body.nodes) > 2}
 
     def body(self, name: str) -> Body:
-        """The body of this name."""
+        """Return the body with this name."""
         return next(b for b in self.bodies if b.name == name)
 
     def joint(self, name: str) -> Joint:
-        """The joint of this name."""
+        """Return the joint with this name."""
         return next(j for j in self.joints if j.name == name)
 
     @property
@@ -174,14 +174,14 @@ class Mechanism:
 
     @property
     def elements(self) -> tuple[str, ...]:
-        """Names of all that can yield or be changed: ``BASE``, joints, elastic bodies, ``TOOL``."""
+        """Names of all elements: ``BASE``, joints, elastic bodies, ``TOOL``."""
         elastic = (b.name for b in self.bodies if b.elastic is not None)
         return (BASE, *(j.name for j in self.joints), *elastic, TOOL)
 
     def change_elements(self, changes: Mapping[str, Change]) -> Mechanism:
-        """The mechanism with compliances added and unloaded ends moved, by the name of the element.
+        """Return the mechanism with compliances added and unloaded ends moved, by element name.
 
-        Raises InputError for a name that is no element's and for a compliance that becomes indefinite.
+        Raises InputError for an unknown name or a compliance that becomes indefinite.
         """
         unknown = sorted(set(changes) - set(self.elements))
         if unknown:
@@ -200,7 +200,7 @@ class Mechanism:
         for name, change in (("base", base), ("tool", grip)):
             if change.compliance is not None:
                 check_compliance(change.compliance, name, semidefinite=True)
-        out = copy.copy(self)  # whose names and connections are checked already
+        out = copy.copy(self)  # names and connections are already checked
         for name, value in (("bodies", tuple(bodies)), ("joints", tuple(joints)), ("base", base), ("grip", grip)):
             assign(out, name, value)
         return out

@@ -1,8 +1,9 @@
-"""Mobility of a mechanism at one configuration: what moves, what is idle, what is held more than once, by name.
+"""Mobility of a mechanism at one configuration: motions, idle motions, redundant constraints.
 
-Bodies are rigid. Joint rates q̇ satisfy one twist equation for each independent loop, ``A q̇ = 0``; the null space of A
-is the mechanism's motions, its left null space the wrenches that joints can carry without a load: redundant
-constraints. Both follow from singular values of A, lengths over the mechanism's own.
+Bodies are rigid. Joint rates q̇ satisfy one twist equation per independent loop, ``A q̇ = 0``; the
+null space of A contains the mechanism's motions, its left null space the redundant constraints:
+joint wrenches in equilibrium without a load. Both follow from the singular values of A, lengths
+relative to the mechanism's.
 
 References
 ----------
@@ -41,15 +42,15 @@ if TYPE_CHECKING:
     from stiffscope.vjm.subspaces import Direction
 
 NEAR = 1e-4  # relative singular value below which a direction is nearly free
-_TOGETHER, _MANY = 3, 1000  # loops that are searched for what they share, and groups of them
+_TOGETHER, _MANY = 3, 1000  # loops that are searched jointly, and their combinations
 
 
 @dataclass(frozen=True, eq=False)
 class Redundancy:
-    """Constraints that a loop, or ``loops`` of them together, hold once more than needed.
+    """Constraints that a loop, or ``loops`` of them together, hold redundantly.
 
-    ``bodies``: those that the loop passes, in its order; of several loops all of theirs, sets such as leg1 in short.
-    ``directions`` are as many as ``count`` where a single loop has them, else empty.
+    ``bodies``: those of the loop in its order; for several loops all of theirs, sets shortened to
+    e.g. leg1. ``directions``: ``count`` of them for a single loop, else empty.
     """
 
     loops: int
@@ -67,13 +68,13 @@ class Redundancy:
 
 @dataclass(frozen=True, eq=False)
 class Idle:
-    """A motion of ``bodies`` in ``joints`` that moves neither the tool nor a drive nor a spring; ``count`` of them."""
+    """``count`` idle motions of ``bodies`` in ``joints``, with tool, drives and springs at rest."""
 
     bodies: tuple[str, ...]
     joints: tuple[str, ...]
     count: int
     direction: Direction | None
-    """The motion of the bodies where it is one and they all have the same."""
+    """Motion of the bodies if it is a single one that all share."""
 
     def __str__(self) -> str:
         who, where = list_names(self.bodies), list_names(self.joints)
@@ -87,35 +88,35 @@ class Idle:
 
 @dataclass(frozen=True, eq=False)
 class Mobility:
-    """What a mechanism can do at one configuration, every body rigid.
+    """Mobility of a mechanism with rigid bodies at one configuration.
 
     Attributes
     ----------
     freedoms
-        Sum of the joints' freedoms.
+        Sum of the joints' dof.
     loops
-        Independent loops, each the bodies that it passes.
+        Independent loops, each as the bodies in it.
     dof
-        Independent motions of the whole mechanism: ``freedoms - 6 loops + redundant``.
+        Degrees of freedom of the mechanism: ``freedoms - 6 loops + redundant``.
     tool
         Motions of the tool at M, base axes.
     coordinates
-        What each of x y z rx ry rz does at M: "commanded" by ``tool.pose``, "follows" from those, is "free" besides
-        them, is "held"; or "locked": commanded, though the loops hold it.
+        State of each of x y z rx ry rz at M: "commanded" by ``tool.pose``, "follows" from those,
+        "free", "held", or "locked": commanded but held by the loops.
     loose
-        Motions of the tool that are left with all drives held and that no joint's spring resists: it lacks drives.
+        Tool motions that neither locked drives nor springs resist: drives are missing.
     dependent_drives
-        Drives that others, or the loops, determine; ``redundant_drives`` of them could be taken away.
+        Drives determined by other drives or the loops; ``redundant_drives`` of them are
+        superfluous.
     redundancies, idle
-        Redundant constraints and idle motions by name.
+        Redundant constraints and idle motions.
     constraint_margin
-        Smallest singular value of A that counts over the largest: 0 where it is singular.
+        Smallest nonzero singular value of A over the largest: 0 if singular.
     rounding
-        Largest singular value of A that does not count, over the largest.
+        Largest singular value of A taken as zero, over the largest.
     conditioning
-        Inverse condition number of the commanded coordinates by the drives, lengths over the mechanism's own: 0 where
-        singular; None where drives and coordinates are not as many, or there is none.
-
+        Inverse condition number of the map from drives to commanded coordinates, lengths relative
+        to the mechanism's: 0 if singular; None if their numbers differ or are zero.
     """
 
     freedoms: int
@@ -134,7 +135,7 @@ class Mobility:
 
     @property
     def count(self) -> int:
-        """Mobility by the formula of Chebyshev, Grübler and Kutzbach, ``freedoms - 6 loops``."""
+        """Mobility by the Chebychev-Grübler-Kutzbach formula, ``freedoms - 6 loops``."""
         return self.freedoms - 6 * len(self.loops)
 
     @property
@@ -149,7 +150,7 @@ class Mobility:
 
 
 def mobility(mechanism: Mechanism, configurations: Configurations | None = None, index: int = 0) -> Mobility:
-    """Mobility at home, or at one of given configurations, which must be valid there.
+    """Return the mobility at home, or at one of given configurations, which must be valid.
 
     Parameters
     ----------
@@ -158,8 +159,7 @@ def mobility(mechanism: Mechanism, configurations: Configurations | None = None,
     configurations
         Configurations (n,) of the mechanism.
     index
-        Which of the configurations.
-
+        Index of the configuration.
     """
     rates = JointRates(mechanism, configurations, index)
     size = int(rates.starts[-1])
@@ -187,7 +187,7 @@ def mobility(mechanism: Mechanism, configurations: Configurations | None = None,
 
 
 def _shorten_names(names: Sequence[str], known: Sequence[str]) -> tuple[str, ...]:
-    """Names, those of a whole set ("leg1.…") by the set's."""
+    """Abbreviate names: a complete set ("leg1.…") by its prefix."""
     out: list[str] = []
     for name in names:
         leader = name.partition(".")[0]
@@ -211,7 +211,7 @@ def _springs(rates: JointRates) -> Array:
 
 
 def _find_dependent(rates: JointRates, drives: Array) -> tuple[int, tuple[str, ...]]:
-    """How many drives depend on others, and which take part in that."""
+    """Return the number of drives that depend on others, and the names of those involved."""
     left = null_space(drives.T)
     names = [j.name for j in rates.mechanism.drives]
     taking = np.linalg.norm(left, axis=1) > ZERO
@@ -219,13 +219,13 @@ def _find_dependent(rates: JointRates, drives: Array) -> tuple[int, tuple[str, .
 
 
 def _twists(rates: JointRates, twists: Array) -> tuple[Direction, ...]:
-    """The space of twists (6, k) at M, its directions by name."""
+    """Return the named directions of a space of twists (6, k) at M."""
     basis = range_space(twists)
     return tuple(name_directions(np.vstack([basis[3:], basis[:3]]), "rotation", "translation", rates.length))
 
 
 def _coordinates(rates: JointRates, tool: Array) -> dict[str, str]:
-    """See ``Mobility.coordinates``; ``tool`` (6, k)."""
+    """Return ``Mobility.coordinates`` from tool motions (6, k)."""
     pose = rates.mechanism.tool.pose
     out: dict[str, str] = {}
     taken: Array = np.zeros((0, tool.shape[1]))
@@ -245,7 +245,7 @@ def _coordinates(rates: JointRates, tool: Array) -> dict[str, str]:
 
 
 def _measure_conditioning(rates: JointRates, drives: Array, tool: Array, motions: Array) -> float | None:
-    """Inverse condition number of commanded coordinates by drives."""
+    """Return the inverse condition number from drives to commanded coordinates."""
     pose = tool[rates.mechanism.tool.commanded_axes]
     if len(drives) != len(pose):
         return None
@@ -258,7 +258,7 @@ def _measure_conditioning(rates: JointRates, drives: Array, tool: Array, motions
 
 
 def _redundancies(rates: JointRates, equations: list[Array], left: Array) -> tuple[Redundancy, ...]:
-    """Left null space (6 loops, r): what each loop has by itself, then what few share, then what many do."""
+    """Split the left null space (6 loops, r): single loops first, then few, then many together."""
     out: list[Redundancy] = []
     known = np.zeros((len(left), 0))
     for group in _neighbours(rates):
@@ -288,7 +288,7 @@ def _redundancy(rates: JointRates, group: Sequence[int], wrenches: Array) -> Red
 
 
 def _neighbours(rates: JointRates) -> Iterable[tuple[int, ...]]:
-    """Each loop, then pairs and triples of loops that share joints, as far as they are few."""
+    """Yield each loop, then pairs and triples of loops that share joints, while they are few."""
     joints = [{k for k, _ in loop} for loop in rates.loops]
     groups: list[tuple[int, ...]] = [(k,) for k in range(len(joints))]
     for _ in range(_TOGETHER):
@@ -305,7 +305,7 @@ def _neighbours(rates: JointRates) -> Iterable[tuple[int, ...]]:
 
 
 def _idle(rates: JointRates, idle: Array) -> tuple[Idle, ...]:
-    """Idle motions (m, k) apart from one another: those that share no joint."""
+    """Split idle motions (m, k) into independent ones, which share no joint."""
     out: list[Idle] = []
     for group, count in find_blocks(idle, np.diff(rates.starts).astype(int).tolist()):
         own = np.zeros_like(idle)

@@ -1,6 +1,6 @@
-"""Natural frequencies and mode shapes of any mechanism at many poses.
+"""Natural frequencies and mode shapes of a mechanism at many poses.
 
-The lowest modes of many poses are found by subspace iteration from those of the first.
+For many poses, subspace iteration from the first pose's modes finds the lowest ones.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 _CHUNK = 256  # poses
-_FEW = 4  # poses, up to which every one is solved in full
-_FREE = 1e-9  # of the shift: squared angular frequency of a free motion, apart from rounding
-_IDLE = 1e-6  # of a free motion's size, that it moves tool and drives where it does not
-_GUARDS = 6  # vectors more than wanted, of the modes and at random
+_FEW = 4  # poses, up to which each is solved in full
+_FREE = 1e-9  # of the shift: squared angular frequency of a free motion, beyond rounding
+_IDLE = 1e-6  # of a free motion's size: motion of tool and drives taken as zero
+_GUARDS = 6  # additional iteration vectors, from modes and random
 _ROUNDS, _POWERS = 20, 4
-_CONVERGED = 1e-11  # change of μ, relative to the largest; the frequencies' own error is far less
+_CONVERGED = 1e-11  # change of μ relative to the largest; frequencies are far more accurate
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Modes(Labelled):
-    """The lowest modes of a mechanism at n poses, lowest first; NaN out of reach, and where there are fewer.
+    """Lowest modes of a mechanism at n poses, ascending; NaN if out of reach or if there are fewer.
 
-    ``frequencies`` (n, c) in Hz, 0 where tool or drives move freely; ``error`` (n, c): 95 % bounds by those of the
-    parts' compliances, zeros without any. ``shapes``: twists (n, 6, c) of every node at M in base axes, normalized to a
-    modal mass of 1 kg (the tool is ``tool``). ``energy``: share (n, c) of each element in the strain energy;
-    ``internal`` (n, c): of all that is in modes of parts between their ends, which no node's twist shows.
-    ``remarks`` tell what moves freely and was left out.
+    ``frequencies`` (n, c) in Hz, 0 if tool or drives move freely; ``error`` (n, c): 95 % bounds
+    from those of the parts' compliances, zero without any. ``shapes``: twists (n, 6, c) of every
+    node at M in base axes, for a modal mass of 1 kg (``tool``: the tool's). ``energy``: share (n,
+    c) of each element in the strain energy; ``internal`` (n, c): share of the parts' internal
+    modes, which node twists do not show. ``remarks``: omitted free motions.
     """
 
     configurations: Configurations
@@ -65,7 +65,7 @@ class Modes(Labelled):
         return self.shapes[END]
 
     def to_xarray(self) -> xr.Dataset:
-        """Return frequencies, bounds, the tool's shape and energies with names along pose, mode, twist and element."""
+        """Return frequencies, bounds, tool shape and energies by pose, mode, twist and element."""
         variables: dict[str, tuple[Sequence[str], Any, str]] = {
             "frequency": (("pose", "mode"), self.frequencies, "Hz"),
             "error": (("pose", "mode"), self.error, "Hz"),
@@ -77,29 +77,29 @@ class Modes(Labelled):
 
 
 def modes(mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 6, *, drives: Drives = "held") -> Modes:
-    """The lowest modes at tool poses (n, k) or configurations, with error bars, shapes and energy shares.
+    """Compute the lowest modes at tool poses (n, k) or configurations: bounds, shapes, energies.
 
     Parameters
     ----------
     mechanism
-        Its rigid bodies have masses and inertias, its elastic ones a mass or ``dynamics``. What has none follows the
-        rest statically.
+        Rigid bodies have masses and inertias, elastic ones a mass or ``dynamics``. Massless parts
+        follow statically.
     poses
         Tool poses (n, k) in m and rad, or configurations.
     count
-        How many modes, free motions of 0 Hz of tool or drives among them.
+        Number of modes, including free motions of tool or drives at 0 Hz.
     drives
-        Whether the drives are springs ("held") or move freely.
+        Drives are springs ("held") or move freely ("free").
 
     Returns
     -------
     Modes
-        Frequencies (n, count) in Hz from below with their error bars, shapes and energy; NaN where there is no mode.
+        Ascending frequencies (n, count) in Hz with bounds, shapes and energy; NaN without a mode.
 
     Raises
     ------
     InputError
-        For poses of another shape, a count below 1, and a body that moves freely without inertia, by its name.
+        If poses have another shape, the count is below 1, or a named massless body moves freely.
 
     References
     ----------
@@ -134,7 +134,7 @@ def modes(mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 
 def frequencies(
     mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 6, *, drives: Drives = "held"
 ) -> Array:
-    """Natural frequencies (n, c) in Hz as ``modes`` has them, nothing else: what a forward model or a map takes.
+    """Return only the natural frequencies (n, c) of ``modes`` in Hz, for maps and forward models.
 
     Parameters
     ----------
@@ -145,8 +145,7 @@ def frequencies(
     count
         Number of frequencies, the lowest first.
     drives
-        Whether drives are springs ("held") or move freely ("free").
-
+        Drives are springs ("held") or move freely ("free").
     """
     found = poses if isinstance(poses, Configurations) else configure(mechanism, poses)
     out = np.full((len(found), count), np.nan)
@@ -160,7 +159,7 @@ def frequencies(
 
 @dataclass(eq=False)
 class _Part:
-    """Modes of a pencil: squared angular frequencies (n, c), and vectors (n, size, c) of a modal mass of 1 kg."""
+    """Modes of a pencil: ``squares`` ω² (n, c), and ``vectors`` (n, size, c) of modal mass 1 kg."""
 
     pencil: Pencil
     squares: Array
@@ -168,22 +167,22 @@ class _Part:
 
     @property
     def frequencies(self) -> Array:
-        """Hz (n, c)."""
+        """Frequencies (n, c), Hz."""
         return np.sqrt(self.squares) / (2.0 * np.pi)
 
     @cached_property
     def shapes(self) -> dict[str, Array]:
-        """Twists (n, 6, c) of the nodes."""
+        """Node twists (n, 6, c)."""
         return {node: rows.apply_to(self.vectors) for node, rows in self.pencil.system.twists.items() if node != GROUND}
 
     @cached_property
     def energy(self) -> dict[str, Array]:
-        """Share (n, c) of each element in the strain energy; zeros for a free motion."""
+        """Share (n, c) of each element in the strain energy; zero for a free motion."""
         return {name: self._share(rows) for name, rows in self.pencil.system.strains.items()}
 
     @cached_property
     def internal(self) -> Array:
-        """Share (n, c) of the parts' own modes in the strain energy."""
+        """Share (n, c) of the parts' internal modes in the strain energy."""
         bodies = [b.name for b in self.pencil.system.mechanism.bodies if b.elastic is not None]
         strains = self.pencil.system.strains
         return sum((self._share(strains[name][1:]) for name in bodies if name in strains), np.zeros(self.squares.shape))
@@ -194,10 +193,11 @@ class _Part:
 
     @cached_property
     def error(self) -> Array:
-        """Bounds (n, c) in Hz by those of the elastic bodies' compliances, and of their modes between the ends.
+        """Bounds (n, c) in Hz, from those of elastic bodies' compliances and internal modes.
 
-        ``δω² = -wᵀ δC w + δλ q²`` with w the wrench that a body carries, λ the square of a mode of its own and q that
-        mode's motion. Of modes nearer than their bounds, which mix, the bounds of the mixed terms add.
+        ``δω² = -wᵀ δC w + δλ q²`` with w the wrench on a body, λ the square of its internal mode
+        and q the motion of that mode. Modes closer than their bounds mix; the bounds of their mixed
+        terms are added.
         """
         mixed: Array = np.zeros((*self.squares.shape, self.squares.shape[1]))
         system = self.pencil.system
@@ -226,7 +226,7 @@ def _solve_chunks(
     put: Callable[[_Part, NDArray[np.intp]], None],
     remarks: dict[str, None],
 ) -> None:
-    """Hand the modes of every pose within reach to ``put``, a chunk at a time."""
+    """Pass the modes of all reachable poses to ``put``, in chunks."""
     if count < 1:
         raise InputError(f"count: expected at least 1 mode, got {count}")
     reached = np.flatnonzero(found.valid)
@@ -247,7 +247,7 @@ def _solve_chunks(
 
 
 def _check_empty(pencil: Pencil) -> bool:
-    """Whether something moves idly without inertia. InputError where tool or drives move so."""
+    """Return whether a massless idle motion exists. InputError if it moves tool or drives."""
     empty = pencil.empty_motions
     if not empty.shape[1]:
         return False
@@ -266,13 +266,13 @@ def _check_empty(pencil: Pencil) -> bool:
 
 
 def _move_tool_and_drives(system: Coordinates, vectors: Array) -> Array:
-    """Motion (n, 6 + drives, c) of the tool and of free drives, lengths over the mechanism's own."""
+    """Return the motion (n, 6 + drives, c) of tool and free drives, in relative lengths."""
     tool = system.twists[END].apply_to(vectors) / np.repeat([system.length, 1.0], 3)[:, None]
     return np.concatenate([tool, *(r.apply_to(vectors) for r in system.rates)], axis=1)
 
 
 def _drop_idle(part: _Part, count: int) -> tuple[_Part, bool]:
-    """The lowest modes without free motions that move neither tool nor drives, and whether there were any."""
+    """Remove free motions that move neither tool nor drives; return whether there were any."""
     free = (part.squares == 0.0).sum(axis=1)
     if not free.any():
         return _Part(part.pencil, part.squares[:, :count], part.vectors[..., :count]), False
@@ -292,7 +292,7 @@ def _drop_idle(part: _Part, count: int) -> tuple[_Part, bool]:
 
 
 def _idle_text(mechanism: Mechanism, found: Configurations, index: int) -> str:
-    """What moves idly, by name."""
+    """Describe idle motions by name."""
     known = [str(each) for each in mobility(mechanism, found, index).idle]
     return (
         f"left out, as without stiffness: {'; '.join(known)}"
@@ -302,7 +302,7 @@ def _idle_text(mechanism: Mechanism, found: Configurations, index: int) -> str:
 
 
 def _say_few(mechanism: Mechanism, most: int, count: int, remarks: dict[str, None]) -> None:
-    """Say why there are fewer modes than asked for. InputError where there is none."""
+    """Add a remark on why there are fewer modes than requested. InputError if there is none."""
     plain = [b for b in mechanism.bodies if b.inertia is None and (b.elastic is None or b.elastic.dynamics is None)]
     bare, points = ([spell_name("bodies", b.name) for b in plain if bool(b.mass) is heavy] for heavy in (False, True))
     if most == 0:
@@ -313,7 +313,7 @@ def _say_few(mechanism: Mechanism, most: int, count: int, remarks: dict[str, Non
 
 
 def _solve(pencil: Pencil, count: int) -> Iterator[tuple[_Part, NDArray[np.intp]]]:
-    """Modes of a pencil, at least ``count`` besides free ones, by groups of poses."""
+    """Yield the modes of a pencil, at least ``count`` besides free ones, by groups of poses."""
     n = len(pencil.stiffness)
     everything = np.arange(n)
     if n <= _FEW or len(pencil.scale) <= 2 * (count + _GUARDS):
@@ -340,7 +340,7 @@ def _solve(pencil: Pencil, count: int) -> Iterator[tuple[_Part, NDArray[np.intp]
 
 
 def _iterate_subspace(pencil: Pencil, matrix: Array, begin: Array, wanted: int) -> tuple[Array, NDArray[np.bool_]]:
-    """Lowest modes (n, d, wanted), scaled units, by subspace iteration, and where (n,) it has converged."""
+    """Iterate a subspace to the lowest modes (n, d, wanted), scaled units; return convergence."""
     n, d = len(matrix), matrix.shape[-1]
     mass = pencil.mass * np.outer(pencil.scale, pencil.scale)
     step = np.linalg.inv(matrix) @ mass
@@ -363,7 +363,7 @@ def _iterate_subspace(pencil: Pencil, matrix: Array, begin: Array, wanted: int) 
 
 
 def _find_definite(matrix: Array) -> NDArray[np.bool_]:
-    """Where (n,) positive definite matrices (n, d, d) are so beyond rounding."""
+    """Return which (n,) matrices (n, d, d) are positive definite beyond rounding."""
     try:
         lower: Array = np.linalg.cholesky(matrix)
     except np.linalg.LinAlgError:
@@ -373,7 +373,7 @@ def _find_definite(matrix: Array) -> NDArray[np.bool_]:
 
 
 def _solve_densely(pencil: Pencil, index: NDArray[np.intp]) -> Iterator[tuple[_Part, NDArray[np.intp]]]:
-    """All modes with inertia, every pose by itself."""
+    """Yield all modes with inertia, pose by pose."""
     for k in range(len(index)):
         one = pencil.some(np.array([k]))
         values, vectors = one.all_vectors()
@@ -382,7 +382,7 @@ def _solve_densely(pencil: Pencil, index: NDArray[np.intp]) -> Iterator[tuple[_P
 
 
 def _normalize(pencil: Pencil, vectors: Array, scaled: Pencil) -> _Part:
-    """Modes of vectors (n, d, c) in the scaled units of a pencil: normalized, frequencies by Rayleigh's quotient."""
+    """Normalize vectors (n, d, c) in scaled units; frequencies follow from Rayleigh's quotient."""
     full = pencil.basis @ (scaled.scale[:, None] * vectors)
     system = pencil.system
     nothing = np.zeros((len(full), full.shape[2]))

@@ -1,8 +1,9 @@
-"""The elastic network of a mechanism: its nodes, its elements, and where each of them is.
+"""The elastic network of a mechanism: its nodes, elements and their places.
 
-Every joint, elastic body, the base and the tool's grip is an element between two nodes: ``t = C w + N q + t₀`` for the
-twist of its second node against its first, ``Nᵀ w = 0``, in the element's own axes at its own point. A body of more
-ends is an element from the first to each other, ``t_i = F_i y + t₀``, that share their coordinates ``y = Σ F_iᵀ w_i``.
+Each joint and elastic body, the base and the tool's grip is an element between two nodes. The twist
+of its second node relative to its first is ``t = C w + N q + t₀`` with ``Nᵀ w = 0``, in the
+element's axes at its point. A body of more ends has an element from the first end to each other,
+``t_i = F_i y + t₀``; they share the coordinates ``y = Σ F_iᵀ w_i``.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Change, Mechanism
     from stiffscope.vjm.screws import Array
 
-FOOT = "<base>"  # the node that stands on the base
-END = "<tool>"  # the node at M
+FOOT = "<base>"  # node on the base
+END = "<tool>"  # node at M
 _NOTHING = np.zeros((1, 6, 0))
 
 
@@ -41,11 +42,11 @@ def _none() -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Element:
-    """``factor`` F (6, r) of its compliance F Fᵀ, ``free`` directions N (6, k), ``offset`` t₀ (6,) or None.
+    """``factor`` F (6, r) of the compliance F Fᵀ, ``free`` directions N (6, k), ``offset`` t₀ (6,).
 
-    The last ``sprung`` columns of F are motions of a universal or spherical joint that springs resist.
-    ``axes`` (3, 3) ride on the node ``carrier``, the point ``at`` (3,) on ``second``, both as they are at home.
-    ``group``: the body with whose other elements it shares its coordinates; empty where it has its own.
+    The last ``sprung`` columns of F are motions of a universal or spherical joint with springs. At
+    home, ``axes`` (3, 3) are fixed to the node ``carrier`` and the point ``at`` (3,) to ``second``.
+    ``group``: the body whose elements share coordinates; empty if it has its own.
     """
 
     name: str
@@ -61,38 +62,38 @@ class Element:
     group: str = ""
     sprung: int = 0
     drawn: Joint | None = None
-    """The joint where it is drawn, if it is not there."""
+    """The nominal joint, if it is displaced."""
 
     @property
     def compliance(self) -> Array:
-        """C (6, 6), symmetric, may be singular or zero."""
+        """Compliance C (6, 6), symmetric, possibly singular or zero."""
         return self.factor @ self.factor.T
 
     @property
     def is_displaced(self) -> bool:
-        """True where its ends, unloaded, do not stand as drawn."""
+        """True if its unloaded ends are not in their nominal places."""
         return self.offset is not None or self.drawn is not None
 
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Displacement from home of every node, ``x = R x_home + p``, and the tool point (n, 3), at n configurations."""
+    """Displacements of nodes, ``x = R x_home + p``, and tool point (n, 3) at n configurations."""
 
     rotation: dict[str, Array]
     position: dict[str, Array]
     tool: Array
     rigid: bool = True
-    """True where the nodes of a rigid link stand together as at home: nothing is bent."""
+    """True if nothing is bent: nodes of a rigid link keep their places relative to each other."""
 
     softened: dict[str, Array] = field(default_factory=dict[Any, Any])
-    """Factors (n, 6, 6) of compliances that stand for those of some elements."""
+    """Factors (n, 6, 6) that replace the compliance factors of some elements."""
     known: dict[str, Array] = field(default_factory=dict[Any, Any], init=False)
-    """Adjoints of elements that were asked for before."""
+    """Cached adjoints of elements."""
     seen: dict[str, tuple[Element, Array, Array]] = field(default_factory=dict[Any, Any], init=False)
-    """Elements whose columns were asked for last, and these."""
+    """Elements with their cached columns."""
 
     def some(self, mask: NDArray[np.bool_] | NDArray[np.intp]) -> Places:
-        """Places at some of the configurations."""
+        """Return the places at some of the configurations."""
 
         def pick(a: Array) -> Array:
             return a[mask] if len(a) > 1 else a
@@ -103,7 +104,7 @@ class Places:
         return Places(rotation, position, self.tool[mask], self.rigid, softened)
 
     def replace_some(self, mask: NDArray[np.bool_], others: Places) -> Places:
-        """Places that are ``others`` at some of the configurations."""
+        """Return the places with those of ``others`` at some of the configurations."""
         n = len(self.tool)
 
         def put(a: Array, b: Array) -> Array:
@@ -116,29 +117,29 @@ class Places:
         return Places(rotation, position, put(self.tool, others.tool), self.rigid)
 
     def frame(self, element: Element) -> Frame:
-        """Where an element stands, seen from M: (n or 1, 3, 3) and (n or 1, 3)."""
+        """Return an element's frame relative to M: (n or 1, 3, 3) and (n or 1, 3)."""
         r = self.rotation[element.carrier] @ element.axes
         return Frame(r, self.point(element.second, element.at) - self.tool)
 
     def adjoint(self, element: Element) -> Array:
-        """Carry a twist (n or 1, 6, 6) from an element's own point and axes to M in base axes."""
+        """Return the twist transform (n or 1, 6, 6) of an element's frame to M in base axes."""
         if element.name not in self.known:
             self.known[element.name] = self.frame(element).adjoint()
         return self.known[element.name]
 
     def columns(self, element: Element) -> tuple[Array, Array]:
-        """Factor (n or 1, 6, r) and free directions (n or 1, 6, k) of an element, at M in base axes."""
+        """Return factor (n or 1, 6, r) and free directions (n or 1, 6, k) at M in base axes."""
         known, factor, free = self.seen.get(element.name, (None, _NOTHING, _NOTHING))
-        if known is not element:  # other robots of this geometry have another element of this name
+        if known is not element:  # a robot of the same geometry has another element of this name
             factor = self.adjoint(element) @ self.factor(element) if element.factor.shape[1] else _NOTHING
             free = self.adjoint(element) @ free_directions(element, self) if element.free.shape[1] else _NOTHING
             self.seen[element.name] = element, factor, free
         return factor, free
 
     def factor(self, element: Element) -> Array:
-        """Factor (n or 1, 6, r) of an element's compliance; a bent body's rotates by Rx, Ry, Rz in this order.
+        """Return an element's compliance factor (n or 1, 6, r); bent bodies rotate by Rx, Ry, Rz.
 
-        A spring's is that of its joint's own motions; where a ball's is turned, it yields along geodesics.
+        A spring's factor is along its joint's motions, for a rotated ball joint along geodesics.
         """
         if element.name in self.softened:
             return self.softened[element.name]
@@ -170,7 +171,7 @@ class Places:
         return self.rotation[element.first].mT @ self.rotation[element.second]
 
     def point(self, node: str, home: Array) -> Array:
-        """A point (3,) of a node's body, in base axes, (n or 1, 3)."""
+        """Return the base coordinates (n or 1, 3) of a point (3,) of a node's body."""
         return self.rotation[node] @ home + self.position[node]
 
     def wrenches(self, node: str, home: Array) -> Array:
@@ -179,7 +180,7 @@ class Places:
 
 
 def list_elements(mechanism: Mechanism) -> tuple[Element, ...]:
-    """Every element of a mechanism."""
+    """Return all elements of a mechanism."""
     origin = np.zeros(3)
     out = [_change(BASE, GROUND, FOOT, origin, mechanism.base)]
     for j in mechanism.joints:
@@ -193,12 +194,12 @@ def list_elements(mechanism: Mechanism) -> tuple[Element, ...]:
 
 
 def list_nodes(mechanism: Mechanism) -> tuple[str, ...]:
-    """Every node, the ground first and the tool last."""
+    """Return all nodes, the ground first and the tool last."""
     return (GROUND, FOOT, *(node for body in mechanism.bodies for node in body.nodes), END)
 
 
 def place_nodes(configurations: Configurations) -> Places:
-    """Nodes of the unloaded mechanism, whose links are rigid."""
+    """Return the places of the unloaded mechanism's nodes; its links are rigid."""
     linkage = configurations.linkage
     link = map_links(linkage)
     known = {k: configurations.link_frame(linkage.frame[k]) for k in set(link.values())}
@@ -207,23 +208,22 @@ def place_nodes(configurations: Configurations) -> Places:
 
 
 def map_links(linkage: Linkage) -> dict[str, int]:
-    """Rigid link of every node of the network."""
+    """Return the rigid link of every node of the network."""
     mechanism = linkage.mechanism
     return linkage.link_of | {FOOT: linkage.link_of[GROUND], END: linkage.link_of[mechanism.tool.body]}
 
 
 def moves_with(element: Element, link: int, links: dict[str, int]) -> bool:
-    """Whether an element's compliance and free directions do not change, seen from a rigid link at its ends.
+    """Return whether compliance and free directions of an element are constant in a link's axes.
 
     Parameters
     ----------
     element
         Element of the network.
     link
-        Number of the rigid link that looks on.
+        Number of the rigid link, at one of the element's ends.
     links
         Number of the rigid link of each node.
-
     """
     joint = element.joint
     if joint is None or joint.kind == "fixed":
@@ -249,7 +249,7 @@ def _change(name: str, first: str, second: str, at: Array, change: Change) -> El
 
 
 def _body(name: str, nodes: tuple[str, ...], elastic: Elastic) -> Iterator[Element]:
-    """An element from the first end to each other; those of several share their coordinates."""
+    """Yield an element from the first end to each other; several share their coordinates."""
     factor, several = _factor(elastic.compliance), len(nodes) > 2
     for k, (node, at) in enumerate(zip(nodes[1:], elastic.places[1:], strict=True)):
         own = slice(6 * k, 6 * k + 6)
@@ -282,7 +282,7 @@ def _joint(joint: Joint, first: str, second: str) -> Element:
 
 
 def _mislay(element: Element, drawn: Joint, astray: Array) -> Element:
-    """A joint's element where its axis really is."""
+    """Return a joint's element at the actual place of its axis."""
     away = np.kron(np.eye(2), drawn.axes) @ astray
     turn, at = rotation_of(away[None, 3:])[0], drawn.at + away[:3]
     there = replace(drawn, at=at, axis=None if drawn.axis is None else turn @ drawn.axis, astray=None)
@@ -294,9 +294,9 @@ def _columns(vectors: list[Array]) -> Array:
 
 
 def _soften_turned(vector: Array) -> Array:
-    """By what (n, 3, 3) a ball's spring, of energy ``½ k φ²``, yields more along each axis where φ (n, 3) is turned.
+    """Return the gain (n, 3, 3) of a ball spring's factor, energy ``½ k φ²``, at rotation φ (n, 3).
 
-    Along geodesics from there the Hessian of φ² / 2 is ``n nᵀ + (φ/2) cot(φ/2) (1 - n nᵀ)``.
+    Along geodesics, the Hessian of φ² / 2 there is ``n nᵀ + (φ/2) cot(φ/2) (1 - n nᵀ)``.
     """
     angle = np.linalg.norm(vector, axis=1)
     unit = vector / np.where(angle > 0.0, angle, 1.0)[:, None]
@@ -306,7 +306,7 @@ def _soften_turned(vector: Array) -> Array:
 
 
 def free_directions(element: Element, where: Places) -> Array:
-    """Free directions (n or 1, 6, k) in the element's own axes."""
+    """Return free directions (n or 1, 6, k) in the element's axes."""
     joint = element.joint
     if (
         joint is None
@@ -315,7 +315,7 @@ def free_directions(element: Element, where: Places) -> Array:
     ):
         return element.free[None]
     axis = joint.axis2 if joint.kind == "universal" else joint.axis
-    turn = np.flatnonzero(element.free[3:].any(axis=0))  # the last rotation's axis rides on the second body
+    turn = np.flatnonzero(element.free[3:].any(axis=0))  # its axis is on the second body
     if axis is None or not turn.size:
         return element.free[None]
     second = (where.rotation_across(element) @ axis) @ element.axes
@@ -325,7 +325,7 @@ def free_directions(element: Element, where: Places) -> Array:
 
 
 def euler_axes(turn: Array) -> Array:
-    """Axes (n, 3, 3), as columns, about which small rotations Rx, Ry, Rz act in this order where they make ``turn``."""
+    """Return the axes (n, 3, 3), as columns, of successive small Rx, Ry, Rz at ``turn``."""
     b = np.arcsin(turn[..., 0, 2])
     a = np.arctan2(-turn[..., 1, 2], turn[..., 2, 2])
     out = np.zeros(turn.shape)
@@ -337,14 +337,14 @@ def euler_axes(turn: Array) -> Array:
 
 
 def euler_angles(turn: Array) -> Array:
-    """Small rotations Rx, Ry, Rz (n, 3) in rad that make ``turn`` (n, 3, 3) in this order."""
+    """Return successive small rotations Rx, Ry, Rz (n, 3) in rad that give ``turn`` (n, 3, 3)."""
     a = np.arctan2(-turn[..., 1, 2], turn[..., 2, 2])
     c = np.arctan2(-turn[..., 0, 1], turn[..., 0, 0])
     return np.stack([a, np.arcsin(turn[..., 0, 2].clip(-1.0, 1.0)), c], axis=-1)
 
 
 def _factor(compliance: Array) -> Array:
-    """F (6m, r) of a compliance F Fᵀ of rank r; lengths scaled so that no unit decides."""
+    """Return F (6m, r) of a compliance F Fᵀ of rank r, scaled so that units do not matter."""
     diagonal = np.sqrt(np.diagonal(compliance).clip(min=0.0))
     used = diagonal > 0.0
     if not used.any():

@@ -1,8 +1,9 @@
-"""The order in which an elastic network is condensed to its tool, found once for a mechanism at home.
+"""Elimination order of an elastic network, found once for a mechanism at home.
 
-Chains without branches become one connection, of compliance C and free directions N. Where what N leaves has
-compliance, it is stiffened; else it is folded: the node at its end takes its coordinates. Nodes between stiffnesses
-are eliminated. Bodies of more than two ends are left as they are.
+Unbranched chains become one connection with compliance C and free directions N. A connection is
+stiffened if it has compliance in all directions outside N, else it is folded: the node at its end
+takes its coordinates. Nodes between stiffnesses are eliminated. Bodies of three or more ends are
+kept.
 """
 
 from __future__ import annotations
@@ -37,18 +38,18 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
-ROUNDING = 1e-10  # of a motion, that is left of it where all of it is free
-RIGID = 1e-13  # relative pivot below which a constrained direction has no compliance at all
-_LOST = 1e-12  # relative pivot, times the least one before it, that rounding may have made
+ROUNDING = 1e-10  # relative remainder of a motion that is entirely free
+RIGID = 1e-13  # relative pivot below which a constrained direction is rigid
+_LOST = 1e-12  # relative pivot, times the smallest one before it, that may be rounding
 Members: TypeAlias = "tuple[tuple[Element, float], ...]"
 
 
 @dataclass(frozen=True, eq=False)
 class Connection:
-    """Elements in series from node ``start`` to ``end``; -1 marks one that is passed from its second node.
+    """Elements in series from node ``start`` to ``end``; -1 marks an element passed in reverse.
 
-    ``anchor``: node whose body carries the connection's own axes, ``origin`` (3,) their origin at home.
-    ``constant``: its stiffness (6, 6) in its own axes where no pose changes it.
+    ``anchor``: node whose body carries the connection's axes; ``origin`` (3,): their origin at
+    home. ``constant``: stiffness (6, 6) in its own axes if it is independent of the pose.
     """
 
     start: str
@@ -58,10 +59,10 @@ class Connection:
     origin: Array
     constant: Array | None = None
     formable: bool | None = None
-    """Whether it can be stiffened; None until that has been tried."""
+    """Whether it can be stiffened; None if not yet tried."""
 
     def reverse(self) -> Connection:
-        """The same from its end to its start."""
+        """Return the connection from its end to its start."""
         turned = tuple((e, -s) for e, s in reversed(self.members))
         return replace(self, start=self.end, end=self.start, members=turned)
 
@@ -71,25 +72,25 @@ class Connection:
         return tuple(e.second if s > 0.0 else e.first for e, s in self.members[:-1])
 
     def frame(self, where: Places) -> Frame:
-        """Its own axes, seen from M."""
+        """Return the connection's frame relative to M."""
         return Frame(where.rotation[self.anchor], where.point(self.anchor, self.origin) - where.tool)
 
     def flexible(self, where: Places) -> tuple[Array, Array]:
-        """Factor F (n or 1, 6, r) of its compliance and free directions N (n or 1, 6, k), at M in base axes."""
+        """Return factor F (n or 1, 6, r) and free directions N (n or 1, 6, k) at M, base axes."""
         factors, free = zip(*(where.columns(e) for e, _ in self.members), strict=True)
         return stack_columns(factors), stack_columns(free)
 
 
 @dataclass(frozen=True, eq=False)
 class Stiffen:
-    """A connection turned into a stiffness between its nodes."""
+    """Step that turns a connection into a stiffness between its nodes."""
 
     connection: Connection
 
 
 @dataclass(frozen=True, eq=False)
 class Eliminate:
-    """A node between stiffnesses alone."""
+    """Step that eliminates a node that only has stiffnesses."""
 
     node: str
     neighbours: tuple[str, ...]
@@ -97,14 +98,14 @@ class Eliminate:
 
 @dataclass(frozen=True, eq=False)
 class Fold:
-    """A node at the end of one connection that is no stiffness; what else is at it are stiffnesses."""
+    """Step that folds a node with one flexible connection; all its others are stiffnesses."""
 
     connection: Connection
     neighbours: tuple[str, ...]
 
     @property
     def node(self) -> str:
-        """The node that goes."""
+        """The node to fold."""
         return self.connection.end
 
 
@@ -113,9 +114,9 @@ Step: TypeAlias = "Stiffen | Eliminate | Fold"
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """What a mechanism's network is condensed by, found at home.
+    """Elimination order of a mechanism's network, found at home.
 
-    ``left``: connections that no step could take, between ``kept`` nodes.
+    ``left``: connections that no step could remove, between ``kept`` nodes.
     """
 
     mechanism: Mechanism
@@ -126,17 +127,17 @@ class Order:
     kept: tuple[str, ...]
     linkage: Linkage
     independent: dict[str, tuple[Array, NDArray[np.intp]]] = field(default_factory=dict[Any, Any])
-    """Of a saddle-point system its scale and independent rows at home, by what is solved for, once it has been."""
+    """Cached scale and independent rows at home of saddle-point systems, by their use."""
 
     @cached_property
     def constant(self) -> list[tuple[Connection, Array]]:
-        """Stiffened connections whose stiffness no pose changes, and that in their own axes."""
+        """Stiffened connections with constant stiffness, and that stiffness in their axes."""
         stiff = [step.connection for step in self.steps if isinstance(step, Stiffen)]
         return [(c, c.constant) for c in stiff if c.constant is not None]
 
     @cached_property
     def unstiffened_order(self) -> Order:
-        """The same with no connection turned into a stiffness: it serves where one is infinite."""
+        """Order without stiffening, for networks with an infinite stiffness."""
         return _Planner(self.mechanism, self.linkage).order(stiffen=False)
 
 
@@ -144,14 +145,14 @@ _orders: WeakKeyDictionary[Mechanism, Order] = WeakKeyDictionary()
 
 
 def find_order(mechanism: Mechanism, linkage: Linkage) -> Order:
-    """The order of a mechanism, found once."""
+    """Return the cached elimination order of a mechanism."""
     if mechanism not in _orders:
         _orders[mechanism] = _Planner(mechanism, linkage).order()
     return _orders[mechanism]
 
 
 def places_at_home(mechanism: Mechanism) -> Places:
-    """Every node as it is at home."""
+    """Return the places of all nodes at home."""
     nodes = list_nodes(mechanism)
     return Places(
         dict.fromkeys(nodes, np.eye(3)[None]), dict.fromkeys(nodes, np.zeros((1, 3))), mechanism.tool.at[None]
@@ -167,7 +168,7 @@ class _Planner:
         self.elements = list_elements(mechanism)
         self.flexible = [_connection(e.first, e.second, ((e, 1.0),)) for e in self.elements]
         self.shared = {node for e in self.elements if e.group for node in (e.first, e.second)}
-        self.stiff: dict[frozenset[str], None] = {}  # in order, so that every run rounds alike
+        self.stiff: dict[frozenset[str], None] = {}  # ordered, so that runs are reproducible
         self.nodes = [n for n in list_nodes(mechanism) if n not in {GROUND, END}]
         self.steps: list[Step] = []
 
@@ -197,7 +198,7 @@ class _Planner:
         return [next(iter(pair - {node})) for pair in self.stiff if node in pair]
 
     def _merge(self) -> None:
-        """Join two connections at a node where nothing else is."""
+        """Join the two connections at a node that has no others."""
         for node in list(self.nodes):
             here = self._find_connections(node)
             if len(here) != 2 or node in self.shared or self._neighbours(node):
@@ -205,14 +206,14 @@ class _Planner:
             a, b = here
             a = a if a.end == node else a.reverse()
             b = b if b.start == node else b.reverse()
-            if a.start == b.end:  # side by side
+            if a.start == b.end:  # in parallel
                 continue
             self.flexible = [c for c in self.flexible if c not in here]
             self.flexible.append(_connection(a.start, b.end, a.members + b.members))
             self.nodes.remove(node)
 
     def _prune(self) -> bool:
-        """Fold a dead end, which carries its own loads alone and may be near singular; False where there is none."""
+        """Fold a dead end, which carries only its own loads and may be singular; else False."""
         for node in self.nodes:
             here = self._find_connections(node)
             if len(here) == 1 and node not in self.shared and not self._neighbours(node):
@@ -221,7 +222,7 @@ class _Planner:
         return False
 
     def _take_out(self) -> bool:
-        """Eliminate or fold the node with the fewest neighbours; False where none can go."""
+        """Eliminate or fold the node with the fewest neighbours; False if none is ready."""
         ready: list[tuple[int, int, str]] = []
         for k, node in enumerate(self.nodes):
             if len(self._find_connections(node)) <= 1 and node not in self.shared:
@@ -232,7 +233,7 @@ class _Planner:
         return True
 
     def _take(self, node: str) -> None:
-        """Eliminate or fold a node with at most one connection that is no stiffness."""
+        """Eliminate or fold a node with at most one flexible connection."""
         neighbours = self._neighbours(node)
         here = self._find_connections(node)
         around = neighbours
@@ -249,7 +250,7 @@ class _Planner:
         self.nodes.remove(node)
 
     def _try_connection(self, c: Connection) -> Connection:
-        """A connection of which it is known whether and how it can be stiffened."""
+        """Find out whether a connection can be stiffened, and whether its stiffness is constant."""
         factor, free = c.flexible(self.home)
         if factor.shape[2] + free.shape[2] < 6:
             return replace(c, formable=False)
@@ -261,7 +262,7 @@ class _Planner:
 
 
 def _connection(start: str, end: str, members: Members) -> Connection:
-    """A connection whose own axes ride on its first elastic body."""
+    """Create a connection whose axes are fixed to its first elastic body."""
     body = next((e for e, _ in members if e.joint is None and e.factor.shape[1]), members[0][0])
     return Connection(start, end, members, body.carrier, body.at, formable=False if body.group else None)
 
@@ -282,9 +283,9 @@ def stack_rows(blocks: Iterable[Array]) -> Array:
 
 
 def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bool]:
-    """Stiffness (n, 6, 6) of a compliance F Fᵀ with free directions N, and whether it is finite everywhere.
+    """Return the stiffness (n, 6, 6) of F Fᵀ with free directions N, and whether it is finite.
 
-    With P the projector onto the wrenches that N leaves, ``K = P (P C P + s (I - P))⁻¹ P``, lengths scaled.
+    With P the projector onto N's complement, ``K = P (P C P + s (I - P))⁻¹ P``, lengths scaled.
 
     Parameters
     ----------
@@ -293,8 +294,7 @@ def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bo
     free
         Free directions (n, 6, f).
     length
-        Characteristic length (m) by which rotations and translations compare.
-
+        Characteristic length (m) that scales rotations to translations.
     """
     scale = np.array([1.0 / length] * 3 + [1.0] * 3)[:, None]
     f = factor * scale
@@ -316,7 +316,7 @@ def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bo
 
 
 def fit_free_motions(free: Array, length: float) -> Array:
-    """Coordinates (n, k, 6) of the free directions (n, 6, k) nearest to a twist, lengths scaled."""
+    """Return the map (n, k, 6) from a twist to nearest coordinates of free directions (n, 6, k)."""
     scale = np.array([1.0 / length] * 3 + [1.0] * 3)
     unit = free * scale[:, None]
     return inverse(unit.mT @ unit) @ unit.mT * scale

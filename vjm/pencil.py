@@ -1,8 +1,8 @@
-"""The eigenvalue problem of a mechanism's vibration, ``K v = ω² M v`` about the unloaded robot.
+"""Eigenvalue problem of a mechanism's vibration, ``K v = ω² M v`` about the unloaded state.
 
-With a shift s the problem is ``M v = μ (K + s M) v``, ``ω² = 1/μ - s``: directions without inertia have μ = 0 and
-follow statically, free motions have ω = 0, and neither needs a rank of its own. Loops are closed by a basis of the null
-space of their constraints.
+With a shift s this is ``M v = μ (K + s M) v``, ``ω² = 1/μ - s``. Massless directions have μ = 0 and
+follow statically, free motions have ω = 0; neither requires a rank decision. A null-space basis of
+the constraints closes the loops.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 Drives = Literal["held", "free"]
-NOTHING = 1e-12  # of a scaled matrix's diagonal: neither stiffness nor inertia
+NOTHING = 1e-12  # of a scaled matrix's diagonal: zero stiffness or inertia
 
 
 @dataclass(eq=False)
 class Pencil:
-    """``K v = ω² M v`` of n poses in independent coordinates: ``basis`` (n or 1, size, d) gives those of ``system``."""
+    """``K v = ω² M v`` at n poses; ``basis`` (n or 1, size, d) maps to ``system`` coordinates."""
 
     system: Coordinates
     basis: Array
@@ -42,7 +42,7 @@ class Pencil:
 
     @cached_property
     def shift(self) -> float:
-        """A squared angular frequency of the size of the lowest, (rad/s)²."""
+        """Squared angular frequency of the order of the lowest, (rad/s)²."""
         k, m = (np.einsum("nii->ni", a)[0] for a in (self.stiffness, self.mass))
         both = (k > 0.0) & (m > 0.0)
         return float((k[both] / m[both]).min()) if both.any() else 1.0
@@ -60,24 +60,24 @@ class Pencil:
 
     @cached_property
     def empty_motions(self) -> Array:
-        """Motions (d, k) of the first pose that have neither stiffness nor inertia, scaled units."""
+        """Motions (d, k) at the first pose with neither stiffness nor inertia, scaled units."""
         matrix = self.shifted_stiffness[0] * np.outer(self.scale, self.scale)
         values, vectors = np.linalg.eigh(matrix)
         return vectors[:, values < NOTHING]
 
     def regular(self) -> Array:
-        """K + s M (n, d, d) in scaled units, with a stiffness put where there is neither stiffness nor inertia."""
+        """Return K + s M (n, d, d) in scaled units, regularized on ``empty_motions``."""
         return self.shifted_stiffness * np.outer(self.scale, self.scale) + self.empty_motions @ self.empty_motions.T
 
     def all_vectors(self) -> tuple[Array, Array]:
-        """Every μ (d,) of the first pose, the largest first, and its vectors (d, d) in scaled units."""
+        """Return all μ (d,) of the first pose, descending, and vectors (d, d), scaled units."""
         lower = np.asarray(np.linalg.cholesky(self.regular()[0]), dtype=float)
         half = np.linalg.inv(lower)
         values, turned = np.linalg.eigh(half @ (self.mass[0] * np.outer(self.scale, self.scale)) @ np.transpose(half))
         return values[::-1], np.transpose(half) @ turned[:, ::-1]
 
     def some(self, index: NDArray[np.intp]) -> Pencil:
-        """Some of the poses, with shift and units of the first of them."""
+        """Return the pencil at some poses, with shift and units of the first of them."""
         basis = self.basis if len(self.basis) == 1 else self.basis[index]
         return Pencil(self.system.some(index), basis, self.stiffness[index], self.mass[index])
 
@@ -85,16 +85,16 @@ class Pencil:
 def form_pencils(
     mechanism: Mechanism, found: Configurations, drives: Drives = "held"
 ) -> Iterator[tuple[Pencil, NDArray[np.intp]]]:
-    """Pencils of configurations that are within reach, and which of these each is of.
+    """Yield pencils of reachable configurations, each with the indices of its configurations.
 
     Parameters
     ----------
     mechanism
         Bodies, joints, tool and gravity of the robot.
     found
-        Configurations, of which those within reach are taken.
+        Configurations; unreachable ones are skipped.
     drives
-        Whether drives are springs ("held") or move freely ("free").
+        Drives are springs ("held") or move freely ("free").
 
     """
     free = [j.name for j in mechanism.drives] if drives == "free" else []

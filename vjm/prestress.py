@@ -1,13 +1,14 @@
-"""Tangent stiffness of a mechanism that carries loads: the Hessian of its potential energy at the loaded equilibrium.
+"""Tangent stiffness under load: Hessian of the potential energy at the loaded equilibrium.
 
-The network is bent by its loads (every node by its own twist), condensed again, and the second-order work of what it
-carries is added. A closed kinematic pair of nodes i, j with coordinates y along ordered screws s obeys
-``log(exp(-u_i) exp(u_j)) = log Π exp(s_a y_a)``; to second order both sides are Lie brackets (Baker, Campbell,
-Hausdorff), so that a carried wrench w contributes ``-½ w·[u_i, u_j] - ½ Σ_{a<b} w·[s_a, s_b] y_a y_b``, and a weight
-f at a lever r contributes ``-½ f·(ω × (v + ω × r))``. All internal motions are stationary, so that theirs need no
-correction.
+The network is bent by its loads (every node by its twist) and condensed again; the second-order
+work of its wrenches is added. A closed kinematic pair of nodes i, j with coordinates y along
+ordered screws s obeys ``log(exp(-u_i) exp(u_j)) = log Π exp(s_a y_a)``. To second order both sides
+are Lie brackets (Baker-Campbell-Hausdorff): a carried wrench w contributes
+``-½ w·[u_i, u_j] - ½ Σ_{a<b} w·[s_a, s_b] y_a y_b``, a weight f at a lever r
+``-½ f·(ω × (v + ω × r))``. Internal motions are stationary and need no correction.
 
-Of a joint, slides come first, then its bearing and drive, then its rotations; of an elastic body Tx Ty Tz Rx Ry Rz.
+Order of motions: in a joint, slides, bearing and drive, rotations; in an elastic body Tx Ty Tz Rx
+Ry Rz.
 """
 
 from __future__ import annotations
@@ -40,10 +41,10 @@ if TYPE_CHECKING:
     from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
 
-_SMALL = 1e-4  # rad, or of the mechanism's length: displacements beyond which the linear equilibrium is improved
+_SMALL = 1e-4  # rad or relative length: displacement beyond which equilibrium is refined
 _SETTLED = 1e-7
 _STEPS = 12
-_SLOW = 3e-4  # of the motions, as the root of the energy: below, what their change changes is below 1e-10 of all
+_SLOW = 3e-4  # of the motions, as root energy; less changes the stiffness by below 1e-10
 
 
 def own_loads(order: Order, where: Places) -> Loads:
@@ -74,7 +75,7 @@ def loaded_stiffness(order: Order, where: Places) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Bent:
-    """Nodes ``there`` at equilibrium under own loads, where it was ``found`` (n,); the ``sag`` (n, 6) of small ones."""
+    """Equilibrium places ``there`` under own loads, if ``found`` (n,); linear ``sag`` (n, 6)."""
 
     there: Places
     sag: Array
@@ -87,7 +88,7 @@ def bend_network(order: Order, where: Places, small: float = _SMALL) -> Bent:
     Parameters
     ----------
     order
-        Order in which the network is condensed.
+        Elimination order of the network.
     where
         Places of all nodes at n configurations.
     small
@@ -102,7 +103,7 @@ def bend_network(order: Order, where: Places, small: float = _SMALL) -> Bent:
         for _ in range(_STEPS):
             step = solve_loads(order, bent, _remaining_loads(order, bent, rest))
             bent, last, left = bend_places(bent, step), left, _find_size(step, order.length)
-            if not (left * np.minimum(left / last, 1.0) > _SETTLED).any():  # what the next step would be
+            if not (left * np.minimum(left / last, 1.0) > _SETTLED).any():  # next step, estimated
                 break
         size[far] = left
         there = bent if far.all() else there.replace_some(far, bent)
@@ -112,7 +113,7 @@ def bend_network(order: Order, where: Places, small: float = _SMALL) -> Bent:
 def _tangent(order: Order, there: Places, rest: Places, *, thorough: bool = False) -> tuple[Array, NDArray[np.bool_]]:
     """Tangent stiffness (n, 6, 6) at bent places, and where (n,) internal motions change too much for a first order.
 
-    ``thorough``: internal motions to convergence, not to first order.
+    ``thorough``: iterate internal motions to convergence instead of first order.
     """
     state = condense_network(order, there)
     work = SecondOrder(solve_condensed(state, _remaining_loads(order, there, rest)), order.mechanism)
@@ -143,9 +144,9 @@ def _relax(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Change (n, 6, 6) of the stiffness by the second-order work, and where (n,) internal motions change too much.
 
-    With H the Hessian of that work and X the motions for unit twists of the tool, these change by δ where
-    ``H₀ δ = -H (X + δ)``; the stiffness, being stationary, by ``Xᵀ H X - δᵀ H₀ δ`` for the first such δ, whose energy
-    beside the stiffness bounds the rest, and by ``Xᵀ H (X + δ)`` for the last.
+    With H the Hessian of that work and X the motions for unit tool twists, X changes by δ with
+    ``H₀ δ = -H (X + δ)``. The stationary stiffness changes by ``Xᵀ H X - δᵀ H₀ δ`` for the first δ,
+    whose relative energy bounds the rest, and by ``Xᵀ H (X + δ)`` for the last.
     """
     if thorough:
         relaxed = _settle_motions(work, unit, lambda loads: solve_held(state, loads))
@@ -181,13 +182,13 @@ def _remaining_loads(order: Order, there: Places, rest: Places) -> Loads:
 
 
 def _find_size(moved: Response, length: float) -> Array:
-    """Largest rotation, or translation over the mechanism's length, of any node (n,)."""
+    """Return the largest rotation, or relative translation, of any node (n,)."""
     unit = np.repeat([1.0 / length, 1.0], 3)
     return np.max(np.broadcast_arrays(*(np.abs(u[..., 0] * unit).max(axis=1) for u in moved.nodes.values())), axis=0)
 
 
 def bend_places(where: Places, response: Response) -> Places:
-    """Every node moved by its own twist of the first case."""
+    """Move every node by its twist of the first case."""
     rotation, position = dict(where.rotation), dict(where.position)
     for node, twist in response.nodes.items():
         if node == GROUND:
@@ -204,8 +205,8 @@ def bend_places(where: Places, response: Response) -> Places:
 class Motion:
     """Six motions of a network.
 
-    Twists (n, 6, 6) of nodes at M in base axes; for elements that move in more than one way their twist, and their
-    rotations (n, k, 6) about the axes of ``list_axes``, in their own axes.
+    Node twists (n, 6, 6) at M in base axes; for elements with several motions, their twist and
+    their rotations (n, k, 6) about the axes of ``list_axes``, in element axes.
     """
 
     nodes: dict[str, Array]
@@ -237,14 +238,14 @@ class Motion:
         return np.max(np.broadcast_arrays(*(np.abs(u).max(axis=(1, 2)) for u in self.nodes.values())), axis=0)
 
     def plus(self, other: Motion, times: float) -> Motion:
-        """Its sum with ``times`` the other."""
+        """Return the sum with ``times`` the other."""
         keys = ("nodes", "twist", "turns")
         mine, theirs = ([getattr(m, key) for key in keys] for m in (self, other))
         return Motion(*({k: a[k] + times * b[k] for k in a} for a, b in zip(mine, theirs, strict=True)))
 
 
 def _is_ordered(element: Element) -> bool:
-    """Whether its rotations come one after the other; a ball turns along one geodesic."""
+    """Return whether its rotations are successive; a ball joint rotates along one geodesic."""
     return element.joint is None or element.joint.kind != "spherical"
 
 
@@ -257,14 +258,14 @@ class SecondOrder:
 
     @cached_property
     def _brackets(self) -> list[tuple[ElementState, Array]]:
-        """Elements whose nodes do not move as one, with half the matrix of the bracket with what they carry."""
+        """Elements that deform, with half the bracket matrix of their wrenches."""
         states = self.response.elements.values()
         moving = [s for s in states if s.element.factor.shape[1] + s.element.free.shape[1]]
         return [(s, 0.5 * bracket(s.carried[..., 0])) for s in moving]
 
     @cached_property
     def _wrenches(self) -> dict[str, Array]:
-        """What elements carry (n, 6), at their own points in their own axes."""
+        """Wrenches (n, 6) on elements, at their points in their axes."""
         where = self.response.where
         first = ((s.element, s.carried[..., :1]) for s, _ in self._brackets)
         return {e.name: (where.adjoint(e).mT @ carried)[..., 0] for e, carried in first}
@@ -284,7 +285,7 @@ class SecondOrder:
 
     @cached_property
     def _orders(self) -> dict[str, tuple[Array, Array]]:
-        """Of elements with rotations in an order half the Hessian (n, k, k) by them, and a moment for their work."""
+        """Half the Hessian (n, k, k) by an element's ordered rotations, and the map to moments."""
         out: dict[str, tuple[Array, Array]] = {}
         for state, _ in self._brackets:
             e, moment = state.element, self._wrenches[state.element.name][:, 3:]
@@ -299,9 +300,9 @@ class SecondOrder:
         return out
 
     def differentiate(self, motion: Motion, *, held: bool = True) -> tuple[Array, dict[str, Array]]:
-        """Twice the second-order work (n, 6, 6) over six motions, and minus its gradient: wrenches (n, 6, 6) on nodes.
+        """Return twice the second-order work (n, 6, 6), and minus its gradient (n, 6, 6) on nodes.
 
-        ``held``: none on the tool.
+        ``held``: no wrench on the tool.
         """
         on_nodes: dict[str, Array] = {}
 
@@ -328,9 +329,10 @@ class SecondOrder:
         return square, {node: wrench for node, wrench in on_nodes.items() if node not in still}
 
     def _differentiate_own(self, state: ElementState, motion: Motion) -> tuple[Array, Array]:
-        """The same of the order of an element's own motions: its slides, its spring, its rotations.
+        """Return the same for the order of an element's motions: slides, spring, rotations.
 
-        That is ``-½ Σ_{a<b} w·[s_a, s_b] y_a y_b``; the wrench (n, 6, 6), at M in base axes, is on its first node.
+        The work is ``-½ Σ_{a<b} w·[s_a, s_b] y_a y_b``; the wrench (n, 6, 6), at M, is on its first
+        node.
         """
         name, twist = state.element.name, motion.twist[state.element.name]
         force = 0.5 * skew(self._wrenches[name][:, :3])
@@ -346,7 +348,7 @@ class SecondOrder:
 
 
 def list_axes(state: ElementState) -> Array:
-    """Axes (n or 1, k, 3) of an element's rotations in their order, own axes: its spring's three, then its joint's."""
+    """Return axes (n or 1, k, 3) of ordered rotations: the spring's three, then the joint's."""
     e = state.element
     sprung = state.where.factor(e)[..., e.factor.shape[1] - e.sprung :]
     own = [np.eye(3)[None]] if e.factor.shape[1] > e.sprung else []
@@ -354,7 +356,7 @@ def list_axes(state: ElementState) -> Array:
 
 
 def bracket(wrench: Array) -> Array:
-    """Matrix (n, 6, 6) B with ``uᵀ B v = -w·[u, v]`` for twists u, v and a wrench w (n, 6)."""
+    """Return B (n, 6, 6) with ``uᵀ B v = -w·[u, v]`` for twists u, v and a wrench w (n, 6)."""
     out = np.zeros((len(wrench), 6, 6))
     out[:, :3, 3:] = out[:, 3:, :3] = skew(wrench[:, :3])
     out[:, 3:, 3:] = skew(wrench[:, 3:])

@@ -1,4 +1,4 @@
-"""How far the tool can be commanded from home along each coordinate of its pose, one at a time."""
+"""Reach of the tool from home along each coordinate of its pose, one at a time."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
-_LONGEST, _SHORTEST = 1.0 / 48.0, 1.0 / 8192.0  # steps of a way
-_WAYS = 2.0, 0.95 * np.pi  # in the mechanism's own lengths, and rad: beyond, nothing is looked for
+_LONGEST, _SHORTEST = 1.0 / 48.0, 1.0 / 8192.0  # steps of a path
+_WAYS = 2.0, 0.95 * np.pi  # search limit, as a multiple of the mechanism's length, and in rad
 
 
 @dataclass(frozen=True)
 class Reach:
-    """Pose from ``low`` to ``high`` in one ``coordinate``, m or rad, the others as at home, or where paths start.
+    """Range ``low`` to ``high`` of a ``coordinate``, m or rad, with the others as at the start.
 
-    ``at_low`` and ``at_high``: what ends it there; empty where nothing did within twice the mechanism's own length.
+    ``at_low``, ``at_high``: what limits it; empty if nothing within twice the mechanism's length.
     """
 
     coordinate: str
@@ -35,9 +35,9 @@ class Reach:
 
 
 def reach(mechanism: Mechanism) -> tuple[Reach, ...]:
-    """Reach along each coordinate of ``tool.pose``, within the drives' ranges and on the branch of home.
+    """Return the reach along each coordinate of ``tool.pose``, in drive ranges on home's branch.
 
-    Raises InputError where the mechanism cannot move as its poses say.
+    Raises InputError if the mechanism cannot follow its pose coordinates.
     """
     names = mechanism.tool.pose
     solver = find_solver(mechanism, "tool")
@@ -53,13 +53,13 @@ def reach(mechanism: Mechanism) -> tuple[Reach, ...]:
 
 
 def reach_toward(solver: Solver, goal: Array) -> Array:
-    """The farthest pose (k,) on the straight way from where paths start to a pose, both displacements from home."""
+    """Return the farthest pose (k,) straight from the start to a goal, both from home."""
     way = goal - solver.start_values
     return solver.start_values + _march(solver, way[None])[0][0] * way
 
 
 def _march(solver: Solver, ways: Array) -> tuple[Array, list[str]]:
-    """Shares (n,) of ways (n, k) from home that can be gone, and what ends them."""
+    """Return reachable fractions (n,) of paths (n, k) from the start, and what ends them."""
     linkage, n = solver.linkage, len(ways)
     q = np.repeat(solver.start[:, None], n, axis=1)
     share, step, beyond, steady = np.zeros(n), np.full(n, _LONGEST), np.full(n, np.inf), np.zeros(n, dtype=int)
@@ -83,7 +83,7 @@ def _march(solver: Solver, ways: Array) -> tuple[Array, list[str]]:
 
 
 def _faults(solver: Solver, found: Solution) -> list[str]:
-    """Why configurations are not valid; empty where they are."""
+    """Return why configurations are not valid; empty if they are."""
     linkage = solver.linkage
     sign = drive_sign(solver, found.placed, solver.closure.rates(found.placed))
     out = ["passes a singular pose" if each * solver.home_sign < 0.0 else "" for each in sign]

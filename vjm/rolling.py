@@ -1,8 +1,8 @@
-"""Rolling elements between two rigid races: contacts after Hertz and Palmgren, equilibrium, tangent stiffness.
+"""Rolling elements between rigid races: Hertz and Palmgren contacts, equilibrium, stiffness.
 
-Of every element the vector v between the races' groove centres decides: it is pressed together by δ = |v| - A, with A
-where it just touches, and carries Q = c δ^e along v; of a roller the direction of v stays. The energy Σ c δ^(e+1)/(e+1)
-is convex in the displacement of one race, so that equilibrium is its minimum, and the stiffness its Hessian there.
+An element depends on the vector v between the races' groove centres: its approach is δ = |v| - A,
+with A at first contact, and its load Q = c δ^e along v; for a roller v keeps its direction. The
+energy Σ c δ^(e+1)/(e+1) is convex in one race's displacement; equilibrium is its minimum.
 
 References
 ----------
@@ -31,23 +31,23 @@ if TYPE_CHECKING:
 POINT, LINE = 1.5, 10.0 / 9.0  # exponents of load over approach
 _PALMGREN = 3.84e-5  # mm: δ = 3.84e-5 Q^0.9 / l^0.8 (N, mm) between a steel roller and one race
 _STEPS = 200
-_SETTLED, _ACCEPTED = 1e-11, 1e-6  # of the load, that may be left
+_SETTLED, _ACCEPTED = 1e-11, 1e-6  # allowed residual, of the load
 
 
 def hertz_constant(curvatures: Array, modulus: float) -> float:
-    """Load over approach^1.5 (N/m^1.5) of a point contact.
+    """Return load over approach^1.5 (N/m^1.5) of a point contact.
 
     Parameters
     ----------
     curvatures
-        (2,) sums of both bodies' curvatures (1/m) in the two principal planes; the contact is longer where it is less.
+        (2,) sums of both bodies' curvatures (1/m) in the principal planes; less is longer contact.
     modulus
         Reduced modulus E' (Pa), ``1/E' = (1 - ν₁²)/E₁ + (1 - ν₂²)/E₂``.
 
     Returns
     -------
     float
-        After K. L. Johnson, Contact Mechanics, CUP 1985, eq. 4.26, with the ellipse's axes solved for.
+        After K. L. Johnson, Contact Mechanics, CUP 1985, eq. 4.26, with computed ellipse axes.
     """
     small, large = np.sort(np.asarray(curvatures, dtype=float))
     if not 0.0 < small < np.inf:
@@ -68,7 +68,7 @@ def hertz_constant(curvatures: Array, modulus: float) -> float:
 
 
 def line_constant(length: float) -> float:
-    """Load over approach^(10/9) (N/m^(10/9)) of a steel roller of an effective length (m) between two races.
+    """Return load over approach^(10/9) (N/m^(10/9)) of a steel roller (length m) between two races.
 
     A. Palmgren, Grundlagen der Wälzlagertechnik, 3rd ed. 1964; Harris, eq. 7.8: both approaches add.
     """
@@ -76,16 +76,16 @@ def line_constant(length: float) -> float:
 
 
 def in_series(*constants: float, exponent: float = POINT) -> float:
-    """Constant of contacts that carry one load, whose approaches add."""
+    """Return the constant of contacts in series: one load, approaches add."""
     return float(np.sum(np.array(constants) ** (-1.0 / exponent)) ** -exponent)
 
 
 @dataclass(frozen=True, eq=False)
 class Contacts:
-    """k rolling elements. ``at`` (k, 3): where the moved race's motion counts; ``between`` (k, 3): v unloaded, m.
+    """k rolling elements: points ``at`` (k, 3) of the moved race; ``between`` (k, 3): unloaded v.
 
-    ``reach`` (k,): A, m; ``constant`` (k,): c; ``exponent``: e; ``slide`` (k, 3): unit direction along which the moved
-    race passes the element freely; ``turning``: whether v turns with the motion (balls), or stays (rollers).
+    ``reach`` (k,): A, m; ``constant`` (k,): c; ``exponent``: e; ``slide`` (k, 3): unit direction in
+    which the moved race slides freely; ``turning``: v rotates with the motion (balls, not rollers).
     """
 
     at: Array
@@ -97,18 +97,18 @@ class Contacts:
     turning: bool
 
     def join(self, other: Contacts) -> Contacts:
-        """Both, of one kind."""
+        """Return both sets, which must be of one kind."""
         keys = ("at", "between", "reach", "constant", "slide")
         arrays = {key: np.concatenate([getattr(self, key), getattr(other, key)]) for key in keys}
         return Contacts(**arrays, exponent=self.exponent, turning=self.turning)
 
     def moves(self) -> Array:
-        """(k, 3, 6) displacement at each element for twists of the moved race about the origin."""
+        """Return element displacements (k, 3, 6) per twist of the moved race at the origin."""
         whole = np.concatenate([np.broadcast_to(np.eye(3), (len(self.at), 3, 3)), -skew(self.at)], axis=2)
         return whole - self.slide[:, :, None] * (self.slide[:, None] @ whole)
 
     def state(self, twist: Array) -> tuple[Array, Array, Array, Array]:
-        """Directions (k, 3), approaches (k,), loads (k,) in N, and lengths |v| (k,) under a twist (6,)."""
+        """Return directions (k, 3), approaches, loads and lengths |v| (k,) at a twist (6,)."""
         moved = self.moves() @ twist
         start = np.linalg.norm(self.between, axis=1)
         v = self.between + moved if self.turning else self.between
@@ -119,17 +119,17 @@ class Contacts:
         return along, pressed, self.constant * pressed**self.exponent, size
 
     def energy(self, twist: Array) -> float:
-        """Strain energy, J."""
+        """Return the strain energy, J."""
         pressed = self.state(twist)[1]
         return float((self.constant * pressed ** (self.exponent + 1.0)).sum() / (self.exponent + 1.0))
 
     def wrench(self, twist: Array) -> Array:
-        """Wrench (6,) that moves the race by a twist."""
+        """Return the wrench (6,) that moves the race by a twist."""
         along, _, load, _ = self.state(twist)
         return np.einsum("kij,ki,k->j", self.moves(), along, load)
 
     def stiffness(self, twist: Array) -> Array:
-        """Tangent stiffness (6, 6) at a twist."""
+        """Return the tangent stiffness (6, 6) at a twist."""
         along, pressed, load, size = self.state(twist)
         slope = self.exponent * self.constant * pressed ** (self.exponent - 1.0)
         own = slope[:, None, None] * along[:, :, None] * along[:, None]
@@ -142,21 +142,21 @@ class Contacts:
 
 
 def settle(contacts: Contacts, wrench: Array, length: float) -> Array:
-    """Twist (6,) of the moved race in equilibrium with a wrench (6,).
+    """Return the twist (6,) of the moved race in equilibrium with a wrench (6,).
 
     Parameters
     ----------
     contacts
-        The elements.
+        Rolling elements.
     wrench
         N, N·m at the origin.
     length
-        m, by which rotations compare with displacements.
+        m, scales rotations to translations.
 
     Raises
     ------
     InputError
-        Nothing holds the race against the wrench.
+        If the race is not held against the wrench.
     """
     unit = np.repeat([1.0, 1.0 / length], 3)
     load: Array = np.asarray(wrench, dtype=float) * unit

@@ -1,9 +1,9 @@
-"""What no order of chains and eliminations takes: connections that are rigid in directions in which they close loops.
+"""Saddle-point solution of connections that elimination cannot remove, as they are rigid in loops.
 
-Bodies of more than two ends are the others, whose connections share their coordinates. Node twists u, coordinates y of
-the connections (unit springs and free motions, ``B = [F N]``) and their wrenches w as multipliers make one saddle-point
-system, ``[[K, 0, Aᵀ], [0, D, -Bᵀ], [A, -B, 0]]``. Redundant constraints and idle motions make it singular; what is
-independent at home is solved for, and the rest verified at every pose.
+Bodies of more than two ends, whose connections share coordinates, are also solved here. Node twists
+u, coordinates y of the connections (unit springs and free motions, ``B = [F N]``) and their
+wrenches w as multipliers form the system ``[[K, 0, Aᵀ], [0, D, -Bᵀ], [A, -B, 0]]``. Redundant
+constraints and idle motions make it singular: rows independent at home are solved, others verified.
 """
 
 # pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
@@ -34,12 +34,12 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 _RANK = 1e-10
-_CONSISTENT = 1e-7  # of a right-hand side, that a solution may leave
+_CONSISTENT = 1e-7  # of a right-hand side: allowed residual
 
 
 @dataclass(eq=False)
 class System:
-    """The saddle-point matrix (n, s, s), the places of node twists in it, and of each connection's y and w."""
+    """Saddle-point matrix (n, s, s); slices of node twists and of each connection's y and w."""
 
     matrix: Array
     nodes: dict[str, slice]
@@ -67,7 +67,7 @@ def saddle_stiffness(state: Condensed) -> Array:
 
 
 def saddle_response(state: Condensed, load: CondensedLoads) -> tuple[dict[str, Array], Left]:
-    """Twists of the kept nodes and connections under the loads. Raises InputError where something moves freely."""
+    """Return kept nodes' twists and connections under loads. InputError for free motions."""
     system = _assemble(state)
     chains, right = _form_right_side(state, system, load)
     found, good = _solve(state, system.matrix, right, "response", load.loads.balanced)
@@ -95,7 +95,7 @@ def _divide(system: System) -> tuple[Array, slice, NDArray[np.intp]]:
 
 
 def _form_right_side(state: Condensed, system: System, load: CondensedLoads) -> tuple[list[ChainLoads], Array]:
-    """Loads along the connections, and the right-hand side (n, s, c)."""
+    """Return loads along the connections, and the right-hand side (n, s, c)."""
     chains = [chain_loads(state, load, c) for c in state.order.left]
     n = max([len(system.matrix), *(len(f) for f in load.forces.values()), *(len(c.carried[0]) for c in chains)])
     right = np.zeros((n, system.matrix.shape[-1], load.loads.cases))
@@ -170,7 +170,7 @@ def _add_stiffnesses(matrix: Array, state: Condensed, nodes: dict[str, slice]) -
 def _solve(
     state: Condensed, matrix: Array, right: Array, use: str, balanced: float = _CONSISTENT
 ) -> tuple[Array, bool]:
-    """Solution (n, s, c) of a symmetric system that may be singular, and whether all but ``balanced`` of it holds."""
+    """Solve a symmetric, possibly singular system (n, s, c); return if consistent, too."""
     scale, keep = _find_independent(state, use)
     m = matrix * (scale[:, None] * scale)
     b = right * scale[:, None]
@@ -197,7 +197,7 @@ def _solve(
 
 
 def _find_independent(state: Condensed, use: str) -> tuple[Array, NDArray[np.intp]]:
-    """Scale of rows and columns at home, and which of them are independent there."""
+    """Return scales of rows and columns at home, and the rows independent there; cached."""
     cache = state.order.independent
     if use not in cache:
         at_home = condense_network(state.order, places_at_home(state.order.mechanism))
@@ -214,7 +214,7 @@ def _find_independent(state: Condensed, use: str) -> tuple[Array, NDArray[np.int
 
 
 def _scale(state: Condensed, system: System) -> Array:
-    """Units in which stiffnesses, and lengths of the mechanism, are about one."""
+    """Return units in which stiffnesses and lengths are of order one."""
     length = state.order.length
     unit = np.repeat([1.0, 1.0 / length], 3)
     sizes = [float(np.abs(np.diagonal(k[0]) * unit**2).max()) for k in state.pairs.values()]

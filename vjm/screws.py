@@ -1,4 +1,4 @@
-"""Screws: twists, wrenches and the frames that carry them.
+"""Screws: twists, wrenches and frames.
 
 The one convention of the project: a twist is (v, ω), a wrench is (f, m), both at a named point and in named
 axes, SI units, float64. A stack of poses is the leading axis: ``(n, 6, 6)``; an array without it holds for every pose.
@@ -20,14 +20,14 @@ CONVENTION = {
     "axes": "base axes {O}",
     "units": "SI",
 }
-"""The same for who reads a file of ours."""
+"""The convention in words, written into result files."""
 
 HALF_TURN = np.diag([-1.0, -1.0, 1.0, -1.0, -1.0, 1.0])
-"""Half a turn about z; the opposite part's compliance is ``HALF_TURN @ C @ HALF_TURN``."""
+"""Half turn about z; the opposite part's compliance is ``HALF_TURN @ C @ HALF_TURN``."""
 
 
 def skew(r: ArrayLike) -> Array:
-    """Cross-product matrix S(r) with ``S(r) @ a = r × a``; (..., 3) to (..., 3, 3)."""
+    """Return the cross-product matrix S(r), with ``S(r) @ a = r × a``; (..., 3) to (..., 3, 3)."""
     r = np.asarray(r, dtype=float)
     s = np.zeros((*r.shape, 3))
     s[..., 0, 1], s[..., 0, 2] = -r[..., 2], r[..., 1]
@@ -37,15 +37,15 @@ def skew(r: ArrayLike) -> Array:
 
 
 def shift(r: ArrayLike) -> Array:
-    """Twist transform from a point P to P + r, ``[[I, -S(r)], [0, I]]``; (..., 3) to (..., 6, 6).
+    """Return the twist transform ``[[I, -S(r)], [0, I]]`` from P to P + r; (..., 3) to (..., 6, 6).
 
-    Wrenches carry by its inverse transpose.
+    Wrenches transform with its inverse transpose.
     """
     return Frame(translation=-np.asarray(r, dtype=float)).adjoint()
 
 
 def rotation(axis: ArrayLike, angle: ArrayLike) -> Array:
-    """Rotation matrix about a fixed unit axis (3,) by angles (...) in rad; (..., 3, 3). Rodrigues' formula."""
+    """Return rotations (..., 3, 3) about a unit axis (3,) by angles (...) in rad (Rodrigues)."""
     s = skew(axis)
     angle = np.asarray(angle, dtype=float)[..., None, None]
     return np.eye(3) + np.sin(angle) * s + (1.0 - np.cos(angle)) * (s @ s)
@@ -53,9 +53,9 @@ def rotation(axis: ArrayLike, angle: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class Frame:
-    """Where a child stands in its parent: ``p_parent = rotation @ p_child + translation``.
+    """Pose of a child frame in its parent: ``p_parent = rotation @ p_child + translation``.
 
-    Either part may be a stack over poses. ``None`` stands for no rotation or no translation.
+    Either part may be a stack over poses. ``None`` means no rotation or no translation.
     """
 
     rotation: Array | None = None  # (..., 3, 3)
@@ -63,19 +63,19 @@ class Frame:
 
     @property
     def identity(self) -> bool:
-        """True where the child's frame is its parent's."""
+        """True if the child's frame is its parent's."""
         return self.rotation is None and self.translation is None
 
     def matrix(self) -> Array:
-        """Rotation part as a matrix, (..., 3, 3)."""
+        """Return the rotation as a matrix, (..., 3, 3)."""
         return np.eye(3) if self.rotation is None else self.rotation
 
     def origin(self) -> Array:
-        """Translation part as a vector, (..., 3) m."""
+        """Return the translation as a vector, (..., 3) m."""
         return np.zeros(3) if self.translation is None else self.translation
 
     def adjoint(self) -> Array:
-        """Carry a twist from the child's origin and axes to its parent's: ``[[R, S(p)R], [0, R]]``, (..., 6, 6)."""
+        """Return the twist transform ``[[R, S(p)R], [0, R]]`` from child to parent, (..., 6, 6)."""
         r = self.matrix()
         moment = None if self.translation is None else skew(self.translation) @ r
         return _blocks(r, moment)
@@ -87,13 +87,13 @@ class Frame:
         return _blocks(rt, moment)
 
     def point(self, p: Array) -> Array:
-        """A point (..., 3) of the child, in the parent's coordinates."""
+        """Transform a point (..., 3) from the child's to the parent's coordinates."""
         turned = p if self.rotation is None else (self.rotation @ p[..., None])[..., 0]
         return turned if self.translation is None else turned + self.translation
 
 
 def rotation_of(vector: Array) -> Array:
-    """Rotation matrix of a rotation vector (..., 3) in rad; (..., 3, 3)."""
+    """Return the rotation matrix (..., 3, 3) of a rotation vector (..., 3) in rad."""
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
     s = skew(vector)
     half = np.sinc(angle / (2.0 * np.pi))

@@ -1,7 +1,7 @@
-"""Small symmetric positive semidefinite matrices, many at a time: factors that drop what is singular.
+"""Factors of many small symmetric positive semidefinite matrices, which drop singular directions.
 
-Any generalized inverse serves in a Schur complement of a semidefinite matrix, so that no eigenvalues are needed: a
-pivot of LDLᵀ that is rounding beside its own diagonal entry is dropped. That ratio does not depend on units.
+Any generalized inverse serves in a Schur complement of a semidefinite matrix, so no eigenvalues are
+needed: LDLᵀ drops a pivot that is rounding relative to its diagonal entry, a unit-free ratio.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 DROPPED = 1e-9  # relative pivot below which a direction is free
-_FEW = 8  # matrices, up to which a library's call for each costs less
+_FEW = 8  # matrices, up to which one library call for each is faster
 
 
 def half_inverse(matrix: Array, tolerance: float = DROPPED) -> Array:
-    """Lower triangular W (n, m, m) with ``WᵀW`` a generalized inverse of semidefinite matrices (n, m, m)."""
+    """Return lower triangular W (n, m, m), ``WᵀW`` a generalized inverse of matrices (n, m, m)."""
     return pivot(matrix, tolerance)[0]
 
 
 def pivot(matrix: Array, tolerance: float = DROPPED) -> tuple[Array, Array]:
-    """``half_inverse`` and the relative pivots (n, m) that it met."""
+    """Return ``half_inverse`` and its relative pivots (n, m)."""
     n, m = matrix.shape[0], matrix.shape[-1]
     if m and n <= _FEW:
         with suppress(np.linalg.LinAlgError):
@@ -53,15 +53,15 @@ def pivot(matrix: Array, tolerance: float = DROPPED) -> tuple[Array, Array]:
 
 
 def inverse(matrix: Array, tolerance: float = DROPPED) -> Array:
-    """Generalized inverse (n, m, m) of semidefinite matrices (n, m, m)."""
+    """Return the generalized inverse (n, m, m) of semidefinite matrices (n, m, m)."""
     half = half_inverse(matrix, tolerance)
     return half.mT @ half
 
 
 def projector(directions: Array, tolerance: float = DROPPED) -> tuple[Array, Array]:
-    """Orthogonal projectors (n, d, d) onto what columns (n, d, k) leave, and how many dimensions (n,) they span.
+    """Return projectors (n, d, d) onto the complement of columns (n, d, k), and ranks (n,).
 
-    Gram and Schmidt, each column twice; one that depends on those before it is dropped.
+    Gram-Schmidt, each column twice; columns that depend on earlier ones are dropped.
     """
     n, d, k = directions.shape
     columns = np.ascontiguousarray(directions.transpose(2, 1, 0))

@@ -1,4 +1,4 @@
-"""Principal stiffness, free directions and nearness to a singular pose."""
+"""Principal stiffness, free directions and closeness to a singularity."""
 
 # pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
 # (scipy declares few types)
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 _FREE = 1e-9  # relative principal stiffness below which a direction is free
 _RIGID = 1e-10  # relative principal compliance below which a direction is rigid
 _ROUNDING = 1e-9  # of a wrench's largest component
-_NEAR = 1e-6  # and below which the pose is near singular
-_LENGTHS = 1e-3, 10.0  # m, of a robot's characteristic length; beyond, its rotations or translations are rounding
+_NEAR = 1e-6  # relative principal stiffness below which a pose is near singular
+_LENGTHS = 1e-3, 10.0  # m, bounds of a robot's characteristic length; beyond, rounding
 
 
 def principal(matrix: Array) -> tuple[Array, Array]:
-    """Eigenvalues (..., 6), ascending, and directions of stiffnesses (..., 6, 6).
+    """Return ascending eigenvalues (..., 6) and directions of stiffnesses (..., 6, 6).
 
-    They are scaled to the robot's characteristic length and stiffness, so that no unit decides.
+    Scaled by the robot's characteristic length and stiffness, hence unit-independent.
     """
     force = np.einsum("...ii->...", matrix[..., :3, :3]) / 3.0
     scale = np.ones(matrix.shape[:-1])
@@ -38,22 +38,22 @@ def principal(matrix: Array) -> tuple[Array, Array]:
 
 
 def characteristic_length(matrix: Array) -> Array:
-    """Length (...) in m that makes the mean rotational entry of stiffnesses (..., 6, 6) equal to the translational."""
+    """Return the length (...) in m that equates mean rotational and translational stiffness."""
     force, moment = (np.einsum("...ii->...", block) for block in (matrix[..., :3, :3], matrix[..., 3:, 3:]))
     return np.sqrt(moment.clip(min=0.0) / np.where(force > 0.0, force, 1.0)).clip(*_LENGTHS)
 
 
 def count_freedoms(matrix: Array) -> tuple[NDArray[np.int_], Array]:
-    """Free directions (...,) of stiffnesses (..., 6, 6), and their inverse condition number (0 is singular)."""
+    """Return the number of free directions and the inverse condition number (0 is singular)."""
     values, _ = principal(matrix)
     ratio = values / np.where(values[..., -1:] > 0.0, values[..., -1:], 1.0)
     return np.sum(np.abs(ratio) < _FREE, axis=-1), np.clip(ratio[..., 0], 0.0, None)
 
 
 def rigid_wrenches(compliance: Array, length: float) -> Array:
-    """Wrenches (k, 6) of unit size along which one compliance (6, 6) does not yield; ``length`` in m scales rotations.
+    """Return unit wrenches (k, 6) that do not deflect a compliance; ``length`` scales rotations.
 
-    Each has a component of its own, which the others lack.
+    Each has a component that the others lack.
     """
     scale = np.repeat([1.0 / length, 1.0], 3)
     values, vectors = np.linalg.eigh(compliance * np.outer(scale, scale))
@@ -68,7 +68,7 @@ def rigid_wrenches(compliance: Array, length: float) -> Array:
 
 
 def invert_stiffness(matrix: Array, free: NDArray[np.int_]) -> Array:
-    """Compliances of stiffnesses (n, 6, 6); NaN where some directions (n,) are free, or the stiffness is not known."""
+    """Return compliances (n, 6, 6); NaN if a direction (n,) is free or the stiffness is unknown."""
     out = np.full_like(matrix, np.nan)
     known = np.isfinite(matrix).all(axis=(1, 2)) & (free == 0)
     out[known] = np.linalg.inv(matrix[known])
@@ -76,12 +76,12 @@ def invert_stiffness(matrix: Array, free: NDArray[np.int_]) -> Array:
 
 
 def softest(matrix: Array) -> Array:
-    """Twist (..., 6) along the least principal stiffness: the free direction near a singular pose."""
+    """Return the twist (..., 6) of the smallest principal stiffness: free near a singular pose."""
     return principal(matrix)[1][..., :, 0]
 
 
 def rigid_note(rigid: Array) -> str | None:
-    """What to tell of wrenches (k, 6) along which the tool does not yield, or None."""
+    """Describe wrenches (k, 6) along which the tool is rigid; None if there are none."""
     if not len(rigid):
         return None
     space = np.linalg.qr(rigid.T)[0]
@@ -90,7 +90,7 @@ def rigid_note(rigid: Array) -> str | None:
 
 
 def singular_note(matrix: Array) -> str | None:
-    """What to tell of a pose at or near a singularity, or None; for one stiffness (6, 6)."""
+    """Describe a stiffness (6, 6) at or near a singularity; None if it is regular."""
     if not np.isfinite(matrix).all():
         return None
     count, inverse_condition = count_freedoms(matrix)

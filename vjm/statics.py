@@ -1,7 +1,8 @@
-"""Stiffness, sag and deflection of any mechanism at many poses, a chunk at a time.
+"""Stiffness, sag and deflection of a mechanism at many poses, in chunks.
 
-Poses (n, k) have a column for each coordinate of ``tool.pose``; configurations that were found before serve as well.
-Where a pose is out of reach its numbers are NaN; ``configure(mechanism, poses).require_valid()`` refuses it by name.
+Poses (n, k) have a column for each coordinate of ``tool.pose``; existing configurations may replace
+them. Numbers are NaN if a pose is out of reach; ``configure(mechanism, poses).require_valid()``
+raises.
 """
 
 from __future__ import annotations
@@ -36,17 +37,17 @@ if TYPE_CHECKING:
 
 Gravity = Literal["none", "exact"]
 _ROUNDING = 1e-12  # of the largest compliance
-_FAR = 0.1  # rad, and of its own length, that weights may move the tool; beyond this, linearization is invalid
+_FAR = 0.1  # rad or relative length: sag beyond which linearization is invalid
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Stiffness(Labelled):
-    """What a mechanism does at n poses, at M in base axes; NaN where a pose is out of reach.
+    """Static analysis of a mechanism at n poses, at M in base axes; NaN if a pose is out of reach.
 
-    ``matrix`` (n, 6, 6) in N/m, N, N·m/rad, NaN where it is infinite in some direction; ``compliance`` (n, 6, 6), its
-    inverse, NaN where the tool moves freely; ``rigid``: wrenches (k, 6) of unit size at each pose along which the tool
-    does not yield; ``sag`` (n, 6) in m, rad; ``mobility`` (n,): free directions left; ``inverse_condition`` (n,):
-    smallest over largest principal stiffness, lengths scaled (0 is singular, or rigid).
+    ``matrix`` (n, 6, 6) in N/m, N, N·m/rad, NaN if infinite in some direction; ``compliance`` (n,
+    6, 6), its inverse, NaN if the tool moves freely; ``rigid``: unit wrenches (k, 6) at each pose
+    without deflection; ``sag`` (n, 6) in m, rad; ``mobility`` (n,): number of free directions;
+    ``inverse_condition`` (n,): smallest over largest principal stiffness (0: singular or rigid).
     """
 
     configurations: Configurations
@@ -69,7 +70,7 @@ class Stiffness(Labelled):
 
     @property
     def finite(self) -> Array:
-        """The stiffness (n, 6, 6), or where that is infinite 1/C_ii, of each direction with all others free."""
+        """Stiffness (n, 6, 6); if infinite, 1/C_ii: each direction with all others free."""
         alone = np.einsum("nii->ni", self.compliance)
         yielding = alone > _ROUNDING * np.where(np.isnan(alone), 0.0, alone).max(axis=1, keepdims=True)
         single = np.where(yielding, 1.0 / np.where(yielding, alone, 1.0), np.nan)
@@ -79,11 +80,11 @@ class Stiffness(Labelled):
 
     @property
     def valid(self) -> NDArray[np.bool_]:
-        """Which poses are within reach (n,)."""
+        """Whether the poses are within reach (n,)."""
         return self.configurations.valid
 
     def to_xarray(self) -> xr.Dataset:
-        """Return stiffness, compliance, sag and mobility with names along pose, twist and wrench; SI."""
+        """Return stiffness, compliance, sag and mobility by pose, twist and wrench; SI."""
         variables: dict[str, tuple[Sequence[str], Any, str]] = {
             "stiffness": (("pose", "wrench", "twist"), self.matrix, "N/m, N/rad, N, N·m/rad"),
             "compliance": (("pose", "twist", "wrench"), self.compliance, "m/N, rad/N, 1/N, rad/(N·m)"),
@@ -95,26 +96,26 @@ class Stiffness(Labelled):
 
 
 def stiffness(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity: Gravity = "none") -> Array:
-    """Stiffness of the tool at many poses.
+    """Return the tool stiffness at many poses.
 
     Parameters
     ----------
     mechanism
-        What yields; its geometry must be that of the configurations, where these are given.
+        Mechanism; its geometry must match given configurations.
     poses
         Tool poses (n, k) in m and rad, or configurations.
     gravity
-        ``"exact"``: tangent stiffness under own weight and offsets; NaN where there is no equilibrium.
+        ``"exact"``: tangent stiffness under own weight and offsets; NaN if there is no equilibrium.
 
     Returns
     -------
     Array
-        (n, 6, 6) at M in base axes, N/m, N, N·m/rad; NaN where a pose is out of reach.
+        (n, 6, 6) at M in base axes, N/m, N, N·m/rad; NaN if a pose is out of reach.
 
     Raises
     ------
     InputError
-        For poses of another shape, and for infinite stiffness, of which ``compliance`` is the finite side.
+        If poses have another shape, or if the stiffness is infinite; ``compliance`` is then finite.
 
     Examples
     --------
@@ -128,7 +129,7 @@ def stiffness(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravit
 
 
 def compliance(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity: Gravity = "none") -> Array:
-    """Compliance of the tool at many poses; that of an arm whose drives alone yield has a rank below six.
+    """Return the tool compliance at many poses; of rank below six if only drives are compliant.
 
     Parameters
     ----------
@@ -138,7 +139,7 @@ def compliance(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravi
     Returns
     -------
     Array
-        (n, 6, 6) at M in base axes, m/N, 1/N, rad/(N·m); NaN where a pose is out of reach or the tool moves freely.
+        (n, 6, 6) at M in base axes, m/N, 1/N, rad/(N·m); NaN if out of reach or moving freely.
     """
     both = _map_chunks(mechanism, poses, (6, 13), lambda order, where: _find_matrices(order, where, gravity))
     return _complete_compliance(both[..., :6], both[..., 6:12])[0]
@@ -147,7 +148,7 @@ def compliance(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravi
 def batches(
     mechanism: Mechanism, poses: ArrayLike, *, gravity: Gravity = "none", size: int = 65536
 ) -> Iterator[tuple[slice, Array]]:
-    """Yield which poses (n, k) and their stiffness (m, 6, 6), ``size`` at a time: for more than memory should hold.
+    """Yield slices of poses (n, k) and their stiffness (m, 6, 6), ``size`` poses at a time.
 
     Parameters
     ----------
@@ -156,10 +157,9 @@ def batches(
     poses
         Tool poses (n, k), SI.
     gravity
-        Whether and how the robot's own weight stiffens it.
+        ``"exact"`` includes own weight and offsets, ``"none"`` does not.
     size
-        Poses at a time; more take more memory.
-
+        Poses per batch; more take more memory.
     """
     points = check_poses(mechanism, poses)
     for start in range(0, len(points), size):
@@ -168,7 +168,7 @@ def batches(
 
 
 def sag(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
-    """Displacement of the tool under the mechanism's own weight and offsets, small displacements.
+    """Return the linear displacement of the tool under the mechanism's own weight and offsets.
 
     Parameters
     ----------
@@ -178,12 +178,12 @@ def sag(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
     Returns
     -------
     Array
-        Twist (n, 6) at M in base axes, m and rad; NaN where a pose is out of reach.
+        Twist (n, 6) at M in base axes, m and rad; NaN if a pose is out of reach.
 
     Raises
     ------
     InputError
-        Where the tool moves freely.
+        If the tool moves freely.
 
     Examples
     --------
@@ -200,20 +200,20 @@ def sag(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
 
 
 def analyse(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity: Gravity = "none") -> Stiffness:
-    """Stiffness, compliance, mobility and (with gravity) sag at tool poses.
+    """Compute stiffness, compliance, mobility and (with gravity) sag at tool poses.
 
     Parameters
     ----------
     mechanism, poses
         As for ``stiffness``.
     gravity
-        ``"exact"``: under own weight and offsets. Where weights find no equilibrium near by, the stiffness is the one
-        without them, and the sag is NaN.
+        ``"exact"``: under own weight and offsets. If there is no equilibrium nearby, the stiffness
+        is the unloaded one, and the sag is NaN.
 
     Returns
     -------
     Stiffness
-        What the mechanism does at every pose; where its stiffness is infinite, its compliance and what is rigid.
+        Results at every pose; if the stiffness is infinite, the compliance and rigid directions.
 
     Examples
     --------
@@ -244,7 +244,7 @@ def analyse(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity:
 
 
 def _complete_compliance(matrix: Array, yielding: Array) -> tuple[Array, NDArray[np.int_], Array]:
-    """Compliance (n, 6, 6), also of known stiffnesses; number of free directions and inverse condition number (n,)."""
+    """Return compliances (n, 6, 6), number of free directions and inverse condition number (n,)."""
     free, inverse_condition = np.full(len(matrix), 6), np.full(len(matrix), np.nan)
     known = np.isfinite(matrix).all(axis=(1, 2))
     free[known], inverse_condition[known] = count_freedoms(matrix[known])
@@ -252,13 +252,13 @@ def _complete_compliance(matrix: Array, yielding: Array) -> tuple[Array, NDArray
 
 
 def _analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array, yielding: Array) -> Array:
-    """Stiffness, compliance and sag (n, 6, 13) under weights, where they are known without.
+    """Return stiffness, compliance and sag (n, 6, 13) under weights, if they are known without.
 
-    All are NaN where the tool moves freely, and where the weights would turn it by more than a tenth of a radian or
+    All are NaN if the tool moves freely, or if weights turn it by more than a tenth of a radian or
     move it by more than a tenth of its characteristic length.
     """
     out = np.full((len(unloaded), 6, 13), np.nan)
-    loose = bool(find_laws(mechanism))  # weights may hold what moves freely without them
+    loose = bool(find_laws(mechanism))  # weights may hold motions that are free without them
     firm = np.flatnonzero(found.valid & (loose | np.isfinite(yielding).all(axis=(1, 2))))
     both = _map_chunks(mechanism, found[firm], (6, 13), lambda order, where: _find_matrices(order, where, "exact"))
     size = np.ones((len(firm), 6))
@@ -271,10 +271,10 @@ def _analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array
 
 
 def stiffness_error(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
-    """Bound (n, 6, 6) on the error of the stiffness at M from the bounds on the compliances of its elastic bodies.
+    """Return bounds (n, 6, 6) on the error of the stiffness at M from those of body compliances.
 
-    To first order ``δK = -Σ (A K)ᵀ δC (A K)`` with A the wrench on a body under unit wrenches at M. Equal parts are off
-    together: absolute values add. NaN where the stiffness is infinite.
+    To first order ``δK = -Σ (A K)ᵀ δC (A K)`` with A the wrench on a body per unit wrench at M.
+    Errors of equal parts are correlated: absolute values add. NaN if the stiffness is infinite.
     """
     bars = {b.name: b.elastic.error for b in mechanism.bodies if b.elastic is not None and b.elastic.error is not None}
 
@@ -309,7 +309,7 @@ def _at_weight(order: Order, where: Places, work: Callable[[Order, Places], Arra
 
 
 def _find_matrices(order: Order, where: Places, gravity: Gravity) -> Array:
-    """Stiffness, compliance and sag (n, 6, 13); NaN where infinite, and where it is the stiffness's inverse to take."""
+    """Return stiffness, compliance, sag (n, 6, 13); NaN if infinite or left to inversion."""
     if gravity == "exact" and find_laws(order.mechanism):
         return _at_weight(order, where, lambda linear, there: _find_matrices(linear, there, gravity), 13)
     try:
@@ -328,7 +328,7 @@ def _find_matrices(order: Order, where: Places, gravity: Gravity) -> Array:
 
 
 def _find_unloaded(order: Order, where: Places, gravity: Gravity) -> Array:
-    """``_find_matrices`` without loads; a tool that is loose there and held under weight has no stiffness."""
+    """Return ``_find_matrices`` without loads; zero stiffness if only weight holds the tool."""
     try:
         return _find_matrices(order, where, "none")
     except InputError:
@@ -343,7 +343,7 @@ def _map_chunks(
     entries: tuple[int, ...],
     work: Callable[[Order, Places], Array],
 ) -> Array:
-    """Work on a chunk of configurations at a time; memory grows with the result alone."""
+    """Apply work to configurations in chunks; only the result grows with their number."""
     if isinstance(poses, Configurations):
         n = len(poses)
         chunks = (poses[i : i + CHUNK] if n > CHUNK else poses for i in range(0, max(n, 1), CHUNK))

@@ -1,4 +1,4 @@
-"""Finite strains of elements whose nodes have moved: what each has taken of its spring, and its joint's error."""
+"""Finite strains of elements whose nodes have moved."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def find_offsets(order: Order, where: Places) -> dict[str, Array]:
-    """Offsets (n or 1, 6, 1) of the unloaded mechanism: elements' own, of joints' springs and axes."""
+    """Return the offsets (n or 1, 6, 1) of unloaded elements, joint springs and misplaced axes."""
     out: dict[str, Array] = {}
     for e in order.elements:
         lack = np.zeros((1, 6)) if e.offset is None else e.offset[None]
@@ -32,19 +32,19 @@ def find_offsets(order: Order, where: Places) -> dict[str, Array]:
 
 
 def find_remaining_offsets(order: Order, where: Places, rest: Places) -> dict[str, Array]:
-    """Offsets (n, 6, 1) that make a linear step from bent places obey each element's law, own axes at its own point.
+    """Return offsets (n, 6, 1) for a linear step from deformed places to obey every element's law.
 
-    ``rest``: where the unloaded mechanism is. A spring that has strained by θ of its t₀ still lacks t₀ - θ.
+    In each element's own axes at its own point. A spring strained by θ of its offset t₀ still has
+    t₀ - θ to go.
 
     Parameters
     ----------
     order
-        Order in which the network is condensed.
+        Elimination order of the network.
     where
         Places of all nodes at n configurations.
     rest
-        Where the unloaded mechanism is.
-
+        Places of the unloaded mechanism.
     """
     out: dict[str, Array] = {}
     for e in order.elements:
@@ -59,7 +59,7 @@ def find_remaining_offsets(order: Order, where: Places, rest: Places) -> dict[st
 
 
 def _strain(e: Element, where: Places, rest: Places) -> Array:
-    """Coordinates Tx Ty Tz Rx Ry Rz (n, 6) of an element; of a joint those that it holds or drives."""
+    """Return an element's coordinates Tx Ty Tz Rx Ry Rz (n, 6); a joint's held or driven ones."""
     gap, turn = _relative(e, where)
     n = max(len(gap), len(turn))
     out = np.zeros((n, 6))
@@ -71,7 +71,7 @@ def _strain(e: Element, where: Places, rest: Places) -> Array:
     out[:, held] = gap[:, held]
     if joint.kind == "universal":
         out[:, 3:] = _universal(joint, turn)
-    elif len(turns) == 2:  # where the axis points on the second body
+    elif len(turns) == 2:  # direction of the axis on the second body
         out[:, 4], out[:, 5] = -turn[:, 2, 0], turn[:, 1, 0]
     elif turns:
         out[:, 3:] = euler_angles(turn)
@@ -103,9 +103,9 @@ def _strain_spring(e: Element, joint: Joint, where: Places) -> Array:
 
 
 def _relative(e: Element, where: Places, drawn: Joint | None = None) -> tuple[Array, Array]:
-    """Displacement (n, 3) and rotation (n, 3, 3) of an element's second node against its first, in its own axes.
+    """Return displacement (n, 3) and rotation (n, 3, 3) of an element's second node from its first.
 
-    ``drawn``: in those of the joint as it is drawn.
+    In the element's axes, or in those of ``drawn``, the nominal joint, if given.
     """
     own, at = (e.axes, e.at) if drawn is None else (drawn.axes, drawn.at)
     moved = where.point(e.second, at) - where.point(e.first, at)
@@ -114,7 +114,7 @@ def _relative(e: Element, where: Places, drawn: Joint | None = None) -> tuple[Ar
 
 
 def _universal(joint: Joint, turn: Array) -> Array:
-    """Rotation (n, 3), own axes, by which the two axes of a universal joint are off their angle."""
+    """Return the rotation (n, 3), own axes, by which a universal joint violates its angle."""
     if joint.axis is None or joint.axis2 is None:
         return np.zeros((len(turn), 3))
     first, rest = joint.axes.T @ joint.axis, joint.axes.T @ joint.axis2

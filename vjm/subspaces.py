@@ -1,4 +1,4 @@
-"""Subspaces of twists, wrenches and joint rates: ranks by singular values, direct sums, and directions by name."""
+"""Subspaces of twists, wrenches and joint rates: ranks, direct sums and named directions."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 RANK = 1e-9  # relative singular value below which a direction is free
-ZERO = 1e-7  # component of a unit vector that is zero
+ZERO = 1e-7  # component of a unit vector taken as zero
 
 
 @dataclass(frozen=True, eq=False)
 class Direction:
-    """A twist or a wrench in words: ``kind`` "translation", "rotation" or "screw", along or about ``axis`` (3,).
+    """Twist or wrench by ``kind``, "translation", "rotation" or "screw", and ``axis`` (3,).
 
-    Of a redundant constraint: the translation or rotation that is held more than once.
+    For a redundant constraint: the translation or rotation that is held more than once.
     """
 
     kind: str
@@ -33,7 +33,7 @@ class Direction:
 
 
 def axis_name(axis: Array) -> str:
-    """A direction as x, -y, or its components."""
+    """Return a direction as x, -y, or its components."""
     near = int(np.argmax(np.abs(axis)))
     if abs(abs(axis[near]) - 1.0) < 1e-6:
         return "xyz"[near]
@@ -41,7 +41,7 @@ def axis_name(axis: Array) -> str:
 
 
 def split_spaces(matrix: Array) -> tuple[Array, tuple[float, float], Array]:
-    """Left null space, smallest singular value that counts and largest that does not (relative), null space."""
+    """Return left null space, relative singular values (last kept, first dropped), null space."""
     if not matrix.size:
         return np.eye(len(matrix)), (1.0, 0.0), np.eye(matrix.shape[1])
     u, values, vt = np.linalg.svd(matrix)
@@ -51,7 +51,7 @@ def split_spaces(matrix: Array) -> tuple[Array, tuple[float, float], Array]:
 
 
 def null_space(matrix: Array) -> Array:
-    """Orthonormal basis (n, k) of what a matrix (m, n) of entries of order 1 takes to zero."""
+    """Return an orthonormal null space basis (n, k) of a matrix (m, n), entries of order 1."""
     if not matrix.size:
         return np.eye(matrix.shape[1])
     _, values, vt = np.linalg.svd(matrix, full_matrices=len(matrix) < matrix.shape[1])
@@ -59,7 +59,7 @@ def null_space(matrix: Array) -> Array:
 
 
 def range_space(matrix: Array) -> Array:
-    """Orthonormal basis (m, r) of the range of a matrix (m, n) of entries of order 1."""
+    """Return an orthonormal basis (m, r) of the range of a matrix (m, n) of entries of order 1."""
     if not matrix.size:
         return np.zeros((len(matrix), 0))
     u, values, _ = np.linalg.svd(matrix, full_matrices=False)
@@ -67,15 +67,15 @@ def range_space(matrix: Array) -> Array:
 
 
 def rank(matrix: Array) -> int:
-    """Rank of a matrix, relative to its largest singular value."""
+    """Return the rank of a matrix, relative to its largest singular value."""
     values = np.linalg.svd(matrix, compute_uv=False)
     return int(np.sum(values > RANK * max(values[0], 1e-300))) if values.size else 0
 
 
 def find_blocks(basis: Array, sizes: list[int]) -> list[tuple[list[int], int]]:
-    """Groups of row blocks that the space of ``basis`` (n, k) does not mix, each with its dimension.
+    """Return the independent groups of row blocks in the space ``basis`` (n, k), with dimensions.
 
-    The orthogonal projector on the space is block diagonal exactly where the space is a direct sum.
+    The orthogonal projector onto a space is block diagonal exactly if the space is a direct sum.
     """
     starts = np.cumsum([0, *sizes])
     projector = basis @ basis.T
@@ -106,21 +106,21 @@ def find_blocks(basis: Array, sizes: list[int]) -> list[tuple[list[int], int]]:
 
 
 def name_directions(basis: Array, bound: str, free: str, length: float) -> list[Direction]:
-    """Directions of a space of screws (6, k): line part first (force, or angular velocity), couple part second.
+    """Return directions of a screw space (6, k); line (force, angular velocity) before couple.
 
-    First what has no line part (a couple: ``free``), then lines (``bound``) with the least pitch that the couples
-    leave.
+    First pure couples (``free``), then lines (``bound``) with the smallest pitch that the couples
+    allow.
 
     Parameters
     ----------
     basis
         Basis (6, k) of the space of screws.
     bound
-        Word for a direction with a line.
+        Kind of a direction with a line.
     free
-        Word for a couple.
+        Kind of a couple.
     length
-        Characteristic length (m) by which rotations and translations compare.
+        Characteristic length (m) that scales rotations to translations.
 
     """
     couples = basis[3:] @ null_space(basis[:3])
@@ -131,14 +131,14 @@ def name_directions(basis: Array, bound: str, free: str, length: float) -> list[
         screw = basis @ np.linalg.lstsq(basis[:3], axis, rcond=None)[0]
         pitch = float((off @ screw[3:]) @ (off @ axis)) if couples.shape[1] else float(screw[3:] @ axis)
         if couples.shape[1] and np.linalg.norm(couples.T @ axis) > ZERO:
-            pitch = 0.0  # a couple about its own axis takes the pitch away
+            pitch = 0.0  # a couple about the same axis removes the pitch
         real = abs(pitch) > 1e-6
         out.append(Direction("screw" if real else bound, axis, pitch * length if real else 0.0))
     return out
 
 
 def _align(space: Array) -> list[Array]:
-    """Orthonormal basis of a space (3, k), along x, y, z where it can be."""
+    """Return an orthonormal basis of a space (3, k), along x, y, z if possible."""
     basis = range_space(space)
     out: list[Array] = []
     while basis.shape[1]:

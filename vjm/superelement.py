@@ -1,4 +1,4 @@
-"""A robot at a pose as a superelement: stiffness and mass on its tool's twist and on modes with the tool held."""
+"""Reduction of a robot at one pose to its tool's twist and fixed-interface modes."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from stiffscope.vjm.pencil import Drives
     from stiffscope.vjm.screws import Array
 
-_NOTHING = 1e-12  # of a scaled matrix's largest eigenvalue: neither stiffness nor inertia
+_NOTHING = 1e-12  # of a scaled matrix's largest eigenvalue: zero stiffness or inertia
 _FREE = 1e-9  # of the shift: squared angular frequency of a free motion
 
 
 @dataclass(frozen=True, eq=False)
 class ToolSuperelement:
-    """A robot that stands on the ground, on its tool's twist at M (base axes) and k modal coordinates, SI.
+    """A grounded robot reduced to its tool's twist at M (base axes) and k modal coordinates, SI.
 
     ``stiffness``, ``mass``: (6 + k, 6 + k); ``tool``: M (3,) m at the pose.
     """
@@ -42,9 +42,9 @@ class ToolSuperelement:
 def superelement(
     mechanism: Mechanism, configuration: Configurations, modes: int = 6, *, drives: Drives = "held"
 ) -> ToolSuperelement:
-    """Condense a robot at one configuration on its tool, with its lowest ``modes`` of both the tool held and free.
+    """Reduce a robot at one configuration to its tool's twist and to its lowest modes.
 
-    The lowest ``modes`` frequencies of the robot as it stands are kept as they are.
+    The reduction keeps the lowest ``modes`` frequencies of the robot with its tool free exactly.
 
     Parameters
     ----------
@@ -53,15 +53,15 @@ def superelement(
     configuration
         One configuration of the mechanism.
     modes
-        Number of modes kept, of the tool held and of the tool free; more hold up to higher
-        frequencies.
+        Number of modes kept with the tool held and with the tool free; more modes extend the valid
+        frequency range.
     drives
-        Whether drives are springs ("held") or move freely ("free").
+        Drives are springs ("held") or move freely ("free").
 
     Raises
     ------
     InputError
-        For a tool that cannot move in all six directions: nothing can be condensed on it.
+        If the tool cannot move in all six directions, so that no reduction to it exists.
 
     References
     ----------
@@ -83,20 +83,20 @@ def superelement(
     inverse: Array = np.asarray(np.linalg.pinv(held, 1e-13, hermitian=True))  # pyright: ignore[reportUnknownArgumentType]
     static = follow - apart @ inverse @ (apart.T @ stiffness @ follow)
     loose = _lowest(stiffness, mass, pencil.shift, modes)
-    added = apart.T @ (loose - static @ (size[:, None] * (tool @ loose)))  # what these do with the tool held
+    added = apart.T @ (loose - static @ (size[:, None] * (tool @ loose)))  # with the tool held
     wanted = np.linalg.qr(np.hstack([_lowest(held, inert, pencil.shift, modes), added]))[0]
     within = _lowest(wanted.T @ held @ wanted, wanted.T @ inert @ wanted, pencil.shift, wanted.shape[1])
     basis = np.hstack([static, apart @ wanted @ within])
     condensed = [basis.T @ a @ basis for a in (stiffness, mass)]
     condensed = [0.5 * (a + a.T) for a in condensed]
     count = basis.shape[1] - 6
-    condensed[0][:6, 6:] = condensed[0][6:, :6] = 0.0  # the tool's motion follows without the modes
+    condensed[0][:6, 6:] = condensed[0][6:, :6] = 0.0  # uncoupled by construction
     condensed[0][6:, 6:] *= np.eye(count)
     return ToolSuperelement(condensed[0], condensed[1], configuration.tool[0, :3])
 
 
 def _lowest(stiffness: Array, mass: Array, shift: float, count: int) -> Array:
-    """The lowest modes (d, k) with inertia, of a modal mass of 1 kg; free motions are left out."""
+    """Return the lowest modes (d, k) of modal mass 1 kg; free motions are omitted."""
     values, vectors = np.linalg.eigh(stiffness + shift * mass)
     stiff = values > _NOTHING * values.max(initial=0.0)
     half = vectors[:, stiff] / np.sqrt(values[stiff])

@@ -1,7 +1,7 @@
-"""All motions and all equations of a linkage at once, for few poses: there calls cost more than numbers do.
+"""Vectorized motions and equations of a linkage, for few poses, where call overhead dominates.
 
-Every motion is ``1 + a X + b X²`` with X a screw as a matrix (4, 4); every error of a cut joint is the product of a
-vector that rides on its first link and one that rides on its second, ``u·(v - w)``, or the sum of two such terms.
+Every motion is ``1 + a X + b X²`` with X a screw matrix (4, 4); every error of a cut joint is a sum
+of one or two terms ``u·(v - w)`` with u, w fixed to its first link and v to its second.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _AHEAD, _BEHIND = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """One motion of a tree joint: ``sign`` is -1 where the tree enters the joint from its second body."""
+    """One motion of a tree joint; ``sign`` is -1 if the tree enters from its second body."""
 
     kind: str
     axis: Array
@@ -41,14 +41,14 @@ class Motion:
 
     @cached_property
     def turning(self) -> tuple[Array, Array]:
-        """What of a rotation (3, 3), transposed, grows with the sine of its angle, and with 1 less the cosine."""
+        """Transposed coefficients (3, 3) of sin and of 1 - cos in the rotation matrix."""
         s = skew(self.axis)
         return (self.sign * s).T, (s @ s).T
 
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """A joint that closes a loop: ``columns`` of the coordinates that move its links apart, with their signs."""
+    """A cut joint that closes a loop: ``columns`` of the coordinates in the loop, and signs."""
 
     joint: Joint
     first: int
@@ -58,17 +58,17 @@ class Cut:
 
     @property
     def size(self) -> int:
-        """Number of its equations."""
+        """Number of equations."""
         return sum(len(part) for part in self.joint.held_components)
 
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """Links and equations at n poses, which lead here.
+    """Links and equations at n poses; the poses are the leading axis.
 
-    ``frames`` (n, f, 4, 4): displacements from home; ``errors`` (rows, n) of all cut joints, lengths over the
-    mechanism's own; ``twists`` (n, m, 6) for unit rates, and ``wrenches`` (n, rows, 6) that measure errors, both at the
-    origin in base axes.
+    ``frames`` (n, f, 4, 4): displacements from home; ``errors`` (rows, n) of cut joints, lengths
+    relative to the mechanism's; at the origin in base axes, ``twists`` (n, m, 6) for unit rates and
+    ``wrenches`` (n, rows, 6) that measure errors.
     """
 
     frames: Array
@@ -78,7 +78,7 @@ class Look:
 
 
 class Table:
-    """What does not change with the pose."""
+    """Pose-independent data of a linkage."""
 
     def __init__(self, motions: Sequence[Motion], cuts: Sequence[Cut], length: float, size: int) -> None:
         generators = np.zeros((len(motions) + 1, 3, 4, 4))
@@ -136,7 +136,7 @@ class Table:
         self.size = size
 
     def look(self, q: Array) -> Look:
-        """Links and equations at coordinates (m, n)."""
+        """Return links and equations at coordinates (m, n)."""
         angle = q.take(self.lead, axis=0).T
         first, second = np.where(self.slides, angle, np.sin(angle)), 1.0 - np.cos(angle)
         frames: Array = self.screws * first[..., None, None] + self.squares * second[..., None, None] + _ONE
@@ -173,7 +173,7 @@ def _turn_balls(screw: Array, square: Array) -> tuple[Array, Array]:
 
 
 def _list_terms(cuts: Sequence[Cut], length: float) -> Iterator[tuple[int, Cut, Array, Array, float]]:
-    """Number of its row, cut joint, u (3,), v (4,) and what is subtracted, of every term of all errors."""
+    """Yield row number, cut joint, u (3,), v (4,) and constant of every term of all errors."""
     row = 0
     for cut in cuts:
         joint = cut.joint
@@ -194,5 +194,5 @@ def _list_terms(cuts: Sequence[Cut], length: float) -> Iterator[tuple[int, Cut, 
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Cross products of vectors (..., 3)."""
+    """Return cross products of vectors (..., 3)."""
     return a.take(_AHEAD, -1) * b.take(_BEHIND, -1) - a.take(_BEHIND, -1) * b.take(_AHEAD, -1)

@@ -1,4 +1,4 @@
-"""How a mechanism yields under a load: the tool's twist, who contributes how much, and load curves."""
+"""Deflection of a mechanism under load: tool twist, energy shares and load curves."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ if TYPE_CHECKING:
     from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
 
-_LARGEST = 1e100  # N or N·m; its square is still a number
+_LARGEST = 1e100  # N or N·m; its square is finite
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Deflection(Labelled):
-    """``twist`` (n, 6) of the tool at M in m, rad; ``energy`` (n,) in J; each element's share (n,) of it."""
+    """Tool ``twist`` (n, 6) at M, m, rad; ``energy`` (n,), J; each element's share (n,) of it."""
 
     twist: Array
     energy: Array
@@ -42,7 +42,7 @@ class Deflection(Labelled):
     configurations: Configurations
 
     def to_xarray(self) -> xr.Dataset:
-        """Return twist, strain energy and shares with names along pose, twist and element; SI."""
+        """Return twist, strain energy and shares, labelled by pose, twist and element; SI."""
         variables: dict[str, tuple[Sequence[str], Any, str]] = {
             "twist_at_M": (("pose", "twist"), self.twist, "m, rad"),
             "energy": (("pose",), self.energy, "J"),
@@ -105,7 +105,7 @@ def respond(
 
 
 def deflection(mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: ArrayLike) -> Deflection:
-    """Deflection under a wrench (6,) or (n, 6) in N, N·m at M. The shares of strain energy sum to 1 at every pose.
+    """Return the deflection under a wrench (6,) or (n, 6), N, N·m, at M; energy shares sum to 1.
 
     Raises InputError for a pose out of reach, a wrench of another shape, or a tool that moves freely.
 
@@ -145,9 +145,9 @@ def deflection(mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: 
 
 @dataclass(frozen=True, eq=False)
 class LoadCurve:
-    """Under ``load`` (s,) times a wrench: ``twist`` (n, 6, s) at M, tangent ``stiffness`` (n, 6, 6, s).
+    """``twist`` (n, 6, s), tangent ``stiffness`` (n, 6, 6, s) at M under ``load`` (s,) × wrench.
 
-    The stiffness is NaN where it is infinite in some direction; 0 where the tool moves freely.
+    The stiffness is NaN if infinite in some direction, and 0 if the tool moves freely.
     """
 
     load: Array
@@ -158,14 +158,14 @@ class LoadCurve:
 def find_load_curve(
     mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: ArrayLike, load: ArrayLike
 ) -> LoadCurve:
-    """Deflection and tangent stiffness along a load path; no law has hysteresis, so that every way there is the same.
+    """Return deflection and tangent stiffness along a load path; no law has hysteresis.
 
     Parameters
     ----------
     mechanism, poses, wrench
         As for ``deflection``.
     load
-        (s,) how many times the wrench.
+        (s,) factors of the wrench.
 
     Raises
     ------
