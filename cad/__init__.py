@@ -1,6 +1,6 @@
 """Parts: parametric solids (link, slider), solids from STEP files, materials, mass properties.
 
-The modules below load the CAD kernel, which takes seconds: ``cad.kernel`` is loaded when it is first used.
+The modules below load the CAD kernel, which takes seconds; each is loaded on first use.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ __all__ = ["kernel", "kernel_files", "projection", "validity"]
 
 
 def __getattr__(name: str) -> Any:
-    """Load a module of the CAD kernel when it is first used."""
+    """Load a module of the CAD kernel on first use."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return import_module(f"{__name__}.{name}")

@@ -1,6 +1,6 @@
-"""STEP assemblies: their solids by name, where each stands, and what the file says of their materials.
+"""STEP assemblies: named solids, their places and their materials.
 
-A file is read in a subprocess with a time limit, because the kernel may crash or hang on a malformed file.
+A file is read in a subprocess with a time limit, as the kernel may crash or hang on it.
 """
 
 import json
@@ -37,18 +37,18 @@ _SOLID = re.compile(rb"=\s*(?:MANIFOLD_SOLID_BREP|BREP_WITH_VOIDS|FACETED_BREP)\
 
 @dataclass(frozen=True, eq=False)
 class Product:
-    """A solid that one or more instances share, in its own axes.
+    """A solid shared by one or more instances, in its own axes.
 
     Attributes
     ----------
     number
-        Position in the file.
+        Index in the file.
     solid
-        Of the CAD kernel, mm.
+        Solid of the CAD kernel, mm.
     material
-        Name that the file gives its material, or "".
+        Material name in the file, or "".
     volume, centre, inertia
-        m³, (3,) m, and (3, 3) about the centre for a density of 1, m⁵.
+        Volume, m³; centre (3,), m; inertia (3, 3) about the centre for a density of 1, m⁵.
     """
 
     number: int
@@ -60,13 +60,13 @@ class Product:
 
     @cached_property
     def faces(self) -> tuple[FaceGeometry, ...]:
-        """Its faces, SI, its own axes."""
+        """Faces in the product's own axes, SI."""
         return face_geometries(self.solid)
 
 
 @dataclass(frozen=True, eq=False)
 class Instance:
-    """A product at its place: a name, unique in the assembly, a rotation (3, 3) and where its origin is, (3,) m."""
+    """A product at its place: unique name, rotation (3, 3) and position of its origin (3,), m."""
 
     name: str
     product: Product
@@ -75,12 +75,12 @@ class Instance:
 
     @property
     def centre(self) -> Array:
-        """(3,) m; of its volume."""
+        """Centroid of the volume (3,), m."""
         return self.rotation @ self.product.centre + self.origin
 
     @property
     def inertia(self) -> Array:
-        """(3, 3) m⁵, about its centre for a density of 1, axes of the assembly."""
+        """Inertia (3, 3) about the centre for a density of 1, m⁵, assembly axes."""
         return self.rotation @ self.product.inertia @ self.rotation.T
 
     @cached_property
@@ -90,48 +90,48 @@ class Instance:
 
     @cached_property
     def box(self) -> Array:
-        """(2, 3) m: least and greatest coordinates."""
+        """Smallest and largest coordinates (2, 3), m."""
         return 1e-3 * cad.kernel.bounds(self.solid)
 
     @cached_property
     def faces(self) -> tuple[FaceGeometry, ...]:
-        """Its faces where it stands."""
+        """Faces at the instance's place."""
         return tuple(face.move(self.rotation, self.origin) for face in self.product.faces)
 
     @cached_property
     def shapes(self) -> "list[Face]":
-        """Faces of the CAD kernel where it stands, mm."""
+        """Faces of the CAD kernel at the instance's place, mm."""
         return cad.kernel.faces(self.solid)
 
     @cached_property
     def face_boxes(self) -> Array:
-        """(n, 2, 3) m: least and greatest coordinates of each face."""
+        """Smallest and largest coordinates of each face (n, 2, 3), m."""
         return 1e-3 * np.array([cad.kernel.bounds(face) for face in self.shapes])
 
 
 def read_assembly(
     path: str | Path, time_limit: float = 600.0, left_out: list[str] | None = None
 ) -> tuple[Instance, ...]:
-    """Read the solids of a STEP file, each with its name and place.
+    """Read the solids of a STEP file with their names and places.
 
     Parameters
     ----------
     path
-        STEP file (AP203, AP214, AP242) of one or more solids; lengths are converted from the unit of the file.
+        STEP file (AP203, AP214, AP242) of one or more solids, in any unit of length.
     time_limit
-        Seconds allowed to read it.
+        Time limit for reading, s.
     left_out
-        Takes a line on what the file has beside the solids that were read.
+        Receives a line for each kind of content that was not read.
 
     Returns
     -------
     tuple of Instance
-        In the order of the file. A solid without a name is "solid1", "solid2", …; of equal names all get a number.
+        In the order of the file. Unnamed solids: "solid1", "solid2", …; equal names are numbered.
 
     Raises
     ------
     InputError
-        The file holds no closed solid; the message names the file, what was found and what is expected.
+        If the file contains no closed solid; the message states what was found and expected.
     """
     path = Path(path)
     content = check_file(path)
@@ -152,7 +152,7 @@ def read_assembly(
 
 
 def place_solids(solids: "Sequence[Solid]", told: dict[str, Any]) -> tuple[Instance, ...]:
-    """Instances of solids, from the table that `gather_solids` made of them."""
+    """Create instances of solids from the table made by `gather_solids`."""
     products = [
         _product(number, solid, each) for number, (solid, each) in enumerate(zip(solids, told["products"], strict=True))
     ]
@@ -165,9 +165,9 @@ def place_solids(solids: "Sequence[Solid]", told: dict[str, Any]) -> tuple[Insta
 
 
 def _check_references(path: Path, content: bytes) -> None:
-    """Refuse a file that refers to entities it lacks, loses coordinates, or holds a product within itself.
+    """Refuse a file with missing entities, missing coordinates, or a product within itself.
 
-    The kernel leaves such products out, or puts them elsewhere, in silence. STEP files that it refers to are beside it.
+    The kernel silently omits or misplaces such products. Referenced STEP files must be beside it.
     """
     bare = _TEXT.sub(b"''", content)
     missing = {*_USED.findall(bare)} - {*_DEFINED.findall(bare)}
@@ -202,7 +202,7 @@ def _product(number: int, solid: "Solid", told: dict[str, Any]) -> Product:
 
 
 def _name_distinct(paths: Sequence[Sequence[str]]) -> list[str]:
-    """Names of instances, from the names on the way to each: the last alone, with its assembly's, or with a number."""
+    """Name instances from the names on their paths: last name, with its assembly's, or a number."""
     own = [("" if _is_nameless(path[-1]) else path[-1]) for path in paths]
     for depth in range(2, max(map(len, paths), default=0) + 1):
         doubled = {name for name in own if own.count(name) > 1 and name}
@@ -228,14 +228,14 @@ def _is_nameless(name: str) -> bool:
 
 
 def _write_solids(path: Path, shown: str, folder: Path) -> None:
-    """Read an assembly, called `shown` in messages, and write its solids and a table of them into a folder."""
+    """Read an assembly, called `shown` in messages; write its solids and a table to a folder."""
     solids, told = gather_solids(cad.kernel_files.read_products(path), shown)
     cad.kernel_files.write_binary(cad.kernel.compound(*solids), folder / "solids.brep")
     (folder / "assembly.json").write_text(json.dumps(told))
 
 
 def gather_solids(found: "Sequence[PlacedProduct]", shown: str) -> "tuple[list[Solid], dict[str, Any]]":
-    """Distinct solids of the leaves of a tree, called `shown` in messages, and a table of them and their places."""
+    """Collect distinct leaf solids, `shown` in messages, and a table of them and their places."""
     products, instances, numbers = [], [], dict[tuple[int, int], int]()
     solids: list[Any] = []
     loose = list[str]()

@@ -1,7 +1,7 @@
 """Straight beams of one section: tube, box, I and channel.
 
-Axes: x along the beam, from the clamped end at x = 0 to the loaded end; y across and z along the height, from the
-section's centroid, which at the loaded end is the reference point. A channel's flanges point along +y.
+Axes: x along the beam, from the clamped end at x = 0 to the loaded end; y across and z along the
+height, from the centroid, at the loaded end the reference point. Channel flanges point along +y.
 """
 
 from dataclasses import dataclass, fields
@@ -13,12 +13,12 @@ from stiffscope.cad.solid import SolidParameters
 
 @dataclass(frozen=True)
 class BeamParameters(SolidParameters):
-    """Length of a beam, m, and what its sections share; each section adds its own dimensions.
+    """Beam length, m, and common methods; each section adds its own dimensions.
 
     Raises
     ------
     InputError
-        A value out of range, named as in the robot file (``tube.wall``).
+        If a value is out of range; it is named as in the robot file (``tube.wall``).
     """
 
     shape: ClassVar[str]
@@ -33,11 +33,11 @@ class BeamParameters(SolidParameters):
             require(value <= most, f"{self.shape}.{name}", f"up to {mm(max(most, 0.0))} in this section", mm(value))
 
     def largest(self) -> dict[str, float]:
-        """Return the largest values of thicknesses by name, m."""
+        """Return the largest thicknesses by name, m."""
         raise NotImplementedError
 
     def outline(self) -> list[list[tuple[float, float]]]:
-        """Return the corners (y, z) of the section's outer border, m, then those of its hole."""
+        """Return the corners (y, z) of the section's outer border, then of its hole, m."""
         raise NotImplementedError
 
     def draw(self) -> Any:
@@ -47,14 +47,14 @@ class BeamParameters(SolidParameters):
         return extrude(Plane.YZ * self.section(), 1e3 * self.length)
 
     def section(self) -> Any:
-        """Return the section's sketch of build123d, mm."""
+        """Return the section as a build123d sketch, mm."""
         from build123d import Polygon
 
         border, *holes = (Polygon(*((1e3 * y, 1e3 * z) for y, z in loop), align=None) for loop in self.outline())
         return border - holes if holes else border
 
     def lengths(self) -> dict[str, float]:
-        """Return the lengths (m) that shape the beam, by name."""
+        """Return the beam's lengths (m) by name."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
 
 
@@ -101,7 +101,7 @@ class BoxParameters(BeamParameters):
 
 @dataclass(frozen=True)
 class _FlangedParameters(BeamParameters):
-    """Width of the flanges along y, height over both along z, thickness of a flange and of the web, m."""
+    """Flange width along y, overall height along z, flange and web thickness, m."""
 
     width: float
     height: float
@@ -115,7 +115,7 @@ class _FlangedParameters(BeamParameters):
 
 @dataclass(frozen=True)
 class IParameters(_FlangedParameters):
-    """An I: width of the flanges along y, height over both along z, thickness of a flange and of the web, m."""
+    """An I: flange width along y, overall height along z, flange and web thickness, m."""
 
     shape: ClassVar[str] = "i"
 
@@ -128,7 +128,7 @@ class IParameters(_FlangedParameters):
 
 @dataclass(frozen=True)
 class ChannelParameters(_FlangedParameters):
-    """A channel: width of the flanges along y, height over both along z, thickness of a flange and of the web, m."""
+    """A channel: flange width along y, overall height along z, flange and web thickness, m."""
 
     shape: ClassVar[str] = "channel"
 

@@ -1,6 +1,6 @@
-"""Assemblies of build123d: their solids as those of a STEP file are, and the joints that connect them.
+"""Assemblies of build123d: their solids, as those of STEP files, and their connected joints.
 
-Slow to import, as `stiffscope.cad.kernel` is. Lengths of build123d are mm.
+Slow to import, like `stiffscope.cad.kernel`. Lengths of build123d are in mm.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -24,9 +24,9 @@ _KINDS = {
 
 @dataclass(frozen=True, eq=False)
 class BuiltJoint:
-    """Two joints that were connected: the solids that they hold, by number, and what each of the two leaves free.
+    """Two connected joints: indices of their solids, and the free motion of each.
 
-    ``motions``: kind as in a robot file, place (3,) m and axis (3,) of either.
+    ``motions``: for each joint its kind as in a robot file, place (3,) in m and axis (3,).
     """
 
     first: int
@@ -43,19 +43,19 @@ def read_built(assembly: Any, shown: str, left_out: list[str]) -> tuple[tuple[In
     assembly
         Compound of solids and compounds, at any depth.
     shown
-        What messages call it.
+        Name for messages.
     left_out
-        Takes a line on what it has beside the solids that were read.
+        Receives a line for each kind of content that was not read.
 
     Returns
     -------
     instances, joints
-        Solids with names from their labels, and the joints of theirs that are connected.
+        Solids named by their labels, and their connected joints.
 
     Raises
     ------
     InputError
-        It is no assembly, or holds no closed solid.
+        If it is not an assembly, or contains no closed solid.
 
     """
     if getattr(assembly, "wrapped", None) is None or not hasattr(assembly, "leaves"):
@@ -86,7 +86,7 @@ def _read_leaf(leaf: Any, numbers: kernel.Numbering) -> PlacedProduct:
 
 
 def _place_of(location: Any) -> Array:
-    """(4, 4): rotation and translation in mm of a build123d Location."""
+    """Return the matrix (4, 4) of a build123d Location; translation in mm."""
     change = location.wrapped.Transformation()
     rows = [[change.Value(i, j) for j in (1, 2, 3, 4)] for i in (1, 2, 3)]
     return np.array([*rows, [0.0, 0.0, 0.0, 1.0]])
@@ -95,7 +95,7 @@ def _place_of(location: Any) -> Array:
 def _read_joints(
     assembly: Any, instances: tuple[Instance, ...], owners: list[Any], left_out: list[str]
 ) -> list[BuiltJoint]:
-    """Connected joints whose both ends are in the assembly."""
+    """Return the connected joints with both ends in the assembly."""
     found = []
     for node in (assembly, *assembly.descendants):
         for name, joint in node.joints.items():
@@ -117,14 +117,14 @@ def _read_joints(
 
 
 def _placed(joint: Any) -> Array:
-    """(4, 4): the frame of a joint in the axes of the assembly."""
+    """Return a joint's frame (4, 4) in assembly axes."""
     above = joint.parent.parent
     frame = _place_of(joint.location)
     return frame if above is None else _place_of(above.global_location) @ frame
 
 
 def _nearest(joint: Any, node: Any, instances: tuple[Instance, ...], owners: list[Any]) -> int | None:
-    """The solid that a joint is on: of its node's, the nearest one; None outside the assembly."""
+    """Return the solid of a joint: the nearest one of its node; None outside the assembly."""
     inside = [n for n, owner in enumerate(owners) if any(each is node for each in owner.path)]
     if len(inside) < 2:
         return inside[0] if inside else None

@@ -1,4 +1,4 @@
-"""Checks of geometric parameters. Every error names the field as the robot file spells it, and what would be valid."""
+"""Checks of geometric parameters. Errors name the field as in the robot file, and valid values."""
 
 import math
 from numbers import Integral, Real
@@ -7,14 +7,14 @@ import numpy as np
 
 from stiffscope.errors import InputError
 
-# m: a length outside this range is most likely in the wrong unit, and the mesher's tolerances fail
+# m: a length outside this range probably has the wrong unit, and the mesher's tolerances fail
 SMALLEST, LARGEST = 1e-5, 20.0
 
-GAP = 5e-4  # m: least wall thickness between features; thinner walls take the mesher minutes
+GAP = 5e-4  # m: smallest wall between features; thinner walls take minutes to mesh
 
-FINEST = 1e-4  # m: least fillet radius; smaller ones are below the tolerances of kernel and mesher
+FINEST = 1e-4  # m: smallest fillet radius; smaller ones are below kernel and mesher tolerances
 
-FARTHEST = 1e3  # m: a point farther away is most likely in the wrong unit, and costs the kernel its precision
+FARTHEST = 1e3  # m: a farther point probably has the wrong unit, and costs precision
 
 POINT = f"a point of three numbers in m, within {FARTHEST:g} m"
 
@@ -30,13 +30,13 @@ def require(valid: bool, field: str, expected: str, got: object) -> None:
     Parameters
     ----------
     valid
-        Whether the value is.
+        Whether the value is valid.
     field
-        Field that a message names.
+        Field for the message.
     expected
-        What a message says was expected.
+        Expected value for the message.
     got
-        What a message says there was.
+        Given value for the message.
 
     """
     if not valid:
@@ -44,17 +44,17 @@ def require(valid: bool, field: str, expected: str, got: object) -> None:
 
 
 def require_between(field: str, least: float, value: float, most: float, note: str = "") -> None:
-    """Raise InputError unless a length (m) is within two others; ``note`` follows these in the message."""
+    """Raise InputError unless a length (m) is within limits; ``note`` is appended to these."""
     require(least <= value <= most, field, f"{mm(least)} to {mm(most)}{note}", mm(value))
 
 
 def require_below(field: str, value: float, limit: float, note: str = "") -> None:
-    """Raise InputError unless a length (m) is below a limit; ``note`` follows that in the message."""
+    """Raise InputError unless a length (m) is below a limit; ``note`` is appended to it."""
     require(value < limit, field, f"less than {mm(limit)}{note}", mm(value))
 
 
 def number(field: str, value: object) -> float:
-    """Return `value` as a finite float. Raises InputError."""
+    """Return `value` as a finite float. Raises InputError if it is not one."""
     if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
         raise InputError(f"{field}: expected a finite number, got {value!r}")
     return float(value)
@@ -68,7 +68,7 @@ def length(field: str, value: object) -> float:
 
 
 def optional_length(field: str, value: object) -> float:
-    """Return `value` as a length in m, or 0, which leaves the feature out. Raises InputError."""
+    """Return `value` as a length in m, or 0, which omits the feature. Raises InputError."""
     return 0.0 if number(field, value) == 0 else length(field, value)
 
 
@@ -78,7 +78,7 @@ def count(field: str, value: object, largest: int = 100) -> int:
     Parameters
     ----------
     field
-        Field that a message names.
+        Field for messages.
     value
         Value to check.
     largest
@@ -96,28 +96,28 @@ def choice(field: str, value: object, valid: tuple[str, ...]) -> None:
     Parameters
     ----------
     field
-        Field that a message names.
+        Field for messages.
     value
         Value to check.
     valid
-        Valid words.
+        Valid values.
 
     """
     require(value in valid, field, "one of " + ", ".join(map(repr, valid)), repr(value))
 
 
 def is_point(value: object) -> bool:
-    """Whether `value` is a point as `POINT` describes it."""
+    """Return whether `value` is a point as described by `POINT`."""
     return _size(value) <= FARTHEST
 
 
 def direction(field: str, value: object) -> None:
-    """Raise InputError unless `value` is a vector of three numbers with a usable length."""
+    """Raise InputError unless `value` is a vector of three numbers of usable length."""
     require(1e-9 <= _size(value) <= 1e9, field, "a direction (three numbers of length 1e-9 to 1e9)", repr(value))
 
 
 def _size(value: object) -> float:
-    """Euclidean norm of a vector of three numbers, without overflow; NaN for anything else."""
+    """Return the Euclidean norm of three numbers, without overflow; NaN for anything else."""
     try:
         numbers = np.asarray(value, dtype=float)
     except (TypeError, ValueError):

@@ -1,4 +1,4 @@
-"""Contacts between the solids of an assembly: pins in bores, planes face to face, balls in sockets, cones."""
+"""Contacts between solids of an assembly: pins in bores, faces, balls in sockets, cones."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -13,36 +13,36 @@ from stiffscope.cad.assembly import Instance
 from stiffscope.cad.faces import FaceGeometry
 from stiffscope.runtime.types import Array, Progress
 
-PARALLEL = 1e-4  # rad: directions within it are the same
-ASIDE = 5e-6  # m: axes, centres within it are the same
-TOUCHING = 2e-5  # m: planes within it touch
-LOOSE, TIGHT = 0.24, 0.2  # of the radius: the widest clearance (ISO 273, M2 coarse) and the largest overlap
-PLAY, _PLAY_SHARE = 2.2e-4, 0.02  # m, and of its size: the most between two planes of a guide with play
+PARALLEL = 1e-4  # rad: tolerance of equal directions
+ASIDE = 5e-6  # m: tolerance of equal axes and centres
+TOUCHING = 2e-5  # m: tolerance of touching planes
+LOOSE, TIGHT = 0.24, 0.2  # of the radius: largest clearance (ISO 273, M2 coarse) and overlap
+PLAY, _PLAY_SHARE = 2.2e-4, 0.02  # m, and of its size: largest play of a plane guide
 _LEAST_AREA = 1e-8  # m²
 
 
 @dataclass(frozen=True, eq=False)
 class Contact:
-    """A face of one solid that lies on a face of another.
+    """A face of one solid in contact with a face of another.
 
     Attributes
     ----------
     first, second
-        Numbers of the solids.
+        Indices of the solids.
     faces
-        Index of the face of either.
+        Index of the face on each solid.
     kind
         "plane", "cylinder", "sphere" or "cone".
     point, axis
-        (3,) m and (3,): the middle of the contact, and the normal of a plane or the axis of a round face.
+        Centre (3,) of the contact, m, and normal (3,) of a plane or axis of a round face.
     gap
-        m; below zero where the solids overlap. Of round faces, the difference of radii.
+        m; negative if the solids overlap. For round faces, the difference of radii.
     size
-        m; the length of a round contact along its axis, of others √area.
+        m; length of a round contact along its axis, √area of others.
     radius
         m; of a round contact.
     inner
-        Which of the two stands inside: 0, 1; of planes None.
+        Which solid is inside, 0 or 1; None for planes.
     """
 
     first: int
@@ -57,30 +57,30 @@ class Contact:
     inner: int | None = None
 
     def find_other(self, solid: int) -> int:
-        """The solid that a solid touches here."""
+        """Return the other solid of the contact."""
         return self.second if solid == self.first else self.first
 
     def face_of(self, solid: int) -> int:
-        """Index of the face of one of the two solids."""
+        """Return the face index of one of the two solids."""
         return self.faces[solid != self.first]
 
 
 def find_contacts(solids: Sequence[Instance], progress: Progress | None = None) -> list[Contact]:
-    """Find where solids touch.
+    """Find the contacts between solids.
 
     Parameters
     ----------
     solids
-        Of one assembly.
+        Solids of one assembly.
     progress
-        Told how far the search is.
+        Progress callback.
 
     Returns
     -------
     list of Contact
-        Every pair of faces in contact: parallel to 1e-4 rad, coaxial or concentric to 5 um; planes within 20 um, or
-        with a play of up to 0.22 mm where other planes or a pin keep it so; radii within what clearances of screws
-        and undercuts of threads have (-20 to +24 %).
+        All pairs of faces in contact: parallel to 1e-4 rad, coaxial or concentric to 5 um; planes
+        within 20 um, or with a play of up to 0.22 mm if other planes or a pin bound it; radii
+        within the range of screw clearances and thread undercuts (-20 to +24 %).
     """
     boxes = np.array([solid.box for solid in solids])
     near = np.all(boxes[:, None, 0] <= boxes[None, :, 1] + PLAY, axis=-1)
@@ -94,7 +94,7 @@ def find_contacts(solids: Sequence[Instance], progress: Progress | None = None) 
 
 
 def _drop_covered(contacts: list[Contact]) -> list[Contact]:
-    """Contacts without those of a pin and a bore that have a ring between them."""
+    """Drop contacts of a pin and a bore with a ring between them."""
     bores, pins = defaultdict[tuple[int, int], set[int]](set), defaultdict[tuple[int, int], set[int]](set)
     ends = [
         ((each.first, each.faces[0]), (each.second, each.faces[1]))[:: -1 if each.inner else 1] for each in contacts
@@ -111,7 +111,7 @@ def _drop_covered(contacts: list[Contact]) -> list[Contact]:
 
 
 def _drop_open(contacts: list[Contact]) -> list[Contact]:
-    """Contacts without planes whose play nothing bounds: no plane of one of the solids faces against them."""
+    """Drop planes with unbounded play: no opposing plane of one of the solids."""
     normals: dict[int, list[Array]] = {}
     round_: dict[tuple[int, int], list[Array]] = {}
     for each in contacts:
@@ -181,13 +181,13 @@ def _plane(a: FaceGeometry, b: FaceGeometry, one: Instance, other: Instance) -> 
 def _measure_shared(
     one: Instance, a: FaceGeometry, other: Instance, b: FaceGeometry, gap: float
 ) -> tuple[float, Array]:
-    """Area that two planes share, m², and its centre, m."""
+    """Return the area shared by two planes, m², and its centre, m."""
     area, centre = cad.kernel.common_area(one.shapes[a.index], other.shapes[b.index], -1e3 * gap * a.axis)
     return 1e-6 * area, 1e-3 * centre
 
 
 def _fit(a: FaceGeometry, b: FaceGeometry) -> float | None:
-    """Radius of the bore less that of what stands in it, m; None where they do not fit."""
+    """Return the radial clearance of a bore, m; None if the faces do not fit."""
     gap = (a.radius - b.radius) * (1.0 if a.hollow else -1.0)
     radius = max(a.radius, b.radius)
     return gap if -TIGHT * radius <= gap <= LOOSE * radius + TOUCHING else None
@@ -209,7 +209,7 @@ def _coaxial(a: FaceGeometry, b: FaceGeometry) -> bool:
 
 
 def _overlap(a: FaceGeometry, b: FaceGeometry) -> tuple[float, float]:
-    """Where two round faces of one axis are side by side, m along the axis of the first from its origin."""
+    """Return the overlap of two coaxial round faces, m along the first's axis from its origin."""
     ends = np.array([a.axis @ (b.origin - a.origin) + (a.axis @ b.axis) * end for end in b.extent])
     return max(a.extent[0], float(ends.min())), min(a.extent[1], float(ends.max()))
 

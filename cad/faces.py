@@ -1,4 +1,4 @@
-"""The faces of a solid: their geometry, a listing of them, and selection by geometry."""
+"""Faces of a solid: geometry, listing, and selection by geometry."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -17,38 +17,38 @@ if TYPE_CHECKING:
 
 KINDS = ("plane", "cylinder", "cone", "sphere", "torus", "other")
 ENDS = tuple(f"{end} {axis}" for axis in "xyz" for end in ("min", "max"))
-ANGLE = np.deg2rad(1.0)  # two directions within it are the same
-DISTANCE = 1e-5  # m: two places or radii within it are the same
+ANGLE = np.deg2rad(1.0)  # tolerance of equal directions
+DISTANCE = 1e-5  # m: tolerance of equal places and radii
 
 
 @dataclass(frozen=True, eq=False)
 class FaceGeometry:
-    """Geometry of one face, in the part's axes. Quantities that a kind does not have are zero.
+    """Geometry of one face, in part axes. Quantities that do not apply to its kind are zero.
 
     Attributes
     ----------
     index
-        Position in the list of the solid's faces.
+        Index in the solid's list of faces.
     kind
         One of `KINDS`.
     area
-        m².
+        Area, m².
     centroid
-        (3,) m.
+        Centroid (3,), m.
     origin
-        (3,) m; a point of a plane, of a cylinder's or cone's axis; the centre of a sphere or torus.
+        (3,) m; a point of a plane or of a cylinder's or cone's axis; centre of a sphere or torus.
     axis
-        (3,) unit vector; outward normal of a plane, axis of revolution otherwise.
+        (3,) unit vector; outward normal of a plane, otherwise axis of revolution.
     radius
-        m; of a cone at `origin`, of a torus the major one.
+        m; at `origin` for a cone, the major one for a torus.
     half_angle
-        rad, of a cone; its radius grows along `axis`.
+        rad, of a cone; the radius grows along `axis`.
     minor_radius
         m, of a torus.
     hollow
-        Whether the material of a round face lies outside, as around a bore.
+        Whether the material is outside a round face, as for a bore.
     extent
-        m; of a cylinder or cone, from `origin` along `axis`: its ends, in order.
+        m; ends of a cylinder or cone from `origin` along `axis`, ascending.
     """
 
     index: int
@@ -64,7 +64,7 @@ class FaceGeometry:
     extent: tuple[float, float] = (0.0, 0.0)
 
     def move(self, rotation: NDArray[np.floating[Any]], origin: NDArray[np.floating[Any]]) -> "FaceGeometry":
-        """The same face of a solid that stands elsewhere: turned by a rotation (3, 3), then moved by `origin` (3,)."""
+        """Return the face rotated by (3, 3), then translated by `origin` (3,)."""
         places = {name: rotation @ getattr(self, name) + origin for name in ("centroid", "origin")}
         return replace(self, **places, axis=rotation @ self.axis)
 
@@ -114,7 +114,7 @@ def _sizes(kind: str, form: Any) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class FaceSelector:
-    """Selection of faces by geometry: a face is selected when it meets every condition given.
+    """Selection of faces by geometry: selected faces meet all given conditions.
 
     Parameters
     ----------
@@ -123,21 +123,21 @@ class FaceSelector:
     normal
         Outward normal of a plane, or axis (of either sign) of a round face, within 1 degree.
     position
-        "min x", "max z", ...: of the faces that meet the other conditions, those whose centroid lies
-        farthest in that direction; or a point (3,) in m: those that contain it within 0.01 mm, and if none does,
-        those whose centroid it is.
+        "min x", "max z", ...: of the faces that meet the other conditions, those with the farthest
+        centroid in that direction; or a point (3,) in m: the faces that contain it within 0.01 mm
+        or, if there are none, those with this centroid.
     radius
         m; of a torus the minor one.
     index
-        Number or numbers in the listing of faces.
+        Index or indices in the listing of faces.
     washer
-        m; instead of faces, the annuli of this outer diameter around the round holes of plane faces, the other
-        conditions being those of the hole: its radius, its centre, the normal and number of its face.
+        m; selects annuli of this outer diameter around round holes of plane faces instead of faces.
+        The other conditions apply to the hole: radius, centre, normal and index of its face.
 
     Raises
     ------
     InputError
-        No condition, or one that no face could meet.
+        If there is no condition, or one that no face can meet.
     """
 
     kind: str | None = None
@@ -172,21 +172,21 @@ class FaceSelector:
 
 
 def select(shape: "Shape", selectors: Iterable[FaceSelector], field: str = "faces") -> frozenset[int]:
-    """Return the indices of the faces that at least one of the selectors selects.
+    """Return the indices of faces that at least one selector selects.
 
     Parameters
     ----------
     shape
         Solid of the CAD kernel.
     selectors
-        Selections whose union is returned.
+        Selectors whose union is returned.
     field
-        Name of the field in error messages.
+        Field for error messages.
 
     Raises
     ------
     InputError
-        A selector matches no face, or together they match every face; the message lists the faces there are.
+        If a selector matches no face, or all together every face; the message lists the faces.
     """
     geometries, faces = face_geometries(shape), cad.kernel.faces(shape)
     chosen: set[int] = set()
@@ -213,7 +213,7 @@ def match_faces(
     selector: FaceSelector,
     contains: Callable[[FaceGeometry, NDArray[np.float64]], bool],
 ) -> list[FaceGeometry]:
-    """Return the faces that meet a selector, given whether a face contains a point (3,) in m."""
+    """Return faces that meet a selector; ``contains`` tests if a face contains a point (3,), m."""
     found = [face for face in geometries if _meets(face, selector)]
     position = selector.position
     if isinstance(position, str) and found:
@@ -243,7 +243,7 @@ def _meets(face: FaceGeometry, selector: FaceSelector) -> bool:
 
 
 def _summary(geometries: Sequence[FaceGeometry]) -> str:
-    """Summarize in one line which faces there are."""
+    """Summarize the faces in one line."""
     planes = sorted({_direction(face.axis) for face in geometries if face.kind == "plane"})
     words = [f"planes with normal {', '.join(_few(planes))}"] if planes else []
     for kind in KINDS[1:-1]:
@@ -273,8 +273,8 @@ def describe(shape: "Shape") -> list[dict[str, Any]]:
     Returns
     -------
     list of dict
-        For each face ``index``, ``kind``, ``area_mm2``, ``centroid_mm`` (3,), ``axis`` (3,; outward normal of a plane,
-        axis of a round face, else None), ``radius_mm`` (None where there is none).
+        For each face ``index``, ``kind``, ``area_mm2``, ``centroid_mm`` (3,), ``axis`` (3,; outward
+        normal of a plane, axis of a round face, else None), ``radius_mm`` (None if it has none).
     """
     return [
         {

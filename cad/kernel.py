@@ -1,8 +1,8 @@
-"""Queries of a solid's faces and edges through Open CASCADE, the CAD kernel of build123d. Lengths in mm.
+"""Queries of faces and edges through Open CASCADE, build123d's CAD kernel. Lengths in mm.
 
-Parts are modelled with build123d; queries of an existing solid need the kernel alone, which imports four times as
-fast. A build123d shape wraps a kernel shape (`shape.wrapped`); `build123d.Solid(shape)` wraps one.
-This module is slow to import (0.5 to 1.5 s): import it inside the functions that need it.
+Parts are modelled with build123d; queries of existing solids only need the kernel, which imports
+four times as fast. A build123d shape wraps a kernel shape (`shape.wrapped`);
+`build123d.Solid(shape)` wraps one. Slow to import (0.5 to 1.5 s): import it inside functions.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -55,7 +55,7 @@ Vertex: TypeAlias = TopoDS_Vertex
 
 
 def silence() -> None:
-    """Suppress the kernel's messages on standard output, which the program's own output uses."""
+    """Suppress kernel messages on standard output, which carries the program's own output."""
     messenger = Message.DefaultMessenger_s()
     for printer in list(messenger.Printers()):
         if isinstance(printer, Message_PrinterOStream):
@@ -66,14 +66,14 @@ silence()
 
 
 class Numbering:
-    """Numbers shapes in the order of first occurrence, whatever their orientation: neighbours share them reversed."""
+    """Numbers of shapes by first occurrence, regardless of orientation (neighbours share them)."""
 
     def __init__(self) -> None:
         self._by_hash: dict[int, list[tuple[int, Shape]]] = {}
         self.count = 0
 
     def number_shape(self, item: Shape) -> int:
-        """Return the number of a shape; a new shape gets the next one."""
+        """Return the number of a shape; new shapes get the next one."""
         same_hash = self._by_hash.setdefault(hash(item.Oriented(TopAbs_Orientation.TopAbs_FORWARD)), [])
         for number, other in same_hash:
             if item.IsSame(other):
@@ -84,7 +84,7 @@ class Numbering:
 
 
 def _list_distinct(shape: Shape, kind: Any, cast_to: Any) -> list[Any]:
-    """Return the sub-shapes of a kind, each once, in the order of first occurrence."""
+    """Return distinct sub-shapes of a kind, in order of first occurrence."""
     explorer, found, numbers = TopExp_Explorer(shape, kind), [], Numbering()
     while explorer.More():
         item = explorer.Current()
@@ -95,7 +95,7 @@ def _list_distinct(shape: Shape, kind: Any, cast_to: Any) -> list[Any]:
 
 
 def faces(shape: Shape) -> list[Face]:
-    """Return the faces; their order (that of build123d's `solid.faces()`) defines every face index."""
+    """Return the faces; their order, as in build123d's `solid.faces()`, defines face indices."""
     return _list_distinct(shape, TopAbs_ShapeEnum.TopAbs_FACE, TopoDS.Face)
 
 
@@ -115,7 +115,7 @@ def solids(shape: Shape) -> list[Solid]:
 
 
 def round_holes(face: Face) -> list[tuple[Edge, Floats, float]]:
-    """Return an edge, the centre (3,) and the radius of each inner border of a face that is a whole circle."""
+    """Return an edge, the centre (3,) and radius of each full-circle inner border of a face."""
     outer, found = BRepTools.OuterWire_s(face), list[tuple[Edge, Floats, float]]()
     for wire in _list_distinct(face, TopAbs_ShapeEnum.TopAbs_WIRE, TopoDS.Wire):
         curves = [(edge, BRepAdaptor_Curve(edge)) for edge in edges(wire)]
@@ -130,7 +130,7 @@ def round_holes(face: Face) -> list[tuple[Edge, Floats, float]]:
 
 
 def imprint_circle(solid: Solid, face: Face, centre: Floats, normal: Floats, radius: float) -> tuple[Solid, list[Face]]:
-    """Split a plane face of a solid along a circle: return the solid and what the face has become."""
+    """Split a plane face along a circle; return the solid and the pieces of the face."""
     circle = gp_Circ(gp_Ax2(gp_Pnt(*centre), gp_Dir(*normal)), radius)
     split = BRepFeat_SplitShape(solid)
     split.Add(BRepBuilderAPI_MakeWire(BRepBuilderAPI_MakeEdge(circle).Edge()).Wire(), face)
@@ -139,7 +139,7 @@ def imprint_circle(solid: Solid, face: Face, centre: Floats, normal: Floats, rad
 
 
 def borders(shape: Shape) -> dict[tuple[int, int], list[Edge]]:
-    """Return the common edges of each pair of adjacent faces (face indices, the smaller first)."""
+    """Return the common edges of adjacent faces, by pairs of face indices, smaller first."""
     numbers = Numbering()
     beside: dict[int, list[int]] = {}
     found: dict[tuple[int, int], list[Edge]] = {}
@@ -153,7 +153,7 @@ def borders(shape: Shape) -> dict[tuple[int, int], list[Edge]]:
 
 
 def normal_angle(edge: Edge, one: Face, other: Face) -> float:
-    """Return the angle (rad) between the outward normals of two faces on an edge between them."""
+    """Return the angle (rad) between the outward normals of two faces at a common edge."""
     normals = []
     for face in (one, other):
         normal = gp_Dir()
@@ -181,7 +181,7 @@ def children(shape: Shape) -> list[Solid]:
 
 
 def is_valid(shape: Shape) -> bool:
-    """Whether the kernel finds the shape's topology and geometry consistent."""
+    """Return whether the kernel finds the shape's topology and geometry consistent."""
     return BRepCheck_Analyzer(shape).IsValid()
 
 
@@ -193,14 +193,14 @@ def orient_solid(solid: Solid) -> Solid:
 
 
 def diagonal(shape: Shape) -> float:
-    """Return the diagonal of the bounding box; infinite for an unbounded or empty shape."""
+    """Return the bounding box diagonal; infinite for an unbounded or empty shape."""
     bounds = Bnd_Box()
     BRepBndLib.AddOptimal_s(shape, bounds, False, False)
     return float("inf") if bounds.IsVoid() or bounds.IsOpen() else float(np.sqrt(bounds.SquareExtent()))
 
 
 def self_intersects(shape: Shape) -> bool:
-    """Whether faces or edges of the shape intersect other than at shared borders."""
+    """Return whether faces or edges intersect other than at shared borders."""
     analyzer = BOPAlgo_ArgumentAnalyzer()
     analyzer.SetShape1(shape)
     analyzer.SelfInterMode = True
@@ -215,34 +215,34 @@ def surface_under(face: Face) -> tuple[str, Any]:
 
 
 def reversed_in_solid(face: Face) -> bool:
-    """Whether the face's outward normal is opposite to that of its surface."""
+    """Return whether the face's outward normal is opposite to its surface's."""
     return face.Orientation() == TopAbs_Orientation.TopAbs_REVERSED
 
 
 def xyz(point: Any) -> Floats:
-    """(3,) coordinates of a kernel point, direction or vector."""
+    """Return the coordinates (3,) of a kernel point, direction or vector."""
     return np.array([point.X(), point.Y(), point.Z()])
 
 
 def position(vertex: Vertex) -> Floats:
-    """(3,) position of a vertex."""
+    """Return the position (3,) of a vertex."""
     return xyz(BRep_Tool.Pnt_s(vertex))
 
 
 def closest(shape: Shape, point: Floats) -> Floats:
-    """(3,) the point of the shape, borders included, that is closest to `point` (3,)."""
+    """Return the point (3,) of a shape, borders included, closest to `point` (3,)."""
     search = BRepExtrema_DistShapeShape(BRepBuilderAPI_MakeVertex(gp_Pnt(*point)).Vertex(), shape)
     return xyz(search.PointOnShape2(1))
 
 
 def closest_under(face: Face, points: Floats) -> Floats:
-    """(n, 3) the points closest to `points` on the surface under a face, within the face's parameter range."""
+    """Return the points (n, 3) closest to `points` on a face's surface, in its parameter range."""
     search = GeomAPI_ProjectPointOnSurf()
     search.Init(BRep_Tool.Surface_s(face), *BRepTools.UVBounds_s(face), 1e-9)
     found = np.empty_like(points)
     for i, point in enumerate(points):
         search.Perform(gp_Pnt(*point))
-        candidates = [closest(face, point)]  # includes the borders, where no perpendicular foot may exist
+        candidates = [closest(face, point)]  # includes borders, if there is no perpendicular foot
         if search.NbPoints() > 0:
             candidates.append(xyz(search.NearestPoint()))
         found[i] = min(candidates, key=lambda candidate: float(np.linalg.norm(candidate - point)))
@@ -255,38 +255,38 @@ def distance(shape: Shape, point: Floats) -> float:
 
 
 def in_axes(solid: Solid, origin: Floats, x: Floats, z: Floats) -> Solid:
-    """Return the solid in the coordinates with the given origin (3,) and directions (3,) of x and z."""
+    """Return the solid in axes with a given origin (3,) and directions (3,) of x and z."""
     change = gp_Trsf()
     change.SetTransformation(gp_Ax3(gp_Pnt(*origin), gp_Dir(*z), gp_Dir(*x)))
     return TopoDS.Solid(solid.Moved(TopLoc_Location(change)))
 
 
 def place_solid(solid: Solid, rotation: Array, translation: Array) -> Solid:
-    """Return the solid turned by a rotation (3, 3), then moved by a translation (3,)."""
+    """Return the solid rotated by (3, 3), then translated by (3,)."""
     change = gp_Trsf()
     change.SetValues(*np.column_stack((rotation, translation)).ravel().tolist())
     return TopoDS.Solid(solid.Moved(TopLoc_Location(change)))
 
 
 def bounds(shape: Shape) -> Floats:
-    """(2, 3) least and greatest coordinates of the shape."""
+    """Return the smallest and largest coordinates (2, 3) of a shape."""
     box = Bnd_Box()
     BRepBndLib.AddOptimal_s(shape, box, False, False)
     return np.array([xyz(box.CornerMin()), xyz(box.CornerMax())])
 
 
 def round_extent(face: Face, origin: Floats, axis: Floats) -> tuple[bool, tuple[float, float]]:
-    """Whether a face about an axis is hollow (its solid lies outside), and its extent along its surface's v."""
+    """Return whether a round face is hollow (solid outside), and its extent along v."""
     u, u_end, v, v_end = BRepTools.UVBounds_s(face)
     point, normal = gp_Pnt(), gp_Vec()
     BRepGProp_Face(face).Normal(0.5 * (u + u_end), 0.5 * (v + v_end), point, normal)
     out = xyz(point) - origin
-    out -= axis * (axis @ out)  # of a sphere, whose axis is zero, from its centre
+    out -= axis * (axis @ out)  # for a sphere, whose axis is zero, from its centre
     return bool(xyz(normal) @ out < 0.0), (v, v_end)
 
 
 def common_area(one: Face, other: Face, step: Floats) -> tuple[float, Floats]:
-    """Area (mm²) that two plane faces share, the other moved by a step (3,), and its centre (3,)."""
+    """Return the common area (mm²) of plane faces, the other moved by ``step``, and its centre."""
     move = gp_Trsf()
     move.SetTranslation(gp_Vec(*step.tolist()))
     cut = BRepAlgoAPI_Common(one, other.Moved(TopLoc_Location(move)))
@@ -309,13 +309,13 @@ def area_properties(shape: Shape) -> GProp_GProps:
 
 
 def inertia(properties: GProp_GProps) -> Floats:
-    """(3, 3) inertia about the centre of mass."""
+    """Return the inertia (3, 3) about the centre of mass."""
     matrix = properties.MatrixOfInertia()
     return np.array([[matrix.Value(i, j) for j in (1, 2, 3)] for i in (1, 2, 3)])
 
 
 def triangulate(shape: Shape, deflection: float, angle: float) -> list[tuple[Floats, NDArray[np.int64]]]:
-    """Tessellate each face in order: return its nodes (n, 3) and outward triangles (t, 3)."""
+    """Tessellate each face; return nodes (n, 3) and outward triangles (t, 3) by face."""
     BRepTools.Clean_s(shape)
     BRepMesh_IncrementalMesh(shape, deflection, False, angle, False)
     return [_triangles(face) for face in faces(shape)]

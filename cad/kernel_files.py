@@ -1,6 +1,6 @@
-"""Files of the CAD kernel: STEP, and the kernel's exact binary format to exchange solids between processes.
+"""CAD kernel files: STEP, and an exact binary format for exchange between processes.
 
-Slow to import, as `stiffscope.cad.kernel` is.
+Slow to import, like `stiffscope.cad.kernel`.
 """
 
 # pyright: reportAttributeAccessIssue=false
@@ -26,7 +26,7 @@ from stiffscope.cad.kernel import Shape, Solid, compound
 
 
 def read_step(path: Path) -> Shape:
-    """Return the content of a STEP file as one shape, in mm; an empty compound when nothing can be read."""
+    """Return the content of a STEP file as one shape, mm; an empty compound if it is unreadable."""
     reader = STEPControl_Reader()
     if reader.ReadFile(str(path)) == IFSelect_ReturnStatus.IFSelect_RetDone and reader.TransferRoots():
         shape = reader.OneShape()
@@ -37,9 +37,9 @@ def read_step(path: Path) -> Shape:
 
 @dataclass(frozen=True, eq=False)
 class PlacedProduct:
-    """A leaf of an assembly's tree: the names on the way to it, its product's number, shape and material, its place.
+    """A leaf of an assembly tree: names on its path, product number, shape, place and material.
 
-    ``place`` is (3, 4): rotation and translation in mm.
+    ``place`` (3, 4): rotation, and translation in mm.
     """
 
     path: list[str]
@@ -50,7 +50,7 @@ class PlacedProduct:
 
 
 def read_products(path: Path) -> list[PlacedProduct]:
-    """Return the leaves of the product tree of a STEP file, in mm; none when nothing can be read."""
+    """Return the leaves of a STEP file's product tree, mm; none if it is unreadable."""
     document = TDocStd_Document(TCollection_ExtendedString("XmlXCAF"))
     reader = STEPCAFControl_Reader()
     reader.SetNameMode(True)
@@ -76,7 +76,7 @@ def read_products(path: Path) -> list[PlacedProduct]:
 
 
 def _node_name(node: Any) -> str:
-    """Name of an instance, else of its product."""
+    """Return the name of an instance, or else of its product."""
     return _label_name(node.Label) or _label_name(node.RefLabel)
 
 
@@ -89,7 +89,7 @@ def _label_name(label: Any) -> str:
 
 
 def _material_name(label: Any) -> str:
-    """Name of the material that the file gives a product, or ""."""
+    """Return a product's material name in the file, or ""."""
     if not label.IsAttribute(XCAFDoc.MaterialRefGUID_s()):
         return ""
     link, material = TDataStd_TreeNode(), XCAFDoc_Material()
@@ -99,13 +99,13 @@ def _material_name(label: Any) -> str:
 
 
 def write_step(shape: Shape, path: Path) -> None:
-    """Write a STEP file, in mm, of no date: a shape and a name make one file. OSError when it cannot be written."""
+    """Write a reproducible STEP file, mm, without date. Raises OSError if it cannot be written."""
     writer = STEPControl_Writer()
     writer.Transfer(shape, STEPControl_StepModelType.STEPControl_AsIs)
     model, name = writer.Model(), TCollection_HAsciiString(path.stem)
     APIHeaderSection_MakeHeader(model).SetTimeStamp(TCollection_HAsciiString("1970-01-01T00:00:00"))
     for number in range(1, model.NbEntities() + 1):
-        if isinstance(entity := model.Value(number), StepBasic_Product):  # the kernel counts them in their names
+        if isinstance(entity := model.Value(number), StepBasic_Product):  # numbered by the kernel
             entity.SetId(name)
             entity.SetName(name)
     if writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
@@ -113,12 +113,12 @@ def write_step(shape: Shape, path: Path) -> None:
 
 
 def read_binary(path: Path) -> Solid:
-    """Return the solid that `write_binary` wrote."""
+    """Return the solid written by `write_binary`."""
     return TopoDS.Solid(read_any(path))
 
 
 def read_any(path: Path) -> Shape:
-    """Return the shape that `write_binary` wrote."""
+    """Return the shape written by `write_binary`."""
     shape = Shape()
     BinTools.Read_s(shape, str(path))
     return shape

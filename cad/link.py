@@ -1,6 +1,6 @@
 """A link: a round bar or tube, with optional end fittings.
 
-Axes: x along the link, from the clamped end at x = 0 to the loaded end, whose centre is the reference point.
+Axes: x from the clamped end at x = 0 to the loaded end, whose centre is the reference point.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -12,7 +12,7 @@ from stiffscope.cad.solid import SolidParameters
 
 @dataclass(frozen=True)
 class LinkParameters(SolidParameters):
-    """Dimensions of a link, in m; 0 leaves a feature out.
+    """Dimensions of a link, in m; 0 omits a feature.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class LinkParameters(SolidParameters):
     Raises
     ------
     InputError
-        A value out of range, named as in the robot file (``link.bore``).
+        If a value is out of range; it is named as in the robot file (``link.bore``).
     """
 
     shape: ClassVar[str] = "rod"
@@ -58,7 +58,7 @@ class LinkParameters(SolidParameters):
 
     @property
     def has_fittings(self) -> bool:
-        """Whether the ends have another radius than the rest."""
+        """Whether the ends have a different radius."""
         return self.fitting_radius not in {0.0, self.radius}
 
     def present(self) -> Self:
@@ -66,7 +66,7 @@ class LinkParameters(SolidParameters):
         return self if self.has_fittings else replace(self, fitting_radius=0.0, fitting_length=0.0)
 
     def lengths(self) -> dict[str, float]:
-        """Return the lengths (m) that shape the link, by name; not those at 0, which leave a feature out."""
+        """Return the link's lengths (m) by name, except zeros, which omit features."""
         present = self.present()
         return {f.name: value for f in fields(present) if (value := getattr(present, f.name))}
 
@@ -79,7 +79,7 @@ class LinkParameters(SolidParameters):
 
 
 def _profile(link: LinkParameters) -> list[tuple[float, float]]:
-    """Return the half section (x, r), in m, that is revolved about x."""
+    """Return the half section (x, r) in m, to be revolved about x."""
     inner, outer = link.bore / 2, link.radius
     if not link.has_fittings:
         top = [(0.0, outer), (link.length, outer)]

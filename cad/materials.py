@@ -1,4 +1,4 @@
-"""Linear elastic materials with their sources (docs/theory.md, section 6.1). SI; fibres run along the part's x."""
+"""Linear elastic materials with sources (docs/theory.md, section 6.1). SI; fibres along x."""
 
 from __future__ import annotations
 
@@ -47,12 +47,12 @@ class Material:
     expansion
         Coefficient of linear thermal expansion, 1/K.
     source
-        Where the values are from.
+        Source of the values.
 
     Raises
     ------
     InputError
-        A value that is not finite, an elasticity matrix that is not positive definite, no density.
+        If a value is not finite, the elasticity is not positive definite, or there is no density.
     """
 
     name: str
@@ -80,7 +80,7 @@ class Material:
         return self.youngs_modulus / (2 * self.shear_modulus) - 1
 
     def elasticity(self) -> NDArray[np.float64]:
-        """(6, 6) elasticity matrix in Pa; Voigt order xx, yy, zz, yz, xz, xy, engineering shear strains."""
+        """Return (6, 6) elasticity, Pa: Voigt order xx yy zz yz xz xy, engineering shear strain."""
         lame = self.youngs_modulus * self.poisson / ((1 + self.poisson) * (1 - 2 * self.poisson))
         stiffness = np.diag([2 * self.shear_modulus] * 3 + [self.shear_modulus] * 3)
         stiffness[:3, :3] += lame
@@ -89,7 +89,7 @@ class Material:
 
 @dataclass(frozen=True)
 class TransverselyIsotropic:
-    """Transversely isotropic linear elastic material: fibres along the part's x, isotropic in the y-z plane.
+    """Transversely isotropic linear elastic material: fibres along x, isotropic in the y-z plane.
 
     The shear modulus of the y-z plane is ``transverse_modulus / 2 / (1 + transverse_poisson)``.
 
@@ -100,22 +100,22 @@ class TransverselyIsotropic:
     axial_modulus, transverse_modulus
         Young's moduli along x and in the y-z plane, Pa.
     axial_shear_modulus
-        Between x and the y-z plane, Pa.
+        Shear modulus between x and the y-z plane, Pa.
     axial_poisson
-        Transverse contraction for a stretch along x.
+        Transverse contraction for strain along x.
     transverse_poisson
-        Contraction within the y-z plane for a stretch in it.
+        Contraction in the y-z plane for strain in it.
     density
         kg/m³.
     axial_expansion, transverse_expansion
         Coefficients of linear thermal expansion, 1/K.
     source
-        Where the values are from.
+        Source of the values.
 
     Raises
     ------
     InputError
-        A value that is not finite, an elasticity matrix that is not positive definite, no density.
+        If a value is not finite, the elasticity is not positive definite, or there is no density.
     """
 
     name: str
@@ -162,7 +162,7 @@ class TransverselyIsotropic:
         return self.axial_expansion
 
     def elasticity(self) -> NDArray[np.float64]:
-        """(6, 6) elasticity matrix in Pa; Voigt order xx, yy, zz, yz, xz, xy, engineering shear strains."""
+        """Return (6, 6) elasticity, Pa: Voigt order xx yy zz yz xz xy, engineering shear strain."""
         along, across = 1 / self.axial_modulus, 1 / self.transverse_modulus
         compliance = np.diag([along, across, across] + [0.0] * 3)
         compliance[0, 1:3] = compliance[1:3, 0] = -self.axial_poisson * along
@@ -215,12 +215,12 @@ def material(name: str, own: Mapping[str, AnyMaterial] | None = None) -> AnyMate
     name
         Key of `own` or of `MATERIALS`.
     own
-        Further materials by name; they take precedence.
+        Additional materials by name; they take precedence.
 
     Raises
     ------
     InputError
-        There is no such material; the message lists the names.
+        If there is no such material; the message lists the names.
     """
     known = MATERIALS | dict(own or {})
     if name not in known:

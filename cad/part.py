@@ -1,6 +1,6 @@
-"""A part: a solid with its material, its clamped faces and its loaded interfaces; its surface and mass properties.
+"""A part: solid, material, clamped faces and loaded interfaces; its surface and mass properties.
 
-The coordinates of a part are its reference axes. What this package hands out is in SI and plain numpy.
+Part coordinates are its reference axes. Values outside this package are SI and plain NumPy.
 """
 
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from stiffscope.cad.kernel import Shape, Solid
 
 Floats = NDArray[np.float64]
-SMOOTH = np.deg2rad(20.0)  # the mesher preserves no edge between faces whose normals differ by less
+SMOOTH = np.deg2rad(20.0)  # the mesher keeps no edges between faces whose normals differ by less
 
 
 @dataclass(frozen=True, eq=False)
 class Interface:
-    """A loaded interface: the faces through which a wrench enters.
+    """A loaded interface: faces that transmit a wrench.
 
     Attributes
     ----------
@@ -35,9 +35,9 @@ class Interface:
     faces
         Indices of the solid's faces.
     reference_point
-        (3,) m, to which twist and wrench refer.
+        (3,) m, reference point of twist and wrench.
     coupling
-        "rigid" (one body) or "distributed" (evenly loaded); empty leaves it to the experiment.
+        "rigid" (one body) or "distributed" (evenly loaded); empty: that of the experiment.
     """
 
     name: str
@@ -50,28 +50,28 @@ class Interface:
 class Part:
     """A solid with a material, clamped faces and loaded interfaces.
 
-    The index of a face is its position in `kernel.faces(solid)`, which is the order of build123d's `solid.faces()`. The
-    compliance of a part refers to `loaded[0].reference_point`.
+    A face's index is its position in `kernel.faces(solid)`, the order of build123d's
+    `solid.faces()`. The part's compliance refers to `loaded[0].reference_point`.
 
     Parameters
     ----------
     name
-        Name of the part, in messages and file names.
+        Name of the part for messages and files.
     solid
         Solid of the CAD kernel, mm.
     material
         Linear elastic material.
     clamped
-        Indices of the faces that do not move.
+        Indices of the clamped faces.
     loaded
-        Interfaces through which wrenches enter.
+        Interfaces that transmit wrenches.
     rest
-        Name of the interface at rest, that of the clamped faces.
+        Name of the interface at rest, the clamped faces.
 
     Raises
     ------
     InputError
-        No clamped face or no interface, a face index that does not exist, a face used twice.
+        If clamped faces or interfaces are missing, or a face index is invalid or used twice.
     """
 
     name: str
@@ -82,7 +82,7 @@ class Part:
     rest: str = "clamped"
 
     def __post_init__(self) -> None:
-        """Check the sets of faces."""
+        """Check the face sets."""
         taken: dict[int, str] = {}
         for name, chosen in ((self.rest, self.clamped), *((one.name, one.faces) for one in self.loaded)):
             if not chosen:
@@ -111,12 +111,12 @@ class Part:
 
     @cached_property
     def smooth_borders(self) -> dict[tuple[int, int], "Shape"]:
-        """Pairs of adjacent faces with nearly equal normals where they meet, and their common edges."""
+        """Pairs of adjacent faces with nearly equal normals at the border, and common edges."""
         return self._smooth(lambda _a, _b: True)
 
     @cached_property
     def seams(self) -> dict[tuple[int, int], "Shape"]:
-        """Smooth borders of interfaces."""
+        """Smooth borders between interfaces."""
         interfaces = (self.clamped, *(interface.faces for interface in self.loaded))
         owner = {face: number for number, faces in enumerate(interfaces) for face in faces}
         return self._smooth(lambda a, b: owner.get(a) != owner.get(b))
@@ -145,7 +145,7 @@ class Surface:
     faces
         Geometry of the CAD faces, by index.
     seams
-        Pairs of faces as in `Part.seams`.
+        Pairs of faces, as in `Part.seams`.
     """
 
     vertices: Floats
@@ -170,7 +170,7 @@ def surface(part: Part, deflection: float = 5e-4, angle: float = 0.8) -> Surface
     Raises
     ------
     InputError
-        The tessellation is not closed.
+        If the tessellation is not closed.
     """
     vertices, triangles, face_of_triangle = tessellate(part.solid, deflection, angle)
     gaps = open_edges(triangles)
@@ -180,7 +180,7 @@ def surface(part: Part, deflection: float = 5e-4, angle: float = 0.8) -> Surface
 
 
 def tessellate(solid: "Solid", deflection: float, angle: float) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
-    """Return distinct vertices (nv, 3) in m, outward triangles (nt, 3) and the face of each triangle (nt,)."""
+    """Return vertices (nv, 3), m, outward triangles (nt, 3) and each triangle's face (nt,)."""
     pieces = cad.kernel.triangulate(solid, deflection * 1e3, angle)
     nodes = np.concatenate([nodes for nodes, _ in pieces])
     starts = np.cumsum([0] + [len(nodes) for nodes, _ in pieces[:-1]])
@@ -194,10 +194,10 @@ def tessellate(solid: "Solid", deflection: float, angle: float) -> tuple[Floats,
 
 
 def _merge_nodes(nodes: Floats, step: float = 1e-5) -> tuple[Floats, NDArray[np.int64]]:
-    """Merge nodes (n, 3), in mm, that coincide up to rounding: return the distinct ones and the index of each node.
+    """Merge coincident nodes (n, 3), mm; return the distinct ones and the index of each node.
 
-    Both faces at a border have its nodes, equal to 1e-13. Nodes are compared on a grid whose offset avoids round
-    numbers; a pair that falls into two cells nevertheless shows as an open edge.
+    Faces at a border share its nodes to 1e-13. Nodes are compared on a grid with an offset that
+    avoids round numbers; a pair split by the grid shows as an open edge.
     """
     cells = np.floor(nodes / step + (np.sqrt(2) - 1)).astype(np.int64)
     _, first, number = np.unique(cells, axis=0, return_index=True, return_inverse=True)
@@ -205,7 +205,7 @@ def _merge_nodes(nodes: Floats, step: float = 1e-5) -> tuple[Floats, NDArray[np.
 
 
 def open_edges(triangles: NDArray[np.int64]) -> int:
-    """Count the edges of triangles (nt, 3) that are not used once in each direction: zero for a closed surface."""
+    """Count edges of triangles (nt, 3) not used once in each direction: 0 for a closed surface."""
     directed = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     base = triangles.max(initial=0) + 1
     there, times = np.unique(directed[:, 0] * base + directed[:, 1], return_counts=True)
@@ -214,21 +214,21 @@ def open_edges(triangles: NDArray[np.int64]) -> int:
 
 
 def project(part: Part, place: int, points: Floats) -> Floats:
-    """Project points on the surface under a face, or on a seam.
+    """Project points on a face's surface, or on a seam.
 
     Parameters
     ----------
     part
         The part.
     place
-        Index of a face; ``len(part.faces) + k`` is the k-th seam.
+        Index of a face; ``len(part.faces) + k`` for the k-th seam.
     points
         (n, 3) m.
 
     Returns
     -------
     (n, 3)
-        The closest points, m.
+        Closest points, m.
     """
     points = np.asarray(points, dtype=float)
     if place >= len(part.faces):
@@ -238,7 +238,7 @@ def project(part: Part, place: int, points: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class MassProperties:
-    """Mass properties in the part's axes.
+    """Mass properties in part axes.
 
     Attributes
     ----------
@@ -259,7 +259,7 @@ class MassProperties:
 
 
 def mass_properties(part: Part) -> MassProperties:
-    """Return the mass properties of the exact shape, not of a tessellation."""
+    """Return the mass properties of the exact shape, without tessellation."""
     properties, density = cad.kernel.volume_properties(part.solid), part.material.density
     volume = properties.Mass() * 1e-9
     centre = cad.kernel.xyz(properties.CentreOfMass()) * 1e-3

@@ -1,4 +1,4 @@
-"""Projection on the surface under a face: in closed form where there is one, else by the CAD kernel."""
+"""Projection on a face's surface: closed-form if possible, else by the CAD kernel."""
 
 from typing import TYPE_CHECKING
 
@@ -15,16 +15,16 @@ Floats = NDArray[np.float64]
 
 
 def project_points(solid: "Solid", face: FaceGeometry, points: Floats) -> Floats:
-    """Return the points (n, 3) of the surface closest to `points` (n, 3), in m.
+    """Return the points (n, 3) of a surface closest to `points` (n, 3), in m.
 
-    Planes and round surfaces are taken as unbounded, others as bounded by the face's parameter range.
+    Planes and round surfaces are unbounded, others bounded by the face's parameter range.
 
     Parameters
     ----------
     solid
         Solid of the CAD kernel, mm.
     face
-        Face whose surface is meant.
+        Face on the surface.
     points
         Points (n, 3), m.
 
@@ -39,12 +39,12 @@ def project_points(solid: "Solid", face: FaceGeometry, points: Floats) -> Floats
 
 
 def project_on_shape(shape: "Shape", points: Floats) -> Floats:
-    """Return the points (n, 3) of a shape that are closest to `points` (n, 3), in m."""
+    """Return the points (n, 3) of a shape closest to `points` (n, 3), in m."""
     return np.array([kernel.closest(shape, point) for point in points * 1e3]).reshape(-1, 3) * 1e-3
 
 
 def _on_round(face: FaceGeometry, points: Floats) -> Floats:
-    """Project in the half plane through the axis, where the surface is a line or a circle."""
+    """Project in the half plane through the axis, in which the surface is a line or a circle."""
     lever = points - face.origin
     height = lever @ face.axis  # (n,)
     across = lever - np.outer(height, face.axis)

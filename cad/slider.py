@@ -1,7 +1,7 @@
 """A slider (slidable platform): a plate with optional ribs, bolt holes and joint pads.
 
-Axes: x away from the clamped face at x = 0, y across, z down; y = z = 0 is the centre line of the plate. The reference
-point is the centre of the loaded face, or of the middle pad if there are pads.
+Axes: x away from the clamped face at x = 0, y across, z down; y = z = 0 is the plate's centre line.
+The reference point is the centre of the loaded face, or of the middle pad if there are pads.
 """
 
 from dataclasses import dataclass, fields, replace
@@ -32,45 +32,45 @@ if TYPE_CHECKING:
     from stiffscope.cad.kernel import Solid
 
 _TOLERANCE = 1e-6  # mm
-PADS = ("link1", "link2", "link3")  # interfaces of pads that are loaded apart
-OPTIONAL = ("rib_pitch", "fillet", "hole_pitch", "pad_height")  # 0 leaves them out
+PADS = ("link1", "link2", "link3")  # interfaces of separately loaded pads
+OPTIONAL = ("rib_pitch", "fillet", "hole_pitch", "pad_height")  # 0 omits them
 
 
 @dataclass(frozen=True)
 class SliderParameters(SolidParameters):
-    """Dimensions of a slider, in m; a count or `pad_height` of 0 leaves the feature out and its parameters unused.
+    """Dimensions of a slider, in m; a count or `pad_height` of 0 omits the feature.
 
     Parameters
     ----------
     depth, width, thickness
         Dimensions of the plate along x, y and z.
     rib_count
-        Ribs on the underside (+z), from the clamped face along x to a half-round nose.
+        Ribs on the underside (+z), along x from the clamped face to a half-round nose.
     rib_thickness, rib_height, rib_length
         Dimensions of a rib along y, z and x.
     rib_pitch
-        Distance between ribs; 0 spreads them evenly over the width.
+        Rib spacing; 0 spreads them evenly over the width.
     fillet
-        Radius at the roots of the ribs.
+        Radius at the rib roots.
     hole_count
         Bolt holes through the plate along z, in one row across.
     hole_diameter, hole_offset
-        Diameter of a hole, and distance of its axis from the clamped face.
+        Hole diameter, and distance of the hole axes from the clamped face.
     hole_pitch
-        Distance between holes; 0 spreads them evenly over the width.
+        Hole spacing; 0 spreads them evenly over the width.
     clamp
-        What is clamped, the "face" at x = 0 or the walls of the "holes".
+        Clamped faces: the "face" at x = 0 or the walls of the "holes".
     pad_height, pad_width
-        Dimensions of the joint pads on the loaded face along x and y; they are as thick as the plate.
+        Joint pad dimensions along x and y, on the loaded face; pads are as thick as the plate.
     pad_spacing
-        Distance of the outer pads from the middle one.
+        Distance of the outer pads from the middle pad.
     pads
         Load the pads "together" (one interface) or "apart" (interfaces link1, link2, link3).
 
     Raises
     ------
     InputError
-        A value out of range, named as in the robot file (``slider.rib_pitch``).
+        If a value is out of range; it is named as in the robot file (``slider.rib_pitch``).
     """
 
     shape: ClassVar[str] = "plate"
@@ -109,7 +109,7 @@ class SliderParameters(SolidParameters):
 
     @property
     def _absent(self) -> tuple[str, ...]:
-        """Beginnings of the names of parameters that are not used."""
+        """Prefixes of unused parameters."""
         counts = {"rib_": self.rib_count, "hole_": self.hole_count}
         there = {"pad_": self.pad_height, **counts, **{f"{name}pitch": n > 1 for name, n in counts.items()}}
         return tuple(name for name, used in there.items() if not used)
@@ -119,41 +119,41 @@ class SliderParameters(SolidParameters):
         return replace(self, **{f.name: f.default for f in fields(self) if f.name.startswith(self._absent)})
 
     def lengths(self) -> dict[str, float]:
-        """Return the lengths (m) that shape the slider, by name; not those at 0, which leave a feature out."""
+        """Return the slider's lengths (m) by name, except zeros, which omit features."""
         used = (f.name for f in fields(self) if f.type is float and not f.name.startswith(self._absent))
         return {name: getattr(self, name) for name in used if getattr(self, name)}
 
     @property
     def rib_positions(self) -> tuple[float, ...]:
-        """(rib_count,) y of each rib's centre plane, m."""
+        """Centre plane y of each rib (rib_count,), m."""
         return _row(self.rib_count, self.rib_pitch, self.width)
 
     @property
     def hole_positions(self) -> tuple[float, ...]:
-        """(hole_count,) y of each bolt hole's axis, m."""
+        """Axis y of each bolt hole (hole_count,), m."""
         return _row(self.hole_count, self.hole_pitch, self.width)
 
     @property
     def pad_positions(self) -> tuple[float, ...]:
-        """(3,) y of the pads' centres, joints 1, 2 and 3, m; empty without pads."""
+        """Centre y of pads 1, 2 and 3 (3,), m; empty without pads."""
         return (0.0, self.pad_spacing, -self.pad_spacing) if self.pad_height else ()
 
     def draw(self) -> Any:
-        """See `SolidParameters`. Raises InputError where the CAD kernel cannot make the fillet."""
+        """See `SolidParameters`. Raises InputError if the CAD kernel cannot make the fillet."""
         return _draw(self)
 
     def select_ends(self, solid: "Solid") -> tuple[frozenset[int], tuple[Interface, ...]]:
-        """Return its face x = 0 or the walls of its holes, and the interface ``joints``, or one for each pad."""
+        """Return the face x = 0 or the hole walls, and interface ``joints``, or one per pad."""
         return _select_clamped(self, solid), _select_loaded(self, solid)
 
 
 def _row(number: int, pitch: float, width: float) -> tuple[float, ...]:
-    """Positions of a row centred at y = 0; without a pitch each item has an equal share of the width."""
+    """Return positions of a row centred at y = 0; without a pitch, spread evenly over the width."""
     return tuple((i - (number - 1) / 2) * (pitch or width / number) for i in range(number))
 
 
 def _check_row(slider: SliderParameters, item: str, size: str, needs: float) -> None:
-    """Check that ribs or holes, each `needs` wide, keep clear of one another and of the plate's sides."""
+    """Check that ribs or holes, each `needs` wide, clear each other and the plate's sides."""
     number, pitch = getattr(slider, f"{item}_count"), getattr(slider, f"{item}_pitch")
     most = max((slider.width - 2 * GAP - needs) / max(number - 1, 1), 0.0)
     fits = f"{item}s that fit the plate's width of {mm(slider.width)}"
@@ -216,7 +216,7 @@ def _check_pads(slider: SliderParameters) -> None:
 
 
 def _draw(slider: SliderParameters) -> Any:
-    """The solid in mm: plate, pads and ribs fused, roots filleted, holes cut."""
+    """Draw the solid in mm: plate, pads and ribs fused, roots filleted, holes cut."""
     from build123d import Align, Box, Cylinder, Pos, fillet
 
     depth, width, thickness = (1e3 * v for v in (slider.depth, slider.width, slider.thickness))
@@ -242,7 +242,7 @@ def _draw(slider: SliderParameters) -> Any:
 
 
 def _is_root(edge: "Edge", depth: float, width: float, thickness: float) -> bool:
-    """Whether an edge lies on the plate's underside and inside its outline, so at the root of a rib."""
+    """Return whether an edge is inside the outline on the plate's underside: at a rib's root."""
     middle = edge.position_at(0.5)
     inside = _TOLERANCE < middle.X < depth - _TOLERANCE and abs(middle.Y) < width / 2 - _TOLERANCE
     return abs(middle.Z - thickness / 2) < _TOLERANCE and inside

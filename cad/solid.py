@@ -1,4 +1,4 @@
-"""Any solid as a part: faces selected by geometry, part axes by a placement."""
+"""Parts from any solid: faces selected by geometry, part axes by a placement."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -23,19 +23,19 @@ GREATEST_X = (FaceSelector(kind="plane", normal=(1, 0, 0), position="max x"),)
 
 @dataclass(frozen=True)
 class Placement:
-    """The part's axes in the coordinates of the CAD model; y = z × x.
+    """Part axes in the coordinates of the CAD model; y = z × x.
 
     Parameters
     ----------
     origin
         (3,) m.
     x, z
-        (3,) directions of the part's x and z; they need not be of unit length.
+        (3,) directions of the part's x and z, of any length.
 
     Raises
     ------
     InputError
-        An origin out of range, or directions that are not at right angles.
+        If the origin is out of range, or the directions are not perpendicular.
     """
 
     origin: Vector = (0.0, 0.0, 0.0)
@@ -64,7 +64,7 @@ def part_of(
     reference_point: Vector | None = None,
     valid: bool = False,
 ) -> Part:
-    """Make a part from a solid.
+    """Create a part from a solid.
 
     Parameters
     ----------
@@ -75,15 +75,16 @@ def part_of(
     material
         Linear elastic material.
     clamped
-        Selectors of the clamped faces, in the coordinates of the solid, as are the next three.
+        Selectors of the clamped faces; like all selectors, in the coordinates of the solid.
     loaded
         Selectors of the loaded interface, or of several interfaces by name.
     interfaces
-        In place of ``clamped`` and ``loaded``: selectors of two or more interfaces by name; the first is at rest.
+        Instead of ``clamped`` and ``loaded``: selectors of two or more interfaces by name; the
+        first is at rest.
     couplings
-        "rigid" or "distributed" by name of interface; those without one follow the experiment's settings.
+        "rigid" or "distributed" by interface name; by default that of the experiment's settings.
     placement
-        The part's axes; by default those of the solid.
+        Part axes; by default those of the solid.
     reference_point
         (3,) m, of a single interface; by default the centroid of its faces.
     valid
@@ -92,7 +93,7 @@ def part_of(
     Raises
     ------
     InputError
-        An invalid solid, or selectors that match no face or every face.
+        If the solid is invalid, or selectors match no face or every face.
     """
     placement = placement or Placement()
     solid = getattr(solid, "wrapped", solid)
@@ -128,21 +129,21 @@ def part_of(
 
 
 class SolidParameters:
-    """Dimensions of a solid along x, m: what `build` needs to know of it."""
+    """Dimensions of a solid along x, m: the interface required by `build`."""
 
     shape: ClassVar[str]
     length: float
 
     def present(self) -> Self:
-        """Return the same solid with the unused parameters of absent features at their defaults."""
+        """Return the solid with unused parameters of absent features at their defaults."""
         return self
 
     def draw(self) -> Any:
-        """Return the shape of build123d, mm."""
+        """Return the shape as a build123d object, mm."""
         raise NotImplementedError
 
     def select_ends(self, solid: Any) -> tuple[frozenset[int], tuple[Interface, ...]]:
-        """Return the clamped faces of its solid, those at x = 0, and its interfaces: ``end`` at the far end."""
+        """Return the clamped faces, at x = 0, and the interfaces: ``end`` at the far end."""
         clamped, loaded = (select(solid, chosen) for chosen in (LEAST_X, GREATEST_X))
         return clamped, (Interface("end", loaded, np.array([self.length, 0.0, 0.0])),)
 
@@ -157,13 +158,12 @@ def build(parameters: SolidParameters, material: AnyMaterial = STEEL, name: str 
     material
         Linear elastic material.
     name
-        Name of the part, as messages and files have it.
+        Name of the part for messages and files.
 
     Raises
     ------
     InputError
-        The CAD kernel cannot make the solid.
-
+        If the CAD kernel cannot make the solid.
     """
     solid = cad.validity.valid_solid(parameters.draw().wrapped, name)
     return Part(name, solid, material, *parameters.select_ends(solid))
@@ -178,7 +178,7 @@ def _check_near(solid: Any, point: Vector, field: str) -> None:
 
 
 def _axes(x: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """(3, 3) unit vectors along x, y, z as rows."""
+    """Return unit vectors along x, y, z as rows (3, 3)."""
     x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
     return np.stack([x, np.cross(z, x), z])
 

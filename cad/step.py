@@ -1,6 +1,6 @@
-"""STEP files read as parts; parts written as STEP and STL.
+"""Reading parts from STEP files; writing parts as STEP and STL.
 
-A file is read and checked in a subprocess with a time limit, because the kernel may crash or hang on a malformed file.
+A file is read and checked in a subprocess with a time limit, as the kernel may crash or hang.
 """
 
 import re
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from stiffscope.cad.kernel import Solid
 
 START, END = b"ISO-10303-21", b"END-ISO-10303-21"
-_UNITS = 1e-9, 1e6  # least and greatest unit, in the unit that defines it
+_UNITS = 1e-9, 1e6  # smallest and largest unit, relative to its base unit
 _NUMBER = re.compile(rb"[+-]?\d+\.?\d*([eE][+-]?\d+)?")
 _UNIT, _NAME = re.compile(rb"\bLENGTH_UNIT\b"), re.compile(rb"(#\d+)\s*=")
 _MEASURE = re.compile(rb"\bLENGTH_MEASURE_WITH_UNIT\s*\(\s*LENGTH_MEASURE\s*\(([^()]*)\)")
@@ -45,7 +45,7 @@ def read_step(
     reference_point: Vector | None = None,
     time_limit: float = 60.0,
 ) -> Part:
-    """Read the single solid of a STEP file as a part; lengths are converted from the unit of the file.
+    """Read the single solid of a STEP file, in any unit of length, as a part.
 
     Parameters
     ----------
@@ -54,20 +54,20 @@ def read_step(
     name
         Name of the part; by default the file's name without its suffix.
     time_limit
-        Seconds allowed to read and check the file.
+        Time limit for reading and checking, s.
     material, clamped, loaded, interfaces, couplings, placement, reference_point
-        As for `stiffscope.cad.solid.part_of`; by default the part
-        is clamped at its plane face of least x and loaded at that of greatest x.
+        As for `stiffscope.cad.solid.part_of`; by default the plane face
+        with the smallest x is clamped, and the one with the largest x is loaded.
 
     Returns
     -------
     Part
-        The solid with its material, its faces at rest and its interfaces, in the part's axes.
+        Solid with material, faces at rest and interfaces, in part axes.
 
     Raises
     ------
     InputError
-        The file holds no valid solid; the message names the file, what was found and what is expected.
+        If the file contains no valid solid; the message states what was found and expected.
     """
     solid = read_solid(path, time_limit)
     return part_of(
@@ -77,7 +77,7 @@ def read_step(
 
 
 def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
-    """Return the single valid solid of a STEP file, in mm and the file's coordinates. Raises InputError."""
+    """Return the single valid solid of a STEP file, mm, file coordinates. Raises InputError."""
     content = check_file(Path(path))
     with scratch_folder() as folder:
         brep = folder / "solid.brep"
@@ -87,7 +87,7 @@ def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
 
 
 def check_file(path: Path) -> bytes:
-    """Content of what begins and ends as a STEP file does."""
+    """Return the content of a STEP file; refuse an empty, truncated or other file."""
     content = read_bytes(path, "a STEP file")
     head, tail = content[:4096], content[-4096:]
     if not head.strip():
@@ -101,7 +101,7 @@ def check_file(path: Path) -> bytes:
 
 
 def _check_measures(path: Path, content: bytes) -> None:
-    """Refuse impossible units of length: the kernel would take them for what their names say, or hang."""
+    """Refuse invalid length units: the kernel would misinterpret them, or hang."""
     for measure in _MEASURE.finditer(content):
         size = float(measure[1]) if _NUMBER.fullmatch(measure[1].strip()) else float("nan")
         if not _UNITS[0] <= size <= _UNITS[1]:
@@ -112,7 +112,7 @@ def _check_measures(path: Path, content: bytes) -> None:
 
 
 def check_unit(path: Path, content: bytes) -> None:
-    """Refuse a file whose geometry has no unit of length: the kernel would take it for millimetres in silence."""
+    """Refuse a file without a length unit: the kernel would silently assume millimetres."""
     entities = (content[content.rfind(b";", 0, match.start()) + 1 : match.start()] for match in _UNIT.finditer(content))
     lengths = {name[1] for name in map(_NAME.search, entities) if name}
     used = {name for match in _CONTEXT.finditer(content) for name in re.findall(rb"#\d+", match[1])}
@@ -122,12 +122,12 @@ def check_unit(path: Path, content: bytes) -> None:
 
 
 def _write_valid(path: Path, shown: str, brep: Path) -> None:
-    """Read a file, called `shown` in messages, check its solid and write that in the kernel's format."""
+    """Read a file, `shown` in messages, check its solid and write it in the kernel's format."""
     cad.kernel_files.write_binary(cad.validity.valid_solid(cad.kernel_files.read_step(path), shown), brep)
 
 
 def read_alone(read: "Callable[[Path, str, Path], None]", path: Path, goal: Path, time_limit: float, what: str) -> None:
-    """Read what a file is to hold in a process of its own: the kernel may crash or hang on it. Raises InputError."""
+    """Read a file in a separate process, as the kernel may crash or hang. Raises InputError."""
     try:
         do_alone(read, path.absolute(), str(path), goal, name=str(path), limit=time_limit)
     except LateError as error:
@@ -141,21 +141,21 @@ def read_alone(read: "Callable[[Path, str, Path], None]", path: Path, goal: Path
 
 
 def write_step(part: Part, path: str | Path) -> None:
-    """Write the part's solid as STEP (AP214), in mm and the part's axes. Raises OSError."""
+    """Write the part's solid as STEP (AP214), in mm and part axes. Raises OSError."""
     cad.kernel_files.write_step(part.solid, Path(path))
 
 
 def write_stl(part: Part, path: str | Path, deflection: float = 5e-5, angle: float = 0.2) -> None:
-    """Write the part's surface as binary STL, in mm and the part's axes; tolerances as for `surface`.
+    """Write the part's surface as binary STL, in mm and part axes; tolerances as for `surface`.
 
     Parameters
     ----------
     part
         Part.
     path
-        File.
+        Output file.
     deflection
-        Largest distance of a triangle from its surface, m; larger is coarser.
+        Largest distance of a triangle from the surface, m; larger is coarser.
     angle
         Largest angle between neighbouring triangles, rad; larger is coarser.
 

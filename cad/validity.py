@@ -1,4 +1,4 @@
-"""Validity of a solid for meshing: one closed solid, of positive volume, without self-intersection."""
+"""Validity of a solid for meshing: one closed solid of positive volume, not self-intersecting."""
 
 import numpy as np
 
@@ -7,27 +7,27 @@ from stiffscope.cad.kernel import Shape, Solid
 from stiffscope.cad.part import open_edges, tessellate
 from stiffscope.errors import InputError
 
-SMALLEST, LARGEST = 1.0, 40e3  # mm: a bounding box with a diagonal outside this range is most likely in the wrong unit
+SMALLEST, LARGEST = 1.0, 40e3  # mm: bounding box diagonal; outside, the unit is probably wrong
 
 
 def valid_solid(shape: Shape, name: str) -> Solid:
     """Return the single solid of a shape, with outward normals.
 
-    Valid is exactly one solid without loose faces, whose faces meet only at their borders, consistent to the kernel,
-    closed, of positive volume and of a size between `SMALLEST` and `LARGEST`. A self-intersecting face is detected if
-    it is free-form, not if it is a whole spindle torus.
+    A valid shape is exactly one solid without loose faces, whose faces meet only at their borders,
+    consistent, closed, of positive volume and of a size between `SMALLEST` and `LARGEST`.
+    Self-intersection of a face is detected if it is free-form, not if it is a whole spindle torus.
 
     Parameters
     ----------
     shape
         Kernel shape, mm.
     name
-        Name of the part or file in error messages.
+        Name of the part or file for messages.
 
     Raises
     ------
     InputError
-        The shape is not such a solid; the message says what was found.
+        If the shape is not a valid solid; the message reports what was found.
     """
     solid = _only_solid(shape, name)
     _check_coordinates(solid, name)

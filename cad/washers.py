@@ -1,4 +1,4 @@
-"""Washers: annuli around round holes of plane faces, imprinted on a solid so that they can be held or loaded."""
+"""Washers: annuli around round holes of plane faces, imprinted on a solid to be held or loaded."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -15,18 +15,18 @@ from stiffscope.errors import InputError
 if TYPE_CHECKING:
     from stiffscope.cad.kernel import Edge, Face, Solid
 
-_SAMPLES = 48  # points of a washer's rim that must be on its face
+_SAMPLES = 48  # rim points of a washer that must lie on its face
 
 
 @dataclass(frozen=True, eq=False)
 class _Hole:
-    """A round hole of a plane face: the face's index; the hole's centre (3,), normal and radius, m; an edge of it."""
+    """A round hole of a plane face: face index; hole centre (3,), normal, radius, m; an edge."""
 
     geometry: FaceGeometry
     edge: "Edge"
 
     def rim(self, radius: float) -> NDArray[np.float64]:
-        """Points (n, 3) on a circle about it, m."""
+        """Return points (n, 3) on a concentric circle, m."""
         x, y = np.linalg.svd(self.geometry.axis[None])[2][1:]
         turn = np.linspace(0.0, 2.0 * np.pi, _SAMPLES, endpoint=False)[:, None]
         return self.geometry.centroid + radius * (np.cos(turn) * x + np.sin(turn) * y)
@@ -35,27 +35,27 @@ class _Hole:
 def select_interfaces(
     solid: "Solid", chosen: Mapping[str, Sequence[FaceSelector]], name: str
 ) -> tuple["Solid", dict[str, frozenset[int]]]:
-    """Select the faces of every interface, and imprint the washers among them.
+    """Select the faces of every interface, and imprint its washers.
 
     Parameters
     ----------
     solid
         Solid of the CAD kernel, mm.
     chosen
-        Selectors by name of interface; those with a ``washer`` select holes, the others faces without their washers.
+        Selectors by interface; those with a ``washer`` select holes, others faces without washers.
     name
-        Name of the part in messages.
+        Name of the part for messages.
 
     Returns
     -------
     solid, faces
-        The solid, with the washers' rims as edges, and the indices of its faces by name of interface.
+        The solid with the washer rims as edges, and face indices by interface.
 
     Raises
     ------
     InputError
-        A selector matches nothing, or a washer does not fit: it is no wider than its hole, reaches beyond its face, or
-        overlaps another one.
+        If a selector matches nothing, or a washer is no wider than its hole, reaches beyond its
+        face, or overlaps another one.
     """
     plain = {each: [one for one in some if one.washer is None] for each, some in chosen.items()}
     plain = {each: select(solid, some, f"{name}.{each}") for each, some in plain.items() if some or not chosen[each]}
@@ -94,7 +94,7 @@ def _list_holes(solid: "Solid") -> list[_Hole]:
 
 
 def _find_holes(holes: Sequence[_Hole], selector: FaceSelector, field: str) -> list[int]:
-    """Numbers of the holes that meet a selector, by their centre, radius and their face's normal and index."""
+    """Return indices of holes that meet a selector: centre, radius, normal and face index."""
     numbers = {id(hole.geometry): k for k, hole in enumerate(holes)}
     found = match_faces([hole.geometry for hole in holes], selector, lambda _face, _point: False)
     if not found:
@@ -106,7 +106,7 @@ def _find_holes(holes: Sequence[_Hole], selector: FaceSelector, field: str) -> l
 def _imprint(
     solid: "Solid", pieces: list["Face"], hole: _Hole, selector: FaceSelector, field: str
 ) -> tuple["Solid", "Face"]:
-    """Split the piece of a face around a hole, in place: the solid, and its new annulus."""
+    """Split the piece of a face around a hole, in place; return the solid and the new annulus."""
     radius, own, edge = 0.5 * (selector.washer or 0.0), hole.geometry, hole.edge
     if radius <= own.radius + DISTANCE:
         raise InputError(

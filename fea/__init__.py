@@ -1,1 +1,1 @@
-"""Virtual experiments: solid, tetrahedra, linear elasticity, 6x6 compliance with an error bar; beam theory."""
+"""Virtual experiments: mesh, linear elasticity, 6x6 compliance with error bounds; beam theory."""

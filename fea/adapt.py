@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-SHAPE_SHARE = 0.5  # of the tolerance: a larger geometric error asks for a new, finer mesh
-FINER = 0.6  # size of the new mesh over that of the old
+SHAPE_SHARE = 0.5  # of the tolerance: beyond, a geometric error requires a finer mesh
+FINER = 0.6  # ratio of new to old mesh size
 REMAINS = 0.15  # of an element's error after refinement: 0.25^(2λ) = 0.14 at a singular edge, less elsewhere
 AIM = 0.9  # of the tolerance
-LEAST_LEFT = 0.05  # share of the error that unrefined elements may keep in any case
-WITH_MODES = 2.0  # ratio of the time for natural frequencies and all to that for the solution alone
-GROWTH = 6.0  # largest ratio of elements after a round to those before
+LEAST_LEFT = 0.05  # share of the error that unrefined elements may always keep
+WITH_MODES = 2.0  # ratio of total time with natural frequencies to that of the solution alone
+GROWTH = 6.0  # largest ratio of element counts after and before a round
 
 
 def solve_within(
@@ -43,16 +43,16 @@ def solve_within(
     *,
     modes: bool = True,
 ) -> tuple[TetMesh, Solution, str]:
-    """Solve, and with a tolerance refine and solve again until it is met or a limit is reached.
+    """Solve; with a tolerance, refine and solve again until it is met or a limit is reached.
 
     Parameters
     ----------
-    left : seconds of the settings' time limit that are left.
-    modes : whether natural frequencies follow, for which time is held back.
+    left : seconds left of the settings' time limit.
+    modes : whether natural frequencies follow, for which time is reserved.
 
     Returns
     -------
-    the last mesh, its solution, and one line on why the tolerance is not met (empty if it is).
+    The last mesh, its solution, and one line on why the tolerance is not met (empty if it is).
     """
 
     def stop_at(limit: str, why: str) -> tuple[TetMesh, Solution, str]:
@@ -92,7 +92,7 @@ def solve_within(
 
 
 def solve_on(specimen: Specimen, mesh: TetMesh, settings: Settings) -> Solution:
-    """Solve on one mesh, whatever tolerance is asked for."""
+    """Solve on one mesh without refinement."""
     flat = specimen.slender or specimen.flatness_on(mesh) > 1
     solver = "direct" if settings.solver == "auto" and flat else settings.solver
     return solve_specimen(specimen, mesh, settings.interface, solver, settings.foundation)
@@ -111,16 +111,16 @@ def _finer_mesh(specimen: Specimen, settings: Settings, size: float, left: float
 
 
 def _on_singular_edges(specimen: Specimen, mesh: TetMesh, settings: Settings) -> np.ndarray:
-    """Return (nodes,) which vertices are on singular edges."""
+    """Return which vertices lie on singular edges, (nodes,)."""
     on_chain: np.ndarray = np.zeros(len(mesh.points), dtype=bool)
     on_chain[singular_edges(mesh, specimen.list_fixed(rigid=settings.interface == "rigid"))[0]] = True
     return on_chain
 
 
 def refine_mesh(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: Settings, bound: float) -> TetMesh:
-    """Return the mesh refined in the fewest elements whose refinement meets the tolerance.
+    """Return the mesh with the fewest elements refined that should meet the tolerance.
 
-    At a singular edge the element edges that leave it are cut near it; elsewhere the long edges are halved.
+    Edges that leave a singular edge are cut near it; elsewhere the long edges are halved.
 
     Parameters
     ----------
@@ -131,9 +131,9 @@ def refine_mesh(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: 
     indicator
         Error of each element.
     settings
-        How to mesh, hold, load and solve.
+        Mesh, interface and solver settings.
     bound
-        Relative bound reached so far.
+        Relative bound of the present solution.
 
     """
     left = (AIM * (settings.tolerance or bound) / bound - REMAINS) / (1 - REMAINS)
@@ -158,7 +158,7 @@ def refine_mesh(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: 
 
 
 def _shortfall(specimen: Specimen, mesh: TetMesh, solution: Solution, settings: Settings, limit: str, why: str) -> str:
-    """Return the bound reached, at which limit, and why; an empty ``why`` is replaced by the error's location."""
+    """Return the bound reached, the limit and the reason; by default the error's location."""
     bound, (i, j) = largest_relative_bound(solution.compliance, solution.error)
     if not why:
         near = _on_singular_edges(specimen, mesh, settings)[mesh.cells].any(axis=1)

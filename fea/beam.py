@@ -1,6 +1,6 @@
-"""Beam theory for comparison: compliance at the end of a clamped straight beam.
+"""Beam theory for comparison: compliance at the end of a straight clamped beam.
 
-Axes: x along the beam from the clamped end to the loaded one, where the reference point is; y and z are principal.
+Axes: x from the clamped to the loaded end, which is the reference point; y and z are principal.
 Twist (v, ω) for a wrench (f, m), SI.
 """
 
@@ -17,7 +17,7 @@ from stiffscope.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-CORNER = 0.559  # squares of a wall that a sharp corner counts for in the flow around it, by conformal mapping
+CORNER = 0.559  # sharp corner's share of a wall square in shear flow, by conformal mapping
 
 
 @dataclass(frozen=True)
@@ -28,10 +28,10 @@ class Section:
     ----------
     area : m².
     bending_y, bending_z : second moments of area about y and z, m⁴.
-    torsion : torsion constant J, m⁴; the torque is G J times the twist a metre.
+    torsion : torsion constant J, m⁴; the torque is G J times the twist per metre.
     shear_y, shear_z : shear coefficients κ for forces along y and z.
-    shear_centre : its y from the centroid, m; on the y axis, by symmetry.
-    warping : constant C_w, m⁶, of open sections; see ``restrained_torsion``.
+    shear_centre : y of the shear centre from the centroid, m; on the y axis by symmetry.
+    warping : warping constant C_w, m⁶, of open sections; see ``restrained_torsion``.
     """
 
     area: float
@@ -45,7 +45,7 @@ class Section:
 
 
 def circle(radius: float, bore: float = 0.0, poisson: float = 0.3) -> Section:
-    """Return a circle or tube of outer and inner radius (m); shear after Cowper (1966).
+    """Return a circle or tube of given radii (m), with Cowper's shear coefficient (1966).
 
     Parameters
     ----------
@@ -54,11 +54,11 @@ def circle(radius: float, bore: float = 0.0, poisson: float = 0.3) -> Section:
     bore
         Inner radius, m; 0 for a solid bar.
     poisson
-        Poisson's ratio, which only shear depends on.
+        Poisson's ratio; only affects shear.
 
     Raises
     ------
-    InputError : radii that are not 0 <= bore < radius.
+    InputError : unless 0 <= bore < radius.
 
     """
     if not 0 <= bore < radius < np.inf:
@@ -71,7 +71,7 @@ def circle(radius: float, bore: float = 0.0, poisson: float = 0.3) -> Section:
 
 
 def rectangle(width: float, height: float, poisson: float = 0.3) -> Section:
-    """Return a rectangle, width along y and height along z (m): Saint-Venant's torsion, Cowper's shear.
+    """Return a rectangle, width along y, height along z (m): Saint-Venant torsion, Cowper shear.
 
     Parameters
     ----------
@@ -80,11 +80,11 @@ def rectangle(width: float, height: float, poisson: float = 0.3) -> Section:
     height
         Outer size along z, m.
     poisson
-        Poisson's ratio, which only shear depends on.
+        Poisson's ratio; only affects shear.
 
     Raises
     ------
-    InputError : sides that are not positive.
+    InputError : if a side is not positive.
 
     """
     if not (0 < width < np.inf and 0 < height < np.inf):
@@ -101,7 +101,7 @@ def rectangle(width: float, height: float, poisson: float = 0.3) -> Section:
 
 
 def box(width: float, height: float, wall: float, poisson: float = 0.3) -> Section:
-    """Return a rectangular tube of outer width along y and height along z (m): Bredt's torsion, Cowper's shear.
+    """Return a rectangular tube, width along y, height along z (m): Bredt torsion, Cowper shear.
 
     Parameters
     ----------
@@ -110,13 +110,13 @@ def box(width: float, height: float, wall: float, poisson: float = 0.3) -> Secti
     height
         Outer size along z, m.
     wall
-        Thickness of the walls, m.
+        Wall thickness, m.
     poisson
-        Poisson's ratio, which only shear depends on.
+        Poisson's ratio; only affects shear.
 
     Raises
     ------
-    InputError : a wall that leaves no hole.
+    InputError : if the walls leave no hole.
 
     """
     _check_walls(min(width, height) / 2, wall)
@@ -128,16 +128,17 @@ def box(width: float, height: float, wall: float, poisson: float = 0.3) -> Secti
         area=width * height - inner_width * inner_height,
         bending_y=(width * height**3 - inner_width * inner_height**3) / 12,
         bending_z=(height * width**3 - inner_height * inner_width**3) / 12,
-        torsion=bredt + 2 * sum(middle) * wall**3 / 3,  # the walls' own twist across their thickness
+        torsion=bredt + 2 * sum(middle) * wall**3 / 3,  # torsion of the walls themselves
         shear_y=_cowper(middle[1] / middle[0], middle[1] / middle[0], 10, 3 + poisson, 3.0, poisson),
         shear_z=_cowper(middle[0] / middle[1], middle[0] / middle[1], 10, 3 + poisson, 3.0, poisson),
     )
 
 
 def i_section(width: float, height: float, flange: float, web: float, poisson: float = 0.3) -> Section:
-    """Return an I with flanges of a width along y and a height over both along z (m).
+    """Return an I-section, flange width along y, overall height along z (m).
 
-    Cowper's shear along the web, that of the flanges as rectangles across; torsion after El Darwish and Johnston.
+    Cowper's shear along the web; flanges as rectangles across it; torsion by El Darwish and
+    Johnston.
 
     Parameters
     ----------
@@ -150,11 +151,11 @@ def i_section(width: float, height: float, flange: float, web: float, poisson: f
     web
         Thickness of the web, m.
     poisson
-        Poisson's ratio, which only shear depends on.
+        Poisson's ratio; only affects shear.
 
     Raises
     ------
-    InputError : a flange or a web that leaves no room.
+    InputError : if a flange or the web leaves no room.
 
     """
     _check_walls(height / 2, flange)
@@ -178,10 +179,10 @@ def i_section(width: float, height: float, flange: float, web: float, poisson: f
 
 
 def channel(width: float, height: float, flange: float, web: float) -> Section:
-    """Return a channel, the flanges' width along +y from the web's outer side, its height along z (m).
+    """Return a channel, flange width along +y from the web's outer side, height along z (m).
 
-    Shear by the energy of the shear flow in the walls' middle lines (Jourawski), torsion after El Darwish and
-    Johnston.
+    Shear from the energy of Jourawski's shear flow in the walls' middle lines; torsion by El
+    Darwish and Johnston.
 
     Parameters
     ----------
@@ -196,7 +197,7 @@ def channel(width: float, height: float, flange: float, web: float) -> Section:
 
     Raises
     ------
-    InputError : a flange or a web that leaves no room.
+    InputError : if a flange or the web leaves no room.
 
     """
     _check_walls(height / 2, flange)
@@ -235,12 +236,12 @@ def _check_walls(room: float, wall: float) -> None:
 
 
 def _cowper(m: float, n: float, width: float, first: float, second: float, poisson: float) -> float:
-    """Return Cowper's coefficient (J. Appl. Mech. 33, 1966, 335) of a thin-walled box or I for forces along its webs.
+    """Return Cowper's coefficient (J. Appl. Mech. 33, 1966, 335) of a box or I along its webs.
 
     Parameters
     ----------
-    m, n : area of the flanges over that of the webs, and width over height, of the middle lines.
-    width, first, second : of the term n² (first m + second m²).
+    m, n : ratios of flange to web area and of width to height, of the middle lines.
+    width, first, second : coefficients of the term n² (first m + second m²).
     """
     shape = 12 + 72 * m + 150 * m**2 + 90 * m**3 + poisson * (11 + 66 * m + 135 * m**2 + 90 * m**3)
     return 10 * (1 + poisson) * (1 + 3 * m) ** 2 / (shape + width * n**2 * (first * m + second * m**2))
@@ -254,14 +255,14 @@ def saint_venant_torsion(width: float, height: float) -> float:
 
 
 def polar(section: Section) -> Section:
-    """Return the section with the torsion constant I_y + I_z, as the published slider was computed (theory, 7.4)."""
+    """Return the section with torsion constant I_y + I_z of the published slider (theory, 7.4)."""
     return replace(section, torsion=section.bending_y + section.bending_z)
 
 
 def euler_bernoulli(
     length: float, section: Section, youngs_modulus: float, shear_modulus: float
 ) -> NDArray[np.float64]:
-    """Return the (6, 6) compliance of docs/theory.md (7.1): bending, stretch and torsion without shear.
+    """Return the (6, 6) compliance of docs/theory.md (7.1): bending, axial and torsion, no shear.
 
     Parameters
     ----------
@@ -276,7 +277,7 @@ def euler_bernoulli(
 
     Raises
     ------
-    InputError : a length or modulus that is not positive.
+    InputError : if the length or a modulus is not positive.
 
     """
     for name, value in (("length", length), ("Young's modulus", youngs_modulus), ("shear modulus", shear_modulus)):
@@ -288,7 +289,7 @@ def euler_bernoulli(
 
 
 def cantilever(length: float, rates: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-    """Return the (6, 6) compliance at the free end of a uniform beam with these compliances per metre (6,)."""
+    """Return the (6, 6) tip compliance of a uniform cantilever from compliances per metre (6,)."""
     compliance = np.diag(np.asarray(rates * length, dtype=np.float64))
     compliance[1, 1] += rates[5] * length**3 / 3.0
     compliance[2, 2] += rates[4] * length**3 / 3.0
@@ -298,7 +299,7 @@ def cantilever(length: float, rates: NDArray[np.floating[Any]]) -> NDArray[np.fl
 
 
 def timoshenko(length: float, section: Section, youngs_modulus: float, shear_modulus: float) -> NDArray[np.float64]:
-    """Return the (6, 6) compliance of docs/theory.md (7.1) with the shear deflection L / (κ G A) added to C22 and C33.
+    """Return the (6, 6) compliance of docs/theory.md (7.1) with shear, L / (κ G A), in C22 and C33.
 
     Parameters
     ----------
@@ -313,7 +314,7 @@ def timoshenko(length: float, section: Section, youngs_modulus: float, shear_mod
 
     Raises
     ------
-    InputError : a length or modulus that is not positive.
+    InputError : if the length or a modulus is not positive.
 
     """
     compliance = euler_bernoulli(length, section, youngs_modulus, shear_modulus)
@@ -323,9 +324,9 @@ def timoshenko(length: float, section: Section, youngs_modulus: float, shear_mod
 
 
 def restrained_torsion(length: float, section: Section, youngs_modulus: float, shear_modulus: float) -> float:
-    """Return the twist per torque (rad/(N m)) of a beam whose ends cannot warp, as between rigid interfaces.
+    """Return the twist per torque (rad/(N m)) of a beam with warping restrained at both ends.
 
-    Vlasov's: L / GJ (1 - tanh(λ) / λ) with λ = L / 2 √(GJ / E C_w). Saint-Venant's is L / GJ.
+    Vlasov: L / GJ (1 - tanh(λ) / λ) with λ = L / 2 √(GJ / E C_w). Saint-Venant: L / GJ.
 
     Parameters
     ----------
@@ -337,7 +338,6 @@ def restrained_torsion(length: float, section: Section, youngs_modulus: float, s
         Young's modulus E, Pa.
     shear_modulus
         Shear modulus G, Pa.
-
     """
     plain = length / (shear_modulus * section.torsion)
     if not section.warping:

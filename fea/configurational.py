@@ -1,7 +1,7 @@
-"""Integrals of a solved part's fields from which its derivatives follow, for any number of parameters.
+"""Integrals of a solved part's fields that give its derivatives, for any number of parameters.
 
-The strain energy of two fields, their coefficients held, changes with a velocity V of the mesh by ∫ Σ_cb ∂_b V_c, where
-Σ_cb = (σ_i : ∇u_j) δ_cb − σ_i,ab ∂_c u_j,a − σ_j,ab ∂_c u_i,a is Eshelby's energy-momentum tensor.
+A mesh velocity V changes the strain energy of two fields, coefficients fixed, by ∫ Σ_cb ∂_b V_c
+with Eshelby's tensor Σ_cb = (σ_i : ∇u_j) δ_cb − σ_i,ab ∂_c u_j,a − σ_j,ab ∂_c u_i,a.
 
 References
 ----------
@@ -29,21 +29,21 @@ if TYPE_CHECKING:
     from stiffscope.fea.cubic_space import Cubic
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
-STRAIGHT_ORDER, CURVED_ORDER = 4, 6  # of quadrature: exact for the energy of cubics where sides are straight
-CHUNK = 256  # elements at once
+STRAIGHT_ORDER, CURVED_ORDER = 4, 6  # quadrature: exact for the energy of cubics on straight sides
+CHUNK = 256  # elements per chunk
 
 
 @dataclass(frozen=True)
 class Integrals:
-    """Integrals of k displacement fields over a mesh of n nodes that moves with p design velocities.
+    """Integrals of k displacement fields over a mesh of n nodes with p design velocities.
 
     Attributes
     ----------
     motion : (count, 3, k) coefficients of all functions, m.
-    energy : (p, k, k) derivatives of ∫ σ_i : ∇u_j dV, the coefficients held.
-    gradients : (9, k, 9, k) ∫ ∇u_i ⊗ ∇u_j dV; the nine are ∂_b u_a at 3b + a.
+    energy : (p, k, k) derivatives of ∫ σ_i : ∇u_j dV with fixed coefficients.
+    gradients : (9, k, 9, k) ∫ ∇u_i ⊗ ∇u_j dV; ∂_b u_a is component 3b + a of the nine.
     forces : (n, 3, k) nodal forces of the stresses.
-    displacement : (p, 3, k) derivatives of ∫ u dV, the coefficients held.
+    displacement : (p, 3, k) derivatives of ∫ u dV with fixed coefficients.
     """
 
     motion: Floats
@@ -64,13 +64,13 @@ class _Chunk:
     weights: Floats
 
     def scatter(self, local: Floats, count: int) -> Floats:
-        """Sum (c, 10, ...) of the elements' nodes to (count, ...)."""
+        """Sum element node values (c, 10, ...) to nodes (count, ...)."""
         cells = self.nodes.reshape(-1)
         spread = csr_array((np.ones(len(cells)), (cells, np.arange(len(cells)))), shape=(count, len(cells)))
         return (spread @ local.reshape(len(cells), -1)).reshape(count, *local.shape[2:])
 
     def move_integrals(self, velocity: Floats, density: Floats) -> Floats:
-        """(p, m) change of the integrals of densities (c, q, m) with velocities (n, 3, p) of the nodes: ∫ s div V."""
+        """Return changes (p, m) of the integrals of densities (c, q, m), ∫ s div V, V (n, 3, p)."""
         c, q = self.weights.shape
         flat = velocity[self.nodes].reshape(c, 10, 3, -1).transpose(0, 2, 1, 3).reshape(c, 30, -1)
         divergence = (self.slopes[..., :10] * self.weights[:, :, None, None]).reshape(c, q, 30) @ flat  # (c, q, p)
@@ -128,7 +128,7 @@ def integrals(mesh: TetMesh, space: Cubic, elasticity: Floats, motion: Floats, v
 
 
 def products(mesh: TetMesh, space: Cubic, fields: Floats, velocity: Floats) -> Floats:
-    """Return (p, b, b) the derivatives of ∫ u_i · u_j dV of nodal fields (n, 3, b) with velocities (n, 3, p)."""
+    """Return derivatives (p, b, b) of ∫ u_i · u_j dV, fields (n, 3, b), by velocities (n, 3, p)."""
     b, p = fields.shape[2], velocity.shape[2]
     out = np.zeros((p, b, b))
     for chunk in _chunks(mesh, space):

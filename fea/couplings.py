@@ -1,9 +1,9 @@
-"""How a part is held and loaded: rigid (kinematic) and distributed couplings of a face to its reference point.
+"""Supports and loads of a part: rigid (kinematic) and distributed couplings of a face to a point.
 
 Rigid: the face moves as one body, u = R(x) t with the twist t = (v, ω) at the reference point.
 Distributed: the wrench w enters as the traction R(x) (RᵀMR)⁻¹ w, with M the face's mass matrix; its work-conjugate
 twist is the mean motion (RᵀMR)⁻¹ RᵀM u.
-Either way the compliance is C = Fᵀ A⁻¹ F, with A the stiffness of the unconstrained coordinates.
+In both cases the compliance is C = Fᵀ A⁻¹ F, with A the stiffness of the unconstrained coordinates.
 """
 
 # pyright: reportReturnType=false
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
     from stiffscope.fea.solvers import Solve
 
-ORDER = 4  # of quadrature on the faces
+ORDER = 4  # of quadrature on faces
 _WORK = LinearForm(lambda v, w: dot(w["mode"], v))
 
 
@@ -45,13 +45,13 @@ class Coupling:
 
 @dataclass(frozen=True)
 class Supports:
-    """The displacements of all nodes from the unconstrained coordinates: free nodes and twists of rigid couplings.
+    """Nodal displacements from unconstrained coordinates: free nodes and rigid-coupling twists.
 
     Attributes
     ----------
-    free : (f,) nodes without constraints.
-    tied, clamped : (t,) nodes on rigid couplings, and fixed nodes.
-    tie : (3t, 6r) displacements of the tied nodes for each twist component of the r rigid couplings.
+    free : (f,) unconstrained nodes.
+    tied, clamped : (t,) nodes on rigid couplings, and clamped nodes.
+    tie : (3t, 6r) displacements of tied nodes per twist component of the r rigid couplings.
     """
 
     nodes: int
@@ -74,7 +74,7 @@ class Supports:
         return motion
 
     def restrict(self, forces: Floats) -> Floats:
-        """Return (3f + 6r, loads) generalized forces from (3n, loads) nodal forces; transpose of expand."""
+        """Return (3f + 6r, loads) generalized from (3n, loads) nodal forces; expand's transpose."""
         return np.vstack([forces[self.free_dofs], self.tie.T @ forces[dofs_of(self.tied)]])
 
 
@@ -88,7 +88,7 @@ def support(mesh: TetMesh, clamped: Ints, couplings: tuple[Coupling, ...]) -> Su
 
     Raises
     ------
-    InputError : a rigid face shares nodes with the clamp or with another rigid face.
+    InputError : if a rigid face shares nodes with the clamp or with another rigid face.
     """
     count = len(mesh.points)
     rigid = [coupling for coupling in couplings if coupling.kind == "rigid"]
@@ -108,7 +108,7 @@ def support(mesh: TetMesh, clamped: Ints, couplings: tuple[Coupling, ...]) -> Su
 
 
 def factorize(stiffness: csr_array, supports: Supports) -> Solve:
-    """Return a function that solves for the coordinates of ``supports``; the twists by a Schur complement."""
+    """Return a solver for the coordinates of ``supports``; twists by a Schur complement."""
     free = supports.free_dofs
     rows = stiffness[free]
     solve = factorize_matrix(rows[:, free])
@@ -130,10 +130,10 @@ def factorize(stiffness: csr_array, supports: Supports) -> Solve:
 
 
 def traction_work(mesh: TetMesh, coupling: Coupling, element: ElementH1) -> Floats:
-    """Return (3w, 6) the work B = M R (RᵀMR)⁻¹ of a distributed coupling's unit wrenches on an element's functions.
+    """Return the work B = M R (RᵀMR)⁻¹ (3w, 6) of a distributed coupling's unit wrenches.
 
-    M is the mass matrix of the face between the element's w functions and the nodes' quadratic ones, R the nodes'
-    rigid motion; w is the number of nodes where the element is the quadratic one.
+    M is the face's mass matrix between the element's w functions and the quadratic nodal ones, R
+    the nodes' rigid motion; for the quadratic element w is the number of nodes.
 
     Parameters
     ----------
@@ -142,7 +142,7 @@ def traction_work(mesh: TetMesh, coupling: Coupling, element: ElementH1) -> Floa
     coupling
         Loaded face with its reference point.
     element
-        Element whose functions carry the traction.
+        Element with the functions that carry the traction.
 
     """
     modes = rigid_modes(mesh.points, coupling.reference_point).reshape(-1, 6)
@@ -155,7 +155,7 @@ def traction_work(mesh: TetMesh, coupling: Coupling, element: ElementH1) -> Floa
 
 
 def unit_loads(mesh: TetMesh, supports: Supports, couplings: tuple[Coupling, ...]) -> Floats:
-    """Return (3f + 6r, 6n) generalized forces of the unit wrenches (f, m) at the reference points of n couplings."""
+    """Return generalized forces (3f + 6r, 6n) of unit wrenches (f, m) at n reference points."""
     columns = []
     slot = 3 * len(supports.free)
     for coupling in couplings:
@@ -172,10 +172,10 @@ def unit_loads(mesh: TetMesh, supports: Supports, couplings: tuple[Coupling, ...
 def imbalance(
     points: Floats, stiffness: csr_array, motion: Floats, clamped: Ints, couplings: tuple[Coupling, ...]
 ) -> float:
-    """Return the largest residual of the equilibrium between the clamp's reactions and the unit wrenches.
+    """Return the largest residual of equilibrium between the clamp reactions and the unit wrenches.
 
-    Relative to the wrench; moments are compared over the distance from reference point to clamp. Loads on the clamped
-    nodes themselves are ignored, so it is not reliable where load and clamp share nodes.
+    Relative to the wrench, with moments over the distance from reference point to clamp. Loads on
+    clamped nodes are ignored, so it is not reliable if load and clamp share nodes.
 
     Parameters
     ----------
@@ -184,9 +184,9 @@ def imbalance(
     stiffness
         Stiffness matrix.
     motion
-        Displacements of the loads.
+        Displacements under the loads.
     clamped
-        Clamped nodes, by number.
+        Indices of the clamped nodes.
     couplings
         Loaded faces with their reference points.
 
@@ -196,7 +196,7 @@ def imbalance(
     for k, coupling in enumerate(couplings):
         modes = rigid_modes(points[clamped], coupling.reference_point).reshape(-1, 6)
         lever = float(np.linalg.norm(points[clamped] - coupling.reference_point, axis=1).max())
-        units = np.array([1.0] * 3 + [lever] * 3)  # what a unit of each component of the wrench weighs
+        units = np.array([1.0] * 3 + [lever] * 3)  # weight of each wrench component
         wrench = modes.T @ reaction[:, 6 * k : 6 * k + 6] + np.eye(6)
         worst = max(worst, float((np.abs(wrench) / units[:, None] * units).max()))
     return worst

@@ -1,13 +1,14 @@
-"""The cubic solution on the same mesh, preconditioned by the quadratic solver.
+"""Cubic solution on the same mesh, preconditioned by the quadratic solver.
 
-The quadratic space is enriched by hierarchical cubics (``spaces.ElementTetCubic``). Conjugate gradients, preconditioned
-by the solver of the quadratic problem and a 3 x 3 block Jacobi step on the cubics, need no second factorization. Where
-the quadratic problem is factorized they run on the cubics alone, the nodes eliminated, in two thirds of the steps. Both
-solutions are Galerkin ones: both compliances are lower bounds of the exact one on the same geometry.
+Hierarchical cubics (``spaces.ElementTetCubic``) enrich the quadratic space. Conjugate gradients,
+preconditioned by the quadratic solver and 3 x 3 block Jacobi on the cubics, need no second
+factorization. If the quadratic problem is factorized they run on the cubics alone, with eliminated
+nodes, in two thirds of the steps. Both are Galerkin solutions: both compliances are lower bounds of
+the exact one on the same geometry.
 
-The product with the stiffness is a kernel of ours, element by element. Assembled by scikit-fem's forms instead, the
-solution took 1.8 times the processor time and 1.7 times the memory on the default slider, 1.4 and 2.1 times on the
-ribbed one; ``tests/fea`` compares the two.
+The stiffness product is an element-by-element kernel. Assembly by scikit-fem's forms took 1.8 times
+the processor time and 1.7 times the memory on the default slider, 1.4 and 2.1 times on the ribbed
+one; ``tests/fea`` compares the two.
 """
 
 # pyright: reportOptionalSubscript=false
@@ -39,15 +40,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CubicProblem:
-    """The cubic problem of a supported mesh.
+    """Cubic problem of a supported mesh.
 
     Attributes
     ----------
-    free : (w,) cubics without constraints. Coordinates (c + 3w) are those of ``supports``, then theirs.
-    apply, precondition : the product with the stiffness, and an approximation of its inverse.
-    balance : the solver of the quadratic problem's approximation of its own inverse.
-    jacobi : (3w, 3w) the inverses of the cubics' own 3 x 3 blocks.
-    eliminated : the product with the cubics' stiffness, the nodes in equilibrium; None without a factorization.
+    free : (w,) unconstrained cubics. Coordinates (c + 3w): those of ``supports``, then of these.
+    apply, precondition : product with the stiffness, and with an approximate inverse.
+    balance : the quadratic solver's approximate inverse.
+    jacobi : (3w, 3w) inverses of the cubics' own 3 x 3 blocks.
+    eliminated : product with the cubics' stiffness, nodes eliminated; None without factorization.
     """
 
     space: Cubic
@@ -68,7 +69,7 @@ def cubic_problem(
     stiffness: csr_array,
     springs: csr_array | None = None,
 ) -> CubicProblem:
-    """Return the cubic problem, preconditioned by the solver of the quadratic one.
+    """Set up the cubic problem, preconditioned by the quadratic solver.
 
     Parameters
     ----------
@@ -92,18 +93,18 @@ def cubic_problem(
 def solve_cubic(
     problem: CubicProblem, force: Floats, start: Floats, tolerance: float = 1e-2, limit: int = 500
 ) -> Floats:
-    """Return (c + 3w, loads) the coordinates of the cubic solution.
+    """Return the coordinates (c + 3w, loads) of the cubic solution.
 
-    The first c are the coordinates of the supports, with the exact nodal values: the cubics vanish at all nodes.
+    The first c are coordinates of the supports with exact nodal values: cubics vanish at all nodes.
 
     Parameters
     ----------
-    force, start : (c + 3w, loads) generalized forces, and (c, loads) the quadratic problem's solution for its own.
-    tolerance : relative error of the difference between the two compliances at which to stop.
+    force, start : (c + 3w, loads) generalized forces, and (c, loads) the quadratic solution.
+    tolerance : relative error of the compliance difference at which to stop.
 
     Raises
     ------
-    MeshError : no convergence.
+    MeshError : if the iteration does not converge.
     """
     split = len(start)
     motion = np.vstack([start, np.zeros((len(force) - split, force.shape[1]))])
@@ -121,12 +122,12 @@ def solve_cubic(
         )
     motion[:split] += problem.balance(
         (force - problem.apply(motion))[:split]
-    )  # equilibrium of the nodal forces, whatever the error of the cubics
+    )  # nodal equilibrium, independent of errors in the cubics
     return motion
 
 
 def work(apply: Solve, force: Floats, motion: Floats) -> Floats:
-    """Return (loads, loads) Fᵀu + uᵀF − uᵀAu: the compliance, with an error of second order in that of ``motion``.
+    """Return Fᵀu + uᵀF − uᵀAu (loads, loads): the compliance with an error of second order.
 
     Parameters
     ----------
@@ -136,14 +137,13 @@ def work(apply: Solve, force: Floats, motion: Floats) -> Floats:
         Loads.
     motion
         Approximate solution.
-
     """
     found = motion.T @ (2 * force - apply(motion))
     return (found + found.T) / 2
 
 
 def element_energies(problem: CubicProblem, motion: Floats) -> Floats:
-    """Return (m, loads) twice the energy of coordinates (c + 3w, loads) in each element."""
+    """Return twice the energy (m, loads) of coordinates (c + 3w, loads) in each element."""
     energies = np.empty((len(problem.space.cells), motion.shape[1]))
     for columns, elements, moved, forces in _move_elements(problem, motion):
         energies[elements, columns] = np.einsum("cail,cail->cl", forces, moved[..., columns])
@@ -151,7 +151,7 @@ def element_energies(problem: CubicProblem, motion: Floats) -> Floats:
 
 
 def weigh_energies(problem: CubicProblem, motion: Floats, weights: Floats) -> Floats:
-    """Return (loads, loads) the sum over elements of their energies, mutual ones off the diagonal, by weights (m,)."""
+    """Return the weighted sum (loads, loads) of element energies, mutual ones off the diagonal."""
     total = np.zeros((motion.shape[1], motion.shape[1]))
     for columns, elements, moved, forces in _move_elements(problem, motion, weights > 0):
         total[columns] += np.tensordot(forces * weights[elements, None, None, None], moved, axes=((0, 1, 2), (0, 1, 2)))
@@ -161,7 +161,7 @@ def weigh_energies(problem: CubicProblem, motion: Floats, weights: Floats) -> Fl
 def _move_elements(
     problem: CubicProblem, motion: Floats, chosen: np.ndarray | None = None
 ) -> Iterator[tuple[slice, Ints, Floats, Floats]]:
-    """Yield six loads, elements (c,), their motion (c, 20, 3, loads) and the forces of those loads (c, 20, 3, 6)."""
+    """Yield a slice of six loads, elements (c,), motion (c, 20, 3, loads), forces (c, 20, 3, 6)."""
     space, loads = problem.space, motion.shape[1]
     moved = expand(space, problem.supports, problem.free, motion).reshape(space.count, 3, loads)
     for batch in space.batches(chosen):
@@ -171,7 +171,7 @@ def _move_elements(
 
 
 def _free_cubics(mesh: TetMesh, space: Cubic, supports: Supports) -> Ints:
-    """Return the (w,) cubics that are not on a clamped face or on a rigid coupling."""
+    """Return the cubics (w,) that are on no clamped face and no rigid coupling."""
     fixed = np.zeros(space.base, dtype=bool)
     fixed[supports.clamped] = fixed[supports.tied] = True
     outer = mesh.grid.boundary_facets()
@@ -181,7 +181,7 @@ def _free_cubics(mesh: TetMesh, space: Cubic, supports: Supports) -> Ints:
 
 
 def cubic_loads(mesh: TetMesh, space: Cubic, couplings: tuple[Coupling, ...]) -> Floats:
-    """Return (count, 3, 6n) the work of the distributed couplings' unit tractions on the cubics, 0 on the nodes."""
+    """Return the work (count, 3, 6n) of distributed unit tractions on cubics; 0 on nodes."""
     loads = np.zeros((space.count, 3, 6 * len(couplings)))
     for k, coupling in enumerate(couplings):
         if coupling.kind == "distributed":

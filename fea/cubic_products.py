@@ -1,6 +1,6 @@
-"""Products with the stiffness of the cubic functions, element by element, which is never assembled.
+"""Element-by-element products with the stiffness of the cubic functions, which is not assembled.
 
-Where the quadratic problem is factorized the elements' blocks are kept, and the nodes can be eliminated.
+If the quadratic problem is factorized, element blocks are kept and nodes can be eliminated.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 
 def apply_by_elements(space: Cubic, supports: Supports, free: Ints, springs: csr_array | None) -> Solve:
-    """Return the product with the enlarged stiffness, element by element."""
+    """Return the product with the enriched stiffness, element by element."""
     batches = space.batches()
     owners = [np.concatenate([chunk.elements for chunk in batch]) for batch in batches]
     scatters = [_scatter(space.cells[elements], space.count) for elements in owners]
@@ -43,17 +43,17 @@ def apply_by_elements(space: Cubic, supports: Supports, free: Ints, springs: csr
 
 
 def _scatter(cells: Ints, count: int) -> csr_array:
-    """Return (count, cells.size) the sum over elements of what acts on each function."""
+    """Return the matrix (count, cells.size) that sums element contributions to each function."""
     return csr_array((np.ones(cells.size), (cells.reshape(-1), np.arange(cells.size))), shape=(count, cells.size))
 
 
 def apply_by_blocks(
     space: Cubic, supports: Supports, free: Ints, stiffness: csr_array, springs: csr_array | None, solve: Solve
 ) -> tuple[Solve, Solve]:
-    """Return the products with the enlarged stiffness, and with that of the cubics, the nodes in equilibrium.
+    """Return products with the enriched stiffness, and with that of cubics with eliminated nodes.
 
-    With A of nodes and cubics in blocks the latter is A₂₂ − A₂₁ A₁₁⁻¹ A₁₂. The elements' A₁₂ and A₂₂ are kept, 14 kB
-    each: only meshes that are factorized have few enough of them.
+    With A in blocks of nodes and cubics the latter is A₂₂ − A₂₁ A₁₁⁻¹ A₁₂. The elements' A₁₂ and
+    A₂₂ are kept, 14 kB each: factorized meshes are small enough.
     """
     chunks = [chunk for batch in space.batches() for chunk in batch]
     blocks, cells = on_all_cores(partial(_stiffness, space), chunks), [space.cells[chunk.elements] for chunk in chunks]
@@ -63,7 +63,7 @@ def apply_by_blocks(
     bedding = (csr_array((count, count)) if springs is None else springs)[:, base:]
 
     def push(coordinates: Floats) -> tuple[Floats, Floats]:
-        """Return the forces of the cubics' motion on the nodes and on themselves."""
+        """Return the forces due to motion of the cubics, on nodes and on cubics."""
         loads = coordinates.shape[1]
         high = np.zeros((count - base, 3, loads))
         high[held] = coordinates.reshape(-1, 3, loads)
@@ -72,7 +72,7 @@ def apply_by_blocks(
         return supports.restrict(forces[:base].reshape(-1, loads)), forces[base:][held].reshape(-1, loads)
 
     def pull(coordinates: Floats) -> Floats:
-        """Return the forces of the nodes' motion on the cubics."""
+        """Return the forces on the cubics due to motion of the nodes."""
         loads = coordinates.shape[1]
         low = supports.expand(coordinates).reshape(-1, 3, loads)
         parts = on_all_cores(
@@ -110,7 +110,7 @@ def invert_blocks(space: Cubic, free: Ints, springs: csr_array | None) -> bsr_ar
 
 
 def _stiffness(space: Cubic, chunk: Group) -> Floats:
-    """Return (c, 60, 30) the elements' forces on their functions for displacements of their cubics."""
+    """Return element forces (c, 60, 30) on all functions for displacements of the cubics."""
     pairs = np.einsum("rpa,spb->prsab", chunk.table, chunk.table[..., 10:])
     found = _contract(chunk, pairs).transpose(0, 3, 1, 4, 2)  # (c, 20, 3, 10, 3)
     sign = space.signs[chunk.elements]
@@ -118,7 +118,7 @@ def _stiffness(space: Cubic, chunk: Group) -> Floats:
 
 
 def _contract(chunk: Group, pairs: Floats) -> Floats:
-    """Return (c, 3, 3, …) the elements' stiffness between the pairs (p, 3, 3, …) of reference gradients."""
+    """Return element stiffness (c, 3, 3, …) for pairs (p, 3, 3, …) of reference gradients."""
     kept, points = chunk.elasticity.shape[:2]
     if points == 1:
         pairs = pairs.sum(axis=0, keepdims=True)
@@ -128,16 +128,16 @@ def _contract(chunk: Group, pairs: Floats) -> Floats:
 
 
 def expand(space: Cubic, supports: Supports, free: Ints, coordinates: Floats) -> Floats:
-    """Return (3 count, loads) coefficients of all functions from the unconstrained coordinates (c + 3w, loads).
+    """Return coefficients (3 count, loads) of all functions from free coordinates (c + 3w, loads).
 
     Parameters
     ----------
     space
         Cubic functions on the mesh.
     supports
-        Clamped nodes and rigid couplings.
+        Supports: clamped nodes and rigid couplings.
     free
-        Functions that are not constrained, by number.
+        Indices of the unconstrained functions.
     coordinates
         Unconstrained coordinates (c + 3w, loads).
 
@@ -150,16 +150,16 @@ def expand(space: Cubic, supports: Supports, free: Ints, coordinates: Floats) ->
 
 
 def element_forces(space: Cubic, batch: list[Group], motion: Floats) -> Floats:
-    """Return (m, 20, 3, loads) the forces of a batch's m elements on their functions, for (count, 3, loads) motions.
+    """Return element forces (m, 20, 3, loads) on functions for motions (count, 3, loads).
 
     Parameters
     ----------
     space
         Cubic functions on the mesh.
     batch
-        Groups of elements.
+        Groups of m elements.
     motion
-        Displacements of the loads.
+        Coefficients (count, 3, loads) of all functions.
 
     """
     loads = motion.shape[2]

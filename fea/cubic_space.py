@@ -1,4 +1,4 @@
-"""The cubic functions of a mesh beyond its quadratic ones: where they are, their stiffness by elements."""
+"""Cubic functions that enrich a quadratic mesh, and their element stiffness."""
 
 # pyright: reportOptionalSubscript=false
 # (scikit-fem declares its types loosely)
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
 CURVED_ORDER = 6
-CHUNK, BATCH = 512, 128  # elements of one task of a core; tasks whose results are in memory at once
+CHUNK, BATCH = 512, 128  # elements per task; tasks with results in memory at once
 
 
 @dataclass(frozen=True)
 class Cubic:
-    """The enriched space: the mesh's nodes, then the cubics of ``dofs``; and its stiffness, unassembled.
+    """Enriched space: the mesh's nodes, then the cubics of ``dofs``; stiffness is unassembled.
 
     Attributes
     ----------
     dofs : scikit-fem's numbering of the cubics.
-    cells, signs : (m, 20) functions of each element and their orientation.
-    groups : elements by quadrature, each with its table of reference gradients and its pulled-back elasticity.
-    base : number of the mesh's nodes, the first functions.
+    cells, signs : (m, 20) functions of each element and their orientations.
+    groups : elements by quadrature, with reference gradients and pulled-back elasticity.
+    base : number of nodes, which are the first functions.
     """
 
     dofs: Dofs
@@ -48,7 +48,7 @@ class Cubic:
         return self.base + self.dofs.N
 
     def batches(self, chosen: np.ndarray | None = None) -> list[list[Group]]:
-        """Return the elements, or those chosen (m,), in chunks, in batches that bound the memory of one product."""
+        """Return elements, or those chosen (m,), in chunks and batches that bound memory."""
         chunks = [
             Group(group.elements[some], group.table, group.elasticity[some])
             for group in self.groups
@@ -58,14 +58,14 @@ class Cubic:
 
 
 def _split(kept: np.ndarray | int) -> list[Ints]:
-    """Return the numbers of what is kept (a count, or true ones of a mask) in chunks."""
+    """Split indices, given by a count or a mask, into chunks."""
     numbers = np.arange(kept) if isinstance(kept, int) else np.flatnonzero(kept)
     return np.split(numbers, range(CHUNK, len(numbers), CHUNK))
 
 
 @dataclass(frozen=True)
 class Group:
-    """Elements (c,) with one table (3, p, 20) of reference gradients; elasticity (c, 1 or p, 9, 9) in N/m.
+    """Elements (c,) with reference gradients (3, p, 20); elasticity (c, 1 or p, 9, 9) in N/m.
 
     With the elasticity pulled back to the reference element, [(r, i), (s, j)], the stiffness is
     Σ_p table[r, p, a] elasticity[(r, i), (s, j)] table[s, p, b].
@@ -102,9 +102,9 @@ def _gradients(at: Floats) -> Floats:
 
 
 def _straight_rule() -> tuple[Floats, Floats, Floats]:
-    """Return the table of a straight-sided element, and the one point and weight of its constant elasticity.
+    """Return the table of a straight-sided element, and the point and weight of its elasticity.
 
-    Gradients are then quadratic: ten orthonormal modes hold them, and their integral is a dot product.
+    Gradients are quadratic: ten orthonormal modes represent them; integrals are dot products.
     """
     at, weights = get_quadrature(RefTet, 4)
     values = np.stack([ElementTetP2().lbasis(at, i)[0] for i in range(10)])

@@ -1,4 +1,4 @@
-"""The forms behind a part's derivatives: of a solved part's compliance, own weight and condensed mass by one parameter.
+"""Derivatives of a solved part's compliance, self-weight deflection and condensed mass.
 
 See ``stiffscope.fea.sensitivity`` for the theory.
 """
@@ -33,17 +33,17 @@ if TYPE_CHECKING:
     from stiffscope.fea.settings import Settings
     from stiffscope.fea.solution import TwoLevel
 
-STILL = 1e-9  # velocity of nodes that do not move relative to their reference point
-SURFACE_STEP = 1e-4  # of the part's size per unit of velocity: central difference of integrals over faces
-# 95 % bounds: in parts of the correction that is extrapolated and of the quadratic-to-cubic difference of a derivative;
-# in parts of the geometric mean of two loads' derivatives off the diagonal, where entries may cancel; and relative, for
-# the step in CAD and the shape of the mesh.
+STILL = 1e-9  # velocity of nodes taken as fixed relative to their reference point
+SURFACE_STEP = 1e-4  # of the part's size per unit velocity: central differences of face integrals
+# 95 % bounds: as fractions of the extrapolated correction and of the quadratic-to-cubic difference
+# of a derivative; off the diagonal, where entries may cancel, of the geometric mean of two loads'
+# derivatives; and relative, for the CAD step and the mesh's shape.
 SPREAD_REMAINING, SPREAD_GAIN, CROSS_TERMS, GEOMETRY = 0.5, 0.15, 2e-3, 5e-4
 
 
 @dataclass(frozen=True, eq=False)
 class Move:
-    """How a part moves with a dimension: velocities of nodes (n, 3), reference points (m, 3) and clamp point (3,)."""
+    """Velocities by one dimension: nodes (n, 3), reference points (m, 3), clamp point (3,)."""
 
     nodes: Floats
     reference_points: Floats
@@ -52,7 +52,7 @@ class Move:
 
 @dataclass(frozen=True, eq=False)
 class Forms:
-    """The derivatives of a solved part's quantities; loads are w unit wrenches and 3 accelerations, k in all."""
+    """Derivatives of a solved part; its loads are w unit wrenches and 3 accelerations, k in all."""
 
     levels: TwoLevel
     experiment: Experiment
@@ -61,7 +61,7 @@ class Forms:
 
     @cached_property
     def velocity(self) -> Floats:
-        """(n, 3, p) the design velocities."""
+        """Design velocities (n, 3, p)."""
         nodes = len(self.levels.system.mesh.points)
         return np.array([move.nodes for move in self.moves]).reshape(-1, nodes, 3).transpose(1, 2, 0)
 
@@ -72,12 +72,12 @@ class Forms:
 
     @cached_property
     def lumped_mass(self) -> Floats:
-        """(n,) ∫ ρ N of each node's function, kg."""
+        """∫ ρ N (n,) of each node's function, kg."""
         return np.asarray(self.levels.system.mass.nodes.sum(axis=1)).reshape(-1)
 
     @cached_property
     def fields(self) -> tuple[Integrals, Integrals]:
-        """Integrals of the cubic and of the quadratic solution."""
+        """Integrals of the cubic and the quadratic solution."""
         system, k = self.levels.system, self.levels.force.shape[1]
         space = system.cubic.space
         cubic = expand(space, system.supports, system.cubic.free, self.levels.motion)
@@ -91,7 +91,7 @@ class Forms:
 
     @cached_property
     def ratio(self) -> Floats:
-        """(k, k) the extrapolated correction in parts of the quadratic-to-cubic difference."""
+        """Extrapolated correction over the quadratic-to-cubic difference, (k, k)."""
         gain = self.levels.gain.diagonal()
         remaining = (self.levels.extrapolate().compliance - self.levels.cubic).diagonal()
         parts = np.clip(remaining / np.maximum(gain, 1e-12 * self.levels.cubic.diagonal()), 0, 2)
@@ -99,7 +99,7 @@ class Forms:
 
     @cached_property
     def shapes(self) -> _Shapes:
-        """The static fields of unit twists of clamp and interfaces, in the quadratic solution."""
+        """Static fields of unit twists of clamp and interfaces, from the quadratic solution."""
         w, system, experiment = self.wrenches, self.levels.system, self.experiment
         space, supports = system.cubic.space, system.supports
         loads, unit = self.levels.force[: len(self.levels.quadratic), :w], self.levels.quadratic[:, :w]
@@ -117,7 +117,7 @@ class Forms:
         return _Shapes(fields, coordinates, moved, self._integrals(both.reshape(-1, 3, 6 + 2 * w)), kinetic)
 
     def of_elasticity(self, change: Floats, value: float, unit: str) -> Derivative:
-        """Derivative by a material constant that changes the elasticity matrix by (6, 6) per unit."""
+        """Return the derivative by a constant, given its elasticity derivative (6, 6)."""
         law = tensor(change).transpose(1, 0, 3, 2).reshape(9, 9)
         cubic, quadratic = (-np.einsum("ab,aibj->ij", law, level.gradients) for level in self.fields)
         energy = np.einsum("ab,aibj->ij", law, self.shapes.integrals.gradients)
@@ -125,13 +125,13 @@ class Forms:
         return dataclasses.replace(made, condensed_mass=self.shapes.follow_fields(energy))
 
     def of_foundation(self) -> Derivative:
-        """Derivative by the stiffness per area of the foundation under the clamp."""
+        """Return the derivative by the foundation stiffness per area under the clamp."""
         unit = springs(self.levels.system.mesh, self.levels.system.specimen.clamped, 1.0)
         cubic, quadratic = (-_contract_squares(level.motion, unit) for level in self.fields)
         return self._derivative(self.settings.foundation or 0.0, "N/m^3", cubic, quadratic)
 
     def of_density(self, density: float) -> Derivative:
-        """Derivative by the density: mass and weight are in proportion to it."""
+        """Return the derivative by the density: mass and weight are proportional to it."""
         w, size = self.wrenches, 6 + self.wrenches
         share = np.zeros_like(self.ratio)
         share[:w, w:] = share[w:, :w] = 1 / density
@@ -142,7 +142,7 @@ class Forms:
         return dataclasses.replace(made, mass=self.experiment.mass / density, condensed_mass=condensed)
 
     def of_dimension(self, number: int, value: float) -> Derivative:
-        """Derivative by the dimension of a move."""
+        """Return the derivative by a move's dimension."""
         move = self.moves[number]
         slide = self._slide(move)
         motions = self.levels.motion, self.levels.quadratic
@@ -164,7 +164,7 @@ class Forms:
         )
 
     def _derivative(self, value: float, unit: str, cubic: Floats, quadratic: Floats) -> Derivative:
-        """Extrapolate the derivatives (k, k) of both levels' compliance; of the masses there is none yet."""
+        """Extrapolate both levels' compliance derivatives (k, k); mass derivatives stay zero."""
         w, gain = self.wrenches, cubic - quadratic
         whole = cubic + self.ratio * gain
         size = np.sqrt(np.abs(np.outer(whole.diagonal(), whole.diagonal())))
@@ -185,11 +185,11 @@ class Forms:
         )
 
     def _compliance(self, level: Integrals, number: int, turned: Floats) -> Floats:
-        """Return (k, k) the derivative of one level's compliance, less what integrals over faces add.
+        """Return the derivative (k, k) of one level's compliance, without face integrals.
 
         Parameters
         ----------
-        turned : (t, 3, k) change of the tied nodes' displacements, the interfaces' twists held.
+        turned : (t, 3, k) change of tied displacements with fixed interface twists.
         """
         tied, w = self.levels.system.supports.tied, self.wrenches
         at_ties = np.einsum("nai,naj->ij", level.forces[tied], turned)
@@ -201,7 +201,7 @@ class Forms:
         return out
 
     def _slide(self, move: Move) -> Floats:
-        """Return (3t, 6r) the derivative of the tie: its nodes' velocity relative to their reference points."""
+        """Return the tie's derivative (3t, 6r): node velocities relative to reference points."""
         system = self.levels.system
         supports, out = system.supports, np.zeros((len(move.nodes), 3, system.supports.tie.shape[1]))
         couplings = zip(system.couplings, move.reference_points, strict=True)
@@ -211,14 +211,14 @@ class Forms:
         return out[supports.tied].reshape(3 * len(supports.tied), out.shape[2])
 
     def _turn_tied(self, slide: Floats, motion: Floats) -> Floats:
-        """Return (t, 3, k) change of the tied nodes' displacements for coordinates of k loads."""
+        """Return the change (t, 3, k) of tied displacements for coordinates of k loads."""
         split = 3 * len(self.levels.system.supports.free)
         return (slide @ motion[split : split + slide.shape[1]]).reshape(len(slide) // 3, 3, motion.shape[1])
 
     def _on_faces(self, move: Move) -> Iterator[Floats]:
-        """Yield (k, k) for either level what foundation and distributed couplings add, where their faces deform.
+        """Yield contributions (k, k) of deforming foundation and loaded faces, for each level.
 
-        By central differences of the integrals over the faces, displacements held.
+        By central differences of the face integrals with fixed displacements.
         """
         system, specimen = self.levels.system, self.levels.system.specimen
         mesh, modulus = system.mesh, self.settings.foundation
@@ -255,7 +255,7 @@ class Forms:
 
     @cached_property
     def mass_rates(self) -> Floats:
-        """(p, 4) derivatives of the mass, and of ∫ ρ x dV with x held."""
+        """Derivatives (p, 4) of the mass, and of ∫ ρ x dV with fixed x."""
         system, velocity = self.levels.system, self.velocity
         unit = np.zeros((len(velocity), 3, 4))
         unit[:, 0, 0], unit[:, range(3), range(1, 4)] = 1.0, 1.0
@@ -266,7 +266,7 @@ class Forms:
         return np.einsum("pii->pi", found[:, :4, 4:])
 
     def _condensed_mass(self, number: int, slide: Floats) -> Floats:
-        """Return (6 + w, 6 + w) the derivative of the condensed mass."""
+        """Return the derivative (6 + w, 6 + w) of the condensed mass."""
         move, shapes, w = self.moves[number], self.shapes, self.wrenches
         tied = self.levels.system.supports.tied
         turned = np.zeros((len(move.nodes), 3, w))
@@ -286,16 +286,16 @@ class Forms:
 
 @dataclass(frozen=True, eq=False)
 class _Shapes:
-    """Static fields of unit twists of clamp (6) and interfaces (w), and what their change does to the condensed mass.
+    """Static fields of unit twists of clamp (6) and interfaces (w), for the condensed mass.
 
     Attributes
     ----------
-    fields : (3n, 6 + w).
-    coordinates : (c, w) of those of the interfaces.
-    moved : (w, 6) twists of the interfaces when the part moves with the clamp as a rigid body.
-    integrals : of the fields of the interfaces, then of the (6 + w) that the inertia forces of all fields cause with
-        the interfaces held.
-    kinetic : (p, 6 + w, 6 + w) derivatives of the condensed mass, the nodes' displacements held.
+    fields : (3n, 6 + w) nodal displacements.
+    coordinates : (c, w) of the interface fields.
+    moved : (w, 6) interface twists if the part moves with the clamp as a rigid body.
+    integrals : of the interface fields, then of the (6 + w) responses to all fields' inertia forces
+        with fixed interfaces.
+    kinetic : (p, 6 + w, 6 + w) derivatives of the condensed mass with fixed nodal displacements.
     """
 
     fields: Floats
@@ -305,9 +305,9 @@ class _Shapes:
     kinetic: Floats
 
     def follow_fields(self, energy: Floats) -> Floats:
-        """(6 + w, 6 + w) change of the condensed mass as the fields follow a change of energy (6 + 2w, 6 + 2w).
+        """Return the condensed-mass change (6 + w, 6 + w) from an energy change (6 + 2w, 6 + 2w).
 
-        The fields of the interfaces change by −A⁻¹ dA, the interfaces held; those of the clamp by −``moved`` of that.
+        With fixed interfaces, interface fields change by −A⁻¹ dA; clamp fields by −``moved`` of it.
         """
         w = len(self.moved)
         change = np.hstack([-self.moved, np.eye(w)]).T @ -energy[:w, w:]
@@ -315,7 +315,7 @@ class _Shapes:
 
 
 def _contract_squares(motion: Floats, matrix: csr_array) -> Floats:
-    """Return (k, k) Σ u_iᵀ S u_j of coefficients (count, 3, k) and a matrix (count, count) of one direction."""
+    """Return Σ u_iᵀ S u_j (k, k) for coefficients (count, 3, k) and a one-direction matrix S."""
     count, _, k = motion.shape
     flat = motion.reshape(3 * count, k)
     return flat.T @ (matrix @ motion.reshape(count, 3 * k)).reshape(3 * count, k)

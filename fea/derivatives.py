@@ -1,4 +1,4 @@
-"""Derivatives of a part by its parameters, as numbers; ``stiffscope.fea.sensitivity`` finds them."""
+"""Derivatives of a part by its parameters; ``stiffscope.fea.sensitivity`` computes them."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Derivative:
-    """Derivatives of a part by one parameter; SI, per SI unit of the parameter.
+    """Derivatives of a part by one parameter, SI, per SI unit of the parameter.
 
     Attributes
     ----------
-    value, unit : of the parameter.
-    full_compliance, full_error : (6n, 6n) of the compliance of all n loaded interfaces together, each at its
-        reference point, which moves with the part; and its 95 % bounds.
-    self_weight, self_weight_error : (3, 6) of the twist of the first interface for 1 m/s² along x, y, z; its bounds.
-    mass, centre : kg; (3,) of the centre of mass, m.
-    condensed_mass : (6(1+n), 6(1+n)) of the mass on the twists of clamp and interfaces.
-    reference_points, clamp_point : (n, 3) and (3,) of these points, m.
+    value, unit : value and unit of the parameter.
+    full_compliance, full_error : (6n, 6n) compliance of all n loaded interfaces together, each at
+        its reference point, which moves with the part; and its 95 % bounds.
+    self_weight, self_weight_error : (3, 6) first interface's twist for 1 m/s² on x, y, z; bounds.
+    mass, centre : mass, kg; centre of mass (3,), m.
+    condensed_mass : (6(1+n), 6(1+n)) mass on the twists of clamp and interfaces.
+    reference_points, clamp_point : (n, 3) and (3,) positions of these points, m.
     """
 
     value: float
@@ -38,18 +38,18 @@ class Derivative:
 
     @property
     def compliance(self) -> Floats:
-        """(6, 6) of the compliance of the first interface."""
+        """Derivative (6, 6) of the first interface's compliance."""
         return self.full_compliance[:6, :6]
 
     @property
     def error(self) -> Floats:
-        """(6, 6) 95 % bounds of ``compliance``."""
+        """95 % bounds (6, 6) of ``compliance``."""
         return self.full_error[:6, :6]
 
 
 @dataclass(frozen=True, eq=False)
 class PartSensitivity:
-    """Derivatives of a part by name of parameter; why some parameters have none (``notes``); seconds of the stages."""
+    """Derivatives of a part by parameter; reasons for missing ones (``notes``); stage times, s."""
 
     part: str
     derivatives: dict[str, Derivative]

@@ -1,8 +1,8 @@
-"""Design velocity: how the nodes of a mesh follow its CAD surface when a parameter of the part changes.
+"""Design velocity: motion of mesh nodes with the CAD surface per change of a part parameter.
 
-Vertices of the solid go first, then the nodes on its edges, on its faces, and inside: each level is extended
-harmonically from the one before, then put on the features of the changed solid. The order of the solid's faces tells
-which features correspond.
+Vertices of the solid move first, then nodes on its edges, on its faces, and inside: each level is
+extended harmonically from the previous one, then projected on the changed solid. Faces correspond
+in order.
 
 References
 ----------
@@ -32,26 +32,26 @@ if TYPE_CHECKING:
     from stiffscope.cad.part import Part
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
-MOST_STRAIN = 1.3  # stretch of an element that is moved along
-FARTHEST = 100.0  # steps that the centroid of a face may move: else it is another face
-UNBOUNDED = 1e-12  # of the Laplacian's mean diagonal, added to it: what touches no given value stays in place
+MOST_STRAIN = 1.3  # largest stretch of an element of a moved mesh
+FARTHEST = 100.0  # steps that a face centroid may move; beyond, it is another face
+UNBOUNDED = 1e-12  # of the Laplacian's mean diagonal, added so that unconnected nodes stay in place
 
 
 @dataclass(frozen=True)
 class _Level:
-    """Nodes (n,) that a level places, and the extension to them from the values of all levels before."""
+    """Nodes (n,) of a level, and the extension to them from all previous levels."""
 
     nodes: np.ndarray
     extend: Callable[[Floats], Floats]
 
 
 class DesignVelocity:
-    """The design velocities of one mesh; Laplacians are factorized once, whatever the number of parameters.
+    """Design velocities of one mesh; Laplacians are factorized once for all parameters.
 
     Parameters
     ----------
-    mesh : of the part.
-    part : the part, as it was meshed.
+    mesh : mesh of the part.
+    part : part as meshed.
     """
 
     def __init__(self, mesh: TetMesh, part: Part) -> None:
@@ -82,11 +82,11 @@ class DesignVelocity:
         self._base = self._move_onto(part, points, np.unique(mesh.facets))
 
     def measure_velocity(self, changed: Part, step: float) -> Floats:
-        """Return (n, 3) the nodes' mean velocity with a parameter, from the part with that parameter ``step`` larger.
+        """Return nodal velocities (n, 3) by a parameter, from the part with it ``step`` larger.
 
         Raises
         ------
-        InputError : the changed part has other faces.
+        InputError : if the changed part has other faces.
         """
         _check_same(self.part, changed, step)
         velocity = np.zeros_like(self._base)
@@ -101,9 +101,9 @@ class DesignVelocity:
         return velocity
 
     def _move_onto(self, part: Part, points: Floats, nodes: Ints) -> Floats:
-        """Return the points with some of them moved on all faces of a part that they belong to.
+        """Project some of the points onto all faces of a part that they belong to.
 
-        Where two faces are tangent, on their common edge: projections on either in turn would hardly get there.
+        Between tangent faces, onto their common edge: alternating projections converge slowly.
         """
         borders, count = list(part.smooth_borders.values()), len(part.faces)
 
@@ -123,15 +123,13 @@ class DesignVelocity:
 
 
 def moved_along(mesh: TetMesh, part: Part, changed: Part) -> TetMesh | None:
-    """Return the mesh of a part moved along to the part with other dimensions; None where it had better be made anew.
+    """Move the mesh of a part to a part with other dimensions; None if remeshing is better.
 
-    No element may be stretched or compressed by more than ``MOST_STRAIN`` in any direction, nor a curved one become
-    flat. Whether the mesh then has the shape of the changed part is left to the caller.
+    No element may be stretched or compressed by more than ``MOST_STRAIN`` in any direction, and no
+    curved one may become flat. The caller checks whether the mesh matches the changed part's shape.
     """
     try:
-        points = mesh.points + DesignVelocity(mesh, part).measure_velocity(
-            changed, 1.0
-        )  # a finite change is a step, too
+        points = mesh.points + DesignVelocity(mesh, part).measure_velocity(changed, 1.0)  # one step
     except InputError:
         return None
     corners = [nodes[mesh.cells[:, 1:4]] - nodes[mesh.cells[:, :1]] for nodes in (mesh.points, points)]
@@ -158,7 +156,7 @@ def _check_same(part: Part, changed: Part, step: float) -> None:
 
 
 def _extension(points: Floats, simplices: Ints, wanted: np.ndarray) -> Callable[[Floats], Floats]:
-    """Return the function that fills values (n, 3) at the wanted nodes (n,) harmonically from those of all others.
+    """Return a function that extends values (n, 3) harmonically to the wanted nodes (n,).
 
     Parameters
     ----------
@@ -182,7 +180,7 @@ def _extension(points: Floats, simplices: Ints, wanted: np.ndarray) -> Callable[
 
 
 def _laplacian(points: Floats, simplices: Ints) -> csr_array:
-    """Return (n, n) the stiffness of linear functions on simplices (m, d + 1) of dimension d in space."""
+    """Return the Laplacian (n, n) of linear functions on simplices (m, d + 1) of dimension d."""
     count, corners = len(points), simplices.shape[1]
     sides = points[simplices[:, 1:]] - points[simplices[:, :1]]  # (m, d, 3)
     gram = sides @ np.swapaxes(sides, 1, 2)

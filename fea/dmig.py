@@ -1,4 +1,4 @@
-"""Nastran's bulk data of a superelement: grid points, scalar points of its modes, direct matrices (DMIG)."""
+"""Nastran bulk data of a superelement: grid points, scalar points for modes, matrices (DMIG)."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ FIRST_SCALAR = 1001
 
 
 def dmig_text(stiffness: Floats, mass: Floats, nodes: Floats, comment: str = "") -> str:
-    """Return bulk data of the direct matrices KPART and MPART: real, double precision, symmetric, large fields.
+    """Return bulk data of KPART and MPART: real, double precision, symmetric, large fields.
 
     Parameters
     ----------
-    stiffness, mass : (6m + k, 6m + k) on six components of m nodes, then on k modes.
-    nodes : (m, 3) m; they become the grid points 1 to m, the modes scalar points from ``FIRST_SCALAR``.
+    stiffness, mass : (6m + k, 6m + k) for six components of m nodes, then for k modes.
+    nodes : (m, 3) m; grid points 1 to m. Modes are scalar points from ``FIRST_SCALAR``.
     """
     lines = [f"$ {line}" for line in comment.splitlines()]
     for number, node in enumerate(nodes, start=1):

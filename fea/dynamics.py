@@ -1,7 +1,7 @@
-"""What a solved part's mass does: natural frequencies, deflection under its own weight, mass condensed on interfaces.
+"""Dynamics of a solved part: frequencies, self-weight deflection, mass condensed on interfaces.
 
-The own weight along three axes and the inertia forces of the lowest modes are further loads of the static experiment:
-the entries that they add to its compliance are extrapolated, and bounded, as all others are.
+Self-weight along three axes and the lowest modes' inertia forces are further loads of the static
+experiment: their compliance entries are extrapolated and bounded as all others.
 """
 
 # pyright: reportOptionalSubscript=false
@@ -33,17 +33,17 @@ if TYPE_CHECKING:
     from stiffscope.fea.solvers import Solve
 
 FREQUENCIES = 6  # of the clamped part
-GUARD = 6  # vectors of a block beyond the wanted modes: those converge the faster
-FIXED = 6  # fixed-interface modes by default, which the motions of the clamped modes complete
-MODE, EXACT = 1e-5, 1e-8  # relative errors of the squared frequencies of fixed-interface and of clamped modes
-# Remaining error of the cubic solution away from singular edges, in parts of the quadratic-to-cubic difference. Half of
-# that in statics: a mode's waves are smooth, and cubic functions lack little that quadratic ones lack.
+GUARD = 6  # additional vectors in a block, for faster convergence
+FIXED = 6  # default number of fixed-interface modes, completed by clamped modes
+MODE, EXACT = 1e-5, 1e-8  # relative errors of squared fixed-interface and clamped frequencies
+# Remaining error of the cubic solution away from singular edges, over the quadratic-to-cubic
+# difference. Half of that in statics: modes are smooth, and cubic functions represent them well.
 ELSEWHERE = 0.04
 
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
-    """See the fields of the same names of ``stiffscope.fea.experiment.Experiment``."""
+    """Dynamic results; the fields are those of ``stiffscope.fea.experiment.Experiment``."""
 
     condensed_mass: Floats
     mode_squares: Floats
@@ -56,11 +56,11 @@ class Dynamics:
 
 @dataclass(frozen=True)
 class _Vibration:
-    """The eigenproblem of a system on its unconstrained coordinates, clamped; and with its interfaces held besides.
+    """Eigenproblem of a clamped system on unconstrained coordinates, interfaces free or fixed.
 
     Attributes
     ----------
-    constraint : (c, 6n) static motion for each unit twist component of an interface, the others held.
+    constraint : (c, 6n) static motion per unit twist component of an interface, others fixed.
     """
 
     system: System
@@ -76,35 +76,35 @@ class _Vibration:
         return supports.restrict(times(self.system.mass.nodes, supports.expand(motion)))
 
     def precondition(self, force: Floats) -> Floats:
-        """Return the preconditioner's motion for forces, with no twist of any interface."""
+        """Return the preconditioner's motion for forces, with zero twist of all interfaces."""
         motion = self.system.solver.precondition(force - self.loads @ (self.constraint.T @ force))
         return motion - self.constraint @ (self.loads.T @ motion)
 
     @property
     def exact(self) -> bool:
-        """Whether the preconditioner is the inverse of the stiffness."""
+        """Whether the preconditioner is the exact inverse of the stiffness."""
         return self.system.solver.precondition is self.system.solver.solve
 
     def fixed_modes(self, start: Floats, count: int, tolerance: float) -> tuple[Floats, Floats, Floats]:
-        """Return (b,) squares, (c, b) modes with the interfaces held, and the forces of these but for the reactions."""
+        """Return fixed-interface squares (b,), modes (c, b) and their forces without reactions."""
         return lowest_modes(self.stiffness, self.inertia, self.precondition, start, count, tolerance, exact=self.exact)
 
     def orthogonal(self, basis: Floats, forces: Floats) -> tuple[Floats, Floats]:
-        """Return (k,) squares and (c, k) mass-normalized combinations of motions that stiffness decouples.
+        """Return squares (k,) and mass-normalized combinations (c, k) that the stiffness decouples.
 
         Parameters
         ----------
-        basis, forces : (c, m) motions with the interfaces held, and the forces of these but for the reactions.
+        basis, forces : (c, m) motions with fixed interfaces, and their forces without reactions.
         """
         squares = np.zeros(0)
-        for _ in range(2 if basis.shape[1] else 0):  # once more: rounding of the first
+        for _ in range(2 if basis.shape[1] else 0):  # twice, against rounding
             energy = basis.T @ forces
             squares, turn = ritz((energy + energy.T) / 2, basis.T @ self.inertia(basis), basis.shape[1])
             basis, forces = basis @ turn, forces @ turn
         return squares, basis
 
     def clamped_modes(self, near: Floats) -> tuple[Floats, Floats, Floats]:
-        """Return (6 + g,) squares, (c, 6 + g) modes and their forces, from fixed-interface modes to start near."""
+        """Return squares (6 + g,), clamped modes (c, 6 + g) and forces; start from ``near``."""
         basis = np.hstack([self.constraint, near])
         _, turn = ritz(basis.T @ self.stiffness(basis), basis.T @ self.inertia(basis), FREQUENCIES + GUARD)
         precondition: Solve = self.system.solver.precondition
@@ -113,22 +113,22 @@ class _Vibration:
 
 
 def vibration_of(levels: TwoLevel) -> _Vibration:
-    """Return the eigenproblem of a system that is solved for its unit wrenches."""
+    """Return the eigenproblem of a system solved for its unit wrenches."""
     loads = levels.force[: len(levels.quadratic)]
     return _Vibration(levels.system, loads, levels.quadratic @ np.linalg.inv(loads.T @ levels.quadratic))
 
 
 def compute_dynamics(levels: TwoLevel, settings: Settings) -> Dynamics:
-    """Return what the mass of a part does: modes, own weight, and the mass condensed on interfaces and modes.
+    """Compute modes, self-weight deflection and the mass condensed on interfaces and modes.
 
     Parameters
     ----------
-    levels : the part's two solutions for its unit wrenches.
+    levels : both solutions of the part for its unit wrenches.
 
     Raises
     ------
-    InputError : more modes below the highest frequency of the settings than ``MOST_MODES``.
-    MeshError : no convergence.
+    InputError : if more than ``MOST_MODES`` modes lie below the settings' highest frequency.
+    MeshError : if the iteration does not converge.
     """
     with threadpool_limits(1):
         vibration = vibration_of(levels)
@@ -137,7 +137,7 @@ def compute_dynamics(levels: TwoLevel, settings: Settings) -> Dynamics:
         both = _gain_on_cubics(vibration, np.append(squares, clamped_squares), np.hstack([fixed, clamped]))
         gain, known = both[: len(squares)], both[len(squares) :]
         softer = (clamped_squares / (2 * np.pi * frequencies) ** 2 - 1).mean() / known.mean()
-        wide = (2 * frequency_error / frequencies).max() / known.mean()  # bounds of squares, too, in parts of the gain
+        wide = (2 * frequency_error / frequencies).max() / known.mean()  # relative to the gain
         return Dynamics(
             condensed_mass=condense_mass(levels, fixed),
             mode_squares=squares / (1 + softer * gain),
@@ -150,11 +150,11 @@ def compute_dynamics(levels: TwoLevel, settings: Settings) -> Dynamics:
 
 
 def _modes(vibration: _Vibration, settings: Settings) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return (k,) squares and (c, k) modes with the interfaces held, (6,) squares and (c, 6) clamped modes.
+    """Return fixed-interface squares (k,) and modes (c, k), clamped squares (6,) and modes (c, 6).
 
-    By default they are the ``FIXED`` lowest fixed-interface modes, and those combinations of them and of the clamped
-    modes' motions relative to the constraint modes that are orthogonal in mass and stiffness: so the condensed model
-    has the clamped modes themselves.
+    By default the ``FIXED`` lowest fixed-interface modes, completed by the clamped modes' motions
+    relative to the constraint modes and made orthogonal in mass and stiffness: the condensed model
+    then contains the clamped modes exactly.
     """
     rng = np.random.default_rng(0)
 
@@ -177,7 +177,7 @@ def _modes(vibration: _Vibration, settings: Settings) -> tuple[Floats, Floats, F
 
 
 def _up_to(vibration: _Vibration, some: Callable[[int], Floats], highest: float) -> tuple[Floats, Floats, Floats]:
-    """Return squares, fixed-interface modes and their forces of a block that goes beyond a square (rad²/s²)."""
+    """Return squares, modes and forces of a fixed-interface block beyond a square (rad²/s²)."""
     count = 8
     near = some(count + GUARD)
     while True:
@@ -194,7 +194,7 @@ def _up_to(vibration: _Vibration, some: Callable[[int], Floats], highest: float)
 
 
 def _gain_on_cubics(vibration: _Vibration, squares: Floats, modes: Floats) -> Floats:
-    """Return (k,) estimates of how much cubic functions soften modes (c, k), relative: one step of Jacobi's method."""
+    """Estimate the relative softening (k,) of modes (c, k) by cubic functions: one Jacobi step."""
     cubic, mass = vibration.system.cubic, vibration.system.mass
     free = vibration.system.cubic_rows
     force = np.zeros((len(modes) + len(free), modes.shape[1]))
@@ -206,7 +206,7 @@ def _gain_on_cubics(vibration: _Vibration, squares: Floats, modes: Floats) -> Fl
 
 
 def condense_mass(levels: TwoLevel, fixed: Floats | None = None) -> Floats:
-    """Return (6(1+n)+k, 6(1+n)+k) the mass on the clamp's twist, the interfaces' twists, and modes (c, k) if given."""
+    """Return the mass (6(1+n)+k, 6(1+n)+k) on clamp and interface twists, and on modes (c, k)."""
     system = levels.system
     mesh, specimen = system.mesh, system.specimen
     clamp = centroid(mesh.points[mesh.facets_of(specimen.clamped)])
@@ -233,8 +233,8 @@ def _extrapolate_modes(levels: TwoLevel, modes: Floats) -> tuple[Floats, Floats,
     nodal, above = system.supports.expand(motion[:split]), np.zeros((mass.cubics.shape[0] * 3, count))
     above[rows] = motion[split:]
     cross = above.T @ times(mass.cubics, nodal)
-    kinetic = nodal.T @ times(mass.nodes, nodal) + cross + cross.T  # less the cubics' own, which is of fourth order
-    squares, turn = eigh(both.cubic[vibrating, vibrating], kinetic)  # the modes' motions are one inverse iteration on
+    kinetic = nodal.T @ times(mass.nodes, nodal) + cross + cross.T  # cubics' own is fourth order
+    squares, turn = eigh(both.cubic[vibrating, vibrating], kinetic)  # one further inverse iteration
     static = turn.T @ both.cubic[vibrating, vibrating] @ turn
     exact = np.diagonal(turn.T @ vibration.compliance[vibrating, vibrating] @ turn) / static.diagonal()
     bound = np.abs(turn).T @ vibration.error[vibrating, vibrating] @ np.abs(turn)
@@ -249,9 +249,9 @@ def _extrapolate_modes(levels: TwoLevel, modes: Floats) -> tuple[Floats, Floats,
 
 
 def _shift(values: Floats, error: Floats) -> Floats:
-    """Return (k,) relative bounds of eigenvalues (k,) of a matrix with relative errors (k, k) in its eigenvectors.
+    """Return relative eigenvalue bounds (k,) from relative errors (k, k) in the eigenvectors.
 
-    To first order where two are close, to second order in the error that couples them where they are apart.
+    First order for close eigenvalues; for distant ones second order in the coupling error.
     """
     gap = np.abs(values[:, None] - values) / np.sqrt(np.outer(values, values))
     coupled = np.minimum(error, error**2 / np.maximum(gap, 1e-300))

@@ -1,4 +1,4 @@
-"""Linear elasticity on quadratic tetrahedra: stiffness K = ∫ Bᵀ D B for any anisotropy, and stresses at the nodes."""
+"""Anisotropic linear elasticity on quadratic tetrahedra: stiffness K = ∫ Bᵀ D B, nodal stresses."""
 
 # pyright: reportArgumentType=false, reportAttributeAccessIssue=false, reportCallIssue=false
 # (scikit-fem declares its types loosely)
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 
 # Voigt index of the strain component (i, j), in the order xx, yy, zz, yz, xz, xy.
 VOIGT = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
-STRAIGHT_ORDER, CURVED_ORDER = 2, 4  # of quadrature; exact where sides are straight
-CHUNK = 2048  # elements at once
+STRAIGHT_ORDER, CURVED_ORDER = 2, 4  # quadrature; exact on straight sides
+CHUNK = 2048  # elements per chunk
 
 
 def isotropic(youngs_modulus: float, shear_modulus: float) -> Floats:
@@ -42,8 +42,8 @@ def tensor(elasticity: Floats) -> Floats:
 def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
     """Return the stiffness matrix of a mesh without supports.
 
-    Element by element A_kl = ∫ ∂_k v ∂_l u, combined into the blocks K_ij = C_ikjl A_kl: the matrix of
-    scikit-fem's vector form, in a third of the time of six of its scalar forms.
+    Element matrices A_kl = ∫ ∂_k v ∂_l u give the blocks K_ij = C_ikjl A_kl: the matrix of
+    scikit-fem's vector form, in a third of the time of six scalar forms.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
 
 
 def _slopes(mesh: TetMesh, curved: int = CURVED_ORDER) -> Iterator[tuple[Ints, Floats, Floats]]:
-    """Yield elements (c,), their functions' gradients (c, q, 3, 10) in 1/m and weights (c, q) in m³, in chunks."""
+    """Yield elements (c,), gradients (c, q, 3, 10) in 1/m and weights (c, q) in m³, in chunks."""
     grid = mesh.grid
     groups = (~mesh.is_curved, MappingAffine(grid), STRAIGHT_ORDER), (mesh.is_curved, grid.mapping(), curved)
     for mask, mapping, order in groups:
@@ -85,9 +85,9 @@ def _slopes(mesh: TetMesh, curved: int = CURVED_ORDER) -> Iterator[tuple[Ints, F
 
 
 def nodal_stresses(mesh: TetMesh, motion: Floats, elasticity: Floats) -> Floats:
-    """Return (nodes, loads, 6) stresses (Pa): extrapolated from four Gauss points of each element, then averaged.
+    """Return stresses (nodes, loads, 6), Pa, extrapolated from four Gauss points and averaged.
 
-    A curved element may be flat at a node itself, and its stress there all error.
+    Evaluated at Gauss points, as curved elements may be degenerate at a node.
 
     Parameters
     ----------
@@ -110,6 +110,6 @@ def nodal_stresses(mesh: TetMesh, motion: Floats, elasticity: Floats) -> Floats:
 
 
 def von_mises(stress: Floats) -> Floats:
-    """Return (...,) the von Mises stress (Pa) of (..., 6) Voigt stresses."""
+    """Return the von Mises stress (...,), Pa, of Voigt stresses (..., 6)."""
     x, y, z, yz, xz, xy = np.moveaxis(stress, -1, 0)
     return np.sqrt(((x - y) ** 2 + (y - z) ** 2 + (z - x) ** 2) / 2 + 3 * (yz**2 + xz**2 + xy**2))

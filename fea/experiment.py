@@ -1,4 +1,4 @@
-"""A virtual experiment's result: the compliance, with error bounds, of a part clamped and loaded by unit wrenches."""
+"""Result of a virtual experiment: the bounded compliance of a clamped part under unit wrenches."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from stiffscope.runtime.brief import describe_briefly
 if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats
 
-FIELDS = ("displacement", "von_mises")  # what pictures need: nearly all of a file
+FIELDS = ("displacement", "von_mises")  # used for pictures only: nearly all of a file
 
 
 def _make_empty() -> Floats:
@@ -28,32 +28,32 @@ def _make_empty() -> Floats:
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Experiment:
-    """A part condensed on its clamp and its loaded interfaces, in the part's axes; SI.
+    """A part condensed on its clamp and loaded interfaces, in part axes; SI.
 
-    What follows ``moved`` is empty in an experiment for the compliance alone.
+    The fields after ``moved`` are empty in an experiment for the compliance alone.
 
     Attributes
     ----------
     part, interface : names of the part and of the coupling of its loaded faces.
-    interfaces : names of the interfaces, the one at rest (the clamp) first.
+    interfaces : names of the interfaces, the clamp first.
     full_compliance : (6n, 6n) of the n loaded interfaces together.
-    full_error : (6n, 6n) 95 % bounds of its distance to linear elasticity on the exact shape.
+    full_error : (6n, 6n) 95 % bounds of the difference to linear elasticity on the exact shape.
     reference_points : (n, 3) m.
-    clamp_point : (3,) m, centre of the clamped area.
+    clamp_point : (3,) m, centroid of the clamped area.
     stiffness_error : (6(1+n), 6(1+n)) 95 % bounds of ``stiffness``.
-    mesh : the quadratic mesh.
-    imbalance : residual of the equilibrium between clamp and wrenches, relative.
-    volume, cad_volume : of the mesh and of the solid, m³.
-    unknowns : degrees of freedom of the cubic solution behind the result.
+    mesh : quadratic mesh.
+    imbalance : relative residual of the equilibrium between clamp and wrenches.
+    volume, cad_volume : volume of the mesh and of the solid, m³.
+    unknowns : degrees of freedom of the cubic solution.
     mass, centre, inertia : kg, (3,) m, and (3, 3) kg m² about the centre of mass, of the mesh.
-    condensed_mass : (6(1+n)+k, 6(1+n)+k) mass on the twists of the clamped area as a rigid body at
+    condensed_mass : (6(1+n)+k, 6(1+n)+k) mass on the twists of the clamped area, rigid, at
         ``clamp_point``, of the n loaded interfaces, and on k mass-normalized fixed-interface modes.
-    seconds : wall time of the stages cad, mesh, solve (refinement is in solve).
-    note : one line on why the required tolerance was not met; empty if it was, or if none was required.
-    moved : whether the mesh was that of a part of other dimensions, moved along.
-    mode_squares, mode_squares_error : (k,) squares of these modes' angular frequencies, rad²/s², all their
-        stiffness, and their 95 % bounds.
-    self_weight, self_weight_error : (3, 6) twist of the first interface for 1 m/s² along x, y, z on the
+    seconds : wall time of the stages cad, mesh and solve (with refinement).
+    note : one line on why the tolerance was not met; empty if it was met or not required.
+    moved : whether the mesh was moved from a part of other dimensions.
+    mode_squares, mode_squares_error : (k,) squared angular frequencies of these modes, rad²/s²,
+        their only stiffness, and their 95 % bounds.
+    self_weight, self_weight_error : (3, 6) first interface's twist for 1 m/s² along x, y, z on the
         clamped part, and its 95 % bounds.
     frequencies, frequency_error : (6,) lowest natural frequencies of the clamped part, Hz, and their 95 % bounds.
     displacement : (6n, nodes, 3) m per unit wrench.
@@ -93,40 +93,40 @@ class Experiment:
 
     @property
     def compliance(self) -> Floats:
-        """(6, 6) twist component i per unit of wrench component j at the first interface's reference point."""
+        """First interface's compliance (6, 6): twist i per wrench j at its reference point."""
         return self.full_compliance[:6, :6]
 
     @property
     def error(self) -> Floats:
-        """(6, 6) 95 % bounds of ``compliance``."""
+        """95 % bounds (6, 6) of ``compliance``."""
         return self.full_error[:6, :6]
 
     @property
     def reference_point(self) -> Floats:
-        """(3,) the first interface's reference point, m."""
+        """First interface's reference point (3,), m."""
         return self.reference_points[0]
 
     @property
     def places(self) -> Floats:
-        """(1 + n, 3) m, where the twists and wrenches of all ``interfaces`` act, the clamp's first."""
+        """Reference points (1 + n, 3), m, of all ``interfaces``, the clamp's first."""
         return np.vstack([self.clamp_point, self.reference_points])
 
     @property
     def stiffness(self) -> Floats:
-        """(6(1+n), 6(1+n)) stiffness of the unsupported part on all ``interfaces``: rigid motions cost nothing."""
+        """Stiffness (6(1+n), 6(1+n)) of the unsupported part on all ``interfaces``."""
         free = relative_twists(self.reference_points, self.clamp_point)
         found = free.T @ np.linalg.solve(self.full_compliance, free)
         return (found + found.T) / 2
 
     @property
     def mass_matrix(self) -> Floats:
-        """(6(1+n), 6(1+n)) mass condensed on all ``interfaces``, in the order of ``stiffness``."""
+        """Mass (6(1+n), 6(1+n)) condensed on all ``interfaces``, in the order of ``stiffness``."""
         size = 6 * len(self.places)
         return self.condensed_mass[:size, :size]
 
     @property
     def superelement(self) -> Floats:
-        """(6n, 6n) stiffness of the part condensed on its loaded interfaces."""
+        """Stiffness (6n, 6n) of the part condensed on its loaded interfaces."""
         return np.asarray(np.linalg.inv(self.full_compliance), dtype=np.float64)
 
     @property
@@ -135,7 +135,7 @@ class Experiment:
         return largest_relative_bound(self.full_compliance, self.full_error)[0]
 
     def save(self, path: Path | str) -> None:
-        """Write everything into one npz file, without pickle."""
+        """Write the experiment to one npz file, without pickle."""
         arrays: dict[str, Any] = {name: np.asarray(getattr(self, name)) for name in _NAMES}
         arrays |= {f"mesh_{name}": np.asarray(getattr(self.mesh, name)) for name in _MESH_NAMES}
         names = np.array(list(self.seconds), dtype=np.str_)
@@ -148,25 +148,24 @@ _MESH_NAMES = tuple(f.name for f in fields(TetMesh))
 
 
 def load_experiment(path: Path | str, *, fields: bool = True) -> Experiment:
-    """Read an experiment that ``Experiment.save`` wrote.
+    """Read an experiment written by ``Experiment.save``.
 
     Parameters
     ----------
     path
         The npz file.
     fields
-        Whether displacement and stress are read, nearly all of the file; False leaves them empty.
+        Whether displacement and stress, nearly all of the file, are read; if not, they are empty.
 
     Returns
     -------
     Experiment
-        As it was saved.
+        The saved experiment.
 
     Raises
     ------
     InputError
-        The file is damaged or holds something else.
-
+        If the file is damaged or is not an experiment.
     """
     names = _NAMES if fields else tuple(name for name in _NAMES if name not in FIELDS)
     try:
@@ -198,5 +197,5 @@ def _check_sound(found: Experiment) -> None:
 
 
 def _read(array: np.ndarray) -> Any:
-    """Return a scalar as such."""
+    """Return the array, or its value if it is a scalar."""
     return array if array.ndim else array.item()

@@ -1,4 +1,4 @@
-"""Export to other programs: VTU files of mesh and fields, and the part as a superelement."""
+"""Export to other programs: VTU files of mesh and fields, and superelements."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ for a unit of fx fy fz (N), mx my mz (N m) at each of the reference_points, with
 
 
 def write_vtu(experiment: Experiment, path: Path | str) -> Path:
-    """Write the quadratic mesh with displacement (m) and von Mises stress (Pa) for each unit wrench; return the path.
+    """Write the mesh with displacement (m) and stress (Pa) per unit wrench as VTU; return the path.
 
-    The boundary triangles are a second block of cells; the cell field ``face`` is their CAD face, -1 for tetrahedra.
-    The field data ``reference_points`` are where the wrenches act; a comment gives units, axes and loads.
+    Boundary triangles are a second cell block; the cell field ``face`` is their CAD face, -1 for
+    tetrahedra. Field data ``reference_points``: where wrenches act. A comment: units, axes, loads.
     """
     path = Path(path)
     mesh = experiment.mesh
@@ -48,14 +48,14 @@ def write_vtu(experiment: Experiment, path: Path | str) -> Path:
 
 
 def write_fields(mesh: TetMesh, path: Path, fields: Mapping[str, np.ndarray]) -> None:
-    """Write a mesh with fields at its nodes (k, …) and the CAD faces of its boundary as VTU."""
+    """Write a mesh with nodal fields (k, …) and the CAD faces of its boundary as VTU."""
     cells: list[Any] = [("tetra10", mesh.cells), ("triangle6", mesh.facets)]
     faces = [np.full(len(mesh.cells), -1, dtype=np.int64), mesh.facet_face.astype(np.int64)]
     meshio.Mesh(mesh.points, cells, point_data=dict(fields), cell_data={"face": faces}).write(path, file_format="vtu")
 
 
 def _add_field_data(path: Path, experiment: Experiment) -> None:
-    """Put what meshio does not write at the head of the grid; the text as a comment, for meshio reads no texts."""
+    """Add field data, which meshio does not write, and a comment, as meshio reads no texts."""
     points = " ".join(f"{x:.17g}" for x in experiment.reference_points.ravel())
     head = (
         f"<!--{VTU_HELP.format(part=escape(experiment.part).replace('--', '- -'))}-->\n<FieldData>"
@@ -79,12 +79,12 @@ Nodes, x y z in m:
 
 @dataclass(frozen=True)
 class Superelement:
-    """A part or a robot on its nodes and modes.
+    """A part or robot reduced to its nodes and modes.
 
     Attributes
     ----------
-    stiffness, mass : (6n + k, 6n + k) on the twists of the nodes, then on k modal coordinates.
-    nodes : (n, 3) m; of a part the clamp, then the loaded interfaces.
+    stiffness, mass : (6n + k, 6n + k) for node twists, then for k modal coordinates.
+    nodes : (n, 3) m; for a part the clamp, then the loaded interfaces.
     """
 
     stiffness: Floats
@@ -93,17 +93,17 @@ class Superelement:
 
 
 def free_superelement(experiment: Experiment) -> Superelement:
-    """Return the unsupported part.
+    """Return the superelement of the unsupported part.
 
-    The clamp moves with node 0 as one body and only relative motion strains the part, so its stiffness is exact. Node 0
-    is ``clamp_point``; with an elastic foundation it is the ground under it.
+    The clamp moves rigidly with node 0 and only relative motion strains the part, so the stiffness
+    is exact. Node 0 is ``clamp_point``; with an elastic foundation it is the ground.
     """
     stiffness = np.asarray(block_diag(experiment.stiffness, np.diag(experiment.mode_squares)), dtype=np.float64)
     return Superelement(stiffness, experiment.condensed_mass, experiment.places)
 
 
 def write_superelement(experiment: Experiment, path: Path | str) -> list[Path]:
-    """Write the free superelement in the forms of `write_matrices`; return the paths.
+    """Write the free superelement in the formats of `write_matrices`; return the paths.
 
     ``path.npz`` also holds ``mode_squares``. Node 0 is the clamp.
     """
@@ -118,29 +118,28 @@ def write_superelement(experiment: Experiment, path: Path | str) -> list[Path]:
 
 
 def node_lines(nodes: Floats, names: Sequence[str]) -> str:
-    """One line for each node (m, 3): number, name, x y z in m."""
+    """Return one line per node (m, 3): number, name, x y z in m."""
     rows = enumerate(zip(names, nodes, strict=True))
     return "\n".join(f"{k} {name} {x:.9g} {y:.9g} {z:.9g}" for k, (name, (x, y, z)) in rows)
 
 
 def write_matrices(found: Superelement, path: Path | str, text: str, **arrays: Floats) -> list[Path]:
-    """Write a superelement in the forms that other codes read; return the paths.
+    """Write a superelement in formats for other codes; return the paths.
 
-    ``path.npz`` holds ``stiffness``, ``mass``, ``nodes``, the ``arrays`` and ``help``, a text on the order of rows and
-    the units, which is a comment of the others too: ``path.stiffness.mtx`` and ``path.mass.mtx`` (Matrix Market),
-    ``path.bdf`` (Nastran's DMIG). None needs this package to be read.
+    ``path.npz`` contains ``stiffness``, ``mass``, ``nodes``, the ``arrays`` and ``help``, a text on
+    row order and units, which is a comment in the others: ``path.stiffness.mtx``, ``path.mass.mtx``
+    (Matrix Market), ``path.bdf`` (Nastran DMIG). This package is not needed to read them.
 
     Parameters
     ----------
     found
         Superelement.
     path
-        File, without the ending of each form.
+        File path without suffix.
     text
-        Order of rows and units, for readers.
+        Text on row order and units.
     **arrays
-        More arrays for the npz file.
-
+        Additional arrays for the npz file.
     """
     base = Path(path)
     base = base.with_suffix("") if base.suffix in (".npz", ".mtx") else base

@@ -1,7 +1,7 @@
-"""Meshes of sheets, needles and bars with thin walls: extrusions, filled with prisms that are cut into tetrahedra.
+"""Meshes of sheets, needles and thin-walled bars: extrusions of prisms cut into tetrahedra.
 
-A mesher of general solids needs elements as small as the thickness, everywhere; these are flat or long where the
-solution is smooth, and as small as the thickness only around held and loaded faces.
+A general mesher needs elements as small as the thickness everywhere; these are flat or long where
+the solution is smooth, and as small as the thickness only around held and loaded faces.
 """
 
 from __future__ import annotations
@@ -34,34 +34,34 @@ if TYPE_CHECKING:
     from stiffscope.cad.part import Surface
     from stiffscope.fea.mesh import Floats, Ints, Project
 
-SHEET, NEEDLE = 0.01, 0.002  # height of a sheet, and radius of inertia of a needle's section, over the diagonal
+SHEET, NEEDLE = 0.01, 0.002  # height of a sheet, radius of gyration of a needle, over the diagonal
 PARALLEL = 1e-5  # sine
 UPRIGHT = 1e-4  # cosine
-SAME = 1e-6  # distance of equal heights and corners over the diagonal
-CELLS = 150  # of the coarsest size that fill a section
-ALONG_EDGE = 25  # points along the longest side of a section at most, where it is held or loaded
-STRETCH = 6.0  # length of a needle's elements over the width of its section
-GROWTH = 0.5  # of that length with the distance from its ends
+SAME = 1e-6  # tolerance of heights and corners over the diagonal
+CELLS = 150  # number of cells of the coarsest size in a section
+ALONG_EDGE = 25  # most points along the longest side of a section that is held or loaded
+STRETCH = 6.0  # length of a needle's elements over its section's width
+GROWTH = 0.5  # growth of that length with distance from the ends
 ROUNDS = 12
-THIN = 1.5  # thinness (see ``stiffscope.fea.mesh.thinness``) of walls that an extruded section is filled with
+THIN = 1.5  # thinness (``stiffscope.fea.mesh.thinness``) of walls meshed by extrusion
 AROUND = 16  # elements along the middle line of a thin-walled section
-SAG = 0.2  # distance of the sides of elements to curved walls, over their thickness
-END = 0.6  # length of a thin-walled bar's elements at its ends, over that in which a tube's end effects decay
-FASTER = 1.0  # growth of their length from there
+SAG = 0.2  # largest gap between element sides and curved walls, over the thickness
+END = 0.6  # element length at a thin-walled bar's ends, over a tube's decay length
+FASTER = 1.0  # growth of element length from the ends
 
 
 @dataclass(frozen=True)
 class Extrusion:
-    """A solid swept along a direction: its section's border and what lies on it; metres.
+    """A solid swept along a direction: the border of its section and the faces on it; metres.
 
     Attributes
     ----------
-    axes : (3, 3) two directions in the section and that of the sweep, as rows.
-    height : from and to, along the third axis.
-    corners : (p, 2) of the border in the section.
-    borders : (s, 2) straight pieces of the border, the section on their left, and of lines between the faces of a cap.
-    walls : (s,) CAD face under each piece, -1 for a line on a cap.
-    held : (s,) whether a held or loaded face begins at the piece.
+    axes : (3, 3) rows: two directions in the section, and the sweep direction.
+    height : start and end along the third axis.
+    corners : (p, 2) border corners in the section.
+    borders : (s, 2) straight border pieces, section on the left, and lines between faces of a cap.
+    walls : (s,) CAD face of each piece, -1 for a line on a cap.
+    held : (s,) whether the piece borders a held or loaded face.
     """
 
     axes: Floats
@@ -73,7 +73,7 @@ class Extrusion:
 
     @property
     def outline(self) -> Floats:
-        """(s, 2, 2) ends of the pieces that bound the section."""
+        """Ends (s, 2, 2) of the pieces that bound the section."""
         return self.corners[self.borders[self.walls >= 0]]
 
     @property
@@ -83,12 +83,12 @@ class Extrusion:
 
     @property
     def wall(self) -> float:
-        """Twice the area of the section over its perimeter, m: the thickness of thin walls."""
+        """Twice the section's area over its perimeter, m: the thickness of thin walls."""
         return 2 * self.area / float(np.linalg.norm(np.diff(self.outline, axis=1), axis=2).sum())
 
     @property
     def loops(self) -> int:
-        """Number of closed borders."""
+        """Number of closed border loops."""
         a, b = self.borders[self.walls >= 0].T
         count = len(self.corners)
         number = connected_components(coo_array((np.ones(len(a)), (a, b)), shape=(count, count)))[1]
@@ -97,7 +97,7 @@ class Extrusion:
 
 @dataclass(frozen=True)
 class FlatMesh:
-    """Linear tetrahedra (m, 4) with their points (n, 3), CAD faces of their boundary triangles, and a typical size."""
+    """Linear tetrahedra (m, 4): points (n, 3), CAD faces of boundary triangles, typical size."""
 
     points: Floats
     cells: Ints
@@ -113,28 +113,27 @@ def mesh_extrusion(
     size: float | None = None,
     check: Callable[[float], None] = lambda _elements: None,
 ) -> FlatMesh | None:
-    """Return the mesh of a sheet, needle or thin-walled bar; None where its walls leave no room for one.
+    """Mesh a sheet, needle or thin-walled bar; return None if its walls leave no room for elements.
 
     Parameters
     ----------
     surface
-        Of the solid.
+        Triangulated surface of the solid.
     found
-        The solid as such an extrusion; see ``find_extrusion``.
+        The solid as an extrusion; see ``find_extrusion``.
     interfaces
         CAD faces that are held or loaded.
     project
         See ``stiffscope.fea.specimen.Specimen``.
     size
-        Largest element size (m); by default such that some thousand elements fill the sheet.
+        Largest element size (m); by default some thousand elements fill the sheet.
     check
-        Called with the number of elements before they are made; may raise.
+        Called with the number of elements before meshing; may raise.
 
     Raises
     ------
     MeshError
-        The section cannot be filled.
-
+        If the section cannot be filled.
     """
     low, high = found.height
     height, width = high - low, float(np.sqrt(found.area))
@@ -169,7 +168,7 @@ def mesh_extrusion(
 
 
 def find_extrusion(surface: Surface, interfaces: frozenset[int]) -> Extrusion | None:
-    """Return a solid as an extrusion if it is a sheet swept along its thickness, a needle, or has thin walls."""
+    """Return a solid as an extrusion if it is a sheet, a needle, or has thin walls; else None."""
     reach, thin = diagonal(surface), _is_thin(surface)
     normals = [face.axis for face in surface.faces if face.kind == "plane"]
     for index, normal in enumerate(normals):
@@ -190,21 +189,21 @@ def find_extrusion(surface: Surface, interfaces: frozenset[int]) -> Extrusion | 
 
 
 def _is_thin(surface: Surface) -> bool:
-    """Whether its walls are thin and not most of them plane: a general mesher has flat elements for those."""
+    """Return whether walls are thin and mostly curved; plane ones suit a mesher's flat elements."""
     area = sum(face.area for face in surface.faces)
     plane = sum(face.area for face in surface.faces if face.kind == "plane")
     return plane <= PLANE * area and thinness(surface_volume(surface), area) > THIN
 
 
 def has_thin_walls(surface: Surface, found: Extrusion) -> bool:
-    """Whether an extrusion's section consists of walls much thinner than it is wide and high."""
+    """Return whether an extrusion's walls are much thinner than its section's width and height."""
     low, high = found.height
     reach = min(high - low, float(np.ptp(found.corners, axis=0).max()))
     return _is_thin(surface) and 5 * found.wall < reach
 
 
 def _follow_walls(surface: Surface, found: Extrusion, project: Project) -> Extrusion:
-    """Return an extrusion whose pieces on curved walls are cut until they follow these within ``SAG``."""
+    """Subdivide an extrusion's pieces on curved walls until they follow them within ``SAG``."""
     corners, borders, walls = found.corners, found.borders, found.walls
     curved = np.array([face.kind != "plane" for face in surface.faces])
     middle = sum(found.height) / 2
@@ -236,7 +235,7 @@ def _follow_walls(surface: Surface, found: Extrusion, project: Project) -> Extru
 
 
 def _thickness(ends: Floats, walls: NDArray[np.bool_]) -> Floats:
-    """Return (s,) distances from the middles of pieces (s, 2, 2) of a section straight across to the next wall."""
+    """Return the wall thickness (s,) straight across from the middles of pieces (s, 2, 2)."""
     mids, along = ends.mean(axis=1), ends[:, 1] - ends[:, 0]
     across = np.column_stack([-along[:, 1], along[:, 0]]) / np.linalg.norm(along, axis=1)[:, None]
     start, side = ends[walls, 0], along[walls]
@@ -250,7 +249,7 @@ def _thickness(ends: Floats, walls: NDArray[np.bool_]) -> Floats:
 
 
 def _find_along(surface: Surface, normal: Floats, interfaces: frozenset[int]) -> Extrusion | None:
-    """Return the solid as swept along a direction; None if a face is neither a cap nor a wall from cap to cap."""
+    """Return the solid as swept along a direction; None if a face is neither cap nor full wall."""
     vertices, tags, near = surface.vertices, surface.face_of_triangle, SAME * diagonal(surface)
     along = vertices @ normal
     height = float(along.min()), float(along.max())
@@ -260,7 +259,7 @@ def _find_along(surface: Surface, normal: Floats, interfaces: frozenset[int]) ->
     if levels is None:
         return None
     ends, left, right = sides_between(surface.triangles)
-    at_wall = np.where(levels[tags[left]] == 2, left, right)  # the triangle of a wall, where there is one
+    at_wall = np.where(levels[tags[left]] == 2, left, right)  # the wall's triangle, if there is one
     on_cap = (tags[left] != tags[right]) & (np.minimum(levels[tags[left]], levels[tags[right]]) < 2)
     ends, left, right, at_wall = ends[on_cap], tags[left[on_cap]], tags[right[on_cap]], at_wall[on_cap]
     first = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
@@ -283,7 +282,7 @@ def _find_along(surface: Surface, normal: Floats, interfaces: frozenset[int]) ->
 
 
 def _face_levels(surface: Surface, along: Floats, outward: Floats, normal: Floats) -> Ints | None:
-    """Return 0 and 1 for faces on the caps, 2 for walls between them (f,); None if a face is neither."""
+    """Return 0 and 1 for faces on caps, 2 for walls between them (f,); None if any is neither."""
     near, heights = SAME * diagonal(surface), np.array([along.min(), along.max()])
     cosine = np.abs(outward @ normal) / np.maximum(np.linalg.norm(outward, axis=1), 1e-300)
     levels = np.full(len(surface.faces), -1)
@@ -302,7 +301,7 @@ def _face_levels(surface: Surface, along: Floats, outward: Floats, normal: Float
 
 
 def _layers(height: float, first: float, longest: float, growth: float) -> Floats:
-    """Return heights from 0 to 1 of the layers of a bar: of a first height at its ends, longer away from them."""
+    """Return layer heights of a bar, 0 to 1: short layers at its ends, longer ones between."""
     at, step = [0.0], first
     while at[-1] < height / 2:
         at.append(at[-1] + step)
@@ -312,7 +311,7 @@ def _layers(height: float, first: float, longest: float, growth: float) -> Float
 
 
 def _prisms(triangles: Ints, base: int, count: int) -> Ints:
-    """Return three tetrahedra for each prism over a triangle; diagonals of its sides leave from the lower number."""
+    """Split prisms over triangles into three tetrahedra; diagonals start at the lower number."""
     a, b, c = (np.sort(triangles, axis=1) + base).T
     top_a, top_b, top_c = a + count, b + count, c + count
     return np.vstack([

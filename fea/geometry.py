@@ -1,6 +1,6 @@
-"""Volumes, areas and Jacobians of curved elements from their nodes, while a mesh is still being made.
+"""Volumes, areas and Jacobians of curved elements from their nodes, during meshing.
 
-Shape functions and quadrature are scikit-fem's; on a finished mesh its bases and mappings do the rest (``spaces``).
+With scikit-fem's shape functions and quadrature; finished meshes use its bases (``spaces``).
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ if TYPE_CHECKING:
 
 @lru_cache(maxsize=8)
 def quadrature(order: int, *, triangle: bool = False) -> tuple[Floats, Floats]:
-    """Return (3, q) or (2, q) points and (q,) weights on the reference tetrahedron or triangle."""
+    """Return points (3, q) or (2, q) and weights (q,) on the reference tetrahedron or triangle."""
     return get_quadrature(RefTri if triangle else RefTet, order)
 
 
 def shapes(points: Floats) -> tuple[Floats, Floats]:
-    """Return (n, q) values and (n, d, q) gradients of the quadratic tetrahedron's or triangle's n functions.
+    """Return values (n, q) and gradients (n, d, q) of a quadratic tetrahedron or triangle.
 
     Parameters
     ----------
-    points : (d, q) reference coordinates; d = 3 is the tetrahedron (n = 10), d = 2 the triangle (n = 6).
+    points : (d, q) reference coordinates; d = 3: tetrahedron (n = 10), d = 2: triangle (n = 6).
     """
     element, count = (ElementTetP2(), 10) if len(points) == 3 else (ElementTriP2(), 6)
     values, gradients = zip(*(element.lbasis(points, node) for node in range(count)), strict=True)
@@ -36,13 +36,13 @@ def shapes(points: Floats) -> tuple[Floats, Floats]:
 
 
 def jacobian_determinants(corners: Floats, at: Floats) -> Floats:
-    """Return (m, q) the Jacobian determinants (m³) of elements with nodes (m, 10, 3) at reference points (3, q)."""
+    """Return Jacobian determinants (m, q), m³, of elements (m, 10, 3) at points (3, q)."""
     a, b, c = np.einsum("mni,ndq->dmqi", corners, shapes(at)[1], optimize=True)
     return np.einsum("mqi,mqi->mq", a, np.cross(b, c))
 
 
 def jacobian_range(corners: Floats) -> Floats:
-    """Return (m,) the least Jacobian of each element with nodes (m, 10, 3) over its mean size; negative is inverted."""
+    """Return the least Jacobian (m,) of elements (m, 10, 3) over its mean; negative: inverted."""
     values = jacobian_determinants(corners, np.hstack([ElementTetP2.doflocs.T, quadrature(4)[0]]))
     edges = corners[:, 1:4] - corners[:, :1]
     mean = np.abs(values).mean(axis=1) + 1e-6 * np.linalg.norm(edges, axis=2).prod(axis=1)
@@ -50,19 +50,19 @@ def jacobian_range(corners: Floats) -> Floats:
 
 
 def volume(points: Floats, cells: Ints) -> float:
-    """Return the volume (m³) of the curved mesh, exactly."""
+    """Return the exact volume (m³) of a curved mesh."""
     at, weights = quadrature(3)
     return float((jacobian_determinants(points[cells], at) @ weights).sum())
 
 
 def area_elements(corners: Floats, order: int = 4) -> Floats:
-    """Return (k, q) the area (m²) of each quadrature point of curved triangles (k, 6, 3)."""
+    """Return the area (k, q), m², per quadrature point of curved triangles (k, 6, 3)."""
     at, weights = quadrature(order, triangle=True)
     a, b = np.einsum("kni,ndq->dkqi", corners, shapes(at)[1], optimize=True)
     return np.linalg.norm(np.cross(a, b), axis=2) * weights
 
 
 def centroid(corners: Floats) -> Floats:
-    """Return (3,) the centroid (m) of the area of curved triangles (k, 6, 3)."""
+    """Return the area centroid (3,), m, of curved triangles (k, 6, 3)."""
     area, values = area_elements(corners), shapes(quadrature(4, triangle=True)[0])[0]
     return np.einsum("kq,nq,kni->i", area, values, corners) / area.sum()

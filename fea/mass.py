@@ -19,34 +19,34 @@ from stiffscope.fea.spaces import ElementTetCubic, cell_bases
 if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats, TetMesh
 
-STRAIGHT_ORDER, CURVED_ORDER = 4, 7  # of quadrature: exact for quadratic functions, on curved elements too
-HIGHER = 1  # order more for their products with cubic ones
+STRAIGHT_ORDER, CURVED_ORDER = 4, 7  # quadrature: exact for quadratic functions, if curved too
+HIGHER = 1  # additional order for products with cubic functions
 _MASS = BilinearForm(lambda u, v, _: u * v)
 
 
 @dataclass(frozen=True, eq=False)
 class Mass:
-    """Consistent mass of one direction of a mesh, kg; density in kg/m³."""
+    """Consistent mass of a mesh in one direction, kg; density in kg/m³."""
 
     mesh: TetMesh
     density: float
 
     @cached_property
     def nodes(self) -> csr_array:
-        """(n, n) of the quadratic functions."""
+        """Mass (n, n) of the quadratic functions."""
         bases = cell_bases(self.mesh, ElementTetP2(), STRAIGHT_ORDER, CURVED_ORDER)
         return csr_array(self.density * sum(_MASS.assemble(basis) for basis in bases))
 
     @cached_property
     def cubics(self) -> csr_array:
-        """(w, n) of the cubic functions with the quadratic ones."""
+        """Mass (w, n) between the cubic and the quadratic functions."""
         orders = STRAIGHT_ORDER + HIGHER, CURVED_ORDER + HIGHER
         pairs = (cell_bases(self.mesh, element, *orders) for element in (ElementTetP2(), ElementTetCubic()))
         return csr_array(self.density * sum(_MASS.assemble(u, v) for u, v in zip(*pairs, strict=True)))
 
 
 def times(mass: csr_array, motion: Floats) -> Floats:
-    """Return (3m, loads) the product of a mass (m, n) of one direction with (3n, loads) displacements."""
+    """Multiply displacements (3n, loads) by a one-direction mass (m, n); return (3m, loads)."""
     loads = motion.shape[1]
     return (mass @ motion.reshape(mass.shape[1], 3 * loads)).reshape(-1, loads)
 
@@ -61,17 +61,17 @@ class RigidMass:
 
 
 def rigid_mass(points: Floats, mass: csr_array) -> RigidMass:
-    """Return the mass properties of nodes (n, 3) with a consistent mass (n, n): RᵀMR of the rigid motions R."""
+    """Return the rigid mass properties RᵀMR of nodes (n, 3) with a consistent mass (n, n)."""
     middle = points.mean(axis=0)
     modes = rigid_modes(points, middle).reshape(-1, 6)
     return rigid_mass_of(modes.T @ times(mass, modes), middle)
 
 
 def rigid_mass_of(matrix: Floats, point: Floats) -> RigidMass:
-    """Return the mass properties that a rigid body's (6, 6) mass matrix at a point (3,) holds.
+    """Return the mass properties from a rigid body's mass matrix (6, 6) at a point (3,).
 
-    The matrix is [[m I, -m S(c)], [m S(c), J]] with the centre of mass c from the point and J the inertia about the
-    point.
+    The matrix is [[m I, -m S(c)], [m S(c), J]] with the centre of mass c relative to the point and
+    the inertia J about it.
     """
     total = float(np.trace(matrix[:3, :3])) / 3
     first = matrix[3:, :3]  # m S(c)

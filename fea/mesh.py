@@ -1,4 +1,4 @@
-"""From a closed CAD surface to linear tetrahedra, and the quadratic mesh that the experiments use."""
+"""From a closed CAD surface to linear tetrahedra, and the quadratic mesh of experiments."""
 
 # pyright: reportOptionalSubscript=false
 # (scikit-fem declares its types loosely)
@@ -32,16 +32,16 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 MOST_ELEMENTS = 2e6
-MESHING, SOLVING = 0.8e-3, 4e-3  # seconds of a processor per element; half of the second for natural frequencies
-MISJUDGED = 1.75  # ratio of such an estimate to the time left from which it is refused: two processors are quicker
-PLANE = 0.8  # share of the area that is plane where thin walls get flat elements: curved ones need smaller elements
-ENERGY = 10.0  # of the most distorted element that the mesher leaves, 3 for a regular one
+MESHING, SOLVING = 0.8e-3, 4e-3  # processor seconds per element; half of the latter for modes
+MISJUDGED = 1.75  # ratio of estimate to time left to refuse meshing: two processors are faster
+PLANE = 0.8  # share of plane area for flat elements in thin walls; curved walls need small ones
+ENERGY = 10.0  # largest distortion energy that the mesher leaves; 3 for a regular element
 FIN = 0.06  # depth of the fins at seams in element sizes, at least three envelopes; deeper fins cause spurious elements
 
-# The six edges of a tetrahedron and its four outward faces, in the order of VTK's (and scikit-fem's) tet10.
+# The six edges and four outward faces of a tetrahedron, in the order of VTK's (scikit-fem's) tet10.
 EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
-FACE_MIDS = np.array([[6, 5, 4], [4, 8, 7], [5, 9, 8], [7, 9, 6]])  # mids of (v0v1, v1v2, v2v0) of each face
+FACE_MIDS = np.array([[6, 5, 4], [4, 8, 7], [5, 9, 8], [7, 9, 6]])  # (v0v1, v1v2, v2v0) by face
 
 
 class MeshError(InputError):
@@ -54,11 +54,11 @@ class TetMesh:
 
     Attributes
     ----------
-    points : (n, 3) node positions: the vertices, then the mids of the edges, in scikit-fem's order.
-    cells : (m, 10) nodes of each tetrahedron, VTK's order (4 corners, then mids of ``EDGES``).
-    facets : (k, 6) nodes of each boundary triangle (3 corners, then 3 mids), outward.
-    facet_face : (k,) number of the CAD face on which each boundary triangle lies.
-    pulled_back : elements whose nodes were moved back because snapping inverted them.
+    points : (n, 3) node positions: vertices, then edge midpoints, in scikit-fem's order.
+    cells : (m, 10) nodes of each tetrahedron, VTK's order (4 corners, then midpoints of ``EDGES``).
+    facets : (k, 6) nodes of each boundary triangle (3 corners, then 3 midpoints), outward.
+    facet_face : (k,) CAD face number of each boundary triangle.
+    pulled_back : number of elements moved back because snapping inverted them.
     """
 
     points: Floats
@@ -69,7 +69,7 @@ class TetMesh:
 
     @cached_property
     def grid(self) -> MeshTet2:
-        """The mesh as scikit-fem's; the boundary named ``str(face)`` holds the facets on that CAD face."""
+        """The scikit-fem mesh; boundary ``str(face)`` contains the facets on that CAD face."""
         from skfem import MeshTet2
 
         grid = MeshTet2(np.ascontiguousarray(self.points.T), np.ascontiguousarray(self.cells[:, :4].T, dtype=np.int32))
@@ -80,32 +80,32 @@ class TetMesh:
 
     @cached_property
     def is_curved(self) -> NDArray[np.bool_]:
-        """(m,) whether sides of each tetrahedron are curved."""
+        """Whether each tetrahedron has curved sides, (m,)."""
         ends = self.points[self.cells[:, EDGES]]  # (m, 6, 2, 3)
         sag = np.linalg.norm(self.points[self.cells[:, 4:]] - ends.mean(axis=2), axis=2)
         length = np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
         return (sag > 1e-8 * length).any(axis=1)
 
     def facets_of(self, faces: frozenset[int]) -> Ints:
-        """Return (k, 6) the boundary triangles on the given CAD faces."""
+        """Return the boundary triangles (k, 6) on CAD faces."""
         return self.facets[np.isin(self.facet_face, list(faces))]
 
     def nodes_of(self, faces: frozenset[int]) -> Ints:
-        """Return (k,) the sorted nodes on the given CAD faces."""
+        """Return the sorted nodes (k,) on CAD faces."""
         return np.unique(self.facets_of(faces))
 
 
 def compact(mesh: TetMesh) -> TetMesh:
-    """Return the mesh without nodes that no element uses."""
+    """Remove nodes that no element uses."""
     used, cells = np.unique(mesh.cells, return_inverse=True)
     cells, facets = cells.reshape(mesh.cells.shape), np.searchsorted(used, mesh.facets)
     return replace(mesh, points=mesh.points[used], cells=cells, facets=facets)
 
 
 def default_size(volume: float, area: float, flatness: float = 1.0) -> float:
-    """Return the element size (m) that suits cubic elements in a solid of this volume (m³) and area (m²).
+    """Return a suitable size (m) of cubic elements for a solid's volume (m³) and area (m²).
 
-    Twice the volume over the area: about the thickness; more in a thin-walled solid, whose elements may be flat.
+    Twice volume over area, about the thickness; larger in thin-walled solids with flat elements.
 
     Parameters
     ----------
@@ -114,35 +114,35 @@ def default_size(volume: float, area: float, flatness: float = 1.0) -> float:
     area
         Area of its surface, m².
     flatness
-        How flat elements may be; 1 for none.
+        Allowed aspect ratio of elements; 1 is regular.
 
     """
     return max(2.0 * volume / area, (volume / 2000) ** (1 / 3) * flatness)
 
 
 def flatness_of(volume: float, faces: Collection[FaceGeometry]) -> float:
-    """Return 1, and up to 2 for thin walls that are plane: how much larger, and flatter, elements may be there."""
+    """Return the allowed aspect ratio of elements, 1 to 2: above 1 for thin, plane walls."""
     areas = {plane: sum(face.area for face in faces if (face.kind == "plane") == plane) for plane in (True, False)}
     area = areas[True] + areas[False]
     return float(np.clip(2.0 * thinness(volume, area) - 2.0, 1.0, 2.0)) if areas[True] > PLANE * area else 1.0
 
 
 def thinness(volume: float, area: float) -> float:
-    """Return the side of a cube of a 2000th of the volume (m³) over the thickness of a plate of this area (m²)."""
+    """Return the side of a cube of volume / 2000 (m³) over the plate thickness 2 volume / area."""
     return (volume / 2000) ** (1 / 3) * area / (2 * volume)
 
 
 def edge_length(mesh: TetMesh) -> float:
-    """Return the length (m) that nine tenths of the elements' edges are shorter than."""
+    """Return the 90 % quantile (m) of the element edge lengths."""
     ends = mesh.points[mesh.cells[:, :4][:, EDGES]]
     return float(np.quantile(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), 0.9))
 
 
 def expected_elements(surface: Surface, volume: float, size: float) -> float:
-    """Return about how many tetrahedra, graded ones included, a size (m) will need; right within a factor of two or so.
+    """Estimate the number of tetrahedra of a size (m), with grading, within a factor of about two.
 
-    The triangles of the surface are as large as the size, or as the sides of its curved faces where those are shorter,
-    but for what is so narrow that the mesher leaves it out.
+    Surface triangles are as large as the size, or as the sides of curved faces if these are
+    shorter, except for features so narrow that the mesher omits them.
 
     Parameters
     ----------
@@ -164,12 +164,12 @@ def expected_elements(surface: Surface, volume: float, size: float) -> float:
 
 
 def check_time(elements: float, time_limit: float, cure: str, *, meshed: bool = False) -> None:
-    """Raise MeshError where so many tetrahedra take far longer than the limit (s); warn where they may.
+    """Raise MeshError if so many tetrahedra far exceed the time limit (s); warn if they may.
 
     Parameters
     ----------
-    cure : what would need fewer elements.
-    meshed : they are there, and only solving is left.
+    cure : advice on how to need fewer elements.
+    meshed : whether they exist, so that only solving is left.
     """
     seconds = (SOLVING if meshed else MESHING + SOLVING) * elements
     done = "solve" if meshed else "mesh and solve"
@@ -189,30 +189,30 @@ def _round(number: float) -> str:
 
 
 def default_envelope(surface: Surface, size: float) -> float:
-    """Return fTetWild's distance (m) from the surface: 0.03 sizes, within the range in which it is fast.
+    """Return fTetWild's envelope (m): 0.03 sizes, limited to the range in which it is fast.
 
-    At most a tenth of the thickness even where that is slow, so that thin walls survive.
+    At most a tenth of the thickness, even if that is slow, to preserve thin walls.
     """
     reach = diagonal(surface)
     return float(min(np.clip(0.03 * size, 3e-4 * reach, 1e-3 * reach), 0.1 * thickness(surface)))
 
 
 def diagonal(surface: Surface) -> float:
-    """Return the diagonal (m) of the box about a surface, along the axes."""
+    """Return the diagonal (m) of a surface's axis-aligned bounding box."""
     return float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
 
 
 def thickness(surface: Surface) -> float:
-    """Return twice the volume over the area (m): that of a plate, and the radius of a bar."""
+    """Return twice volume over area (m): a plate's thickness, a bar's radius."""
     return 2 * abs(surface_volume(surface)) / sum(face.area for face in surface.faces)
 
 
 def check_lengths(name: str, solid: tuple[float, float], size: float | None, envelope: float | None) -> None:
-    """Raise MeshError for a size or an envelope that is too small or too large for this part.
+    """Raise MeshError for a size or envelope too small or too large for this part.
 
     Parameters
     ----------
-    solid : volume (m³) and diagonal of the bounding box (m).
+    solid : volume (m³) and bounding box diagonal (m).
     """
     volume, diagonal = solid
     finest = (8.5 * volume / MOST_ELEMENTS) ** (1 / 3)  # a regular tetrahedron has size³ / 8.5
@@ -220,7 +220,7 @@ def check_lengths(name: str, solid: tuple[float, float], size: float | None, env
         ("size", size, finest, diagonal),
         ("envelope", envelope, 1e-5 * diagonal, 0.01 * diagonal),
     ):
-        if value is not None and not 0.99 * least <= value <= 1.01 * most:  # the message rounds them
+        if value is not None and not 0.99 * least <= value <= 1.01 * most:  # rounded in the message
             raise MeshError(
                 f"{name}.mesh.{kind}: expected {least * 1e3:.3g} mm to {most * 1e3:.3g} mm for this part, "
                 f"got {value * 1e3:g} mm"
@@ -228,7 +228,7 @@ def check_lengths(name: str, solid: tuple[float, float], size: float | None, env
 
 
 def surface_volume(surface: Surface) -> float:
-    """Return the volume (m³) enclosed by the triangulated surface."""
+    """Return the volume (m³) enclosed by a triangulated surface."""
     a, b, c = np.moveaxis(surface.vertices[surface.triangles], 1, 0)
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
@@ -243,16 +243,16 @@ def tetrahedralize(
     surface : watertight triangles, outward, metres.
     size, envelope : target edge length and allowed distance to the surface, metres.
     time_limit : seconds after which the mesher is killed.
-    threads : fTetWild's threads; 0 takes this process's processors.
-    energy : of the most distorted element that may remain; see ``ENERGY``.
+    threads : fTetWild's threads; 0 takes all processors of this process.
+    energy : largest distortion energy of an element; see ``ENERGY``.
 
     Returns
     -------
-    points (n, 3) in metres, cells (m, 4) positively oriented.
+    Points (n, 3) in metres, and cells (m, 4) with positive orientation.
 
     Raises
     ------
-    MeshError : the surface is open, the mesher crashed or exceeded its time, or its volume is 10 % wrong.
+    MeshError : if the surface is open, the mesher fails or is late, or the volume is 10 % wrong.
     """
     check_surface(surface, size, envelope)
     vertices, triangles = _with_fins(surface, min(max(FIN * size, 3 * envelope), 0.3 * thickness(surface)))
@@ -278,7 +278,7 @@ def tetrahedralize(
 
 
 def check_surface(surface: Surface, size: float, envelope: float) -> None:
-    """Raise MeshError unless the surface is finite, closed and outward, and the sizes are usable.
+    """Raise MeshError unless the surface is finite, closed and outward, and the sizes are valid.
 
     Parameters
     ----------
@@ -307,10 +307,10 @@ def check_surface(surface: Surface, size: float, envelope: float) -> None:
 
 
 def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
-    """Return vertices and triangles with a fin pointing inwards at each seam.
+    """Return vertices and triangles with an inward fin at each seam.
 
-    The mesher keeps an edge where three sheets meet, but none between two triangles in one plane. The triangles of
-    a fin face both ways in turn, since the mesher finds the interior from solid angles (winding numbers).
+    The mesher keeps an edge of three sheets, but none between coplanar triangles. Fin triangles
+    alternate in orientation, since the mesher finds the interior by winding numbers.
     """
     vertices, triangles, tags = surface.vertices, surface.triangles, surface.face_of_triangle
     if not surface.seams:
@@ -333,7 +333,7 @@ def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
 
 
 def _run_ftetwild(*work: Any) -> tuple[Floats, Ints]:
-    """Import the mesher where it works."""
+    """Import the mesher in the worker process only."""
     from stiffscope.fea.worker import run_ftetwild
 
     return run_ftetwild(*work)
@@ -357,14 +357,14 @@ def _checked_tets(points: Floats, cells: Ints, volume: float) -> tuple[Floats, I
 
 
 def tet_volumes(points: Floats, cells: Ints) -> Floats:
-    """Return (m,) the signed volumes of straight tetrahedra."""
+    """Return the signed volumes (m,) of straight tetrahedra."""
     a = points[cells[:, 0]]
     b, c, d = (points[cells[:, k]] - a for k in (1, 2, 3))
     return np.einsum("ij,ij->i", b, np.cross(c, d)) / 6
 
 
 def boundary_facets(cells: Ints) -> tuple[Ints, Ints, Ints]:
-    """Return (k, 3) outward boundary triangles, (k,) the tetrahedron of each and (k,) its local face."""
+    """Return outward boundary triangles (k, 3), their tetrahedra (k,) and local faces (k,)."""
     facets = cells[:, FACES].reshape(-1, 3)
     keys = np.sort(facets, axis=1)
     _, first, count = np.unique(keys, axis=0, return_index=True, return_counts=True)
@@ -373,14 +373,14 @@ def boundary_facets(cells: Ints) -> tuple[Ints, Ints, Ints]:
 
 
 def sides_between(triangles: Ints) -> tuple[Ints, Ints, Ints]:
-    """Return (e, 2) the sides (sorted vertex pairs) of a closed surface and (e,), (e,) the triangles beside each."""
+    """Return a closed surface's sides (e, 2), sorted pairs, and their two triangles (e,), (e,)."""
     pairs = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    order = np.lexsort((pairs[:, 1], pairs[:, 0]))  # each side is there twice
+    order = np.lexsort((pairs[:, 1], pairs[:, 0]))  # each side occurs twice
     return pairs[order[0::2]], order[0::2] // 3, order[1::2] // 3
 
 
 def unique_edges(cells: Ints) -> tuple[Ints, Ints]:
-    """Return (e, 2) the edges (sorted vertex pairs) and (m, 6) the edges of each tetrahedron."""
+    """Return the edges (e, 2), sorted vertex pairs, and the edges of each tetrahedron (m, 6)."""
     pairs = np.sort(cells[:, EDGES].reshape(-1, 2), axis=1)
     keys = pairs[:, 0] * (cells.max() + 1) + pairs[:, 1]
     _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)

@@ -1,4 +1,4 @@
-"""The lowest natural modes of a supported part, by locally optimal block preconditioned conjugate gradients.
+"""Lowest natural modes of a supported part, by LOBPCG.
 
 References
 ----------
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats
     from stiffscope.fea.solvers import Solve
 
-DEPENDENT = 1e-10  # squared length, relative, below which a direction adds nothing to a basis
+DEPENDENT = 1e-10  # relative squared length below which a direction is dependent
 
 
 def lowest_modes(
@@ -34,21 +34,21 @@ def lowest_modes(
     *,
     exact: bool = False,
 ) -> tuple[Floats, Floats, Floats]:
-    """Return (b,) squares of the angular frequencies, rad²/s², lowest first, and (c, b) mass-normalized modes.
+    """Return ascending squared frequencies (b,), rad²/s², and mass-normalized modes (c, b).
 
-    Besides, the products (c, b) of the stiffness with these modes.
+    Also return the products (c, b) of the stiffness with these modes.
 
     Parameters
     ----------
     stiffness, mass : products with the two matrices.
-    precondition : approximation of the stiffness's inverse; ``exact``: that inverse itself, so that all products with
-        the stiffness are known beforehand. Formed anew, those of a slender part's modes would be nothing but rounding.
-    start : (c, b) motions to start from, more than ``count``; the result's last ones are less accurate.
-    count : modes whose squares must be accurate to ``tolerance``, relative.
+    precondition : approximate inverse of the stiffness; if ``exact``, the inverse itself: products
+        with the stiffness are then known, which for slender parts would be pure rounding if formed.
+    start : (c, b) initial vectors, more than ``count``; the last results are less accurate.
+    count : number of modes with squares accurate to ``tolerance``, relative.
 
     Raises
     ------
-    MeshError : no convergence.
+    MeshError : if the iteration does not converge.
     """
     pushed = mass(start) if exact else stiffness(start)
     modes = precondition(pushed) if exact else start
@@ -62,7 +62,7 @@ def lowest_modes(
         left = np.einsum("ij,ij->j", residual, step) > tolerance * squares
         if not left[:count].any():
             return squares, modes, pushed
-        residual, step = residual[:, left], step[:, left]  # what has converged would add but rounding
+        residual, step = residual[:, left], step[:, left]  # converged ones would only add rounding
         along = moved.T @ step
         step -= modes @ along
         new = step, residual - pushed @ along if exact else stiffness(step), mass(step)
@@ -77,19 +77,18 @@ def lowest_modes(
 
 
 def ritz(stiffness: Floats, mass: Floats, count: int) -> tuple[Floats, Floats]:
-    """Return (count,) squares and (k, count) combinations of k vectors with these (k, k) matrices, lowest first.
+    """Return ascending Rayleigh-Ritz squares (count,) and combinations (k, count) of k vectors.
 
-    Directions in which the vectors are dependent are left out.
+    Dependent directions are omitted.
 
     Parameters
     ----------
     stiffness
-        Stiffness matrix.
+        Stiffness matrix (k, k).
     mass
         Mass matrix (k, k).
     count
         Number of modes, the lowest first.
-
     """
     scale = 1 / np.sqrt(mass.diagonal())
     lengths, directions = np.linalg.eigh(mass * np.outer(scale, scale))

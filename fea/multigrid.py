@@ -1,8 +1,8 @@
-"""Two-level multigrid: conjugate gradients on quadratic tetrahedra, the linear ones of the same mesh as coarse level.
+"""Two-level multigrid: quadratic tetrahedra, with linear ones of the same mesh as coarse level.
 
-A cycle smooths all nodes by Chebyshev steps on the 3 x 3 diagonal blocks (Adams et al., J. Comput. Phys. 188, 2003),
-corrects by the linear problem, which has an eighth of the unknowns, and smooths again. The twists of rigid
-interfaces belong to both levels. No factor of the quadratic stiffness is ever stored.
+A cycle smooths all nodes by Chebyshev steps on the 3 x 3 diagonal blocks (Adams et al., J. Comput.
+Phys. 188, 2003), corrects by the linear problem with an eighth of the unknowns, and smooths again.
+Twists of rigid interfaces belong to both levels. No factors of the quadratic stiffness are stored.
 """
 
 # pyright: reportOptionalMemberAccess=false
@@ -31,17 +31,17 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 FACTORIZED_TO = 25_000  # degrees of freedom up to which a factorization is faster
-STEPS = 2  # of the smoother, before and after the correction
+STEPS = 2  # smoothing steps before and after the correction
 SMOOTHED = 8.0  # ratio of the largest eigenvalue to the smallest one that the smoother reduces
 TOLERANCE, LIMIT = 1e-11, 200
 
 
 def prepare(mesh: TetMesh, stiffness: csr_array, supports: Supports, name: str = "auto") -> Solver:
-    """Return the solver of the supported stiffness (3n, 3n) of a mesh: multigrid, direct, or auto, the faster one.
+    """Return a solver of the supported stiffness (3n, 3n): multigrid, direct, or auto, the faster.
 
     Raises
     ------
-    InputError : an unknown name.
+    InputError : if the name is unknown.
     """
     if name not in SOLVERS:
         raise InputError(f"solver: expected {', '.join(SOLVERS[:-1])} or {SOLVERS[-1]}, got {name!r}")
@@ -52,7 +52,7 @@ def prepare(mesh: TetMesh, stiffness: csr_array, supports: Supports, name: str =
 
 
 def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solver:
-    """Return the solver of the supported stiffness (3n, 3n) of a mesh; the linear level is factorized."""
+    """Return the multigrid solver of a supported stiffness (3n, 3n); linear level factorized."""
     correct = _linear_level(mesh, stiffness, supports)
     width = supports.tie.shape[1]
     root, multiply = _root_of_inverse_blocks(stiffness, supports), product(stiffness)
@@ -87,7 +87,7 @@ def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve
 
 
 def _linear_level(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve:
-    """Return the correction of all coordinates by the solution for linear displacements between the vertices."""
+    """Return the coarse correction by linear displacements between vertices."""
     count, edges = int(mesh.grid.nvertices), mesh.grid.edges
     halves = coo_array((np.full(edges.size, 0.5), (np.tile(np.arange(edges.shape[1]), 2), edges.ravel())))
     between = vstack([eye_array(count), halves])  # nodes are numbered vertices first
@@ -116,7 +116,7 @@ def _linear_level(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> So
 
 
 def _root_of_inverse_blocks(stiffness: csr_array, supports: Supports) -> csr_array:
-    """Return L of L Lᵀ, the inverses of the 3 x 3 diagonal blocks of the free nodes, as one sparse matrix."""
+    """Return sparse L with L Lᵀ the inverses of the free nodes' 3 x 3 diagonal blocks."""
     free = supports.free_dofs.reshape(-1, 3)
     blocks = np.empty((len(free), 3, 3))
     for i in range(3):
@@ -127,10 +127,10 @@ def _root_of_inverse_blocks(stiffness: csr_array, supports: Supports) -> csr_arr
 
 
 def largest_eigenvalue(symmetric: Solve, size: int) -> float:
-    """Return the largest eigenvalue of a symmetric product of (size,) vectors, to 1 %.
+    """Return the largest eigenvalue of a symmetric operator on vectors (size,), to 1 %.
 
-    By Lanczos's method: a nearly flat element has an isolated largest eigenvalue, which power iteration finds slowly;
-    a smoother for a spectrum that ends an eighth below it is not positive definite.
+    By Lanczos' method: nearly flat elements have an isolated largest eigenvalue, which power
+    iteration finds slowly; with one an eighth too small the smoother is indefinite.
     """
     start = np.random.default_rng(0).normal(size=size)
     operator = LinearOperator((size, size), matvec=symmetric, dtype=float)  # type: ignore[call-arg]
@@ -139,7 +139,7 @@ def largest_eigenvalue(symmetric: Solve, size: int) -> float:
 
 
 def _chebyshev(apply: Solve, scaled: Solve, largest: float) -> Solve:
-    """Return ``STEPS`` Chebyshev steps from rest for the upper part of the spectrum."""
+    """Return ``STEPS`` Chebyshev steps from zero for the upper part of the spectrum."""
     bottom = largest / SMOOTHED
     middle, half = (largest + bottom) / 2, (largest - bottom) / 2
 

@@ -1,7 +1,7 @@
-"""Local refinement by bisection of edges: grading towards singular edges, and adaptive refinement.
+"""Local refinement by edge bisection: grading towards singular edges, and adaptive refinement.
 
-Children keep the parent's quadratic map (a straight-sided part of the reference element maps to a quadratic
-element again), so refinement neither moves the boundary nor inverts an element.
+Children keep the parent's quadratic map (a straight-sided part of the reference element is again a
+quadratic element), so refinement neither moves the boundary nor inverts elements.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
     from stiffscope.fea.mesh import Floats, Ints
 
-OPPOSITE = [3, 2, 0, 1]  # the vertex opposite to each of FACES
+OPPOSITE = [3, 2, 0, 1]  # vertex opposite to each of FACES
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
 
 
 @dataclass
 class _Pieces:
-    """Tetrahedra being split: vertices (m, 4), root element (m,), reference corners in it (m, 4, 3)."""
+    """Tetrahedra being split: vertices (m, 4), root (m,), reference corners in it (m, 4, 3)."""
 
     vertices: Ints
     root: Ints
@@ -34,12 +34,12 @@ class _Pieces:
 
 
 def bisect(mesh: TetMesh, marked: Ints, at: Floats) -> TetMesh:
-    """Return the mesh with each marked edge, and the tetrahedra around it, cut in two.
+    """Return the mesh with each marked edge, and all tetrahedra around it, bisected.
 
     Parameters
     ----------
     marked : (e, 2) vertex pairs.
-    at : (e,) where to cut, as the fraction of the edge from its first vertex.
+    at : (e,) position of the cut, as a fraction of the edge from its first vertex.
     """
     count = len(mesh.points)
     flip = marked[:, 0] > marked[:, 1]
@@ -57,7 +57,7 @@ def bisect(mesh: TetMesh, marked: Ints, at: Floats) -> TetMesh:
 
 
 def _cut_round(pieces: _Pieces, count: int, keys: Ints, rank: Ints, at: Floats, pending: np.ndarray) -> _Pieces:
-    """Cut the pending edges that rank highest in every tetrahedron around them (an independent set)."""
+    """Cut pending edges that rank highest in all tetrahedra around them: an independent set."""
     ends = np.sort(pieces.vertices[:, EDGES], axis=2)  # (m, 6, 2)
     old = ends[:, :, 1] < count
     wanted = np.where(old, ends[:, :, 0] * count + ends[:, :, 1], -1)
@@ -96,7 +96,7 @@ def _with_halves(pieces: _Pieces, cut: Ints, a: Ints, b: Ints, new: Ints, middle
 
 
 def _rebuilt(mesh: TetMesh, pieces: _Pieces, vertex_count: int) -> TetMesh:
-    """Return the quadratic mesh of the pieces, its nodes on the roots' quadratic maps."""
+    """Return the quadratic mesh of the pieces, with nodes on the roots' quadratic maps."""
     edges, edge_of = unique_edges(pieces.vertices)
     cells = np.hstack([pieces.vertices, edge_of + vertex_count])
     reference = np.concatenate([pieces.corners, pieces.corners[:, EDGES].mean(axis=2)], axis=1)  # (m, 10, 3)
@@ -109,7 +109,7 @@ def _rebuilt(mesh: TetMesh, pieces: _Pieces, vertex_count: int) -> TetMesh:
 
 
 def _inherited_facets(mesh: TetMesh, pieces: _Pieces, cells: Ints) -> tuple[Ints, Ints]:
-    """Return (k, 6) boundary triangles and (k,) their CAD faces, those of the parents' boundary triangles."""
+    """Return boundary triangles (k, 6) and CAD faces (k,), inherited from the parents."""
     outer, owner, local = boundary_facets(mesh.cells[:, :4])
     face = np.empty((len(mesh.cells), 4), dtype=np.int64)
     order, known = (np.lexsort(np.sort(triangles, axis=1).T) for triangles in (outer, mesh.facets[:, :3]))
@@ -117,20 +117,20 @@ def _inherited_facets(mesh: TetMesh, pieces: _Pieces, cells: Ints) -> tuple[Ints
     facets, owner, local = boundary_facets(cells[:, :4])
     corners = pieces.corners[owner[:, None], FACES[local]]  # (k, 3, 3)
     off = np.abs(np.concatenate([1 - corners.sum(axis=2, keepdims=True), corners], axis=2)).max(axis=1)
-    side = np.argmin(off[:, OPPOSITE], axis=1)  # the parent's face on which a barycentric coordinate vanishes
+    side = np.argmin(off[:, OPPOSITE], axis=1)  # parent face: one coordinate is zero
     return np.hstack([facets, cells[owner[:, None], FACE_MIDS[local]]]), face[pieces.root[owner], side]
 
 
 def grade(mesh: TetMesh, edges: Ints, layers: int, ratio: float) -> TetMesh:
-    """Return the mesh with thin layers of elements around chains of edges, each ``ratio`` times the last.
+    """Return the mesh with thin layers around edge chains, each ``ratio`` times the last.
 
-    Edges that leave the chains are cut near them; edges along the chains keep their length, because the
-    solution varies slowly along a singular edge and fast across it.
+    Edges that leave the chains are cut near them; edges along them keep their length: the solution
+    varies slowly along a singular edge and fast across it.
 
     Parameters
     ----------
     edges : (e, 2) vertex pairs along the chains.
-    layers, ratio : how many cuts, and at which fraction of the distance from the chain.
+    layers, ratio : number of cuts, and their fraction of the distance from the chain.
     """
     if not len(edges) or not layers:
         return mesh
@@ -156,7 +156,7 @@ def grade(mesh: TetMesh, edges: Ints, layers: int, ratio: float) -> TetMesh:
 
 
 def _finder(position: Floats) -> Callable[[Floats], np.ndarray]:
-    """Return a function that finds the points that coincide with the given ones (nodes are renumbered)."""
+    """Return a function that finds points coincident with given ones, despite renumbering."""
     tree = KDTree(position)
     reach = 1e-9 * float(np.linalg.norm(np.ptp(position, axis=0)))
 

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 def rigid_modes(points: Floats, reference: Floats) -> Floats:
-    """Return (n, 3, 6) the displacement of each point for each unit twist component at the reference point."""
+    """Return displacements (n, 3, 6) of points per unit twist component at the reference point."""
     r = points - reference
     modes = np.zeros((len(points), 3, 6))
     modes[:, :, :3] = np.eye(3)
@@ -22,12 +22,12 @@ def rigid_modes(points: Floats, reference: Floats) -> Floats:
 
 
 def rigid_twists(points: Floats, origin: Floats) -> Floats:
-    """Return (6n, 6) the twists at n points (n, 3) of a rigid body for its unit twists at the origin (3,)."""
+    """Return the twists (6n, 6) of n body points (n, 3) for unit twists at the origin (3,)."""
     twists = np.zeros((len(points), 6, 6))
     twists[:, :3], twists[:, 3:, 3:] = rigid_modes(points, origin), np.eye(3)
     return twists.reshape(-1, 6)
 
 
 def relative_twists(points: Floats, origin: Floats) -> Floats:
-    """Return (6n, 6(1+n)) the twists at n points (n, 3), seen from a body at the origin (3,), for its and their own."""
+    """Return twists (6n, 6(1+n)) of points relative to a body at the origin, per twist of all."""
     return np.hstack([-rigid_twists(points, origin), np.eye(6 * len(points))])

@@ -1,4 +1,4 @@
-"""Run a virtual experiment: mesh a part, clamp it, load its interfaces by unit wrenches, and condense it on them."""
+"""Run a virtual experiment: mesh a part, clamp it, load it by unit wrenches, condense it."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 
     Progress = Callable[[str, float], None]
 
-# A coarse tessellation suffices, since nodes are projected on the solid afterwards, and a fine one is expensive: a
-# circle of 16 sides instead of 12 takes four times the elements and twice the time.
+# A coarse tessellation suffices, as nodes are projected on the solid afterwards, and a fine one is
+# expensive: 16 sides per circle instead of 12 take four times the elements and twice the time.
 CHORD, TURN = 0.15, 1.1  # distance to the surface in element sizes, angle between adjacent triangles in rad
 
 
@@ -52,29 +52,29 @@ def run_experiment(
     part
         A solid with a material, clamped faces and loaded interfaces.
     settings
-        How to mesh and solve.
+        Mesh, interface and solver settings.
     progress
-        Called with a stage's name and the fraction done.
+        Called with the stage name and the fraction done.
     former
-        Of the same part and settings; its mesh is taken, so that its compliance is the same.
+        Experiment on the same part and settings, whose mesh is reused for an identical compliance.
     near
-        A part of slightly other dimensions and its mesh for the same settings, which is moved along if it can be.
+        Part of slightly other dimensions with its mesh for the same settings, moved if possible.
     whole
-        Whether fields, own weight, modes and frequencies are wanted. Without them it takes half of the time, and the
-        compliance is the same.
+        Whether fields, self-weight, modes and frequencies are computed; without, it takes half the
+        time for the same compliance.
 
     Returns
     -------
     Experiment
-        Compliance (6n, 6n) of n loaded interfaces in m/N, rad/N, m/(N m), rad/(N m), its bounds, mesh and fields.
+        Compliance (6n, 6n) of n loaded interfaces in m/N, rad/N, m/(N m), rad/(N m), bounds, mesh,
+        fields.
 
     Raises
     ------
     InputError
-        A length out of range, interfaces that overlap, or a foundation that is too soft.
+        If a length is out of range, interfaces overlap, or the foundation is too soft.
     MeshError
-        The part cannot be meshed or solved.
-
+        If the part cannot be meshed or solved.
     """
     started, settings = time.perf_counter(), settings or Settings()
     progress = progress or LISTENERS.open_line(part.name)
@@ -105,11 +105,11 @@ def run_experiment(
 
 
 def specimen_of(part: Part, settings: Settings) -> Specimen:
-    """Return the part as plain numbers, its surface triangulated for the element size of the settings.
+    """Return the part as plain numbers, its surface triangulated for the settings' element size.
 
     Raises
     ------
-    MeshError : a length of the settings is out of range for this part.
+    MeshError : if a length of the settings is out of range for this part.
     """
     solid = mass_properties(part).volume
     check_lengths(part.name, (solid, cad.kernel.diagonal(part.solid) * 1e-3), settings.size, settings.envelope)
@@ -130,7 +130,7 @@ def specimen_of(part: Part, settings: Settings) -> Specimen:
 
 
 def _moved_mesh(specimen: Specimen, part: Part, former: Part, mesh: TetMesh) -> TetMesh | None:
-    """Return the mesh of a former part moved along, None where that has not the shape of this one."""
+    """Return a former part's mesh moved to this part; None if its shape does not match."""
     moved = moved_along(mesh, former, part)
     return moved if moved and shape_error(specimen, moved) < GOOD_SHAPE else None
 

@@ -1,4 +1,4 @@
-"""Fill a section with triangles: as small as asked for at some of its border, larger with the distance from there."""
+"""Triangulation of a section: given sizes along its border, growing with distance from there."""
 
 from __future__ import annotations
 
@@ -16,35 +16,35 @@ if TYPE_CHECKING:
 
     from stiffscope.fea.mesh import Floats, Ints
 
-GROWTH = 0.5  # of the size with the distance from the finer border
+GROWTH = 0.5  # growth of the size with distance from the finer border
 ROUNDS = 12
-CHUNK = 2_000_000  # pairs at once
-SEEDS, POINTS, DEPTH = 400, 400_000, 20  # on one piece, in the section, and levels of the quadtree, at most
+CHUNK = 2_000_000  # pairs per chunk
+SEEDS, POINTS, DEPTH = 400, 400_000, 20  # most seeds per piece, points, quadtree levels
 UNFILLED = "mesh: the section of this sheet cannot be filled"
 
 
 def fill_section(
     corners: Floats, borders: Ints, walls: NDArray[np.bool_], sizes: Floats, coarse: float
 ) -> tuple[Floats, Ints]:
-    """Return points (n, 2), the corners first, and anticlockwise triangles (k, 3) that fill a section.
+    """Return points (n, 2), corners first, and anticlockwise triangles (k, 3) that fill a section.
 
     Parameters
     ----------
     corners
-        (p, 2) m.
+        Corner positions (p, 2), m.
     borders
-        (s, 2) straight pieces of the border, and of lines inside that triangles must not cross.
+        (s, 2) straight border pieces, and interior lines that triangles must not cross.
     walls
         (s,) whether a piece belongs to the border.
     sizes
-        (s,) length of triangles at each piece, m.
+        (s,) triangle size at each piece, m.
     coarse
-        Largest length of triangles, m.
+        Largest triangle size, m.
 
     Raises
     ------
     MeshError
-        The section is too fine or cannot be filled.
+        If the section is too fine or cannot be filled.
 
     """
     outline = corners[borders[walls]]
@@ -70,7 +70,7 @@ def fill_section(
 def _cut_borders(
     corners: Floats, borders: Ints, sizes: Floats, coarse: float
 ) -> tuple[Floats, Ints, Callable[[Floats], Floats]]:
-    """Cut the border's pieces until none is longer than the size there; return the size as a function, too."""
+    """Cut border pieces until none is longer than the local size; also return the size function."""
     ends, own = corners[borders], _lengths(corners, borders)
     apart = np.minimum(sizes, np.maximum(own, sizes.min()))
     piece, share = subdivide(np.clip(np.ceil(own / apart), 1, SEEDS).astype(int))
@@ -90,7 +90,7 @@ def _cut_borders(
 
 
 def subdivide(parts: Ints) -> tuple[Ints, Floats]:
-    """Return, for pieces cut into parts (s,), the piece of each part and where in the piece it begins, 0 to 1."""
+    """Return, for pieces cut into parts (s,), each part's piece and its start in it, 0 to 1."""
     piece = np.repeat(np.arange(len(parts)), parts)
     step = np.arange(len(piece)) - np.repeat(np.cumsum(parts) - parts, parts)
     return piece, step / parts[piece]
@@ -105,7 +105,7 @@ def _halve(points: Floats, borders: Ints, some: NDArray[np.bool_]) -> tuple[Floa
 def _place_inside(
     outline: Floats, seeds: Floats, own: Floats, size_at: Callable[[Floats], Floats], coarse: float
 ) -> Floats:
-    """Return the centres (n, 2) of a quadtree's cells, as fine as the size, inside and not close to pieces."""
+    """Return quadtree cell centres (n, 2), as fine as the size, inside and not close to pieces."""
     low, high = outline.min(axis=(0, 1)), outline.max(axis=(0, 1))
     shape = np.maximum(1, np.ceil((high - low) / coarse)).astype(int)
     cell = (high - low) / shape
@@ -125,7 +125,7 @@ def _place_inside(
 
 
 def _triangulate(points: Floats, outline: Floats) -> Ints:
-    """Return Delaunay's triangles (k, 3) inside the section, anticlockwise."""
+    """Return the anticlockwise Delaunay triangles (k, 3) inside the section."""
     try:
         triangles = Delaunay(points).simplices.astype(np.int64)
     except QhullError as error:
@@ -136,7 +136,7 @@ def _triangulate(points: Floats, outline: Floats) -> Ints:
 
 
 def _inside(points: Floats, outline: Floats) -> NDArray[np.bool_]:
-    """Whether points (n, 2) are inside the pieces (s, 2, 2) of closed borders, by crossings of a ray."""
+    """Return whether points (n, 2) are inside closed border pieces (s, 2, 2), by ray crossings."""
     a, b = outline[:, 0], outline[:, 1]
     slope = (b[:, 0] - a[:, 0]) / np.where(a[:, 1] == b[:, 1], np.inf, b[:, 1] - a[:, 1])
 
@@ -149,12 +149,12 @@ def _inside(points: Floats, outline: Floats) -> NDArray[np.bool_]:
 
 
 def _clearance(points: Floats, others: Floats, lengths: Floats) -> Floats:
-    """Return (n,) the least distance of points (n, 2) to others (m, 2), each over its length (m,)."""
+    """Return the least distance (n,) of points (n, 2) to others (m, 2), over lengths (m,)."""
     return _over_chunks(points, lambda at: (_distances(at, others) / lengths).min(axis=1), len(others))
 
 
 def _over_chunks(points: Floats, function: Callable[[Floats], np.ndarray], width: int) -> Floats:
-    """Return a function's values (n,) at points (n, 2), called with as many as ``CHUNK`` allows for its width."""
+    """Evaluate a function (n,) at points (n, 2) in chunks of ``CHUNK`` / width points."""
     step = max(1, CHUNK // max(1, width))
     return np.concatenate([function(points[k : k + step]) for k in range(0, len(points), step)] or [np.zeros(0)])
 

@@ -1,10 +1,10 @@
-"""Derivatives of a part's compliance, own weight and mass by its dimensions, material constants and foundation.
+"""Derivatives of a part's compliance, self-weight and mass by dimensions, material and foundation.
 
-With the solutions x held in the unconstrained coordinates the compliance C = Fᵀ A⁻¹ F has the derivative
-dC_ij = dF_iᵀ x_j + x_iᵀ dF_j − x_iᵀ dA x_j: no equation is solved for a parameter. For a dimension, dA is that of the
-mesh moved with the design velocity (``stiffscope.fea.configurational``), integrated once for all parameters. The
-derivatives are those of the discrete compliance, exactly; both levels of the solution (``stiffscope.fea.solution``) are
-differentiated, and extrapolated as the compliance itself is.
+With fixed solutions x in unconstrained coordinates, the compliance C = Fᵀ A⁻¹ F has the derivative
+dC_ij = dF_iᵀ x_j + x_iᵀ dF_j − x_iᵀ dA x_j: no parameter requires a solution. For a dimension, dA
+follows from the mesh's design velocity (``stiffscope.fea.configurational``), integrated once for
+all parameters. The derivatives are exact for the discrete compliance; both solution levels
+(``stiffscope.fea.solution``) are differentiated and extrapolated like the compliance.
 
 References
 ----------
@@ -39,8 +39,8 @@ if TYPE_CHECKING:
 
     Build = Callable[[float], Part]
 
-STEP = 3e-4  # of a dimension: its difference in CAD, whose own precision is some 1e-4 of the step or better
-MATERIAL_STEP = 1e-5  # of a constant (of one for a ratio): central difference of the elasticity matrix
+STEP = 3e-4  # of a dimension: its CAD step; CAD precision is about 1e-4 of the step or better
+MATERIAL_STEP = 1e-5  # of a constant (absolute for ratios): central difference of elasticity
 RATIOS = ("axial_poisson", "transverse_poisson")
 CONSTANTS = {"youngs_modulus", "shear_modulus", "axial_modulus", "transverse_modulus", "axial_shear_modulus", *RATIOS}
 
@@ -48,12 +48,12 @@ CONSTANTS = {"youngs_modulus", "shear_modulus", "axial_modulus", "transverse_mod
 def part_sensitivity(
     experiment: Experiment, part: Part, settings: Settings, dimensions: Mapping[str, tuple[float, Build]]
 ) -> PartSensitivity:
-    """Return the derivatives of a part by its dimensions, the constants of its material, and its foundation.
+    """Return the derivatives of a part by its dimensions, material constants and foundation.
 
     Parameters
     ----------
-    experiment : on this part with these settings; its mesh is taken, and solved anew for the fields.
-    dimensions : by name, the value in m and the function that builds the part with another one.
+    experiment : of this part with these settings; its mesh is reused and solved for the fields.
+    dimensions : by name, the value in m and a function that builds the part with another value.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def part_sensitivity(
 
 
 def _solve_levels(experiment: Experiment, part: Part, settings: Settings) -> TwoLevel:
-    """Return the two levels of the experiment for its unit wrenches, then for its own weight along x, y, z."""
+    """Return both levels for the unit wrenches, then for self-weight along x, y, z."""
     specimen, mesh = specimen_of(part, settings), experiment.mesh
     levels = solve_two_levels(specimen, mesh, settings.interface, settings.solver, settings.foundation)
     return accelerate(levels, np.tile(np.eye(3), (len(mesh.points), 1)))
@@ -84,7 +84,7 @@ def _solve_levels(experiment: Experiment, part: Part, settings: Settings) -> Two
 def _moves(
     mesh: TetMesh, part: Part, dimensions: Mapping[str, tuple[float, Build]]
 ) -> tuple[dict[str, Move], dict[str, str]]:
-    """Return how the part moves with each dimension, and why it does not with the others."""
+    """Return the part's motion with each dimension, and the reasons for missing ones."""
     moves, notes = {}, {}
     if not dimensions:
         return moves, notes
@@ -99,7 +99,7 @@ def _moves(
 
 
 def _change_dimension(build: Build, value: float) -> tuple[Part, float]:
-    """Return the part with a dimension a step larger, or smaller at the end of its range, and that step."""
+    """Return the part with a dimension a step larger (smaller at the range's end), and the step."""
     try:
         return build(value * (1 + STEP)), value * STEP
     except InputError:
@@ -107,7 +107,7 @@ def _change_dimension(build: Build, value: float) -> tuple[Part, float]:
 
 
 def _points(part: Part, changed: Part, step: float) -> tuple[Floats, Floats]:
-    """Return (n, 3) the velocities of the reference points and (3,) that of the clamped area's centre."""
+    """Return velocities of the reference points (n, 3) and of the clamped area's centroid (3,)."""
 
     def locate_faces(one: Part) -> tuple[Floats, Floats]:
         held = [one.faces[index] for index in sorted(one.clamped)]
@@ -119,7 +119,7 @@ def _points(part: Part, changed: Part, step: float) -> tuple[Floats, Floats]:
 
 
 def _of_material(forms: Forms, material: AnyMaterial) -> dict[str, Derivative]:
-    """Derivatives by each elastic constant of the material, and by its density."""
+    """Return derivatives by each elastic constant of the material, and by its density."""
     found = {}
     for constant in dataclasses.fields(material):
         name = constant.name

@@ -1,4 +1,4 @@
-"""How to mesh and solve a part."""
+"""Settings of meshing and solution."""
 
 from __future__ import annotations
 
@@ -8,31 +8,31 @@ import numpy as np
 
 from stiffscope.errors import InputError
 
-MOST_LAYERS = 6  # of thin elements at singular edges; the thinnest has a 4000th of the size
-KINDS = ("rigid", "distributed")  # of couplings between a loaded face and its reference point
+MOST_LAYERS = 6  # of thin elements at singular edges; the thinnest is 1/4000 of the size
+KINDS = ("rigid", "distributed")  # couplings of a loaded face to its reference point
 SOLVERS = ("auto", "direct", "multigrid")
 MOST_MODES = 150  # of the condensed model
 
 
 @dataclass(frozen=True)
 class Settings:
-    """How to mesh and solve; the defaults suit a part that is neither thin-walled nor full of tiny features.
+    """Settings of meshing and solution; defaults suit parts without thin walls and tiny features.
 
     Attributes
     ----------
-    size, envelope : element length and the mesher's distance from the surface, m; None chooses them from the part.
+    size, envelope : element length and the mesher's distance from the surface, m; None: automatic.
     interface : coupling of the loaded faces: "rigid" (one body) or "distributed" (a linear traction).
     layers : 1 to 6 thin layers of elements around the borders of fixed faces and re-entrant edges.
-    tolerance : relative error bound required of every significant entry, 1e-3 for 0.1 %; None accepts one mesh's.
-    foundation : stiffness per unit of area under the clamped faces, N/m³; None is a rigid clamp.
-    time_limit : seconds allowed to the whole experiment, half as long again with a tolerance. Parts that would take
-        far longer are refused beforehand, refinement keeps its last mesh, and commands end whatever takes longer.
-    most_unknowns : degrees of freedom of the cubic solution beyond which refinement stops.
-    solver : "direct" (a factorization), "multigrid", or "auto", the faster of the two.
-    threads : the mesher's threads; 0 takes all processors, or this process's share of them.
-    modes : number of fixed-interface modes of the condensed model; None takes all below ``highest_frequency``, or by
-        default those of ``stiffscope.fea.dynamics``, with which it has the six lowest clamped modes of the part.
-    highest_frequency : Hz.
+    tolerance : required relative bound of every significant entry (1e-3 is 0.1 %); None: one mesh.
+    foundation : stiffness per area under the clamped faces, N/m³; None is a rigid clamp.
+    time_limit : seconds for the whole experiment, 1.5 times as many with a tolerance. Parts far
+        beyond it are refused, refinement keeps its last mesh, and commands stop anything longer.
+    most_unknowns : largest number of degrees of freedom of the cubic solution in refinement.
+    solver : "direct" (factorization), "multigrid", or "auto", the faster of the two.
+    threads : threads of the mesher; 0 takes all processors, or this process's share of them.
+    modes : number of fixed-interface modes of the condensed model; None: all below
+        ``highest_frequency``, or else those that reproduce the six lowest clamped modes.
+    highest_frequency : upper frequency of these modes, Hz.
     """
 
     size: float | None = None
@@ -49,7 +49,7 @@ class Settings:
     highest_frequency: float | None = None
 
     def __post_init__(self) -> None:
-        """Raise InputError for values out of range."""
+        """Raise InputError if a value is out of range."""
         for name in ("size", "envelope"):
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0):

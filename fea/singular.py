@@ -1,6 +1,6 @@
-"""Singular edges, their exponents, and the error that cubic elements leave there.
+"""Singular edges, their exponents, and the remaining error of cubic elements there.
 
-Around an edge displacements go as r^λ: M. L. Williams, J. Appl. Mech. 19 (1952) 526, for plane strain.
+Near an edge, displacements vary as r^λ: M. L. Williams, J. Appl. Mech. 19 (1952) 526, plane strain.
 """
 
 from __future__ import annotations
@@ -16,22 +16,22 @@ if TYPE_CHECKING:
 
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
-SHARP = 0.35  # rad beyond the straight angle from which a re-entrant edge counts
-KOLOSOV = 3 - 4 * 0.3  # of plane strain; at a right angle λ is 0.76 to 0.64 for Poisson's ratios of 0.2 to 0.45
-BRANCH = np.radians(142.0)  # beyond which λ is complex at a fixed edge
+SHARP = 0.35  # rad beyond the straight angle above which an edge is re-entrant
+KOLOSOV = 3 - 4 * 0.3  # plane strain; at a right angle λ is 0.76 to 0.64 for ν from 0.2 to 0.45
+BRANCH = np.radians(142.0)  # angle above which λ is complex at a fixed edge
 
 
 def singular_edges(
     mesh: TetMesh, fixed: Sequence[frozenset[int]], loaded: Sequence[frozenset[int]] = ()
 ) -> tuple[Ints, Floats]:
-    """Return (e, 2) vertex pairs along singular edges and (e,) their exponents λ.
+    """Return vertex pairs (e, 2) along singular edges, and their exponents λ (e,).
 
-    Singular are the borders of fixed faces, re-entrant edges, and the borders of loaded faces unless they are at an
-    edge of the solid: there displacements go as r log r, and λ is 1.
+    Singular edges are borders of fixed faces, re-entrant edges, and borders of loaded faces except
+    at edges of the solid: there displacements vary as r log r, and λ is 1.
 
     Parameters
     ----------
-    fixed, loaded : sets of CAD faces that cannot deform, and of those under tractions.
+    fixed, loaded : sets of undeformable CAD faces, and of those with tractions.
     """
     facets = mesh.facets[:, :3]
     a, b, c = (mesh.points[facets[:, k]] for k in range(3))
@@ -50,7 +50,7 @@ def singular_edges(
 
 
 def _differ(mesh: TetMesh, sets: Sequence[frozenset[int]], left: Ints, right: Ints) -> np.ndarray:
-    """Return (e,) whether the boundary triangles on the two sides of each edge are of different sets of faces."""
+    """Return whether the triangles beside each edge (e,) belong to different sets of faces."""
     owner = np.zeros(len(mesh.facets), dtype=np.int64)
     for number, faces in enumerate(sets, start=1):
         owner[np.isin(mesh.facet_face, list(faces))] = number
@@ -58,7 +58,7 @@ def _differ(mesh: TetMesh, sets: Sequence[frozenset[int]], left: Ints, right: In
 
 
 def free_exponent(inside: Floats) -> Floats:
-    """Return λ of a re-entrant edge with free sides: the root of sin λω + λ sin ω = 0; 0.545 at ω = 270°."""
+    """Return λ of a re-entrant edge with free sides: sin λω + λ sin ω = 0; 0.545 at ω = 270°."""
     power = np.full(np.shape(inside), 0.5)
     for _ in range(60):
         power = (power + (np.pi - np.arcsin(np.clip(-power * np.sin(inside), 0, 1))) / inside) / 2
@@ -66,9 +66,9 @@ def free_exponent(inside: Floats) -> Floats:
 
 
 def fixed_exponent(inside: Floats) -> Floats:
-    """Return λ (its real part) where a fixed side meets a free one; 0.711 at a right angle, 0.5 in a plane, at most 1.
+    """Return λ (real part) between a fixed and a free side: 0.711 at a right angle, 0.5 in a plane.
 
-    κ sin² λω = (κ + 1)² / 4 - λ² sin² ω, with Kolosov's κ; by Newton's method from that of two right angles.
+    κ sin² λω = (κ + 1)² / 4 - λ² sin² ω, with Kolosov's κ; Newton's method. At most 1.
     """
     inside = np.asarray(inside, dtype=float)
     power = np.where(inside < BRANCH, 1.12 / inside, np.pi / 2 / inside + 0.1j / inside)
@@ -81,7 +81,7 @@ def fixed_exponent(inside: Floats) -> Floats:
 
 
 def remaining_ratio(exponent: Floats) -> Floats:
-    """Return the error of cubics at an edge relative to the quadratic-to-cubic difference: energies fall as p^(-4λ).
+    """Return the cubic error at an edge over the quadratic-to-cubic difference: energy ~ p^(-4λ).
 
     I. Babuška and M. Suri, RAIRO Modél. Math. Anal. Numér. 21 (1987) 199.
     """
@@ -89,11 +89,11 @@ def remaining_ratio(exponent: Floats) -> Floats:
 
 
 def remaining_at_edges(mesh: TetMesh, fixed: Sequence[frozenset[int]], loaded: Sequence[frozenset[int]] = ()) -> Floats:
-    """Return (m,) ``remaining_ratio`` of the elements that touch a singular edge, its largest value; 0 elsewhere.
+    """Return the largest ``remaining_ratio`` of elements (m,) at singular edges; 0 elsewhere.
 
     Parameters
     ----------
-    fixed, loaded : sets of CAD faces that cannot deform, and of those under tractions.
+    fixed, loaded : sets of undeformable CAD faces, and of those with tractions.
     """
     edges, exponents = singular_edges(mesh, fixed, loaded)
     at_node = np.zeros(len(mesh.points))

@@ -1,4 +1,4 @@
-"""Projection of the boundary nodes on the exact CAD surface: fTetWild only has to find the topology."""
+"""Projection of boundary nodes on the exact CAD surface; fTetWild only finds the topology."""
 
 from __future__ import annotations
 
@@ -19,22 +19,22 @@ if TYPE_CHECKING:
 logger = logging.getLogger(__name__)
 
 ROUNDS = 60
-FLATTEST = 0.003  # least Jacobian of a curved element over its mean, below which it is removed or moved back
+FLATTEST = 0.003  # least relative Jacobian of a curved element; below, it is removed or moved back
 
 
 def snap(
     points: Floats, cells: Ints, surface: Surface, project: Project, size: float, tags: Ints | None = None
 ) -> TetMesh:
-    """Return the quadratic mesh whose boundary corners and mids lie on the CAD faces.
+    """Return the quadratic mesh with boundary corners and midpoints on the CAD faces.
 
     Parameters
     ----------
     points, cells : linear tetrahedra, metres.
-    surface : the CAD surface they fill.
-    project : ``project(face, points)`` gives the closest points on the face's underlying surface, and with the
-        numbers after the last face's those on the surface's seams.
-    size : target edge length (m); nodes farther than that from a face are left in place.
-    tags : (k,) CAD face of each of ``boundary_facets`` where they are known; by default the nearest.
+    surface : CAD surface of the solid.
+    project : ``project(face, points)`` returns the closest points on the face's surface or, for
+        numbers beyond the last face's, on the surface's seams.
+    size : target edge length (m); nodes farther from a face stay in place.
+    tags : (k,) CAD face of each of ``boundary_facets`` if known; by default the nearest.
     """
     facets, owner, local = boundary_facets(cells)
     if tags is None:
@@ -55,7 +55,7 @@ def snap(
 
 @dataclass(frozen=True)
 class Target:
-    """Projection on faces and seams, element size (m), number of faces."""
+    """Projection on faces and seams, with element size (m) and number of faces."""
 
     project: Project
     size: float
@@ -75,7 +75,7 @@ class _Skin:
 
 
 def _curve_mesh(points: Floats, skin: _Skin, target: Target) -> tuple[Floats, Ints, Ints, Ints]:
-    """Return nodes, (m, 10) cells and (k, 6) boundary triangles on the CAD faces, and (e, 2) the edges."""
+    """Return nodes, cells (m, 10), boundary triangles (k, 6) on the CAD faces, edges (e, 2)."""
     corners = _on_faces(points, skin.facets, skin.tags, target)
     edges, edge_of = unique_edges(skin.cells)
     nodes = np.vstack([corners, corners[edges].mean(axis=1)])
@@ -86,7 +86,7 @@ def _curve_mesh(points: Floats, skin: _Skin, target: Target) -> tuple[Floats, In
 
 
 def _sliver_candidates(skin: _Skin) -> Ints:
-    """Return the tetrahedra with two boundary triangles on one CAD face: sliver candidates."""
+    """Return sliver candidates: tetrahedra with two boundary triangles on one CAD face."""
     order = np.lexsort((skin.tags, skin.owner))
     first, second = order[:-1], order[1:]
     same = (skin.owner[first] == skin.owner[second]) & (skin.tags[first] == skin.tags[second])
@@ -94,7 +94,7 @@ def _sliver_candidates(skin: _Skin) -> Ints:
 
 
 def _without(skin: _Skin, slivers: Ints) -> _Skin:
-    """Return the skin without tetrahedra; new boundary triangles inherit the CAD face of the removed ones."""
+    """Remove tetrahedra; new boundary triangles inherit the CAD face of the removed ones."""
     if not len(slivers):
         return skin
     known = {tuple(sorted(facet)): tag for facet, tag in zip(skin.facets.tolist(), skin.tags.tolist(), strict=True)}
@@ -110,9 +110,9 @@ def _without(skin: _Skin, slivers: Ints) -> _Skin:
 
 
 def _on_faces(points: Floats, nodes: Ints, tags: Ints, target: Target) -> Floats:
-    """Return points with ``nodes`` (k, 3) of each boundary triangle moved on all CAD faces (and seams) they touch.
+    """Move ``nodes`` (k, 3) of boundary triangles onto all CAD faces (and seams) they touch.
 
-    By alternating projections; a node whose faces do not meet nearby (a wrong tag) stays in place.
+    By alternating projections; nodes whose faces do not meet nearby (wrong tags) stay in place.
     """
     node, place = places_of(nodes, tags, target)
     moved = points.copy()
@@ -128,7 +128,7 @@ def _on_faces(points: Floats, nodes: Ints, tags: Ints, target: Target) -> Floats
 
 
 def places_of(nodes: Ints, tags: Ints, target: Target) -> tuple[Ints, Ints]:
-    """Return the unique pairs of node and place of facets (k, j); a seam replaces both its faces for a node on them."""
+    """Return unique (node, place) pairs of facets (k, j); a seam replaces its nodes' two faces."""
     count = target.faces + len(target.seams)
     pairs = np.unique(nodes.reshape(-1) * count + np.repeat(tags, nodes.shape[1]))
     node, place = pairs // count, pairs % count
@@ -143,10 +143,10 @@ def places_of(nodes: Ints, tags: Ints, target: Target) -> tuple[Ints, Ints]:
 
 
 def _balance(nodes: Floats, facets: Ints, tags: Ints, target: Target) -> Floats:
-    """Return nodes with the mids of curved sides moved so that the mean gap to the CAD vanishes.
+    """Shift the midpoints of curved sides so that the mean gap to the CAD surface vanishes.
 
-    A parabola through three points of an arc of angle θ lies inside it: the area is θ⁴/480 too small.
-    First the mean gap of each side is taken to zero, then that of each triangle.
+    A parabola through three points of an arc of angle θ lies inside it, with an area θ⁴/480 too
+    small. The mean gap of each side is set to zero first, then that of each triangle.
     """
     nodes = _balance_sides(nodes, facets, tags, target)
     at, weights = quadrature(4, triangle=True)
@@ -172,7 +172,7 @@ def _balance_sides(nodes: Floats, facets: Ints, tags: Ints, target: Target) -> F
     start, stop, middle = nodes[ends[first, 0]], nodes[ends[first, 1]], nodes[node]
     new = np.searchsorted(node, mids)
     gap = np.zeros_like(middle)
-    for s in (0.5 - 0.15**0.5, 0.5 + 0.15**0.5):  # three Gauss points; the gap at the middle one is zero
+    for s in (0.5 - 0.15**0.5, 0.5 + 0.15**0.5):  # three Gauss points; the middle gap is zero
         on_side = (1 - s) * (1 - 2 * s) * start + s * (2 * s - 1) * stop + 4 * s * (1 - s) * middle
         gap += (_on_faces(on_side, new, tags, target) - on_side) * 5 / 18
     balanced = nodes.copy()
@@ -181,19 +181,18 @@ def _balance_sides(nodes: Floats, facets: Ints, tags: Ints, target: Target) -> F
 
 
 def alternate(points: Floats, node: Ints, place: Ints, target: Target, rounds: int) -> None:
-    """Project nodes on each of the places that they are on, in turn, until they do not move.
+    """Project nodes on each of their places in turn, until they stop moving.
 
     Parameters
     ----------
     points
         Nodes (n, 3), m, moved in place.
     node, place
-        Pairs (k,): index of a node, and of a face or edge that it is on.
+        Pairs (k,) of a node and a face or edge on which it lies.
     target
         Surface to project on.
     rounds
-        Largest number of turns; more come closer to where faces meet.
-
+        Largest number of rounds; more converge closer to the faces' intersection.
     """
     for _ in range(rounds):
         steps = np.zeros(len(node))
@@ -209,7 +208,7 @@ def alternate(points: Floats, node: Ints, place: Ints, target: Target, rounds: i
 
 
 def _pull_back(nodes: Floats, cells: Ints, original: Floats, edges: Ints) -> tuple[Floats, int]:
-    """Straighten the elements that snapping inverted, then move them back towards the mesher's positions."""
+    """Straighten elements inverted by snapping, then move them towards the mesher's positions."""
     nodes = nodes.copy()
     corners = len(original)
     least = jacobian_range(nodes[cells])
@@ -219,7 +218,7 @@ def _pull_back(nodes: Floats, cells: Ints, original: Floats, edges: Ints) -> tup
         if not inverted.any():
             break
         pulled |= inverted
-        if attempt > 1:  # straight sides did not suffice: move the corners half of the way back
+        if attempt > 1:  # straight sides did not suffice: move corners halfway back
             touched = np.unique(cells[inverted, :4])
             nodes[touched] = (nodes[touched] + original[touched]) / 2
             inverted = np.isin(cells[:, :4], touched).any(axis=1)

@@ -1,4 +1,4 @@
-"""Solve a meshed specimen: extrapolated compliance, its error bound, displacements and stresses."""
+"""Solution of a meshed specimen: extrapolated compliance, error bound, displacements, stresses."""
 
 from __future__ import annotations
 
@@ -30,22 +30,23 @@ if TYPE_CHECKING:
     from stiffscope.fea.solvers import Solver
     from stiffscope.fea.specimen import Specimen
 
-# Calibrated extrapolation factors and their 95 % spread; tests/benchmarks/fit_error_bounds.py fits and prints them. The
-# error that remains in the cubic solution is, at singular edges, AT_EDGES times the theory's estimate for the elements
-# that touch them, and elsewhere ELSEWHERE times the quadratic-to-cubic difference; CROSS_TERMS bounds that between two
-# loads in parts of the geometric mean of theirs. Its lower limit elsewhere is zero: the cubic compliance is a lower
-# bound, and exact but for its geometry where a round bar is twisted.
+# Calibrated extrapolation factors and their 95 % spread, fitted and printed by
+# tests/benchmarks/fit_error_bounds.py. The remaining error of the cubic solution is AT_EDGES times
+# the theoretical estimate for elements that touch singular edges, and ELSEWHERE times the
+# quadratic-to-cubic difference otherwise; CROSS_TERMS bounds that between two loads over the
+# geometric mean of theirs. Its lower limit elsewhere is zero: the cubic compliance is a lower
+# bound, and exact except for geometry for a twisted round bar.
 AT_EDGES, SPREAD_AT_EDGES = 1.6, 0.5
 ELSEWHERE, SPREAD_ELSEWHERE = 0.1, 0.1
 CROSS_TERMS = 0.12
 SOLVER, ROUNDING = 1e-8, 5e-14
 INERTIA = 3e-2  # relative error of the quadratic-to-cubic difference for inertia forces
-SOFTEST = 1e-4  # foundation, in parts of the part's modulus over its size
+SOFTEST = 1e-4  # foundation stiffness over the part's modulus per size
 
 
 @dataclass(frozen=True)
 class Extrapolated:
-    """A compliance with its 95 % bound, of which ``geometry`` is due to the mesh's shape; (k, k) each."""
+    """Compliance and 95 % bound, of which ``geometry`` is due to the mesh's shape; (k, k) each."""
 
     compliance: Floats
     error: Floats
@@ -54,12 +55,12 @@ class Extrapolated:
 
 @dataclass(frozen=True)
 class Solution:
-    """Extrapolated response of a meshed specimen to unit wrenches; fields are computed where they are asked for.
+    """Extrapolated response of a meshed specimen to unit wrenches; fields are computed on access.
 
     Attributes
     ----------
-    levels : what it was extrapolated from.
-    extrapolated : the compliance, its bound, and what of that is due to the mesh's shape.
+    levels : solutions from which it is extrapolated.
+    extrapolated : compliance, bound, and the bound's part due to the mesh's shape.
     """
 
     levels: TwoLevel
@@ -67,16 +68,16 @@ class Solution:
 
     @property
     def compliance(self) -> Floats:
-        """(6n, 6n) of the n loaded interfaces together."""
+        """Compliance (6n, 6n) of all n loaded interfaces."""
         return self.extrapolated.compliance
 
     @property
     def error(self) -> Floats:
-        """(6n, 6n) 95 % bound of ``compliance``."""
+        """95 % bound (6n, 6n) of ``compliance``."""
         return self.extrapolated.error
 
     def stiffness_error(self, free: Floats) -> Floats:
-        """Return (m, m) 95 % bounds of the stiffness ``freeᵀ C⁻¹ free`` (6n, m), by those of the wrenches behind it."""
+        """Return 95 % bounds (m, m) of the stiffness ``freeᵀ C⁻¹ free``, with free (6n, m)."""
         return self.levels.extrapolate(loads=np.asarray(np.linalg.solve(self.compliance, free), dtype=np.float64)).error
 
     @property
@@ -86,24 +87,24 @@ class Solution:
 
     @property
     def indicator(self) -> Floats:
-        """(m,) contribution of each element to the bounds of the diagonal entries, relative to them."""
+        """Contribution (m,) of each element to the relative bounds of the diagonal entries."""
         weights = SPREAD_AT_EDGES * self.levels.system.edge_weights + SPREAD_ELSEWHERE
         return (self.levels.energies / self.levels.cubic.diagonal()).sum(axis=1) * weights
 
     @property
     def displacement(self) -> Floats:
-        """(6n, nodes, 3) m per unit wrench."""
+        """Displacements (6n, nodes, 3), m per unit wrench."""
         return self.levels.displacement.T.reshape(len(self.compliance), -1, 3)
 
     @property
     def von_mises(self) -> Floats:
-        """(6n, nodes) Pa per unit wrench."""
+        """Von Mises stresses (6n, nodes), Pa per unit wrench."""
         system = self.levels.system
         return von_mises(nodal_stresses(system.mesh, self.levels.displacement, system.specimen.elasticity)).T
 
     @property
     def imbalance(self) -> float:
-        """Residual of the equilibrium between clamp and wrenches, relative."""
+        """Relative residual of the equilibrium between clamp and wrenches."""
         system = self.levels.system
         nodal, clamped = system.supports.expand(self.levels.quadratic), system.mesh.nodes_of(system.specimen.clamped)
         return imbalance(system.mesh.points, system.bare, nodal, clamped, system.couplings)
@@ -111,12 +112,12 @@ class Solution:
 
 @dataclass(frozen=True)
 class System:
-    """A supported mesh and the solvers of its quadratic and its cubic problem; one factorization serves both.
+    """A supported mesh with the solvers of its quadratic and cubic problem, of one factorization.
 
     Attributes
     ----------
     bare, stiffness : (3n, 3n) N/m, without and with the elastic foundation.
-    edge_weights : (m,) factors of the elements' gained energy in ``TwoLevel.at_edges``, 0 away from singular edges.
+    edge_weights : (m,) factors of gained element energy in ``TwoLevel.at_edges``; 0 off edges.
     """
 
     specimen: Specimen
@@ -136,20 +137,20 @@ class System:
 
     @property
     def cubic_rows(self) -> Ints:
-        """(3w,) the unconstrained cubics' degrees of freedom among all cubics'."""
+        """Degrees of freedom (3w,) of the unconstrained cubics among all cubics'."""
         return dofs_of(self.cubic.free - self.cubic.space.base)
 
 
 @dataclass(frozen=True)
 class TwoLevel:
-    """The quadratic and the cubic solution of a system for k loads on the c + 3w coordinates of the cubic problem.
+    """Quadratic and cubic solution of a system for k loads, in the c + 3w cubic coordinates.
 
     Attributes
     ----------
-    force, motion : (c + 3w, k) generalized forces, and the cubic solution.
-    quadratic : (c, k) the quadratic solution.
-    cubic, gain : (k, k) cubic compliance, and its difference to the quadratic one.
-    at_edges : (k, k) error that theory expects in the cubic compliance at singular edges.
+    force, motion : (c + 3w, k) generalized forces, and cubic solution.
+    quadratic : (c, k) quadratic solution.
+    cubic, gain : (k, k) cubic compliance, and its difference from the quadratic one.
+    at_edges : (k, k) theoretical error of the cubic compliance at singular edges.
     """
 
     system: System
@@ -162,14 +163,14 @@ class TwoLevel:
 
     @property
     def energies(self) -> Floats:
-        """(m, k) twice the strain energy of the difference of the two solutions in each element."""
+        """Twice the strain energy (m, k) of the solutions' difference in each element."""
         gained = self.motion.copy()
         gained[: len(self.quadratic)] -= self.quadratic
         return element_energies(self.system.cubic, gained)
 
     @property
     def displacement(self) -> Floats:
-        """(3 nodes, k) m, of the cubic solution."""
+        """Displacements (3 nodes, k), m, of the cubic solution."""
         return self.system.supports.expand(self.motion[: len(self.quadratic)])
 
     def extrapolate(self, elsewhere: float = ELSEWHERE, loads: Floats | None = None) -> Extrapolated:
@@ -177,8 +178,8 @@ class TwoLevel:
 
         Parameters
         ----------
-        elsewhere : error of the cubic solution in parts of the gain, away from singular edges.
-        loads : (k, m) combinations of the loads in their place.
+        elsewhere : error of the cubic solution over the gain, away from singular edges.
+        loads : (k, m) combinations that replace the loads.
         """
         combine = np.eye(len(self.cubic)) if loads is None else loads
         cubic, gain, at_edges = (combine.T @ each @ combine for each in (self.cubic, self.gain, self.at_edges))
@@ -186,7 +187,7 @@ class TwoLevel:
         spread = SPREAD_AT_EDGES * np.abs(at_edges) + SPREAD_ELSEWHERE * np.abs(gain)
         spread *= self.system.specimen.flatness_on(
             self.system.mesh
-        )  # the factors were fitted to elements that are no larger than walls
+        )  # the factors were fitted to elements no larger than walls
         compliance = cubic + remaining
         geometry = _geometry_bound(self.system.specimen, self.system.mesh, compliance)
         scale = np.abs(combine).T @ np.sqrt(self.cubic.diagonal())
@@ -197,7 +198,7 @@ class TwoLevel:
 def solve_specimen(
     specimen: Specimen, mesh: TetMesh, interface: str, solver: str, foundation: float | None = None
 ) -> Solution:
-    """Return the specimen's response to the unit wrenches on its loaded interfaces.
+    """Return the specimen's response to unit wrenches on its loaded interfaces.
 
     The remaining discretization error is extrapolated from the quadratic-to-cubic difference.
 
@@ -207,8 +208,8 @@ def solve_specimen(
 
     Raises
     ------
-    InputError : interfaces overlap, the foundation is too soft to hold the part, or the solver is unknown.
-    MeshError : the compliance is not positive definite, or the cubic solution does not converge.
+    InputError : if interfaces overlap, the foundation is too soft, or the solver is unknown.
+    MeshError : if the compliance is not positive definite or the cubic solution does not converge.
     """
     levels = solve_two_levels(specimen, mesh, interface, solver, foundation)
     return Solution(levels, levels.extrapolate())
@@ -217,7 +218,7 @@ def solve_specimen(
 def solve_two_levels(
     specimen: Specimen, mesh: TetMesh, interface: str, solver: str, foundation: float | None = None
 ) -> TwoLevel:
-    """Return the quadratic and the cubic solution for the unit wrenches.
+    """Return the quadratic and cubic solution for the unit wrenches.
 
     Parameters
     ----------
@@ -227,9 +228,8 @@ def solve_two_levels(
         Its quadratic mesh.
     interface, solver, foundation
         See ``solve_specimen``.
-
     """
-    with threadpool_limits(1):  # BLAS's own threads are slower on small matrices; ``on_all_cores`` shares out the work
+    with threadpool_limits(1):  # BLAS threads are slower on small matrices; see ``on_all_cores``
         system = _system_of(specimen, mesh, interface, solver, foundation)
         loads = unit_loads(mesh, system.supports, system.couplings)
         tractions = cubic_loads(mesh, system.cubic.space, system.couplings)[system.cubic.free]
@@ -239,7 +239,7 @@ def solve_two_levels(
 def _system_of(
     specimen: Specimen, mesh: TetMesh, interface: str, solver: str, foundation: float | None = None
 ) -> System:
-    """Return the supported mesh with its stiffness and solvers. See ``solve_specimen``."""
+    """Return the supported mesh with its stiffness and solvers; see ``solve_specimen``."""
     kinds = specimen.list_couplings(interface)
     couplings = tuple(Coupling(*loaded, kind) for loaded, kind in zip(specimen.loaded, kinds, strict=True))
     clamped = mesh.nodes_of(specimen.clamped)
@@ -260,16 +260,16 @@ def _system_of(
 def respond(
     system: System, force: Floats, quadratic: Floats, solved: TwoLevel | None = None, tolerance: float = 1e-2
 ) -> TwoLevel:
-    """Return the two solutions for loads, after those of loads that are solved already.
+    """Return both solutions for additional loads, after those of the loads already solved.
 
     Parameters
     ----------
-    force, quadratic : (c + 3w, k) generalized forces, and (c, k) the quadratic problem's solution for its own.
+    force, quadratic : (c + 3w, k) generalized forces, and (c, k) the quadratic solution.
     tolerance : see ``stiffscope.fea.cubic.solve_cubic``.
 
     Raises
     ------
-    MeshError : the compliance is not positive definite, or the cubic solution does not converge.
+    MeshError : if the compliance is not positive definite or the cubic solution does not converge.
     """
     motion = solve_cubic(system.cubic, force, quadratic, tolerance)
     if solved is not None:
@@ -284,7 +284,7 @@ def respond(
     scale = np.sqrt(np.outer(cubic.diagonal(), cubic.diagonal()))
     rounding = rounding_of(system.specimen)
     broken = not (gain.diagonal() > -rounding * cubic.diagonal()).all()
-    if solved is None:  # what is added later may all but depend on it, up to the tolerance
+    if solved is None:  # added loads may nearly depend on it, within the tolerance
         broken = broken or not (np.linalg.eigvalsh(cubic / scale) > -rounding).all()
     if broken:
         raise MeshError(f"solve: the compliance of {system.specimen.name} is not positive definite; the mesh is broken")
@@ -295,7 +295,7 @@ def respond(
 
 
 def accelerate(levels: TwoLevel, motion: Floats) -> TwoLevel:
-    """Return the solutions for the loads solved already, then for the inertia of accelerations (3n, k), m/s²."""
+    """Return the solutions with additional loads: inertia forces of accelerations (3n, k), m/s²."""
     system, mass = levels.system, levels.system.mass
     nodal = system.supports.restrict(times(mass.nodes, motion))
     force = np.vstack([nodal, times(mass.cubics, motion)[system.cubic_rows]])
@@ -303,12 +303,12 @@ def accelerate(levels: TwoLevel, motion: Floats) -> TwoLevel:
 
 
 def rounding_of(specimen: Specimen) -> float:
-    """Relative error of a compliance by rounding, which in a sheet or needle grows with the cube of its slenderness."""
+    """Return the relative rounding error of a compliance: in slender parts as slenderness³."""
     return max(SOLVER, ROUNDING * specimen.slenderness**3) if specimen.slender else SOLVER
 
 
 def _check_foundation(specimen: Specimen, foundation: float) -> None:
-    """Raise InputError for springs so soft that the part's own deformation is lost to rounding."""
+    """Raise InputError for springs so soft that the part's deformation is lost to rounding."""
     least = SOFTEST * float(specimen.elasticity[0, 0]) / specimen.volume ** (1 / 3)
     if foundation < least:
         raise InputError(
@@ -318,7 +318,7 @@ def _check_foundation(specimen: Specimen, foundation: float) -> None:
 
 
 def _edge_weights(specimen: Specimen, mesh: TetMesh, interface: str, foundation: float | None) -> Floats:
-    """Return (m,) ``remaining_at_edges``; a foundation softer than the part acts on it as a traction."""
+    """Return ``remaining_at_edges`` (m,); a foundation softer than the part acts as traction."""
     fixed = specimen.list_fixed(rigid=interface == "rigid")
     if foundation is not None and foundation * specimen.volume ** (1 / 3) < specimen.elasticity[0, 0]:
         fixed = fixed[1:]
@@ -326,15 +326,15 @@ def _edge_weights(specimen: Specimen, mesh: TetMesh, interface: str, foundation:
 
 
 def _cross_terms(remaining: Floats) -> Floats:
-    """Return (6n, 6n) bounds of the errors between two loads, whose estimates may cancel."""
+    """Return bounds (6n, 6n) of errors between two loads, whose estimates may cancel."""
     energies = np.sqrt(np.maximum(remaining.diagonal(), 0))
     return CROSS_TERMS * (np.outer(energies, energies) - np.diag(energies**2))
 
 
 def _geometry_bound(specimen: Specimen, mesh: TetMesh, compliance: Floats) -> Floats:
-    """Return (6n, 6n) bounds of the error due to the mesh's shape: bending varies with the cube of a section's height.
+    """Return bounds (6n, 6n) due to the mesh's shape: bending varies as the section height cubed.
 
-    Misplaced interfaces couple entries that symmetry decouples, far more than a wrong volume does.
+    Misplaced interfaces couple entries that symmetry decouples, far more than a wrong volume.
     """
     size, scale = np.abs(compliance), np.sqrt(np.outer(compliance.diagonal(), compliance.diagonal()))
     area, shift = interface_error(specimen, mesh)

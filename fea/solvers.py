@@ -1,4 +1,4 @@
-"""How the supported stiffness is solved: a factorization, or conjugate gradients."""
+"""Solvers of the supported stiffness: factorization and conjugate gradients."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     Solve = Callable[[Floats], Floats]
 
 
-LEFT = 0.3  # of a tolerance, by which iterations stop short
+LEFT = 0.3  # of a tolerance: safety margin of the stopping criterion
 
 
 @dataclass(frozen=True)
 class Solver:
-    """Coordinates from forces (c, loads): ``solve`` exactly, ``precondition`` approximately, for an iteration."""
+    """Maps from forces (c, loads) to coordinates: ``solve`` exact, ``precondition`` approximate."""
 
     solve: Solve
     precondition: Solve
@@ -39,13 +39,13 @@ def _threads(count: int) -> ThreadPoolExecutor:
 
 
 def on_all_cores(work: Callable[..., Any], *items: Iterable[Any]) -> list[Any]:
-    """Run independent pieces of NumPy's or SciPy's work in threads; their loops release the interpreter lock."""
+    """Run independent NumPy or SciPy work in threads; their loops release the interpreter lock."""
     count = processors()
     return list(_threads(count).map(work, *items) if count > 1 else map(work, *items))
 
 
 def product(matrix: csr_array) -> Solve:
-    """Return ``x -> matrix @ x`` of a square matrix with its rows distributed to the cores."""
+    """Return ``x -> matrix @ x`` of a square matrix, with its rows distributed over the cores."""
     cores = processors()
     data, columns, starts = (np.asarray(part) for part in (matrix.data, matrix.indices, matrix.indptr))
     size = len(starts) - 1
@@ -67,26 +67,26 @@ def factorize_matrix(matrix: csr_array) -> Solve:
 def conjugate_gradients(
     apply: Solve, precondition: Solve, force: Floats, motion: Floats, tolerance: float, limit: int
 ) -> tuple[Floats, bool]:
-    """Solve for all columns at once until the remaining steps would add little to the energy gained so far.
+    """Solve for all columns at once until further steps would add little to the energy gained.
 
-    That is, the last step less than ``tolerance`` / 10; or it and, if the steps go on falling as the last two did, all
-    that follow less than ``LEFT`` · ``tolerance``.
+    The last step adds less than ``tolerance`` / 10; or it, and all following ones if they decrease
+    at the rate of the last two, less than ``LEFT`` · ``tolerance``.
 
     Parameters
     ----------
     apply, precondition
-        Products of the matrix, and of an approximate inverse of it, with columns (n, c).
+        Products of the matrix, and of an approximate inverse, with columns (n, c).
     force, motion : (n, c)
-        Right-hand sides, and where to start.
+        Right-hand sides, and initial solution.
     tolerance
-        Share of each column's energy that may be missing.
+        Fraction of each column's energy that may be missing.
     limit
-        Steps at most.
+        Largest number of steps.
 
     Returns
     -------
     tuple
-        The motion (n, c), and whether it converged within ``limit`` steps.
+        The solution (n, c), and whether it converged within ``limit`` steps.
 
     """
     motion = motion.copy()
@@ -96,13 +96,13 @@ def conjugate_gradients(
     direction = step
     gained = np.full(force.shape[1], np.finfo(float).tiny)
     gain = np.zeros(force.shape[1])
-    for _ in range(limit):  # in place: these arrays are the largest of the problem
+    for _ in range(limit):  # in place: these are the problem's largest arrays
         pushed = apply(direction)
         length = fall / np.maximum(np.einsum("ij,ij->j", direction, pushed), np.finfo(float).tiny)
         motion += length * direction
         pushed *= length
         residual -= pushed
-        former, gain = gain, length * fall  # contribution of a step to each compliance
+        former, gain = gain, length * fall  # contribution of the step to each compliance
         gained += gain
         small = LEFT * tolerance * gained
         falling = (gain < small) & (gain**2 < small * (former - gain))

@@ -1,4 +1,4 @@
-"""Function spaces on a mesh: scikit-fem's quadratic element, our cubic enrichment, and bases on cells and on faces."""
+"""Function spaces on a mesh: quadratic element, cubic enrichment, and bases on cells and faces."""
 
 # pyright: reportAssignmentType=false, reportAttributeAccessIssue=false, reportIncompatibleMethodOverride=false, reportOptionalOperand=false, reportOptionalSubscript=false, reportReturnType=false
 # (scikit-fem declares its types loosely)
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
 
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
-GRADIENTS = np.vstack([-np.ones(3), np.eye(3)])  # of the barycentric coordinates
+GRADIENTS = np.vstack([-np.ones(3), np.eye(3)])  # of barycentric coordinates
 
 
 class ElementTetCubic(ElementH1):
     """Hierarchical cubics λ_a λ_b (λ_a − λ_b) of the six edges and λ_a λ_b λ_c of the four faces.
 
-    Together with ``ElementTetP2`` they span all cubics, and they vanish at its nodes, so that its coefficients stay
+    With ``ElementTetP2`` they span all cubics. They vanish at its nodes, so its coefficients remain
     nodal values.
 
     References
@@ -42,7 +42,7 @@ class ElementTetCubic(ElementH1):
     refdom = RefTet
 
     def lbasis(self, X: Floats, i: int) -> tuple[Floats, Floats]:
-        """Return value and reference gradient of function ``i`` of the ten at reference points X."""
+        """Return value and reference gradient of function ``i`` of ten at reference points X."""
         b = np.stack([1 - X.sum(axis=0), *X])
         if i < 6:
             p, q = RefTet.edges[i]
@@ -57,7 +57,7 @@ class ElementTetCubic(ElementH1):
         return value, sum(np.multiply.outer(GRADIENTS[k], slope) for k, slope in slopes.items())
 
     def orient(self, mapping: Mapping, i: int, tind: Ints | None = None) -> Ints:
-        """Return (m,) the signs of function ``i``: edges run from their lower vertex to their higher one."""
+        """Return the signs (m,) of function ``i``: edges run from lower to higher vertex."""
         t = mapping.mesh.t if tind is None else mapping.mesh.t[:, tind]
         if i >= 6:
             return np.ones(t.shape[1], dtype=int)
@@ -65,14 +65,14 @@ class ElementTetCubic(ElementH1):
         return np.where(t[a] < t[b], 1, -1)
 
     def gbasis(self, mapping: Mapping, X: Floats, i: int, tind: Ints | None = None) -> tuple[DiscreteField]:
-        """Return function ``i`` in the elements ``tind``, oriented."""
+        """Return the oriented function ``i`` in the elements ``tind``."""
         (field,) = super().gbasis(mapping, X, i, tind)
         sign = self.orient(mapping, i, tind)[:, None]
         return (DiscreteField(value=np.asarray(field) * sign, grad=field.grad * sign),)
 
 
 def cell_bases(mesh: TetMesh, element: Element, straight: int, curved: int) -> list[Basis]:
-    """Return the bases of the elements with straight and with curved sides, by quadrature of those orders."""
+    """Return bases of straight-sided and of curved elements, with these quadrature orders."""
     grid, bent = mesh.grid, mesh.is_curved
     groups = ((np.flatnonzero(~bent), MappingAffine(grid), straight), (np.flatnonzero(bent), grid.mapping(), curved))
     return [
@@ -91,9 +91,9 @@ def face_basis(mesh: TetMesh, element: Element, faces: frozenset[int], order: in
 
 
 class _FacetMapping(MappingIsoparametric):
-    """Knows where the quadrature points of the facets lie in their elements.
+    """Mapping with known reference points of the facets' quadrature points.
 
-    scikit-fem looks for them by Newton's method, which need not converge in nearly flat curved elements.
+    scikit-fem's Newton iteration for them need not converge in nearly flat curved elements.
     """
 
     def __init__(self, grid: MeshTet2, facets: Ints, points: Floats) -> None:
@@ -104,6 +104,6 @@ class _FacetMapping(MappingIsoparametric):
         self._inside = np.einsum("ick,cq->ikq", RefTet.p[:, local], weights)
 
     def invF(self, x: Floats, tind: Ints | None = None, **_: float) -> Floats:
-        """Return (3, k, q) the reference points, whatever is asked."""
+        """Return the reference points (3, k, q), for any arguments."""
         del x, tind
         return self._inside

@@ -35,13 +35,13 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-ATTEMPTS, PATIENCE = 3, 5.0  # meshes tried, and seconds after which no further one is started
-CLOSER = 3.0  # ratio of successive envelopes: one larger than the height of a step may lose the step
+ATTEMPTS, PATIENCE = 3, 5.0  # most meshes tried, and seconds after which no more are tried
+CLOSER = 3.0  # ratio of successive envelopes; one larger than a step's height may lose the step
 GOOD_SHAPE = 3e-5
 
-GRADING_RATIO = 0.25  # cutting at a quarter reduces the error three times as much as halving, for as many elements
-USUAL_BOUND = 4e-3  # relative; the usual size leaves about half of it in plain parts
-COARSEST = 1.6  # times the usual size; beyond, meshes have no fewer elements
+GRADING_RATIO = 0.25  # a cut at a quarter reduces the error three times as much as one at half
+USUAL_BOUND = 4e-3  # relative; typical bound, about twice that of plain parts of usual size
+COARSEST = 1.6  # times the usual size; beyond, meshes do not have fewer elements
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,13 @@ class Specimen:
 
     Attributes
     ----------
-    project : ``project(place, points)``, closest points on a CAD face's surface or, numbered after them, a seam, m.
+    project : ``project(place, points)``: closest points on a CAD face or, after these, a seam, m.
     elasticity : (6, 6) Pa, Voigt order xx, yy, zz, yz, xz, xy.
     clamped : CAD faces that are fixed.
     loaded : (CAD faces, reference point) of each loaded interface.
-    volume, density : m³, kg/m³.
-    names : of the clamp and of the loaded interfaces.
-    couplings : "rigid" or "distributed" of each loaded interface; empty ones follow the settings, as all by default.
+    volume, density : volume, m³; density, kg/m³.
+    names : names of the clamp and of the loaded interfaces.
+    couplings : "rigid" or "distributed" for each loaded interface; empty: that of the settings.
     """
 
     name: str
@@ -72,12 +72,12 @@ class Specimen:
 
     @cached_property
     def extrusion(self) -> Extrusion | None:
-        """The solid as a sheet, a needle or a bar with thin walls, if it is one; see ``stiffscope.fea.extrusion``."""
+        """The solid as a sheet, needle or thin-walled bar (``fea.extrusion``), or None."""
         return find_extrusion(self.surface, self.held_faces)
 
     @property
     def slender(self) -> bool:
-        """Whether it is such an extrusion."""
+        """Whether the solid is such an extrusion."""
         return self.extrusion is not None
 
     @property
@@ -87,38 +87,38 @@ class Specimen:
 
     @property
     def flatness(self) -> float:
-        """More than 1 for thin walls, which get flat elements; see ``stiffscope.fea.mesh.flatness_of``."""
+        """Above 1 for thin walls with flat elements; see ``stiffscope.fea.mesh.flatness_of``."""
         return flatness_of(self.volume, self.surface.faces)
 
     def flatness_on(self, mesh: TetMesh) -> float:
-        """How flat a mesh's elements are, up to 2, but 1 where they are no larger than walls are thick."""
+        """Return the aspect ratio of a mesh's elements, up to 2; 1 up to the wall thickness."""
         walled = self.extrusion is not None and has_thin_walls(self.surface, self.extrusion)
         most = 2.0 if walled else self.flatness
         return float(np.clip(edge_length(mesh) / default_size(self.volume, self.area), 1.0, most))
 
     @property
     def slenderness(self) -> float:
-        """Diagonal of the bounding box over twice the volume per area (the thickness of a plate)."""
+        """Bounding box diagonal over twice volume per area (a plate's thickness)."""
         return diagonal(self.surface) * self.area / (2 * self.volume)
 
     @property
     def interfaces(self) -> tuple[frozenset[int], ...]:
-        """The faces of the clamp and those of each loaded interface."""
+        """Faces of the clamp and of each loaded interface."""
         return self.clamped, *(faces for faces, _ in self.loaded)
 
     @property
     def held_faces(self) -> frozenset[int]:
-        """The faces of all interfaces."""
+        """Faces of all interfaces."""
         return frozenset[int]().union(*self.interfaces)
 
     def list_fixed(self, *, rigid: bool) -> tuple[frozenset[int], ...]:
-        """The interfaces that cannot deform: the clamp, and loaded faces with rigid couplings."""
+        """Return the undeformable interfaces: the clamp, and rigidly coupled loaded faces."""
         kinds = self.list_couplings("rigid" if rigid else "distributed")
         loaded = zip(self.interfaces[1:], kinds, strict=True)
         return self.clamped, *(faces for faces, kind in loaded if kind == "rigid")
 
     def list_couplings(self, usual: str) -> tuple[str, ...]:
-        """The coupling of each loaded interface, where ``usual`` is that of those without one of their own."""
+        """Return the coupling of each loaded interface; ``usual`` if it has none of its own."""
         return tuple(own or usual for own in self.couplings or ("",) * len(self.loaded))
 
 
@@ -145,21 +145,21 @@ def mesh_specimen(
     envelope
         Largest distance of the mesh from the surface (m); None chooses it from the surface.
     layers
-        Layers of smaller elements along edges where the stress is singular; more are finer.
+        Layers of smaller elements along singular edges; more are finer.
     rigid
-        The loaded faces move as rigid ones, so that their edges are singular, too.
+        Whether the loaded faces move rigidly, so that their borders are singular, too.
     time_limit
-        Seconds after which the mesher is ended.
+        Seconds after which the mesher is stopped.
     threads
         Threads of the mesher; 0 takes all cores.
     patience
-        Seconds after which no further attempt at a better geometry is made.
+        Seconds after which no further attempt at a better geometry starts.
     tolerance
-        Relative error that the solution may have; a larger one chooses larger elements.
+        Allowed relative error of the solution; a larger one chooses larger elements.
 
     Raises
     ------
-    MeshError : time limit exceeded, inverted elements, an interface without triangles, or a wrong volume.
+    MeshError : time limit exceeded, inverted elements, an empty interface, or a wrong volume.
     """
 
     def check(elements: float) -> None:
@@ -185,7 +185,7 @@ def mesh_specimen(
 
 
 def cure_of(specimen: Specimen, size: float | None = None) -> str:
-    """Return what would need fewer elements: a larger size (m), or no small holes where these set their number."""
+    """Return advice for fewer elements: a larger size (m), or no small holes if they dominate."""
     size = size or default_size(specimen.volume, specimen.area, specimen.flatness)
     fewer, count = (expected_elements(specimen.surface, specimen.volume, each) for each in (COARSEST * size, size))
     if fewer < 0.6 * count:
@@ -194,14 +194,14 @@ def cure_of(specimen: Specimen, size: float | None = None) -> str:
 
 
 def _choose_coarsening(tolerance: float | None) -> float:
-    """Return how many times the usual size serves a tolerance: the bound grows with the square of the size."""
+    """Return the factor on the usual size for a tolerance: the bound grows as the size squared."""
     return min(COARSEST, max(1.0, (tolerance / USUAL_BOUND) ** 0.5)) if tolerance else 1.0
 
 
 def _best_mesh(
     specimen: Specimen, size: float, envelope: float, time_limit: float, threads: int, patience: float
 ) -> TetMesh:
-    """Return the first mesh with a good geometry, or the best of a few: fTetWild is not deterministic."""
+    """Return the first mesh of good geometry, or the best of a few: fTetWild's results vary."""
     begun = time.perf_counter()
     tried: list[tuple[float, TetMesh]] = []
     for attempt in range(ATTEMPTS):
@@ -225,19 +225,19 @@ def _best_mesh(
 
 
 def shape_error(specimen: Specimen, mesh: TetMesh) -> float:
-    """Return the sum of the relative errors of the mesh's volume and area and of its interfaces."""
+    """Return the sum of relative errors of volume, area and interfaces of the mesh."""
     return geometric_error(specimen, mesh) + sum(interface_error(specimen, mesh))
 
 
 def geometric_error(specimen: Specimen, mesh: TetMesh) -> float:
-    """Return the sum of the relative errors of the mesh's volume and area."""
+    """Return the sum of relative errors of volume and area of the mesh."""
     wanted = sum(face.area for face in specimen.surface.faces)
     area = face_areas(mesh, len(specimen.surface.faces)).sum()
     return abs(volume(mesh.points, mesh.cells) / specimen.volume - 1) + float(abs(area / wanted - 1))
 
 
 def interface_error(specimen: Specimen, mesh: TetMesh) -> tuple[float, float]:
-    """Return the largest relative error of an interface's area, and of its centroid relative to its size."""
+    """Return the largest relative error of interface area, and of centroid over interface size."""
     areas, worst = face_areas(mesh, len(specimen.surface.faces)), np.zeros(2)
     for interface in specimen.interfaces:
         numbers = sorted(interface)
@@ -252,7 +252,7 @@ def interface_error(specimen: Specimen, mesh: TetMesh) -> tuple[float, float]:
 
 
 def face_areas(mesh: TetMesh, count: int) -> Floats:
-    """Return (count,) the area (m²) of each CAD face on the mesh."""
+    """Return the area (count,), m², of each CAD face on the mesh."""
     total = np.zeros(count)
     np.add.at(total, mesh.facet_face, area_elements(mesh.points[mesh.facets]).sum(axis=1))
     return total

@@ -1,4 +1,4 @@
-"""Superelements read from files: the npz, Matrix Market and Nastran forms of `stiffscope.fea.export`, and of others."""
+"""Superelements from files: npz, Matrix Market and Nastran, also from other programs."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats
 
 SUFFIXES = (".npz", ".mtx", ".bdf", ".dat", ".pch")
-MOST_ROWS = 3000  # of a matrix: 500 interfaces
-_NODE = re.compile(r"^\W*(\d+) (\S.*?) (\S+) (\S+) (\S+)\s*$")  # of a comment: number, name, x y z in m
+MOST_ROWS = 3000  # limit of matrix rows: 500 interfaces
+_NODE = re.compile(r"^\W*(\d+) (\S.*?) (\S+) (\S+) (\S+)\s*$")  # comment: number, name, x y z in m
 
 
 @dataclass(frozen=True, eq=False)
 class Read:
-    """What a file holds: stiffness, and mass or None, in its order; places (3,) in m by name of interface, if any."""
+    """Contents of a file: stiffness, mass or None, and interface places (3,), m, by name."""
 
     stiffness: Floats
     mass: Floats | None
@@ -34,12 +34,12 @@ class Read:
 
 
 def read_superelement(path: Path) -> Read:
-    """Read a superelement; of Matrix Market ``NAME.stiffness.mtx``, and ``NAME.mass.mtx`` beside it where there is one.
+    """Read a superelement; ``NAME.stiffness.mtx`` is read with ``NAME.mass.mtx`` if that exists.
 
     Raises
     ------
     InputError
-        The file is of no such form, or lacks a stiffness; the message starts with "expected".
+        If the format is unknown or the stiffness is missing; the message starts with "expected".
     """
     if not path.is_file():
         raise InputError(f"expected a file of a superelement, got none at {path}")
@@ -58,7 +58,7 @@ def read_superelement(path: Path) -> Read:
 
 
 def _check_matrix(shape: tuple[int, ...], kind: str) -> None:
-    """Raise InputError for a matrix that is no superelement's, before it takes memory."""
+    """Raise InputError for an invalid superelement matrix, before it is loaded."""
     if len(shape) != 2 or shape[0] != shape[1] or not 0 < shape[0] <= MOST_ROWS:
         raise InputError(f"expected a square matrix of at most {MOST_ROWS} rows, got {' x '.join(map(str, shape))}")
     if kind not in {"real", "integer"}:
@@ -66,7 +66,7 @@ def _check_matrix(shape: tuple[int, ...], kind: str) -> None:
 
 
 def _check_npz(path: Path) -> None:
-    """Check the matrices of an npz file by their headers."""
+    """Check the matrices of an npz file from their headers."""
     with zipfile.ZipFile(path) as archive:
         for name in {"stiffness.npy", "mass.npy"}.intersection(archive.namelist()):
             with archive.open(name) as stream:
@@ -106,7 +106,7 @@ def _dense(path: Path) -> Floats:
 
 
 def _read_dmig(path: Path) -> Read:
-    """Real DMIG entries in small, large or free fields; grid points in their numbers' order, then scalar points."""
+    """Read real DMIG entries, small, large or free fields; grid points by number, then scalars."""
     text = path.read_text(errors="replace")
     grids: dict[int, tuple[float, ...]] = {}
     entries: dict[str, dict[tuple[tuple[int, int], tuple[int, int]], float]] = {}
@@ -144,7 +144,7 @@ def _read_dmig(path: Path) -> Read:
 
 
 def _cards(text: str) -> Iterator[list[str]]:
-    """Cards with their continuations: the name, then all fields; of DMIG four a row of the column, the first at 5."""
+    """Yield cards with continuations: name, then fields; DMIG has four per row, from index 5."""
     card: list[str] = []
     for line in text.splitlines():
         if not line.strip() or line.startswith("$"):
@@ -168,13 +168,13 @@ def _cards(text: str) -> Iterator[list[str]]:
 
 
 def _number(text: str) -> float:
-    """A number of Nastran's, whose exponent may lack its letter."""
+    """Parse a Nastran number, whose exponent may lack its letter."""
     plain = re.sub(r"(?<=[\d.])([+-]\d+)$", r"e\1", text.strip().replace("D", "E").replace("d", "e"))
     return float(plain) if text.strip() else 0.0
 
 
 def _named_places(comment: str) -> dict[str, tuple[float, ...]]:
-    """Names and places of the lines after "Nodes, x y z in m:"."""
+    """Return names and places from the lines after "Nodes, x y z in m:"."""
     found: dict[str, tuple[float, ...]] = {}
     for line in comment.partition("Nodes, x y z in m:")[2].splitlines():
         node = _NODE.match(line)

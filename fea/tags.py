@@ -1,4 +1,4 @@
-"""The CAD face of each boundary triangle: the nearest one, since the mesher keeps no tags."""
+"""CAD face of each boundary triangle: the nearest one, as the mesher keeps no tags."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
 
 
 def tag_facets(surface: Surface, corners: Floats, reach: float) -> Ints:
-    """Return (k,) the CAD face of each boundary triangle.
+    """Return the CAD face (k,) of each boundary triangle.
 
-    The face with the least ``distance + reach (1 - cos angle)`` wins, so that a triangle at a sharp edge
-    goes to the face it is parallel to.
+    The face with the smallest ``distance + reach (1 - cos angle)`` is chosen, so that a triangle at
+    a sharp edge belongs to the parallel face.
 
     Parameters
     ----------
-    surface : the CAD surface with a face number on each of its triangles.
+    surface : CAD surface with a face number for each of its triangles.
     corners : (k, 3, 3) corner positions of the boundary triangles, outward, metres.
     reach : length (m) equivalent to a right angle between the normals; about half an element.
     """
@@ -53,7 +53,7 @@ def _unit_normals(triangles: Floats) -> Floats:
 
 
 def _nearest_triangle(points: Floats, triangles: Floats) -> tuple[Floats, Ints]:
-    """Return (n,) distance to and (n,) index of the nearest triangle, in chunks of bounded memory."""
+    """Return distance (n,) and index (n,) of the nearest triangle, in chunks of bounded memory."""
     distance, nearest = np.empty(len(points)), np.empty(len(points), dtype=np.int64)
     step = max(1, 200_000 // len(triangles))
     for start in range(0, len(points), step):
@@ -65,7 +65,7 @@ def _nearest_triangle(points: Floats, triangles: Floats) -> tuple[Floats, Ints]:
 
 
 def _squared_distances(points: Floats, triangles: Floats) -> Floats:
-    """Return (n, t) squared distances: to the three sides, and to the plane where the foot is inside."""
+    """Return squared distances (n, t) to three sides, or to the plane if the foot is inside."""
     result = np.full((len(points), len(triangles)), np.inf)
     normals = _unit_normals(triangles)
     inside = np.ones(result.shape, dtype=bool)
@@ -82,11 +82,11 @@ def _squared_distances(points: Floats, triangles: Floats) -> Floats:
 
 
 def smooth_tags(facets: Ints, tags: Ints, rounds: int = 3) -> Ints:
-    """Return tags without islands: a triangle takes the tag that two of its neighbours share."""
+    """Remove islands of tags: a triangle takes the tag that two of its neighbours share."""
     pairs = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
     keys = pairs[:, 0] * (facets.max() + 1) + pairs[:, 1]
     order = np.argsort(keys, kind="stable")
-    neighbours = np.empty(len(keys), dtype=np.int64)  # on a closed surface each side occurs twice
+    neighbours = np.empty(len(keys), dtype=np.int64)  # each side of a closed surface occurs twice
     neighbours[order[0::2]], neighbours[order[1::2]] = order[1::2] // 3, order[0::2] // 3
     if len(keys) % 2 or not np.array_equal(keys[order[0::2]], keys[order[1::2]]):
         return tags

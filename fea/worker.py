@@ -1,4 +1,4 @@
-"""What is done in a process of its own: fTetWild can crash or never end, and drops a file into its working folder."""
+"""Work in a separate process: fTetWild may crash, hang, and writes a file to its working folder."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def run_ftetwild(
     vertices: Floats, triangles: Ints, size: float, envelope: float, threads: int, energy: float
 ) -> tuple[Floats, Ints]:
-    """Mesh a surface: points (n, 3) in the unit of its vertices and cells (m, 4).
+    """Mesh a surface: points (n, 3) in units of its vertices, and cells (m, 4).
 
     Parameters
     ----------
@@ -26,11 +26,11 @@ def run_ftetwild(
     size
         Target edge length.
     envelope
-        Allowed distance to the surface, over the diagonal of its bounding box.
+        Allowed distance to the surface over its bounding box diagonal.
     threads
-        Of the mesher.
+        Threads of the mesher.
     energy
-        Of the most distorted element that may remain.
+        Largest distortion energy of an element.
 
     """
     points, cells = pytetwild.tetrahedralize(  # pyright: ignore[reportPrivateImportUsage]
