@@ -1,1 +1,1 @@
-"""Effects that a robot may have and its model lack: a module each, found by `vocabulary`."""
+"""Effects that a nominal model may lack, one module each; `vocabulary` discovers them."""

@@ -1,4 +1,4 @@
-"""Drives softer or stiffer than stated."""
+"""Drive stiffness that differs from the stated value."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ActuatorStiffness(ElementEffect):
-    """Drives yield along what they drive by more, or less."""
+    """Factor on the stiffness of drives along their driven directions."""
 
     word = "actuator-stiffness"
     precedence = 30
@@ -30,7 +30,7 @@ class ActuatorStiffness(ElementEffect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At driven joints."""
+        """Yield candidates at driven joints."""
         robot, known = setting.robot, cls.parameters[0]
         for place in robot.places(robot.driven):
             within = max(robot.factor(name) for name in place.members)
@@ -39,7 +39,7 @@ class ActuatorStiffness(ElementEffect):
             yield cls(partial(soften, robot, place.members)).make_candidate(place, (prior,))
             count = len(place.members)
             if count > 1 and min(robot.factor(name) for name in place.members) > 1.0:
-                # known so little, each may be off by a factor of its own, about one that they have in common
+                # with priors this wide each drive may have its own factor besides a common one
                 each = tuple(prior._replace(name=f"{name}.{known.name}") for name in place.members)
                 yield cls(partial(_soften_each, robot, place.members)).make_candidate(
                     place, each, scale=(size,) * (1 + count), groups=(1, count), bounds=FREE,
@@ -48,7 +48,7 @@ class ActuatorStiffness(ElementEffect):
 
 
 def _grow(u: Array) -> Array:
-    """Factors (k,) on compliances: more by what is common ``u[0]`` and each one's own, less by as many times."""
+    """Return compliance factors (k,): ``1 + e``, or ``1/(1 - e)`` if ``e = u[0] + u[1:] < 0``."""
     e: Array = u[0] + u[1:]
     return np.where(e < 0.0, 1.0 / (1.0 - np.minimum(e, 0.0)), 1.0 + e)
 
@@ -58,11 +58,11 @@ def _find_factors(u: Array) -> Array:
 
 
 def _find_growth(factors: Array) -> Array:
-    """Internal parameters (1 + k,) of factors (k,) on stiffnesses."""
+    """Return the internal parameters (1 + k,) of stiffness factors (k,)."""
     return np.append(0.0, np.where(factors > 1.0, 1.0 - factors, 1.0 / factors - 1.0))
 
 
 def _soften_each(nominal: NominalRobot, names: Sequence[str], u: Array) -> Changes:
-    """Compliances of driven joints along their drives grow by factors of their own; see `_grow`."""
+    """Scale the drive compliance of each joint by its own factor (see `_grow`)."""
     more = _grow(u) - 1.0
     return {name: change for k, name in enumerate(names) for name, change in soften(nominal, [name], more[k:]).items()}

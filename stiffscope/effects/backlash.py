@@ -1,4 +1,4 @@
-"""Dead zones of drives."""
+"""Backlash of drives."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from stiffscope.effects.effect import ADDED, Array, Candidates, Effect, Influenc
 
 @dataclass(frozen=True)
 class Backlash(Effect):
-    """A drive starts each reading from the middle of its gap and shifts towards the force that it carries."""
+    """Dead zone of a drive, which shifts from its middle towards the force that it carries."""
 
     word = "backlash"
     precedence = 140
@@ -22,7 +22,7 @@ class Backlash(Effect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At single drives."""
+        """Yield candidates at single drives."""
         driven = setting.robot.driven
         for place in setting.robot.places(driven):
             if place.sole:
@@ -31,5 +31,5 @@ class Backlash(Effect):
                 yield cls(place.sole).make_candidate(place, own, units=("rad" if turns else "m",))
 
     def influence(self, values: Array) -> Influence:
-        """Its drive has a dead zone."""
+        """Return the dead zone of the drive."""
         return Influence(dead_zones={self.drive: float(values[0])})

@@ -1,4 +1,4 @@
-"""What the robot stands on yields."""
+"""Compliance of the robot's foundation."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from stiffscope.vjm.checks import BASE
 
 @dataclass(frozen=True)
 class BaseCompliance(Support):
-    """Between the ground and all that stands on it, at the origin."""
+    """Elastic support between the ground and everything mounted on it, at the origin."""
 
     word = "base-compliance"
     precedence = 90
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At the base."""
+        """Yield candidates at the base."""
         yield from cls.supports(setting, Place("base", (BASE,)))

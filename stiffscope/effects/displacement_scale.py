@@ -1,4 +1,4 @@
-"""Instruments with a wrong gain."""
+"""Gain errors of instruments."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from stiffscope.effects.instruments import InstrumentEffect
 
 @dataclass(frozen=True)
 class DisplacementScale(InstrumentEffect):
-    """What is shown is a factor times what is true."""
+    """Factor by which an instrument multiplies the true displacement."""
 
     word = "displacement-scale"
     precedence = 160
@@ -19,5 +19,5 @@ class DisplacementScale(InstrumentEffect):
     bounds = FACTOR
 
     def influence(self, values: Array) -> Influence:
-        """Its instrument has another gain."""
+        """Return the relative gain error of the instrument."""
         return Influence(gains={self.instrument: float(values[0])})

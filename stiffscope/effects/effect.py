@@ -1,9 +1,9 @@
-"""What an effect is: where it may act, its parameters with their priors, and what it changes.
+"""Base classes of effects: places, parameters with priors, and changes of the robot.
 
-An effect is a small frozen class in a module of its own; its instance acts at one place. Internal parameters are those
-of a fit, zero without the effect, such that readings are as linear in them as can be (``u = 1/factor - 1`` for a
-stiffness factor); physical parameters are those of the vocabulary. One function of the internal parameters, the
-effect's `influence`, serves to build the robot that has the effect, to predict readings, and to differentiate both.
+Each effect is a frozen dataclass in its own module; an instance acts at one place. A fit uses
+internal parameters, zero without the effect and chosen so that readings are nearly linear in them
+(``u = 1/factor - 1`` for a stiffness factor); the vocabulary states physical ones. `influence`, a
+function of the internal ones, is used to build the robot, to predict readings and to differentiate.
 """
 
 from __future__ import annotations
@@ -19,27 +19,27 @@ from stiffscope.robot.nominal import NominalRobot, Place
 from stiffscope.runtime.types import Array
 from stiffscope.vjm.mechanism import Change
 
-__all__ = [  # all that an effect's module needs
+__all__ = [  # names that effect modules import
     "ADDED", "FACTOR", "FREE", "GROWTH", "KNOWN", "STIFFNESS_FACTOR", "UNNAMED", "Array", "Candidate", "Candidates",
     "Changes", "Doubts", "Effect", "Influence", "NominalRobot", "Parameter", "Payload", "Place", "Row", "Setting",
 ]  # fmt: skip
 
 Changes = dict[str, Change]
-"""Changes by the element's name, in its own axes."""
+"""Changes by element name, in the element's own axes."""
 KNOWN = 3.0
-"""Standard uncertainties of a stated mass by which the true one differs at most."""
+"""Largest deviation of a true mass from the stated one, in standard uncertainties."""
 Conversion = tuple[Callable[[Any], Any], Callable[[Any], Any]]
-"""Physical parameters of internal ones, and the way back."""
+"""Functions from internal to physical parameters and back."""
 
 FREE = (-np.inf, np.inf)
 ADDED = (0.0, np.inf)
-"""Bounds of what can only be added: a compliance, a dead zone."""
+"""Bounds of parameters that cannot be negative, such as an added compliance or a dead zone."""
 FACTOR = (-0.8, 50.0)
-"""Bounds of ``1/factor - 1`` or ``factor - 1``: nothing becomes infinitely stiff."""
+"""Bounds of ``1/factor - 1`` or ``factor - 1``, which exclude infinite stiffness."""
 STIFFNESS_FACTOR: Conversion = (lambda u: 1.0 / (1.0 + u), lambda factor: 1.0 / factor - 1.0)
-"""Factor on a stiffness whose compliance grows by ``1 + u``."""
+"""Conversion of a stiffness factor, where the compliance is multiplied by ``1 + u``."""
 GROWTH: Conversion = (lambda growth: 1.0 + growth, lambda factor: factor - 1.0)
-"""Factor on what grows by a relative amount."""
+"""Conversion of a factor with its relative change as internal parameter."""
 
 
 def _keep(values: Array) -> Array:
@@ -47,14 +47,14 @@ def _keep(values: Array) -> Array:
 
 
 UNNAMED = "unknown"
-"""Effect of a nuisance pattern, for which the vocabulary has no word."""
+"""Effect name of nuisance patterns, which are not in the vocabulary."""
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect at a place that may explain a gap, with k parameters and what is known of them before the data.
+    """An effect at a place that may explain a gap, with k parameters and their priors.
 
-    Internal parameters (k,) are those of the fit, zero without the effect; physical ones are those of the vocabulary.
+    A fit uses the internal parameters (k,), zero without the effect; users state the physical ones.
     """
 
     effect: str
@@ -62,42 +62,42 @@ class Candidate:
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     scale: tuple[float, ...] = ()
-    """Prior size of the internal parameters: a unit that follows from the robot, about which they have heavy tails."""
+    """Prior scale of the internal parameters, derived from the robot; the prior has heavy tails."""
     plausible: tuple[tuple[float, float], ...] = ()
     """Plausible range of each physical parameter."""
     bounds: tuple[float, float] = (-np.inf, np.inf)
-    """Range of every internal parameter that can be computed."""
+    """Computable range of every internal parameter."""
     physical: Callable[[Array], Array] = _keep
-    """Physical parameters (k,) of internal ones."""
+    """Function from internal to physical parameters (k,)."""
     internal: Callable[[Array], Array] = _keep
-    """Internal parameters (k,) of physical ones."""
+    """Function from physical to internal parameters (k,)."""
     component: str = ""
-    """Part of the machine that it blames, if it is one."""
+    """Part of the machine that the effect blames, if a single one."""
     aliases: tuple[str, ...] = ()
-    """Other names, as `effect @ place`, for this effect at this place."""
+    """Other names of this effect at this place, as `effect @ place`."""
     twins: tuple[str, ...] = ()
-    """Other effects, as `effect @ place`, with the very same signature in the readings."""
+    """Other effects with the same signature in the readings, as `effect @ place`."""
     stated: bool = False
-    """True where the prior size is a stated tolerance: a standard uncertainty, without heavy tails."""
+    """True if the prior size is a stated tolerance: a standard uncertainty, without heavy tails."""
     groups: tuple[int, ...] = ()
-    """How many internal parameters share each unknown size, in their order; by default all share one."""
+    """Numbers of consecutive internal parameters that share an unknown size; by default all do."""
     parts: tuple[str, ...] = ()
-    """Names of the internal parameters, `JOINT.NAME`, where the physical ones only sum them up."""
+    """Names of the internal parameters, `JOINT.NAME`, if the physical ones only summarize them."""
     part_units: tuple[str, ...] = ()
     couplings: int = 0
-    """How many of the last internal parameters couple the others: these have either sign."""
+    """Number of trailing internal parameters that couple the others; these may have either sign."""
     flexible: bool = False
-    """True where it can follow almost anything, so that it says nothing about noise."""
+    """True if it can fit almost anything; such effects are not used to estimate noise."""
     pattern: str = ""
-    """Of a nuisance pattern: what it is, wherever it acts."""
+    """Kind of a nuisance pattern, independent of its place."""
     like: str = ""
-    """Of a nuisance pattern: the word whose fault it is, at a place where the word cannot be."""
+    """Effect that a nuisance pattern resembles, at a place where that effect is not defined."""
     swarming: bool = False
-    """True for patterns of which there are so many that together they would follow noise."""
+    """True for patterns so numerous that together they would fit noise."""
     members: tuple[str, ...] = ()
-    """The elements that it changes."""
+    """Names of the elements that it changes."""
     action: Any = None
-    """What it does (an `Effect` on robots); only the forward model looks inside."""
+    """Action of the candidate (an `Effect` on robots); only the forward model uses it."""
 
     @property
     def name(self) -> str:
@@ -106,17 +106,17 @@ class Candidate:
 
     @property
     def signature_of(self) -> tuple[str, ...]:
-        """All effects with its signature, itself first."""
+        """Names of all effects with the same signature, its own first."""
         return (self.name, *self.twins)
 
     @property
     def positive(self) -> bool:
-        """Whether no internal parameter but couplings can be negative: an added compliance, a dead zone."""
+        """Whether all internal parameters except couplings are non-negative."""
         return self.bounds[0] == 0.0
 
     @property
     def one_sided(self) -> tuple[bool, ...]:
-        """Which internal parameters cannot be negative."""
+        """Flags (k,) of the internal parameters that cannot be negative."""
         return tuple(self.positive and k < len(self.scale) - self.couplings for k in range(len(self.scale)))
 
     @property
@@ -126,7 +126,7 @@ class Candidate:
 
     @property
     def simple(self) -> bool:
-        """Whether it has a word, and can do little else than what the word says."""
+        """Whether it is a known effect without couplings that is not flexible."""
         return not (self.is_nuisance or self.flexible or self.couplings)
 
 
@@ -134,7 +134,7 @@ Candidates = Iterator[Candidate]
 
 
 class Parameter(NamedTuple):
-    """A physical parameter, SI, with the prior size of its internal one (see `Candidate`) and its plausible range."""
+    """A physical parameter, SI, with the prior size of its internal one and its plausible range."""
 
     name: str
     unit: str
@@ -145,7 +145,7 @@ class Parameter(NamedTuple):
 
 @dataclass(frozen=True)
 class Payload:
-    """A mass that a body carries: kg, and its first moments (3,) in kg·m about ``at`` (3,), both at home."""
+    """A mass on a body, kg, with first moments (3,), kg·m, about ``at`` (3,), in the home pose."""
 
     body: str
     at: Array
@@ -154,42 +154,42 @@ class Payload:
 
 
 Row = tuple[int, int]
-"""A row of readings: number of its file, line in it."""
+"""A row of readings: file number and line number."""
 
 
 @dataclass(frozen=True)
 class Doubts:
-    """What the readings of a campaign's instruments look like beside its model, by instrument."""
+    """Suspected instrument faults of a campaign, from comparing readings with the model."""
 
     units: Mapping[str, float] = field(default_factory=dict[str, float])
-    """Factor that the numbers seem to be multiplied with."""
+    """Apparent factor on the readings, by instrument."""
     signs: tuple[str, ...] = ()
-    """Instruments that seem to be reversed."""
+    """Instruments with an apparently reversed sign."""
     steps: Mapping[str, tuple[Row, float, bool]] = field(default_factory=dict[str, Any])
-    """From which row on they seem to have slipped, how large their readings are, m or rad, and whether in rad."""
+    """First row after an apparent slip, size of the readings, m or rad, and whether rad."""
 
 
 @dataclass(frozen=True)
 class Influence:
-    """What an effect changes in a robot and in the instruments that read it."""
+    """Changes that an effect makes to a robot and its instruments."""
 
     elements: Changes = field(default_factory=dict[str, Change])
-    """Added compliance of elements, motion of their unloaded ends."""
+    """Added compliance of elements and displacement of their unloaded ends."""
     payloads: tuple[Payload, ...] = ()
     weight: bool = False
     """Whether the robot's own weight acts."""
     dead_zones: Mapping[str, float] = field(default_factory=dict[str, float])
-    """Half-width of a drive's dead zone, m or rad, by its joint."""
+    """Half-width of a drive's dead zone, m or rad, by joint."""
     turns: Mapping[str, Array] = field(default_factory=dict[str, Any])
-    """Small rotation (3,) of what an instrument shows."""
+    """Small rotation (3,) of an instrument's readings."""
     gains: Mapping[str, float] = field(default_factory=dict[str, float])
-    """Relative growth of what an instrument shows."""
+    """Relative gain error of an instrument."""
     force_gain: float = 0.0
-    """Relative growth of the applied wrench over the stated one."""
+    """Relative excess of the applied wrench over the stated one."""
     factors: Mapping[str, float] = field(default_factory=dict[str, float])
-    """What the numbers of an instrument are multiplied with: another unit, the other sign."""
+    """Factor on the numbers of an instrument: a wrong unit or a reversed sign."""
     jumps: Mapping[str, tuple[Row, float]] = field(default_factory=dict[str, Any])
-    """From which row on the numbers of an instrument are larger, and by how much, m or rad."""
+    """First row after a jump of an instrument and the size of the jump, m or rad."""
 
 
 def _stiff(_part: str) -> bool:
@@ -198,19 +198,19 @@ def _stiff(_part: str) -> bool:
 
 @dataclass(frozen=True)
 class Setting:
-    """Where effects may act: a robot, and how it is read. Without the latter, what can be adopted."""
+    """A robot and how it is measured; by default, only effects that it can adopt are candidates."""
 
     robot: NominalRobot
     compliance: tuple[float, float] = (1.0, 1.0)
-    """The robot's own at M, m/N and rad/(N·m): the units of what is added elsewhere."""
+    """Compliance of the robot at M, m/N and rad/(N·m): scale of added compliances."""
     turning: Mapping[str, bool] = field(default_factory=dict[str, bool])
-    """Whether a rigid body turns against gravity from pose to pose; by default it does."""
+    """Whether a rigid body rotates relative to gravity between poses; by default it does."""
     tool_is_read: bool = True
-    """Whether an instrument at M reads anything."""
+    """Whether there are readings at M."""
     sensors: Mapping[str, bool] = field(default_factory=dict[str, bool])
-    """By sensor, whether it reads displacements."""
+    """Whether a sensor reads displacements, by name."""
     suspect: Callable[[str], bool] = _stiff
-    """Whether virtual experiments on a part, which take time, are worth while."""
+    """Whether the (slow) virtual experiments on a part are worthwhile."""
     doubts: Doubts = field(default_factory=Doubts)
 
     @cached_property
@@ -233,37 +233,37 @@ class Setting:
 
 
 class Effect:
-    """An effect at a place."""
+    """Base class of effects; an instance acts at one place."""
 
     word: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]] = ()
     precedence: ClassVar[int]
-    """Order in the vocabulary; of effects that no reading distinguishes the first gives its name."""
+    """Order in the vocabulary; indistinguishable effects are named after the first."""
     also: ClassVar[tuple[str, ...]] = ()
-    """Other words for the same effect."""
+    """Other names of the same effect."""
     conversion: ClassVar[Conversion | None] = None
-    """Of a single factor."""
+    """Conversion of a single factor."""
     bounds: ClassVar[tuple[float, float]] = FREE
-    """Range of every internal parameter that can be computed."""
+    """Computable range of every internal parameter."""
     adoptable: ClassVar[bool] = False
-    """Whether a robot file can carry it."""
+    """Whether a robot file may contain it."""
     blames: ClassVar[bool] = False
-    """Whether it says that an element, where it acts on one alone, is not as modelled."""
+    """Whether it blames its element if it acts on a single one."""
     of_matrix: ClassVar[bool] = False
-    """Whether it changes what a part's whole matrix may change, too."""
+    """Whether it changes a part's compliance matrix."""
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """The effect wherever it may act, sets before single elements."""
+        """Yield the effect at every possible place, sets before single elements."""
         raise NotImplementedError
 
     def influence(self, values: Array) -> Influence:
-        """What it changes, by internal parameters (k,)."""
+        """Return the changes for internal parameters (k,)."""
         raise NotImplementedError
 
     @classmethod
     def refusal(cls, robot: NominalRobot, place: str) -> str:
-        """Why no robot file can carry it; empty where one can."""
+        """Return why a robot file cannot contain it; empty if it can."""
         del robot
         return "" if cls.adoptable else f"{cls.word} @ {place}: no part of the robot; correct the readings instead"
 
@@ -275,9 +275,9 @@ class Effect:
         place
             Where it acts.
         parameters
-            Those at this place; by default all of the effect's.
+            Parameters at this place; by default all of the effect's.
         more
-            Fields of the candidate that differ from those of its kind.
+            Fields of the candidate that override the defaults.
 
         """
         given = self.parameters if parameters is None else parameters

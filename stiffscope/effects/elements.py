@@ -1,4 +1,4 @@
-"""Effects on elements of the robot: compliance that they add, motion of their unloaded ends."""
+"""Effects on elements of the robot: added compliance and displacement of unloaded ends."""
 
 from __future__ import annotations
 
@@ -20,34 +20,34 @@ if TYPE_CHECKING:
 
 
 ALONG: Array = np.eye(6)[0]
-"""Along an elastic body, or along the axis of a joint."""
+"""Translation along an elastic body or along the axis of a joint."""
 ABOUT = np.eye(6)[3]
-"""About the axis of a joint."""
+"""Rotation about the axis of a joint."""
 ROTATIONS = np.array([0.0, 0, 0, 1, 1, 1])
-_HELD_MOMENT = 1e-9  # relative: what rounding leaves of a moment
+_HELD_MOMENT = 1e-9  # relative rounding error of a moment of inertia
 
 
 @dataclass(frozen=True)
 class ElementEffect(Effect):
-    """An effect that changes elements alone, and that a robot file can therefore carry."""
+    """An effect that only changes elements, so that a robot file may contain it."""
 
     adoptable = True
 
     changes: Callable[[Array], Changes]
-    """Changes of elements for internal parameters (k,)."""
+    """Function from internal parameters (k,) to changes of elements."""
 
     def influence(self, values: Array) -> Influence:
-        """What it changes, by internal parameters (k,)."""
+        """Return the changes for internal parameters (k,)."""
         return Influence(elements=self.changes(values))
 
 
 def along_drive(joint: Joint) -> Array:
-    """Direction (6,) in a driven joint's axes that its drive acts along: a slide, or a turn about its axis."""
+    """Return the direction (6,) of a drive in its joint's axes: a translation or a rotation."""
     return ABOUT if joint.kind == "revolute" else ALONG
 
 
 def soften(nominal: NominalRobot, names: Sequence[str], u: Array) -> Changes:
-    """Compliances of bodies grow by ``u[0]`` times their nominal, those of driven joints along their drives alone.
+    """Add ``u[0]`` times the nominal compliance; for driven joints, only along the drive.
 
     Parameters
     ----------
@@ -70,19 +70,19 @@ def soften(nominal: NominalRobot, names: Sequence[str], u: Array) -> Changes:
 
 
 def add_diagonal(patterns: Mapping[str, Array], values: Array) -> Changes:
-    """Diagonal compliances, each element's pattern (k, 6) times the parameters (k,), are added."""
+    """Add diagonal compliances: the parameters (k,) times each element's pattern (k, 6)."""
     return {name: Change(np.diag(values @ pattern)) for name, pattern in patterns.items()}
 
 
 def move_ends(directions: Mapping[str, Array], values: Array) -> Changes:
-    """Unloaded ends of elements move along their own twists (6,) times the parameter."""
+    """Move unloaded ends of elements by the parameter times their own twists (6,)."""
     return {name: Change(offset=direction * values[0]) for name, direction in directions.items()}
 
 
 def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
-    """The mechanism with elements changed. Raises InputError for an unknown element, or one that ends up indefinite.
+    """Return the mechanism with changes. Raises InputError for an unknown or indefinite element.
 
-    A drive that becomes stiffer takes its change itself: what is added to a joint's bearing must not be negative.
+    A change that stiffens a drive acts on the drive: a bearing's added compliance is not negative.
     """
     joints, bearings = list(mechanism.joints), dict(changes)
     for k, joint in enumerate(joints):
@@ -102,7 +102,7 @@ def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
 
 
 def change_robot(mechanism: Mechanism, influence: Influence) -> Mechanism:
-    """The mechanism with all that an effect changes in it: its elements, its masses, the dead zones of its drives."""
+    """Return the mechanism with an effect's changes of elements, masses and dead zones."""
     zones = influence.dead_zones
     joints = tuple(
         replace(j, drive=j.drive.add_backlash(2.0 * zones[j.name])) if j.drive is not None and zones.get(j.name) else j
@@ -113,7 +113,7 @@ def change_robot(mechanism: Mechanism, influence: Influence) -> Mechanism:
 
 
 def add_payloads(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism:
-    """The mechanism whose bodies have the payloads' masses too, each at a point."""
+    """Return the mechanism with the payloads added to its bodies as point masses."""
     bodies = {body.name: body for body in mechanism.bodies}
     for payload in payloads:
         name = mechanism.carrier(payload.body)
@@ -137,7 +137,7 @@ def add_payloads(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism
 
 
 def without_ranges(mechanism: Mechanism) -> Mechanism:
-    """The mechanism with drives that never come to an end."""
+    """Return the mechanism with unlimited drive ranges."""
     joints = (
         j if j.drive is None else replace(j, drive=replace(j.drive, low=-np.inf, high=np.inf)) for j in mechanism.joints
     )

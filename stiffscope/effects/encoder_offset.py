@@ -1,4 +1,4 @@
-"""Zeros of drives that are off."""
+"""Zero errors of drives."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from stiffscope.effects.elements import ElementEffect, along_drive, move_ends
 
 @dataclass(frozen=True)
 class EncoderOffset(ElementEffect):
-    """Drives stand further along their joints' axes than commanded, all by as much."""
+    """Common offset of drive positions from the commanded ones, along their joints' axes."""
 
     word = "encoder-offset"
     precedence = 110
@@ -19,7 +19,7 @@ class EncoderOffset(ElementEffect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At driven joints."""
+        """Yield candidates at driven joints."""
         driven = setting.robot.driven
         for place in setting.robot.places(driven):
             directions = {name: along_drive(driven[name]) for name in place.members}

@@ -1,4 +1,4 @@
-"""Applied forces that are not those stated."""
+"""Applied forces that differ from the stated ones."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from stiffscope.effects.instruments import INSTRUMENT
 
 @dataclass(frozen=True)
 class ForceScale(Effect):
-    """The true wrench is a factor times the stated one."""
+    """Ratio of the true wrench to the stated one."""
 
     word = "force-scale"
     precedence = 170
@@ -20,10 +20,10 @@ class ForceScale(Effect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """One, of all loads."""
+        """Yield one candidate for all loads."""
         del setting
         yield cls().make_candidate(Place(INSTRUMENT))
 
     def influence(self, values: Array) -> Influence:
-        """All loads have another gain."""
+        """Return the relative excess of all loads."""
         return Influence(force_gain=float(values[0]))

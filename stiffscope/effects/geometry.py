@@ -1,4 +1,4 @@
-"""Many small errors of axes and zeros as one cause."""
+"""Many small errors of joint axes and drive zeros as one cause."""
 
 from __future__ import annotations
 
@@ -25,20 +25,20 @@ _LEAST = 2  # joints that make a set
 
 @dataclass(frozen=True)
 class _Error:
-    """One small error: by a joint's axis, or by the zero of its drive."""
+    """A small error of a joint's axis or of its drive's zero."""
 
     joint: str
     name: str
     twist: Array
-    """(6,) in the joint's axes."""
+    """Twist (6,) in the joint's axes."""
     turns: bool
 
 
 @dataclass(frozen=True)
 class Geometry(ElementEffect):
-    """Axes and zeros are all a little off, lengths by one unknown size and angles by another.
+    """Small errors of all axes and zeros, with one unknown size for lengths and one for angles.
 
-    Internal parameters are the errors themselves, lengths first; physical ones are their root mean squares.
+    Internal parameters are the errors, lengths first; physical ones are their root mean squares.
     """
 
     word = "geometry"
@@ -47,7 +47,7 @@ class Geometry(ElementEffect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """Of the whole robot, and of groups of joints."""
+        """Yield candidates for the whole robot and for groups of joints."""
         robot = setting.robot
         twists, known = find_axis_twists(robot.mechanism), setting.in_robots_units(cls.parameters)
         for place in _places(robot, list(twists)):
@@ -64,7 +64,7 @@ class Geometry(ElementEffect):
 
 
 def _places(robot: NominalRobot, joints: Sequence[str]) -> Iterator[Place]:
-    """Sets of joints; that of all is the robot's."""
+    """Yield sets of joints; the set of all is called `robot`."""
     if len(joints) >= _LEAST:
         yield Place(_ALL, tuple(joints))
     for place in robot.places(joints):
@@ -83,7 +83,7 @@ def _errors(robot: NominalRobot, joints: Sequence[str]) -> Iterator[_Error]:
 
 
 def _find_patterns(errors: Sequence[_Error]) -> tuple[list[str], Array]:
-    """Joints, and twists (k, joints, 2, 6) of each one's zero and of its axis by the errors (k,)."""
+    """Return joints and their twists (k, joints, 2, 6) of zero and axis per unit error (k,)."""
     joints = list(dict.fromkeys(error.joint for error in errors))
     out = np.zeros((len(errors), len(joints), 2, 6))
     for k, error in enumerate(errors):
@@ -92,13 +92,13 @@ def _find_patterns(errors: Sequence[_Error]) -> tuple[list[str], Array]:
 
 
 def _displace(patterns: tuple[list[str], Array], values: Array) -> Changes:
-    """Axes and zeros with errors (k,)."""
+    """Return the changes of axes and zeros for errors (k,)."""
     joints, twists = patterns
     moved = np.tensordot(values, twists, 1)
     return {joint: Change(offset=zero, astray=axis) for joint, (zero, axis) in zip(joints, moved, strict=True)}
 
 
 def _rms(counts: Sequence[int], values: Array) -> Array:
-    """Root mean squares of groups of values (k,)."""
+    """Return the root mean square of each group of values (k,)."""
     ends = np.cumsum([0, *counts]).tolist()
     return np.array([np.sqrt(np.mean(np.square(values[a:b]))) for a, b in pairwise(ends)])

@@ -1,4 +1,4 @@
-"""The robot's own weight, where the nominal model lacks it."""
+"""The robot's own weight, if the nominal model lacks it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from stiffscope.effects.effect import Array, Candidates, Effect, Influence, Plac
 
 @dataclass(frozen=True)
 class Gravity(Effect):
-    """The whole robot is heavy; nothing of it is unknown."""
+    """Weight of the whole robot, without parameters."""
 
     word = "gravity"
     precedence = 10
@@ -17,11 +17,11 @@ class Gravity(Effect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """One, on the whole robot."""
+        """Yield one candidate for the whole robot."""
         del setting
         yield cls().make_candidate(Place("robot"))
 
     def influence(self, values: Array) -> Influence:
-        """The weight acts."""
+        """Return the robot's weight."""
         del values
         return Influence(weight=True)

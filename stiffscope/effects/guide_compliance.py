@@ -1,4 +1,4 @@
-"""Guides of slides that yield across the slide and about its axes."""
+"""Compliance of linear guides across the slide and about its axes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _PER_MOMENT = "rad/(N·m)"
 
 @dataclass(frozen=True)
 class GuideCompliance(ElementEffect):
-    """Guides yield sideways, up and down, and about all axes alike or about each in its own way."""
+    """Lateral, vertical and angular compliance of guides; angular per axis or common to all."""
 
     word = "guide-compliance"
     precedence = 80
@@ -32,7 +32,7 @@ class GuideCompliance(ElementEffect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At slides."""
+        """Yield candidates at prismatic joints."""
         slides = [joint.name for joint in setting.robot.mechanism.joints if joint.kind == "prismatic"]
         for place in setting.robot.places(slides):
             for patterns, known in ((_ALIKE, cls.parameters), (_APART, cls.apart)):

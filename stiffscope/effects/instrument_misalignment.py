@@ -1,4 +1,4 @@
-"""Instruments that stand a little turned."""
+"""Small rotations of instruments."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from stiffscope.effects.instruments import InstrumentEffect
 
 @dataclass(frozen=True)
 class InstrumentMisalignment(InstrumentEffect):
-    """What is shown is ``(I + S(r))`` times what is true."""
+    """Small rotation r of an instrument, which shows ``(I + S(r))`` times the true motion."""
 
     word = "instrument-misalignment"
     precedence = 150
     parameters = tuple(Parameter(name, "rad", 0.01, -0.1, 0.1) for name in ("rx", "ry", "rz"))
 
     def influence(self, values: Array) -> Influence:
-        """Its instrument is turned."""
+        """Return the rotation of the instrument."""
         return Influence(turns={self.instrument: values})

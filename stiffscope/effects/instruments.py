@@ -1,4 +1,4 @@
-"""Effects of instruments: the one at M, and each sensor."""
+"""Effects on instruments: the one at M and each sensor."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from dataclasses import dataclass
 from stiffscope.effects.effect import Candidates, Effect, Place, Setting
 
 INSTRUMENT = "instrument"
-"""The instrument at M; all sensors where nothing is read there."""
+"""The instrument at M, or all sensors if nothing is read at M."""
 TRANSLATION, ROTATION = "translation", "rotation"
-"""What of it reads displacements, and what reads rotations."""
+"""Its parts that read displacements and rotations."""
 
 
 @dataclass(frozen=True)
 class InstrumentEffect(Effect):
-    """An effect on what one instrument shows."""
+    """An effect on the readings of one instrument."""
 
     instrument: str
 

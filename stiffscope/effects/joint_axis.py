@@ -1,4 +1,4 @@
-"""Axes of joints that are not where they are drawn."""
+"""Position and direction errors of joint axes."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Mechanism
 
 ACROSS = {"y": 1, "z": 2, "ry": 4, "rz": 5}
-"""Twists of an axis square to it, in the joint's axes, that change where it leads a body."""
+"""Component indices of axis errors perpendicular to the axis, in the joint's axes."""
 
 
 @dataclass(frozen=True)
 class JointAxis(ElementEffect):
-    """A joint turns or slides along an axis that lies off the drawn one; bodies are as drawn at home.
+    """Deviation of a joint's axis from the drawn one; bodies are as drawn in the home pose.
 
-    Where it turns, the robot stands elsewhere; its stiffness changes by its posture alone.
+    Away from home it displaces the robot; the stiffness changes only through the posture.
     """
 
     word = "joint-axis"
@@ -39,7 +39,7 @@ class JointAxis(ElementEffect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At joints that lead a body about or along one axis."""
+        """Yield candidates at joints that guide a body about or along one axis."""
         twists = find_axis_twists(setting.robot.mechanism)
         for place in setting.robot.places(twists):
             axes = setting.in_robots_units(cls.parameters)
@@ -49,7 +49,7 @@ class JointAxis(ElementEffect):
 
 
 def find_axis_twists(mechanism: Mechanism) -> dict[str, dict[str, Array]]:
-    """By joint that leads a body, how its axis may lie off (6,), by name: that of a slide turned alone."""
+    """Return axis error twists (6,) by joint and name; axes of slides can only be rotated."""
     return {
         joint.name: {name: np.eye(6)[k] for name, k in ACROSS.items() if k > 2 or joint.kind != "prismatic"}
         for joint in mechanism.joints
@@ -58,5 +58,5 @@ def find_axis_twists(mechanism: Mechanism) -> dict[str, dict[str, Array]]:
 
 
 def mislay_axes(patterns: Mapping[str, Array], values: Array) -> Changes:
-    """Axes of joints lie off by their own twists (k, 6) times the parameters (k,)."""
+    """Displace joint axes by the parameters (k,) times their own twists (k, 6)."""
     return {name: Change(astray=values @ pattern) for name, pattern in patterns.items()}

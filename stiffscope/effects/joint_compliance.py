@@ -1,4 +1,4 @@
-"""Bearings of joints that yield along and about what they hold."""
+"""Compliance of joint bearings in their constrained directions."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class JointCompliance(ElementEffect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At all joints but driven slides, with what some of them hold."""
+        """Yield candidates at all joints except driven slides, in their constrained directions."""
         joints = {j.name: j for j in setting.robot.mechanism.joints}
         bearings = {n: held_patterns(j) for n, j in joints.items() if j.kind != "prismatic" or j.drive is None}
         for place in setting.robot.places(bearings):
@@ -60,7 +60,7 @@ def _tell_apart(values: Array) -> Array:
 
 
 def held_patterns(joint: Joint) -> dict[str, Array]:
-    """What a joint's bearing yields along, (6,) in the joint's axes, by the words of `joint-compliance`."""
+    """Return constrained directions (6,), joint axes, by parameter of `joint-compliance`."""
     held, turns = joint.held_components
     mask = np.zeros(6)
     mask[[*held, *(3 + k for k in turns)]] = 1.0

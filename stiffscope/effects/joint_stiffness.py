@@ -1,4 +1,4 @@
-"""Springs of passive joints, flexures above all, that are stiffer or softer than stated."""
+"""Spring stiffness of passive joints, such as flexures, that differs from the stated value."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stiffscope.vjm.mechanism import Change
 
 @dataclass(frozen=True)
 class JointStiffness(ElementEffect):
-    """Springs in passive joints are other than stated."""
+    """Factor on the spring stiffness of passive joints."""
 
     word = "joint-stiffness"
     precedence = 85
@@ -22,7 +22,7 @@ class JointStiffness(ElementEffect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At passive joints that state a spring."""
+        """Yield candidates at passive joints with a stated spring."""
         robot = setting.robot
         passive = [j for j in robot.mechanism.joints if j.drive is None and j.kind in ALIKE]
         springs = {j.name: j.spring for j in passive if j.spring is not None}

@@ -1,4 +1,4 @@
-"""Elastic bodies longer than drawn."""
+"""Length errors of elastic bodies."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LinkLength(ElementEffect):
-    """Bodies are longer by an error, each along its own axis."""
+    """Length error of bodies, along their own axes."""
 
     word = "link-length"
     precedence = 120
@@ -23,7 +23,7 @@ class LinkLength(ElementEffect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At elastic bodies of two ends."""
+        """Yield candidates at elastic bodies with two ends."""
         for place in setting.robot.places(setting.robot.links):
             directions: dict[str, Array] = dict.fromkeys(place.members, ALONG)
             yield cls(partial(move_ends, directions)).make_candidate(place, setting.in_robots_units(cls.parameters))

@@ -1,4 +1,4 @@
-"""Elastic bodies softer or stiffer than modelled, in all directions alike."""
+"""Elastic bodies softer or stiffer than modelled, equally in all directions."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from stiffscope.effects.part_compliance import PartCompliance, yielding_bodies
 
 @dataclass(frozen=True)
 class LinkStiffness(ElementEffect):
-    """The whole compliance of bodies grows; `part-compliance` has a factor on the compliance instead."""
+    """Factor on the stiffness of bodies; that of `part-compliance` multiplies the compliance."""
 
     word = "link-stiffness"
     precedence = 50
@@ -24,7 +24,7 @@ class LinkStiffness(ElementEffect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At elastic bodies, but where the factor goes by the word of `part-compliance`."""
+        """Yield candidates at elastic bodies, except where `part-compliance` names the factor."""
         robot = setting.robot
         for place in robot.places(yielding_bodies(robot)):
             if place.name not in PartCompliance.named:

@@ -1,4 +1,4 @@
-"""Masses of bodies that are not those stated."""
+"""Masses of bodies that differ from the stated ones."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from stiffscope.effects.effect import (
     Setting,
 )  # fmt: skip
 
-_NONE = -1.0  # growth of a body that weighs nothing
+_NONE = -1.0  # relative change to a massless body
 _HEAVIEST = 50.0
 
 
 @dataclass(frozen=True)
 class Mass(Effect):
-    """Bodies weigh a factor times what their file says, where their mass is."""
+    """Factor on the stated mass of bodies, acting at its stated place."""
 
     word = "mass"
     precedence = 25
@@ -36,11 +36,11 @@ class Mass(Effect):
     blames = True
 
     stated: tuple[Payload, ...]
-    """Masses of the bodies as their file has them."""
+    """Masses of the bodies as stated in the robot file."""
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At bodies whose mass is stated at a point, and at sets, within tolerances; none where nothing is heavy."""
+        """Yield point masses of bodies and sets, within tolerances; none without gravity."""
         robot = setting.robot
         if not robot.mechanism.gravity.any():
             return
@@ -56,13 +56,13 @@ class Mass(Effect):
             yield effect.make_candidate(place, (prior,), bounds=bounds, stated=bool(np.isfinite(most)))
 
     def influence(self, values: Array) -> Influence:
-        """The masses that are more, or less."""
+        """Return the changes of mass as payloads."""
         growth = float(values[0])
         return Influence(payloads=tuple(Payload(p.body, p.at, growth * p.mass, 0.0 * p.moments) for p in self.stated))
 
 
 def find_masses(robot: NominalRobot) -> dict[str, tuple[Payload, ...]]:
-    """Masses by body: of a rigid one at its centre, of an elastic one without mass data half at either end."""
+    """Return masses by body: at the centre if rigid, half at each end if elastic (no mass data)."""
     out: dict[str, tuple[Payload, ...]] = {}
     for body in robot.mechanism.bodies:
         if not body.mass or (body.elastic is not None and body.elastic.dynamics is not None):

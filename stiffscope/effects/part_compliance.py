@@ -1,4 +1,4 @@
-"""The whole 6x6 of a part, entry by entry or by one factor."""
+"""Errors of a part's 6x6 compliance, entry by entry or by one factor."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ ENTRIES = tuple(f"c{i}{j}" for i in range(1, 7) for j in range(i, 7))
 _ALL = tuple((i, j) for i in range(6) for j in range(i, 6))
 _SYMMETRIC_PLATE = ((0, 0), (1, 1), (1, 5), (2, 2), (2, 4), (3, 3), (4, 4), (5, 5))  # a part with two symmetry planes
 _UNITS = ("m/N", "m/(N·m)", "rad/(N·m)")
-_RIDGE = 1e-9  # relative, by which a compliance is kept positive definite
-_NO_COMPLIANCE = 1e-30  # m/N, rad/(N·m): of a direction that does not yield
-_MOST_COMPLIANT = 100.0  # times its nominal compliance that a part may yield
+_RIDGE = 1e-9  # relative shift that keeps a compliance positive definite
+_NO_COMPLIANCE = 1e-30  # m/N, rad/(N·m): compliance of a rigid direction
+_MOST_COMPLIANT = 100.0  # largest compliance of a part over its nominal one
 FACTOR_OF_PART = Parameter("factor", "1", 0.5, 0.2, 20.0)
 
 
 @dataclass(frozen=True)
 class PartCompliance(ElementEffect):
-    """Bodies of one part have another compliance."""
+    """Change of the compliance of bodies of one part."""
 
     word = "part-compliance"
     also = ("slider-compliance",)
     named: ClassVar[Mapping[str, str]] = {"sliders": "slider-compliance"}
-    """Word by the name of a place (the Biglide's) where it goes by another."""
+    """Alternative effect name by place (for the Biglide)."""
     precedence = 45
     parameters = (FACTOR_OF_PART, *(Parameter(entry, "SI") for entry in ENTRIES))
     conversion = GROWTH
@@ -51,9 +51,9 @@ class PartCompliance(ElementEffect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At elastic bodies of one part; a factor only where it goes by this word, as it is `link-stiffness` else.
+        """Yield candidates at elastic bodies of one part, entry by entry if these have two ends.
 
-        Entry by entry at bodies of two ends.
+        A single factor is yielded only at places in `named`; elsewhere it is `link-stiffness`.
         """
         robot = setting.robot
         for place in robot.places(yielding_bodies(robot)):
@@ -74,7 +74,7 @@ class PartCompliance(ElementEffect):
 
 
 def yielding_bodies(robot: NominalRobot) -> list[str]:
-    """Elastic bodies that are not rigid in their own model."""
+    """Return the names of elastic bodies with non-zero compliance."""
     return [name for name in robot.elastic_sources if robot.compliances[name].any()]
 
 
@@ -85,10 +85,10 @@ def _other_names(kind: type[PartCompliance], place: Place) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class _Matrix:
-    """Entries of a part's compliance C = L Lᵀ, which becomes L φ(E) Lᵀ: internal parameters are entries of E.
+    """Entries of a part's compliance C = L Lᵀ, changed to L φ(E) Lᵀ; E is internal.
 
-    φ of E's eigenvalues is 1 + e for more compliance and 1/(1 - e) for less, so that no parameters make a part that
-    yields energy.
+    φ maps eigenvalues e of E to 1 + e for more and 1/(1 - e) for less compliance, so that the
+    compliance is positive definite for all parameters.
     """
 
     compliance: Array
@@ -96,11 +96,11 @@ class _Matrix:
     root: Array
     """L (6, 6)."""
     back: Array
-    """Its inverse."""
+    """Inverse of L (6, 6)."""
 
     @classmethod
     def from_compliance(cls, compliance: Array, pairs: Sequence[tuple[int, int]]) -> _Matrix:
-        """Those entries of a compliance (6, 6) that are free."""
+        """Return the matrix whose free entries are the given index pairs."""
         rows, columns = np.array(pairs).T
         pattern = np.zeros((6, 6))
         pattern[rows, columns] = pattern[columns, rows] = 1.0
@@ -110,7 +110,7 @@ class _Matrix:
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
-        """Entries: those on the diagonal are not negative, none is many times the nominal."""
+        """Entries with plausible ranges; diagonal ones are non-negative, all are bounded."""
         diagonal = np.diagonal(self.compliance)
         high = {(i, j): float(_MOST_COMPLIANT * np.sqrt(diagonal[i] * diagonal[j])) for i, j in self.pairs}
         return tuple(
@@ -119,18 +119,18 @@ class _Matrix:
         )
 
     def physical(self, values: Array) -> Array:
-        """Entries (k,) of the compliance with internal parameters."""
+        """Return the compliance entries (k,) for internal parameters."""
         return self._pick_entries(self.compliance) + self._pick_entries(self._add_compliance(values))
 
     def internal(self, entries: Array) -> Array:
-        """Internal parameters (k,) of entries."""
+        """Return the internal parameters (k,) of compliance entries."""
         change = self._fill_matrix(entries - self._pick_entries(self.compliance))
         growth, vectors = np.linalg.eigh(self.back @ change @ self.back.T)
         e = np.where(growth < 0.0, growth / np.maximum(1.0 + growth, _RIDGE), growth)
         return self._pick_entries((vectors * e) @ vectors.T)
 
     def changes(self, members: Sequence[str], values: Array) -> Changes:
-        """The same compliance is added to each of some bodies."""
+        """Add the same compliance to each of the bodies."""
         return dict.fromkeys(members, Change(self._add_compliance(values)))
 
     def _add_compliance(self, values: Array) -> Array:

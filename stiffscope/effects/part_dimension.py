@@ -1,4 +1,4 @@
-"""A dimension, a material's constant or the foundation of a part whose matrix follows from them."""
+"""Dimensions, material constants and foundations of parts with a computed compliance matrix."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
     from stiffscope.robot.part_dimensions import PartDimension
 
 
-_FOUNDATION_UNIT = 1e-11  # m³/N: internal unit of what a foundation yields, of the size of a bolted contact's
-_RIGID = 1e-30  # m³/N: a foundation that does not yield
+_FOUNDATION_UNIT = 1e-11  # m³/N: internal unit of foundation compliance, that of a bolted contact
+_RIGID = 1e-30  # m³/N: compliance of a rigid foundation
 _SOFTEST_FOUNDATION = 1e8  # N/m³
-_RATIOS = (-1.2, 1.2)  # bounds of the logarithm of what is left of a dimension (of a tube's wall) over the nominal
-_USUAL, _LEAST, _MOST = 0.1, 0.5, 2.0  # times a dimension: its error, its plausible range
+_RATIOS = (-1.2, 1.2)  # bounds of the log ratio of remaining to nominal dimension (tube wall)
+_USUAL, _LEAST, _MOST = 0.1, 0.5, 2.0  # relative to the dimension: usual error, plausible range
 
 
 @dataclass(frozen=True)
 class Dimension(ElementEffect):
-    """A part has another dimension; by the logarithm of its distance from where nothing is left of the part.
+    """Error of a part's dimension; internally the log of its distance from a vanishing section.
 
-    A rigid foundation may yield as a bolted joint does: by what it yields.
+    A rigid foundation may yield like a bolted joint; its internal parameter is that compliance.
     """
 
     word = "part-dimension"
@@ -38,7 +38,7 @@ class Dimension(ElementEffect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """Of parts by beam theory, and of those by virtual experiments where these are worth while."""
+        """Yield candidates of parts by beam theory, or by virtual experiments if worthwhile."""
         robot = setting.robot
         for part in robot.robot.parts:
             if part not in robot.tested or setting.suspect(part):
@@ -46,14 +46,14 @@ class Dimension(ElementEffect):
 
     @classmethod
     def refusal(cls, robot: NominalRobot, place: str) -> str:
-        """Only parts by beam theory are made anew where a robot file is read."""
+        """Return a message unless the part is computed by beam theory when a robot file is read."""
         if place.partition(".")[0] in robot.beams:
             return ""
         return f"part-dimension: set {place} in [parts] of the robot file, in its units"
 
 
 def find_dimensions(robot: NominalRobot, part: str) -> Candidates:
-    """What may be otherwise about a part, where its matrix is that of beam theory or tested."""
+    """Yield the uncertain dimensions of a part computed by beam theory or virtual experiments."""
     if part in robot.tested:
         known = robot.tested[part]()
     else:
@@ -70,34 +70,34 @@ def find_dimensions(robot: NominalRobot, part: str) -> Candidates:
 
 @dataclass(frozen=True)
 class _Value:
-    """Value of a part's parameter."""
+    """Value of a dimension of a part."""
 
     of: PartDimension
     nominal: Array
-    """Compliance (6, 6) of the part as it is modelled."""
+    """Nominal compliance (6, 6) of the part."""
     members: tuple[str, ...]
 
     @property
     def is_rigid(self) -> bool:
-        """Whether it is a foundation that does not yield."""
+        """Whether it is a rigid foundation."""
         return not np.isfinite(self.of.nominal)
 
     @property
     def prior(self) -> tuple[float, float, float]:
-        """Size of the internal parameter, plausible range of the value: a tenth of it (of a tube's wall) is usual."""
+        """Prior size of the internal parameter (usually 10 %) and plausible range of the value."""
         if self.is_rigid:
             return 1.0, _SOFTEST_FOUNDATION, np.inf
         return _USUAL, _LEAST * self.of.nominal, _MOST * self.of.nominal
 
     def physical(self, values: Array) -> Array:
-        """The value (1,), SI, of the internal parameter."""
+        """Return the value (1,), SI, for the internal parameter."""
         if not self.is_rigid:
             return self.of.limit + (self.of.nominal - self.of.limit) * np.exp(values)
         yields = values * _FOUNDATION_UNIT
         return 1.0 / np.where(np.abs(yields) > _RIGID, yields, _RIGID)
 
     def internal(self, values: Array) -> Array:
-        """The internal parameter of a value (1,). Raises InputError for one that leaves nothing of the part."""
+        """Return the internal parameter of a value (1,). Raises InputError if the part vanishes."""
         of = self.of
         if self.is_rigid:
             return 1.0 / (values * _FOUNDATION_UNIT)
@@ -108,6 +108,6 @@ class _Value:
         return np.log(ratio)
 
     def changes(self, values: Array) -> Changes:
-        """The part's bodies take the compliance that it has with the value."""
+        """Change the part's bodies to the compliance for this value."""
         change = Change(self.of.compliance(float(self.physical(values)[0])) - self.nominal)
         return dict.fromkeys(self.members, change)

@@ -1,4 +1,4 @@
-"""A mass on a rigid body that its model lacks."""
+"""An unmodelled mass on a rigid body."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Mechanism
 
 
-_LEAST = 1e-9  # kg: of a mass whose centre is asked for
+_LEAST = 1e-9  # kg: least mass by which a centre is computed
 
 
 @dataclass(frozen=True)
 class AddedMass(Effect):
-    """A mass with its first moments along some axes: along others its centre is not in the readings."""
+    """An added mass with first moments along the axes that readings can show."""
 
     word = "payload"
     precedence = 20
@@ -41,15 +41,15 @@ class AddedMass(Effect):
 
     body: str
     point: Array
-    """(3,) home, m."""
+    """Point (3,) in the home pose, m."""
     axes: Indices
-    """Which of x, y, z of home its centre may lie off the point along."""
+    """Axes (of x, y, z at home) along which its centre may deviate from the point."""
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """On each rigid body: with its first moments, and at a point alone; none where nothing is heavy.
+        """Yield masses on rigid bodies, with and without first moments; none without gravity.
 
-        Where a body's mass is stated with its tolerance, no more than that allows, and at its point alone.
+        If a body's mass has a stated tolerance, only a point mass within that tolerance is yielded.
         """
         mechanism = setting.robot.mechanism
         level = np.sort(np.argsort(np.abs(mechanism.gravity), kind="stable")[:2])
@@ -69,25 +69,25 @@ class AddedMass(Effect):
                 yield heavy.make_candidate(place, (mass,), bounds=(0.0, KNOWN * sigma), stated=known)
 
     def influence(self, values: Array) -> Influence:
-        """Its mass, and its first moments where there are any."""
+        """Return the mass, and its first moments if given."""
         moments = np.zeros(3)
         moments[self.axes[: len(values) - 1]] = values[1:]
         return Influence(payloads=(Payload(self.body, self.point, float(values[0]), moments),))
 
     def physical(self, values: Array) -> Array:
-        """Mass and centre of mass (4,) of internal parameters."""
+        """Return mass and centre of mass (4,) for internal parameters."""
         out = np.zeros(4)
         out[0] = values[0]
         out[1 + self.axes] = values[1:] / (values[0] if abs(values[0]) > _LEAST else _LEAST)
         return out
 
     def internal(self, values: Array) -> Array:
-        """Mass and first moments of physical parameters (4,)."""
+        """Return mass and first moments for physical parameters (4,)."""
         return np.array([values[0], *(values[0] * values[1 + self.axes])])
 
 
 def _find_point(mechanism: Mechanism, body: Body) -> Array:
-    """Where a mass on a body is at home (3,): at M on the tool's, else at its centre, else amid its joints."""
+    """Return a body's payload point (3,) at home: M, its centre, or the mean of its joints."""
     if mechanism.tool.body == body.name:
         return mechanism.tool.at
     if body.centre is not None:

@@ -1,4 +1,4 @@
-"""Uniform bodies whose ends are clamped over a length that does not bend."""
+"""Uniform bodies with rigid ends."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-_UNIFORM = 0.02  # relative, to which a uniform beam's entries agree
-_LEAST, _MOST = -0.2, 0.45  # of a body's length, that its ends may be clamped over
+_UNIFORM = 0.02  # relative tolerance on the entries of a uniform beam
+_LEAST, _MOST = -0.2, 0.45  # range of the clamped length over the body's length
 
 
 @dataclass(frozen=True)
 class RigidEnds(ElementEffect):
-    """Bodies bend over what their ends leave of their length."""
+    """Length of rigid ends of bodies, which bend only in between."""
 
     word = "rigid-ends"
     precedence = 70
@@ -35,7 +35,7 @@ class RigidEnds(ElementEffect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At uniform elastic bodies."""
+        """Yield candidates at uniform elastic bodies."""
         robot = setting.robot
         links = [name for name in yielding_bodies(robot) if name in robot.links]
         uniform = [name for name in links if _is_uniform(robot.compliances[name], robot.length(name))]
@@ -45,7 +45,7 @@ class RigidEnds(ElementEffect):
 
 
 def _is_uniform(c: Array, length: float) -> bool:
-    """Whether a compliance (6, 6) is that of a uniform beam of this length, clamped at its base."""
+    """Return whether a compliance (6, 6) is that of a uniform cantilever of this length."""
     bent = (c[5, 5] * length / 2.0, -c[4, 4] * length / 2.0)
     near = all(
         abs(c[i, j] - b) <= _UNIFORM * abs(b) and abs(b) > 0.0 for (i, j), b in zip(((1, 5), (2, 4)), bent, strict=True)
@@ -55,7 +55,7 @@ def _is_uniform(c: Array, length: float) -> bool:
 
 
 def _clamp_ends(nominal: NominalRobot, names: Sequence[str], values: Array) -> Changes:
-    """Uniform bodies whose ends are clamped over a length: the section bends over the rest, seen from the tip."""
+    """Return the changes of uniform bodies that bend only between rigid ends, at the tip."""
     changes: Changes = {}
     for name in names:
         c, length = nominal.compliances[name], nominal.length(name)

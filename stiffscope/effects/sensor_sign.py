@@ -1,4 +1,4 @@
-"""Instruments that count the wrong way."""
+"""Instruments with a reversed sign."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ from stiffscope.effects.instruments import InstrumentEffect
 
 @dataclass(frozen=True)
 class SensorSign(InstrumentEffect):
-    """Numbers have the other sign."""
+    """Reversed sign of an instrument's readings."""
 
     word = "sensor-sign"
     precedence = 154
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At instruments that are doubted for it."""
+        """Yield candidates at instruments suspected of a reversed sign."""
         for name in setting.doubts.signs:
             yield cls(name).make_candidate(Place(name), component=name)
 
     def influence(self, values: Array) -> Influence:
-        """Its numbers are reversed."""
+        """Return the factor -1 on the readings."""
         del values
         return Influence(factors={self.instrument: -1.0})

@@ -1,4 +1,4 @@
-"""Instruments that slip while a campaign goes on."""
+"""Instruments that slip during a campaign."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from stiffscope.effects.instruments import InstrumentEffect
 
 @dataclass(frozen=True)
 class SensorStep(InstrumentEffect):
-    """From one row on all numbers are larger by as much."""
+    """Constant jump of an instrument's readings from one row on."""
 
     word = "sensor-step"
     precedence = 156
     parameters = (Parameter("jump", "m"), Parameter("row", "1"))
 
     first: Row
-    """The first row behind the jump."""
+    """The first row after the jump."""
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At instruments that are doubted for it, from the row on where they seem to jump."""
+        """Yield candidates at instruments suspected of a jump, at its apparent row."""
         for name, (row, size, turns) in setting.doubts.steps.items():
             yield cls(name, row).make_candidate(
                 Place(name), scale=(size,), units=("rad" if turns else "m", "1"), component=name,
@@ -32,7 +32,7 @@ class SensorStep(InstrumentEffect):
             )  # fmt: skip
 
     def influence(self, values: Array) -> Influence:
-        """Its later numbers are larger."""
+        """Return the jump of later readings."""
         return Influence(jumps={self.instrument: (self.first, float(values[0]))})
 
 

@@ -1,4 +1,4 @@
-"""What carries the robot, and what the robot carries: one elastic support, whose rotations may be coupled."""
+"""An elastic support below the robot or at its tool, optionally with coupled rotations."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stiffscope.effects.effect import ADDED, Array, Candidates, Changes, Paramet
 from stiffscope.effects.elements import ElementEffect
 from stiffscope.vjm.mechanism import Change
 
-_ROUNDING = 1e-8  # of the largest yield of a support: what one that does not turn about some axis is given
+_ROUNDING = 1e-8  # least rotational compliance of a support over its largest
 _PAIRS = tuple(np.array(list(combinations((3, 4, 5), 2))).T)  # rows and columns of the couplings of rotations
 _PER_MOMENT = "rad/(N·m)"
 
@@ -59,9 +59,9 @@ def find_compliance(values: Array) -> Array:
 
 
 def find_possible(values: Array) -> Array:
-    """The nearest values (9,) of which a support can be: none of its rotations is negative, about whatever axis.
+    """Return the nearest values (9,) with a positive semidefinite rotational compliance.
 
-    A support that turns about a single axis is at the edge of these: readings put it beyond as often as not.
+    A support that rotates about a single axis is on the boundary, so noise often puts it beyond.
     """
     size, axes = np.linalg.eigh(find_compliance(values)[3:, 3:])
     turned = np.zeros((6, 6))
@@ -70,6 +70,6 @@ def find_possible(values: Array) -> Array:
 
 
 def yield_support(element: str, values: Array) -> Changes:
-    """A support yields by six or nine values."""
+    """Return the change of an element for six or nine values."""
     possible = find_possible(values) if len(values) > 6 else values
     return {element: Change(find_compliance(possible))}

@@ -1,4 +1,4 @@
-"""Elastic bodies warmer than where they were measured."""
+"""Thermal expansion of elastic bodies."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _ALL = "robot"
 
 @dataclass(frozen=True)
 class Thermal(ElementEffect):
-    """Bodies grow by a rise of temperature, each by its own material's expansion."""
+    """Temperature rise of bodies, which expand according to their materials."""
 
     word = "thermal"
     precedence = 130
@@ -26,7 +26,7 @@ class Thermal(ElementEffect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At elastic bodies whose material is known; at the whole robot, all of these."""
+        """Yield candidates at elastic bodies of known material and at the whole robot."""
         robot = setting.robot
         growth = {name: (robot.expansion(name) or 0.0) * robot.growth(name) for name in robot.elastic_sources}
         for place in _places(robot, [name for name in growth if growth[name].any()]):
@@ -35,7 +35,7 @@ class Thermal(ElementEffect):
 
 
 def _places(robot: NominalRobot, warm: list[str]) -> Iterator[Place]:
-    """Places of warm bodies; that of all of them is the robot's, too."""
+    """Yield the places of the bodies; the set of all is also called `robot`."""
     places = robot.places(warm)
     if len(warm) > 1 and not any(set(place.members) == set(warm) for place in places):
         yield Place(_ALL, tuple(warm))

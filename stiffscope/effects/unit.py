@@ -1,4 +1,4 @@
-"""Instruments whose numbers are in another unit than their file says."""
+"""Instruments whose readings are not in the unit that their file states."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from stiffscope.effects.instruments import InstrumentEffect
 
 @dataclass(frozen=True)
 class Unit(InstrumentEffect):
-    """Numbers are a known factor times what is shown: a power of ten, degrees for radians."""
+    """Known factor on the readings: a power of ten, or degrees for radians."""
 
     word = "unit"
     precedence = 152
@@ -23,14 +23,14 @@ class Unit(InstrumentEffect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At instruments that are doubted for it, by the factor that they seem to have."""
+        """Yield candidates at suspected instruments, with their apparent factor."""
         for name, factor in setting.doubts.units.items():
             yield cls(name, factor).make_candidate(
                 Place(name), scale=(), physical=partial(_keep, factor), component=name
             )
 
     def influence(self, values: Array) -> Influence:
-        """Its numbers are multiplied."""
+        """Return the factor on the readings."""
         del values
         return Influence(factors={self.instrument: self.factor})
 

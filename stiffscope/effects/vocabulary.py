@@ -1,7 +1,7 @@
-"""The effects that robot files, campaigns, the virtual lab and diagnoses know, and robots that have adopted some.
+"""Registry of the effects, and their application to robots.
 
-Every module of this room with a class that has a word of its own is an effect. Where one may act is said by the
-robot's file: its elements, groups and parts.
+Every class of this package that defines `word` is an effect. The robot file determines where an
+effect may act: its elements, groups and parts.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def _find_kinds() -> tuple[type[Effect], ...]:
-    """Classes of effects, by precedence."""
+    """Return the effect classes, sorted by precedence."""
     found: dict[str, type[Effect]] = {}
     for module in pkgutil.iter_modules(stiffscope.effects.__path__):
         if module.name != "vocabulary":
@@ -42,37 +42,37 @@ KINDS = _find_kinds()
 EFFECTS: dict[str, tuple[tuple[str, str], ...]] = {
     word: tuple((p.name, p.unit) for p in kind.parameters) for kind in KINDS for word in (kind.word, *kind.also)
 }
-"""Parameters of every effect as pairs (name, SI unit)."""
+"""Parameters of every effect, as pairs (name, SI unit)."""
 _KIND_OF = {word: kind for kind in KINDS for word in (kind.word, *kind.also)}
 
 
 def word_of(name: str) -> str:
-    """The effect of an `effect @ place`, by the first of its words."""
+    """Return the primary effect name of an `effect @ place`."""
     effect = name.partition(" @ ")[0]
     return _KIND_OF[effect].word if effect in _KIND_OF else effect
 
 
 def find_candidates(setting: Setting, without: Collection[str] = ()) -> Iterator[Candidate]:
-    """Every effect at every place of a robot and of its instruments, but for some words."""
+    """Yield every effect at every place of a robot and its instruments, except excluded effects."""
     for kind in KINDS:
         if kind.word not in without:
             yield from (c for c in kind.candidates(setting) if c.effect not in without)
 
 
 def apply_effect(robot: NominalRobot, effect: str, place: str, parameters: Mapping[str, float]) -> NominalRobot:
-    """Return the robot that has an effect from now on.
+    """Return the robot with an effect added.
 
     Parameters
     ----------
     robot
-        The robot so far; effects that it has adopted before stay.
+        The robot; effects already adopted are kept.
     effect, place, parameters
-        In the words of `EFFECTS`, SI; parameters that are left out keep their nominal values.
+        As named in `EFFECTS`, SI; omitted parameters keep their nominal values.
 
     Raises
     ------
     InputError
-        For words that are not in the vocabulary, and for an effect that is none of the robot's.
+        For names that are not in the vocabulary, and for an effect that is not part of the robot.
 
     """
     if effect not in EFFECTS:
@@ -94,7 +94,7 @@ def apply_effect(robot: NominalRobot, effect: str, place: str, parameters: Mappi
 
 
 def _find_candidate(robot: NominalRobot, effect: str, place: str, parameters: Mapping[str, float]) -> Candidate:
-    """The effect with the fewest parameters that has these; in terms of its word where it goes by several."""
+    """Return the matching effect with the fewest parameters, in terms of the requested name."""
     name = f"{effect} @ {place}"
     known = tuple(find_candidates(Setting(robot)))
     placed = [c for c in known if name in (c.name, *c.aliases)]
@@ -112,9 +112,9 @@ def _find_candidate(robot: NominalRobot, effect: str, place: str, parameters: Ma
 
 
 def apply_effects(mechanism: Mechanism, robot: RobotFile) -> Mechanism:
-    """The mechanism with the effects that its file has adopted, in their order.
+    """Return the mechanism with the effects adopted in its file, in order.
 
-    Raises InputError, with the effect's line in the file, for what is no part of the robot.
+    Raises InputError, with the line in the file, for an effect that is not part of the robot.
     """
     nominal = NominalRobot(mechanism, robot)
     for number, effect in enumerate(robot.effects):

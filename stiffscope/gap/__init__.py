@@ -1,1 +1,1 @@
-"""The sim-to-real gap: readings, effects, diagnosis, the virtual lab, the blind check."""
+"""Sim-to-real gap: campaigns, forward models, inference, virtual lab and blind check."""

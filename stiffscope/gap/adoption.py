@@ -1,4 +1,4 @@
-"""A robot file that carries the effects of a diagnosis from now on, with where they come from."""
+"""Adoption of diagnosed effects in a robot file, with their provenance."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 def check_target(target: Path, robot: RobotFile | None) -> None:
-    """Refuse a file that must not be overwritten, before work is spent. Raises InputError."""
+    """Raise InputError early if the target cannot be written or there is no robot."""
     if robot is None:
         raise InputError("--adopt: this campaign has predictions instead of a robot; only a robot can carry an effect")
     try:
@@ -38,34 +38,34 @@ def adopt(
     target: Path, robot: RobotFile, bare: NominalRobot, diagnosis: Diagnosis, *, campaign: str, components: str,
     modelled: Sequence[str] = (),
 ) -> None:  # fmt: skip
-    """Write a robot file that carries all effects of a diagnosis.
+    """Write a robot file with all effects of a diagnosis.
 
     Parameters
     ----------
     target
         The file to write.
     robot, bare
-        The robot file that the diagnosis starts from, and the elastic robot made of it.
+        The robot file used for the diagnosis, and the elastic robot built from it.
     diagnosis
-        What was found.
+        The diagnosis.
     campaign
-        The campaign's name, for the record.
+        Name of the campaign, for the provenance.
     components
-        Source of the parts' matrices that the effects were found with; the written file takes them from there too.
+        Source of the parts' matrices used for the diagnosis; the written file uses the same.
     modelled
-        Effects that the campaign says are in the model already.
+        Effects already in the model, as stated by the campaign.
 
     Raises
     ------
     InputError
-        The verdict is neither "identified" nor "partly", or the file cannot carry all that was found.
+        The verdict is neither "identified" nor "partly", or the file cannot contain all effects.
 
     """
-    if diagnosis.verdict not in {"identified", "partly"}:  # the effects of these are certain
+    if diagnosis.verdict not in {"identified", "partly"}:  # whose effects are certain
         raise InputError(
             f"--adopt: nothing is adopted, the verdict is {diagnosis.verdict}, not identified; no file is written"
         )
-    found = (*diagnosis.effects, *diagnosis.beside)  # values hold together alone
+    found = (*diagnosis.effects, *diagnosis.beside)  # values are only valid jointly
     heavy = Gravity.word in (*modelled, *(effect.effect for effect in found)) or robot.carries(Gravity.word)
     left = list(_refusals(bare, found, heavy=heavy))
     if left:
@@ -74,13 +74,13 @@ def adopt(
 
 
 def _refusals(bare: NominalRobot, found: Sequence[Effect], *, heavy: bool) -> Iterator[str]:
-    """What no robot file can say, each with the reason. heavy: whether the robot's weight will act."""
+    """Yield reasons why effects cannot be adopted. heavy: whether the robot's weight will act."""
     for effect in found:
         if effect.effect in {AddedMass.word, Mass.word} and not heavy:
             yield f"{effect.effect} @ {effect.place}: masses count only where gravity is modelled"
             continue
         if effect.effect == UNNAMED:
-            yield f"{effect.place}: the effects were fitted beside it, and it has no word"
+            yield f"{effect.place}: fitted together with the effects, but not a known effect"
             continue
         try:
             apply_effect(bare, effect.effect, effect.place, _values(effect))
@@ -89,7 +89,7 @@ def _refusals(bare: NominalRobot, found: Sequence[Effect], *, heavy: bool) -> It
 
 
 def _values(effect: Effect) -> dict[str, float]:
-    """Parameters of an effect as a file has them: of many small errors each."""
+    """Return the parameters of an effect for a file: individual errors if there are many."""
     return {name: p.value for name, p in (effect.errors or effect.parameters).items()}
 
 

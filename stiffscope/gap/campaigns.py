@@ -1,4 +1,4 @@
-"""A campaign diagnosed: where its folder is, the nominal robot that it names, assembled, and the diagnosis."""
+"""Diagnosis of a campaign folder: find it, assemble its nominal robot, and diagnose."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ SHELVES = ("campaigns", "withheld")
 
 @dataclass(frozen=True)
 class Case:
-    """A campaign with its nominal robot; no robot where it brings its own predictions."""
+    """A campaign with its nominal robot, or without one if it has its own predictions."""
 
     name: str
     folder: Path
@@ -51,24 +51,24 @@ class Case:
 
 
 def diagnose(campaign: str | Path, robot: str | None = None) -> Diagnosis:
-    """Find which effects explain the gap between a model and the measurements of a campaign.
+    """Find the effects that explain the gap between a model and the measurements of a campaign.
 
     Parameters
     ----------
     campaign
         Folder with a campaign.toml and its readings, or the name of a campaign in `data/`, such as "published".
     robot
-        Robot file, or a robot's name, instead of the campaign's own: one that was adopted.
+        Robot file or name to use instead of the campaign's own, e.g. an adopted one.
 
     Returns
     -------
     Diagnosis
-        Verdict, effects with probabilities and parameters, the gap before and after, what to measure next.
+        Verdict, effects with probabilities and parameters, gap before and after, next measurement.
 
     Raises
     ------
     InputError
-        There is no such campaign, or its files are wrong.
+        There is no such campaign, or its files are invalid.
 
     Examples
     --------
@@ -83,14 +83,14 @@ def diagnose(campaign: str | Path, robot: str | None = None) -> Diagnosis:
 
 
 def assemble_nominal(case: Case, shop: Workshop) -> Assembled | None:
-    """The nominal robot of a campaign with its parts, where there is one."""
+    """Return the assembled nominal robot of a campaign, or None without a robot."""
     if case.robot is None:
         return None
     return assemble_robots({"nominal": case.robot}, case.campaign.components, shop)["nominal"]
 
 
 def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diagnosis:
-    """The diagnosis of a campaign on its nominal robot, where there is one."""
+    """Diagnose a campaign with its nominal robot, if there is one."""
     if nominal is None:
         return diagnose_campaign(case.campaign)
     carrying = NominalRobot(nominal.mechanism, nominal.robot, tested_dimensions(nominal, shop))
@@ -98,9 +98,9 @@ def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diag
 
 
 def open_case(name: str | Path, *, planned: bool = False, instead: str | None = None) -> Case:
-    """The campaign in a folder, or by its name in `data/`, with the robot that it names, or another instead.
+    """Open a campaign by folder or name in `data/`, with its robot or another one instead.
 
-    ``planned``: values may be missing. Raises InputError for poses, sensors and loads that are none of the robot's.
+    ``planned``: values may be missing. Raises InputError for poses, sensors or loads unlike it.
     """
     folder = find_campaign(name)
     campaign = load_campaign(folder, planned=planned)
@@ -116,9 +116,9 @@ def open_case(name: str | Path, *, planned: bool = False, instead: str | None = 
 
 
 def configure_case(case: Case, nominal: Assembled | None = None) -> Configurations | None:
-    """The robot, by default with rigid parts, at the campaign's poses; None without a robot.
+    """Return the robot (default: rigid parts) at the campaign's poses; None without a robot.
 
-    Raises InputError for a pose out of reach.
+    Raises InputError for an unreachable pose.
     """
     if case.robot is None:
         return None
@@ -127,9 +127,9 @@ def configure_case(case: Case, nominal: Assembled | None = None) -> Configuratio
 
 
 def predict_roughly(case: Case) -> Array:
-    """Readings (n,) by the nominal robot without any virtual experiment; NaN where nothing is predicted.
+    """Predict readings (n,) of the nominal robot without virtual experiments; NaN if not predicted.
 
-    Rods and plates follow beam theory; parts that only an experiment would tell are rigid.
+    Rods and plates follow beam theory; parts that need an experiment are rigid.
     """
     campaign = case.campaign
     if case.robot is None:
@@ -140,7 +140,7 @@ def predict_roughly(case: Case) -> Array:
     if not len(read):
         return out
     nominal = NominalRobot(mechanism_of(case.robot, _rough_matrices(case.robot)), case.robot)
-    with contextlib.suppress(InputError):  # which a diagnosis tells, with the parts as they are
+    with contextlib.suppress(InputError):  # a diagnosis reports it, with the actual parts
         model = RobotModel(dataclasses.replace(campaign.select(read), sensors=sensors), nominal)
         expected = model.campaign.expected
         out[read] = model.predict().values + (0.0 if expected is None else expected)
@@ -148,14 +148,14 @@ def predict_roughly(case: Case) -> Array:
 
 
 def _rough_matrices(robot: RobotFile) -> dict[str, PartMatrix]:
-    """Matrices of parts by beam theory, as given, or rigid."""
+    """Return part matrices by beam theory, as given, or rigid."""
     sources = part_sources(robot, "beam")
     rigid: dict[str, Any] = {name: rigid_part(robot, name) for name in needed_experiments(robot, "beam")}
     return part_matrices(robot, {name: "beam" for name, source in sources.items() if source == "beam"}, rigid)
 
 
 def find_campaign(name: str | Path) -> Path:
-    """Folder of a campaign given as a folder, its campaign.toml, or a name in `data/`."""
+    """Return the folder of a campaign given by folder, campaign.toml or name in `data/`."""
     path = Path(name)
     if path.is_dir():
         return path
@@ -170,12 +170,12 @@ def find_campaign(name: str | Path) -> Path:
 
 
 def campaign_names() -> list[str]:
-    """Names of the campaigns that `data/` knows."""
+    """Return the names of the campaigns in `data/`."""
     return sorted(p.parent.name for shelf in SHELVES for p in (FOLDER / shelf).glob("*/campaign.toml"))
 
 
 def _robot_of(folder: Path, campaign: Campaign, robot: str) -> Path:
-    """The campaign's robot file: beside the campaign, or by its name in `data/robots`."""
+    """Return the campaign's robot file: relative to its folder, or by name in `data/robots`."""
     if os.path.isfile(folder / robot):  # noqa: PTH113 (Path.is_file raises on some names)
         return folder / robot
     if robot in robot_names():

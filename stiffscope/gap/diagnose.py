@@ -1,4 +1,4 @@
-"""Diagnosis of a campaign: where the gap lies, which effects cause it, and how far it shrinks once they are added."""
+"""Diagnosis of a campaign: location of the gap, its causes, and the gap left with them."""
 
 from __future__ import annotations
 
@@ -44,8 +44,8 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Progress
 
 
-COMPARED = 50.0  # ln-odds up to which an alternative's parameters are looked at
-FACTOR = 10.0  # on the prior, either way, for the sensitivity of the verdict
+COMPARED = 50.0  # ln-odds within which an alternative's parameters are checked
+FACTOR = 10.0  # change of the prior, either way, to test the verdict
 TAILS = (0.025, 0.975)
 _LISTED = 12  # alternatives, possible effects
 _LEFT = 0.9  # of the variance of its prior: more left of an error, or of a combination of some, is nothing seen
@@ -60,24 +60,24 @@ def diagnose_campaign(
     Parameters
     ----------
     campaign
-        The readings, with the model's predictions where there is no robot.
+        The readings, with the model's predictions if there is no robot.
     robot
-        The nominal robot, without the effects that are looked for. Its weight counts only if the campaign's header
-        says that it is modelled.
+        The nominal robot without the effects to be found. Its weight counts only if the campaign's
+        header lists it as modelled.
     progress
         Called with a stage's name and its fraction done.
 
     Raises
     ------
     InputError
-        For poses that the robot cannot reach, and without robot or predictions.
+        For unreachable poses, or if there is neither a robot nor predictions.
 
     """
     return conclude(find(forward_model(campaign, robot), progress))
 
 
 def forward_model(campaign: Campaign, robot: NominalRobot | None) -> ForwardModel:
-    """The forward model that a campaign calls for. Raises InputError without robot or predictions."""
+    """Return a campaign's forward model. Raises InputError without robot or predictions."""
     if campaign.predictions:
         return ColumnModel(campaign)
     if robot is None:
@@ -86,7 +86,7 @@ def forward_model(campaign: Campaign, robot: NominalRobot | None) -> ForwardMode
 
 
 def conclude(found: Findings) -> Diagnosis:
-    """The verdict on a search, with every number that goes with it."""
+    """Return the diagnosis of a search: the verdict with all its numbers."""
     others = _under_other_priors(found)
     judgement = settle_verdict(found, judge_findings(found), others)
     reported = judgement.hypothesis
@@ -134,7 +134,7 @@ def conclude(found: Findings) -> Diagnosis:
 
 
 def _effects(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[Effect, ...]:
-    """The named effects, the one with the greatest share first; parameters as fitted beside all that is likely."""
+    """Return named effects by descending share, with parameters fitted jointly with likely ones."""
     share = shares(found, judgement.hypothesis)
     out: list[Effect] = []
     for candidate in sorted(judgement.effects, key=lambda c: -share[c.name]):
@@ -155,7 +155,7 @@ def _effects(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[
 
 
 def _beside(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[Effect, ...]:
-    """What the named effects were fitted beside."""
+    """Return the effects fitted jointly with the named ones."""
     names = {c.name for c in judgement.effects}
     rest = [c for c in joint.candidates if names and c.name not in names]
     return tuple(
@@ -169,7 +169,7 @@ def _beside(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[E
 
 
 def _errors(candidate: Candidate, values: Array, covariance: Array) -> dict[str, Parameter]:
-    """Every one of many small errors, the largest first, angles as arcs of a metre."""
+    """Return individual small errors, the largest first, with 1 rad equal to 1 m."""
     sigma, width = np.sqrt(np.diagonal(covariance)), float(_quantiles(0.0, 1.0)[1])
     return {
         candidate.parts[k]: Parameter(
@@ -181,8 +181,8 @@ def _errors(candidate: Candidate, values: Array, covariance: Array) -> dict[str,
 
 
 def _parameters(candidate: Candidate, internal: Array, covariance: Array) -> dict[str, Parameter]:
-    """Physical parameters with their standard uncertainties and intervals."""
-    if not candidate.scale:  # a unit is one of a few
+    """Return physical parameters with standard uncertainties and intervals."""
+    if not candidate.scale:  # e.g. a unit, which is discrete
         fixed = zip(candidate.names, candidate.units, candidate.physical(internal), strict=True)
         return {n: Parameter(float(v), 0.0, u, interval=(float(v), float(v)), nominal=1.0) for n, u, v in fixed}
     values, sigma = candidate.physical(internal), physical_sigma(candidate, internal, covariance)
@@ -198,7 +198,7 @@ def _parameters(candidate: Candidate, internal: Array, covariance: Array) -> dic
 def _intervals(
     candidate: Candidate, internal: Array, covariance: Array, values: Array, sigma: Array
 ) -> list[tuple[float, float]]:
-    """Intervals of 95 %: of one parameter by its quantiles, of several by their standard uncertainties."""
+    """Return 95 % intervals: by quantiles for one parameter, else by standard uncertainties."""
     deviation = np.sqrt(np.diagonal(covariance).clip(min=1e-300))
     lowest = [0.0 if one_sided else -np.inf for one_sided in candidate.one_sided]
     ends = [_quantiles(m, s, low) for m, s, low in zip(internal, deviation, lowest, strict=True)]
@@ -213,13 +213,13 @@ def _intervals(
 
 
 def _quantiles(mean: float, deviation: float, lowest: float = -np.inf) -> Array:
-    """Ends (2,) of the 95 % interval of a normal distribution, cut off below ``lowest``."""
-    above = np.log1p(-np.array(TAILS)) + log_ndtr((mean - lowest) / deviation)  # ln of the probability beyond
+    """Return the 95 % interval (2,) of a normal distribution truncated below ``lowest``."""
+    above = np.log1p(-np.array(TAILS)) + log_ndtr((mean - lowest) / deviation)  # ln of upper tails
     return mean - deviation * np.asarray(ndtri_exp(above), dtype=float)
 
 
 def _under_other_priors(found: Findings) -> dict[str, Findings]:
-    """The same hypotheses where prior odds of an effect, or prior sizes, are ten times as large or as small."""
+    """Return the hypotheses under prior odds or sizes that are ten times larger or smaller."""
     problem = found.problem
     others = {
         "odds of an effect × 10": replace(problem, odds=problem.odds * FACTOR),
@@ -231,7 +231,7 @@ def _under_other_priors(found: Findings) -> dict[str, Findings]:
 
 
 def _held_out_check(found: Findings, hypothesis: Hypothesis, residual: Array) -> tuple[HeldOut | None, Array]:
-    """Readings at poses held out against their predictive distribution; and the standardized residuals (n,)."""
+    """Check held-out readings against their predictive distribution; return residuals (n,) too."""
     x = found.slopes(hypothesis)
     z: Array = residual / np.sqrt(1.0 + np.einsum("ni,ij,nj->n", x, hypothesis.covariance, x).clip(min=0.0))
     seen = z[found.used_readings]
@@ -243,7 +243,7 @@ def _held_out_check(found: Findings, hypothesis: Hypothesis, residual: Array) ->
 
 
 def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative, ...]:
-    """Other single effects, and other sets where they compete, with what speaks against each."""
+    """Return other single effects and competing sets, with the reasons against each."""
     out: list[Alternative] = []
     for hypothesis, p in zip(found.hypotheses, found.probability, strict=True):
         names, candidates = hypothesis.names, hypothesis.candidates
@@ -280,19 +280,19 @@ def _gap(found: Findings, reported: Hypothesis, held_out: Array) -> Gap:
 
 
 def _steps(gap: Gap, effects: tuple[Effect, ...]) -> tuple[tuple[str, float], ...]:
-    """The waterfall: the gap before, after each effect alone, after all, held out, and what noise alone leaves."""
+    """Return the gap before, after each effect alone, after all, held out, and by noise alone."""
     alone = [(f"{e.effect} @ {e.place}", e.gap_after) for e in effects]
     together = [("together", gap.explained)] if len(alone) > 1 else []
     return (("nominal", gap.nominal), *alone, *together, ("held out", gap.held_out), ("noise", gap.noise))
 
 
 def _next(found: Findings) -> NextMeasurement | None:
-    """What separates the best hypothesis from one that competes with it: the most probable that readings can."""
+    """Return the measurement that separates the best hypothesis from a competing one."""
     best, limit = found.best, COMPETING * found.probability[0]
     rivals = [h for h, p in zip(found.hypotheses, found.probability, strict=True) if h is not best and p >= limit]
     if not rivals:
         return None
-    ranked = sorted(rivals[:_RIVALS], key=lambda h: best.names <= h.names)  # an extension of the best comes last
+    ranked = sorted(rivals[:_RIVALS], key=lambda h: best.names <= h.names)  # extensions last
     return next_measurement(found.model.trial(found.sigma), best, ranked)
 
 
@@ -311,7 +311,7 @@ def _unseen(found: Findings, joint: Hypothesis, effects: tuple[Candidate, ...]) 
 
 
 def _counts(found: Findings, reported: Hypothesis) -> list[str]:
-    """Readings, parameters and evidence in figures."""
+    """Return remarks on the numbers of readings and parameters, the noise and the evidence."""
     count, parameters = int(found.used_readings.sum()), len(reported.values)
     factor = found.best.known.noise_factor
     scaled = bool(found.problem.noise.scaled.any())

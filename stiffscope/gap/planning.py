@@ -1,4 +1,4 @@
-"""A plan of readings for a question: the fewest that distinguish named causes from each other and from all others."""
+"""Planning of the fewest readings that distinguish named causes from each other and all others."""
 
 from __future__ import annotations
 
@@ -37,41 +37,41 @@ if TYPE_CHECKING:
     from stiffscope.vjm.joints import Joint
 
 ENOUGH = 10.0
-"""Expected ln-odds of every pair."""
+"""Required expected ln-odds of every pair."""
 AMPLE = 4.0 * ENOUGH
-"""What all readings that are offered must bring a pair: others would take nearly all of them."""
-USUAL = 0.3  # of its unit: the fault that is planned for
+"""Least ln-odds of a planned pair by all available readings; others would need nearly all."""
+USUAL = 0.3  # planned size of faults, in their units
 NONE = "no effect"
 _ALL, _FROM = "all", " from "
 _LARGEST = 500.0  # N
-_DEFLECTION = 4e-4  # m: what loads should bring about at the tool
-_SIZES = (1.0, -0.25)  # of the force: what loses motion loses as much under a small load
-_BODIES = 5  # beside the tool's, that gauges may touch
-_LEVER = 0.1  # of the robot's size: from the tool point to a second hook
+_DEFLECTION = 4e-4  # m: intended deflection of the tool
+_SIZES = (1.0, -0.25)  # relative loads: lost motion is the same under a small load
+_BODIES = 5  # most other bodies with gauges
+_LEVER = 0.1  # distance of a second hook from the tool point over the robot's size
 _NUMBERS = {"unit", "sensor-sign", "sensor-step"}
 
 
 @dataclass(frozen=True)
 class Answered:
-    """A pair of causes, and the expected ln-odds between them by a plan."""
+    """A pair of causes with the expected ln-odds between them by a plan."""
 
     first: str
     second: str
     log_odds: float
-    """The least of all parameters of the first that readings can show."""
+    """Least over all observable parameters of the first."""
     hidden: tuple[str, ...] = ()
-    """Parameters of the first that all the readings that are offered hardly tell from the second."""
+    """Parameters of the first that all available readings hardly distinguish from the second."""
     asked: bool = True
-    """Whether both are named in the question."""
+    """Whether both are part of the question."""
 
 
 @dataclass(frozen=True)
 class Proposal:
-    """The plan for a question."""
+    """A plan for a question."""
 
     plan: Plan
     pairs: tuple[Answered, ...]
-    """Least ln-odds first; those between causes of the question before others."""
+    """Pairs by ascending ln-odds, those of the question first."""
 
 
 def propose_plan(nominal: NominalRobot, name: str, question: str, given: Header | None = None) -> Proposal:
@@ -82,17 +82,17 @@ def propose_plan(nominal: NominalRobot, name: str, question: str, given: Header 
     nominal
         The robot with its parts' matrices.
     name
-        How a campaign names it.
+        Its name in a campaign.
     question
-        `A from B`, or causes alone, or `all`: each an effect, a place or `effect @ place`, shell-style patterns
-        allowed, several divided by commas.
+        `A from B`, or only causes, or `all`; each is an effect, a place or `effect @ place`, with
+        shell-style patterns, separated by commas.
     given
-        A campaign whose sensors and loads are all that there is; by default gauges and hooks all over the robot.
+        A campaign with the available sensors and loads; by default gauges and hooks on the robot.
 
     Raises
     ------
     InputError
-        The question names no cause that the robot can have and readings can show; a sensor given reads no motion.
+        The question names no possible and observable cause, or a given sensor reads no motion.
     """
     robot = nominal.robot
     offer = offer_readings(nominal, given)
@@ -114,7 +114,7 @@ def propose_plan(nominal: NominalRobot, name: str, question: str, given: Header 
 
 
 def offer_readings(nominal: NominalRobot, given: Header | None = None) -> Plan:
-    """What could be read, at poses all over the workspace: instruments and loads given, or gauges and two hooks."""
+    """Return all available readings throughout the workspace, with given or default instruments."""
     robot, mechanism = nominal.robot, nominal.mechanism
     points = np.array([*(joint.at for joint in mechanism.joints), mechanism.tool.at])
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
@@ -131,14 +131,14 @@ def offer_readings(nominal: NominalRobot, given: Header | None = None) -> Plan:
 
 
 def _place_hooks(robot: RobotFile, size: float) -> list[LoadPoint]:
-    """One at the tool point, one beside it."""
+    """Return two hooks, at the tool point and beside it."""
     at = np.array(robot.tool.at)
     side = np.round(at + _LEVER * size * np.array([1.0, 1.0, 0.0]), 3)
     return [LoadPoint(n, robot.tool.body, tuple(p.tolist())) for n, p in (("hook", at), ("hook_beside", side))]
 
 
 def _place_sensors(robot: RobotFile, joints: Sequence[Joint]) -> list[Sensor]:
-    """Gauges and a level at the tool, gauges at some other bodies."""
+    """Return gauges and a level at the tool, and gauges at some other bodies."""
     sensors = [replace(sensor, zero="none") for sensor in example_sensors(robot)]
     for body, place in _touch(robot, joints):
         sensors += place_gauges(f"gauge_{body.replace('.', '_')}", body, place)
@@ -146,7 +146,7 @@ def _place_sensors(robot: RobotFile, joints: Sequence[Joint]) -> list[Sensor]:
 
 
 def _touch(robot: RobotFile, joints: Sequence[Joint]) -> list[tuple[str, Array]]:
-    """Bodies beside the tool's, evenly chosen, and where a gauge touches each: at its tip, or amid its joints."""
+    """Return some other bodies, evenly chosen, with gauge points: the tip, or the mean joint."""
     found: list[tuple[str, Array]] = []
     for name, section in robot.bodies.items():
         if isinstance(section, ElasticBody):
@@ -159,7 +159,7 @@ def _touch(robot: RobotFile, joints: Sequence[Joint]) -> list[tuple[str, Array]]
 
 
 def read_question(question: str, known: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Causes on either side of a question; see `propose_plan`."""
+    """Return the causes on both sides of a question; see `propose_plan`."""
     first, _, second = question.partition(_FROM)
     sides = tuple(_find_causes(side, tuple(known)) for side in (first, second or first))
     return sides[0], sides[1]
@@ -179,7 +179,7 @@ def _find_causes(patterns: str, known: tuple[str, ...]) -> tuple[str, ...]:
 def _pair_up(
     model: RobotModel, known: dict[str, Candidate], sides: tuple[tuple[str, ...], tuple[str, ...]]
 ) -> list[Pair]:
-    """Every parameter of every cause of the question against those of the other side, others, and no cause."""
+    """Pair parameters of the question's causes with the other side, other causes and none."""
     prediction, sigma = model.predict(), model.campaign.sigma[:, None]
     columns = {name: prediction.columns(c) * np.array(c.scale) / sigma for name, c in known.items()}
     columns[NONE] = np.zeros((len(sigma), 0))
@@ -199,7 +199,7 @@ def _pair_up(
 
 
 def _summarize(pairs: Sequence[Pair], told: Sequence[Pair], asked: set[str]) -> list[Answered]:
-    """Parameters gathered by pair of causes."""
+    """Gather the parameters by pair of causes."""
     answers: dict[tuple[str, str], list[Pair]] = {}
     for pair in pairs:
         answers.setdefault((pair.first, pair.second), []).append(pair)

@@ -530,7 +530,7 @@ def test_what_is_certain_beside_a_certain_pattern_is_part_of_the_answer(size, ve
     assert not lack_of_fit(found, found.fit_effects(found.best.words))
     assert diagnosis.verdict == verdict
     assert [e.effect for e in diagnosis.effects] == ["effect-0"]
-    assert "the readings follow pattern 7, for which the vocabulary has no word" in diagnosis.remarks
+    assert "the readings follow pattern 7, outside the known effects" in diagnosis.remarks
 
 
 @pytest.mark.parametrize(("main", "verdict"), [(True, "ambiguous"), (False, "identified")])
@@ -589,7 +589,7 @@ def test_a_main_cause_that_is_not_settled_is_ambiguous():
     large, small = (conclude(find(planted(model, e0=(u,), e1=(v,)))) for u, v in ((0.5, 0.05), (0.05, 0.5)))
     assert large.verdict == "ambiguous"
     assert {e.effect for e in large.effects} == {"effect-0", "effect-1"}
-    assert "certain: effect-1 @ place; not settled: effect-0 @ place" in large.remarks
+    assert "certain: effect-1 @ place; uncertain: effect-0 @ place" in large.remarks
     assert small.verdict == "partly"
     assert {e.effect for e in small.effects} == {"effect-1"}
 

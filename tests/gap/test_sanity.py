@@ -107,7 +107,7 @@ def test_a_copied_channel_is_named(labs, tmp_path):
     value = np.array(sound.value)
     value[channel(sound, "gauge2")] = value[channel(sound, "gauge1")]
     copied = [r for r in inspect_readings(replace(sound, value=value), predicted) if r.doubt == "copied"]
-    assert ["gauge2 has the readings of gauge1" in r.text for r in copied] == [True]
+    assert ["gauge2 repeats the readings of gauge1" in r.text for r in copied] == [True]
 
 
 FEW = """robot = "delta"
@@ -130,12 +130,12 @@ ROWS = ["0,0,-1.064,hook,1,g,1e-5,1e-6,a", "0.1,0,-1.064,hook,1,g,1.1e-5,1e-6,a"
     [
         ([*ROWS, ROWS[0].replace("1e-5", "1.2e-5")], None, ""),
         ([*ROWS, "0.1,0.1,-1.064,hook,1,g,5,1e-6,a"], "outlier",
-         "g stands far out of its other readings at readings.csv:5"),
+         "g is an outlier among its readings at readings.csv:5"),
         ([*ROWS, ROWS[0].replace("1e-5", "-1e-5")], "contradiction",
          "g reads 1e-05 at readings.csv:2 and -1e-05 at readings.csv:5, at one pose and load"),
         ([*(row.replace("hook,1", "hook,0") for row in ROWS), ROWS[0].replace("hook", "")], "no-load",
-         "load hook is no force and no moment in any of its 3 readings"),
-        (ROWS[:1], "few", "1 reading has a value: too few to tell causes apart"),
+         "load hook has no force or moment in any of its 3 readings"),
+        (ROWS[:1], "few", "1 reading has a value: too few for a diagnosis"),
     ],
 )  # fmt: skip
 def test_a_small_table_is_doubted(tmp_path, rows, doubt, text):

@@ -1,1 +1,1 @@
-"""The blind check: campaigns whose effect is withheld, and how they are answered."""
+"""Blind check: diagnoses of campaigns with withheld effects."""

@@ -1,4 +1,4 @@
-"""Blind cases: campaigns with withheld faults, and the seal that only the scorer opens."""
+"""Blind cases: campaigns with withheld faults, stored in a seal that only the scorer opens."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SEAL = "seal.txt"
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault of the true machine, in the words of the vocabulary or of `OUTSIDE`."""
+    """A fault of the true machine, named as in the vocabulary or in `OUTSIDE`."""
 
     effect: str
     place: str
@@ -35,7 +35,7 @@ class Fault:
 
 @dataclass(frozen=True)
 class BlindCase:
-    """What is withheld of one campaign, and what is measured in it."""
+    """The withheld faults of one campaign, and the style of its measurements."""
 
     kind: str
     seed: int
@@ -44,7 +44,7 @@ class BlindCase:
 
 
 def seal(folder: Path, cases: Sequence[BlindCase]) -> None:
-    """Write what is withheld where nobody reads it by accident."""
+    """Write the withheld faults in an encoded file."""
     content = [
         {
             "kind": case.kind, "seed": case.seed, "measured": case.style,
@@ -57,7 +57,7 @@ def seal(folder: Path, cases: Sequence[BlindCase]) -> None:
 
 
 def unseal(folder: Path) -> list[BlindCase]:
-    """What is withheld. Raises InputError for a seal that is missing or broken."""
+    """Return the withheld faults. Raises InputError if the seal is missing or broken."""
     try:
         content: list[dict[str, Any]] = json.loads(
             zlib.decompress(base64.b85decode((folder / SEAL).read_bytes().strip()))

@@ -1,4 +1,4 @@
-"""The blind check: campaigns with withheld effects are diagnosed, the seal is opened, the diagnoses are scored."""
+"""Blind check: campaigns with withheld effects are diagnosed, unsealed and scored."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _labs: dict[str, Lab] = {}
 
 @dataclass(frozen=True)
 class Task:
-    """A case to be drawn, measured, diagnosed and scored."""
+    """A case to draw, measure, diagnose and score."""
 
     robot: str
     number: int
@@ -49,7 +49,7 @@ class Task:
 
     @property
     def folder(self) -> str:
-        """Its folder in that of the check."""
+        """Folder of the case in that of the check."""
         return f"{self.robot}/campaign-{self.number:03d}"
 
 
@@ -63,36 +63,36 @@ def run_blind(
     workers: int = 2,
     scheduler: str | None = None,
 ) -> Scores:
-    """Draw, seal, diagnose in parallel, open the seal, score.
+    """Draw and seal cases, diagnose them in parallel, open the seal and score.
 
-    Every case is stored as soon as it is finished; called again with the same folder, the check goes on where it was.
+    Every case is stored when finished; a call with the same folder resumes the check.
 
     Parameters
     ----------
     folder
-        Campaigns, diagnoses and outcomes are left here, a folder each.
+        Folder for campaigns, diagnoses and outcomes, with one folder per case.
     robots
-        Whose campaigns are drawn.
+        Robots whose campaigns are drawn.
     campaigns, seed
-        How many of each robot, and the seed that they repeat with.
+        Number of campaigns for each robot, and the seed that reproduces them.
     progress
         Called with a stage's name and its fraction done.
     workers
-        Processes on this machine.
+        Number of processes on this machine.
     scheduler
-        Address of a Dask scheduler whose workers run the cases instead.
+        Address of a Dask scheduler to use instead.
 
     Raises
     ------
     InputError
-        The folder holds another check, or no scheduler answers.
+        The folder contains another check, or the scheduler does not answer.
 
     """
     check = _check(robots, seed)
     _open(folder, check)
     tasks = [Task(robot.name, number, seed) for robot in robots for number in range(campaigns)]
     left = [task for task in tasks if not os.path.lexists(folder / task.folder)]
-    for task in set(tasks).difference(left):  # before any work is spent
+    for task in set(tasks).difference(left):  # before any work
         _read_stored(folder / task.folder)
     if left:
         _work(folder, robots, left, check, progress, workers, scheduler)
@@ -103,7 +103,7 @@ def run_blind(
 
 
 def _check(robots: Sequence[BlindRobot], seed: int) -> str:
-    """What distinguishes a check from another, as text."""
+    """Return the text that identifies a check."""
     texts = {robot.name: robot.nominal.robot.source for robot in robots}
     check = {
         "seed": seed,
@@ -114,7 +114,7 @@ def _check(robots: Sequence[BlindRobot], seed: int) -> str:
 
 
 def _open(folder: Path, check: str) -> None:
-    """Refuse a folder that holds another check, or anything else. Raises InputError."""
+    """Raise InputError if a folder contains another check or other files."""
     check_cases(folder)
     file = folder / _RUN
     if os.path.lexists(file) and read_text(file, "a list of the cases of a check") != check:
@@ -122,12 +122,12 @@ def _open(folder: Path, check: str) -> None:
 
 
 def _begin(folder: Path, check: str) -> None:
-    """Note in a folder which check it holds."""
+    """Record in a folder which check it contains."""
     folder.mkdir(parents=True, exist_ok=True)
     try:
         write_bytes(folder / _RUN, check.encode())
     except InputError:
-        with contextlib.suppress(OSError):  # where it is not empty, nobody has lost anything
+        with contextlib.suppress(OSError):  # a folder that is not empty is kept
             folder.rmdir()
         raise
 
@@ -137,7 +137,7 @@ def _text(content: Any) -> str:
 
 
 def check_cases(folder: Path) -> None:
-    """Refuse a folder for the cases of a check that holds something else. Raises InputError."""
+    """Raise InputError if a folder for the cases of a check contains other files."""
     if os.path.lexists(folder) and not folder.is_dir():
         raise InputError(f"{folder}: expected a folder for finished cases, got a file; move it away")
     if folder.is_dir() and not (folder / _RUN).is_file() and any(folder.iterdir()):
@@ -145,7 +145,7 @@ def check_cases(folder: Path) -> None:
 
 
 def case_files(folder: Path, robots: Sequence[BlindRobot], campaigns: int, seed: int) -> list[str]:
-    """Names of the files of a finished check, relative to its folder: these and no others are its own."""
+    """Return the names of all files of a finished check, relative to its folder."""
     tasks = [Task(robot.name, number, seed) for robot in robots for number in range(campaigns)]
     written = ("campaign.toml", "readings.csv", SEAL, *DIAGNOSES, OUTCOME)
     names = [_RUN, *(f"{robot.name}/{SEAL}" for robot in robots)]
@@ -168,7 +168,7 @@ def _work(
 
 
 def _store(folder: Path, task: Task, files: Files) -> None:
-    """Write a finished case in one step. Raises InputError where its disk does not take it."""
+    """Write a finished case in one step. Raises InputError if that fails."""
     goal = folder / task.folder
     try:
         goal.parent.mkdir(parents=True, exist_ok=True)
@@ -183,7 +183,7 @@ def _store(folder: Path, task: Task, files: Files) -> None:
 
 
 def _read_stored(folder: Path) -> list[Outcome]:
-    """Outcomes of a finished case, as they were stored. Raises InputError where they are not."""
+    """Return the stored outcomes of a finished case. Raises InputError if they are invalid."""
     file = folder / OUTCOME
     out: list[Outcome] = []
     try:
@@ -207,7 +207,7 @@ def _solve(robot: Shared, task: Task) -> Files:
 
 
 def solve(robot: BlindRobot, task: Task) -> Files:
-    """Draw a case, diagnose it with its whole library and, a single effect, without that effect; files by name."""
+    """Draw and diagnose a case, a single effect also without it in the library; return files."""
     lab = _labs.get(robot.name)
     if lab is None or lab.robot is not robot:
         lab = _labs[robot.name] = Lab(robot)
@@ -233,6 +233,6 @@ def solve(robot: BlindRobot, task: Task) -> Files:
 
 
 def _diagnose(robot: BlindRobot, folder: Path, left_out: str) -> dict[str, Any]:
-    """Diagnose one campaign without an effect of the library, as plain data."""
+    """Diagnose a campaign with an effect excluded from the library; return plain data."""
     found = find(RobotModel(load_campaign(folder), robot.nominal, without=left_out))
     return to_json(conclude(found)) | {"evidence": found.best.evidence - found.none.evidence}

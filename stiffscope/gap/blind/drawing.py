@@ -1,4 +1,4 @@
-"""Blind cases drawn: a series of campaigns with faults that readings can decide."""
+"""Drawing of blind cases: a series of campaigns with faults that readings can identify."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.plans import Style
 
 KINDS = ("single", "single", "single", "pair", "pair", "triple", "triple", "none", "outside", "outside")
-"""What is drawn in turn, so that a share of each is in every ten."""
+"""Kinds of cases in turn, with a fixed share of each in every ten."""
 STYLES: tuple[Style, ...] = ("tool", "gauges", "tool", "gauges", "tool", "sag")
-"""What is measured, ten campaigns each in turn."""
+"""Styles of measurement in turn, ten campaigns each."""
 _BY_COUNT = ("none", "single", "pair", "triple")
-_ATTEMPTS = 24  # at one more fault
-_SERIES = 6  # of up to so many faults
+_ATTEMPTS = 24  # most attempts to add a fault
+_SERIES = 6  # most series of attempts
 
 
 def draw_case(number: int, seed: int, lab: Lab) -> BlindCase:
-    """The case of this number in a series: its kind in turn, its effects and their sizes by chance.
+    """Draw the case of a number in a series: the kind in turn, effects and sizes at random.
 
-    What is drawn can be answered, if anything can: readings show every effect beside the others, whatever the
-    parameters of these, and no more than two words of the vocabulary with as few parameters do the same to them.
-    Where chance finds fewer such faults than wanted, the case is of the kind that these make, and nothing is planted
-    where it finds none: in the sag of a hexapod no compliance shows, and six faults of a strut's length are alike.
+    The case can be answered: every effect is identifiable without noise for any parameters of the
+    others, and at most two known effects with as few parameters mimic it. If fewer such faults are
+    found than wanted, the case is of their kind, and without faults if there are none: e.g. the sag
+    of a hexapod shows no compliance, and six errors of a strut's length are indistinguishable.
     """
     rng = np.random.default_rng([seed, number])
     kind = KINDS[number % len(KINDS)]
@@ -50,7 +50,7 @@ def draw_case(number: int, seed: int, lab: Lab) -> BlindCase:
         effect = choose(rng, [name for name in OUTSIDE if can_have(lab, name)])
         return BlindCase(kind, seed, (draw_outside(effect, rng, lab, style),), style)
     judge = _judge_of(BlindCase(kind, seed, (), style), number, lab)
-    turn = number // len(KINDS) * 3 + number % len(KINDS)  # singles take one word after the other
+    turn = number // len(KINDS) * 3 + number % len(KINDS)  # single effects are taken in turn
     wanted, faults = _BY_COUNT.index(kind), ()
     for _ in range(_SERIES):
         faults = max(faults, _draw_faults(wanted, turn, rng, judge), key=len)
@@ -60,7 +60,7 @@ def draw_case(number: int, seed: int, lab: Lab) -> BlindCase:
 
 
 def _draw_faults(count: int, turn: int, rng: np.random.Generator, judge: Judge) -> tuple[Fault, ...]:
-    """So many faults of different words, or fewer, that can be told; a single one of the word whose turn it is."""
+    """Draw up to `count` identifiable faults of different effects; a single one by its turn."""
     lab = judge.lab
     words = lab.words()
     faults: tuple[Fault, ...] = ()
@@ -78,10 +78,10 @@ def _draw_faults(count: int, turn: int, rng: np.random.Generator, judge: Judge) 
 
 
 def is_imitated(case: BlindCase, number: int, lab: Lab) -> bool:
-    """Whether a few effects of the vocabulary do to the readings what a case's fault outside of it does.
+    """Return whether a few known effects mimic a case's fault outside the vocabulary.
 
-    What these leave of its signature is less than what a fault must stand out by to be drawn. Of a fault that only
-    shows in noisy readings, as a coarse converter's, nothing is known here: it is not imitated.
+    They do if they leave less of its signature than a drawn fault must show. A fault that only
+    shows in noisy readings, e.g. of a coarse converter, does not count as imitated.
     """
     size, left = _judge_of(case, number, lab).distance(case.faults[0])
     return left < VISIBLE <= size
@@ -93,7 +93,7 @@ def _judge_of(case: BlindCase, number: int, lab: Lab) -> Judge:
 
 
 def prepare_case(case: BlindCase, number: int, lab: Lab) -> tuple[Machine, Plan, Located, np.random.Generator]:
-    """The true machine of a case, what is measured on it, and the noise to come."""
+    """Return the true machine of a case, its plan and configuration, and the noise generator."""
     rng = np.random.default_rng([case.seed, number, 1])
     sessions = 3 if any(fault.effect == "bad-session" for fault in case.faults) else 1
     plan, located = draw_plan(lab.workspace, rng, case.style, sessions=sessions)
@@ -101,7 +101,7 @@ def prepare_case(case: BlindCase, number: int, lab: Lab) -> tuple[Machine, Plan,
 
 
 def write_case(folder: Path, number: int, case: BlindCase, lab: Lab) -> None:
-    """Write the campaign of a case into a folder, without a word of what is in it."""
+    """Write the campaign of a case into a folder, without its faults."""
     machine, plan, located, rng = prepare_case(case, number, lab)
     readings = measure(machine, plan, Noise(), rng, located)
     robot = lab.robot

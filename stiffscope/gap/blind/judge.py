@@ -1,4 +1,4 @@
-"""Whether readings without noise distinguish the faults of a case from everything else that could be named."""
+"""Identifiability of the faults of a case from noise-free readings."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.measuring import Plan, Readings
     from stiffscope.gap.lab.rotations import Array
 
-VISIBLE = 8.0  # standard deviations, of all readings together, by which a fault must stand out
-_ALIKE = 4.0  # standard deviations, of all readings together, that nobody can distinguish
-_SAME = 1e-4  # of a signature, that may be left when another is fitted to it that no readings tell apart
-_TURN = 1e-3  # rad, or of a scale: for derivatives
-_IMITATORS = 3  # effects of the vocabulary that together may do what one outside of it does
-_TWINS = 2  # other effects that the named group of a true one has room for
-_KEPT = {"mass", "row"}  # of a payload, whose centre shows by its mass; of a gauge that slips at a row
+VISIBLE = 8.0  # least size of a fault's signature over all readings, standard deviations
+_ALIKE = 4.0  # largest indistinguishable difference over all readings, standard deviations
+_SAME = 1e-4  # relative residual of a signature fitted by an equivalent one
+_TURN = 1e-3  # rad, or relative: step for derivatives
+_IMITATORS = 3  # most known effects that together may mimic an outside one
+_TWINS = 2  # most other effects in the named group of a true one
+_KEPT = {"mass", "row"}  # fixed in signatures: payload mass, row of a slip
 _BY_STEPS = {
     "instrument-misalignment": tuple({axis: _TURN} for axis in ("rx", "ry", "rz")),
     "displacement-scale": ({"factor": 1.0 + _TURN},),
     "force-scale": ({"factor": 1.0 + _TURN},), "mass": ({"factor": 1.0 + _TURN},),
 }  # fmt: skip
-"""Small steps of their parameters."""
+"""Small steps of parameters."""
 
 
 class Judge:
-    """Whether readings without noise tell the faults of a case from all else that could be named."""
+    """Decides whether noise-free readings distinguish a case's faults from all other effects."""
 
     def __init__(self, lab: Lab, plan: Plan, located: Located) -> None:
         self.lab, self._plan, self._located = lab, plan, located
@@ -52,14 +52,14 @@ class Judge:
         return true_readings(self.lab.with_faults(faults), self._plan, self._located)
 
     def _signature(self, fault: Fault) -> Array:
-        """What a fault alone changes in the readings (r,), over their noise."""
+        """Return the changes of readings (r,) by a fault alone, over their noise."""
         key = repr(fault)
         if key not in self._own:
             self._own[key] = (self._read((fault,)).value - self._sound.value) / self._elements.sigma
         return self._own[key]
 
     def _columns(self, fault: Fault) -> Array:
-        """What a fault's effect can do to the readings (r, k), whatever its parameters."""
+        """Return columns (r, k) of changes by a fault's effect for any parameters."""
         columns = self._isolate_fault(fault.effect, fault.place)
         if columns is not None:
             return np.hstack([columns, self._signature(fault)[:, None]])
@@ -77,7 +77,7 @@ class Judge:
 
     @cached_property
     def _all_columns(self) -> dict[str, Array]:
-        """Columns (r, k) of all effects of the vocabulary, at all places where they have some."""
+        """Columns (r, k) of all known effects that have some, at all places."""
         found: dict[str, Array] = {}
         for name, (effect, place) in self.lab.everywhere(self.sensors).items():
             if (columns := self._isolate_fault(effect, place)) is not None:
@@ -85,10 +85,10 @@ class Judge:
         return found
 
     def can_decide(self, faults: Sequence[Fault]) -> bool:
-        """Whether every one of the faults shows beside the others, and has few others like it; see `draw_case`."""
+        """Return whether every fault is identifiable beside the others; see `draw_case`."""
         if any(self._is_hopeless(fault) for fault in faults):
             return False
-        for fault in reversed(faults):  # the last is the one that is new
+        for fault in reversed(faults):  # the last one is new
             signature = self._signature(fault)
             others = [self._columns(other) for other in faults if other is not fault]
             beside = orthonormal_basis(np.hstack([np.zeros((len(signature), 0)), *others]))
@@ -98,7 +98,7 @@ class Judge:
         return True
 
     def distance(self, fault: Fault) -> tuple[float, float]:
-        """Norms of a fault's signature, and of what the closest effects of the vocabulary leave of it, one by one."""
+        """Return norms of a fault's signature, and of its rest after the closest known effects."""
         left = self._signature(fault)
         size, basis = float(np.linalg.norm(left)), np.zeros((len(left), 0))
         columns = list(self._all_columns.values())
@@ -112,7 +112,7 @@ class Judge:
         return size, float(np.linalg.norm(left))
 
     def _is_hopeless(self, fault: Fault) -> bool:
-        """Whether no readings of this kind show a fault, or tell it from others, whatever its size."""
+        """Return whether a fault of any size is invisible or indistinguishable in such readings."""
         if fault.name not in self._vain:
             columns = self._isolate_fault(fault.effect, fault.place)
             vain = columns is not None and not columns.any()
@@ -123,17 +123,17 @@ class Judge:
         return self._vain[fault.name]
 
     def _find_alike(self, fault: Fault, left: Array, beside: Array) -> set[str]:
-        """Other effects that do the same to readings as a fault, with no more parameters at work than it has.
+        """Return other effects that mimic a fault with no more parameters than it has.
 
-        left: (r,) what the other faults of its campaign leave of its signature; beside: (r, k) an orthonormal basis of
-        what these can do.
+        left: its signature (r,) with the campaign's other faults projected out; beside: orthonormal
+        basis (r, k) of these.
         """
         found: set[str] = set()
         own = self.lab.canonical(fault.name)
         for name, columns in self._all_columns.items():
             if name == own:
                 continue
-            if word_of(name) == "part-compliance" and fault.effect != "part-compliance":  # entries follow a stiffness
+            if word_of(name) == "part-compliance" and fault.effect != "part-compliance":  # flexible
                 continue
             if fit_residual(left, project_out(columns, beside), len(fault.parameters)) < _ALIKE:
                 found.add(name)

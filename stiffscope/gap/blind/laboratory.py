@@ -1,4 +1,4 @@
-"""A robot in the virtual laboratory: its sound machine, what can be wrong with it, and where it can be measured."""
+"""A robot in the virtual lab: its sound machine, possible faults and workspace."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.rotations import Array
     from stiffscope.robot.nominal import NominalRobot
 
-_POOL = 72  # poses of a robot from which a campaign takes its own
-_SEED = 20  # of that pool
+_POOL = 72  # poses of a robot from which campaigns are drawn
+_SEED = 20  # seed of that pool
 _ALL_DRIVES, _ALL_JOINTS, _ALL_BODIES = "drives", "joints", "robot"
 INSTRUMENT = "instrument"
 _OF_SENSORS = {"instrument-misalignment", "displacement-scale"}
@@ -40,9 +40,9 @@ class BlindRobot:
 
     Attributes
     ----------
-    nominal : the model that is diagnosed with, and its file.
-    parts : matrix and mass of every part that is used, as `PartMatrix`.
-    components : source of these matrices, as a campaign's header names it.
+    nominal : the nominal model used for diagnosis, and its file.
+    parts : matrix and mass of every part used, as `PartMatrix`.
+    components : source of these matrices, as named in a campaign's header.
     """
 
     nominal: NominalRobot
@@ -51,24 +51,24 @@ class BlindRobot:
 
     @property
     def name(self) -> str:
-        """As its file has it."""
+        """Name in its file."""
         return self.nominal.robot.name
 
     @property
     def reference(self) -> str:
-        """How a campaign names it: a bundled robot, or the path of its file."""
+        """Name in a campaign: that of a bundled robot, or the path of its file."""
         path = self.nominal.robot.path
         return path.stem if path.stem in robot_names() and load_robot(path.stem).path == path else str(path.resolve())
 
 
 class Lab:
-    """A robot in the virtual lab: its sound machine, and where it can be measured."""
+    """A robot in the virtual lab: its sound machine and workspace."""
 
     def __init__(self, robot: BlindRobot, poses: int = _POOL) -> None:
         self.robot = robot
         file = robot.nominal.robot
         machine = machine_of(file, robot.parts)
-        for effect in file.effects:  # which the model carries, and so does the machine
+        for effect in file.effects:  # which model and machine have in common
             machine = inject(machine, word_of(effect.effect), effect.place, effect.parameters)
         self.sound = machine
         self._steps: dict[str, dict[str, Array]] = {}
@@ -76,7 +76,7 @@ class Lab:
         self.workspace: Workspace = workspace(machine, poses, np.random.default_rng(_SEED))
 
     def with_faults(self, faults: Sequence[Fault]) -> Machine:
-        """The machine with faults."""
+        """Return the machine with faults."""
         machine = self.sound
         for fault in faults:
             parameters = fault.parameters
@@ -86,14 +86,14 @@ class Lab:
         return machine
 
     def _part_of(self, place: str, value: float) -> dict[str, float]:
-        """Entries of a part's compliance where one of its dimensions has another value."""
+        """Return the entries of a part's compliance with another value of a dimension."""
         part, key = place.rsplit(".", 1)
         other = with_parameter(self.robot.nominal.robot, part, key, value)
         compliance = part_matrices(other, self.robot.components)[part].compliance
         return entries_of(compliance)
 
     def places(self, effect: str, sensors: Sequence[str] = ()) -> tuple[str, ...]:
-        """Where an effect may act: elements and sets of them, each set once, or the instrument and its sensors."""
+        """Return the places of an effect: elements and distinct sets, or instrument and sensors."""
         file, machine = self.robot.nominal.robot, self.sound
         fixed = {
             "base-compliance": ("base",), "platform-compliance": ("tool",), "cable-chain": ("tool",),
@@ -123,13 +123,13 @@ class Lab:
         return places
 
     def _takes(self, effect: str, name: str) -> bool:
-        """Whether an effect may act on an element."""
+        """Return whether an effect may act on an element."""
         if not acts_on(self.sound, effect, name):
             return False
         joint, body = self.sound.joints.get(name), self.sound.bodies.get(name)
         if joint is not None and effect in {"joint-play", "stiffening-joint", "loose-bolt"}:
             return joint.drive is None
-        if joint is not None and effect == "joint-compliance":  # that of a driven slide is its guide's
+        if joint is not None and effect == "joint-compliance":  # driven slides have guides
             return joint.drive is None or joint.kind != "prismatic"
         if body is not None and effect == "rigid-ends":
             return is_uniform(body)
@@ -138,7 +138,7 @@ class Lab:
         return True
 
     def _dimensions(self) -> tuple[str, ...]:
-        """Dimensions and constants of the material of parts whose matrix follows from them by beam theory."""
+        """Return the dimensions and material constants of parts computed by beam theory."""
         file = self.robot.nominal.robot
         sources = part_sources(file, self.robot.components)
         return tuple(
@@ -149,19 +149,19 @@ class Lab:
         )
 
     def words(self) -> tuple[str, ...]:
-        """Effects of the vocabulary that this robot can have."""
+        """Return the known effects that this robot can have."""
         foreign = {"gravity"} if self.sound.gravity.any() else {"gravity", "payload"}
         return tuple(effect for effect in KNOWN if effect not in foreign and self.places(effect))
 
     def everywhere(self, sensors: tuple[str, ...] = ()) -> dict[str, tuple[str, str]]:
-        """All effects of the vocabulary at all their places, by their canonical names."""
+        """Return all known effects at all their places, by canonical name."""
         if sensors not in self._words:
             listed = [(effect, place) for effect in self.words() for place in self.places(effect, sensors)]
             self._words[sensors] = {self.canonical(f"{effect} @ {place}"): (effect, place) for effect, place in listed}
         return self._words[sensors]
 
     def softer(self, effect: str, place: str) -> dict[str, Array]:
-        """Compliance that a small step of an effect's parameter adds to each body at a place."""
+        """Return the compliance added to each body at a place by a small parameter step."""
         if effect not in {"part-dimension", "link-stiffness", "rigid-ends"}:
             return {}
         name = f"{effect} @ {place}"
@@ -181,7 +181,7 @@ class Lab:
         return min(self.sound.bodies[name].length for name in members)
 
     def canonical(self, name: str) -> str:
-        """One name for all names of an effect at a place: groups, parts and elements may mean the same set."""
+        """Return the canonical name of an effect at a place; different names may mean one set."""
         effect, place = word_of(name), name.partition(" @ ")[2]
         if effect == "platform-compliance":
             place = "tool"
@@ -189,7 +189,7 @@ class Lab:
         return f"{effect} @ {', '.join(sorted(members)) or place}"
 
     def drive_lever(self, drive: str) -> float:
-        """Lever by which a drive moves the tool, m per rad; one for a sliding drive."""
+        """Return the lever of a drive on the tool, m per rad; one for a linear drive."""
         joint = self.sound.joints[drive]
         if joint.kind != "revolute":
             return 1.0
@@ -198,14 +198,14 @@ class Lab:
 
 
 def entries_of(compliance: Array) -> dict[str, float]:
-    """A compliance (6, 6) by the names of its entries."""
+    """Return a compliance (6, 6) by the names of its entries."""
     return {name: float(compliance[int(name[1]) - 1, int(name[2]) - 1]) for name in ENTRIES}
 
 
 def other_dimension(lab: Lab, place: str, size: float) -> float:
-    """Another value of a dimension: of a tube's radius or bore, one that makes its wall thinner or thicker.
+    """Return another value of a dimension; for a tube's radii, one of another wall thickness.
 
-    A modulus that no material has with the other one is turned to the other side of the nominal.
+    A modulus that is inconsistent with the other one is changed in the opposite direction.
     """
     part, key = place.rsplit(".", 1)
     robot = lab.robot.nominal.robot

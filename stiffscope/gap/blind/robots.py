@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 
 
 def blind_robots(robots: Sequence[RobotFile], components: str | None, shop: Workshop) -> list[BlindRobot]:
-    """The robots with their parts' matrices.
+    """Return the robots with their parts' matrices.
 
     Parameters
     ----------
     robots
         Robot files.
     components
-        Source of the matrices of rods and plates; None: as published where a part names a published matrix, else by
-        beam theory, neither of which takes a virtual experiment.
+        Source of the matrices of rods and plates; None: published if a part names a published
+        matrix, else beam theory, neither of which needs a virtual experiment.
     shop
-        Where experiments are made, if it comes to that.
+        Workshop that runs experiments if needed.
 
     """
     out: list[BlindRobot] = []

@@ -1,4 +1,4 @@
-"""Scores of a blind check: which diagnoses are right, what intervals and stated probabilities are worth."""
+"""Scores of a blind check: right diagnoses, and calibration of intervals and probabilities."""
 
 from __future__ import annotations
 
@@ -14,50 +14,50 @@ if TYPE_CHECKING:
 
     Same = Callable[[str], str]
 
-GROUP = 3  # a diagnosis may name the truth in a group of at most so many
-EVIDENT = 10.0  # ln-odds against no effect from which a single effect must be found
-HONEST = 1.2  # times the noise floor, held out
+GROUP = 3  # largest group in which a diagnosis may name the truth
+EVIDENT = 10.0  # ln-odds over no effect above which a single effect must be found
+HONEST = 1.2  # largest held-out gap over the noise floor
 TENTHS = 10
 EFFECTS = ("single", "pair", "triple")
-"""Kinds of campaigns whose effects the library has."""
+"""Kinds of campaigns with effects of the library."""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """One campaign: what was withheld, what was diagnosed, and whether that is right."""
+    """Outcome of one campaign: withheld and diagnosed effects."""
 
     number: int
     kind: str
     truth: tuple[str, ...]
     verdict: str
     named: tuple[str, ...]
-    """Diagnosed effects, `effect @ place`."""
+    """Diagnosed effects, as `effect @ place`."""
     groups: tuple[tuple[str, ...], ...]
-    """What these readings cannot distinguish from each of them."""
+    """Effects that these readings cannot distinguish from each of them."""
     evidence: float
-    """Ln-odds of the best hypothesis against no effect."""
+    """Ln-odds of the best hypothesis over no effect."""
     gap: tuple[float, float, float, float]
-    """% rms before, after, held out, noise."""
+    """Gap, % rms: before, after, held out and noise."""
     covered: tuple[bool, ...]
-    """Whether each 95 % interval of a rightly named effect holds the true parameter."""
+    """Whether each 95 % interval of a correctly named effect contains the true parameter."""
     left_out: str = ""
-    """The effect that was taken out of the library, in a leave-one-effect-out check."""
+    """Effect excluded from the library in a leave-one-effect-out check."""
     robot: str = ""
     style: str = "tool"
-    """What was measured."""
+    """Style of the measurements."""
     stated: tuple[tuple[float, bool], ...] = ()
-    """Probability of each effect that is named or possible, and whether it is true."""
+    """Probability of each named or possible effect, and whether it is true."""
     imitated: bool = False
-    """Whether a few effects of the library do the same to the readings as an outside one."""
+    """Whether a few effects of the library mimic an outside one."""
 
     @property
     def right(self) -> bool:
-        """Whether the diagnosis is the truth, each effect itself or in its group of at most three."""
+        """Whether the diagnosis is correct, each effect itself or in a group of at most three."""
         if self.kind == "none":
             return self.verdict == "no-gap"
         if self.kind == "outside":
             return not self.confident
-        if self.left_out:  # an honest neighbour leaves nothing to be explained
+        if self.left_out:  # an equivalent effect explains all
             return not self.confident or self.gap[2] <= HONEST * self.gap[3]
         return len(self.named) == len(self.truth) and _match_effects(
             set(self.truth), list(zip(self.named, self.groups, strict=True))
@@ -65,12 +65,12 @@ class Outcome:
 
     @property
     def confident(self) -> bool:
-        """Whether an effect was named with confidence."""
+        """Whether an effect was identified."""
         return self.verdict == "identified"
 
 
 def _match_effects(truth: set[str], named: list[tuple[str, tuple[str, ...]]]) -> bool:
-    """Whether every true effect has a diagnosed effect of its own that names it, or a small group that does."""
+    """Return whether every true effect is matched by its own diagnosed effect or small group."""
     if not named:
         return not truth
     name, group = named[0]
@@ -82,16 +82,16 @@ def outcome_of(
     number: int, case: BlindCase, found: dict[str, Any], same: Same, *, left_out: str = "", robot: str = "",
     imitated: bool = False,
 ) -> Outcome:  # fmt: skip
-    """The outcome of a campaign.
+    """Return the outcome of a campaign.
 
     Parameters
     ----------
     number, case
-        The campaign, and what was withheld of it.
+        The campaign's number, and its withheld faults.
     found
-        Its diagnosis.json, and `evidence` where that is known.
+        Its diagnosis.json, and `evidence` if known.
     same
-        One name for all names of an effect at a place: a set may have several.
+        Function to the canonical name of an effect at a place.
     left_out, robot, imitated
         See `Outcome`.
 
@@ -123,13 +123,13 @@ def outcome_of(
 
 
 def _collect_stated(truth: set[str], found: dict[str, Any], same: Same) -> tuple[tuple[float, bool], ...]:
-    """Probabilities of the effects that are named or possible, and whether each is true."""
+    """Return the probabilities of named and possible effects, and whether each is true."""
     listed = [*found["effects"], *found.get("possible", ())]
     return tuple((float(e["probability"]), same(f"{e['effect']} @ {e['place']}") in truth) for e in listed)
 
 
 def _check_covered(case: BlindCase, found: dict[str, Any], same: Same) -> tuple[bool, ...]:
-    """For every parameter of a rightly named effect, whether its 95 % interval holds the truth."""
+    """Return whether the 95 % interval of each parameter of right effects contains the truth."""
     if found["verdict"] == "unexplained" or len(found["effects"]) != len(case.faults):
         return ()
     truth = {same(fault.name): fault.parameters for fault in case.faults}
@@ -150,11 +150,11 @@ def _check_covered(case: BlindCase, found: dict[str, Any], same: Same) -> tuple[
 
 @dataclass(frozen=True)
 class Scores:
-    """The score of a blind check; shares are None where nothing of the kind was drawn."""
+    """Scores of a blind check; shares are None if no case of the kind was drawn."""
 
     outcomes: tuple[Outcome, ...]
     singles: float | None
-    """Share of right diagnoses among single effects with evidence beyond `EVIDENT`."""
+    """Share of right diagnoses among single effects with evidence above `EVIDENT`."""
     pairs: float | None
     triples: float | None
     false_alarms: float | None
@@ -162,16 +162,16 @@ class Scores:
     outside: float | None
     """Share of outside effects for which an effect was identified."""
     distinguishable: float | None
-    """The same among those that are distinguishable from known effects: no few of the library imitate them."""
+    """The same among those that a few known effects cannot mimic."""
     left_out: float | None
-    """Share of campaigns, their effect out of the library, without a confident name that leaves something over."""
+    """Share of campaigns with excluded effect that have no confident name with a gap left."""
     coverage: float | None
-    """Share of 95 % intervals that hold the true parameter."""
+    """Share of 95 % intervals that contain the true parameter."""
     held_out: float | None
-    """Largest held-out gap over the noise floor where an effect was identified rightly."""
+    """Largest ratio of held-out gap to noise floor among correctly identified effects."""
 
     def confusion(self) -> tuple[tuple[str, ...], tuple[str, ...], tuple[tuple[int, ...], ...]]:
-        """What was injected alone against what was diagnosed: rows, columns, counts."""
+        """Return the confusion matrix of single effects: injected, diagnosed, counts."""
         alone = [o for o in self.outcomes if len(o.truth) <= 1 and not o.left_out]
         rows = sorted({_word(o.truth) for o in alone})
         columns = sorted({_summarize_answer(o) for o in alone})
@@ -182,7 +182,7 @@ class Scores:
         return tuple(rows), tuple(columns), table
 
     def calibration(self) -> tuple[tuple[float, float, int], ...]:
-        """Reliability of stated probabilities, tenth by tenth where any was stated: mean stated, share true, count."""
+        """Return mean stated probability, true share and count for each non-empty tenth."""
         pairs = [pair for o in self.outcomes for pair in o.stated]
         out: list[tuple[float, float, int]] = []
         for tenth in range(TENTHS):
@@ -193,7 +193,7 @@ class Scores:
         return tuple(out)
 
     def by_robot(self) -> dict[str, Scores]:
-        """The same of each robot."""
+        """Return the scores of each robot."""
         robots = dict.fromkeys(o.robot for o in self.outcomes)
         return {name: score([o for o in self.outcomes if o.robot == name]) for name in robots}
 
@@ -209,7 +209,7 @@ def _summarize_answer(outcome: Outcome) -> str:
 
 
 def score(outcomes: Sequence[Outcome]) -> Scores:
-    """Shares of right diagnoses by kind."""
+    """Return the shares of right diagnoses by kind."""
     first = [o for o in outcomes if not o.left_out]
     evident = [o for o in first if o.kind == "single" and o.evidence > EVIDENT]
     held = [o.gap[2] / o.gap[3] for o in first if o.right and o.confident and o.kind in EFFECTS]

@@ -1,4 +1,4 @@
-"""Faults drawn: a place by chance, a size between small and large as the robot goes."""
+"""Drawing of faults: random places, and random sizes scaled to the robot."""
 
 from __future__ import annotations
 
@@ -17,43 +17,43 @@ if TYPE_CHECKING:
     from stiffscope.gap.blind.laboratory import Lab
     from stiffscope.gap.lab.plans import Style
 
-_LIKE = 8.075e-8  # m/N: the scale of the robot at which these sizes hold
-_SOFTEST = {"actuator-stiffness": 0.1, "link-stiffness": 0.2}  # least factor on a stiffness alone,
-_SOFT, _SLIGHT = 0.6, 0.95  # beside other faults, and the greatest
-_OWN = {True: (0.02, 3.0), False: (0.02, 0.3)}  # what a bearing yields alone, or not, over the robot's own compliance
+_LIKE = 8.075e-8  # m/N: compliance of the robot for which these sizes are given
+_SOFTEST = {"actuator-stiffness": 0.1, "link-stiffness": 0.2}  # least stiffness factor alone,
+_SOFT, _SLIGHT = 0.6, 0.95  # with other faults, and largest factor
+_OWN = {True: (0.02, 3.0), False: (0.02, 0.3)}  # bearing over robot compliance, alone or not
 _SCALES = {"displacement-scale", "force-scale"}
 
 
 def choose(rng: np.random.Generator, choices: Sequence[str]) -> str:
-    """One of some choices by chance."""
+    """Return a random choice."""
     return choices[int(rng.integers(0, len(choices)))]
 
 
 def _draw_size(rng: np.random.Generator, low: float, high: float) -> float:
-    """A size between two, its logarithm uniform."""
+    """Draw a log-uniform size between two limits."""
     return low * (high / low) ** rng.random()
 
 
 def draw_known(effect: str, rng: np.random.Generator, lab: Lab, sensors: Sequence[str], *, alone: bool = True) -> Fault:
-    """Draw a fault of the vocabulary.
+    """Draw a known fault.
 
     Parameters
     ----------
     effect
-        A word of the vocabulary that the robot can have.
+        A known effect that the robot can have.
     rng
-        Place, size and sign follow from it.
+        Random generator of place, size and sign.
     lab
-        The robot in the laboratory; a softer or larger one gets larger faults.
+        The robot in the lab; a softer or larger one gets larger faults.
     sensors
-        Names of the sensors that may be at fault themselves.
+        Names of the sensors that may be faulty.
     alone
-        Whether it is the only fault: its size is then drawn over decades.
+        Whether it is the only fault, with a size drawn over decades.
 
     Returns
     -------
     Fault
-        With its parameters, SI.
+        The fault with its parameters, SI.
 
     """
     place = choose(rng, lab.places(effect, sensors))
@@ -93,7 +93,7 @@ _YIELDING: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 _OF_NUMBERS = {"unit", "sensor-sign", "sensor-step"}
 _UNITS = (1e3, 1e-3)
-_LINES = (100, 500)  # of the rows of a table, in which a gauge slips
+_LINES = (100, 500)  # range of rows at which a gauge slips
 
 
 def _draw_of_numbers(effect: str, rng: np.random.Generator, size: float) -> dict[str, float]:
@@ -103,7 +103,7 @@ def _draw_of_numbers(effect: str, rng: np.random.Generator, size: float) -> dict
 
 
 def _sizes_of_one(effect: str, lab: Lab, members: Sequence[str], sign: float) -> dict[str, float]:
-    """Parameters of an effect at size one."""
+    """Return the parameters of an effect of unit size."""
     if effect == "joint-stiffness":
         return {"factor": 3.0}
     if effect == "rigid-ends":
@@ -122,7 +122,7 @@ _OF_DRIVES = {"backlash", "encoder-offset"}
 
 
 def _draw_matrix(lab: Lab, body: str, size: float, rng: np.random.Generator) -> dict[str, float]:
-    """Entries of a part that is softer, and more so in some directions than in others."""
+    """Return the entries of a part softened by random factors in each direction."""
     stretch = np.diag(np.sqrt(1.0 + 0.8 * size * rng.uniform(0.2, 1.0, 6)))
     return entries_of(stretch @ lab.sound.bodies[body].compliance @ stretch)
 
@@ -137,7 +137,7 @@ def _outside_places(lab: Lab, effect: str, channels: Sequence[str]) -> tuple[str
 
 
 def can_have(lab: Lab, effect: str) -> bool:
-    """Whether a robot can have a fault outside the vocabulary that readings may show."""
+    """Return whether a robot can have an outside fault that readings may show."""
     if effect == "screw-pitch":
         members = [name for place in lab.places(effect) for name in lab.sound.members(place)]
         return any(lab.sound.joints[name].kind == "prismatic" for name in members)
@@ -145,23 +145,23 @@ def can_have(lab: Lab, effect: str) -> bool:
 
 
 def draw_outside(effect: str, rng: np.random.Generator, lab: Lab, style: Style) -> Fault:
-    """Draw a fault that the vocabulary has no word for.
+    """Draw a fault outside the vocabulary.
 
     Parameters
     ----------
     effect
         A name of `OUTSIDE` that the robot can have.
     rng
-        Place and size follow from it.
+        Random generator of place and size.
     lab
-        The robot in the laboratory.
+        The robot in the lab.
     style
-        What is measured, which says what channels there are.
+        Style of the measurements, which determines the channels.
 
     Returns
     -------
     Fault
-        With its parameters, SI.
+        The fault with its parameters, SI.
 
     """
     channels = [f"gauge{k + 1}" for k in range(5)] if style == "gauges" else COORDINATES
@@ -174,7 +174,7 @@ def draw_outside(effect: str, rng: np.random.Generator, lab: Lab, style: Style) 
     lever = max((lab.drive_lever(name) for name in members), default=1.0)
     bearing = 1e-8 * soft
     one = {
-        # at the force that a lab applies a hardening drive has lost about a tenth of its deflection, as at 3e16 N/m³
+        # under a lab's force a hardening drive loses a tenth of its deflection, as at 3e16 N/m³
         "hardening-drive": {"cubic": 2.4 * size * stiffest**3 / (10.0 * (scale.force * lever) ** 2)},
         "drive-friction": {"force": 0.08 * size * scale.force * lever},
         "stiffening-joint": {"radial": bearing * size, "knee": 0.2 * bearing * size * scale.force},

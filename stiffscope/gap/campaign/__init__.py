@@ -1,1 +1,1 @@
-"""Campaigns: header, tables, readings."""
+"""Campaigns: header, tables and readings."""

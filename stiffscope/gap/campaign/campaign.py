@@ -1,4 +1,4 @@
-"""A campaign: readings, the poses and wrenches they were taken at, and what the nominal model is said to carry."""
+"""A campaign: readings with their poses and wrenches, and the effects in the nominal model."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 AT_TOOL = -1
-"""Code of no sensor, a quantity at M; and of no load point, a wrench at M."""
+"""Code for no sensor (a quantity at M), and for no load point (a wrench at M)."""
 
 
 def _read_only(array: Any) -> Any:
@@ -38,41 +38,41 @@ def _no_codes() -> Indices:
 
 @dataclass(frozen=True)
 class InstrumentFrame:
-    """Axes of an instrument that stands anywhere, such as a laser tracker or cameras."""
+    """Axes of a freely placed instrument, such as a laser tracker or cameras."""
 
     name: str
     pose: tuple[float, ...] | None = None
-    """(x, y, z, rx, ry, rz) in {O}, m and rad (rotation vector); None: unknown, found with everything else."""
+    """(x, y, z, rx, ry, rz) in {O}, m and rad (rotation vector); None: unknown and estimated."""
     sigma: tuple[float, ...] | None = None
-    """Standard uncertainty of each component of `pose`; None: the pose is exact, or unknown."""
+    """Standard uncertainty of each component of `pose`; None: the pose is exact or unknown."""
     per: str = "campaign"
-    """"session": set up anew with each session."""
+    """"session": set up again for each session."""
 
 
 @dataclass(frozen=True)
 class Sensor:
-    """One channel of an instrument that stands on one body and looks at another; base axes, SI.
+    """One channel of an instrument that is mounted on one body and measures another; base axes, SI.
 
-    A target whose position is measured has three of them: `smr.x`, `smr.y`, `smr.z`, along the axes of its frame.
+    A target of a position has three channels, `smr.x`, `smr.y`, `smr.z`, along its frame's axes.
     """
 
     name: str
     body: str
     direction: tuple[float, float, float]
-    """Unit vector: sensitive direction, or axis of rotation; of a position in the axes of its frame."""
+    """Unit vector: sensitive direction or axis of rotation; for a position in its frame's axes."""
     at: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Where it touches, or the target sits, home coordinates, m."""
+    """Point of contact or target, home coordinates, m."""
     measures: str = "displacement"
     """"displacement", "rotation", "position" or "distance" (from the origin of its frame)."""
     against: str = "ground"
     zero: str = "none"
-    """"session": one unknown constant a session."""
+    """"session": one unknown constant per session."""
     frame: str = ""
     """Name of the `InstrumentFrame` of a position or distance."""
     target: str = ""
-    """Name of the target, which channels of one position share."""
+    """Name of the target, common to the channels of one position."""
     at_sigma: float = 0.0
-    """Standard uncertainty of each component of `at`, m; 0: known."""
+    """Standard uncertainty of each component of `at`, m; 0 if known."""
 
     @property
     def rotates(self) -> bool:
@@ -81,18 +81,18 @@ class Sensor:
 
     @property
     def absolute(self) -> bool:
-        """Whether it reads where a target is, not how far it moved."""
+        """Whether it reads the absolute position of a target, not a displacement."""
         return self.measures in {"position", "distance"}
 
     @property
     def axis(self) -> int:
-        """0 to 5: the one of x y z rx ry rz that it is nearest to."""
+        """Index 0 to 5 of the nearest of x y z rx ry rz."""
         return int(np.argmax(np.abs(self.direction))) + 3 * self.rotates
 
 
 @dataclass(frozen=True)
 class LoadPoint:
-    """Where a load is hung or pushed: a point of a body, home coordinates, m; it moves with the body."""
+    """Point of application of a load, fixed to a body, home coordinates, m."""
 
     name: str
     body: str
@@ -101,49 +101,49 @@ class LoadPoint:
 
 @dataclass(frozen=True)
 class Campaign:
-    """What a lab hands over; n readings at p poses, SI, axes of {O}. All arrays are read-only."""
+    """Measurements of a lab: n readings at p poses, SI, axes of {O}. All arrays are read-only."""
 
     robot: str | None
-    """A robot the project knows, or a robot file's path as written; None with predictions."""
+    """Name of a bundled robot, or path of a robot file as written; None with predictions."""
     modelled: tuple[str, ...]
     components: str
     pose_names: tuple[str, ...]
     poses: Array
-    """(p, k) commanded coordinates; NaN where poses are labels."""
+    """Commanded coordinates (p, k); NaN if poses are labels."""
     pose: Indices
-    """(n,) which pose."""
+    """Index (n,) of the pose."""
     wrench: Array
-    """(n, 6) stated wrench at M or at its load's point; NaN for stiffnesses and frequencies, zero where unloaded."""
+    """Stated wrench (n, 6) at M or a load's point, 0 if unloaded; NaN for stiffness, frequency."""
     quantity: Indices
-    """(n,) position in `QUANTITIES`; of a sensor's reading that of its kind and of the axis nearest to it."""
+    """Index (n,) into `QUANTITIES`; for sensors that of their kind and nearest axis."""
     value: Array
     sigma: Array
-    """(n,) standard uncertainty; NaN: unknown."""
+    """Standard uncertainty (n,); NaN if unknown."""
     session_names: tuple[str, ...]
     session: Indices
-    """(n,) which session."""
+    """Index (n,) of the session."""
     files: tuple[str, ...]
     file: Indices
-    """(n,) which file a reading came from."""
+    """Index (n,) of each reading's file."""
     line: Indices
-    """(n,) on which line it stands."""
+    """Line number (n,) of each reading in its file."""
     predictions: dict[str, Array] = field(default_factory=dict[str, "Array"])
-    """Predicted values (n,): the model under test under `value`, its rivals under their columns' names."""
+    """Predicted values (n,): `value` for the model under test, rivals by column name."""
     coordinates: tuple[str, ...] = AXES[:3]
-    """Names of the k commanded coordinates: those of the tool pose, or `q:JOINT`."""
+    """Names of the k commanded coordinates: tool pose or `q:JOINT`."""
     sensors: tuple[Sensor, ...] = field(default_factory=tuple[Sensor, ...])
     sensor: Indices = field(default_factory=_no_codes)
-    """(n,) position in `sensors`; `AT_TOOL` for quantities at M."""
+    """Index (n,) into `sensors`; `AT_TOOL` for quantities at M."""
     loads: tuple[LoadPoint, ...] = field(default_factory=tuple[LoadPoint, ...])
     load: Indices = field(default_factory=_no_codes)
-    """(n,) position in `loads`; `AT_TOOL` for a wrench at M."""
+    """Index (n,) into `loads`; `AT_TOOL` for a wrench at M."""
     frames: tuple[InstrumentFrame, ...] = field(default_factory=tuple[InstrumentFrame, ...])
-    """Those that the sensors name."""
+    """Frames named by the sensors."""
     expected: Array | None = None
-    """(n,) from which ``value`` is counted once the robot is known: a position or distance of the rigid robot as
-    commanded, zero for other readings; None: values are as they were read."""
+    """Offset (n,) subtracted from ``value`` once the robot is known: position or distance of the
+    rigid robot as commanded, zero for other readings; None: values are as read."""
     source: Source | None = None
-    """Text of the campaign.toml, by which refusals name the line of a key; None where nothing was read."""
+    """Text of the campaign.toml, used to give line numbers in errors; None if nothing was read."""
 
     def __post_init__(self) -> None:
         """Replace every array by a read-only copy."""
@@ -162,7 +162,7 @@ class Campaign:
         return len(self.value)
 
     def select(self, rows: Indices) -> Campaign:
-        """The campaign with some of its readings (r,)."""
+        """Return the campaign with some of its readings (r,)."""
         each = ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line", "sensor", "load")
         predictions = {name: values[rows] for name, values in self.predictions.items()}
         expected = None if self.expected is None else self.expected[rows]
@@ -171,44 +171,44 @@ class Campaign:
 
     @property
     def kind(self) -> Indices:
-        """(n,) position in `KINDS`."""
+        """Index (n,) into `KINDS`."""
         return kind_of(self.quantity)
 
     @property
     def direction(self) -> Indices:
-        """(n,) 0 to 5: x y z rx ry rz, of a sensor the nearest; 0 for frequencies."""
+        """Index (n,) into x y z rx ry rz, the nearest for sensors; 0 for frequencies."""
         return np.where(self.kind == FREQUENCY, 0, self.quantity % 6)
 
     @property
     def relative(self) -> Flags:
-        """(n,) whether a reading's error is judged by its own size: stiffnesses, pushes, frequencies."""
+        """Flags (n,) of readings with relative errors: stiffnesses, pushes and frequencies."""
         return (self.kind >= STIFFNESS) & (self.kind < POSITION)
 
     @property
     def is_motion(self) -> Flags:
-        """(n,) whether a reading is of a motion: deflections, deviations, positions."""
+        """Flags (n,) of readings of motions: deflections, deviations and positions."""
         return (self.kind <= DEVIATION) | (self.kind == POSITION)
 
     @property
     def shows_rest(self) -> Flags:
-        """(n,) whether a reading shows the weight and errors of the geometry: deviations, positions."""
+        """Flags (n,) of readings that show weight and geometric errors: deviations, positions."""
         return (self.kind == DEVIATION) | (self.kind == POSITION)
 
     @property
     def kind_numbers(self) -> Indices:
-        """(n,) small numbers that readings of one kind by one instrument share."""
+        """Group numbers (n,) of readings of the same kind and instrument."""
         plain = np.where(self.kind == FREQUENCY, 2 * FREQUENCY, 2 * self.kind + self.direction // 3)
         key = np.where(self.sensor >= 0, 10 + 2 * self.sensor + self.shows_rest, plain)
         return np.unique(key, return_inverse=True)[1].ravel()
 
     def what(self, reading: int) -> str:
-        """Return what a reading measures, in the file's words."""
+        """Return the name of a reading's sensor or quantity, as in the file."""
         if self.sensor[reading] >= 0:
             return self.sensors[int(self.sensor[reading])].name
         return QUANTITIES[int(self.quantity[reading])]
 
     def refuse(self, key: tuple[str, ...], message: str) -> InputError:
-        """Error for a key of the campaign.toml."""
+        """Return an error for a key of the campaign.toml."""
         if self.source is None:
             return InputError(f"campaign: {'.'.join(key)}: {message}")
         return self.source.refuse(key, message)
@@ -219,11 +219,11 @@ class Campaign:
 
     @property
     def instruments(self) -> tuple[str, ...]:
-        """Names of instruments by `channel`: the sensors, then the axes at M, then the frequencies."""
+        """Names of instruments by `channel`: sensors, axes at M, and frequencies."""
         return (*(sensor.name for sensor in self.sensors), *AXES, "f")
 
     @property
     def channel(self) -> Indices:
-        """(n,) position in `instruments`."""
+        """Index (n,) into `instruments`."""
         at_tool = len(self.sensors) + np.where(self.kind == FREQUENCY, len(AXES), self.direction)
         return np.where(self.sensor >= 0, self.sensor, at_tool)

@@ -1,4 +1,4 @@
-"""The campaign.toml of a campaign, checked key by key."""
+"""Parsing and validation of campaign.toml."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _POSE = (*(LENGTH,) * 3, *(_ANGLE,) * 3)
 
 @dataclass(frozen=True)
 class Header:
-    """What a campaign.toml says."""
+    """Contents of a campaign.toml."""
 
     robot: str | None
     modelled: tuple[str, ...]
@@ -45,9 +45,9 @@ class Header:
     readings: tuple[str, ...]
     predictions: str | None
     source: Source
-    """Its text, by which refusals name the line of a key."""
+    """Its text, used to give line numbers in errors."""
     units: Mapping[str, str]
-    """Unit of each column that is not SI."""
+    """Units of columns that are not in SI."""
     ignore: tuple[str, ...]
     frames: tuple[InstrumentFrame, ...]
     sensors: tuple[Sensor, ...]
@@ -55,7 +55,7 @@ class Header:
 
 
 def load_header(folder: Path) -> Header:
-    """Return what a campaign folder's campaign.toml says. Raises InputError that names line and key."""
+    """Load the campaign.toml of a folder. Raises InputError that names the line and the key."""
     if not folder.is_dir():
         raise InputError(f"{folder}: expected a campaign folder with a campaign.toml")
     text = read_text(folder / NAME, "a campaign.toml")
@@ -112,7 +112,7 @@ def _read_frame(name: str, section: _Table) -> InstrumentFrame:
 
 
 def _read_sensor(name: str, section: _Table, frames: tuple[str, ...]) -> tuple[Sensor, ...]:
-    """Channels of an instrument: three of a position, else one."""
+    """Return the channels of an instrument: three for a position, else one."""
     section.check_keys(SENSOR_KEYS)
     measures = section.choice("measures", MEASURES)
     if measures in {"position", "distance"}:
@@ -128,7 +128,7 @@ def _read_sensor(name: str, section: _Table, frames: tuple[str, ...]) -> tuple[S
 
 
 def _read_target(name: str, section: _Table, frames: tuple[str, ...]) -> tuple[Sensor, ...]:
-    """Channels of a target that an instrument sees."""
+    """Return the channels of a target."""
     measures = section.text("measures") or ""
     section.refuse_others(("direction", "against"), f"expected none for a {measures}, which a frame sees")
     sigma = 0.0
@@ -148,7 +148,7 @@ def _read_target(name: str, section: _Table, frames: tuple[str, ...]) -> tuple[S
 
 
 def _check_names(top: _Table, sensors: list[Sensor]) -> tuple[Sensor, ...]:
-    """The channels, no two of one name."""
+    """Return the channels. Raises InputError for duplicate names."""
     names = [sensor.name for sensor in sensors]
     for sensor in sensors:
         if names.count(sensor.name) > 1:
@@ -163,7 +163,7 @@ def _read_load(name: str, section: _Table) -> LoadPoint:
 
 @dataclass(frozen=True)
 class _Table:
-    """A table of the file, whose refusals name line and key."""
+    """A table of the file, whose errors name the line and the key."""
 
     source: Source
     here: Key
@@ -178,7 +178,7 @@ class _Table:
             raise self.refuse(unknown[0], f"expected one of {', '.join(keys)}")
 
     def refuse_others(self, keys: tuple[str, ...], message: str) -> None:
-        """Refuse keys that mean nothing here."""
+        """Raise InputError if any of these keys is given."""
         for key in keys:
             if key in self.data:
                 raise self.refuse(key, message)
@@ -190,7 +190,7 @@ class _Table:
         return value
 
     def texts(self, key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
-        """A list of texts, or a single one."""
+        """Return a list of texts, or a single one."""
         value = self.data.get(key, default)
         if default is not None and key not in self.data:
             return default
@@ -215,7 +215,7 @@ class _Table:
     def values(
         self, key: str, dimensions: tuple[Dimension, ...], example: str, *, sign: str = "any"
     ) -> tuple[float, ...]:
-        """A list of values in SI, one for each dimension."""
+        """Return a list of values in SI, one for each dimension."""
         value: Any = self.data.get(key)
         if not isinstance(value, list) or len(cast("list[Any]", value)) != len(dimensions):
             raise self.refuse(key, f"{example}, got {show_value(value)}")
@@ -226,13 +226,13 @@ class _Table:
             raise self.refuse(key, str(error)) from None
 
     def point(self, key: str) -> tuple[float, float, float]:
-        """Three lengths, m."""
+        """Return three lengths, m."""
         example = 'expected three lengths such as ["75 mm", 0, "-15 mm"]'
         x, y, z = self.values(key, (LENGTH,) * 3, example)
         return x, y, z
 
     def direction(self, key: str) -> tuple[float, float, float]:
-        """A unit vector."""
+        """Return a unit vector."""
         value: Any = self.data.get(key)
         given = cast("list[Any]", value) if isinstance(value, list) else []
         if len(given) != 3 or not all(isinstance(v, int | float) for v in given):

@@ -1,4 +1,4 @@
-"""Key columns of a table: what was commanded, applied and read in every row."""
+"""Key columns of a table: the commanded pose, applied load and measured quantity of each row."""
 
 from __future__ import annotations
 
@@ -34,28 +34,28 @@ if TYPE_CHECKING:
 
 OPTIONAL = ("session", "sensor", "quantity", "load", "kind")
 LABEL = ("pose",)
-"""Coordinates of poses that are named."""
+"""Coordinates of named poses."""
 _SHOWN_QUANTITIES = " ".join((*QUANTITIES[: QUANTITIES.index("f1")], "f1", "...", FREQUENCIES[-1]))
 
 
 @dataclass(frozen=True)
 class Keys:
-    """What was commanded, applied and read in n rows, SI."""
+    """Commanded poses, applied loads and measured quantities of n rows, SI."""
 
     table: Table
     coordinates: tuple[str, ...]
-    """Columns of the pose; `LABEL` where poses are named."""
+    """Columns of the pose; `LABEL` if poses are named."""
     place: tuple[tuple[Any, ...], ...]
-    """Pose of each row: its coordinates or its name."""
+    """Pose of each row: coordinates or name."""
     wrench: Array
-    """(n, 6), NaN for stiffnesses and frequencies."""
+    """Wrenches (n, 6); NaN for stiffnesses and frequencies."""
     quantity: Indices
     sensor: Indices
     load: Indices
     sessions: tuple[str, ...]
 
     def identities(self, *, sessions: bool) -> list[tuple[Any, ...]]:
-        """What distinguishes the rows, with or without their sessions."""
+        """Return keys that identify the rows, with or without their sessions."""
         wrench = [tuple(w) for w in np.nan_to_num(np.round(self.wrench, 9)).tolist()]
         labels = self.sessions if sessions else ("",) * len(wrench)
         codes = (self.quantity.tolist(), self.sensor.tolist(), self.load.tolist())
@@ -63,7 +63,7 @@ class Keys:
 
 
 def coordinates_of(columns: Collection[str], *, bare: bool) -> tuple[str, ...]:
-    """Columns of the pose among those of a table, or those of a position where it has none; ``bare``: names count."""
+    """Return a table's pose columns, by default those of a position; ``bare``: or names."""
     places = [name for name in columns if name in AXES or name.startswith(JOINT)]
     if "pose" in columns and (bare or not places):
         return LABEL
@@ -71,7 +71,7 @@ def coordinates_of(columns: Collection[str], *, bare: bool) -> tuple[str, ...]:
 
 
 def check_readings_columns(name: str, columns: list[str], *, bare: bool) -> None:
-    """Refuse columns that a table of readings lacks or that it has no use for."""
+    """Raise InputError for missing or unknown columns of a table of readings."""
     place = coordinates_of(columns, bare=bare)
     measured = () if "sensor" in columns else ("quantity",)
     valid = (*place, *WRENCH, *OPTIONAL, "value", "sigma")
@@ -79,7 +79,7 @@ def check_readings_columns(name: str, columns: list[str], *, bare: bool) -> None
 
 
 def check_predictions_columns(name: str, columns: list[str]) -> None:
-    """Refuse columns that a table of predictions lacks; any further one is a rival model."""
+    """Raise InputError for missing columns of predictions; further ones are rival models."""
     measured = () if "sensor" in columns else ("quantity",)
     check_columns(name, columns, [*coordinates_of(columns, bare=True), *measured, "value"], columns)
 
@@ -90,9 +90,9 @@ def read_keys(table: Table, header: Header, *, bare: bool) -> Keys:
     Parameters
     ----------
     table, header
-        The table and the campaign's header, which names its sensors, loads and units.
+        The table, and the campaign's header with its sensors, loads and units.
     bare
-        Whether there is no robot, and poses may be mere names beside their coordinates.
+        Whether there is no robot, so that poses may be names besides coordinates.
 
     Returns
     -------
@@ -118,18 +118,18 @@ def read_keys(table: Table, header: Header, *, bare: bool) -> Keys:
 
 
 def _read_applied(table: Table, header: Header) -> Array:
-    """Wrenches (n, 6) as the cells have them; zero in columns that are not there, NaN in cells that are empty."""
+    """Return wrenches (n, 6) from the cells; zero for missing columns, NaN for empty cells."""
     given = [name in table.columns for name in WRENCH]
     columns = [
         component(table, header, name) if name in table.columns else np.zeros(len(table.lines)) for name in WRENCH
     ]
     out = np.column_stack(columns)
-    out[np.isnan(out[:, given]).all(axis=1)] = np.nan  # also where no column is there
+    out[np.isnan(out[:, given]).all(axis=1)] = np.nan  # also if there are no columns
     return out
 
 
 def _read_measured(table: Table, header: Header, applied: Array) -> tuple[Indices, Indices]:
-    """Quantity and sensor (n,) of every row; ``applied`` (n, 6): its wrench, NaN in empty cells."""
+    """Return quantity and sensor (n,) of each row; ``applied`` (n, 6): wrench, NaN if empty."""
     names = [sensor.name for sensor in header.sensors]
     shown = f"one of {_SHOWN_QUANTITIES}"
     listed = f"one of campaign.toml's [sensors] {' '.join(names) or '(none)'}"
@@ -154,7 +154,7 @@ def _read_measured(table: Table, header: Header, applied: Array) -> tuple[Indice
 
 
 def _check_wrench(table: Table, applied: Array, quantity: Indices, sensor: Indices, load: Indices) -> Array:
-    """Return the wrenches (n, 6): NaN for stiffnesses and frequencies, zero where nothing is applied."""
+    """Return wrenches (n, 6): NaN for stiffnesses and frequencies, zero if nothing is applied."""
     kind = kind_of(quantity)
     nothing = (np.nan_to_num(applied) == 0.0).all(axis=1)
     at_tool = (kind == DEFLECTION) & (sensor < 0)

@@ -1,4 +1,4 @@
-"""A campaign checked against its robot: poses, coordinates, and the bodies of its sensors and loads."""
+"""Check of a campaign against its robot: poses, coordinates, and bodies of sensors and loads."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.robot.file.description import RobotFile
 
-MOST_POSES = 2_000  # a diagnosis evaluates the robot anew at each: 0.02 s and 0.1 MB
+MOST_POSES = 2_000  # a diagnosis needs 0.02 s and 0.1 MB for each
 
 
 def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
-    """The campaign with poses by name looked up in the robot's file, all of it checked against the robot.
+    """Return the campaign checked against the robot, with named poses looked up in its file.
 
     Raises
     ------
     InputError
-        Too many poses, poses that are none of the robot's, columns that are not its coordinates, sensors and loads on
-        no body of it.
+        For too many poses, unknown poses, columns that are not the robot's coordinates, and sensors
+        and loads that are not on its bodies.
 
     """
     _check_bodies(campaign, robot)
@@ -40,7 +40,7 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
 
 
 def _look_up(campaign: Campaign, robot: RobotFile) -> Campaign:
-    """Coordinates of poses by name."""
+    """Replace named poses by coordinates."""
     for k, name in enumerate(campaign.pose_names):
         if name not in robot.poses:
             where = campaign.where(int(np.argmax(campaign.pose == k)))
@@ -51,7 +51,7 @@ def _look_up(campaign: Campaign, robot: RobotFile) -> Campaign:
 
 
 def _order_columns(campaign: Campaign, robot: RobotFile) -> Campaign:
-    """Coordinates in the robot's order."""
+    """Put the coordinates in the robot's order."""
     given, pose = campaign.coordinates, tuple(robot.tool.pose)
     joints = tuple(f"{JOINT}{name}" for name in robot.drives())
     wanted = next((names for names in (pose, joints) if names and set(names) == set(given)), None)
@@ -68,7 +68,7 @@ def _order_columns(campaign: Campaign, robot: RobotFile) -> Campaign:
 
 
 def _check_bodies(campaign: Campaign, robot: RobotFile) -> None:
-    """Refuse sensors and loads on what is no body, and a sensor that stands on the body that it looks at."""
+    """Raise InputError for sensors and loads not on a body, and sensors on the measured body."""
     known = robot.nodes()
 
     def check(name: str, *key: str, moves: bool) -> None:

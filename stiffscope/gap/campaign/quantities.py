@@ -1,4 +1,4 @@
-"""Quantities that a campaign reads, and their codes."""
+"""Measured quantities of campaigns, and their codes."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ PUSHES = tuple(f"p{axis}" for axis in AXES)
 MOST_MODES = 30
 FREQUENCIES = tuple(f"f{k + 1}" for k in range(MOST_MODES))
 QUANTITIES = DEFLECTIONS + DEVIATIONS + STIFFNESSES + PUSHES + FREQUENCIES
-"""A quantity's code is its position here; `kind_of` and code % 6, its direction, follow from it."""
+"""A quantity's code is its index here, from which follow `kind_of` and the direction, code % 6."""
 DEFLECTION, DEVIATION, STIFFNESS, PUSH, FREQUENCY, POSITION = range(6)
 KINDS = ("deflection", "deviation", "stiffness", "push", "frequency", "position")
 JOINT = "q:"
-"""What the name of a coordinate begins with that is a driven joint's displacement from home."""
+"""Prefix of coordinates that are displacements of driven joints from home."""
 FIRST_FREQUENCY = QUANTITIES.index("f1")
 FIRST_POSITION = len(QUANTITIES)
-"""Code of a position along x in an instrument's own frame, or of a distance; it has no word, only a sensor."""
+"""Code of a position along x in an instrument's frame, or a distance; only sensors have it."""
 
 
 def kind_of(quantity: Indices) -> Indices:
-    """Position in `KINDS` of quantities by their codes (n,)."""
+    """Return the indices (n,) into `KINDS` for quantity codes (n,)."""
     return np.where(quantity >= FIRST_POSITION, POSITION, np.minimum(quantity // 6, FREQUENCY))
 
 

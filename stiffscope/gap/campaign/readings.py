@@ -1,4 +1,4 @@
-"""Campaign folders read: header, tables, keys, values, campaign."""
+"""Reading of campaign folders: header, tables, keys and values."""
 
 from __future__ import annotations
 
@@ -38,27 +38,27 @@ log = logging.getLogger(__name__)
 
 
 def load_campaign(folder: Path, robot: RobotFile | None = None, *, planned: bool = False) -> Campaign:
-    """Return the campaign in a folder.
+    """Load the campaign in a folder.
 
     Parameters
     ----------
     folder
         A folder with a campaign.toml and its tables.
     robot
-        The robot that the campaign is of: poses by name are looked up, and poses, sensors and loads are checked
-        against it, as `match_robot` does. By default nothing of it is checked.
+        The campaign's robot: named poses are looked up, and poses, sensors and loads are checked
+        against it by `match_robot`. By default nothing is checked.
     planned
-        Whether values may be missing, NaN: a plan of readings that are not all taken yet.
+        Whether values may be missing (NaN), as in a plan with readings still to be taken.
 
     Returns
     -------
     Campaign
-        Readings in the order of their files and lines, SI.
+        Readings in the order of files and lines, SI.
 
     Raises
     ------
     InputError
-        Names the file, the line, the column and what was expected.
+        With the file, line and column, and what was expected.
 
     """
     header = load_header(folder)
@@ -107,7 +107,7 @@ def load_campaign(folder: Path, robot: RobotFile | None = None, *, planned: bool
 
 
 def _check_files(folder: Path, header: Header) -> None:
-    """Refuse a table that is no file, by the key that names it."""
+    """Raise InputError, with the key, for a table that is not a file."""
     named = [("readings", name) for name in header.readings]
     named += [("predictions", header.predictions)] if header.predictions is not None else []
     for key, name in named:
@@ -119,7 +119,7 @@ def _check_files(folder: Path, header: Header) -> None:
 
 
 def _check_some(c: Campaign) -> None:
-    """Refuse readings that are all zero, of which no gap in percent can be told, and deflections without any load."""
+    """Raise InputError if all readings are zero (no gap in percent), or no deflection is loaded."""
     moved = c.kind == DEFLECTION
     if c.robot is not None and moved.any() and not c.wrench[moved].any():
         where, count = c.where(int(np.argmax(moved))), int(moved.sum())
@@ -130,7 +130,7 @@ def _check_some(c: Campaign) -> None:
 
 
 def _read_readings(path: Path, header: Header, *, planned: bool) -> tuple[Keys, Array, Array]:
-    """Keys, values and uncertainties (n,) of a table."""
+    """Return the keys, values and uncertainties (n,) of a table."""
     bare = header.predictions is not None
     table = read_table(path, partial(check_readings_columns, bare=bare), header.ignore)
     check_units(header, table)
@@ -148,7 +148,7 @@ def _read_readings(path: Path, header: Header, *, planned: bool) -> tuple[Keys, 
 
 
 def _number_poses(parts: list[Keys]) -> tuple[tuple[str, ...], list[int], list[list[float]]]:
-    """Names of the distinct poses, which of them each row has, and their coordinates."""
+    """Return names of the distinct poses, the pose index of each row, and coordinates."""
     places = [place for part in parts for place in part.place]
     index = {place: i for i, place in enumerate(dict.fromkeys(places))}
     pose = [index[place] for place in places]
@@ -159,7 +159,7 @@ def _number_poses(parts: list[Keys]) -> tuple[tuple[str, ...], list[int], list[l
 
 
 def _read_predictions(path: Path, header: Header, parts: list[Keys]) -> dict[str, Array]:
-    """Predicted values (n,) of every reading by each model of a table."""
+    """Return the predicted values (n,) of all readings by each model of a table."""
     table = read_table(path, check_predictions_columns, header.ignore)
     expected = parts[0].coordinates
     if coordinates_of(table.columns, bare=True) != expected:

@@ -1,6 +1,6 @@
-"""Sanity of readings beside a rough prediction: units, signs, steps, constant and copied channels, outliers by row.
+"""Sanity checks of readings by a rough prediction: units, signs, steps, stuck channels, outliers.
 
-What is doubted of units, signs and steps is also what a diagnosis takes for a cause.
+Suspected units, signs and steps are also candidate causes of a diagnosis.
 """
 
 from __future__ import annotations
@@ -21,29 +21,29 @@ if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.runtime.types import Array, Flags, Indices
 
-LEAST = 4  # readings of a channel, below which nothing is said of it
-UNIT = 30.0  # times the model, or below it: hardly a machine is that far from its model, but a unit is
+LEAST = 4  # fewest readings of a channel that are checked
+UNIT = 30.0  # ratio to the model, either way, that suggests a wrong unit
 DEGREES = 180.0 / np.pi
-_AGREE = 0.8  # net share of readings with the model's sign, or correlation
-_SAME = 3.0  # times the model, up to which deviations may be those that it has, and not those of its geometry
-_SIZED = 0.1  # of the largest prediction: below it a reading says nothing of unit and sign
-_SHOWN = 5  # rows of a remark
-_JUMP = 8.0  # standard deviations of the scatter by which a step or an outlier stands out
-_CLEARED = 3.0  # times by which a step's removal must lessen the scatter
-_APART = 1.5  # times the largest of the other readings, from which on a reading is an outlier
-_FAR = 1000.0  # times the model and half of a channel's readings, from which on a reading is none of its
-_RARE = 0.1  # share of a channel's readings that may be called outliers
-_SIDE = 3  # readings on either side of a step
+_AGREE = 0.8  # least net fraction of readings with the model's sign, or correlation
+_SAME = 3.0  # largest ratio to the model of deviations not due to geometric errors
+_SIZED = 0.1  # of the largest prediction: smaller ones do not show unit and sign
+_SHOWN = 5  # most rows in a remark
+_JUMP = 8.0  # least size of a step or an outlier, standard deviations of the scatter
+_CLEARED = 3.0  # least reduction of the scatter by removing a step
+_APART = 1.5  # least ratio of an outlier to the largest other reading
+_FAR = 1000.0  # least ratio of an invalid reading to the model and half of its channel
+_RARE = 0.1  # largest fraction of outliers in a channel
+_SIDE = 3  # least readings on either side of a step
 
 
 @dataclass(frozen=True)
 class ReadingRemark:
-    """What is doubtful in the readings of one instrument."""
+    """A doubt about the readings of one instrument."""
 
     doubt: str
     """"unit", "sensor-sign", "sensor-step", "constant", "copied", "outlier", "contradiction", "no-load" or "few"."""
     instrument: str
-    """Or load; empty where all are meant."""
+    """Name of the instrument or load; empty if all are meant."""
     where: tuple[str, ...]
     """Files and lines."""
     text: str
@@ -55,14 +55,14 @@ def inspect_readings(campaign: Campaign, predicted: Array) -> tuple[ReadingRemar
     Parameters
     ----------
     campaign
-        With n readings; empty values are passed over.
+        The campaign with n readings; empty values are ignored.
     predicted
-        (n,) what the nominal model says of each, SI, right within a factor of ten; NaN where nothing is predicted.
+        Nominal prediction (n,), SI, accurate to a factor of ten; NaN if there is none.
 
     Returns
     -------
     tuple of ReadingRemark
-        Channel by channel; empty where nothing is doubtful.
+        Remarks by channel; empty if nothing is doubtful.
 
     """
     found = [*_inspect_loads(campaign), *_find_far(campaign, predicted), *_find_contradictions(campaign)]
@@ -75,7 +75,7 @@ def inspect_readings(campaign: Campaign, predicted: Array) -> tuple[ReadingRemar
 
 
 def _channels(c: Campaign, least: int = LEAST) -> Iterator[tuple[str, Indices]]:
-    """Names of instruments with their rows of one kind that have a value, where they are not too few."""
+    """Yield instruments with their rows of one kind with a value, if at least ``least``."""
     key = np.column_stack([c.channel, c.kind])
     for channel, kind in np.unique(key, axis=0).tolist():
         rows = np.flatnonzero((key == (channel, kind)).all(axis=1) & ~np.isnan(c.value))
@@ -84,20 +84,20 @@ def _channels(c: Campaign, least: int = LEAST) -> Iterator[tuple[str, Indices]]:
 
 
 def _inspect_loads(c: Campaign) -> Iterator[ReadingRemark]:
-    """Remarks on loads that load nothing, and on readings that are too few."""
+    """Yield remarks on zero loads and on too few readings."""
     read = np.flatnonzero(~np.isnan(c.value))
     if 0 < len(read) < LEAST - 1:
         have = "1 reading has" if len(read) == 1 else f"{len(read)} readings have"
-        yield ReadingRemark("few", "", (c.where(int(read[0])),), f"{have} a value: too few to tell causes apart")
+        yield ReadingRemark("few", "", (c.where(int(read[0])),), f"{have} a value: too few for a diagnosis")
     for k, load in enumerate(c.loads):
         rows = np.flatnonzero(c.load == k)
         if len(rows) and not np.nan_to_num(c.wrench[rows]).any():
-            text = f"load {load.name} is no force and no moment in any of its {len(rows)} readings"
+            text = f"load {load.name} has no force or moment in any of its {len(rows)} readings"
             yield ReadingRemark("no-load", load.name, (c.where(int(rows[0])),), text)
 
 
 def _find_far(c: Campaign, predicted: Array) -> Iterator[ReadingRemark]:
-    """Remarks on rows far beyond the model and half of their channel, however short that is."""
+    """Yield remarks on rows far beyond the model and half of their channel, however short."""
     for name, rows in _channels(c, 2):
         size, model = np.abs(c.value[rows]), np.abs(predicted[rows])
         usual = max(float(np.sort(size)[(len(rows) - 1) // 2]), float(np.nan_to_num(model).max()))
@@ -106,13 +106,13 @@ def _find_far(c: Campaign, predicted: Array) -> Iterator[ReadingRemark]:
 
 
 def _find_contradictions(c: Campaign) -> Iterator[ReadingRemark]:
-    """A remark on each channel that reads quite different values in one session at one pose and load."""
+    """Yield a remark on each channel with contradictory values in one session, pose and load."""
     key = np.column_stack([c.pose, c.load, c.session, np.nan_to_num(c.wrench)])
     for name, rows in _channels(c, 2):
         group = np.unique(key[rows], axis=0, return_inverse=True)[1].ravel()
         order = rows[np.lexsort([c.value[rows], group])]
         group = np.sort(group)
-        first = np.searchsorted(group, group)  # of each row's group, its least value
+        first = np.searchsorted(group, group)  # index of the least value of each row's group
         apart, sigma = c.value[order] - c.value[order[first]], np.nan_to_num(c.sigma[order])
         size = np.maximum(np.abs(c.value[order]), np.abs(c.value[order[first]]))
         sigma *= np.where(c.relative[order], size, 1.0)
@@ -148,20 +148,20 @@ def _inspect_channel(
 
 @dataclass(frozen=True)
 class _Look:
-    """A channel beside its model."""
+    """Comparison of a channel with its model."""
 
     factor: float
-    """Power of ten, or degrees for radians, that its numbers seem to be multiplied with; NaN: nothing is said of it."""
+    """Apparent factor on its numbers: a power of ten, or degrees per radian; NaN if undecided."""
     ratio: float
-    """Median of its readings over the model's, without signs."""
+    """Median ratio of its readings to the model's, without signs."""
     sign: float
-    """1 or -1; 0: nothing is said of it."""
+    """Apparent sign 1 or -1; 0 if undecided."""
     against: float
-    """Share of its readings that have the other sign."""
+    """Fraction of its readings with the opposite sign."""
 
 
 def _look_at_all(c: Campaign, channels: Iterable[tuple[str, Indices]], predicted: Array) -> list[_Look | None]:
-    """Unit and sign of each channel; of an instrument whose deflections show its sign they alone are heard."""
+    """Return unit and sign of each channel; for the sign, deflections precede deviations."""
     out: list[_Look | None] = []
     signed: set[int] = set()
     for _, rows in channels:  # deflections before deviations
@@ -180,9 +180,9 @@ def _is_comparable(value: Array, model: Array) -> bool:
 
 
 def _look_at(c: Campaign, rows: Indices, value: Array, model: Array) -> _Look | None:
-    """Unit and sign: of deflections by themselves, of deviations by how they vary over the poses, if as much.
+    """Return unit and sign from deflections, or from the variation of deviations over poses.
 
-    Errors of the geometry may be many times what the weight does, and vary as that by chance.
+    They must vary as much: geometric errors may exceed the weight's effect and resemble it.
     """
     kind = int(c.kind[rows[0]])
     if kind in (DEVIATION, POSITION):
@@ -209,26 +209,26 @@ def _nearest_factor(ratio: float, *, turns: bool) -> float:
 
 
 def _compare(c: Campaign, name: str, rows: Indices, look: _Look) -> Iterator[ReadingRemark]:
-    """Remarks on unit and sign."""
+    """Yield remarks on unit and sign."""
     where = (c.where(int(rows[0])),)
     if np.isfinite(look.factor) and look.factor != 1.0:
         ten = round(np.log10(look.factor))
         size = f"1e{ten}" if np.isclose(look.factor, 10.0**ten) else f"{look.factor:.3g}"
-        yield ReadingRemark("unit", name, where, f"{name} reads about {size} times the model: is its unit another one?")
+        yield ReadingRemark("unit", name, where, f"{name} reads about {size} times the model: wrong unit?")
     if look.sign < 0.0:
-        text = f"{name} reads against the model in {look.against:.0%} of its {KINDS[int(c.kind[rows[0]])]}s"
+        text = f"{name} opposes the model in {look.against:.0%} of its {KINDS[int(c.kind[rows[0]])]}s"
         yield ReadingRemark("sensor-sign", name, where, f"{text}: is it reversed?")
 
 
 def find_doubts(campaign: Campaign, predicted: Array) -> Doubts:
-    """What deflections and deviations look like beside a prediction: instruments alike are doubted together.
+    """Return doubts by comparing deflections and deviations with a prediction, merged if common.
 
     Parameters
     ----------
     campaign
-        With n readings.
+        The campaign with n readings.
     predicted
-        (n,) what the nominal model says of each.
+        Nominal prediction (n,) of each.
     """
     c = campaign
     factors: dict[str, float] = {}
@@ -262,7 +262,7 @@ def find_doubts(campaign: Campaign, predicted: Array) -> Doubts:
 
 
 def _gather(seen: Mapping[str, float], families: Mapping[str, set[str]]) -> dict[str, float]:
-    """What is not one by instrument, or by family where all of whose members that say anything say the same."""
+    """Return values other than one by instrument, or by family if its members agree."""
     out, left = dict[str, float](), dict(seen)
     for family, members in families.items():
         values = {left[name] for name in members & set(left)}
@@ -273,13 +273,13 @@ def _gather(seen: Mapping[str, float], families: Mapping[str, set[str]]) -> dict
 
 
 def _varies_as_much(value: Array, model: Array) -> bool:
-    """Whether values (n,) without their median vary as the model's do, with either sign."""
+    """Return whether values (n,) without median correlate with the model's, with either sign."""
     size = np.linalg.norm(value) * np.linalg.norm(model)
     return len(value) >= 2 * LEAST and bool(abs(float(value @ model)) > _AGREE * size)
 
 
 def _scatter(c: Campaign, rows: Indices, value: Array, model: Array) -> Array:
-    """What a robust fit by prediction, wrench and a constant leaves of readings (r,)."""
+    """Return residuals (r,) of a robust fit by prediction, wrench and a constant."""
     columns = np.column_stack([model, np.nan_to_num(c.wrench[rows]), np.ones(len(rows))])
     columns = columns[:, np.abs(columns).max(axis=0) > 0]
     columns = columns / np.abs(columns).max(axis=0)
@@ -293,7 +293,7 @@ def _scatter(c: Campaign, rows: Indices, value: Array, model: Array) -> Array:
 
 
 def _spread(values: Array) -> float:
-    """Standard deviation of what is normal among values (n,)."""
+    """Return a robust standard deviation of values (n,)."""
     return 1.4826 * float(np.median(np.abs(values - np.median(values))))
 
 
@@ -302,7 +302,7 @@ def _centre(values: Array) -> Array:
 
 
 def _find_breaks(c: Campaign, name: str, rows: Indices, left: Array) -> Iterator[ReadingRemark]:
-    """Remarks on a step from one row on, and on single rows beside it."""
+    """Yield remarks on a step from one row on, and on outlying rows besides."""
     step = _find_jump(left)
     if step is not None:
         place, jump = step
@@ -314,7 +314,7 @@ def _find_breaks(c: Campaign, name: str, rows: Indices, left: Array) -> Iterator
 
 
 def _find_jump(left: Array) -> tuple[int, float] | None:
-    """From where on a scatter (r,) has another level, and by how much; None where it has one."""
+    """Return the index and size of a jump of a scatter (r,); None if there is none."""
     place = _find_step(left)
     if not place:
         return None
@@ -324,7 +324,7 @@ def _find_jump(left: Array) -> tuple[int, float] | None:
 
 
 def _find_step(values: Array) -> int:
-    """Where values (n,) are best parted into two levels; 0 where they are too few."""
+    """Return the index that best splits values (n,) into two levels; 0 if there are too few."""
     count = len(values)
     if count < 2 * (_SIDE + 1):
         return 0
@@ -336,30 +336,30 @@ def _find_step(values: Array) -> int:
 
 
 def _name_outliers(c: Campaign, name: str, rows: Indices, left: Array) -> Iterator[ReadingRemark]:
-    """A remark on the few rows that stand far out of a scatter (r,) about zero."""
+    """Yield a remark on the few outlying rows of a scatter (r,) about zero."""
     sigma = np.nan_to_num(c.sigma[rows]) / np.where(c.relative[rows], np.abs(c.value[rows]), 1.0)
     size = np.abs(left)
     usual: Flags = size <= _JUMP * np.maximum(_spread(left), sigma)
-    far = ~usual & (size > _APART * size[usual].max(initial=0.0))  # faults of the robot leave long tails
+    far = ~usual & (size > _APART * size[usual].max(initial=0.0))  # robot faults have long tails
     if not 0 < far.sum() <= max(1, _RARE * len(rows)) or len(rows) < 3 * LEAST:
         return
     yield _name_rows(c, name, rows[np.flatnonzero(far)[np.argsort(-np.abs(left[far]))]])
 
 
 def _name_rows(c: Campaign, name: str, rows: Indices) -> ReadingRemark:
-    """A remark on rows that stand far out."""
+    """Return a remark on outlying rows."""
     where = tuple(c.where(int(row)) for row in rows)
     more = f" and {len(where) - _SHOWN} more" if len(where) > _SHOWN else ""
-    text = f"{name} stands far out of its other readings at {', '.join(where[:_SHOWN])}{more}"
+    text = f"{name} is an outlier among its readings at {', '.join(where[:_SHOWN])}{more}"
     return ReadingRemark("outlier", name, where, text)
 
 
 def _find_copied(c: Campaign, channels: list[tuple[str, Indices]]) -> Iterator[ReadingRemark]:
-    """Remarks on channels whose readings are those of another, to the last digit."""
+    """Yield remarks on channels with exactly the readings of another."""
     known: dict[bytes, str] = {}
     for name, rows in channels:
         key = c.value[rows].tobytes()
         other = known.setdefault(key, name)
         if other != name and np.ptp(c.value[rows]):
-            text = f"{name} has the readings of {other} to the last digit: is it a copy?"
+            text = f"{name} repeats the readings of {other} exactly: is it a copy?"
             yield ReadingRemark("copied", name, (c.where(int(rows[0])),), text)

@@ -1,4 +1,4 @@
-"""A campaign folder to start from: sensors and loads of a robot as examples, and a plan of readings to fill in."""
+"""Campaign templates: example sensors and loads of a robot, and a plan of readings to fill in."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 POSES = 8
-FORCE = 100.0  # N: an example
-_SPREAD = 0.1  # of the robot's size, about home, where its file has no map
+FORCE = 100.0  # N: example
+_SPREAD = 0.1  # range about home, relative to the robot's size, without a map
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Readings to be taken: n rows at p poses."""
+    """Planned readings: n rows at p poses."""
 
     poses: Array
-    """(p, k)."""
+    """Poses (p, k)."""
     sensors: tuple[Sensor, ...]
     hooks: tuple[LoadPoint, ...]
     pulls: tuple[tuple[int, Array], ...]
-    """Which hook, -1 without a load, and the force (3,) there, N."""
+    """Index of the hook, -1 without a load, and the force (3,) there, N."""
     settings: Indices
-    """(n, 3) pose, pull and sensor of each reading."""
+    """Indices (n, 3) of pose, pull and sensor of each reading."""
 
     def select(self, rows: Sequence[int]) -> Plan:
-        """Some of the readings, in the order of their settings; nothing that they do not use."""
+        """Return some of the readings, sorted by settings, without anything unused."""
         chosen: list[list[int]] = sorted(self.settings[list(rows)].tolist())
         poses, pulls, sensors = (sorted({row[k] for row in chosen}) for k in range(3))
         hooks = sorted({self.pulls[k][0] for k in pulls} - {-1})
@@ -62,13 +62,13 @@ def write_template(robot: RobotFile, name: str, folder: Path, plan: Plan | None 
     Parameters
     ----------
     robot
-        The robot that is measured.
+        The measured robot.
     name
-        How the campaign names it: a name that the project knows, or a path seen from the folder.
+        Its name in the campaign: that of a bundled robot, or a path relative to the folder.
     folder
-        The folder to write, which is not there yet.
+        The folder to create.
     plan
-        What is to be read; by default every example sensor under every load at some poses.
+        Readings to take; by default every example sensor under every load at some poses.
 
     Returns
     -------
@@ -78,7 +78,7 @@ def write_template(robot: RobotFile, name: str, folder: Path, plan: Plan | None 
     Raises
     ------
     InputError
-        The folder is there, or cannot be written.
+        The folder exists or cannot be written.
 
     """
     plan = plan or example_plan(robot)
@@ -101,7 +101,7 @@ def write_plan(robot: RobotFile, name: str, folder: Path, plan: Plan) -> None:
 
 
 def example_plan(robot: RobotFile) -> Plan:
-    """Every example sensor under a load along each axis, then unloaded, at every planned pose."""
+    """Return all example sensors, with a load along each axis and unloaded, at planned poses."""
     sensors, hook = example_sensors(robot), LoadPoint("hook", robot.tool.body, _tuple(robot.tool.at))
     pulls = (*((0, FORCE * axis) for axis in np.eye(3)), (-1, np.zeros(3)))
     return cross_plan(planned_poses(robot), sensors, (hook,), pulls)
@@ -110,25 +110,25 @@ def example_plan(robot: RobotFile) -> Plan:
 def cross_plan(
     poses: Array, sensors: Sequence[Sensor], hooks: Sequence[LoadPoint], pulls: Sequence[tuple[int, Array]]
 ) -> Plan:
-    """Every sensor at every pull at every pose."""
+    """Return a plan of every sensor under every pull at every pose."""
     settings = np.array([*product(range(len(poses)), range(len(pulls)), range(len(sensors)))])
     return Plan(poses, tuple(sensors), tuple(hooks), tuple(pulls), settings)
 
 
 def example_sensors(robot: RobotFile) -> tuple[Sensor, ...]:
-    """A dial gauge along each axis at the tool point, and an inclinometer whose zero is not known."""
+    """Return a dial gauge along each axis at the tool, and an inclinometer of unknown zero."""
     level = Sensor("level", robot.tool.body, (0.0, 1.0, 0.0), measures="rotation", zero="session")
     return (*place_gauges("gauge", robot.tool.body, robot.tool.at), level)
 
 
 def place_gauges(name: str, body: str, at: object) -> tuple[Sensor, ...]:
-    """A dial gauge along each axis at a point (3,) of a body."""
+    """Return a dial gauge along each axis at a point (3,) of a body."""
     axes = zip("xyz", np.eye(3), strict=True)
     return tuple(Sensor(f"{name}_{axis}", body, _tuple(direction), _tuple(at)) for axis, direction in axes)
 
 
 def planned_poses(robot: RobotFile) -> Array:
-    """The robot's named poses, and others all over what its map sweeps, within reach, (p, k)."""
+    """Return the robot's named poses and other reachable ones throughout its map, (p, k)."""
     from scipy.stats import qmc  # pyright: ignore[reportMissingTypeStubs]
 
     mechanism = mechanism_of(robot, {name: rigid_part(robot, name) for name in used_parts(robot)})
@@ -146,7 +146,7 @@ def planned_poses(robot: RobotFile) -> Array:
 
 
 def _columns(robot: RobotFile, plan: Plan) -> dict[str, list[str]]:
-    """Columns of text."""
+    """Return the columns of readings.csv as text."""
     out: dict[str, list[str]] = {
         name: []
         for name in (*robot.tool.pose, "load", *WRENCH[:3], "sensor", "kind", "value", "sigma", "session", "remark")
@@ -175,16 +175,16 @@ def _section(sensor: Sensor) -> dict[str, Any]:
 
 
 def _advice(robot: RobotFile) -> str:
-    return f"""A campaign on {robot.name}. Fill in the column value of readings.csv, a reading a row; delete rows
-that you do not take; then: stiffscope campaign check FOLDER, and stiffscope diagnose FOLDER --out OUT.
+    return f"""A campaign on {robot.name}. Fill in value in readings.csv, one row per reading; delete rows
+without a reading; then: stiffscope campaign check FOLDER, and stiffscope diagnose FOLDER --out OUT.
 Instead of a sensor a row may have a quantity at M in a column quantity: dx dy dz drx dry drz, deflections
 by the wrench; ex ey ez erx ery erz, deviations of the unloaded tool; kx..., px..., stiffness with other
 motions held or free; f1 f2 ..., natural frequencies in Hz.
 
-modelled: what the nominal model already carries; components: the parts' matrices, fea, beam or published.
+modelled: effects already in the nominal model; components: the parts' matrices, fea, beam or published.
 units = {{ value = "um", sigma = "um" }}: units by column; SI without it.
 Bodies: {", ".join(robot.bodies)}; an elastic one has two ends, NAME.base and NAME.tip. Positions at home, base axes.
-zero = "session": the sensor's zero is one unknown constant a session."""
+zero = "session": one unknown zero offset of the sensor per session."""
 
 
 def _tuple(values: object) -> tuple[float, float, float]:

@@ -1,4 +1,4 @@
-"""Numbers of a table in SI, within what robots and laboratories show."""
+"""Conversion of a table's numbers to SI, with limits of plausible values."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.table import Table
     from stiffscope.runtime.types import Array, Indices
 
-# `least` is the limit of a standard uncertainty: no instrument is finer.
+# `least` is the smallest standard uncertainty of any instrument.
 MOVED = Dimension("a displacement", "m", "um", 1e-14, 10.0)
 _TURNED = Dimension("a rotation", "rad", "urad", 1e-14, 10)
 _STIFF = (
@@ -36,7 +36,7 @@ _STIFF = (
 )
 _OFTEN = Dimension("a frequency", "Hz", "Hz", 1e-9, 1e12)
 _THERE = Dimension("a position", "m", "mm", 1e-14, LENGTH.most)
-_MEASURED = {  # by kind, of a translation and of a rotation
+_MEASURED = {  # by kind: translation, rotation
     DEFLECTION: (MOVED, _TURNED),
     DEVIATION: (MOVED, _TURNED),
     STIFFNESS: _STIFF,
@@ -49,7 +49,7 @@ _WRENCH = Dimension("a force", "N", "N", most=FORCE.most), Dimension("a moment",
 
 
 def check_units(header: Header, table: Table) -> None:
-    """Refuse units of columns that are none, or that the readings lack."""
+    """Raise InputError for units of unknown or missing columns."""
     known = {*AXES, *WRENCH, "value", "sigma"}
     for column in header.units:
         if column not in known and not column.startswith(JOINT):
@@ -60,7 +60,7 @@ def check_units(header: Header, table: Table) -> None:
 
 
 def coordinate(table: Table, header: Header, name: str) -> Array:
-    """A commanded coordinate (n,) in SI."""
+    """Return a commanded coordinate (n,) in SI."""
     dimensions = (_PLACE,) if name in AXES[:3] else (_TURN,) if name in AXES else (_PLACE, _TURN)
     unit = " or ".join({"m": "metres", "rad": "radians"}[each.unit] for each in dimensions)
     values = numbers(table, name, expected=f"a finite number of {unit}") * _factor(header, name, *dimensions)
@@ -69,7 +69,7 @@ def coordinate(table: Table, header: Header, name: str) -> Array:
 
 
 def component(table: Table, header: Header, name: str) -> Array:
-    """A component of the wrench (n,) in SI; NaN in empty cells."""
+    """Return a component of the wrench (n,) in SI; NaN for empty cells."""
     dimension = _WRENCH[WRENCH.index(name) // 3]
     values = numbers(table, name, empty=True, expected="a finite number or an empty cell")
     values = values * _factor(header, name, dimension)
@@ -78,7 +78,7 @@ def component(table: Table, header: Header, name: str) -> Array:
 
 
 def _factor(header: Header, column: str, *dimensions: Dimension) -> float:
-    """What one of a column's unit is in SI. Raises InputError for a unit that measures none of the dimensions."""
+    """Return the SI value of a column's unit. Raises InputError if it fits no dimension."""
     unit = header.units.get(column)
     if unit is None:
         return 1.0
@@ -94,25 +94,25 @@ def _factor(header: Header, column: str, *dimensions: Dimension) -> float:
 def readings_in_si(
     table: Table, header: Header, column: str, values: Array, quantity: Indices, *, unit_of: str = ""
 ) -> Array:
-    """Convert what was read to SI.
+    """Convert readings to SI.
 
     Parameters
     ----------
     table, header
-        Of the campaign.
+        Table and header of the campaign.
     column
-        Where the values stand.
+        Column of the values.
     values
-        (n,) as written; NaN stays.
+        Values (n,) as written; NaN is kept.
     quantity
-        (n,) codes of what each row measures.
+        Quantity codes (n,) of the rows.
     unit_of
-        Column whose unit they have; by default their own.
+        Column whose unit applies; by default their own.
 
     Raises
     ------
     InputError
-        A row measures something that the unit does not, or more or finer than anything can.
+        The unit does not fit a row's quantity, or a value is implausibly large or fine.
 
     """
     unit_of = unit_of or column
@@ -123,7 +123,7 @@ def readings_in_si(
         mine = (kinds == kind) & (turns == turn)
         dimension = _MEASURED[kind][turn]
         try:
-            with np.errstate(over="ignore"):  # what overflows is refused below
+            with np.errstate(over="ignore"):  # overflow is refused below
                 out[mine] *= to_si(f"1 {unit}", dimension) if unit else 1.0
         except ValueError:
             _check_unit(header, str(unit), unit_of)
@@ -140,7 +140,7 @@ def readings_in_si(
 
 
 def _check_most(table: Table, column: str, values: Array, dimension: Dimension) -> None:
-    """Refuse values (n,), SI, that no robot has."""
+    """Raise InputError for values (n,), SI, beyond those of any robot."""
     limit = f"{dimension.noun} of at most {dimension.most:g} {dimension.unit}"
     unit = f' (another unit than SI is named in campaign.toml: units = {{ {column} = "{dimension.example}" }})'
     table.refuse_where(np.abs(values) > dimension.most, column, limit + unit)

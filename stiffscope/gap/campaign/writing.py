@@ -1,4 +1,4 @@
-"""Campaigns written: campaign.toml and readings.csv."""
+"""Writing of campaigns: campaign.toml and readings.csv."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ def write_campaign(
     Parameters
     ----------
     folder
-        Made if absent.
+        Created if absent.
     header
-        Keys of campaign.toml without `readings`, sections as mappings of mappings.
+        Keys of campaign.toml except `readings`; sections are mappings of mappings.
     columns
-        Cells of each column of the readings, all of one length.
+        Cells of each column of the readings, all of equal length.
     comment
-        Text above the header, by default none.
+        Text above the header (default: none).
 
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -45,5 +45,5 @@ def write_campaign(
 
 
 def number_cells(values: Iterable[float]) -> list[str]:
-    """Cells of numbers (n,), to their last digit; empty for NaN."""
+    """Return the cells of numbers (n,) at full precision; empty for NaN."""
     return ["" if value != value else repr(float(value)) for value in values]  # noqa: PLR0124

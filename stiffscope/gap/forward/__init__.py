@@ -1,1 +1,1 @@
-"""What a robot with given effects would read."""
+"""Forward models: readings predicted for a robot with given effects."""

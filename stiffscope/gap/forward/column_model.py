@@ -1,4 +1,4 @@
-"""Forward model of a campaign that brings its own predictions: rival models, and scales on groups of directions."""
+"""Forward model of a campaign with its own predictions: rival models and scales by direction."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Flags
 
 
-PRIOR_SCALE = 0.2  # of a scale's distance from one
+PRIOR_SCALE = 0.2  # prior size of a scale minus one
 PLAUSIBLE = (0.5, 2.0)
 NOISES = np.geomspace(1e-4, 0.5, 120)  # unknown noise: 0.01 to 50 % of a reading's size
 OUTLYING = 6.0  # robust standard deviations
@@ -30,36 +30,36 @@ GROUPS = {"all": AXES, "translation": AXES[:3], "rotation": AXES[3:]} | {axis: (
 
 @dataclass(frozen=True)
 class _Scale:
-    """Which readings (n,) take the factor."""
+    """Readings (n,) that are multiplied by the factor."""
 
     chosen: Flags
 
 
 @dataclass(frozen=True)
 class _Rival:
-    """Another model's values (n,)."""
+    """Values (n,) of another model."""
 
     values: Array
 
 
 @dataclass(frozen=True)
 class ColumnPrediction:
-    """The model under test, or a rival of it, times scales."""
+    """Values of the model under test, or a rival of it, multiplied by scales."""
 
     values: Array
     gain: Array
-    """(n,) product of the scales' factors."""
+    """Product (n,) of the scale factors."""
     factors: dict[str, float]
-    """Factor by the name of each scale."""
+    """Factor of each scale, by name."""
 
     def columns(self, candidate: Candidate) -> Array:
-        """Derivatives (n, 1) of the values by a scale's factor; (n, 0) for a rival."""
+        """Return the derivatives (n, 1) with respect to a scale factor; (n, 0) for a rival."""
         if not isinstance(candidate.action, _Scale):
             return np.zeros((len(self.values), 0))
         return (self.values * candidate.action.chosen / self.factors.get(candidate.name, 1.0))[:, None]
 
     def step(self, candidate: Candidate) -> Array:
-        """Change (n,) of the values where a rival replaces the model under test."""
+        """Return the change (n,) of the values if a rival replaces the model under test."""
         if not isinstance(candidate.action, _Rival):
             return np.zeros(len(self.values))
         return candidate.action.values * self.gain - self.values
@@ -67,14 +67,14 @@ class ColumnPrediction:
 
 @dataclass(frozen=True)
 class ColumnModel:
-    """A campaign with predictions, under ``value`` those of the model under test."""
+    """A campaign with predictions; ``value`` holds those of the model under test."""
 
     campaign: Campaign
     most_effects: int = len(AXES)
 
     @property
     def library(self) -> tuple[Candidate, ...]:
-        """Rivals, and scales that these readings distinguish; several names for the same readings are one."""
+        """Rivals, and distinguishable scales; scales of the same readings are aliases."""
         return self._library
 
     @cached_property
@@ -90,19 +90,19 @@ class ColumnModel:
 
     @property
     def tried(self) -> tuple[tuple[Candidate, ...], ...]:
-        """A scale of its own for every direction, with each of the models."""
+        """One scale per direction, combined with each of the models."""
         rivals = [c for c in self.library if c.effect == "rival"]
         axes = tuple(c for c in self.library if c.place in AXES and c.effect == "scale")
         return ((axes, *((rival, *axes) for rival in rivals))) if len(axes) > _MOST_SCALES else ()
 
     def admits(self, candidates: Sequence[Candidate]) -> bool:
-        """At most one rival and two scales: more scales would say the same in many ways."""
+        """Return whether there are at most one rival and two scales; more would be redundant."""
         effects = [c.effect for c in candidates]
         distinct = len({c.name for c in candidates}) == len(effects)
         return distinct and effects.count("rival") <= 1 and effects.count("scale") <= _MOST_SCALES
 
     def predict(self, parameters: Parameters = ()) -> ColumnPrediction:
-        """Values (n,) of the model under test, or of the rival in its place, times every scale."""
+        """Return values (n,) of the model under test, or a rival, multiplied by every scale."""
         base, gain = self.campaign.predictions["value"], np.ones(len(self.campaign))
         factors: dict[str, float] = {}
         for candidate, values in parameters:
@@ -114,7 +114,7 @@ class ColumnModel:
         return ColumnPrediction(base * gain, gain, factors)
 
     def noise(self) -> Noise:
-        """Stated noise as it is; the unknown one is a common factor times the reading, or the rms of its like."""
+        """Return the noise: stated, or an unknown factor times the reading or its kind's rms."""
         c = self.campaign
         unknown: Flags = np.isnan(c.sigma)
         like = c.kind_numbers
@@ -125,11 +125,11 @@ class ColumnModel:
         outlier = self._outliers(sigma, unknown)
         remarks = [f"left out as an outlier: {c.where(int(i))}" for i in np.flatnonzero(outlier)]
         if unknown.any():
-            remarks.insert(0, f"{int(unknown.sum())} readings state no uncertainty; it is estimated from what is left")
+            remarks.insert(0, f"{int(unknown.sum())} readings lack an uncertainty; estimated from residuals")
         return Noise(sigma, ~outlier, unknown, NOISES, tuple(remarks))
 
     def _outliers(self, sigma: Array, unknown: Flags) -> Flags:
-        """Readings (n,) that no model reaches, whatever the scale of its direction."""
+        """Return the readings (n,) that no model fits with any scale of their direction."""
         c = self.campaign
         best = np.full(len(c), np.inf)
         for base in c.predictions.values():
@@ -144,11 +144,11 @@ class ColumnModel:
         return far if far.sum() <= FEW * len(far) else np.zeros_like(far)
 
     def trial(self, sigma: Array) -> Trial:
-        """The campaign's own readings, each once more."""
+        """Return the campaign's own readings, each repeated once."""
         return Trial(self, sigma, np.arange(len(self.campaign)))
 
     def remarks(self, noise: Noise, unexplained: Array) -> tuple[str, ...]:  # noqa: ARG002 (the protocol's)
-        """Nothing: a column has no physics to be held against."""
+        """Return no remarks, as predictions contain no physics to check."""
         return ()
 
 

@@ -1,4 +1,4 @@
-"""The elastic robot with effects at a campaign's poses: motions and element wrenches per unit load at the terminals."""
+"""Elastic robot with effects at a campaign's poses: motions and wrenches per unit terminal load."""
 
 from __future__ import annotations
 
@@ -37,12 +37,12 @@ if TYPE_CHECKING:
 
 _TOOL = slice(0, 6)
 _NEWTON_STEPS = 12
-_CLOSED = 1e-5  # rad, or of the mechanism's length: a Newton step after which the next, its square, is nothing
+_CLOSED = 1e-5  # rad, or relative to the mechanism's length: size of the last Newton step
 
 
 @dataclass(frozen=True)
 class ElasticState:
-    """A robot with changed elements; everything is evaluated where it is asked for."""
+    """A robot with changed elements; all properties are lazy and cached."""
 
     at: RobotAtPoses
     changes: tuple[Changes, ...] = ()
@@ -50,12 +50,12 @@ class ElasticState:
     _known: dict[str, Array] = field(default_factory=dict[str, Any], compare=False)
 
     def change_elements(self, changes: Sequence[Changes], payloads: Sequence[Payload]) -> ElasticState:
-        """The sound robot with changed elements and payloads; itself where there are none."""
+        """Return the sound robot with changed elements and payloads; itself if there are none."""
         return ElasticState(self.at, tuple(changes), tuple(payloads)) if changes or payloads else self
 
     @cached_property
     def mechanism(self) -> Mechanism:
-        """The robot with its changes. Raises InputError for an element that ends up indefinite."""
+        """The robot with its changes. Raises InputError for an element that becomes indefinite."""
         mechanism = self.at.mechanism
         for change in self.changes:
             mechanism = change_elements(mechanism, change)
@@ -63,9 +63,9 @@ class ElasticState:
 
     @cached_property
     def places(self) -> Places:
-        """Nodes where errors of the geometry have moved them to: loops closed by Newton steps of the elastic network.
+        """Nodes displaced by geometric errors; Newton steps of the elastic network close the loops.
 
-        Raises InputError where they do not close.
+        Raises InputError if they do not close.
         """
         rest = self.at.rest
         if not self._is_displaced:
@@ -84,12 +84,12 @@ class ElasticState:
 
     @property
     def _is_displaced(self) -> bool:
-        """Whether errors move anything of the unloaded robot."""
+        """Whether geometric errors displace the unloaded robot."""
         return self.at.is_displaced or any(c.displaces or c.spring for each in self.changes for c in each.values())
 
     @cached_property
     def response(self) -> Response:
-        """Equilibrium under all terminals' unit loads, of the whole network."""
+        """Equilibrium of the whole network under unit loads at all terminals."""
         where = self.places
         if not self.changes and not self.payloads and where is self.at.rest:
             return self.at.response
@@ -102,7 +102,7 @@ class ElasticState:
 
     @cached_property
     def _added_compliance(self) -> dict[str, Array] | None:
-        """What few elements yield more than in the sound robot; None where something else is changed too."""
+        """Added compliance of few elements; None if anything else has changed."""
         if not self.changes or self.payloads or self._is_displaced:
             return None
         added: dict[str, Array] = {}
@@ -112,18 +112,18 @@ class ElasticState:
                     added[name] = added.get(name, 0.0) + change.compliance
         if len(added) > robot_at_poses.FEW:
             return None
-        return added if self.mechanism else None  # which checks that every element yields as it must
+        return added if self.mechanism else None  # checks that every element is valid
 
     def _at_every_pose(self, value: Array) -> Array:
         return np.broadcast_to(value, (len(self.at.campaign.poses), *value.shape[1:]))
 
     @cached_property
     def tool(self) -> Array:
-        """Twist (p, 6, cases) of the tool at M."""
+        """Twists (p, 6, cases) of the tool at M."""
         return self._at_every_pose(self._node(END))
 
     def _node(self, name: str) -> Array:
-        """Twist (n, 6, cases) of a node at M in base axes."""
+        """Return the twists (n, 6, cases) of a node at M in base axes."""
         known = self._response
         if not isinstance(known, Softened):
             return known.nodes[name]
@@ -141,7 +141,7 @@ class ElasticState:
         return self.tool[..., _TOOL]
 
     def move_sensor(self, sensor: Sensor) -> Array:
-        """Motion (p, 6, cases) of a sensor's point, and rotation, against the body that it stands on; base axes."""
+        """Return the motion (p, 6, cases) of a sensor's point relative to its mount; base axes."""
         where = self.places
 
         def motion(node: str) -> Array:
@@ -154,33 +154,33 @@ class ElasticState:
         return self._at_every_pose(across)
 
     def weights(self, payloads: Sequence[Payload]) -> Array:
-        """Wrenches (p or 1, 6, k) of the weights of payloads, at M in base axes."""
+        """Return the wrenches (p or 1, 6, k) of payloads' weights, at M in base axes."""
         where, gravity = self.places, self.at.mechanism.gravity
         return np.stack([find_weight(payload, where, gravity) for payload in payloads], axis=2)
 
     def work_on_node(self, node: str, wrenches: Array) -> Array:
-        """Work (p, cases, k) of wrenches (p or 1, 6, k) on a node along its motion under every terminal's load."""
+        """Return work (p, cases, k) of wrenches (p or 1, 6, k) on a node for each terminal load."""
         return self._at_every_pose(np.swapaxes(self._node(node), -1, -2) @ wrenches)
 
     def transmit_motions(self, name: str) -> Array:
-        """Motion (p, k, cases) along a joint's free directions for every terminal's unit load."""
+        """Return motions (p, k, cases) in a joint's free directions per terminal unit load."""
         response = self._response
         known = response.find_motions(name) if isinstance(response, Softened) else response.elements[name].motions
         return self._at_every_pose(known)
 
     def move_modes(self, name: str) -> Array:
-        """Motion (s, k, c) along a joint's free directions in each mode of a modal mass of 1 kg."""
+        """Return motions (s, k, c) in a joint's free directions in each mode of 1 kg modal mass."""
         moved = self._inertial_equilibrium.elements[name].motions
         return np.broadcast_to(moved, (len(self.at.shaken), *moved.shape[1:]))
 
     def transmit_wrenches(self, name: str) -> Array:
-        """Wrench (p, 6m, cases) on an element, on all its ends but the first, for every terminal's load; own axes."""
+        """Return wrenches (p, 6m, cases) on an element's ends but the first, own axes."""
         if name not in self._known:
             self._known[name] = self._at_every_pose(self._response.find_wrench(self.at.mechanism.rows(name)))
         return self._known[name]
 
     def displace_sensor(self, sensor: Sensor | None) -> Array:
-        """Displacement (p, 6) by errors of the geometry, exactly: translation and rotation vector of M or a sensor."""
+        """Return exact shift and rotation vector (p, 6) of M or a sensor by geometric errors."""
         if self.places is self.at.rest:
             return np.zeros((len(self.at.campaign.poses), 6))
         if sensor is None:
@@ -189,7 +189,7 @@ class ElasticState:
         across = self._gone(sensor.body, np.array(sensor.at))
         if sensor.against == GROUND:
             return self._at_every_pose(across)
-        rest, there = self.at.rest, self.places  # the point as it would move with the body that the sensor stands on
+        rest, there = self.at.rest, self.places  # the point carried by the sensor's mount
         point = rest.point(sensor.body, np.array(sensor.at))
         r0, r1 = rest.rotation[sensor.against], there.rotation[sensor.against]
         home = (np.swapaxes(r0, -1, -2) @ (point - rest.position[sensor.against])[..., None])[..., 0]
@@ -198,7 +198,7 @@ class ElasticState:
         return self._at_every_pose(across - np.concatenate(np.broadcast_arrays(carried, turned), axis=-1))
 
     def _gone(self, node: str, home: Array) -> Array:
-        """Translation of a point of a node's body and its rotation vector (n, 6), since the nominal pose."""
+        """Return a body point's translation and rotation vector (n, 6) from the nominal pose."""
         rest, there = self.at.rest, self.places
         away = there.point(node, home) - rest.point(node, home)
         turned = rotation_vector(there.rotation[node] @ np.swapaxes(rest.rotation[node], -1, -2))
@@ -207,7 +207,7 @@ class ElasticState:
 
     @cached_property
     def _modes(self) -> Modes:
-        """Lowest modes at the poses where natural frequencies were read, drives held."""
+        """Lowest modes at the poses with frequency readings, drives locked."""
         at, c = self.at, self.at.campaign
         count = int((c.quantity[c.kind == FREQUENCY] - FIRST_FREQUENCY).max()) + 1
         found = modes(self._loaded_mechanism, at.configurations[at.shaken], count)
@@ -222,12 +222,12 @@ class ElasticState:
 
     @property
     def frequencies(self) -> Array:
-        """Natural frequencies (s, c) in Hz at the poses where some were read; drives held."""
+        """Natural frequencies (s, c), Hz, at the poses with frequency readings, drives locked."""
         return self._modes.frequencies
 
     @cached_property
     def _inertial_equilibrium(self) -> Response:
-        """Equilibrium under the inertial loads ``ω² M v`` of each mode v: what its elements carry at their largest."""
+        """Equilibrium under the inertial loads ``ω² M v`` of each mode v, at maximum deflection."""
         found, where = self._modes.configurations, place_nodes(self._modes.configurations)
         squares = np.square(2.0 * np.pi * self.frequencies)[:, None]
         forces = find_inertial_forces(self._loaded_mechanism, where, self._modes.shapes)
@@ -235,42 +235,42 @@ class ElasticState:
         return solve_loads(find_order(self.mechanism, found.linkage), where, loads)
 
     def load_modes(self, name: str) -> Array:
-        """Wrench (s, 6m, c) on an element in each mode of a modal mass of 1 kg, in its own axes."""
+        """Return wrenches (s, 6m, c) on an element, own axes, in each mode of 1 kg modal mass."""
         wrench = self._inertial_equilibrium.find_wrench(self.at.mechanism.rows(name))
         return np.broadcast_to(wrench, (len(self.at.shaken), *wrench.shape[1:]))
 
     def twist_modes(self, node: str, home: Array) -> Array:
-        """Twist (s, 6, c) of a point of a body in each mode of a modal mass of 1 kg, base axes."""
+        """Return twists (s, 6, c) of a body point, base axes, in each mode of 1 kg modal mass."""
         where = place_nodes(self._modes.configurations)
         return np.swapaxes(wrenches_at(where, node, home), -1, -2) @ self._modes.shapes[node]
 
 
 @dataclass(frozen=True)
 class Softened:
-    """Response of a robot some of whose elements yield more than in another, by that other one's responses."""
+    """Response of a robot with softened elements, in terms of responses of the sound robot."""
 
     sound: Response
     cuts: tuple[Response, ...]
-    """Of the elements that yield more, each to unit twists between its ends."""
+    """Responses to unit twists between the ends of each softened element."""
     slips: tuple[Array, ...]
-    """How much more (n, 6, cases) each of them yields."""
+    """Additional deformation (n, 6, cases) of each softened element."""
 
     def node(self, name: str) -> Array:
-        """Twist (n, 6, cases) of a node at M in base axes."""
+        """Return the twists (n, 6, cases) of a node at M in base axes."""
         out = self.sound.nodes[name]
         for cut, slip in zip(self.cuts, self.slips, strict=True):
             out = out + cut.nodes[name] @ slip
         return out
 
     def find_motions(self, name: str) -> Array:
-        """Motion (n, k, cases) along a joint's free directions."""
+        """Return motions (n, k, cases) in a joint's free directions."""
         out = self.sound.elements[name].motions
         for cut, slip in zip(self.cuts, self.slips, strict=True):
             out = out + cut.elements[name].motions @ slip
         return out
 
     def find_wrench(self, rows: Sequence[str]) -> Array:
-        """Wrenches (n, 6m, cases) that m elements carry, each at its own point in its own axes."""
+        """Return wrenches (n, 6m, cases) in m elements, each at its own point in its own axes."""
         out = self.sound.find_wrench(rows)
         for cut, slip in zip(self.cuts, self.slips, strict=True):
             out = out + cut.find_wrench(rows) @ slip
@@ -278,10 +278,10 @@ class Softened:
 
 
 def soften_elements(at: RobotAtPoses, added: Mapping[str, Array]) -> Softened:
-    """Response of the sound robot with compliance (6m, 6m) added to elements.
+    """Return the response of the sound robot with compliance (6m, 6m) added to elements.
 
-    An element that carries w and yields ΔC w more acts on the rest as if its ends lay apart by as much:
-    ``w = w₀ + K ΔC w`` with the wrenches K by unit twists between its ends (Woodbury's identity).
+    The added deformation ΔC w of an element under wrench w acts like an offset between its ends:
+    ``w = w₀ + K ΔC w``, with wrenches K per unit twist between the ends (Woodbury identity).
     """
     sound, names = at.response, list(added)
     if not names:
@@ -296,6 +296,6 @@ def soften_elements(at: RobotAtPoses, added: Mapping[str, Array]) -> Softened:
 
 
 def _size(response: Response, length: float) -> float:
-    """Largest rotation, or translation over a length, of any node."""
+    """Return the largest rotation, or translation over a length, of any node."""
     unit = np.repeat([1.0 / length, 1.0], 3)
     return max(float(np.abs(twist[..., 0] * unit).max()) for twist in response.nodes.values())

@@ -1,7 +1,7 @@
-"""What inference needs of a forward model: readings predicted for a set of effects, their derivatives, their noise.
+"""Interface of forward models to inference: predicted readings, derivatives and noise.
 
-Two models implement this: `robot_model` (a nominal robot) and `column_model` (predictions
-that the campaign brings along). Inference knows nothing else of either.
+Two models implement it: `robot_model` (a nominal robot) and `column_model` (predictions stored
+in the campaign). Inference uses only this interface.
 """
 
 from __future__ import annotations
@@ -27,93 +27,93 @@ Parameters = tuple[tuple[Candidate, tuple[float, ...]], ...]
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of n readings and which of them are used.
+    """Noise of n readings, and which of them are used.
 
-    A reading's standard deviation is ``sigma``, times one common unknown factor where ``scaled``; ``factors`` is a grid
-    of that factor, equally likely a priori.
+    The standard deviation of a reading is ``sigma``, multiplied by a common unknown factor if
+    ``scaled``; ``factors`` is a grid of that factor with a uniform prior.
     """
 
     sigma: Array
     used: Flags
-    """(n,) False: a gross outlier."""
+    """(n,) False for gross outliers."""
     scaled: Flags
-    """(n,) whether the common factor multiplies its sigma."""
+    """(n,) whether sigma is multiplied by the common factor."""
     factors: Array
-    """(m,)."""
+    """Grid (m,) of the common factor."""
     remarks: tuple[str, ...] = ()
 
     def weigh_residuals(self, factor: float) -> Array:
-        """Weights (n,) of residuals in units of ``sigma`` for a value of the common factor."""
+        """Return weights (n,) of residuals in units of ``sigma`` for a common factor."""
         return np.where(self.scaled, 1.0 / factor, 1.0)
 
 
 class Prediction(Protocol):
-    """Readings predicted for one set of effects."""
+    """Predicted readings for one set of effects."""
 
     @property
     def values(self) -> Array:
-        """What every reading (n,) would be."""
+        """Predicted readings (n,)."""
         ...
 
     def columns(self, candidate: Candidate) -> Array:
-        """Derivatives (n, k) of the values by a candidate's internal parameters."""
+        """Return the derivatives (n, k) with respect to a candidate's internal parameters."""
         ...
 
     def step(self, candidate: Candidate) -> Array:
-        """Change (n,) of the values where a candidate without parameters acts."""
+        """Return the change (n,) of the values by a candidate without parameters."""
         ...
 
 
 @dataclass(frozen=True)
 class Trial:
-    """Readings that could be taken next, as a forward model, in groups that are read together."""
+    """Possible next readings as a forward model, in groups that are read together."""
 
     model: ForwardModel
     sigma: Array
-    """(n,) expected noise."""
+    """Expected noise (n,)."""
     group: Indices
-    """(n,) which measurement a reading belongs to."""
+    """Number (n,) of the measurement that a reading belongs to."""
 
 
 class ForwardModel(Protocol):
-    """A nominal model of a campaign's readings and the effects that it may lack."""
+    """A nominal model of a campaign's readings, with candidate effects."""
 
     @property
     def campaign(self) -> Campaign:
-        """The readings."""
+        """The campaign with its readings."""
         ...
 
     @property
     def library(self) -> tuple[Candidate, ...]:
-        """Effects that may explain the gap, nuisance patterns included."""
+        """Effects that may explain the gap, including nuisance patterns."""
         ...
 
     @property
     def most_effects(self) -> int:
-        """Effects with parameters at most that a diagnosis may name: more can follow almost anything."""
+        """Most effects with parameters in a diagnosis; more would fit almost anything."""
         ...
 
     @property
     def tried(self) -> tuple[tuple[Candidate, ...], ...]:
-        """Sets of effects that are fitted in any case, beside those that the search builds one by one."""
+        """Sets of effects that are always fitted, besides those built by the search."""
         ...
 
     def admits(self, candidates: Sequence[Candidate]) -> bool:
-        """Whether the search may build this set of effects."""
+        """Return whether the search may combine these effects."""
         ...
 
     def predict(self, parameters: Parameters = ()) -> Prediction:
-        """Readings with these effects. Raises InputError where the parameters leave what can be assembled."""
+        """Predict readings with these effects. Raises InputError outside the assemblable range."""
         ...
 
     def noise(self) -> Noise:
-        """Noise and gross outliers of the readings."""
+        """Return noise and gross outliers of the readings."""
         ...
 
     def trial(self, sigma: Array) -> Trial:
-        """Readings that could be taken next, where those of the campaign have noise ``sigma`` (n,)."""
+        """Return possible next readings, given noise ``sigma`` (n,) of the campaign's readings."""
         ...
 
     def remarks(self, noise: Noise, unexplained: Array) -> tuple[str, ...]:
-        """What the model itself says of its residuals (n,) without effects, in standard deviations."""
+        """Return remarks on residuals (n,) without effects, in standard deviations."""
         ...

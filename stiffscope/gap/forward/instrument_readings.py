@@ -1,4 +1,4 @@
-"""What instruments show of true motions, where effects turn or scale them, or change their numbers."""
+"""Readings of instruments for true motions, with rotated, scaled or shifted instruments."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class InstrumentReadings:
-    """The instruments of a campaign with effects."""
+    """Instruments of a campaign with effects."""
 
     campaign: Campaign
     parameters: Parameters
 
     @cached_property
     def influences(self) -> tuple[Influence, ...]:
-        """What each effect changes."""
+        """Changes by each effect."""
         return tuple(candidate.action.influence(np.array(values)) for candidate, values in self.parameters)
 
     def instrument(self, sensor: int) -> Array:
-        """Matrix (6, 6) from a true motion to what an instrument shows: a sensor, or (-1) that at M."""
+        """Return the matrix (6, 6) from true to shown motion of a sensor, or (-1) at M."""
         if sensor >= 0 and self.campaign.sensors[sensor].absolute:
             return np.eye(6)
         if sensor not in self._instruments:
@@ -49,31 +49,31 @@ class InstrumentReadings:
         return {}
 
     def _names_of(self, sensor: int) -> tuple[str, ...]:
-        """Names of an instrument as effects have them: that at M stands for all where there are only sensors."""
+        """Return names of an instrument in effects; `instrument` is all if nothing is read at M."""
         own = () if sensor < 0 else (self.campaign.sensors[sensor].name,)
         return tuple(dict.fromkeys((*own, *((INSTRUMENT,) if sensor < 0 or not self.at_tool.any() else ()))))
 
     def gain(self, sensor: int) -> float:
-        """Mean gain of an instrument, whatever the direction."""
+        """Return the mean gain of an instrument over all directions."""
         return float(np.cbrt(np.linalg.det(self.instrument(sensor)[:3, :3])))
 
     def gain_of(self, name: str) -> float:
-        """What an instrument of this name shows over what is true."""
+        """Return the ratio of shown to true motion of a named instrument."""
         return float(np.prod([1.0 + each.gains.get(name, 0.0) for each in self.influences]))
 
     @cached_property
     def at_tool(self) -> Flags:
-        """(n,) whether a reading is that of the instrument at M, stiffnesses included, frequencies not."""
+        """(n,) whether a reading is at M, including stiffnesses but not frequencies."""
         c = self.campaign
         return (c.sensor < 0) & (c.kind < FREQUENCY)
 
     def look(self, sensor: int) -> Array:
-        """Direction of motion (6,) that a sensor looks in."""
+        """Return the direction of motion (6,) that a sensor measures."""
         s = self.campaign.sensors[sensor]
         return np.concatenate([np.zeros(3), s.direction] if s.rotates else [s.direction, np.zeros(3)])
 
     def shown_by(self, place: str) -> Flags:
-        """Which readings (n,) an instrument shows; that at M stands for all where there are only sensors."""
+        """Return flags (n,) of an instrument's readings; that at M means all if M is not read."""
         c = self.campaign
         if place in {INSTRUMENT, TRANSLATION, ROTATION}:
             shown = self.at_tool if self.at_tool.any() else (c.sensor >= 0) & (c.kind <= DEVIATION)
@@ -85,7 +85,7 @@ class InstrumentReadings:
 
     @cached_property
     def display(self) -> tuple[Array, Array]:
-        """What the numbers (n,) of deflections and deviations are multiplied with, and what is added (n,)."""
+        """Factors (n,) on deflections and deviations, and shifts (n,)."""
         c, moving = self.campaign, self.campaign.kind <= DEVIATION
         factor, shift = np.ones(len(c)), np.zeros(len(c))
         for influence in self.influences:
@@ -96,7 +96,7 @@ class InstrumentReadings:
         return factor, shift
 
     def behind(self, name: str, row: Row) -> Flags:
-        """Which deflections and deviations (n,) an instrument shows from a row on."""
+        """Return flags (n,) of an instrument's deflections and deviations from a row on."""
         c = self.campaign
         later = (c.file > row[0]) | ((c.file == row[0]) & (c.line >= row[1]))
         return self.shown_by(name) & (c.kind <= DEVIATION) & later

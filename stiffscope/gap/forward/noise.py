@@ -1,4 +1,4 @@
-"""How large the noise of a campaign is, and which readings are gross outliers."""
+"""Noise level of a campaign, and gross outliers."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ if TYPE_CHECKING:
 
 OUTLYING = 6.0  # robust standard deviations
 PASSES = 6
-LOOSE = 3.0  # times the prior size that a parameter has in the joint fit
-OVERSTATED = 0.8  # share of the stated noise below which it is scaled down
-LARGEST = 1000  # readings from which the first guess of unknown noise is made
-FRACTIONS = np.geomspace(1e-5, 2.0, 80)  # of the gap, that may be noise
+LOOSE = 3.0  # prior size of parameters in the joint fit over their own
+OVERSTATED = 0.8  # ratio of observed to stated noise below which the latter is scaled down
+LARGEST = 1000  # most readings used for the initial guess of unknown noise
+FRACTIONS = np.geomspace(1e-5, 2.0, 80)  # candidate ratios of noise to gap
 
 
-_DOUBTED = {Unit.word, SensorSign.word}  # so plain where they are doubted that noise is judged as if they were certain
-_MOST = 0.4  # columns per reading of a joint fit
+_DOUBTED = {Unit.word, SensorSign.word}  # if suspected, assumed present for the noise estimate
+_MOST = 0.4  # most columns per reading in the joint fit
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """The joint fit: residuals in sigmas, and the share of the degrees of freedom that it leaves."""
+    """Joint fit: residuals in sigmas, and the fraction of degrees of freedom left."""
 
     residual: Array
     free: float
@@ -41,7 +41,7 @@ class _Fit:
 
 @dataclass(frozen=True)
 class _Columns:
-    """Columns (n, k) in sigmas with what all readings make of their inner products."""
+    """Columns (n, k) in sigmas, with cached inner products."""
 
     values: Array
 
@@ -50,21 +50,21 @@ class _Columns:
         return self.values.T @ self.values
 
     def gram(self, weight: Array) -> Array:
-        """Inner products (k, k) with weights (n,), most of which are one."""
+        """Return inner products (k, k) with weights (n,), most of which are one."""
         rest = self.values[weight != 1.0]
         return self._gram - rest.T @ (rest * (1.0 - weight[weight != 1.0])[:, None])
 
 
 def noise_of(model: ForwardModel) -> Noise:
-    """Noise and outliers as the fit of all effects at once shows them, robustly.
+    """Estimate noise and outliers from a robust joint fit of all effects.
 
-    Unknown sigmas are estimated by kind of reading. Stated ones that are all too large are brought down; ones that
-    are too small are left, since what they do not cover may be an effect that nobody knows.
+    Unknown sigmas are estimated by kind of reading. Stated ones are reduced if all are too large,
+    but never increased, because the excess scatter may be an unknown effect.
     """
     campaign = model.campaign
     prediction = model.predict(tuple((c, ()) for c in model.library if c.effect in _DOUBTED))
     joint = [c for c in model.library if c.scale and not (c.flexible or c.swarming)]
-    if sum(len(c.scale) for c in joint) > _MOST * len(campaign):  # axes that lead a few bodies follow almost anything
+    if sum(len(c.scale) for c in joint) > _MOST * len(campaign):  # axes fit almost anything
         joint = [c for c in joint if c.effect != JointAxis.word]
     x = np.hstack([prediction.columns(c) * np.array(c.scale) for c in joint])
     gap = campaign.value - prediction.values
@@ -83,7 +83,7 @@ def noise_of(model: ForwardModel) -> Noise:
 
 
 def _first_guess(c: Campaign, gap: Array, x: Array) -> Array:
-    """Unknown sigmas (n,) as one share of the gap of their kind: the likeliest with all effects free."""
+    """Return initial sigmas (n,): the likeliest fraction of their kind's gap, all effects free."""
     like = c.kind_numbers
     size = np.where(c.relative, np.abs(c.value), 1.0)
     mean = np.sqrt(np.bincount(like, (gap / size) ** 2) / np.maximum(np.bincount(like), 1))
@@ -99,7 +99,7 @@ def _first_guess(c: Campaign, gap: Array, x: Array) -> Array:
 
 
 def _joint_fit(columns: _Columns, y: Array, used: Flags, before: _Fit) -> _Fit:
-    """All effects at once, readings with a large residual before with less weight."""
+    """Fit all effects jointly, with less weight on readings with large previous residuals."""
     a, weight = columns.values, used / np.maximum(1.0, np.abs(before.residual) / 2.0)
     values, vectors = np.linalg.eigh(columns.gram(weight))
     keep = values > 1e-8 * values[-1]
@@ -109,7 +109,7 @@ def _joint_fit(columns: _Columns, y: Array, used: Flags, before: _Fit) -> _Fit:
 
 
 def _judge_noise(c: Campaign, noise: Noise, fit: _Fit) -> tuple[Noise, _Fit]:
-    """Unknown noise by the robust scatter of its kind; outliers by the same measure."""
+    """Estimate unknown noise from the robust scatter of its kind, and flag outliers."""
     unknown = np.isnan(c.sigma)
     like = c.kind_numbers
     scatter = np.ones(len(c))
@@ -130,14 +130,12 @@ def _add_remarks(c: Campaign, noise: Noise, fit: _Fit) -> Noise:
         ratio = _scatter(fit.residual[known & noise.used]) / np.sqrt(fit.free)
         if ratio < OVERSTATED:
             sigma = np.where(known, ratio * sigma, sigma)
-            remarks.append(
-                f"the stated uncertainties, {1 / ratio:.2g} times what the readings scatter, were scaled down"
-            )
+            remarks.append(f"uncertainties {1 / ratio:.2g} times the observed scatter were scaled down")
     if not noise.used.all():
         remarks.append(f"{int((~noise.used).sum())} gross outliers were left out")
     return replace(noise, sigma=sigma, remarks=tuple(remarks))
 
 
 def _scatter(residual: Array) -> float:
-    """Standard deviation by the median of absolute values."""
+    """Return the standard deviation estimated from the median absolute value."""
     return 1.4826 * float(cast("Array", np.median(np.abs(residual))))

@@ -1,6 +1,6 @@
-"""Nuisance patterns: faults that the vocabulary has no word for. Where one wins, nothing known explains the gap.
+"""Nuisance patterns: unnamed faults. If one fits best, no known effect explains the gap.
 
-They keep a wrong name from being given with confidence, and say in plain words what the readings look like instead.
+They prevent confident wrong diagnoses and describe what the readings look like.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ if TYPE_CHECKING:
     from stiffscope.vjm.joints import Joint
 
 
-_FULL_FORCE = 0.2  # share of the largest force in a drive from which its friction is overcome
-_SPRING = 1e6  # N/m: a spring towards the frame, times the parameter
-_LIKE_FORCE = 100.0  # N or N·m in a joint, under which its parameters are what it yields, m or rad
+_FULL_FORCE = 0.2  # fraction of a drive's largest force that overcomes friction
+_SPRING = 1e6  # N/m: spring to the frame per unit parameter
+_LIKE_FORCE = 100.0  # N or N·m: joint load at which parameters equal deformations, m or rad
 _MOST_SESSIONS = 6
-_MOST_CROSSED = 12  # instruments and directions
+_MOST_CROSSED = 12  # most instruments and directions
 
 
 def nuisance_patterns(nominal: RobotReadings) -> tuple[Candidate, ...]:
-    """Unnamed faults of parts, of the surroundings, of joints, and of the instruments in time."""
+    """Return unnamed faults of parts, surroundings, joints and instruments."""
     at = nominal.robot_at_poses
     swarm = (replace(pattern, swarming=True) for pattern in (*_play_of(at), *_stiffening_of(nominal)))
     return (*_parts(at), *_readings(at), *_crossings(at), *_sizes(at), *swarm)
@@ -54,9 +54,9 @@ def _parts(at: RobotAtPoses) -> Iterator[Candidate]:
 
 
 def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
-    """Of instruments, of loads, of drives and of the surroundings, as displacements show them."""
+    """Yield faults of instruments, loads, drives and surroundings visible in displacements."""
     c, drives = at.campaign, list(at.robot.driven)
-    read, sessions = np.unique(c.channel[c.kind <= DEVIATION]), len(c.session_names)  # instruments that displace
+    read, sessions = np.unique(c.channel[c.kind <= DEVIATION]), len(c.session_names)
     channels, middle = len(read), at.configurations.tool[:, :3].mean(axis=0)
     apart, drift = partial(_by_channel, read, None), partial(_by_channel, read, _time)
     yield _make_unnamed("a drift of the gain in time", (0.05,), Gain(lambda p: _time(p)[:, None]))
@@ -83,7 +83,7 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
 
 
 def _crossings(at: RobotAtPoses) -> Iterator[Candidate]:
-    """What one instrument or direction shows of what others see: of M in all its directions, of sensors that read."""
+    """Yield cross-talk between directions at M and sensors with readings."""
     c = at.campaign
     read: list[int] = np.unique(c.channel[c.kind <= DEVIATION]).tolist()
     at_tool = range(len(c.sensors), len(c.sensors) + len(AXES))
@@ -96,7 +96,7 @@ def _crossings(at: RobotAtPoses) -> Iterator[Candidate]:
 
 
 def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
-    """Rigid bodies larger or smaller than drawn."""
+    """Yield rigid bodies larger or smaller than drawn."""
     for body in at.mechanism.bodies if at.campaign.shows_rest.any() else ():
         held = tuple(joint for joint in at.mechanism.joints if body.name in (joint.first, joint.second))
         if body.elastic is None and len(held) > 1:
@@ -106,14 +106,14 @@ def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
 
 
 def _play_of(at: RobotAtPoses) -> Iterator[Candidate]:
-    """Passive joints that lose motion across their axes, as drives do along theirs."""
+    """Yield radial play of passive joints, analogous to backlash of drives."""
     for place, axes in _places(at, _passive(at)):
         play = _make_unnamed(f"play at {place}", (1e-5,) * 2, Pattern(partial(_play, axes)), "play")
         yield replace(play, like="backlash")
 
 
 def _stiffening_of(nominal: RobotReadings) -> Iterator[Candidate]:
-    """Passive joints, across their axes, and drives that yield less and less beside what is in proportion to forces."""
+    """Yield nonlinear stiffening of passive joints (across their axes) and drives."""
     at, known = nominal.robot_at_poses, nominal.campaign.sigma
     weight = 1.0 / np.where(np.isnan(known), 1.0, known)[:, None]
     along = {name: np.abs(along_drive(joint)) for name, joint in at.robot.driven.items()}
@@ -125,19 +125,19 @@ def _stiffening_of(nominal: RobotReadings) -> Iterator[Candidate]:
 
 
 def _places(at: RobotAtPoses, axes: Mapping[str, Array]) -> Iterator[tuple[str, dict[str, Array]]]:
-    """Places of joints with axes (6,) along which displacements may show what is wrong, each with its joints' axes."""
+    """Yield places of joints with axes (6,) whose faults displacements may show, with the axes."""
     read = (at.campaign.kind <= DEVIATION).any()
     for place in at.robot.places(name for name, along in axes.items() if read and along.any()):
         yield place.name, {name: axes[name] for name in place.members}
 
 
 def _passive(at: RobotAtPoses) -> dict[str, Array]:
-    """Joints without a drive, with what each holds across its axis (6,)."""
+    """Return passive joints with their constrained transverse directions (6,)."""
     return {joint.name: _find_held_across(joint) for joint in at.mechanism.joints if joint.drive is None}
 
 
 def _find_held_across(joint: Joint) -> Array:
-    """Which translations, of its coordinates (6,), a joint holds across its axis; a ball has none, and holds all."""
+    """Return flags (6,) of translations held across a joint's axis; all for a spherical joint."""
     held = np.zeros(6)
     held[[k for k in joint.held_components[0] if k > 0 or joint.axis is None]] = 1.0
     return held
@@ -150,7 +150,7 @@ def _make_unnamed(place: str, scale: tuple[float, ...], action: object, pattern:
 
 
 def _bow(lengths: Mapping[str, float], values: Array) -> Changes:
-    """Bodies of a uniform curvature: the free end rises by ``κ L²/2`` and turns by ``κ L``."""
+    """Bend bodies by a uniform curvature: the free end rises by ``κ L²/2`` and turns by ``κ L``."""
     return {
         name: Change(offset=values[0] * np.array([0.0, 0.0, length**2 / 2.0, 0.0, -length, 0.0]))
         for name, length in lengths.items()
@@ -158,7 +158,7 @@ def _bow(lengths: Mapping[str, float], values: Array) -> Changes:
 
 
 def _stretch(body: str, middle: Array, held: Sequence[Joint], prediction: RobotReadings) -> Array:
-    """A rigid body that is larger than drawn along x, y, z of home: its joints stand further from its middle (3,)."""
+    """Return columns (n, 3) of a rigid body stretched along home x, y, z about its middle (3,)."""
     where, pose, still = prediction.robot_at_poses.rest, prediction.campaign.pose, prediction.campaign.shows_rest
     columns = np.zeros((len(pose), 3))
     for joint in held:
@@ -177,7 +177,7 @@ def _by_channel(read: Indices, find_size: Callable[[RobotReadings], Array] | Non
 
 
 def _time(prediction: RobotReadings) -> Array:
-    """0 at the first reading of the campaign, 1 at the last."""
+    """Return normalized time (n,): 0 at the first reading of the campaign, 1 at the last."""
     c = prediction.campaign
     order = np.lexsort((c.line, c.file))
     time = np.empty(len(c))
@@ -186,7 +186,7 @@ def _time(prediction: RobotReadings) -> Array:
 
 
 def _hysteresis(prediction: RobotReadings) -> Array:
-    """Rayleigh's loop: ``(a² - x²)/a`` towards the load, a the largest reading of its like at the pose, by session."""
+    """Return Rayleigh loops ``(a² - x²)/a`` by session; a is the largest like reading."""
     c, x = prediction.campaign, prediction.plain_readings
     loaded = c.kind == DEFLECTION
     key = np.stack([c.pose, c.channel, c.load], axis=1)
@@ -199,7 +199,7 @@ def _hysteresis(prediction: RobotReadings) -> Array:
 
 
 def _crosstalk(sink: int, source: int, prediction: RobotReadings) -> Array:
-    """A share of what another instrument or direction would show in what one shows."""
+    """Return a column with the source channel's signal in readings of the sink channel."""
     c = prediction.campaign
     rows = np.flatnonzero((c.channel == sink) & (c.kind <= DEVIATION))
     column = np.zeros((len(c), 1))
@@ -208,13 +208,13 @@ def _crosstalk(sink: int, source: int, prediction: RobotReadings) -> Array:
 
 
 def _off_centre(prediction: RobotReadings) -> Array:
-    """The wrench acts beside its point: its force has moments about it."""
+    """Return columns of a wrench that acts beside its point, so that its force has moments."""
     force = np.nan_to_num(prediction.campaign.wrench[:, :3])
     return np.stack([prediction.applied_motion(np.cross(axis, force)) for axis in np.eye(3)], axis=1)
 
 
 def _pitch(start: Array, prediction: RobotReadings) -> Array:
-    """Pitch errors of the drives: each grows from where the campaign's readings have their middle (d,)."""
+    """Return columns of pitch errors of drives, zero at the mean drive position (d,)."""
     c = prediction.campaign
     still, away = c.shows_rest, prediction.robot_at_poses.configurations.drives - start
     columns: list[Array] = []
@@ -224,7 +224,7 @@ def _pitch(start: Array, prediction: RobotReadings) -> Array:
 
 
 def _tether(middle: Array, prediction: RobotReadings) -> Array:
-    """Springs from the frame to the tool, slack in the middle (3,): they stiffen, and pull back, along x, y, z."""
+    """Return columns (stiffening, pull) of springs to the frame in x, y, z, slack at (3,)."""
     c = prediction.campaign
     columns: list[Array] = []
     read, applied = prediction.at_terminals
@@ -237,7 +237,7 @@ def _tether(middle: Array, prediction: RobotReadings) -> Array:
 
 
 def _play(across: Mapping[str, Array], prediction: RobotReadings) -> Array:
-    """Motion lost towards the force: in every direction alike, and along either axis of its own."""
+    """Return columns of play towards the force: round, and separate along each axis."""
     columns = np.zeros((len(prediction.campaign), 2))
     for name, axes in across.items():
         read, force = (each * axes for each in prediction.find_wrenches(name))
@@ -249,13 +249,13 @@ def _play(across: Mapping[str, Array], prediction: RobotReadings) -> Array:
 
 
 def _make_stiffening(across: Mapping[str, Array], shares: Array, prediction: RobotReadings) -> Array:
-    """Yielding out of proportion to the force, less shares (1, 2) of yielding in proportion, which has a word."""
+    """Return nonlinear deformation less shares (1, 2) of the linear one, a known effect."""
     straight, curved = np.split(_make_yielding(across, prediction), [1], axis=1)
     return curved - straight @ shares
 
 
 def _make_yielding(across: Mapping[str, Array], prediction: RobotReadings) -> Array:
-    """Columns (n, 3): what joints yield by their force, by its cube root, and by its square, beyond that at rest."""
+    """Return deformation (n, 3) by force, its cube root and its square, beyond that at rest."""
     c = prediction.campaign
     columns = np.zeros((len(c), 3))
     for name, axes in across.items():
@@ -268,7 +268,7 @@ def _make_yielding(across: Mapping[str, Array], prediction: RobotReadings) -> Ar
 
 
 def _friction(prediction: RobotReadings) -> Array:
-    """Drives that lose a fixed force to their guides: less motion, by a fixed amount towards the force."""
+    """Return columns of Coulomb friction: motion lost by a fixed amount towards the force."""
     deflected = prediction.campaign.kind == DEFLECTION
     columns: list[Array] = []
     for drive in prediction.robot_at_poses.robot.driven:

@@ -1,4 +1,4 @@
-"""Where an instrument stands, from points that it sees and where they should be: a start without any guess."""
+"""Initial pose of an instrument from measured points and their nominal positions."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ if TYPE_CHECKING:
 
 _OUTLYING = 8.0  # robust standard deviations
 _PASSES = 6
-_FLAT = 1e-6  # of the largest extent of points: below it they lie in a plane
-_LEAST = 3  # points that determine an orientation
+_FLAT = 1e-6  # relative to the largest extent of points: coplanar below
+_LEAST = 3  # fewest points that determine an orientation
 
 
 def find_outlying(left: Array) -> Flags:
-    """Which of some residuals (n,) are far out of their like."""
+    """Return flags (n,) of outlying residuals."""
     spread = 1.4826 * np.median(np.abs(left)) if len(left) else 0.0
     return np.abs(left) > _OUTLYING * spread if spread > 0.0 else np.zeros(len(left), dtype=np.bool_)
 
 
 def find_frame(triples: Indices, ranged: Flags, points: Array, read: Array) -> tuple[Array, Array]:
-    """Axes (3, 3) and origin (3,) of an instrument.
+    """Return axes (3, 3) and origin (3,) of an instrument.
 
     Parameters
     ----------
     triples
-        (k, 3) which readings are x, y and z of one target at once.
+        (k, 3) readings that are simultaneous x, y and z of one target.
     ranged
-        (n,) which readings are distances.
+        (n,) whether readings are distances.
     points
-        (n, 3) where their targets should be.
+        (n, 3) nominal target positions.
     read
-        (n,) what was read.
+        (n,) readings.
     """
     if len(triples) >= _LEAST or not ranged.any():
         return align_points(read[triples], points[triples[:, 0]])
@@ -41,7 +41,7 @@ def find_frame(triples: Indices, ranged: Flags, points: Array, read: Array) -> t
 
 
 def align_points(seen: Array, there: Array) -> tuple[Array, Array]:
-    """Rotation and translation that bring points (k, 3) nearest to others, outliers apart.
+    """Return the rotation and translation that best align points (k, 3), ignoring outliers.
 
     References
     ----------
@@ -64,9 +64,9 @@ def align_points(seen: Array, there: Array) -> tuple[Array, Array]:
 
 
 def locate_by_distances(points: Array, lengths: Array) -> Array:
-    """Point (3,) from its distances (n,) to others (n, 3): ``|p|² - 2 p·x + |x|² = d²`` is linear in x and |x|².
+    """Return the point (3,) at distances (n,) from others (n, 3).
 
-    Of points in a plane either side of it would do: the one above is taken.
+    ``|p|² - 2 p·x + |x|² = d²`` is linear in x and |x|². For coplanar points the upper x is taken.
     """
     middle = points.mean(axis=0)
     p = points - middle

@@ -1,4 +1,4 @@
-"""What a robot model says of its own residuals: stiffness above the model's, other kinds of reading, its weight."""
+"""Remarks of a robot model on its residuals: excess stiffness, mistaken kinds, weight."""
 
 from __future__ import annotations
 
@@ -18,34 +18,34 @@ if TYPE_CHECKING:
     Swap = Callable[[int, int], Array]
 
 _SIGNIFICANT = 3.0  # standard deviations
-_OVERTAKES = 0.25  # share of the misfit below which stiffnesses are better taken for pushes, or the other way round
-_EVIDENT = 25.0  # χ² that such a change has to gain
+_OVERTAKES = 0.25  # ratio of misfits below which stiffnesses and pushes seem swapped
+_EVIDENT = 25.0  # least improvement of χ² by such a swap
 
 
 def find_remarks(
     nominal: RobotReadings, swap: Swap, noise: Noise, unexplained: Array, weight: Array
 ) -> tuple[str, ...]:
-    """Stiffness above the model's, taken for another kind; gravity where it cannot be the cause.
+    """Return remarks on stiffness above the model's or of a mistaken kind, and on excluded gravity.
 
     Parameters
     ----------
     nominal
         The robot without effects.
     swap
-        What the readings (n,) would be if those of one kind were of another.
+        Function that predicts readings (n,) with one kind replaced by another.
     noise
-        Their noise.
+        Noise of the readings.
     unexplained
         Residuals (n,) without effects, in standard deviations.
     weight
-        Change (n,) of the readings by the robot's weight; zero where the model has it.
+        Change (n,) of the readings by the robot's weight; zero if the model includes it.
 
     """
     return (*_beyond_bounds(nominal, noise), *_mistaken(nominal, swap, noise), *_too_weak(weight, noise, unexplained))
 
 
 def _beyond_bounds(nominal: RobotReadings, noise: Noise) -> list[str]:
-    """Readings of stiffness above the model's own, which more compliance only lowers."""
+    """Return a remark if stiffnesses exceed the model's, which added compliance only lowers."""
     c = nominal.campaign
     stiff = np.flatnonzero((c.kind == STIFFNESS) & noise.used)
     if not len(stiff):
@@ -56,11 +56,11 @@ def _beyond_bounds(nominal: RobotReadings, noise: Noise) -> list[str]:
         return []
     axes = ", ".join(sorted({f"k{AXES[d]}" for d in c.direction[stiff[over]]}))
     worst = float((c.value[stiff] / limit)[over].max())
-    return [f"{axes} exceed what the model has, up to {worst:.3g} times: no added compliance cures that"]
+    return [f"{axes} exceed the model values up to {worst:.3g} times; added compliance cannot explain this"]
 
 
 def _mistaken(nominal: RobotReadings, swap: Swap, noise: Noise) -> list[str]:
-    """A word where stiffnesses with other motions held fit far better as pushes, or the other way round."""
+    """Return a remark if stiffnesses fit far better as pushes, or vice versa."""
     c = nominal.campaign
     out: list[str] = []
     for kind, other, told in ((STIFFNESS, PUSH, "k"), (PUSH, STIFFNESS, "p")):
@@ -82,7 +82,7 @@ def _mistaken(nominal: RobotReadings, swap: Swap, noise: Noise) -> list[str]:
 
 
 def _too_weak(step: Array, noise: Noise, unexplained: Array) -> list[str]:
-    """Gravity of known size that would have to be many times stronger than it is."""
+    """Return a remark if gravity would have to be much stronger to explain the gap."""
     column = (step / noise.sigma)[noise.used]
     size = float(column @ column)
     if size <= 0.0:
@@ -90,4 +90,4 @@ def _too_weak(step: Array, noise: Noise, unexplained: Array) -> list[str]:
     strength = float(column @ unexplained[noise.used]) / size
     if not abs(strength) > _SIGNIFICANT * max(1.0, 1.0 / np.sqrt(size)):
         return []
-    return [f"gravity would have to be {strength:.3g} times what it is to explain the gap best, so it is not the cause"]
+    return [f"gravity would have to be {strength:.3g} times its value to explain the gap: not the cause"]

@@ -1,9 +1,9 @@
-"""The nominal robot at a campaign's poses, and what is read and applied there, as loads of one equilibrium.
+"""The nominal robot at a campaign's poses; readings and loads are columns of one equilibrium.
 
-What is read and what is applied are columns of one table of terminals: six unit wrenches at M, six at the point of
-every load, one unit load at every sensor (opposite on the body that it stands on), the robot's own weight, payloads.
-One equilibrium under all of them gives the generalized compliance between any two, and the wrenches by which every
-element answers to each: the adjoint of whatever happens to that element.
+The terminals are six unit wrenches at M, six at the point of each load, a unit load at each sensor
+(opposite on its mount), the robot's own weight and payloads. One equilibrium under all gives
+the generalized compliance between any two, and the wrenches in every element: the adjoint solution
+for any change of that element.
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from stiffscope.vjm.network import Places
 
 _TOOL = slice(0, 6)
-FEW = 8  # changed elements, up to which a robot is not condensed anew
-_CUTS = 2000  # poses times elements whose responses are kept
+FEW = 8  # most changed elements without a new condensation
+_CUTS = 2000  # most cached responses, poses times elements
 
 
 @dataclass(frozen=True)
@@ -58,12 +58,12 @@ class RobotAtPoses:
 
     @cached_property
     def is_displaced(self) -> bool:
-        """Whether errors of the geometry, or springs, are in the model itself."""
+        """Whether the nominal model contains geometric errors or springs."""
         return any(e.is_displaced or e.sprung or (e.joint and e.joint.spring) for e in list_elements(self.mechanism))
 
     @cached_property
     def rest(self) -> Places:
-        """Nodes at its poses."""
+        """Nodes at the poses."""
         return place_nodes(self.configurations)
 
     @cached_property
@@ -72,11 +72,11 @@ class RobotAtPoses:
 
     @cached_property
     def response(self) -> Response:
-        """Equilibrium under all terminals' unit loads."""
+        """Equilibrium under unit loads at all terminals."""
         return solve_condensed(self._condensed_network, self.unit_loads(self.rest, self.mechanism, ()))
 
     def cut(self, name: str) -> Response:
-        """Equilibrium where an element's ends lie apart from the first by six unit twists each, own axes; unloaded."""
+        """Return the equilibrium for unit twists, own axes, of an element's ends from the first."""
         if name not in self._cuts:
             while len(self._cuts) >= max(FEW, _CUTS // len(self.campaign.poses)):
                 del self._cuts[next(iter(self._cuts))]
@@ -92,23 +92,23 @@ class RobotAtPoses:
 
     @cached_property
     def mechanism(self) -> Mechanism:
-        """The robot wherever its drives stand, all of them linear: errors may lead out of their ranges."""
+        """The robot with linear drives of unlimited range, as errors may exceed their ranges."""
         return without_ranges(without_laws(self.robot.mechanism))
 
     @cached_property
     def laws(self) -> dict[str, Law]:
-        """Of its drives that are not linear."""
+        """Laws of nonlinear drives."""
         return find_laws(self.robot.mechanism)
 
     def find_displacement(self, name: str) -> Array:
-        """Displacement (p, k) of a passive joint's free motions from where a spring would be at rest."""
+        """Return the displacement (p, k) of a passive joint from its spring's rest position."""
         joint = self.mechanism.joint(name)
         away = self.configurations.coordinates(name)
         return (away @ joint.axes if joint.kind == "spherical" else away) - joint.rest
 
     @cached_property
     def law_influence(self) -> Array:
-        """Force (p, k, k) of every drive with a law for a unit of shift in each."""
+        """Force (p, k, k) of each nonlinear drive per unit shift of each."""
         driven = self.robot.driven
         rows = {name: along_drive(driven[name]) for name in self.laws}
         cuts = [[row @ self.cut(shifted).elements[name].wrench @ rows[shifted] for shifted in rows]
@@ -118,7 +118,7 @@ class RobotAtPoses:
 
     @cached_property
     def configurations(self) -> Configurations:
-        """The robot at its poses. Raises InputError for one that it cannot reach."""
+        """The robot at its poses. Raises InputError for an unreachable pose."""
         c = self.campaign
         found = configure_robot(self.mechanism, c.coordinates, c.poses)
         bad = np.flatnonzero(~found.valid)
@@ -127,7 +127,7 @@ class RobotAtPoses:
         return found
 
     def _out_of_reach(self, pose: int, found: Configurations) -> InputError:
-        """Error that names line and column of a pose, and a unit that was probably meant."""
+        """Return an error with the line and column of a pose, and the unit probably intended."""
         c = self.campaign
         where = c.where(int(np.argmax(c.pose == pose)))
         points = np.array([joint.at for joint in self.mechanism.joints])
@@ -150,12 +150,12 @@ class RobotAtPoses:
 
     @cached_property
     def instruments(self) -> Instruments:
-        """What is unknown of its instruments."""
+        """Unknowns of the instruments."""
         return Instruments(self.campaign)
 
     @cached_property
     def instruments_start(self) -> tuple[Setup, Array]:
-        """Instruments as the rigid robot, as commanded, has them, and the weights of the readings."""
+        """Instruments fitted to the rigid robot as commanded, and the weights of the readings."""
         return self.instruments.start(*self.targets(self.rest))
 
     @property
@@ -164,7 +164,7 @@ class RobotAtPoses:
         return self.instruments.look(self.instruments_start[0], *self.targets(self.rest))
 
     def targets(self, where: Places) -> tuple[Array, Array]:
-        """Points (a, 3) of the targets of all positions and distances, and rotations (a, 3, 3) of their bodies."""
+        """Return target points (a, 3) of positions and distances, and body rotations (a, 3, 3)."""
         c, rows = self.campaign, self.instruments.rows
         points, turns = np.zeros((len(rows), 3)), np.zeros((len(rows), 3, 3))
         for k, sensor in enumerate(c.sensors):
@@ -183,7 +183,7 @@ class RobotAtPoses:
 
     @cached_property
     def _sensor_cases(self) -> list[slice]:
-        """Terminals of the loads, then of each sensor: one, or six of a target, which its channels share."""
+        """Terminals of the loads, then of each sensor: one, or six shared by a target."""
         out, targets = [slice(6, 6 + 6 * len(self.campaign.loads))], dict[str, slice]()
         for sensor in self.campaign.sensors:
             end = max(each.stop for each in out)
@@ -192,16 +192,16 @@ class RobotAtPoses:
         return [*out, slice(6, max(each.stop for each in out))]
 
     def load_cases(self, load: int) -> slice:
-        """Columns of a load's six wrench components."""
+        """Return the columns of a load's six wrench components."""
         return slice(6 + 6 * load, 12 + 6 * load)
 
     @cached_property
     def distinct_readings(self) -> tuple[tuple[Indices, Indices], ...]:
-        """Readings (m,) that stand for all with the same sense, and the same drive, at the same pose; (n,) which."""
+        """Representative readings (m,) of equal sense and equal drive at a pose; indices (n,)."""
         c = self.campaign
         moving = c.is_motion
         large = np.where(moving, 0, 1 + c.quantity)
-        apart = np.where(c.kind == POSITION, c.session, 0)  # instruments that are set up anew
+        apart = np.where(c.kind == POSITION, c.session, 0)  # instruments that are set up again
         senses = np.stack([c.pose, apart, c.channel, np.where(moving, c.direction, 0), large], axis=1)
         wrench = np.unique(np.nan_to_num(c.wrench), axis=0, return_inverse=True)[1].ravel()
         drives = np.stack([c.pose, c.kind, c.load, wrench, large], axis=1)
@@ -212,19 +212,19 @@ class RobotAtPoses:
         return tuple(out)
 
     def sensor_cases(self, sensor: int) -> slice:
-        """Column of a sensor, or six of a target."""
+        """Return the column of a sensor, or the six of a target."""
         return self._sensor_cases[1 + sensor]
 
     @property
     def weight_case(self) -> int:
-        """Column of one m/s² of gravity on the robot's weight; that of the payloads follows."""
+        """Column of the robot's weight under gravity of 1 m/s²; the payloads' column follows."""
         return self.cases - 2
 
     @cached_property
     def used_loads(self) -> Flags:
-        """Which unit loads (cases,) act: those of M that hold the tool, of loads what some reading applies.
+        """Flags (cases,) of the unit loads used: supported ones at M, and applied ones of loads.
 
-        Of loads on the tool's body also the moments that their forces have where they act a little beside their points.
+        For loads on the tool's body, also the moments of forces that act beside their points.
         """
         c = self.campaign
         out = np.ones(self.cases, dtype=np.bool_)
@@ -241,7 +241,7 @@ class RobotAtPoses:
 
     @cached_property
     def _firm(self) -> bool:
-        """Whether the tool holds every wrench at M."""
+        """Whether the tool supports every wrench at M."""
         found = self.configurations[:1]
         try:
             solve_loads(find_order(self.mechanism, found.linkage), place_nodes(found), Loads(6, {END: np.eye(6)[None]}))
@@ -250,7 +250,7 @@ class RobotAtPoses:
         return True
 
     def unit_loads(self, where: Places, mechanism: Mechanism, payloads: Sequence[Payload]) -> Loads:
-        """All terminals as loads (n or 1, 6, cases) on nodes at M in base axes."""
+        """Return all terminals as loads (n or 1, 6, cases) on nodes, at M in base axes."""
         c = self.campaign
         nodes: dict[str, Array] = {}
 
@@ -282,19 +282,19 @@ class RobotAtPoses:
 
     @cached_property
     def weight_stiffness(self) -> Array:
-        """Change (p, 6, 6) of the stiffness at M when the robot's own weight acts."""
+        """Change (p, 6, 6) of the stiffness at M by the robot's own weight."""
         found = self.configurations
         return stiffness(self.mechanism, found, gravity="exact") - stiffness(self.mechanism, found)
 
     @cached_property
     def shaken(self) -> Indices:
-        """Poses at which natural frequencies were read."""
+        """Poses with readings of natural frequencies."""
         c = self.campaign
         return np.unique(c.pose[c.kind == FREQUENCY])
 
 
 def configure_robot(mechanism: Mechanism, coordinates: Sequence[str], poses: Array) -> Configurations:
-    """Configurations at poses (p, k) by tool coordinates, or by displacements of driven joints, `q:JOINT`."""
+    """Return configurations at poses (p, k) of tool coordinates or driven joints, `q:JOINT`."""
     if tuple(coordinates) == tuple(mechanism.tool.pose):
         return configure(mechanism, poses)
     order = [list(coordinates).index(f"{JOINT}{joint.name}") for joint in mechanism.drives]

@@ -1,4 +1,4 @@
-"""Forward model of a nominal robot: readings with effects, the effects that it may lack, readings to come."""
+"""Forward model of a nominal robot: predictions, candidate effects and possible next readings."""
 
 from __future__ import annotations
 
@@ -36,26 +36,26 @@ if TYPE_CHECKING:
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array
 
-_SUSPECT = 0.2  # share of the squared gap beyond drives and noise that a part explains, to make experiments on it
+_SUSPECT = 0.2  # fraction of squared gap (beyond drives, noise) to test a part
 _SIGNIFICANT = 3.0  # standard deviations
-_ROUNDING = 1e-10  # of the largest reading
+_ROUNDING = 1e-10  # relative to the largest reading
 
 
 @dataclass(frozen=True)
 class RobotModel:
-    """A campaign on its nominal robot."""
+    """A campaign with its nominal robot."""
 
     campaign: Campaign
     nominal: NominalRobot
     without: str = ""
-    """An effect that is left out of the library."""
+    """An effect excluded from the library."""
     most_effects: int = 5
     tried: tuple[tuple[Candidate, ...], ...] = ()
 
     def __post_init__(self) -> None:
-        """Look up poses by name, and check poses, sensors and loads against the robot. Raises InputError.
+        """Match poses, sensors and loads to the robot. Raises InputError if they do not.
 
-        Positions and distances are counted from those of the rigid robot as commanded.
+        Positions and distances are taken relative to those of the rigid robot as commanded.
         """
         campaign = match_robot(self.campaign, self.nominal.robot)
         if (campaign.kind == POSITION).any() and campaign.expected is None:
@@ -67,7 +67,7 @@ class RobotModel:
 
     @property
     def library(self) -> tuple[Candidate, ...]:
-        """Effects, without those that the nominal model carries, and nuisance patterns; twins are merged."""
+        """Effects that the nominal model lacks, with twins merged, and nuisance patterns."""
         return self._library
 
     @cached_property
@@ -78,12 +78,12 @@ class RobotModel:
 
     @cached_property
     def setting(self) -> Setting:
-        """Where effects may act."""
+        """Robot and measurement setup that determine the candidates."""
         setting = find_setting(self._sound, self._is_suspect)
         return replace(setting, doubts=find_doubts(self.campaign, self.predict().values))
 
     def _is_suspect(self, part: str) -> bool:
-        """Whether the compliance of a part, entry by entry, explains a good share of the gap that drives leave."""
+        """Return whether a part's compliance entries explain much of the gap left by drives."""
         members = self.nominal.robot.bodies_of(part)
         known = PartCompliance.candidates(Setting(self.nominal))
         entries = [c for c in known if c.flexible and c.members == members]
@@ -101,7 +101,7 @@ class RobotModel:
 
     @cached_property
     def _beside_drives(self) -> tuple[Array, Array]:
-        """An orthonormal basis (n, k) of what soft drives do to the readings, and the gap (n,) that they leave."""
+        """Orthonormal basis (n, k) of soft drives' effects, and the gap (n,) that they leave."""
         drives = (c for c in ActuatorStiffness.candidates(Setting(self.nominal)) if len(c.members) == 1)
         left, size, _ = np.linalg.svd(self._weighed_columns(drives), full_matrices=False)
         basis = left[:, size > _ROUNDING * size.max(initial=0.0)]
@@ -110,12 +110,12 @@ class RobotModel:
 
     @cached_property
     def _weight(self) -> Array:
-        """One over each reading's (n,) uncertainty, or its size where none is stated."""
+        """Inverse uncertainties (n,) of the readings, or inverse values if none is stated."""
         c = self.campaign
         return 1.0 / np.where(np.isnan(c.sigma), np.abs(c.value) + 1e-300, c.sigma)
 
     def _weighed_columns(self, candidates: Iterable[Candidate]) -> Array:
-        """Derivatives (n, k) by effects, weighted."""
+        """Return weighted derivatives (n, k) with respect to effects."""
         columns = [self.predict().columns(c) for c in candidates]
         return np.hstack([np.zeros((len(self.campaign), 0)), *columns]) * self._weight[:, None]
 
@@ -128,14 +128,14 @@ class RobotModel:
         return ElasticState(RobotAtPoses(self.nominal, self.campaign))
 
     def admits(self, candidates: Sequence[Candidate]) -> bool:
-        """One of each name, as some effects come with fewer or more parameters; with a matrix no part of it."""
+        """Return whether names are unique, and no effect is part of another's full matrix."""
         if len({c.name for c in candidates}) < len(candidates):
             return False
         matrices = [c.members for c in candidates if c.flexible]
         return not any(c.action.of_matrix and not c.flexible and c.members in matrices for c in candidates)
 
     def predict(self, parameters: Parameters = ()) -> RobotPrediction:
-        """Readings with these effects. Raises InputError where the parameters leave what can be assembled."""
+        """Predict readings with these effects. Raises InputError outside the assemblable range."""
         return (
             RobotPrediction(self.campaign, parameters, self._sound, self._has_gravity) if parameters else self._nominal
         )
@@ -145,22 +145,22 @@ class RobotModel:
         return RobotPrediction(self.campaign, (), self._sound, self._has_gravity)
 
     def predict_as(self, kind: int, other: int) -> Array:
-        """What the readings (n,) would be if those of one kind were of another."""
+        """Return readings (n,) predicted with those of one kind taken for another."""
         c = self.campaign
         quantity = np.where(c.kind == kind, 6 * other + c.direction, c.quantity)
         return replace(self, campaign=replace(c, quantity=quantity)).predict().plain_readings
 
     def noise(self) -> Noise:
-        """Noise and gross outliers, as the joint fit of all effects shows them."""
+        """Return noise and gross outliers from the joint fit of all effects."""
         return noise_of(self)
 
     def trial(self, sigma: Array) -> Trial:
-        """Readings that could be taken next, where those of the campaign have noise ``sigma`` (n,)."""
+        """Return possible next readings, given noise ``sigma`` (n,) of the campaign's readings."""
         campaign, noise, group = plan_trial(self.campaign, self.nominal, sigma)
         return Trial(replace(self, campaign=campaign), noise, group)
 
     def remarks(self, noise: Noise, unexplained: Array) -> tuple[str, ...]:
-        """Stiffness above the model's, taken for another kind; gravity where it cannot be the cause."""
+        """Return remarks on excess or mistaken stiffness, and on gravity that is not the cause."""
         nominal = self.predict()
         weight = nominal.step(Gravity().make_candidate(Place("robot"))) * (not self._has_gravity)
         return find_remarks(nominal, self.predict_as, noise, unexplained, weight)

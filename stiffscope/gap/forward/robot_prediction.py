@@ -1,4 +1,4 @@
-"""Readings predicted for a robot with given effects, and their derivatives by every effect's parameters."""
+"""Predicted readings of a robot with given effects, and derivatives by effect parameters."""
 
 from __future__ import annotations
 
@@ -20,32 +20,32 @@ if TYPE_CHECKING:
     from stiffscope.effects.effect import Candidate
     from stiffscope.runtime.types import Array
 
-_STEP = 1e-4  # of a parameter's prior size, for derivatives of what an effect changes
+_STEP = 1e-4  # finite-difference step relative to a parameter's prior size
 
 
 @dataclass(frozen=True)
 class Pattern(Effect):
-    """A nuisance pattern that is known by its derivatives (n, k) of the readings alone."""
+    """A nuisance pattern defined by the derivatives (n, k) of the readings."""
 
     columns: Callable[[RobotReadings], Array]
 
     def influence(self, values: Array) -> Influence:
-        """Nothing of the robot or its instruments."""
+        """Return no change of the robot or its instruments."""
         del values
         return Influence()
 
 
 @dataclass(frozen=True)
 class Gain(Pattern):
-    """A nuisance pattern whose columns are shares (n, k) of the readings: all that these show grows with it."""
+    """A nuisance pattern whose columns (n, k) multiply the readings."""
 
 
 class RobotPrediction(RobotReadings):
-    """The robot with effects at the campaign's poses, as inference takes it."""
+    """Prediction for the robot with effects at the campaign's poses."""
 
     @property
     def values(self) -> Array:
-        """What every reading (n,) would be, with nuisance patterns, the weight in stiffnesses, and instruments."""
+        """Predicted readings (n,), with patterns, weight in stiffnesses and instruments."""
         return self._values
 
     @cached_property
@@ -61,23 +61,23 @@ class RobotPrediction(RobotReadings):
         return out + self.projection.share(self.campaign.value - out)
 
     def columns(self, candidate: Candidate) -> Array:
-        """Derivatives (n, k) of every reading by a candidate's internal parameters."""
+        """Return the derivatives (n, k) with respect to a candidate's internal parameters."""
         key = candidate.name, candidate.scale, id(candidate.action)
         if key not in self._columns:
             pattern = isinstance(candidate.action, Pattern)
             columns = self._follow(candidate.action) if pattern else self._grow(self._derivatives(candidate))
             columns = self.display[0][:, None] * columns + self._find_jumps(candidate)
             columns = self.projection.without(columns)
-            self._columns[key] = candidate, columns  # the action lives as long as its id
+            self._columns[key] = candidate, columns  # keeps the action alive, and so its id
         return self._columns[key][1]
 
     def _follow(self, pattern: Pattern) -> Array:
-        """Columns (n, k) of a nuisance pattern."""
+        """Return the columns (n, k) of a nuisance pattern."""
         columns = pattern.columns(self)
         return columns * self.plain_readings[:, None] if isinstance(pattern, Gain) else columns
 
     def _grow(self, columns: Array) -> Array:
-        """Columns (n, k) by all else, as the gains among the patterns show them."""
+        """Return other columns (n, k) multiplied by the gains among the patterns."""
         growth = np.ones(len(self.campaign))
         for candidate, values in self.parameters:
             if isinstance(candidate.action, Gain):
@@ -91,22 +91,22 @@ class RobotPrediction(RobotReadings):
     def _derivatives(self, candidate: Candidate) -> Array:
         effect: Effect = candidate.action
         here = next((np.array(v) for c, v in self.parameters if c.name == candidate.name), np.zeros(0))
-        if len(here) != len(candidate.scale):  # absent, or there with fewer or more parameters
+        if len(here) != len(candidate.scale):  # absent, or with other parameters
             here = np.zeros(len(candidate.scale))
         steps = _STEP * np.diag(candidate.scale)
-        here = here + 2.0 * (steps @ np.array(candidate.one_sided, dtype=float))  # within what can be, on either side
+        here = here + 2.0 * (steps @ np.array(candidate.one_sided, dtype=float))  # within range
         pairs = [(effect.influence(here + step), effect.influence(here - step), 2.0 * step.sum()) for step in steps]
         return find_slopes(self, pairs)
 
     def _find_jumps(self, candidate: Candidate) -> Array:
-        """Derivatives (n, k), by their jumps, of the numbers of instruments that have slipped; else zero."""
+        """Return the derivatives (n, k) by an instrument's jump; zero for other effects."""
         out = np.zeros((len(self.campaign), len(candidate.scale)))
         if isinstance(candidate.action, SensorStep):
             out[:, 0] = self.behind(candidate.action.instrument, candidate.action.first)
         return out
 
     def step(self, candidate: Candidate) -> Array:
-        """Change (n,) of the readings where a candidate without parameters acts: the weight, another unit or sign."""
+        """Return the change (n,) by a candidate without parameters: weight, unit or sign."""
         influence: Influence = candidate.action.influence(np.zeros(0))
         change = np.zeros(len(self.campaign))
         if influence.weight:

@@ -1,10 +1,10 @@
-"""What a robot with given effects would read, and how every reading changes with every effect's parameters.
+"""Readings of a robot with given effects, and their sensitivities to changes of elements.
 
-Every reading is ``a · D b``: D the generalized compliance between terminals, b what is applied (a wrench, the weight,
-payloads), a what is read. A change δC of an element changes it by ``(W a) · δC (W b)``, W the wrenches that the
-element carries under unit loads at the terminals; an unloaded motion t of the element by ``(W a) · t``. A stiffness
-K_ii is read so with ``a = -K e_i``, ``b = K e_i``; a push 1/C_ii with ``a = -e_i/C_ii``, ``b = e_i/C_ii``; a natural
-frequency f with ``W b`` the wrench in its mode of unit modal mass, ``a = -b / (8 π² f)``.
+A reading is ``a · D b``, with the generalized compliance D between terminals, the applied loads b
+(wrench, weight, payloads) and the sensed direction a. A change δC of an element changes it by
+``(W a) · δC (W b)``, with the element wrenches W per unit terminal load; an unloaded motion t by
+``(W a) · t``. A stiffness K_ii has ``a = -K e_i``, ``b = K e_i``; a push 1/C_ii ``a = -e_i/C_ii``,
+``b = e_i/C_ii``; a frequency f has ``W b`` the wrench of its unit-mass mode, ``a = -b / (8 π² f)``.
 """
 
 from __future__ import annotations
@@ -36,17 +36,17 @@ if TYPE_CHECKING:
     from stiffscope.gap.forward.setup import Placed, Projection
     from stiffscope.runtime.types import Array, Flags, Indices
 
-_ZERO_FORCE = 1e-6  # of the largest force: what rounding leaves in a drive that carries none
+_ZERO_FORCE = 1e-6  # rounding error of zero forces over the largest force
 
 
 @dataclass(frozen=True)
 class RobotReadings(InstrumentReadings):
-    """The robot with effects at the campaign's poses; everything is evaluated where it is asked for."""
+    """The robot with effects at the campaign's poses; all properties are lazy and cached."""
 
     sound: ElasticState
     """The robot without effects."""
     weighted: bool
-    """Whether the nominal model carries the robot's weight."""
+    """Whether the nominal model includes the robot's weight."""
 
     @property
     def robot_at_poses(self) -> RobotAtPoses:
@@ -55,17 +55,17 @@ class RobotReadings(InstrumentReadings):
 
     @cached_property
     def heavier(self) -> bool:
-        """Whether an effect is the robot's weight, which its nominal model lacks."""
+        """Whether an effect adds the robot's weight, which the nominal model lacks."""
         return any(influence.weight for influence in self.influences)
 
     @cached_property
     def gravity(self) -> float:
-        """Gravity that acts on the robot, m/s²."""
+        """Gravity acting on the robot, m/s²."""
         return self.robot_at_poses.robot.acceleration if self.weighted or self.heavier else 0.0
 
     @cached_property
     def elastic_state(self) -> ElasticState:
-        """The robot with the effects on its elements and the payloads."""
+        """The robot with changed elements and payloads."""
         found = self.influences
         return self.sound.change_elements(
             [each.elements for each in found if each.elements],
@@ -74,7 +74,7 @@ class RobotReadings(InstrumentReadings):
 
     @cached_property
     def is_motion(self) -> Flags:
-        """(n,) whether a reading is of a motion."""
+        """Flags (n,) of readings of motions."""
         return self.campaign.is_motion
 
     @cached_property
@@ -84,12 +84,12 @@ class RobotReadings(InstrumentReadings):
 
     @cached_property
     def force_scale(self) -> float:
-        """True wrench over stated wrench."""
+        """Ratio of true to stated wrench."""
         return float(np.prod([1.0 + each.force_gain for each in self.influences]))
 
     @cached_property
     def applied_loads(self) -> Array:
-        """What acts (n, cases) behind every reading of a motion, on the terminals; zero for other readings."""
+        """Terminal loads (n, cases) of every reading of a motion; zero for other readings."""
         c, at = self.campaign, self.robot_at_poses
         out = np.zeros((len(c), at.cases))
         wrench = self.force_scale * np.nan_to_num(c.wrench)
@@ -101,7 +101,7 @@ class RobotReadings(InstrumentReadings):
 
     @cached_property
     def axis(self) -> Array:
-        """(n, 6) direction of motion that a reading looks in: translation and rotation."""
+        """Measured direction (n, 6) of each reading: translation and rotation."""
         c = self.campaign
         out = np.eye(6)[c.direction]
         for k in range(len(c.sensors)):
@@ -112,7 +112,7 @@ class RobotReadings(InstrumentReadings):
 
     @cached_property
     def placed_instruments(self) -> Placed | None:
-        """Instruments that read positions and distances; None where there are none."""
+        """Instruments that read positions and distances; None if there are none."""
         instruments = self.robot_at_poses.instruments
         if not len(instruments.rows):
             return None
@@ -123,7 +123,7 @@ class RobotReadings(InstrumentReadings):
 
     @cached_property
     def projection(self) -> Projection:
-        """What is unknown of the instruments."""
+        """Projection onto the unknowns of the instruments."""
         return (
             self.robot_at_poses.instruments.zeros
             if self.placed_instruments is None
@@ -132,9 +132,9 @@ class RobotReadings(InstrumentReadings):
 
     @cached_property
     def twist(self) -> Array:
-        """True motion (n, 6) of what every reading of one looks at: M, or a sensor's point.
+        """True motion (n, 6) of M or the sensor's point for every reading of a motion.
 
-        Of the target of a position or distance without that by errors of the geometry.
+        For positions and distances, it excludes the motion by geometric errors.
         """
         c = self.campaign
         out = np.zeros((len(c), 6))
@@ -145,7 +145,7 @@ class RobotReadings(InstrumentReadings):
         return out
 
     def _motion(self, k: int, rows: Indices) -> Array:
-        """True motion (m, 6) of what a sensor, or (-1) the instrument at M, looks at behind some readings (m,)."""
+        """Return the true motion (m, 6) at a sensor, or (-1) at M, for readings (m,)."""
         c = self.campaign
         sensor = c.sensors[k] if k >= 0 else None
         motion = self.elastic_state.tool if sensor is None else self.elastic_state.move_sensor(sensor)
@@ -156,24 +156,24 @@ class RobotReadings(InstrumentReadings):
         return out
 
     def seen_by(self, channel: int, rows: Indices) -> Array:
-        """What one instrument and direction would show (m,) of what some deflections and deviations (m,) are of."""
+        """Return what a channel would show (m,) for deflections and deviations (m,)."""
         count = len(self.campaign.sensors)
         k, axis = (channel, self.look(channel)) if channel < count else (-1, np.eye(6)[channel - count])
         return self._motion(k, rows) @ (axis @ self.instrument(k))
 
     @cached_property
     def shown_stiffness(self) -> Array:
-        """Stiffness (p, 6, 6) as stated wrench over what the instrument shows."""
+        """Apparent stiffness (p, 6, 6): stated wrench over shown motion."""
         return np.linalg.inv(self.shown_compliance)
 
     @cached_property
     def shown_compliance(self) -> Array:
-        """Compliance (p, 6, 6) as what the instrument shows over the stated wrench."""
+        """Apparent compliance (p, 6, 6): shown motion over stated wrench."""
         return self.instrument(-1) @ self.compliance * self.force_scale
 
     @cached_property
     def sense(self) -> Array:
-        """What is read (n, cases), on the terminals, signs as in ``a · D b``."""
+        """Sensed terminal directions a (n, cases), signs as in ``a · D b``."""
         c, at = self.campaign, self.robot_at_poses
         out = np.zeros((len(c), at.cases))
         for k in range(-1, len(c.sensors)):
@@ -195,7 +195,7 @@ class RobotReadings(InstrumentReadings):
 
     @cached_property
     def drive(self) -> Array:
-        """What is applied (n, cases), on the terminals, as in ``a · D b``: for stiffnesses what makes the motion."""
+        """Applied terminal loads b (n, cases) of ``a · D b``; for stiffnesses, of the motion."""
         c = self.campaign
         out = self.applied_loads.copy()
         stiff = np.flatnonzero(c.kind == STIFFNESS)
@@ -208,16 +208,16 @@ class RobotReadings(InstrumentReadings):
 
     @cached_property
     def pushes(self) -> Array:
-        """Diagonal matrices (p, 6, 6) of 1/C_ii as the instrument shows it."""
+        """Diagonal matrices (p, 6, 6) of the apparent 1/C_ii."""
         diagonal = np.einsum("pii->pi", self.shown_compliance)
         return np.eye(6) / np.where(diagonal == 0.0, np.inf, diagonal)[:, None, :]
 
     def find_wrenches(self, name: str) -> tuple[Array, Array]:
-        """Wrenches (n, 6) on an element, own axes, by what is read and by what is applied: ``W a`` and ``W b``."""
+        """Return element wrenches (n, 6), own axes, by sense and drive: ``W a`` and ``W b``."""
         return self._find_pair(name, self.elastic_state.transmit_wrenches, self.elastic_state.load_modes)
 
     def find_motions(self, name: str) -> tuple[Array, Array]:
-        """Motions (n, k) along a joint's free directions by what is read and by what is applied."""
+        """Return motions (n, k) in a joint's free directions by sense and drive."""
         return self._find_pair(f"{name} ", self.elastic_state.transmit_motions, self.elastic_state.move_modes)
 
     def _find_pair(
@@ -241,7 +241,7 @@ class RobotReadings(InstrumentReadings):
 
     @cached_property
     def at_terminals(self) -> tuple[Array, Array]:
-        """Twists (n, 6) of the tool by what is read and by what is applied: what a spring at M feels of either."""
+        """Twists (n, 6) of the tool by sense and drive, as a spring at M undergoes them."""
         tool, pose = self.elastic_state.tool, self.campaign.pose
         pair = [np.einsum("nij,nj->ni", tool[pose], each) for each in (self.sense, self.drive)]
         return pair[0], pair[1]
@@ -251,13 +251,13 @@ class RobotReadings(InstrumentReadings):
         return {}
 
     def entries(self, matrices: Array) -> Array:
-        """Diagonal entry (n,) of matrices (p, 6, 6) that each reading looks at."""
+        """Return the diagonal entry (n,) of matrices (p, 6, 6) for each reading."""
         c = self.campaign
         return matrices[c.pose, c.direction, c.direction]
 
     @cached_property
     def robot_reads(self) -> Array:
-        """What every reading (n,) would be by the robot, its loads and its instruments, but for lost motion."""
+        """Readings (n,) due to robot, loads and instruments, without lost motion."""
         c = self.campaign
         out = np.zeros(len(c))
         for k in range(-1, len(c.sensors)):
@@ -275,7 +275,7 @@ class RobotReadings(InstrumentReadings):
 
     @cached_property
     def plain_readings(self) -> Array:
-        """What every reading (n,) would be by the robot, its loads and its instruments."""
+        """Readings (n,) due to robot, loads and instruments."""
         out = self.robot_reads
         if self.robot_at_poses.laws:
             out = out + self._lost_by_laws
@@ -286,7 +286,7 @@ class RobotReadings(InstrumentReadings):
 
     @cached_property
     def _lost_by_laws(self) -> Array:
-        """What readings (n,) are more by drives that are not linear, each from no force in the middle of its gap."""
+        """Changes (n,) of readings by nonlinear drives, each unloaded in the middle of its gap."""
         at = self.robot_at_poses
         forces = np.stack([self.drive_force(name) for name in at.laws], axis=1)
         forces = np.where(self.find_signs(forces) == 0.0, 0.0, forces)
@@ -295,35 +295,35 @@ class RobotReadings(InstrumentReadings):
         return sum((shifts[:, k] * self.by_drive(name) for k, name in enumerate(at.laws)), np.zeros(len(forces)))
 
     def find_rest_wrench(self, name: str) -> Array:
-        """Wrench (n, 6) on an element at every reading's pose when nothing is applied, own axes."""
+        """Return the unloaded wrench (n, 6) in an element at each reading's pose, own axes."""
         carried = self.elastic_state.transmit_wrenches(name) @ self._dead
         return carried[self.campaign.pose]
 
     @cached_property
     def _dead(self) -> Array:
-        """What always acts (cases,), on the terminals."""
+        """Permanent terminal loads (cases,)."""
         out = np.zeros(self.robot_at_poses.cases)
         out[self.robot_at_poses.weight_case : self.robot_at_poses.weight_case + 2] = self.gravity, 1.0
         return out
 
     def drive_force(self, drive: str) -> Array:
-        """Force or moment (n,) that a drive carries under what is applied; zero for other readings."""
+        """Return the applied force or moment (n,) in a drive; zero for readings of no motion."""
         axis = along_drive(self.robot_at_poses.robot.driven[drive])
         return np.where(self.is_motion, self.find_wrenches(drive)[1] @ axis, 0.0)
 
     def by_drive(self, drive: str) -> Array:
-        """Change (n,) of every reading for a shift of one metre (or a turn of one radian) in a drive."""
+        """Return the change (n,) of readings per metre (or radian) of shift in a drive."""
         axis = along_drive(self.robot_at_poses.robot.driven[drive])
         return np.where(self.is_motion, self.find_wrenches(drive)[0] @ axis, 0.0)
 
     def dead_zone(self, drive: str) -> Array:
-        """Change (n,) of every reading per metre of backlash: towards the force that the drive carries."""
+        """Return the change (n,) of readings per metre of backlash, towards the drive's force."""
         return self.find_signs(self.drive_force(drive)) * self.by_drive(drive)
 
     def find_signs(self, force: Array) -> Array:
-        """Signs (n, ...) of forces (n, ...) behind deflections and deviations, rounding apart; zero for other readings.
+        """Return signs (n, ...) of forces (n, ...), zero within rounding and for other readings.
 
-        What rounding leaves is judged beside the largest of a kind: a weight may be many times the forces applied.
+        Rounding is relative to the largest force of a kind: weights may far exceed applied forces.
         """
         kind = self.campaign.kind.reshape(-1, *(1,) * (force.ndim - 1))
         return sum(
@@ -332,7 +332,7 @@ class RobotReadings(InstrumentReadings):
 
     @cached_property
     def weight(self) -> Array:
-        """Change (n,) of the readings when the robot's own weight acts, but for unknown zeros."""
+        """Change (n,) of the readings by the robot's own weight, except unknown zeros."""
         c = self.campaign
         out = np.zeros(len(c))
         still = np.flatnonzero(c.shows_rest)
@@ -352,7 +352,7 @@ class RobotReadings(InstrumentReadings):
         return out
 
     def at_modes(self, values: Array) -> Array:
-        """Values (s, c) by pose and mode as the readings of frequencies (n,) have them; zero for others."""
+        """Return values (s, c) by pose and mode for frequency readings (n,); zero for others."""
         out = np.zeros(len(self.campaign))
         which, pose, mode = self._mode
         out[which] = values[pose, mode]
@@ -360,13 +360,13 @@ class RobotReadings(InstrumentReadings):
 
     @cached_property
     def _mode(self) -> tuple[Indices, Indices, Indices]:
-        """Readings of natural frequencies, each one's place among the poses with such, and its mode from 0."""
+        """Rows of frequency readings, index into the poses with such, and mode from 0."""
         c = self.campaign
         which = np.flatnonzero(c.kind == FREQUENCY)
         return which, np.searchsorted(self.robot_at_poses.shaken, c.pose[which]), c.quantity[which] - FIRST_FREQUENCY
 
     def applied_motion(self, moments: Array) -> Array:
-        """Deflection (n,) by further moments (n, 3) where the wrench of each acts; zero for other kinds of reading."""
+        """Return deflections (n,) by moments (n, 3) added to applied wrenches; else zero."""
         c = self.campaign
         out = np.zeros(len(c))
         for load in range(-1, len(c.loads)):

@@ -1,4 +1,4 @@
-"""Where effects may act in a campaign: its nominal robot at its poses, and its instruments."""
+"""Candidates' setting in a campaign: its nominal robot at its poses, and its instruments."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ if TYPE_CHECKING:
     from stiffscope.gap.forward.elastic_state import ElasticState
     from stiffscope.runtime.types import Array
 
-_USUAL = (2e-7, 2e-6)  # m/N, rad/(N·m): of a tool whose translations, or rotations, nothing holds or reads
+_USUAL = (2e-7, 2e-6)  # m/N, rad/(N·m): default for motions that are free or not read
 _ROUNDING = 1e-9  # relative
 
 
 def find_setting(sound: ElasticState, suspect: Callable[[str], bool] = lambda _part: False) -> Setting:
-    """Return where effects may act.
+    """Return the setting in which effects may act.
 
     Parameters
     ----------
     sound
         The nominal robot at a campaign's poses.
     suspect
-        Whether virtual experiments on a part, which take time, are worth while; by default they are not.
+        Whether the (slow) virtual experiments on a part are worthwhile; by default they are not.
 
     """
     at, c = sound.at, sound.at.campaign
@@ -44,13 +44,13 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool] = lambda _p
 
 
 def _median(compliances: Array, usual: float) -> float:
-    """Of those that are known and not zero."""
+    """Return the median of the positive compliances, or the usual value if there are none."""
     known = compliances[compliances > 0.0]
     return float(np.median(known)) if known.size else usual
 
 
 def _turns(sound: ElasticState, body: str) -> bool:
-    """Whether a body turns against gravity from pose to pose."""
+    """Return whether a body rotates relative to gravity between poses."""
     gravity = sound.at.mechanism.gravity
     rotation = sound.at.configurations.frame(body)[0]
     return bool(np.abs(rotation @ gravity - gravity).max() > _ROUNDING * np.abs(gravity).max())

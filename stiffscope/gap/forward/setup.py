@@ -1,8 +1,8 @@
-"""What is unknown of a campaign's instruments: where they stand, where targets sit, where zeros lie.
+"""Unknowns of a campaign's instruments: poses of frames, positions of targets, and zeros.
 
-All of it is found anew beside every hypothesis and is no cause. Readings are ``y = f + N v + noise`` with a normal
-prior of v, both weighted such that ``N = U s Vᵀ``. Summed over v, a residual r is as likely as noise of
-``r - U (1 - 1/sqrt(1 + s²)) Uᵀ r``. What no posture shows of v has s = 0, and takes no share.
+These nuisance parameters v are marginalized for every hypothesis: ``y = f + N v + noise`` with a
+normal prior of v, both weighted so that ``N = U s Vᵀ``. The marginal likelihood of a residual r is
+that of ``r - U (1 - 1/sqrt(1 + s²)) Uᵀ r``. Unobservable components of v have s = 0 and no share.
 """
 
 from __future__ import annotations
@@ -21,32 +21,32 @@ if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign, Sensor
     from stiffscope.runtime.types import Array, Flags, Indices
 
-_WIDE = 1e5  # m, rad: prior of what is unknown
-_USUAL = 1e-5  # m, rad: noise of readings that state none, beside a prior
-_STEPS = 50  # of Gauss-Newton
+_WIDE = 1e5  # m, rad: prior of unknowns
+_USUAL = 1e-5  # m, rad: default noise relative to a prior
+_STEPS = 50  # Gauss-Newton steps
 _HALVINGS = 12
-_SETTLED = 1e-4  # standard deviations: a step that moves no prediction by more is the last
-_RANK = 1e-12  # of the largest singular value: what no posture shows
-_CERTAIN = 1e5  # singular value from which the prior says nothing
-_HIDDEN = 1e-6  # share of a column below which it is rounding
-_PASSES = 6  # over outliers
+_SETTLED = 1e-4  # standard deviations: largest change of predictions by the last step
+_RANK = 1e-12  # relative to the largest singular value: unobservable below
+_CERTAIN = 1e5  # singular value above which the prior is negligible
+_HIDDEN = 1e-6  # fraction of a column regarded as rounding
+_PASSES = 6  # passes over outliers
 
 
 @dataclass(frozen=True)
 class Setup:
-    """Instruments as they stand: f frames, t targets, z zeros."""
+    """State of the instruments: f frames, t targets, z zeros."""
 
     rotation: Array
-    """(f, 3, 3) axes of the frames in {O}."""
+    """Axes (f, 3, 3) of the frames in {O}."""
     origin: Array
-    """(f, 3)."""
+    """Origins (f, 3) of the frames."""
     away: Array
-    """(t, 3) from where targets are said to sit, home axes, m."""
+    """Offsets (t, 3) of targets from their stated positions, home axes, m."""
     zero: Array
-    """(z,)."""
+    """Zeros (z,)."""
 
     def move(self, step: Array) -> Setup:
-        """The same after a step (6 f + 3 t + z,): frames shift and turn, targets shift, zeros shift."""
+        """Return the state after a step (6 f + 3 t + z,): frames shift and turn, others shift."""
         f, t = len(self.origin), len(self.away)
         frames, away = step[: 6 * f].reshape(f, 6), step[6 * f : 6 * f + 3 * t].reshape(t, 3)
         return Setup(
@@ -59,19 +59,19 @@ class Setup:
 
 @dataclass(frozen=True)
 class Projection:
-    """What the unknowns take of a change of the readings: ``left @ right``, of low rank."""
+    """Low-rank projection ``left @ right`` of changes of readings onto the unknowns."""
 
     left: Array
-    """(n, r)."""
+    """Left factor (n, r)."""
     right: Array
-    """(r, n)."""
+    """Right factor (r, n)."""
 
     def share(self, change: Array) -> Array:
-        """The unknowns' share of changes (n,) or (n, k)."""
+        """Return the unknowns' share of changes (n,) or (n, k)."""
         return self.left @ (self.right @ change)
 
     def without(self, columns: Array) -> Array:
-        """Changes (n, k) without that share; what is left of one that the unknowns imitate is zero, not rounding."""
+        """Return changes (n, k) without that share; columns fully absorbed become exactly zero."""
         if not len(self.right) or not columns.size:
             return columns
         out = columns - self.share(columns)
@@ -80,30 +80,30 @@ class Projection:
 
 @dataclass(frozen=True)
 class Placed:
-    """Readings of positions and distances beside one prediction of the robot."""
+    """Readings of positions and distances for one prediction of the robot."""
 
     setup: Setup
     seen: Array
-    """(a,) what they would be with targets and zeros as they are said to be."""
+    """Readings (a,) with targets and zeros as stated."""
     looks: Array
-    """(a, 6) motion that each looks at, of its body at the point where the target is said to sit; base axes."""
+    """Measured direction (a, 6) of body motion at the stated target point; base axes."""
     projection: Projection
 
 
 @dataclass(frozen=True)
 class Instruments:
-    """The unknowns of a campaign's instruments, and which of its readings show them."""
+    """Unknowns of a campaign's instruments, and the readings that depend on them."""
 
     campaign: Campaign
 
     @cached_property
     def rows(self) -> Indices:
-        """Positions and distances (a,) among the readings."""
+        """Rows (a,) of position and distance readings."""
         return np.flatnonzero(self.campaign.kind == POSITION)
 
     @cached_property
     def _looks(self) -> tuple[Array, Flags]:
-        """Axis in its frame (a, 3) that each looks along, and whether it is a distance (a,)."""
+        """Measured axes (a, 3) in their frames, and whether each reading is a distance (a,)."""
         c = self.campaign
         which: list[Sensor] = [c.sensors[int(k)] for k in c.sensor[self.rows]]
         axes = np.array([s.direction for s in which], dtype=float).reshape(-1, 3)
@@ -111,7 +111,7 @@ class Instruments:
 
     @cached_property
     def _frame(self) -> tuple[Indices, list[int]]:
-        """Which standing of an instrument (a,) each reading belongs to, and which of the frames that is."""
+        """Instrument setup (a,) of each reading, and the frame of each setup."""
         c, names = self.campaign, [frame.name for frame in self.campaign.frames]
         own = np.array([names.index(s.frame) if s.absolute else -1 for s in c.sensors] or [-1])[c.sensor[self.rows]]
         anew = np.array([frame.per == "session" for frame in c.frames] or [False])[own]
@@ -121,7 +121,7 @@ class Instruments:
 
     @cached_property
     def _loose(self) -> tuple[Indices, Array]:
-        """Which target of an uncertain place (a,) each reading is of, -1 for none, and how uncertain each is (t,)."""
+        """Uncertain target (a,) of each reading, -1 for none; uncertainties (t,) of the targets."""
         c = self.campaign
         known = {s.target or s.name: s.at_sigma for s in c.sensors if s.absolute and s.at_sigma > 0.0}
         names = [s.target or s.name for s in c.sensors]
@@ -130,7 +130,7 @@ class Instruments:
 
     @cached_property
     def _zeros(self) -> Indices:
-        """Which unknown zero a reading (n,) has, -1 for none."""
+        """Index (n,) of each reading's unknown zero, -1 for none."""
         c = self.campaign
         unknown = np.array([s.zero == "session" for s in c.sensors] + [False])
         free = unknown[c.sensor] & ((c.kind <= DEVIATION) | (c.kind == POSITION))
@@ -142,7 +142,7 @@ class Instruments:
 
     @cached_property
     def _prior(self) -> tuple[Array, Flags]:
-        """Standard deviations (m,) of all unknowns, and of which the mean is stated."""
+        """Prior standard deviations (m,) of all unknowns, and whether the mean is stated."""
         frames = [self.campaign.frames[k] for k in self._frame[1]]
         places = [np.full(6, _WIDE) if f.pose is None else np.array(f.sigma or np.zeros(6)) for f in frames]
         stated = np.repeat([f.pose is not None for f in frames], 6)
@@ -152,7 +152,7 @@ class Instruments:
 
     @cached_property
     def _weight(self) -> Array:
-        """One over the noise (n,); where none is stated that of its like, or a usual one."""
+        """Inverse noise (n,); if not stated, that of the same kind, or a default."""
         c = self.campaign
         sigma, like = np.array(c.sigma), c.kind_numbers
         for group in np.unique(like[np.isnan(sigma)]):
@@ -162,7 +162,7 @@ class Instruments:
         return 1.0 / sigma
 
     def _linearize(self, setup: Setup, points: Array, turns: Array) -> tuple[Array, Array, Array]:
-        """Positions and distances (a,), directions (a, 3), derivatives of all readings (n, m) by the unknowns."""
+        """Return predictions (a,), directions (a, 3) and derivatives (n, m) by the unknowns."""
         c, rows, (axes, ranged) = self.campaign, self.rows, self._looks
         f, t = len(setup.origin), len(setup.away)
         out = np.zeros((len(c), len(self._prior[0])))
@@ -184,7 +184,7 @@ class Instruments:
         return seen + self._zero_of(setup), direction, out
 
     def look(self, setup: Setup, points: Array, turns: Array) -> Array:
-        """Positions and distances (a,) of targets at points (a, 3) of bodies turned by (a, 3, 3)."""
+        """Return positions and distances (a,) of targets (a, 3) on bodies rotated by (a, 3, 3)."""
         return self._linearize(setup, points, turns)[0]
 
     def _zero_of(self, setup: Setup) -> Array:
@@ -192,7 +192,7 @@ class Instruments:
         return np.where(mine >= 0, np.append(setup.zero, 0.0)[mine], 0.0)
 
     def project(self, columns: Array, weight: Array) -> Projection:
-        """Sum over the unknowns: readings (n,) of weight zero take no part, and follow."""
+        """Return the projection onto the unknowns; readings (n,) of zero weight do not count."""
         scaled = columns * self._prior[0]
         u, s, v = _factors(scaled * weight[:, None])
         factor = (1.0 - np.where(s < _CERTAIN, 1.0 / np.sqrt(1.0 + s**2), 0.0)) / np.where(s > 0.0, s, 1.0)
@@ -200,7 +200,7 @@ class Instruments:
 
     @cached_property
     def zeros(self) -> Projection:
-        """Of a campaign whose only unknowns are zeros."""
+        """Projection for a campaign whose only unknowns are zeros."""
         return self.project(self._linearize(self._nowhere, np.zeros((0, 3)), np.zeros((0, 3, 3)))[2], self._weight)
 
     @property
@@ -210,19 +210,19 @@ class Instruments:
 
     @cached_property
     def measured_values(self) -> Array:
-        """Positions and distances (a,) as they were read."""
+        """Measured positions and distances (a,)."""
         c = self.campaign
         return c.value[self.rows] + (0.0 if c.expected is None else c.expected[self.rows])
 
     def start(self, points: Array, turns: Array) -> tuple[Setup, Array]:
-        """Instruments without any guess, and the weights (n,) of the readings: none of gross outliers.
+        """Return instruments estimated without a guess, and weights (n,), zero for outliers.
 
         Parameters
         ----------
         points
-            (a, 3) where the robot as commanded has the target of each position and distance.
+            (a, 3) target of each position and distance for the robot as commanded.
         turns
-            (a, 3, 3) of its body, from home.
+            (a, 3, 3) rotation of its body from home.
         """
         setup, weight = self._stated_setup(), np.array(self._weight)
         own, ranged = weight[self.rows], self._looks[1]
@@ -244,7 +244,7 @@ class Instruments:
         return setup, weight
 
     def _stated_setup(self) -> Setup:
-        """As the campaign has it."""
+        """Return the setup as stated in the campaign."""
         out = self._nowhere
         for k, which in enumerate(self._frame[1]):
             pose = self.campaign.frames[which].pose
@@ -253,7 +253,7 @@ class Instruments:
         return out
 
     def _triples(self, mine: Indices) -> Indices:
-        """Rows (k, 3) among some readings that are x, y and z of one target at once."""
+        """Return rows (k, 3) of simultaneous x, y and z readings of one target."""
         c, rows = self.campaign, self.rows[mine]
         names = [s.target for s in c.sensors]
         target = np.array([names.index(name) for name in names])[c.sensor[rows]]
@@ -265,7 +265,7 @@ class Instruments:
         return found[(found >= 0).all(axis=1)]
 
     def fit(self, points: Array, turns: Array, setup: Setup, weight: Array) -> Setup:
-        """The instruments that fit best, by damped Gauss-Newton from others."""
+        """Return the best-fitting instruments by damped Gauss-Newton from an initial setup."""
         sigma, stated = self._prior
         own, start = weight[self.rows], self._stated_setup()
         seen, _, columns = self._linearize(setup, points, turns)
@@ -290,7 +290,7 @@ class Instruments:
         return setup
 
     def _offset(self, setup: Setup, start: Setup) -> Array:
-        """How far (m,) all unknowns are from what is stated, in units of their priors; 0 of what is unknown."""
+        """Return deviations (m,) from stated values in prior standard deviations; 0 if unknown."""
         sigma, stated = self._prior
         turns = setup.rotation @ np.swapaxes(start.rotation, -1, -2)
         small = 0.5 * np.stack([turns[:, i, j] - turns[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1)
@@ -299,14 +299,14 @@ class Instruments:
         return np.divide(every, sigma, out=np.zeros(len(sigma)), where=stated & (sigma > 0.0))
 
     def place(self, points: Array, turns: Array, start: tuple[Setup, Array]) -> Placed:
-        """The instruments beside one prediction.
+        """Fit the instruments to one prediction.
 
         Parameters
         ----------
         points, turns
-            (a, 3), (a, 3, 3) of targets and their bodies.
+            (a, 3), (a, 3, 3) target points and rotations of their bodies.
         start
-            Of the robot as commanded.
+            Setup and weights for the robot as commanded.
         """
         setup = self.fit(points, turns, *start)
         seen, direction, columns = self._linearize(setup, points, turns)
@@ -315,13 +315,13 @@ class Instruments:
         return Placed(setup, seen - columns[self.rows] @ offset, looks, self.project(columns, start[1]))
 
     def _levers(self, setup: Setup, turns: Array) -> Array:
-        """From where targets are said to sit to where they do (a, 3), base axes."""
+        """Return vectors (a, 3) from stated to actual target positions, base axes."""
         away = np.concatenate([setup.away, np.zeros((1, 3))])[self._loose[0]]
         return np.einsum("nij,nj->ni", turns, away)
 
 
 def _factors(columns: Array) -> tuple[Array, Array, Array]:
-    """Singular value decomposition of columns (n, m), without what is rounding."""
+    """Return the singular value decomposition of columns (n, m), without rounding."""
     u, s, v = np.linalg.svd(columns, full_matrices=False)
     keep = s > _RANK * s.max(initial=0.0)
     return u[:, keep], s[keep], v[keep]

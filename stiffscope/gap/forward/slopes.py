@@ -1,7 +1,7 @@
-"""Derivatives of readings by what an effect changes: elements, loads, dead zones, instruments.
+"""Derivatives of readings by an effect's changes of elements, loads, dead zones and instruments.
 
-An element whose compliance changes by δC changes a reading by ``(W a) · δC (W b)``, one whose unloaded end moves by t
-by ``(W a) · t``; a load by its work along what is read (see `robot_readings`).
+A change δC of an element's compliance changes a reading by ``(W a) · δC (W b)``, a motion t of its
+unloaded end by ``(W a) · t``, and a load by its work along the sensed motion (`robot_readings`).
 """
 
 from __future__ import annotations
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
 
     Step = tuple[Influence, Influence, float]
 
-_SIGNS = np.array([1.0, 1.0, -1.0, -1.0, 0.0, 0.0])  # of a gain of displacements, by the kind of a reading
+_SIGNS = np.array([1.0, 1.0, -1.0, -1.0, 0.0, 0.0])  # of a displacement gain, by kind of reading
 _FORCE_SIGNS = np.array([1.0, 0.0, -1.0, -1.0, 0.0, 0.0])  # of a gain of applied forces
 
 
 def find_slopes(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
-    """Derivatives (n, k) of every reading along k parameters of one effect.
+    """Return the derivatives (n, k) of readings with respect to k parameters of one effect.
 
     Parameters
     ----------
     prediction
-        The robot with the effects that it has.
+        The robot with its effects.
     steps
-        Of each parameter: what the effect changes a little further, a little less far, and the distance of the two.
+        For each parameter: the effect's changes a step ahead and behind, and their distance.
 
     """
     out = _of_elements(prediction, [(ahead.elements, behind.elements, width) for ahead, behind, width in steps])
@@ -47,7 +47,7 @@ def find_slopes(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
 
 
 def _of_others(prediction: RobotReadings, ahead: Influence, behind: Influence, width: float) -> Array:
-    """By payloads, dead zones and instruments."""
+    """Return derivatives (n,) by payloads, dead zones and instruments."""
     c = prediction.campaign
     out = np.zeros(len(c))
     for more, less in zip(ahead.payloads, behind.payloads, strict=True):
@@ -67,7 +67,7 @@ def _of_others(prediction: RobotReadings, ahead: Influence, behind: Influence, w
 
 
 def _of_elements(prediction: RobotReadings, steps: Sequence[tuple[Changes, Changes, float]]) -> Array:
-    """By the wrenches that the changed elements carry."""
+    """Return derivatives (n, k) from the wrenches in the changed elements."""
     c = prediction.campaign
     out = np.zeros((len(c), len(steps)))
     still = np.where(c.shows_rest, 1.0, 0.0)[:, None]
@@ -94,7 +94,7 @@ def _of_elements(prediction: RobotReadings, steps: Sequence[tuple[Changes, Chang
 
 
 def _find_rates(steps: Sequence[tuple[Changes, Changes, float]], name: str, field: str) -> tuple[Indices, Array]:
-    """Parameters (m,) by which something of an element changes, and its derivatives (m, ...)."""
+    """Return the parameters (m,) that change a field of an element, and derivatives (m, ...)."""
     rates: dict[int, Array] = {}
     for k, (ahead, behind, width) in enumerate(steps):
         if name in ahead:
@@ -107,9 +107,9 @@ def _find_rates(steps: Sequence[tuple[Changes, Changes, float]], name: str, fiel
 
 
 def _turn_about(prediction: RobotReadings, name: str) -> Array:
-    """Twists (p, 6, 6) between a joint's unloaded ends, own axes, for twists of its axis away from where it is drawn.
+    """Return twists (p, 6, 6) between a joint's unloaded ends, own axes, per twist of its axis.
 
-    With the second body's displacement G against the first's, from home: ``1 - Ad(G)``.
+    ``1 - Ad(G)``, with the displacement G of the second body relative to the first, from home.
     """
     where, joint = prediction.elastic_state.places, prediction.robot_at_poses.mechanism.joint(name)
     first, second = (FOOT if node == GROUND else node for node in (joint.first, joint.second))
@@ -124,7 +124,7 @@ def _turn_about(prediction: RobotReadings, name: str) -> Array:
 
 
 def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:
-    """A payload's weight along what is read; its inertia in the modes."""
+    """Return derivatives (n,) by a payload's weight, and by its inertia for frequencies."""
     c, elastic, at = prediction.campaign, prediction.elastic_state, prediction.robot_at_poses
     along = elastic.work_on_node(payload.body, elastic.weights([payload]))[..., 0]  # (p, cases)
     out = np.where(c.shows_rest, np.einsum("nc,nc->n", prediction.sense, along[c.pose]), 0.0)
@@ -138,7 +138,7 @@ def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:
 
 
 def _of_turn(prediction: RobotReadings, name: str, rate: Array) -> Array:
-    """A turn (3,) of the instrument of a name."""
+    """Return derivatives (n,) by a rotation (3,) of a named instrument."""
     c, shown = prediction.campaign, prediction.shown_by(name)
     turn = np.kron(np.eye(2), np.cross(rate, np.eye(3)).T)
     out = np.zeros(len(c))

@@ -1,4 +1,4 @@
-"""What acts at the terminals: wrenches of loads, sensors, weights and inertia on nodes, at M in base axes."""
+"""Terminal wrenches of loads, sensors, weights and inertia on nodes, at M in base axes."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.network import Places
 
-_HELD_MOMENT = 1e-9  # relative: what rounding leaves of a moment
+_HELD_MOMENT = 1e-9  # relative rounding error of a moment
 
 
 def unit_wrenches(sensor: Sensor) -> Array:
-    """Unit wrench (6, 1) that a sensor's reading is the work of; of a target (6, 6)."""
+    """Return the unit wrench (6, 1) conjugate to a sensor's reading; (6, 6) for a target."""
     if sensor.absolute:
         return np.eye(6)
     direction = np.array(sensor.direction)
@@ -36,16 +36,16 @@ def wrenches_at(where: Places, node: str, home: Sequence[float] | Array) -> Arra
 
 
 def find_weight(payload: Payload, where: Places, gravity: Array) -> Array:
-    """Wrench (n, 6) of a payload's weight at M in base axes."""
+    """Return the wrench (n, 6) of a payload's weight at M in base axes."""
     arm = where.rotation[payload.body] @ payload.moments
     push = np.concatenate([np.broadcast_to(payload.mass * gravity, arm.shape), np.cross(arm, gravity)], axis=1)
     return (wrenches_at(where, payload.body, payload.at) @ push[..., None])[..., 0]
 
 
 def find_inertial_forces(mechanism: Mechanism, where: Places, shapes: Mapping[str, Array]) -> dict[str, Array]:
-    """Wrenches ``M v`` (n, 6, c) on nodes at M in base axes for twists v (n, 6, c) of the nodes.
+    """Return wrenches ``M v`` (n, 6, c) on nodes at M in base axes for node twists v (n, 6, c).
 
-    Of elastic bodies the condensed mass, without that of their own modes.
+    Elastic bodies contribute their condensed mass, without internal modes.
     """
     out: dict[str, Array] = {}
 
@@ -53,7 +53,7 @@ def find_inertial_forces(mechanism: Mechanism, where: Places, shapes: Mapping[st
         out[node] = out[node] + wrench if node in out else wrench
 
     def move_node(node: str, at: Array, axes: Array) -> tuple[Array, Array]:
-        """Adjoint (n, 6, 6) of a node's own axes at a point, and its twist there (n, 6, c)."""
+        """Return the adjoint (n, 6, 6) of a node's axes at a point, and its twist (n, 6, c)."""
         frame = Frame(where.rotation[node] @ axes, where.point(node, at) - where.tool)
         back = frame.inverse_adjoint()
         return back, back @ shapes[node]

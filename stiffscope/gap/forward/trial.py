@@ -1,4 +1,4 @@
-"""Readings that could be taken next: what a lab can read and apply, at poses all over the workspace."""
+"""Possible next readings: the lab's loads and instruments at poses throughout the workspace."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ if TYPE_CHECKING:
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array, Flags, Indices
 
-FORCE, MOMENT = 500.0, 100.0  # N, N·m: the range of loads where the campaign shows none
-DISPLACEMENT, ROTATION = 1e-6, 5e-6  # m, rad: the instrument where the campaign shows none
-_TRIALS = 128  # poses that are looked at for what to measure next
-_HALVINGS = 6  # between two such poses to the rim of what is within reach
-_MARGIN = 0.15  # of what the campaign and the map sweep, on either side, for such poses
+FORCE, MOMENT = 500.0, 100.0  # N, N·m: default range of loads if the campaign has none
+DISPLACEMENT, ROTATION = 1e-6, 5e-6  # m, rad: default noise if the campaign has no displacements
+_TRIALS = 128  # candidate poses for the next measurement
+_HALVINGS = 6  # bisections between two poses to the workspace boundary
+_MARGIN = 0.15  # margin on either side of the range of campaign and map
 
 
 def plan_trial(c: Campaign, nominal: NominalRobot, sigma: Array) -> tuple[Campaign, Array, Indices]:
-    """Every load and axis at its largest, and none, read by what the lab has, at poses all over the workspace.
+    """Plan readings without load and with every load axis at its largest, throughout the workspace.
 
     Parameters
     ----------
     c
         The campaign.
     nominal
-        Its nominal robot.
+        The campaign's nominal robot.
     sigma
-        (n,) noise of its readings.
+        Noise (n,) of its readings.
 
     Returns
     -------
     tuple
-        Readings (t,) that could be taken next, their expected noise (t,), and which measurement (t,) each belongs to.
+        Possible next readings (t,), their expected noise (t,) and measurement numbers (t,).
 
     """
     poses, cases = _trial_poses(c, nominal), _trial_loads(c)
@@ -77,13 +77,13 @@ def plan_trial(c: Campaign, nominal: NominalRobot, sigma: Array) -> tuple[Campai
 
 
 def _as_gauge(sensor: Sensor) -> Sensor:
-    """A sensor as its campaign leaves it: its zero known, and an instrument that stands anywhere placed."""
+    """Return a sensor as calibrated by the campaign: zero known, absolute instrument placed."""
     placed = replace(sensor, zero="none")
     return replace(placed, measures="displacement", at_sigma=0.0) if sensor.absolute else placed
 
 
 def _trial_poses(c: Campaign, nominal: NominalRobot) -> Array:
-    """Poses (k, d) within reach, evenly over the campaign's own and what the robot's map sweeps."""
+    """Return reachable poses (k, d), evenly over the ranges of the campaign and the robot's map."""
     low, high = c.poses.min(axis=0), c.poses.max(axis=0)
     sweep = nominal.robot.map
     for k, name in enumerate(c.coordinates):
@@ -111,18 +111,18 @@ def _trial_poses(c: Campaign, nominal: NominalRobot) -> Array:
         good = reaches(half)[:, None]
         inside, outside = np.where(good, half, inside), np.where(good, outside, half)
     found = np.vstack([inside, reached[valid]])
-    while not (valid := reaches(found)).all():  # all but singular poses may be reached beside others alone
+    while not (valid := reaches(found)).all():  # singular poses may depend on others
         found = found[valid]
     return found
 
 
 def _reaches(c: Campaign, nominal: NominalRobot, poses: Array) -> Flags:
-    """Which poses (k, d) are within reach, (k,)."""
+    """Return flags (k,) of the poses (k, d) within reach."""
     return configure_robot(nominal.mechanism, c.coordinates, poses).valid
 
 
 def _trial_loads(c: Campaign) -> list[tuple[int, Array]]:
-    """Loads and their wrenches (6,): none, and every axis that the campaign loads at its largest."""
+    """Return loads and wrenches (6,): none, and each loaded axis at its largest."""
     out: list[tuple[int, Array]] = [(AT_TOOL, np.zeros(6))]
     for load in range(AT_TOOL, len(c.loads)):
         wrench = np.nan_to_num(c.wrench[(c.kind == DEFLECTION) & (c.load == load)])
@@ -134,7 +134,7 @@ def _trial_loads(c: Campaign) -> list[tuple[int, Array]]:
 
 
 def _displacement_noise(c: Campaign, sigma: Array) -> Array:
-    """Noise of a displacement by each channel, as the campaign's own readings have it."""
+    """Return the displacement noise of each channel in the campaign's readings."""
     moving = c.is_motion
     out = np.array([ROTATION if s.rotates else DISPLACEMENT for s in c.sensors] + [DISPLACEMENT] * 3 + [ROTATION] * 3)
     for channel in range(len(out)):
@@ -147,7 +147,7 @@ def _displacement_noise(c: Campaign, sigma: Array) -> Array:
 
 
 def _trace_coordinate(start: Array, axis: int, low: float, high: float) -> Array:
-    """Poses (k, d) from a start along one coordinate, from end to end of its range."""
+    """Return poses (k, d) from a start, with one coordinate over its whole range."""
     out = np.repeat(start[None], _TRIALS // 4, axis=0)
     out[:, axis] = np.linspace(low, high, len(out))
     return out

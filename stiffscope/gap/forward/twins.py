@@ -1,4 +1,4 @@
-"""Effects that no reading distinguishes from another."""
+"""Effects that no reading distinguishes."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array
 
 _MODULUS = ".youngs_modulus"
-_SAME = 1e-9  # 1 - |cosine| of signatures below which no reading distinguishes two effects
-_ROUNDING = 1e-10  # of the largest reading
-_OF_ONE_SIZE = 30.0  # times what one of two twins usually does to the readings that the other may do
+_SAME = 1e-9  # 1 - |cosine| of signatures below which effects are indistinguishable
+_ROUNDING = 1e-10  # relative to the largest reading
+_OF_ONE_SIZE = 30.0  # largest ratio of the usual changes of readings by two twins
 
 
 def _shows(columns: Array, candidate: Candidate, prediction: RobotPrediction) -> bool:
-    """Whether any reading would change with parameters of their prior size, beyond rounding."""
+    """Return whether parameters of prior size would change any reading beyond rounding."""
     largest = float(np.abs(prediction.plain_readings).max(initial=0.0))
     return bool((np.abs(columns) * np.array(candidate.scale) > _ROUNDING * largest).any())
 
 
 def _is_factor(candidate: Candidate, known: Sequence[Candidate]) -> bool:
-    """Whether a candidate is the modulus of a part with a plain factor on its stiffness: the same in other units."""
+    """Return whether a candidate is the modulus of a part that has a stiffness factor."""
     same = [c.members for c in known if c.effect == LinkStiffness.word]
     return candidate.place.endswith(_MODULUS) and candidate.members in same
 
 
 def merge_twins(candidates: Sequence[Candidate], prediction: RobotPrediction) -> tuple[Candidate, ...]:
-    """Candidates of one parameter with the very same signature in the readings as twins of the first of them.
+    """Merge candidates of one parameter with the same signature as twins of the first.
 
-    Those of which one usually does many times as much are none: what is a usual offset of an encoder may be a mass that
-    is not plausible. What no reading shows is left out.
+    Candidates whose usual changes differ strongly are not merged: a usual encoder offset may equal
+    an implausible mass. Candidates that change no reading are dropped.
     """
     candidates = [c for c in candidates if not c.scale or _shows(prediction.columns(c), c, prediction)]
     singles = [k for k, c in enumerate(candidates) if len(c.scale) == 1 and c.effect != Backlash.word]

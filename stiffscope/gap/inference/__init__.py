@@ -1,1 +1,1 @@
-"""Which effects explain the readings, and how surely."""
+"""Inference of the effects that explain the readings, with probabilities."""

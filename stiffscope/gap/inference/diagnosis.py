@@ -1,4 +1,4 @@
-"""The diagnosis of a campaign as plain dataclasses, and the JSON that carries it."""
+"""Diagnosis of a campaign as plain dataclasses, and its JSON form."""
 
 from __future__ import annotations
 
@@ -24,41 +24,41 @@ def _empty_parameters() -> dict[str, Parameter]:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A fitted number with its standard uncertainty, SI."""
+    """A fitted parameter with its standard uncertainty, SI."""
 
     value: float
     sigma: float
     unit: str
     plausible: bool = True
     interval: tuple[float, float] = (math.nan, math.nan)
-    """Holds the true value with a probability of 95 %."""
+    """95 % credible interval."""
     nominal: float | None = None
-    """The model's value; None where it has none."""
+    """Value in the model; None if it has none."""
 
 
 @dataclass(frozen=True)
 class Effect:
-    """One effect of the set that explains the gap."""
+    """An effect of the set that explains the gap."""
 
     effect: str
     place: str
     probability: float
     gap_after: float
-    """% rms left when it alone is added."""
+    """Gap left by this effect alone, % rms."""
     parameters: dict[str, Parameter] = field(default_factory=_empty_parameters)
     confused_with: tuple[str, ...] = ()
-    """Effects, as `effect @ place`, that these readings cannot distinguish from it, nuisance patterns among them."""
+    """Indistinguishable effects, as `effect @ place`, including nuisance patterns."""
     share: float = math.nan
-    """Part of the explained misfit that is its own, by Shapley's value; the shares of all effects add up to 1."""
+    """Shapley share of the explained misfit; the shares of all effects sum to 1."""
     group_probability: float = math.nan
-    """Probability that it or one of what it is confused with is at work."""
+    """Probability that this effect or one of `confused_with` is present."""
     errors: dict[str, Parameter] = field(default_factory=_empty_parameters)
-    """Of many small errors, which the parameters sum up, each by its name, the largest in its unit first."""
+    """Individual small errors by name, if `parameters` summarize them, the largest first."""
 
 
 @dataclass(frozen=True)
 class Possible:
-    """An effect that may be at work, with nothing certain about it."""
+    """An effect that may be present, without certainty."""
 
     effect: str
     place: str
@@ -67,7 +67,7 @@ class Possible:
 
 @dataclass(frozen=True)
 class Alternative:
-    """An effect that was considered and is not in the diagnosis."""
+    """An effect that was considered but is not part of the diagnosis."""
 
     effect: str
     place: str
@@ -78,11 +78,11 @@ class Alternative:
 
 @dataclass(frozen=True)
 class AbsoluteGap:
-    """Rms between model and measurement of one kind of scalar reading, in its own unit."""
+    """Rms difference of model and measurement for one kind of reading, in its own unit."""
 
     unit: str
     before: float
-    """Instruments, targets and zeros placed: they are no gap."""
+    """After fitting instruments, targets and zeros, which are not part of the gap."""
     after: float
     held_out: float
     noise: float
@@ -94,7 +94,7 @@ def _empty_kinds() -> dict[str, AbsoluteGap]:
 
 @dataclass(frozen=True)
 class Gap:
-    """% rms between model and measurement, and χ² per reading before and after."""
+    """Gap between model and measurement, % rms, and χ² per reading before and after."""
 
     nominal: float
     explained: float
@@ -102,74 +102,74 @@ class Gap:
     noise: float
     chi2_per_reading: tuple[float, float]
     left: float = math.nan
-    """What is left beyond the noise, % rms: sqrt(explained² - noise²)."""
+    """Remaining gap beyond the noise, % rms: sqrt(explained² - noise²)."""
     discrepancy: float = math.nan
-    """Size of an unknown cause beside the effects as inferred, % of the readings; 0 where nothing speaks for one."""
+    """Inferred size of another unknown cause, % of the readings; 0 without evidence for one."""
     absolute: dict[str, AbsoluteGap] = field(default_factory=_empty_kinds)
-    """By kind of reading: displacement, rotation, position, distance, stiffness, rotational stiffness, frequency."""
+    """By kind: displacement, rotation, position, distance, (rotational) stiffness, frequency."""
 
 
 @dataclass(frozen=True)
 class Where:
-    """Shares of the nominal model's residuals; each dictionary adds up to one."""
+    """Shares of the nominal model's residuals; each dictionary sums to one."""
 
     direction: dict[str, float]
     component: dict[str, float] = field(default_factory=_empty_places)
     pose_names: tuple[str, ...] = ()
     pose: tuple[tuple[float, ...], ...] = ()
-    """Rms of the residuals in standard deviations, pose by direction (x y z rx ry rz); NaN where nothing was read."""
+    """Rms residuals over sigma by pose and direction (x y z rx ry rz); NaN if not read."""
     unexplained: tuple[tuple[float, ...], ...] = ()
-    """The same with the diagnosed effects."""
+    """As `pose`, with the diagnosed effects."""
     left: dict[str, float] = field(default_factory=_empty_places)
-    """By direction, of what the diagnosed effects leave; empty where they bring the gap to the noise."""
+    """By direction, with the diagnosed effects; empty if these reduce the gap to the noise."""
     sensor: dict[str, float] = field(default_factory=_empty_places)
-    """By sensor, and by axis at M."""
+    """By sensor and by axis at M."""
     left_by_sensor: dict[str, float] = field(default_factory=_empty_places)
-    """The same of what the diagnosed effects leave; empty where they bring the gap to the noise."""
+    """As `sensor`, with the diagnosed effects; empty if these reduce the gap to the noise."""
 
 
 @dataclass(frozen=True)
 class NextMeasurement:
-    """What to read next, and which explanations that separates."""
+    """Proposed next measurement, and the explanations that it distinguishes."""
 
     separates: tuple[str, ...]
     expected_gain: float
-    """Expected ln-odds between them."""
+    """Expected ln-odds between these explanations."""
     position: dict[str, float] | None = None
-    """Commanded coordinates by name, m and rad; None where poses are labels."""
+    """Commanded coordinates by name, m and rad; None if poses are labels."""
     wrench: tuple[float, ...] | None = None
     pose: str | None = None
     quantity: str | None = None
     sensors: tuple[str, ...] | None = None
-    """The campaign's sensors to read, where it is not a quantity at M."""
+    """Sensors to read, unless the quantity is read at M."""
     load: str | None = None
-    """The campaign's point to load, where it is not M."""
+    """Load point, unless M is loaded."""
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """The verdict under another prior."""
+    """Verdict under another prior."""
 
     prior: str
-    """What is ten times as large or as small."""
+    """Prior quantity that is ten times larger or smaller."""
     verdict: str
     probability: dict[str, float] = field(default_factory=_empty_places)
-    """Of every effect named, as `effect @ place`."""
+    """Probability of every named effect, as `effect @ place`."""
 
 
 @dataclass(frozen=True)
 class HeldOut:
-    """Readings predicted by the effects as fitted without their pose."""
+    """Check of readings predicted by effects fitted without their pose."""
 
     inside_95: float
-    """Share of them within their 95 % predictive interval."""
+    """Fraction of readings within their 95 % predictive interval."""
     chi2_per_reading: float
-    """By the predictive standard deviation."""
+    """χ² per reading with the predictive standard deviation."""
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Verdict, gap, effects and alternatives, location, next measurement."""
+    """Verdict, gap, effects, alternatives, location of the gap and next measurement."""
 
     __repr__ = describe_briefly
 
@@ -182,20 +182,20 @@ class Diagnosis:
     next_measurement: NextMeasurement | None = None
     remarks: tuple[str, ...] = ()
     steps: tuple[tuple[str, float], ...] = ()
-    """The gap in % rms before, after each effect alone, together, held out, and by the noise alone."""
+    """Gap in % rms: nominal, after each effect alone, after all, held out, and by noise alone."""
     signature_correlation: tuple[tuple[str, ...], tuple[tuple[float, ...], ...]] = ((), ())
-    """Effects and the cosine's size between their signatures; 1: indistinguishable from these readings."""
+    """Effects and signature correlations (1: indistinguishable from these readings)."""
     possible: tuple[Possible, ...] = ()
-    """Effects that are merely possible beside the named ones."""
+    """Effects that are merely possible besides the named ones."""
     sensitivity: tuple[Sensitivity, ...] = ()
     held_out_check: HeldOut | None = None
     samples: Samples | None = field(default=None, repr=False, compare=False)
-    """Draws from the posterior, for `posterior.nc` and the figures."""
+    """Posterior samples, for `posterior.nc` and the figures."""
     beside: tuple[Effect, ...] = ()
-    """What the parameters were fitted beside without being certain; of the effect "unknown" what has no word."""
+    """Uncertain effects fitted jointly with the named ones; "unknown" for nuisance patterns."""
 
     def to_pandas(self) -> pd.DataFrame:
-        """Return the named effects, a row for each parameter: value, sigma, unit, ends of the 95 % interval; SI."""
+        """Return named effects, one row per parameter: value, sigma, 95 % interval, unit; SI."""
         import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
 
         rows = [
@@ -208,7 +208,7 @@ class Diagnosis:
 
 
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
-    """The diagnosis as the plain data of `diagnosis.json`; a number that does not exist is null."""
+    """Return the diagnosis as plain data for `diagnosis.json`; missing numbers are null."""
     data = asdict(replace(diagnosis, samples=None))
     del data["steps"], data["signature_correlation"], data["samples"]
     data["gap"]["unit"] = "% rms"
@@ -221,7 +221,7 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _to_plain(value: Any) -> Any:
-    """Tuples as lists, numbers that are not finite as None."""
+    """Convert tuples to lists and non-finite numbers to None."""
     match value:
         case dict():
             return {key: _to_plain(item) for key, item in cast("dict[str, Any]", value).items()}

@@ -1,7 +1,7 @@
-"""Evidence and posterior of linearized hypotheses under Gaussian noise and a discrepancy of unknown size.
+"""Evidence and posterior of linearized hypotheses with Gaussian noise and an unknown discrepancy.
 
-Everything follows from inner products of whitened columns (Gram matrices), which are formed once and cut into
-hypotheses; the discrepancy enters them by Woodbury's identity.
+All results follow from inner products of whitened columns (Gram matrices), which are computed once
+and indexed by hypothesis; the discrepancy enters by the Woodbury identity.
 """
 
 from __future__ import annotations
@@ -24,50 +24,50 @@ if TYPE_CHECKING:
 
 
 DISCREPANCIES = np.geomspace(1e-3, 0.1, 5)  # sizes relative to the readings
-_PARALLEL = 1e-12  # of the larger squared length, below which two features of a group are one
-_ROUNDING = 1e-12  # relative, by which inner products are kept definite
-_SWEEPS = 2  # over the effects, for their prior scales
-_NEGLIGIBLE = 1e-9  # probability of what takes no part in a covariance
+_PARALLEL = 1e-12  # relative squared length below which features of a group coincide
+_ROUNDING = 1e-12  # relative regularization of inner products
+_SWEEPS = 2  # over the effects, to choose prior scales
+_NEGLIGIBLE = 1e-9  # probability ignored in covariances
 
 
 @dataclass(frozen=True)
 class Projection:
-    """Columns (n, c) as inner products need them: what features leave, by stated and scaled noise, and the rest.
+    """Columns (n, c) split for inner products: rests with stated and scaled noise, and features.
 
-    Together squares of these make the column's, so that an inner product is a sum of products with positive weights: a
-    difference would be rounding where a few readings are far more certain than others.
+    Squares of the parts sum to that of a column, so inner products are sums with positive weights;
+    a difference would be lost to rounding if few readings are far more certain than others.
     """
 
     stated: Array
     scaled: Array
     features: Array
-    """(f, c) components along the features, of unit length."""
+    """Components (f, c) along the unit features."""
 
 
 @dataclass(frozen=True)
 class Errors:
-    """Distribution of readings about a hypothesis, in units of sigma, in q settings of what is unknown of it.
+    """Distribution of readings about a hypothesis, over sigma, for q settings of its unknowns.
 
-    Covariance of a setting: ``diag(factor² where scaled, 1 elsewhere) + size² Σ φ φᵀ`` with orthogonal features φ, each
-    of which covers the readings of one kind at one pose in one direction.
+    Covariance of a setting: ``diag(factor² if scaled, else 1) + size² Σ φ φᵀ`` with orthogonal
+    features φ, each of which covers the readings of one kind at one pose in one direction.
     """
 
     noise: Noise
     group: Indices
-    """(n,) which pair of features covers a reading."""
+    """Index (n,) of the pair of features that covers a reading."""
     shape: Array
-    """(n, 2) the features' values."""
+    """Values (n, 2) of the features."""
     norms: Array
-    """(f,) squared lengths of the features over the readings that are used."""
+    """Squared lengths (f,) of the features over the readings used."""
     factors: Array
-    """(q,) of the common unknown factor on the noise."""
+    """Common factors (q,) on the noise."""
     sizes: Array
-    """(q,) of the discrepancy, relative to the readings."""
+    """Sizes (q,) of the discrepancy, relative to the readings."""
     log_weight: Array
-    """(q,) prior and determinant of the covariance, as a logarithm."""
+    """Log of prior and determinant of the covariance (q,)."""
 
     def project(self, columns: Array) -> Projection:
-        """Columns (n, c) made ready for inner products."""
+        """Return columns (n, c) prepared for inner products."""
         used, scaled = self.noise.used, self.noise.scaled
         if not len(self.norms):
             return Projection(columns[used & ~scaled], columns[used & scaled], np.zeros((0, columns.shape[1])))
@@ -84,7 +84,7 @@ class Errors:
         return Projection(here, here[:0], np.concatenate(parts))
 
     def inner(self, left: Projection, right: Projection) -> Array:
-        """Inner products (q, c, d) of columns by the inverse covariance of every setting."""
+        """Return inner products (q, c, d) under the inverse covariance of every setting."""
         weights = self.factors**-2.0
         out = (left.stated.T @ right.stated)[None] + weights[:, None, None] * (left.scaled.T @ right.scaled)
         for k, size in enumerate(self.sizes):
@@ -92,7 +92,7 @@ class Errors:
         return out
 
     def inner_at(self, setting: int, columns: Array) -> Array:
-        """Inner products (c, c) of columns (n, c) in one setting."""
+        """Return inner products (c, c) of columns (n, c) in one setting."""
         here = slice(setting, setting + 1)
         one = replace(self, factors=self.factors[here], sizes=self.sizes[here], log_weight=self.log_weight[here])
         projected = one.project(columns)
@@ -100,11 +100,11 @@ class Errors:
 
 
 def errors_of(campaign: Campaign, noise: Noise, log_odds: float) -> Errors:
-    """Distribution of the readings about a hypothesis.
+    """Return the distribution of the readings about a hypothesis.
 
-    Where the noise is known up to a factor, that factor takes up what is left unknown; otherwise a discrepancy may be
-    there, with prior odds ``log_odds`` and a size that is equally likely on a grid: within each pose, kind and
-    direction of the readings a share of its own of the readings' value, and one of their rms in that direction.
+    If the noise is known up to a factor, that factor covers all unknowns. Otherwise there may be a
+    discrepancy with prior log-odds ``log_odds`` and a size uniform on a grid: by pose, kind and
+    direction, independent shares of the readings' values and of their rms in that direction.
 
     References
     ----------
@@ -125,7 +125,7 @@ def errors_of(campaign: Campaign, noise: Noise, log_odds: float) -> Errors:
 
 
 def _without_scatter(c: Campaign, noise: Noise) -> Array:
-    """Each reading (n,) as the mean of all that repeat it: a share of its own scatter would be no discrepancy."""
+    """Return readings (n,) averaged over repetitions, whose scatter is not a discrepancy."""
     taken = np.column_stack([c.pose, c.quantity, c.sensor, c.load, np.nan_to_num(c.wrench)])
     same = np.unique(taken, axis=0, return_inverse=True)[1].ravel()
     mean = np.bincount(same, np.where(noise.used, c.value, 0.0)) / np.maximum(np.bincount(same, noise.used), 1.0)
@@ -133,7 +133,7 @@ def _without_scatter(c: Campaign, noise: Noise) -> Array:
 
 
 def _features(c: Campaign, noise: Noise) -> tuple[Indices, Array, Array]:
-    """Group of each reading (n,), its two features (n, 2) made orthogonal within the group, their squared lengths."""
+    """Return groups (n,), two features (n, 2) orthogonal within groups, and squared lengths."""
     axis = c.kind * 6 + c.direction
     group = np.unique(np.where(noise.used, c.pose * (axis.max() + 1) + axis, -1), return_inverse=True)[1].ravel()
     group = (group - (0 if noise.used.all() else 1)).astype(np.int64)
@@ -151,20 +151,20 @@ def _features(c: Campaign, noise: Noise) -> tuple[Indices, Array, Array]:
 
 @dataclass(frozen=True)
 class Posterior:
-    """What is known of the parameters u (k,) of ``y = X u + errors`` after the data."""
+    """Posterior of the parameters u (k,) of ``y = X u + errors``."""
 
     log_evidence: float
-    """ln p(y), up to what is the same for all hypotheses."""
+    """ln p(y), up to a constant common to all hypotheses."""
     mean: Array
-    """(k,) of u."""
+    """Mean (k,) of u."""
     find_covariance: Callable[[], Array]
-    """Evaluates `covariance`, which few hypotheses are asked for."""
+    """Function that evaluates `covariance`, which is rarely needed."""
     scales: Array
-    """(k,) likeliest prior scales."""
+    """Most likely prior scales (k,)."""
     averaging: float
-    """What averaging over prior scales adds to ``log_evidence``."""
+    """Contribution of averaging over prior scales to ``log_evidence``."""
     settings: Array
-    """(q,) probabilities of the errors' settings."""
+    """Probabilities (q,) of the settings of errors."""
     plain: float
     """ln p(y) without a discrepancy."""
     noise_factor: float = 1.0
@@ -179,12 +179,12 @@ class Posterior:
 
 
 def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], positive: Flags) -> Posterior:
-    """Posterior of u for a linear hypothesis, on the readings that are used.
+    """Return the posterior of u for a linear hypothesis, from the readings used.
 
-    The prior is normal with a scale of its own for every effect, of those that may be; where u cannot be negative it
-    is the half above zero. The errors' settings are summed over. Scales are averaged effect by effect about the
-    likeliest, exact for one effect, and widen each effect's own uncertainties. Laplace's approximation at the
-    constrained optimum, exact without constraints.
+    The prior is normal, with one of several scales for every effect, and half-normal if u cannot be
+    negative. Settings of the errors are marginalized. Scales are averaged effect by effect about
+    the likeliest (exact for one effect), which widens each effect's uncertainties. The result is
+    Laplace's approximation at the constrained optimum, exact without constraints.
 
     Parameters
     ----------
@@ -195,9 +195,9 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
     x
         (n, k) in the same units.
     priors
-        Of each effect, or each group of its parameters that shares a size, in the order of its columns.
+        Prior of each effect, or each group of its parameters that shares a size, in column order.
     positive
-        (k,) whether negative values are impossible.
+        (k,) whether parameters cannot be negative.
 
     References
     ----------
@@ -211,7 +211,7 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
     own: list[Indices] = [np.arange(start, end) for start, end in pairwise(ends.tolist())]
 
     def logs_of(scales: Array) -> Array:
-        """Ln evidence (s,) for prior scales (s, k)."""
+        """Return ln evidence (s,) for prior scales (s, k)."""
         return _sum(log_evidences(grams, pulls, totals, errors.log_weight, scales, positive)[0], axis=0)
 
     def alone(chosen: Array, mine: Indices, scales: Array) -> Array:
@@ -255,9 +255,9 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
 
 
 def eliminate(inner: Array, gone: Flags, scales: Array) -> tuple[Array, Array]:
-    """Inner products (q, l, l) of what is left where normal parameters (g,) of prior scales are summed over.
+    """Return inner products (q, l, l) with normal parameters (g,) of prior scales marginalized.
 
-    The last column is the readings. Also what that adds to ln of the evidence (q,).
+    The last column holds the readings. Also returns the contribution to ln evidence (q,).
     """
     wide = scales[:, None] * inner[:, gone]
     whole = (wide[:, :, gone] * scales + np.eye(len(scales))) * (1.0 + _ROUNDING * np.eye(len(scales)))
@@ -269,14 +269,14 @@ def eliminate(inner: Array, gone: Flags, scales: Array) -> tuple[Array, Array]:
 
 
 def _likeliest_together(priors: Sequence[Spreads], logs_of: Callable[[Array], Array]) -> Array:
-    """Prior scales (k,): the likeliest of those where all effects have a place in the order of their own."""
+    """Return the most likely prior scales (k,) with the same grid index for all effects."""
     count = min((len(prior.scales) for prior in priors), default=1)
     tried = np.concatenate([np.zeros((count, 0)), *(prior.scales[:count] for prior in priors)], axis=1)
     return tried[int(np.argmax(logs_of(tried)))]
 
 
 def _with(chosen: Array, mine: Indices, scales: Array) -> Array:
-    """Prior scales (s, k): those chosen (k,), with some of them in turn from (s, m)."""
+    """Return prior scales (s, k): the chosen ones (k,) with some replaced by each of (s, m)."""
     tried = np.repeat(chosen[None], len(scales), axis=0)
     tried[:, mine] = scales
     return tried
@@ -297,18 +297,18 @@ def _find_moment(log: Array, means: Array, cores: Array, scales: Array, about: A
 def log_evidences(
     grams: Array, pulls: Array, totals: Array, log_weight: Array, scales: Array, positive: Flags
 ) -> tuple[Array, Array, Array]:
-    """Ln evidence of linear hypotheses in every setting of the errors and for every prior size, all at once.
+    """Return ln evidence of linear hypotheses for all settings of the errors and prior sizes.
 
     Parameters
     ----------
     grams, pulls, totals
-        (..., q, k, k), (..., q, k), (..., q) inner products of columns and readings.
+        Inner products (..., q, k, k), (..., q, k), (..., q) of columns and readings.
     log_weight
-        (q,) of the settings.
+        Log weights (q,) of the settings.
     scales
-        (..., s, k) prior sizes.
+        Prior sizes (..., s, k).
     positive
-        (k,) which parameters cannot be negative.
+        (k,) whether parameters cannot be negative.
 
     Returns
     -------
@@ -327,10 +327,10 @@ def log_evidences(
 
 
 def _above_zero(cores: Array, b: Array, u: Array, free: Flags, positive: Flags) -> Array:
-    """What Laplace's approximation lacks where parameters cannot be negative, as a logarithm (...).
+    """Return the log correction (...) of Laplace's approximation for non-negative parameters.
 
-    Of each the share of its Gaussian above zero, over the prior's half: where it is free its own, and where it is held
-    at zero that beside the others as they are, whose optimum lies below. Exact for independent parameters.
+    For each, the fraction of its Gaussian above zero over the prior's half: the marginal one if
+    free, the conditional one if held at zero. Exact for independent parameters.
     """
     if not positive.any():
         return np.zeros(u.shape[:-1])
@@ -343,9 +343,9 @@ def _above_zero(cores: Array, b: Array, u: Array, free: Flags, positive: Flags) 
 
 
 def constrained_minima(matrices: Array, pulls: Array, positive: Flags) -> tuple[Array, Flags]:
-    """Minima (..., k) of ``½ uᵀ A u - bᵀ u`` with some u ≥ 0, the most negative dropped one at a time; which are free.
+    """Return minima (..., k) of ``½ uᵀ A u - bᵀ u`` with some u ≥ 0, and which u are free.
 
-    Not `scipy.optimize.nnls`, which takes a factor of one A and constrains every parameter.
+    Fixes the most negative one at a time; `scipy.optimize.nnls` takes one factor and bounds all u.
     """
     shape, k = pulls.shape, pulls.shape[-1]
     if k == 0:
@@ -367,5 +367,5 @@ def constrained_minima(matrices: Array, pulls: Array, positive: Flags) -> tuple[
 
 
 def _sum(logs: Array, axis: int | None = None) -> Any:
-    """Ln of the sum of what these are logarithms of."""
+    """Return the log-sum-exp."""
     return np.logaddexp.reduce(logs.ravel() if axis is None else logs, axis=axis or 0)

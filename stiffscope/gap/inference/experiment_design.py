@@ -1,4 +1,4 @@
-"""What to measure next: the reading that best separates two explanations."""
+"""Experiment design: the measurement that best distinguishes two explanations."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ if TYPE_CHECKING:
 
     Predicted = tuple[Array, Array, Array]
 
-WORTHWHILE = 1.0  # expected ln-odds from which a reading is worth taking
+WORTHWHILE = 1.0  # least expected ln-odds of a worthwhile reading
 
 
 def next_measurement(trial: Trial, first: Hypothesis, others: Iterable[Hypothesis]) -> NextMeasurement | None:
-    """Return the measurement with the greatest expected ln-odds between an explanation and one of others.
+    """Return the measurement with the greatest expected ln-odds between two explanations.
 
     Parameters
     ----------
     trial
-        The measurements that are offered.
+        The available measurements.
     first
-        The explanation that is taken to be true.
+        The explanation assumed to be true.
     others
-        Explanations that compete with it: the first of them counts that readings can separate.
+        Competing explanations; the first one that readings can distinguish is used.
 
     Returns
     -------
-        None where no reading brings more than `WORTHWHILE`.
+        None if no reading is expected to gain `WORTHWHILE`.
 
     """
     here = _predict(trial, first)
@@ -49,7 +49,7 @@ def next_measurement(trial: Trial, first: Hypothesis, others: Iterable[Hypothesi
 
 
 def _measurement(trial: Trial, first: Hypothesis, second: Hypothesis, best: int, gain: float) -> NextMeasurement:
-    """One of the measurements that are offered, in the words of a campaign."""
+    """Return one of the available measurements in a campaign's terms."""
     separates = tuple(" + ".join(sorted(h.names)) or "no effect" for h in (first, second))
     c = trial.model.campaign
     rows = np.flatnonzero(trial.group == best)
@@ -72,10 +72,10 @@ def _measurement(trial: Trial, first: Hypothesis, second: Hypothesis, best: int,
 
 
 def expected_log_odds(trial: Trial, first: Predicted, second: Predicted) -> Array:
-    """Expected ln-odds (g,) of each measurement between two explanations, if the first is true.
+    """Return expected ln-odds (g,) of measurements between two explanations, given the first.
 
-    The relative entropy of their predictive distributions: Gaussians with the noise and with what is unknown of their
-    parameters. A difference that the second's parameters can take up thus counts for nothing.
+    This is the relative entropy of their predictive Gaussians, which include noise and parameter
+    uncertainty, so differences that the second's parameters can fit do not count.
 
     References
     ----------
@@ -100,7 +100,7 @@ def expected_log_odds(trial: Trial, first: Predicted, second: Predicted) -> Arra
 
 
 def _predict(trial: Trial, hypothesis: Hypothesis) -> Predicted:
-    """Readings (n,) and their derivatives (n, k) in standard deviations, and the parameters' covariance (k, k)."""
+    """Return readings (n,), derivatives (n, k), both over sigma, and covariance (k, k)."""
     prediction = trial.model.predict(hypothesis.parameters)
     columns = [np.zeros((len(trial.sigma), 0)), *(prediction.columns(c) for c in hypothesis.candidates)]
     return prediction.values / trial.sigma, np.hstack(columns) / trial.sigma[:, None], hypothesis.covariance

@@ -1,4 +1,4 @@
-"""What a search has found: hypotheses with their probabilities, and their residuals in standard deviations."""
+"""Results of a search: hypotheses with probabilities, and residuals in standard deviations."""
 
 from __future__ import annotations
 
@@ -22,37 +22,37 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Flags, Progress
 
 
-CONFUSED = 2  # other effects at most that one is said to be confused with
-COMPETING = 0.02  # probability, over that of the best, from which a hypothesis still competes with it
-IMITATING = 3.0  # ln of evidence behind the best set, without prior odds, up to which a pattern is worth a word
-NEAR = 40.0  # ln-odds up to which another prior may change the order
-COPIES = 0.9  # share of the repeated readings that repeat the value as well, from which they are copies
+CONFUSED = 2  # most other effects listed as indistinguishable
+COMPETING = 0.02  # least probability of a competing hypothesis over that of the best
+IMITATING = 3.0  # most ln evidence behind the best set to mention a pattern
+NEAR = 40.0  # ln-odds within which another prior may change the order
+COPIES = 0.9  # least fraction of repetitions with equal values that are regarded as copies
 
 
 @dataclass(frozen=True)
 class Group:
-    """An effect with what these readings cannot tell from it."""
+    """An effect with the effects that these readings cannot distinguish from it."""
 
     others: tuple[str, ...]
     probability: float
-    """That the effect or one of the others is at work; of names for the same effect some may be left out."""
+    """Probability of the effect or one of the others; some aliases may be omitted."""
     known: float
-    """The same of those that the vocabulary has a word for."""
+    """The same for named effects only."""
     doubted: float
-    """The same as ``probability`` if all effects were equally likely, and the noise as large as what is left."""
+    """``probability`` if all effects were equally likely and the noise as the residuals."""
     elsewhere: bool
-    """Whether the same fault where it has no word would explain the readings nearly as well."""
+    """Whether a like unnamed fault at another place explains the readings nearly as well."""
 
 
 @dataclass(frozen=True)
 class Findings:
-    """The search's hypotheses with their probabilities, the best first."""
+    """Hypotheses of the search with their probabilities, the best first."""
 
     problem: Problem
     hypotheses: tuple[Hypothesis, ...]
     probability: tuple[float, ...]
     fitted: dict[frozenset[tuple[str, int]], Hypothesis]
-    """All that were fitted, by `forms_of` their effects; under other priors they count as they are."""
+    """All fitted hypotheses by `forms_of` their effects; also used under other priors."""
 
     @property
     def model(self) -> ForwardModel:
@@ -61,12 +61,12 @@ class Findings:
 
     @property
     def campaign(self) -> Campaign:
-        """The readings."""
+        """The campaign with its readings."""
         return self.problem.model.campaign
 
     @property
     def used_readings(self) -> Flags:
-        """(n,) False: a gross outlier."""
+        """(n,) False for gross outliers."""
         return self.problem.noise.used
 
     @property
@@ -76,7 +76,7 @@ class Findings:
 
     @cached_property
     def none(self) -> Hypothesis:
-        """No effect at all."""
+        """The hypothesis of no effect."""
         return next(h for h in self.hypotheses if not h.names)
 
     @cached_property
@@ -85,28 +85,28 @@ class Findings:
 
     @cached_property
     def sigma(self) -> Array:
-        """Standard deviations (n,) of the readings, an unknown factor as the best hypothesis leaves it."""
+        """Standard deviations (n,) of the readings, with the best hypothesis's noise factor."""
         return self.problem.noise.sigma / self._residual_weights
 
     def evidence(self, hypothesis: Hypothesis) -> float:
-        """Ln of what the readings say for a hypothesis, without its prior odds."""
+        """Return the ln evidence of a hypothesis without its prior odds."""
         return hypothesis.evidence - self.problem.log_odds(hypothesis)
 
     def misfit(self, hypothesis: Hypothesis) -> float:
-        """χ² per degree of freedom of a hypothesis's residuals, under the noise and discrepancy that go with it."""
+        """Return χ² per degree of freedom of a hypothesis, with its noise and discrepancy."""
         errors = self.problem.errors
         residual = errors.project(hypothesis.residual[:, None])
         total = float(hypothesis.known.settings @ errors.inner(residual, residual)[:, 0, 0])
         return total / max(int(self.used_readings.sum()) - len(hypothesis.values), 1)
 
     def under(self, problem: Problem) -> Findings:
-        """The same hypotheses under another prior."""
+        """Return the same hypotheses ranked under another prior."""
         near = [h for h in self.hypotheses if not h.names or h.evidence > self.best.evidence - NEAR]
         return _rank_hypotheses(problem, [(h, problem.reweigh(h)) for h in near], self.fitted)
 
     @cached_property
     def _canonical(self) -> dict[str, str]:
-        """One name for all names of an effect at a place, that with the fewest parameters."""
+        """Canonical name of each effect at a place: that with the fewest parameters."""
         known: dict[str, str] = {}
         for c in sorted({id(c): c for h in self.hypotheses for c in h.words}.values(), key=lambda c: len(c.scale)):
             name = known.setdefault(c.name, c.name)
@@ -118,12 +118,12 @@ class Findings:
         return self._canonical.get(name, name)
 
     def _shares(self, candidate: Candidate) -> dict[str, float]:
-        """How likely an effect and each of its twins are if one of them is at work, by name."""
+        """Return probabilities of an effect and its twins, by name, if one of them is present."""
         odds = self.problem.odds_of(candidate)
         return dict(zip(candidate.signature_of, (odds / odds.sum()).tolist(), strict=True))
 
     def _sum_missed(self, hypothesis: Hypothesis, names: Iterable[str]) -> float:
-        """Probability that none of these effects is at work if a hypothesis is true."""
+        """Return the probability that none of these effects is present, given a hypothesis."""
         listed = {self._find_canonical(name) for name in names}
         missed = 1.0
         for c in hypothesis.candidates:
@@ -133,12 +133,12 @@ class Findings:
         return missed
 
     def compute_probability(self, name: str) -> float:
-        """Probability that an effect is at work; indistinguishable effects share theirs."""
+        """Return the probability of an effect; indistinguishable effects share theirs."""
         pairs = zip(self.hypotheses, self.probability, strict=True)
         return float(sum(p * self._shares(c).get(name, 0.0) for h, p in pairs for c in h.candidates))
 
     def group(self, name: str) -> Group:
-        """An effect of the best hypothesis with the most probable ones that may stand in its place.
+        """Return an effect of the best hypothesis with its most probable substitutes.
 
         Nuisance patterns come last, and of these what is less probable but the same fault elsewhere. Other names of
         what is in the group have no place of their own in it, and stand where one is left.
@@ -158,14 +158,14 @@ class Findings:
 
     @cached_property
     def doubted(self) -> Findings:
-        """The same hypotheses, ranked by what the readings say for them, no louder than what is left allows."""
+        """The same hypotheses, ranked by evidence tempered by the remaining misfit."""
         alike, left = replace(self.problem, even=True), max(self.misfit(self.best), 1.0)
         return _rank_hypotheses(
             alike, [(h, self.evidence(h) / left + alike.log_odds(h)) for h in self.hypotheses], self.fitted
         )
 
     def find_instead(self, name: str) -> str:
-        """What fits about as well without an effect and all of its group, as `effect @ place`, joined by "and"."""
+        """Return what fits about as well without an effect and its group, joined by "and"."""
         group = {name, *self.group(name).others}
         for hypothesis in self.doubted.hypotheses:
             if self._sum_missed(hypothesis, group) == 1.0:
@@ -174,7 +174,7 @@ class Findings:
 
     @cached_property
     def imitating_patterns(self) -> dict[str, list[Candidate]]:
-        """By effect of the best hypothesis, the nuisance patterns that explain the readings nearly as well instead."""
+        """Nuisance patterns that fit nearly as well in place of each effect of the best."""
         found: dict[str, list[Candidate]] = {}
         for name, other, hypothesis, _ in self._exchange_effects():
             if other.is_nuisance and self.evidence(self.best) - self.evidence(hypothesis) < IMITATING:
@@ -183,7 +183,7 @@ class Findings:
 
     @cached_property
     def _in_place_of(self) -> dict[str, set[str]]:
-        """For each effect of the best hypothesis what competing ones have in its place, all others being the same."""
+        """Substitutes of each effect in competing hypotheses that are otherwise the same."""
         found: dict[str, set[str]] = {}
         for name, other, _, p in self._exchange_effects():
             if p > COMPETING * self.probability[0]:
@@ -191,7 +191,7 @@ class Findings:
         return found
 
     def _exchange_effects(self) -> Iterator[tuple[str, Candidate, Hypothesis, float]]:
-        """Each effect of the best hypothesis, what another has in its place, that hypothesis, and its probability."""
+        """Yield effects of the best hypothesis, substitutes, their hypotheses and probabilities."""
         for hypothesis, p in zip(self.hypotheses, self.probability, strict=True):
             gone = self.best.names - hypothesis.names
             new = [c for c in hypothesis.candidates if c.name not in self.best.names]
@@ -199,14 +199,14 @@ class Findings:
                 yield next(iter(gone)), new[0], hypothesis, p
 
     def at_work(self, names: Iterable[str]) -> float:
-        """Probability that one of these effects is at work."""
+        """Return the probability that one of these effects is present."""
         pairs = zip(self.hypotheses, self.probability, strict=True)
         return min(float(sum(p * (1.0 - self._sum_missed(h, names)) for h, p in pairs)), 1.0)
 
     def _add_rivals(self, listed: list[str], own: Candidate, rivals: Iterable[Sequence[Candidate]]) -> None:
-        """Add to a group what is most probable in the place of one of the best hypothesis's effects.
+        """Add the most probable substitutes of an effect, except known ones of other effects.
 
-        rivals: of each hypothesis those that may be; not what is known to stand in the place of another effect.
+        rivals: for each hypothesis the effects that may be added.
         """
         rest, pools = self.best.names - {own.name}, list(rivals)
         elsewhere = {name for other in rest for name in self._in_place_of.get(other, ())}
@@ -231,7 +231,7 @@ class Findings:
             listed.append(best)
 
     def fit_effects(self, candidates: Iterable[Candidate]) -> Hypothesis:
-        """The hypothesis of some effects of the best one, fitted."""
+        """Return the fitted hypothesis of some effects of the best one."""
         chosen = forms_of(candidates)
         if chosen not in self.fitted:
             kept = [(c, values) for c, values in self.best.parameters if forms_of([c]) <= chosen]
@@ -239,27 +239,27 @@ class Findings:
         return self.fitted[chosen]
 
     def predict_readings(self, hypothesis: Hypothesis) -> Array:
-        """What a hypothesis says the readings (n,) are."""
+        """Return the readings (n,) predicted by a hypothesis."""
         return self.campaign.value - hypothesis.residual * self.problem.noise.sigma
 
     def residual(self, hypothesis: Hypothesis) -> Array:
-        """Residual (n,) in standard deviations."""
+        """Return residuals (n,) in standard deviations."""
         return hypothesis.residual * self._residual_weights
 
     def slopes(self, hypothesis: Hypothesis) -> Array:
-        """Derivatives (n, k) of a hypothesis's predictions in standard deviations."""
+        """Return derivatives (n, k) of a hypothesis's predictions in standard deviations."""
         return hypothesis.slopes * self._residual_weights[:, None]
 
     def chi2(self, hypothesis: Hypothesis) -> float:
-        """χ² of the readings that are used."""
+        """Return χ² over the readings used."""
         return float(np.sum(self.residual(hypothesis)[self.used_readings] ** 2))
 
     def percent_rms(self, hypothesis: Hypothesis) -> float:
-        """The gap that a hypothesis leaves, % rms."""
+        """Return the gap that a hypothesis leaves, % rms."""
         return percent_rms(self.campaign, self.predict_readings(hypothesis), self.sigma, self.used_readings)
 
     def held_out_residual(self, hypothesis: Hypothesis) -> Array:
-        """Residuals (n,) in standard deviations by the effects fitted without each pose, one linear step away."""
+        """Return residuals (n,) over sigma with each pose held out, by one linear step."""
         out = self.residual(hypothesis).copy()
         for pose in range(len(self.campaign.pose_names)):
             here = self.used_readings & (self.campaign.pose == pose)
@@ -269,7 +269,7 @@ class Findings:
         return out
 
     def percent_rms_by_pose(self, residual: Array) -> float:
-        """% rms of residuals (n,) in standard deviations, mean over poses with readings other than zero."""
+        """Return % rms of residuals (n,) over sigma, averaged over poses with non-zero readings."""
         model = self.campaign.value - residual * self.sigma
         told = self.used_readings & (self.campaign.value != 0.0)
         scores = [
@@ -280,20 +280,20 @@ class Findings:
         return float(np.mean(scores)) if scores else float("nan")
 
     def _change_without(self, hypothesis: Hypothesis, here: Flags) -> Array:
-        """Change (k,) of the internal parameters when some readings (n,) take no part in the fit."""
+        """Return the change (k,) of the internal parameters if readings (n,) are not fitted."""
         noise, x, r = self.problem.noise, hypothesis.slopes, hypothesis.residual
         if not x.shape[1]:
             return np.zeros(0)
-        if noise.scaled.any():  # a noise of unknown size is estimated anew
+        if noise.scaled.any():  # noise of unknown size is estimated again
             rest = Problem(self.model, replace(noise, used=noise.used & ~here))
             return rest.posterior(hypothesis.candidates, hypothesis.linear, x).mean - hypothesis.values
-        unit = hypothesis.prior_precision**-0.5  # parameters have units from 1e-9 m/N to kg
+        unit = hypothesis.prior_precision**-0.5  # parameter units range from 1e-9 m/N to kg
         left, out = unit * x[self.used_readings & ~here], unit * x[here]
         return -unit * np.linalg.solve(left.T @ left + np.eye(len(unit)), out.T @ r[here])
 
 
 def find(model: ForwardModel, progress: Progress | None = None) -> Findings:
-    """Search a model's effects and nuisance patterns for those that explain its campaign."""
+    """Search for the effects and nuisance patterns that explain a model's campaign."""
     problem = Problem(model, _without_copies(model.campaign, model.noise()))
     distinct: dict[frozenset[str], Hypothesis] = {}
     for hypothesis in Search(problem, progress).hypotheses():  # the best fit of every set of effects
@@ -305,7 +305,7 @@ def find(model: ForwardModel, progress: Progress | None = None) -> Findings:
 def _rank_hypotheses(
     problem: Problem, scored: list[tuple[Hypothesis, float]], fitted: dict[frozenset[tuple[str, int]], Hypothesis]
 ) -> Findings:
-    """Hypotheses with their share of all evidence, the best first."""
+    """Return hypotheses ranked by their share of all evidence, the best first."""
     order = sorted(scored, key=lambda item: -item[1])
     log = np.array([evidence for _, evidence in order])
     weight = np.exp(log - log.max())
@@ -313,7 +313,7 @@ def _rank_hypotheses(
 
 
 def _without_copies(c: Campaign, noise: Noise) -> Noise:
-    """The noise with readings left out that are copies of others: a table twice says no more than once."""
+    """Return the noise with duplicated readings excluded."""
     once, remark = copies(c)
     if not remark:
         return noise
@@ -321,10 +321,10 @@ def _without_copies(c: Campaign, noise: Noise) -> Noise:
 
 
 def copies(c: Campaign) -> tuple[Flags, str]:
-    """Which readings (n,) are not copies of others, and a line that names the copies; empty where there are none."""
+    """Return which readings (n,) are not copies, and a remark; empty if there are no copies."""
     words = [c.pose, c.quantity, c.sensor, c.load, c.session]
     cell = np.column_stack([*words, np.nan_to_num(c.wrench), np.nan_to_num(c.sigma)])
-    read = np.flatnonzero(~np.isnan(c.value))  # a plan's empty cells are no readings
+    read = np.flatnonzero(~np.isnan(c.value))  # empty cells of a plan are not readings
     whole = np.column_stack([cell, c.value])[read]
     repeated = len(read) - len(np.unique(cell[read], axis=0))
     first = np.unique(whole, axis=0, return_index=True)[1]
@@ -337,4 +337,4 @@ def copies(c: Campaign) -> tuple[Flags, str]:
     k = int(np.flatnonzero(~once[read])[0])
     same = first[int(np.flatnonzero((whole[first] == whole[k]).all(axis=1))[0])]
     where, other = c.where(int(read[k])), c.where(int(read[same]))
-    return once, f"{count} readings repeat others to the last digit and count once: {where} is {other}"
+    return once, f"{count} readings repeat others exactly and count once: {where} is {other}"

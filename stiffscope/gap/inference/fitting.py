@@ -39,20 +39,20 @@ _SETTLED = 0.05  # and one by less than this is the last
 _REPEATED = 4  # descents more at most, each in the sizes that the one before makes the likeliest
 _ALIKE = 0.5  # ln of the ratio of two sizes, below which a descent in one has found what one in the other would
 _DAMPING = (1.0, 0.5, 0.25, 0.1, 0.02)
-_FAR = 4.0  # standard deviations squared from where a posterior is linearized, for which it must not count
-_SLIGHT = 1.0  # of the cost, what a step promises that is not worth much damping
+_FAR = 4.0  # largest squared distance (sigmas) of a mean from the linearization
+_SLIGHT = 1.0  # expected decrease of the cost that does not justify much damping
 _UNASSEMBLABLE = "a parameter is outside the assemblable range"
 
 
 @dataclass(frozen=True)
 class Library:
-    """Derivatives of all effects about one prediction, with the inner products that scoring a further effect needs."""
+    """Derivatives of all effects about one prediction, with inner products for scoring."""
 
     candidates: tuple[Candidate, ...]
     columns: tuple[slice, ...]
-    """Where each candidate's stand; of one without parameters, its step."""
+    """Columns of each candidate: derivatives, or the step if it has no parameters."""
     values: Array
-    """(n, c) in units of sigma."""
+    """Columns (n, c) in units of sigma."""
     projection: Projection
     blocks: tuple[Array, ...]
     """Inner products (q, k, k) of each candidate's columns."""
@@ -63,13 +63,13 @@ class Library:
         return {id(candidate): self.values[:, here] for candidate, here in pairs}
 
     def differentiate(self, candidate: Candidate) -> Array:
-        """A candidate's derivatives (n, k), or its step (n, 1)."""
+        """Return a candidate's derivatives (n, k), or its step (n, 1)."""
         return self._by_candidate[id(candidate)]
 
 
 @dataclass(frozen=True)
 class Problem:
-    """A forward model with its noise, and the prior of sets of effects."""
+    """A forward model with its noise and the prior of sets of effects."""
 
     model: ForwardModel
     noise: Noise
@@ -77,22 +77,22 @@ class Problem:
     widening: float = 1.0
     """Factor on all prior sizes."""
     sizes: Array = field(default_factory=lambda: SIZES)
-    """(s,) of effects in units of their own, on a grid of equal ratios."""
+    """Prior sizes (s,) of effects in their own units, on a geometric grid."""
     even: bool = False
-    """Whether all effects have the same odds, at however many places their word may be."""
+    """Whether all effects have the same odds, independent of the number of places."""
 
     @cached_property
     def _place_counts(self) -> Counter[str]:
-        """At how many places each word of the vocabulary may be."""
+        """Number of places of each effect of the vocabulary."""
         return Counter(word_of(n) for n in {n for c in self.model.library if not c.is_nuisance for n in c.signature_of})
 
     @cached_property
     def _unknown(self) -> Counter[str]:
-        """The same of each kind of nuisance pattern, of which a discrepancy is one."""
+        """Number of places of each kind of nuisance pattern, including the discrepancy."""
         return Counter(["", *(c.pattern for c in self.model.library if c.is_nuisance)])
 
     def odds_of(self, candidate: Candidate) -> Array:
-        """Prior odds (t,) of an effect and of each of its twins: all words alike, and all places of a word."""
+        """Return prior odds (t,) of an effect and its twins, equal for effects and their places."""
         if candidate.is_nuisance:
             return np.array([self._odds_of_pattern(candidate.pattern)])
         counts = self._place_counts
@@ -105,11 +105,11 @@ class Problem:
 
     @cached_property
     def errors(self) -> Errors:
-        """Distribution of the readings about a hypothesis; a discrepancy is as likely as a kind of patterns."""
+        """Distribution of readings about a hypothesis; a discrepancy counts as a pattern."""
         return errors_of(self.model.campaign, self.noise, float(np.log(self._odds_of_pattern(""))))
 
     def spreads_of(self, candidate: Candidate) -> tuple[Spreads, ...]:
-        """Priors of a candidate's parameters, of each group that shares a size."""
+        """Return the prior of each group of a candidate's parameters that shares a size."""
         known = self._spreads.get(id(candidate))
         if known is None:
             (unit, sizes), positive = self._scales_of(candidate), np.array(candidate.one_sided, dtype=np.bool_)
@@ -118,12 +118,12 @@ class Problem:
         return known[1]
 
     def rough_spreads_of(self, candidate: Candidate) -> Spreads:
-        """One size for all, half as many of them, and no subsets of its parameters: a score can do without."""
+        """Return a coarser prior for scoring: a common size, half the grid and no subsets."""
         unit, sizes = self._scales_of(candidate)
         return spread_priors(unit, np.zeros(len(unit), dtype=np.bool_), sizes[::2])
 
     def _scales_of(self, candidate: Candidate) -> tuple[Array, Array]:
-        """A candidate's own units (k,), and its sizes (s,) in these; all are one where a tolerance states them."""
+        """Return a candidate's units (k,) and sizes (s,); all sizes are one if stated."""
         unit = np.array(candidate.scale)
         return (unit, np.ones(len(self.sizes))) if candidate.stated else (self.widening * unit, self.sizes)
 
@@ -132,24 +132,24 @@ class Problem:
         return {}
 
     def log_prior(self, candidates: Sequence[Candidate]) -> float:
-        """Ln prior odds of a set of effects against none."""
+        """Return the ln prior odds of a set of effects against none."""
         return float(sum(np.log(self.odds_of(c).sum()) for c in candidates))
 
     def log_odds(self, hypothesis: Hypothesis) -> float:
-        """Ln prior odds of a hypothesis against none: of its effects, and of parameters that are not plausible."""
+        """Return the ln prior odds of a hypothesis, including those of implausible parameters."""
         strange = sum(bool(implausible(c, hypothesis)) for c in hypothesis.words)
         return self.log_prior(hypothesis.candidates) + strange * float(np.log(STRANGE))
 
     def posterior(self, candidates: Sequence[Candidate], y: Array, x: Array, near: Array | None = None) -> Posterior:
-        """Posterior of the parameters of ``y = X u + errors``, without the prior odds of the set.
+        """Return the posterior of u in ``y = X u + errors``, without prior odds of the set.
 
-        near: (k,) prior scales, near which alone others are looked for.
+        near: prior scales (k,) to which the search is restricted.
         """
         priors = [spread for c in candidates if c.scale for spread in self.spreads_of(c)]
         return posterior(self.errors, y, x, choose_near(priors, near), positive_of(candidates))
 
     def reweigh(self, hypothesis: Hypothesis) -> float:
-        """Ln of evidence times prior odds of a hypothesis that was fitted under another prior."""
+        """Return ln of evidence times prior odds of a hypothesis fitted under another prior."""
         near = hypothesis.known.scales if hypothesis.local else None
         known = self.posterior(hypothesis.candidates, hypothesis.linear, hypothesis.slopes, near)
         return known.log_evidence - 0.5 * hypothesis.short + self.log_odds(hypothesis)
@@ -157,18 +157,18 @@ class Problem:
     def fit(
         self, candidates: Sequence[Candidate], start: Array, target: float = -np.inf, origin: Array | None = None
     ) -> Hypothesis:
-        """Fit a set of effects by damped Gauss-Newton, with the widest prior first and then with the likeliest.
+        """Fit effects by damped Gauss-Newton, with the widest prior first, then the likeliest.
 
         Parameters
         ----------
         candidates
             The effects.
         start, origin
-            (k,) internal parameters from which the fit starts, and those from which it starts where that leads nowhere;
-            none by default.
+            Internal parameters (k,) at which the fit starts, and those used if that start fails
+            (default: zero).
         target
-            Ln of evidence times prior; the fit of several effects is given up where the evidence about its start is far
-            below. A single one may be many times what first order promises: a foundation that yields.
+            Ln of evidence times prior; a fit of several effects is abandoned if it starts far off.
+            A single one may far exceed its first-order score, e.g. a compliant foundation.
 
         """
         safe = np.zeros(len(start)) if origin is None else origin
@@ -182,7 +182,7 @@ class Problem:
         setting = int(np.argmax(known.settings))
         scales = join_values(sizes[-1] * unit for unit, sizes in map(self._scales_of, candidates))
         many = np.repeat([bool(c.parts) for c in candidates], [len(c.scale) for c in candidates])
-        scales = np.where(many, known.scales, scales)  # of so many errors some combinations show in no reading
+        scales = np.where(many, known.scales, scales)  # not all errors are observable
         u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, scales)
         if short > MARGIN and not _at_bounds(candidates, u).any():
             u_safe, there = self._start(candidates, safe, safe)
@@ -202,7 +202,7 @@ class Problem:
             states.append((u, residual, slopes, short, scales))
             known = self.posterior(candidates, residual + slopes @ u, slopes)
         local = self._find_distance(known, u, residual, slopes) > _FAR
-        if local:  # derivatives promise what sizes far from those of the fit would bring, and the fit does not find
+        if local:  # the linearization is not valid at such distant prior sizes
             known, (u, residual, slopes, short, _) = max(
                 ((self.posterior(candidates, r + x @ v, x, near), (v, r, x, s, near)) for v, r, x, s, near in states),
                 key=lambda item: item[0].log_evidence - 0.5 * item[1][3],
@@ -212,7 +212,7 @@ class Problem:
         return replace(found, evidence=log + self.log_odds(found))
 
     def _find_distance(self, known: Posterior, u: Array, residual: Array, slopes: Array) -> float:
-        """How far the mean of a posterior is from where it is linearized, in standard deviations, squared."""
+        """Return the squared distance, in sigmas, of a posterior mean from its linearization."""
         inner, k = self.errors.inner_at(int(np.argmax(known.settings)), np.column_stack([slopes, residual])), len(u)
         away = known.mean - u
         return float(away @ (inner[:k, :k] + np.diag(known.scales**-2.0)) @ away)
@@ -224,11 +224,11 @@ class Problem:
     def _descend(
         self, candidates: Sequence[Candidate], u: Array, residual: Array, slopes: Array, setting: int, scales: Array
     ) -> tuple[Array, Array, Array, float]:
-        """Gauss-Newton steps in one setting of the errors, damped where the cost would grow.
+        """Take Gauss-Newton steps in one setting of the errors, damped if the cost would grow.
 
-        scales: (k,) of the prior. The last number that is returned is by how much
-        the cost stays above what the last derivatives promise: where a fit comes to the end of what can be assembled,
-        its evidence must not count what lies beyond.
+        scales: prior scales (k,). The last value returned is the excess of the cost over its linear
+        prediction: if a fit ends at the limit of the assemblable range, its evidence must not
+        include what lies beyond.
         """
         prior, positive, k = scales**-2.0, positive_of(candidates), len(u)
 
@@ -269,7 +269,7 @@ class Problem:
         return u, residual, slopes, short
 
     def _start(self, candidates: Sequence[Candidate], u: Array, safe: Array) -> tuple[Array, tuple[Array, Array]]:
-        """Internal parameters as near to a start as the model can be assembled, from a safe point on."""
+        """Return the assemblable parameters nearest to a start, on the way from a safe point."""
         for tried in (*(safe + share * (u - safe) for share in (1.0, 0.25, 0.0625)), safe):
             try:
                 return tried, self._linearize(candidates, tried)
@@ -278,12 +278,12 @@ class Problem:
         return 0.0 * u, self._linearize(candidates, 0.0 * u)
 
     def _linearize(self, candidates: Sequence[Candidate], u: Array) -> tuple[Array, Array]:
-        """Residual (n,) and derivatives (n, k) in units of sigma. Raises InputError where they are not finite."""
+        """Return residual (n,), derivatives (n, k) over sigma. Raises InputError if not finite."""
         prediction, residual = self._evaluate(candidates, u)
         return residual, self._differentiate(candidates, prediction)
 
     def _evaluate(self, candidates: Sequence[Candidate], u: Array) -> tuple[Prediction, Array]:
-        """Prediction and residual (n,) in units of sigma. Raises InputError where it is not finite."""
+        """Return prediction and residual (n,) over sigma. Raises InputError if not finite."""
         prediction = self.model.predict(split(candidates, u))
         residual = (self.model.campaign.value - prediction.values) / self.noise.sigma
         if not np.isfinite(residual).all():
@@ -291,7 +291,7 @@ class Problem:
         return prediction, residual
 
     def _differentiate(self, candidates: Sequence[Candidate], prediction: Prediction) -> Array:
-        """Derivatives (n, k) in units of sigma. Raises InputError where they are not finite."""
+        """Return derivatives (n, k) over sigma. Raises InputError if not finite."""
         sigma = self.noise.sigma
         slopes = np.hstack([np.zeros((len(sigma), 0)), *(prediction.columns(c) for c in candidates)]) / sigma[:, None]
         if not np.isfinite(slopes).all():
@@ -300,7 +300,7 @@ class Problem:
 
     @cached_property
     def nominal(self) -> Library:
-        """Derivatives of all effects about the model as it is."""
+        """Derivatives of all effects about the nominal model."""
         return self._library(self.model.predict())
 
     def _library(self, prediction: Prediction) -> Library:
@@ -316,25 +316,25 @@ class Problem:
         return Library(candidates, where, values, projection, tuple(self.errors.inner(p, p) for p in parts))
 
     def library_at(self, hypothesis: Hypothesis) -> Library:
-        """Derivatives about a hypothesis: the nominal ones where its prediction is nearly linear in its parameters."""
+        """Return derivatives about a hypothesis, or the nominal ones if it is nearly linear."""
         moved = self.nominal_residual - hypothesis.residual
         linear = np.zeros(len(moved))
         for candidate, values in hypothesis.parameters:
             linear = linear + self.nominal.differentiate(candidate) @ (np.array(values) if values else np.ones(1))
         used = self.noise.used
-        fixed = any(not c.scale for c in hypothesis.candidates)  # another unit changes derivatives, too
+        fixed = any(not c.scale for c in hypothesis.candidates)  # a unit also changes derivatives
         if not fixed and np.linalg.norm((moved - linear)[used]) <= CURVED * np.linalg.norm(moved[used]):
             return self.nominal
         return self._library(self.model.predict(hypothesis.parameters))
 
     @cached_property
     def nominal_residual(self) -> Array:
-        """Residual (n,) of no effect in units of sigma."""
+        """Residual (n,) without effects in units of sigma."""
         return (self.model.campaign.value - self.model.predict().values) / self.noise.sigma
 
 
 def _at_bounds(candidates: Sequence[Candidate], u: Array) -> Flags:
-    """Which internal parameters (k,) are at the end of what can be computed, zero of those that only add apart."""
+    """Return which internal parameters (k,) are at a bound, except zero of non-negative ones."""
     inside = [c.bounds if not c.positive else (-np.inf, c.bounds[1]) for c in candidates]
     counts = [len(c.scale) for c in candidates]
     low, high = (np.repeat([ends[side] for ends in inside], counts) for side in (0, 1))
@@ -342,7 +342,7 @@ def _at_bounds(candidates: Sequence[Candidate], u: Array) -> Flags:
 
 
 def _minimize_within_bounds(candidates: Sequence[Candidate], precision: Array, pull: Array, whole: Array) -> Array:
-    """Minimum (k,) of ``½ uᵀ P u - bᵀ u`` within bounds, which ``whole``, that without them, may leave."""
+    """Return the minimum (k,) of ``½ uᵀ P u - bᵀ u`` within bounds; ``whole`` is without them."""
     out = bound_parameters(candidates, whole)
     held = np.zeros(len(out), dtype=np.bool_)
     while ((now := held | _at_bounds(candidates, out)) != held).any():

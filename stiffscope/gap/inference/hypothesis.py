@@ -1,4 +1,4 @@
-"""A fitted set of effects, and the vectors of all its internal parameters."""
+"""A fitted set of effects, and vectors of its internal parameters."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A set of effects, fitted."""
+    """A fitted set of effects."""
 
     parameters: Parameters
     residual: Array
-    """(n,) measured minus predicted, in units of the noise's sigma."""
+    """Measured minus predicted readings (n,), in units of sigma."""
     slopes: Array
-    """(n, k) derivatives of the prediction in the same units."""
+    """Derivatives (n, k) of the prediction in the same units."""
     evidence: float
-    """ln of evidence times prior odds."""
+    """Ln of evidence times prior odds."""
     known: Posterior
     converged: bool = True
-    """False where the fit was given up, far behind a better one."""
+    """False if the fit was abandoned, far behind a better one."""
     short: float = 0.0
-    """By how much χ² with the prior's stays above what first order promises, but nothing that can be assembled has."""
+    """Excess of χ² (with prior) over its linear prediction, outside the assemblable range."""
     local: bool = False
-    """Whether only prior sizes near those of the fit count: what others promise to first order is not there."""
+    """Whether only prior sizes near those of the fit count, as linearization fails for others."""
 
     @property
     def plain_score(self) -> float:
@@ -42,17 +42,17 @@ class Hypothesis:
 
     @cached_property
     def names(self) -> frozenset[str]:
-        """Effects in it, as `effect @ place`."""
+        """Names of its effects, as `effect @ place`."""
         return frozenset(candidate.name for candidate, _ in self.parameters)
 
     @cached_property
     def candidates(self) -> tuple[Candidate, ...]:
-        """Effects in it."""
+        """Its effects."""
         return tuple(candidate for candidate, _ in self.parameters)
 
     @property
     def words(self) -> tuple[Candidate, ...]:
-        """Effects in it that the vocabulary has a word for."""
+        """Its effects without nuisance patterns."""
         return tuple(c for c in self.candidates if not c.is_nuisance)
 
     @property
@@ -62,16 +62,16 @@ class Hypothesis:
 
     @property
     def prior_precision(self) -> Array:
-        """(k,) of the internal parameters, in the likeliest prior scales."""
+        """Prior precisions (k,) of the internal parameters, with the most likely scales."""
         return self.known.scales**-2.0
 
     @property
     def covariance(self) -> Array:
-        """(k, k) of the internal parameters."""
+        """Covariance (k, k) of the internal parameters."""
         return self.known.covariance
 
     def widen_covariance(self, factor: float) -> Hypothesis:
-        """The same with a covariance so many times as large."""
+        """Return the hypothesis with its covariance multiplied by a factor."""
         return replace(self, known=replace(self.known, find_covariance=lambda: factor * self.covariance))
 
     @cached_property
@@ -81,22 +81,22 @@ class Hypothesis:
 
 
 def forms_of(candidates: Iterable[Candidate]) -> frozenset[tuple[str, int]]:
-    """What distinguishes sets of effects: their names, and the number of parameters of each."""
+    """Return the key of a set of effects: names and numbers of parameters."""
     return frozenset((c.name, len(c.scale)) for c in candidates)
 
 
 def join_values(values: Iterable[Any]) -> Array:
-    """One vector (k,) of several."""
+    """Concatenate values to one vector (k,)."""
     return np.concatenate([np.zeros(0), *(np.asarray(v, dtype=np.float64) for v in values)])
 
 
 def positive_of(candidates: Sequence[Candidate]) -> Flags:
-    """Which internal parameters (k,) cannot be negative."""
+    """Return flags (k,) of internal parameters that cannot be negative."""
     return np.array([flag for c in candidates for flag in c.one_sided], dtype=np.bool_)
 
 
 def bound_parameters(candidates: Sequence[Candidate], u: Array) -> Array:
-    """Internal parameters (k,) within what can be computed."""
+    """Clip internal parameters (k,) to their computable range."""
     counts = [len(c.scale) for c in candidates]
     low, high = (np.repeat([c.bounds[side] for c in candidates], counts) for side in (0, 1))
     low = np.where((low == 0.0) & ~positive_of(candidates), -np.inf, low)
@@ -104,6 +104,6 @@ def bound_parameters(candidates: Sequence[Candidate], u: Array) -> Array:
 
 
 def split(candidates: Sequence[Candidate], u: Array) -> Parameters:
-    """Effects with their own share of all internal parameters (k,)."""
+    """Return effects with their own parts of all internal parameters (k,)."""
     ends = np.cumsum([len(c.scale) for c in candidates], dtype=int)
     return tuple((c, tuple(u[end - len(c.scale) : end].tolist())) for c, end in zip(candidates, ends, strict=True))

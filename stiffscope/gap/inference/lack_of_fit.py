@@ -1,4 +1,4 @@
-"""Whether residuals show more than the noise, in all and by direction, pose, load and session."""
+"""Tests of residuals against the noise: overall, and by direction, pose, load and session."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ if TYPE_CHECKING:
 
 
 SIGNIFICANCE = 1e-3  # of the χ² tests
-CORROBORATED = 0.05  # significance of χ² in all that suffices where residuals are correlated within groups
+CORROBORATED = 0.05  # significance of total χ² if residuals are correlated within groups
 NEGLIGIBLE = 1.03  # χ² per degree of freedom below which lack of fit is ignored
-MODEL_ERROR = 0.002  # share of the explained χ² that the forward model's own small errors may leave,
-MODEL_NOISE = 1.2  # as long as that is at most so many times the noise
-ENOUGH = 60  # readings from which group means are tested
-_OBSERVABLE = 0.05  # share of a group mean that the fit has left to be seen
+MODEL_ERROR = 0.002  # fraction of explained χ² due to small errors of the forward model,
+MODEL_NOISE = 1.2  # limited to this multiple of the noise
+ENOUGH = 60  # least number of readings to test group means
+_OBSERVABLE = 0.05  # least fraction of a group mean that the fit leaves
 
 
 def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
-    """What the residuals of a hypothesis show beyond the noise; empty if they are as large as the noise.
+    """Return a description of residuals beyond the noise; empty if they agree with it.
 
-    A lack of fit that is negligible beside the gap that the hypothesis closes is left to the model's own small errors.
-    Correlated residuals alone are none: the gap is then at the noise, and the discrepancy widens the intervals.
+    A lack of fit that is negligible compared to the closed gap is attributed to small model errors.
+    Correlation alone is no lack of fit: the gap is at the noise; the discrepancy widens intervals.
     """
     dof, total = _degrees(found, hypothesis), found.chi2(hypothesis)
     p = _tail(total, dof)
@@ -40,7 +40,7 @@ def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
 
 
 def correlation(found: Findings, hypothesis: Hypothesis) -> str:
-    """How the residuals of a hypothesis are correlated, which noise is not; empty if they are not."""
+    """Return a description of correlated residuals, unlike noise; empty if there is none."""
     c, used = found.campaign, found.used_readings
     r = found.residual(hypothesis)[used]
     if len(r) < ENOUGH or np.isnan(c.sigma).any():
@@ -69,7 +69,7 @@ def _degrees(found: Findings, hypothesis: Hypothesis) -> int:
 
 
 def model_errors(found: Findings, hypothesis: Hypothesis) -> float:
-    """Excess of χ² that is left to the forward model's own errors."""
+    """Return the excess of χ² attributed to errors of the forward model itself."""
     dof = _degrees(found, hypothesis)
     return float(np.clip(MODEL_ERROR * (found.chi2(found.none) - dof), 0.0, (MODEL_NOISE**2 - 1.0) * dof))
 
@@ -79,7 +79,7 @@ def _tail(total: float, dof: int) -> float:
 
 
 def _of_group_means(r: Array, group: Indices, x: Array) -> tuple[float, int]:
-    """χ² of the groups' mean residuals, the directions of the fit projected out, and its degrees of freedom."""
+    """Return χ² of group mean residuals, with the fit projected out, and degrees of freedom."""
     _, index, count = np.unique(group, return_inverse=True, return_counts=True)
     root = np.sqrt(count)
     sums = np.bincount(index.ravel(), r) / root

@@ -1,4 +1,4 @@
-"""Where the gap lies, by direction, pose and component, and which effects look alike in these readings."""
+"""Location of the gap by direction, pose and component, and correlation of signatures."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _SHOWN = 1e-3  # least share of a component
 
 
 def locate_residuals(found: Findings, reported: Hypothesis, *, beyond: bool) -> Where:
-    """Where the nominal model's residuals lie, and where a hypothesis leaves them; ``beyond`` the noise or not."""
+    """Locate residuals of the nominal model and of a hypothesis; ``beyond``: above the noise."""
     c = found.campaign
     before, after = (np.where(found.used_readings, found.residual(h), 0.0) for h in (found.none, reported))
     return Where(
@@ -39,9 +39,9 @@ def locate_residuals(found: Findings, reported: Hypothesis, *, beyond: bool) -> 
 
 
 def component_shares(found: Findings) -> dict[str, float]:
-    """Each component's share of the gap.
+    """Return each component's share of the gap.
 
-    The residuals are approximated by the non-negative combination of what each component alone would explain of them.
+    The residuals are approximated by a non-negative combination of the best fits of each component.
     """
     r = found.residual(found.none)[found.used_readings]
     parts: dict[str, Array] = {}
@@ -64,7 +64,7 @@ def component_shares(found: Findings) -> dict[str, float]:
 
 
 def signature_correlation(found: Findings) -> tuple[tuple[str, ...], tuple[tuple[float, ...], ...]]:
-    """|cosine| between the signatures of single-parameter effects in these readings; 1: indistinguishable."""
+    """Return effects of one parameter and their signature correlation (1: indistinguishable)."""
     singles = [(c, x) for c, x in _nominal_columns(found) if len(c.scale) == 1 and not c.is_nuisance]
     if not singles:
         return (), ()
@@ -75,7 +75,7 @@ def signature_correlation(found: Findings) -> tuple[tuple[str, ...], tuple[tuple
 
 
 def _nominal_columns(found: Findings) -> Iterator[tuple[Candidate, Array]]:
-    """Every effect that has parameters with its derivatives (n, k) of the nominal model, in standard deviations."""
+    """Yield each effect with parameters and its nominal derivatives (n, k) over sigma."""
     library = found.problem.nominal
     whitening = (found.problem.noise.sigma / found.sigma)[:, None]
     for candidate, here in zip(library.candidates, library.columns, strict=True):

@@ -1,4 +1,4 @@
-"""Whether the parameters of a fitted effect are plausible."""
+"""Plausibility of the parameters of fitted effects."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array
 
 
-SIGNIFICANT = 3.0  # standard deviations by which a parameter must leave its plausible range to count
+SIGNIFICANT = 3.0  # least significant deviation from the plausible range, standard deviations
 
 
 def physical_sigma(candidate: Candidate, internal: Array, covariance: Array) -> Array:
-    """Standard uncertainties (k,) of an effect's physical parameters, by the derivatives of the conversion."""
+    """Return standard uncertainties (k,) of physical parameters by linear propagation."""
     steps = 1e-6 * np.array(candidate.scale)
     slopes = [
         (candidate.physical(internal + d) - candidate.physical(internal - d)) / (2.0 * step)
@@ -28,7 +28,7 @@ def physical_sigma(candidate: Candidate, internal: Array, covariance: Array) -> 
 
 
 def own_part(hypothesis: Hypothesis, name: str) -> tuple[Array, Array]:
-    """Internal parameters (k,) of one effect of a hypothesis, and their covariance (k, k)."""
+    """Return internal parameters (k,) of an effect of a hypothesis, and covariance (k, k)."""
     ends = np.cumsum([0, *(len(values) for _, values in hypothesis.parameters)])
     for (candidate, values), (start, end) in zip(hypothesis.parameters, pairwise(ends), strict=True):
         if candidate.name == name:
@@ -37,7 +37,7 @@ def own_part(hypothesis: Hypothesis, name: str) -> tuple[Array, Array]:
 
 
 def plausible(candidate: Candidate, values: Array, sigma: Array) -> list[bool]:
-    """Whether each physical parameter is within its plausible range or insignificantly beyond."""
+    """Return whether each physical parameter is within its range or insignificantly beyond."""
     return [
         bool(low - SIGNIFICANT * s <= v <= high + SIGNIFICANT * s)
         for v, s, (low, high) in zip(values, sigma, candidate.plausible, strict=True)
@@ -45,7 +45,7 @@ def plausible(candidate: Candidate, values: Array, sigma: Array) -> list[bool]:
 
 
 def implausible(candidate: Candidate, hypothesis: Hypothesis) -> list[str]:
-    """What is wrong with the parameters of an effect."""
+    """Return messages on implausible parameters of an effect."""
     if not candidate.scale:
         return []
     values = candidate.physical(np.array(next(v for c, v in hypothesis.parameters if c.name == candidate.name)))

@@ -1,4 +1,4 @@
-"""Draws from the posterior of a diagnosis, and the file of them that ArviZ opens."""
+"""Posterior samples of a diagnosis, and their file for ArviZ."""
 
 from __future__ import annotations
 
@@ -27,40 +27,40 @@ if TYPE_CHECKING:
 
 
 CHAINS, DRAWS = 4, 500
-PREDICTED = 400_000  # numbers of the predictive draws at most in each chain
+PREDICTED = 400_000  # most values of predictive draws in each chain
 DISCREPANCY = "discrepancy"
-_REDRAWN = 100  # times that draws of an impossible sign are repeated
+_REDRAWN = 100  # most repetitions of draws with an impossible sign
 
 
 @dataclass(frozen=True)
 class Samples:
-    """Draws from the posterior: parameters, and readings as they would be taken again."""
+    """Posterior draws of the parameters, and predictive draws of the readings."""
 
     parameters: dict[str, Array]
-    """(chain, draw) by `effect @ place: parameter`, SI; `discrepancy`: its size relative to the readings."""
+    """(chain, draw) by `effect @ place: parameter`, SI; `discrepancy` relative to the readings."""
     units: dict[str, str]
     predicted: Array
-    """(chain, fewer draws, n)."""
+    """Predictive draws (chain, fewer draws, n)."""
     observed: Array
-    """(n,) the readings."""
+    """Readings (n,)."""
     sigma: Array
-    """(n,) their standard deviations."""
+    """Standard deviations (n,) of the readings."""
     used: Flags
-    """(n,) False: left out as an outlier or a copy."""
+    """(n,) False for outliers and copies."""
     pose: tuple[str, ...]
-    """(n,)."""
+    """Pose name (n,) of each reading."""
     quantity: tuple[str, ...]
-    """(n,)."""
+    """Sensor or quantity (n,) of each reading."""
     held_out: Array
-    """(n,) residuals at poses held out in predictive standard deviations; NaN where not used."""
+    """Residuals (n,) of held-out poses in predictive standard deviations; NaN if not used."""
     before: Array
-    """(n,) the readings as the model as it is predicts them,"""
+    """Readings (n,) predicted by the nominal model."""
     after: Array
-    """(n,) and as it does with the effects that are reported."""
+    """Readings (n,) predicted with the reported effects."""
     kinds: dict[str, tuple[str, Flags]]
-    """By kind of reading its unit and (n,) which readings are of it."""
+    """Unit and flags (n,) by kind of reading."""
     where: tuple[str, ...]
-    """(n,) file and line."""
+    """File and line (n,) of each reading."""
 
 
 def draw_samples(
@@ -71,22 +71,22 @@ def draw_samples(
     reported: Hypothesis | None = None,
     seed: int = 0,
 ) -> Samples:
-    """Draw from the posterior of a fitted hypothesis; the parameters of the named effects are kept.
+    """Draw from the posterior of a fitted hypothesis, keeping parameters of the named effects.
 
-    The posterior is the Gaussian of Laplace's approximation, cut off where parameters cannot be negative.
+    The posterior is Laplace's approximation, truncated at zero for non-negative parameters.
 
     Parameters
     ----------
     found, joint
-        The search, and the hypothesis whose parameters are drawn.
+        The search and the hypothesis whose parameters are drawn.
     named
         Effects whose parameters are kept.
     held_out : (n,)
-        Residuals at poses held out, in predictive standard deviations.
+        Residuals of held-out poses, in predictive standard deviations.
     reported
-        Hypothesis whose predictions are shown; default: that of the draws.
+        Hypothesis whose predictions are shown (default: `joint`).
     seed
-        Of the random numbers.
+        Seed of the random numbers.
 
     """
     rng = np.random.default_rng(seed)
@@ -128,12 +128,12 @@ def draw_samples(
 
 
 def _internal_draws(joint: Hypothesis, count: int, rng: np.random.Generator) -> Array:
-    """Internal parameters (count, k)."""
+    """Return draws of internal parameters (count, k)."""
     mean = joint.values
     if not len(mean):
         return np.zeros((count, 0))
     deviation = np.sqrt(np.diagonal(joint.covariance).clip(min=1e-300))
-    values, vectors = np.linalg.eigh(joint.covariance / np.outer(deviation, deviation))  # units differ by many powers
+    values, vectors = np.linalg.eigh(joint.covariance / np.outer(deviation, deviation))  # units differ widely
     root = deviation[:, None] * vectors * np.sqrt(values.clip(min=0.0))
     positive = positive_of(joint.candidates)
     out = mean + rng.standard_normal((count, len(mean))) @ root.T
@@ -146,7 +146,7 @@ def _internal_draws(joint: Hypothesis, count: int, rng: np.random.Generator) -> 
 
 
 def _predict(found: Findings, joint: Hypothesis, u: Array, size: Array, rng: np.random.Generator) -> Array:
-    """Readings (draw, n) by the linearized effects, the discrepancy and the noise."""
+    """Return predictive draws (draw, n) from linearized effects, discrepancy and noise."""
     errors = found.problem.errors
     out = (u - joint.values) @ found.slopes(joint).T + rng.standard_normal((len(u), len(found.sigma)))
     if len(errors.norms) and size.any():
@@ -156,7 +156,7 @@ def _predict(found: Findings, joint: Hypothesis, u: Array, size: Array, rng: np.
 
 
 def write_readings(path: Path, samples: Samples) -> None:
-    """Write every reading beside its predictions as a table (CSV, SI)."""
+    """Write all readings with their predictions as a table (CSV, SI)."""
     kind, unit = np.empty((2, len(samples.observed)), dtype=object)
     for name, (of, mine) in samples.kinds.items():
         kind[mine], unit[mine] = name, of
@@ -170,7 +170,7 @@ def write_readings(path: Path, samples: Samples) -> None:
 
 
 def write_posterior(path: Path, samples: Samples) -> None:
-    """Write draws in ArviZ's layout: netCDF groups posterior, posterior_predictive and observed_data.
+    """Write draws for ArviZ: netCDF groups posterior, posterior_predictive and observed_data.
 
     References
     ----------
@@ -184,7 +184,7 @@ def write_posterior(path: Path, samples: Samples) -> None:
     draws: dict[str, NDArray[Any]] = {"draw": np.arange(DRAWS)}
     fewer: dict[str, NDArray[Any]] = {"draw": np.arange(samples.predicted.shape[1])}
     predicted, observed = {"value": samples.predicted}, {"value": samples.observed, "sigma": samples.sigma}
-    whole = io.BytesIO()  # where a disk is full, HDF5 itself ends the process
+    whole = io.BytesIO()  # HDF5 aborts the process if the disk is full
     with opened(whole, "w") as file:
         _write_group(file.create_group("posterior"), chains | draws, samples.parameters, samples.units)
         _write_group(file.create_group("posterior_predictive"), chains | fewer | rows, predicted, words=words)
@@ -199,7 +199,7 @@ def _write_group(
     units: Mapping[str, str] | None = None,
     words: Mapping[str, Sequence[str]] | None = None,
 ) -> None:
-    """Write arrays over the dimensions of ``scales``, whose last may have words as further coordinates."""
+    """Write arrays over the dimensions of ``scales``; ``words`` label the last dimension."""
     text = import_module("h5py").string_dtype()  # a module without types
     group.dimensions = {name: len(scale) for name, scale in scales.items()}
     for name, scale in scales.items():

@@ -1,4 +1,4 @@
-"""Priors of effects' sizes: units that follow from the robot, heavy tails, parameters that may be zero."""
+"""Priors of effect sizes: scales derived from the robot, heavy tails and sparse parameters."""
 
 from __future__ import annotations
 
@@ -23,27 +23,27 @@ _MOST_APART = 3  # parameters of which any may be zero
 
 @dataclass(frozen=True)
 class Spreads:
-    """Prior of one effect's parameters: normal, of scales of which one holds."""
+    """Prior of one effect's parameters: a mixture of normals with c scales."""
 
     scales: Array
-    """(c, k)."""
+    """Scales (c, k)."""
     log_weight: Array
-    """(c,) ln of how likely each is."""
+    """Ln probability (c,) of each."""
 
 
 def spread_groups(scale: Array, positive: Flags, groups: Sequence[int], sizes: Array) -> tuple[Spreads, ...]:
-    """The prior of each group of an effect's parameters that share one size; see `spread_priors`.
+    """Return the prior of each group of parameters that share one size; see `spread_priors`.
 
     In several groups those of many parameters have the sizes first, and then finer ones between them.
 
     Parameters
     ----------
     scale, positive
-        (k,) of all.
+        Scales and signs (k,) of all parameters.
     groups
-        How many are in each, in their order; empty: one of all.
+        Numbers of consecutive parameters in each group; empty: one group of all.
     sizes
-        (s,).
+        Sizes (s,).
     """
     ends = np.cumsum([0, *(groups or (len(scale),))]).tolist()
     step = np.arange(FINER * (len(sizes) - 1) + 1)
@@ -55,19 +55,19 @@ def spread_groups(scale: Array, positive: Flags, groups: Sequence[int], sizes: A
 
 
 def spread_priors(scale: Array, positive: Flags, sizes: Array) -> Spreads:
-    """Scales of an effect's parameters: one unknown size in units of their own, with heavy tails.
+    """Return scales of an effect's parameters: one unknown size in their own units, heavy-tailed.
 
-    The size is half-Cauchy: equally likely by its logarithm about one, and ever less likely in proportion beyond.
-    Where parameters cannot be negative, some of them may be exactly zero: a bearing that only tilts.
+    The size is half-Cauchy: log-uniform about one, with probability falling in proportion beyond.
+    If parameters cannot be negative, some may be exactly zero, e.g. for a bearing that only tilts.
 
     Parameters
     ----------
     scale
-        (k,) unit of each parameter.
+        Unit (k,) of each parameter.
     positive
-        (k,) which of them cannot be negative: where all are, subsets of them may be zero.
+        (k,) whether parameters cannot be negative; if so for all, subsets may be zero.
     sizes
-        (s,) sizes on a grid of equal ratios.
+        Sizes (s,) on a geometric grid.
     """
     if not len(scale):
         return Spreads(np.zeros((1, 0)), np.zeros(1))
@@ -86,7 +86,7 @@ def spread_priors(scale: Array, positive: Flags, sizes: Array) -> Spreads:
 
 
 def choose_near(priors: Sequence[Spreads], near: Array | None) -> Sequence[Spreads]:
-    """Of each prior the scales nearest to some (k,) of all parameters; by default all."""
+    """Return priors restricted to the scales nearest to given ones (k,); by default all."""
     if near is None:
         return priors
     out: list[Spreads] = []
@@ -101,7 +101,7 @@ def choose_near(priors: Sequence[Spreads], near: Array | None) -> Sequence[Sprea
 
 @cache
 def _subsets(count: int) -> Flags:
-    """Subsets (m, count) of parameters that may be all that are not zero: of many, single ones and halves."""
+    """Return subsets (m, count) of non-zero parameters; for many, single ones and halves."""
     if count > _MOST_APART:
         halves = np.repeat([[True, False], [False, True]], [count // 2, count - count // 2], axis=1).reshape(2, count)
         return np.concatenate([np.eye(count, dtype=np.bool_), halves])

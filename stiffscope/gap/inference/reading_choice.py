@@ -1,8 +1,8 @@
-"""The fewest readings that distinguish causes: a T-optimum design for many pairs of causes at once.
+"""Smallest set of readings that distinguishes causes: T-optimum design for many pairs of causes.
 
-Of two causes the first is true, with one parameter ``s``; what the second cannot follow of its readings is
-``½ s² (|x|² - xᵀ Y (ρ + Yᵀ Y)⁻¹ Yᵀ x)`` in ln-odds, x and Y their derivatives over the noise. A further reading adds
-``½ s² e² / (1 + yᵀ (ρ + Yᵀ Y)⁻¹ y)``, e what the second's best parameters leave of it (recursive least squares).
+The first of two causes is true, with one parameter ``s``. The ln-odds against the second are
+``½ s² (|x|² - xᵀ Y (ρ + Yᵀ Y)⁻¹ Yᵀ x)``, with derivatives x and Y over the noise. A further reading
+adds ``½ s² e² / (1 + yᵀ (ρ + Yᵀ Y)⁻¹ y)``, with the second's residual e (recursive least squares).
 
 References
 ----------
@@ -21,25 +21,25 @@ if TYPE_CHECKING:
 
     from stiffscope.runtime.types import Array, Indices
 
-_LOOSE = 0.01  # precision of a rival's parameters, in units of their own: ten units are nothing unusual
-_WORST = 100  # pairs, those that lack most, that are looked at beside others
-_LEAST_GAIN = 1e-9  # ln-odds that a further reading must bring to any pair
-_NEW_SETTING = (2.0, 1.0, 1.0)  # effort of a new posture, load or instrument, beside a reading's one
+_LOOSE = 0.01  # prior precision of a rival's parameters in their own units
+_WORST = 100  # most pairs added at once, the worst first
+_LEAST_GAIN = 1e-9  # least ln-odds gained by a further reading for any pair
+_NEW_SETTING = (2.0, 1.0, 1.0)  # effort of a new posture, load or instrument; a reading's is 1
 
 
 @dataclass
 class Pair:
-    """A cause by one of its parameters, and a rival that may follow it."""
+    """A cause with one of its parameters, and a rival that may imitate it."""
 
     first: str
     second: str
     parameter: str
     own: Array
-    """(n,) what a fault of the usual size does to all readings that are offered, in standard deviations."""
+    """Change (n,) of all available readings by a fault of usual size, in standard deviations."""
     rival: Array
-    """(n, k) derivatives by the rival's parameters in units of their own; (n, 0) for no cause at all."""
+    """Derivatives (n, k) by the rival's parameters in their own units; (n, 0) for no cause."""
     log_odds: float = 0.0
-    """By the readings chosen so far."""
+    """Expected ln-odds by the readings chosen so far."""
     _inverse: Array = field(init=False)
     _pull: Array = field(init=False)
 
@@ -48,20 +48,20 @@ class Pair:
         self.take(())
 
     def take(self, rows: Sequence[int]) -> None:
-        """Forget all readings but some."""
+        """Use only these readings."""
         count = self.rival.shape[1]
         self._inverse, self._pull, self.log_odds = np.eye(count) / _LOOSE, np.zeros(count), 0.0
         for row in rows:
             self.add(row)
 
     def find_gains(self, rows: slice = slice(None)) -> Array:
-        """What each of the readings (n,), or of some of them, would add."""
+        """Return the gain of each reading (n,), or of some of them."""
         own, rival = self.own[rows], self.rival[rows]
         left = own - rival @ (self._inverse @ self._pull)
         return 0.5 * left**2 / (1.0 + np.einsum("ni,ij,nj->n", rival, self._inverse, rival))
 
     def add(self, row: int) -> None:
-        """Take one of the readings."""
+        """Add a reading."""
         self.log_odds += float(self.find_gains(slice(row, row + 1))[0])
         y = self._inverse @ self.rival[row]
         self._inverse = self._inverse - np.outer(y, y) / (1.0 + self.rival[row] @ y)
@@ -69,7 +69,7 @@ class Pair:
 
 
 def judge_pairs(pairs: Sequence[Pair], rows: Sequence[int]) -> Array:
-    """Expected ln-odds (p,) of pairs by some readings, those with one rival at once."""
+    """Return expected ln-odds (p,) of pairs by some readings, vectorized over pairs of a rival."""
     out, chosen = np.zeros(len(pairs)), np.array(rows, dtype=np.int64)
     together: dict[int, list[int]] = {}
     for number, pair in enumerate(pairs):
@@ -83,18 +83,18 @@ def judge_pairs(pairs: Sequence[Pair], rows: Sequence[int]) -> Array:
 
 
 def choose_readings(pairs: Sequence[Pair], settings: Indices, enough: float, least: int = 0) -> list[int]:
-    """Choose readings until every pair has enough ln-odds, then drop those that are not needed.
+    """Choose readings until every pair has enough ln-odds, then drop unnecessary ones.
 
     Parameters
     ----------
     pairs
-        All of which the readings that are offered can bring that far; theirs are those of the choice afterwards.
+        Pairs that the available readings can distinguish; their `log_odds` are updated.
     settings
-        (n, 3) posture, load and instrument of each reading: those that are set up already cost less.
+        Posture, load and instrument (n, 3) of each reading; those already set up cost less.
     enough
-        Expected ln-odds of every pair.
+        Required ln-odds of every pair.
     least
-        Readings at least.
+        Least number of readings.
 
     Returns
     -------
@@ -102,7 +102,7 @@ def choose_readings(pairs: Sequence[Pair], settings: Indices, enough: float, lea
         Rows, in order.
     """
     chosen: list[int] = []
-    active: list[Pair] = []  # few of many pairs say what is chosen; the others are judged by it
+    active: list[Pair] = []  # few of many pairs determine the choice; the others are only checked
     while pairs and len(chosen) < len(settings):
         short = [pair for pair in active if pair.log_odds < enough]
         if not short:
@@ -128,7 +128,7 @@ def choose_readings(pairs: Sequence[Pair], settings: Indices, enough: float, lea
 
 
 def _count_effort(settings: Indices, chosen: Sequence[int]) -> Array:
-    """Effort (n,) of each reading beside those chosen."""
+    """Return the effort (n,) of each reading, given those chosen."""
     out = np.ones(len(settings))
     for column, price in enumerate(_NEW_SETTING):
         out += price * ~np.isin(settings[:, column], settings[list(chosen), column])
@@ -136,7 +136,7 @@ def _count_effort(settings: Indices, chosen: Sequence[int]) -> Array:
 
 
 def _drop(judges: Sequence[Sequence[Pair]], chosen: Sequence[int], enough: float, least: int) -> list[int]:
-    """Readings without those, the first that were chosen first, that no pair needs; judges: few pairs, then all."""
+    """Drop readings that no pair needs, in order of choice; judges: few pairs, then all."""
     kept = list(chosen)
     needed = [np.minimum(judge_pairs(pairs, kept), enough) - _LEAST_GAIN for pairs in judges]
     for row in chosen:

@@ -1,4 +1,4 @@
-"""How far a model is from its measurement: the gap in % rms, its noise floor, where it lies."""
+"""Residual metrics: the gap in % rms, its noise floor and its location."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def percent_rms(campaign: Campaign, model: Array, sigma: Array, chosen: Flags | None = None) -> float:
-    """Return the gap in % rms between a model's values (n,) and the readings, over the `chosen` ones.
+    """Return the gap in % rms between model values (n,) and readings, over the `chosen` ones.
 
     Stiffness and frequency: rms of (model − measured)/measured. Deflections and deviations: 100·sqrt(Σ(r/σ)²/Σ(v/σ)²).
     Both are joined by their numbers of readings.
@@ -31,7 +31,7 @@ def percent_rms(campaign: Campaign, model: Array, sigma: Array, chosen: Flags | 
 
 
 def split_by_kind(campaign: Campaign) -> dict[str, tuple[str, Flags]]:
-    """Return by kind of reading its unit and (n,) which readings are of it; kinds without any are left out."""
+    """Return unit and flags (n,) by kind of reading; kinds without readings are omitted."""
     c = campaign
     ranged = np.array([s.measures == "distance" for s in c.sensors] + [False])[c.sensor]
     turns, stiff = c.direction >= len(AXES) // 2, c.relative & (c.kind != FREQUENCY)
@@ -48,7 +48,7 @@ def split_by_kind(campaign: Campaign) -> dict[str, tuple[str, Flags]]:
 
 
 def rms_by_kind(campaign: Campaign, chosen: Flags, *sizes: Array) -> dict[str, tuple[str, tuple[float, ...]]]:
-    """Return the rms of sizes (n,) over the chosen readings, by what they are of, with the unit of each."""
+    """Return the unit and rms of sizes (n,) over the chosen readings, by kind of reading."""
     return {
         name: (unit, tuple(float(np.sqrt(np.mean(np.square(size[mine & chosen])))) for size in sizes))
         for name, (unit, mine) in split_by_kind(campaign).items()
@@ -57,14 +57,14 @@ def rms_by_kind(campaign: Campaign, chosen: Flags, *sizes: Array) -> dict[str, t
 
 
 def by_direction(campaign: Campaign, normalized: Array) -> dict[str, float]:
-    """Return each direction's share of Σ(r/σ)², of sensors the nearest, and of frequencies; residuals (n,) in σ."""
+    """Return shares of Σ(r/σ)² by (nearest) direction and for frequencies; residuals (n,) in σ."""
     shaken = campaign.kind == FREQUENCY
     names = (*AXES, "f") if shaken.any() else AXES
     return _shares(names, np.where(shaken, len(AXES), campaign.direction), normalized)
 
 
 def by_sensor(campaign: Campaign, normalized: Array) -> dict[str, float]:
-    """Return the share of Σ(r/σ)² of each sensor, and of the axes at M that were read; normalized residuals (n,)."""
+    """Return shares of Σ(r/σ)² by sensor and axis read at M; normalized residuals (n,)."""
     shares = _shares(campaign.instruments, campaign.channel, normalized)
     read = set(np.unique(campaign.channel).tolist())
     return {name: share for k, (name, share) in enumerate(shares.items()) if k in read}
@@ -76,7 +76,7 @@ def _shares(names: Sequence[str], which: Indices, normalized: Array) -> dict[str
 
 
 def by_pose(campaign: Campaign, normalized: Array) -> tuple[tuple[float, ...], ...]:
-    """Return the rms of normalized residuals (n,), pose by direction; NaN where nothing was read."""
+    """Return the rms of normalized residuals (n,) by pose and direction; NaN if not read."""
     cell = campaign.pose * 6 + campaign.direction
     size = 6 * len(campaign.pose_names)
     count = np.bincount(cell, minlength=size)

@@ -1,4 +1,4 @@
-"""The search over sets of effects: they grow one by one, and change one for another."""
+"""Beam search over sets of effects, by adding and exchanging effects."""
 
 from __future__ import annotations
 
@@ -28,44 +28,44 @@ if TYPE_CHECKING:
 
     Forms = frozenset[tuple[str, int]]
 
-BEAM_WIDTH = 10  # hypotheses of each size that are extended, the best,
-BEAM_PLAIN = 4  # and the best without a discrepancy, which takes up what several effects leave only together
-FITTED = 10  # nonlinear fits for each size at most; twice as many of single effects,
+BEAM_WIDTH = 10  # best hypotheses of each size that are extended,
+BEAM_PLAIN = 4  # and best without a discrepancy, which may absorb joint effects
+FITTED = 10  # most nonlinear fits for each size (twice as many for single effects),
 FITTED_PLAIN = 6  # and the best without a discrepancy
-LEAST_FITTED = 4  # however far behind to first order
-SWAPPED = 4  # others that are fitted in the place of each effect of the best set
-STRIKES = 2  # fits of a size that a flexible effect may leave at what cannot be assembled
-OBVIOUS = 2  # simple effects that are found one by one
-WIDE = 24, 8  # sets of simple effects of each size that are extended to first order, alone and beside others,
-SKETCHED = 4  # and that are fitted
-ROUNDS = 3  # of exchanging and growing on
-RIVALS = 3  # sets, the best, in which effects are exchanged,
-CLOSE = 3.0  # those whose ln-odds are so close to the best's
-GAIN = 1.0  # ln-odds that one effect more must gain for the search to go on
+LEAST_FITTED = 4  # regardless of first order
+SWAPPED = 4  # most substitutes fitted for each effect of the best set
+STRIKES = 2  # most fits of a size that a flexible effect may end at the assemblable limit
+OBVIOUS = 2  # simple effects that are reliably found one by one
+WIDE = 24, 8  # sets of simple effects extended to first order, alone and with others,
+SKETCHED = 4  # and sets that are fitted
+ROUNDS = 3  # of exchanging and growing
+RIVALS = 3  # best sets in which effects are exchanged,
+CLOSE = 3.0  # within this ln-odds of the best
+GAIN = 1.0  # least ln-odds gained by another effect to continue
 
 
 @dataclass(frozen=True, eq=False)
 class Start:
-    """A set of effects that is worth fitting, with what it promises to first order."""
+    """A promising set of effects, with its first-order score."""
 
     candidates: tuple[Candidate, ...]
     values: Array
-    """(k,) internal parameters."""
+    """Internal parameters (k,)."""
     origin: Array
-    """(k,) internal parameters that are known to be possible: those of the set without its last effect."""
+    """Feasible internal parameters (k,): those of the set without its last effect."""
     heights: tuple[float, float] = (np.inf, np.inf)
-    """Ln of evidence times prior odds, and the same without a discrepancy."""
+    """Ln of evidence times prior odds, with and without a discrepancy."""
 
 
 @dataclass(frozen=True)
 class Search:
-    """The search of a problem's sets of effects."""
+    """Search over a problem's sets of effects."""
 
     problem: Problem
     progress: Progress | None = None
 
     def hypotheses(self) -> list[Hypothesis]:
-        """Fitted hypotheses, the best first: none, single effects, and larger sets as long as they gain."""
+        """Return fitted hypotheses, the best first: none, single effects, and larger sets."""
         none = self.problem.fit((), np.zeros(0))
         fitted = _Fitted(self.problem, {frozenset(): none}, self.progress)
         fit, found = fitted.fit, fitted.found
@@ -87,8 +87,8 @@ class Search:
             best = fitted.best
             rivals = sorted(found.values(), key=lambda h: -h.evidence)[:RIVALS]
             starts = [s for h in rivals if h.evidence > best.evidence - CLOSE for s in self._exchanges(h)]
-            base = _heights([none])  # what is exchanged may explain nearly all, and first order errs by a share of that
-            starts.sort(key=lambda start: -start.heights[0])  # before those that end where nothing can be assembled
+            base = _heights([none])  # first-order errors are relative to what is exchanged
+            starts.sort(key=lambda start: -start.heights[0])  # before unassemblable ones
             exchanged = fit(starts, base, "effects exchanged", len(starts))
             if not exchanged or exchanged[0].evidence < best.evidence + GAIN:
                 break
@@ -96,10 +96,10 @@ class Search:
         return sorted(found.values(), key=lambda h: -h.evidence)
 
     def _sketches(self, base: Hypothesis) -> Iterable[list[Start]]:
-        """A set with simple effects more, two at least in all, the best to first order, as long as they gain.
+        """Yield the best first-order sets with more simple effects, two or more, while they gain.
 
-        A step of `_grow` keeps few sets, and what follows almost anything, or is like much else, crowds out a set whose
-        effects explain little but together. None of these is fitted before the next step, so that many can be kept.
+        `_grow` keeps few sets, and flexible or ambiguous effects crowd out sets whose effects only
+        fit jointly. These sets are not fitted before the next step, so that many can be kept.
         """
         kept = [base]
         while len(kept[0].candidates) < self.problem.model.most_effects:
@@ -114,7 +114,7 @@ class Search:
             kept = sorted((self._first_order(start.candidates) for start in starts), key=lambda h: -h.evidence)
 
     def _grow(self, frontier: Sequence[Hypothesis], fitted: _Fitted) -> None:
-        """Fit larger and larger sets as long as they gain."""
+        """Fit larger and larger sets while they gain."""
         before = _heights(frontier)
         while len(frontier[0].candidates) < self.problem.model.most_effects:
             stage = f"effects, {len(frontier[0].candidates) + 1} at once"
@@ -125,7 +125,7 @@ class Search:
             plain = sorted(starts, key=lambda s: -s.heights[1])
             promised = starts[0].heights[0], plain[0].heights[1]
             if not _gains(promised, base):
-                most, plain = LEAST_FITTED, []  # what they miss to first order is as small
+                most, plain = LEAST_FITTED, []  # the first-order error is as small
             fits = fitted.fit(starts, base, stage, most)
             fits += fitted.fit(plain, base, stage, FITTED_PLAIN)
             fits = sorted({id(h): h for h in fits}.values(), key=lambda h: -h.evidence)
@@ -139,7 +139,7 @@ class Search:
             frontier = [*fits[:BEAM_WIDTH], *(h for h in plain if h not in fits[:BEAM_WIDTH])]
 
     def _exchanges(self, whole: Hypothesis) -> list[Start]:
-        """A set without each of its effects, and with another in its place, where that may compete."""
+        """Return sets without each effect, or with a substitute, if they may compete."""
         library = self.problem.library_at(whole)
         starts: list[Start] = []
         for gone in whole.candidates:
@@ -159,7 +159,7 @@ class Search:
         return starts
 
     def _without(self, hypothesis: Hypothesis, gone: Candidate) -> Hypothesis:
-        """A hypothesis without one of its effects, to first order about it."""
+        """Return a hypothesis without one of its effects, linearized about it."""
         keep = np.repeat([c is not gone for c in hypothesis.candidates], [len(v) for _, v in hypothesis.parameters])
         slopes, y = hypothesis.slopes[:, keep.astype(np.bool_)], hypothesis.linear
         candidates = tuple(c for c in hypothesis.candidates if c is not gone)
@@ -172,7 +172,7 @@ class Search:
         return self._linear(candidates, y, slopes)
 
     def _first_order(self, candidates: tuple[Candidate, ...]) -> Hypothesis:
-        """A set of effects to first order about none."""
+        """Return a set of effects linearized about the nominal model."""
         y = self.problem.nominal_residual
         columns: list[Array] = [np.zeros((len(y), 0))]
         for candidate in candidates:
@@ -184,14 +184,14 @@ class Search:
         return self._linear(candidates, y, np.hstack(columns))
 
     def _linear(self, candidates: tuple[Candidate, ...], y: Array, slopes: Array) -> Hypothesis:
-        """A set of effects of which the readings (n,) are linear, with slopes (n, k)."""
+        """Return the hypothesis for readings (n,) linear in the effects, with slopes (n, k)."""
         known = self.problem.posterior(candidates, y, slopes)
         log = known.log_evidence + self.problem.log_prior(candidates)
         parameters = split(candidates, known.mean)
         return Hypothesis(parameters, y - slopes @ known.mean, slopes, log, known, converged=False)
 
     def _extensions(self, frontier: Sequence[Hypothesis], *, simple: bool = False) -> list[Start]:
-        """The most promising sets of one effect more, a simple one where wanted, by their evidence to first order."""
+        """Return sets with one more (optionally simple) effect, by first-order evidence."""
         ranked: dict[Forms, Start] = {}
         derivatives = self.problem.library_at(frontier[0])
         for hypothesis in frontier:
@@ -202,7 +202,7 @@ class Search:
         return sorted(ranked.values(), key=lambda start: -start.heights[0])
 
     def score_extensions(self, hypothesis: Hypothesis, library: Library, *, simple: bool = False) -> Iterable[Start]:
-        """A hypothesis with every admitted effect more, to first order; only with simple ones where wanted."""
+        """Yield a hypothesis with each admitted (optionally simple) effect, to first order."""
         known_good = bound_parameters(hypothesis.candidates, hypothesis.values)
         products = _Products.of(self.problem.errors, hypothesis, library)
         k, inner, across = int(products.kept.sum()), products.inner, products.across
@@ -239,7 +239,7 @@ class Search:
             for number, prior_of, log, mean in zip(numbers, priors, logs, means, strict=True):
                 candidate, log = library.candidates[number], log + prior_of.log_weight  # noqa: PLW2901
                 best = np.unravel_index(np.argmax(log), log.shape)
-                if m and not mean[best][k:].any():  # a discrepancy took up all that a one-sided effect could explain
+                if m and not mean[best][k:].any():  # a discrepancy absorbed the one-sided effect
                     best = np.unravel_index(np.argmax(np.where(without[:, None], log, -np.inf)), log.shape)
                 odds = prior + self.problem.log_prior([candidate])
                 total, plain = (float(np.logaddexp.reduce(part.ravel())) for part in (log, log[without]))
@@ -253,23 +253,23 @@ class Search:
 
 @dataclass(frozen=True)
 class _Products:
-    """Inner products of a hypothesis's columns and of all effects', many small errors of either sign summed over."""
+    """Inner products of hypothesis and effect columns, with many small errors marginalized."""
 
     kept: Flags
-    """(k,) which of its parameters are left."""
+    """Flags (k,) of the parameters that are kept."""
     inner: Array
-    """(q, l+1, l+1) of these and the readings."""
+    """Inner products (q, l+1, l+1) of these and the readings."""
     across: Array
-    """(q, c, l+1) of all effects with them."""
+    """Inner products (q, c, l+1) of all effects with them."""
     log_weight: Array
-    """(q,) what the others add to ln of the evidence, but for the readings."""
+    """Contribution (q,) of the others to ln evidence, except through the readings."""
     before: Array
-    """(q, c, m) of all effects with the others, and what is in the others' place for each."""
+    """Inner products (q, c, m) of effects with the others; ``instead`` holds their solutions."""
     instead: Array
 
     @classmethod
     def of(cls, errors: Errors, hypothesis: Hypothesis, library: Library) -> _Products:
-        """Those of a library about a hypothesis, in the prior scales that it has."""
+        """Return the products of a library about a hypothesis, with its prior scales."""
         own = errors.project(np.column_stack([hypothesis.slopes, hypothesis.linear]))
         inner, across = errors.inner(own, own), errors.inner(library.projection, own)
         many = np.repeat([bool(c.parts) for c in hypothesis.candidates], [len(v) for _, v in hypothesis.parameters])
@@ -288,14 +288,14 @@ class _Products:
                    instead)  # fmt: skip
 
     def block(self, library: Library, number: int) -> Array:
-        """Inner products (q, k, k) of one effect's columns."""
+        """Return inner products (q, k, k) of one effect's columns."""
         here = library.columns[number]
         return library.blocks[number] - self.before[:, here] @ np.swapaxes(self.instead[:, here], -1, -2)
 
 
 @dataclass(frozen=True)
 class _Fitted:
-    """Hypotheses that a search has fitted so far."""
+    """Hypotheses fitted so far by a search."""
 
     problem: Problem
     found: dict[Forms, Hypothesis]
@@ -303,11 +303,11 @@ class _Fitted:
 
     @property
     def best(self) -> Hypothesis:
-        """The best so far."""
+        """The best hypothesis so far."""
         return max(self.found.values(), key=lambda h: h.evidence)
 
     def fit(self, starts: Sequence[Start], base: tuple[float, float], stage: str, most: int) -> list[Hypothesis]:
-        """Fit what promises to compete with the best that was fitted, in the order of promise."""
+        """Fit the starts that may compete with the best fitted hypothesis, in order."""
         fits: list[Hypothesis] = []
         strikes: dict[int, int] = {}
         for start in starts:
@@ -330,15 +330,15 @@ class _Fitted:
 
 
 def _heights(fits: Sequence[Hypothesis]) -> tuple[float, float]:
-    """The best evidence, and the best without a discrepancy."""
+    """Return the best evidence with and without a discrepancy."""
     return max(h.evidence for h in fits), max(h.plain_score for h in fits)
 
 
 def _gains(now: tuple[float, float], before: tuple[float, float]) -> bool:
-    """Whether one effect more is worth it, with a discrepancy or without."""
+    """Return whether one more effect is worthwhile, with or without a discrepancy."""
     return any(a >= b + GAIN for a, b in zip(now, before, strict=True))
 
 
 def _hopeless(promised: float, best: float, base: float) -> bool:
-    """Whether a set is too far behind the best that was fitted, of which first order may miss a share of the gain."""
+    """Return whether a set is too far behind the best fit, given relative first-order errors."""
     return promised < best - max(MARGIN, DOUBT * (best - base))

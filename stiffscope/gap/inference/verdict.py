@@ -1,4 +1,4 @@
-"""The verdict on a search: which effects are certain, whether they bring the gap to the noise, what is left."""
+"""Verdict on a search: certain effects, remaining gap and open questions."""
 
 from __future__ import annotations
 
@@ -16,48 +16,48 @@ if TYPE_CHECKING:
     from stiffscope.gap.inference.findings import Findings, Group
     from stiffscope.gap.inference.hypothesis import Hypothesis
 
-CONFIDENT = 0.9  # probability from which an effect, or its group, is certain
-MAJORITY = 0.5  # probability from which there is no gap, and a group has a word
-FEW = 3  # readings a parameter below which nothing is identified
-POSSIBLE = 0.02  # probability from which an effect is worth naming as possible
-MENTIONED = 3  # patterns at most that would do in the place of an effect
+CONFIDENT = 0.9  # least probability of a certain effect or group
+MAJORITY = 0.5  # least probability of no gap, and of known effects in a group
+FEW = 3  # least readings per parameter for an identification
+POSSIBLE = 0.02  # least probability of an effect listed as possible
+MENTIONED = 3  # most patterns mentioned as substitutes of an effect
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """A verdict, the effects that it names, and the hypothesis whose gap is reported."""
+    """A verdict, its named effects, and the hypothesis whose gap is reported."""
 
     verdict: str
     """identified, partly, ambiguous, unexplained or no-gap."""
     effects: tuple[Candidate, ...]
     hypothesis: Hypothesis
-    """These effects and no others."""
+    """Hypothesis of exactly these effects."""
     remarks: tuple[str, ...]
 
 
 def judge_findings(found: Findings) -> Judgement:
-    """The verdict.
+    """Return the verdict.
 
-    An effect is certain when it, or its group of at most three, has a probability of `CONFIDENT`, most of it with a
-    word, by what the readings say and not by its prior odds alone, and plausible parameters; none is where the
-    likeliest set, or what is certain of it, leaves a greater χ² than no effect at all.
-    With certain effects the verdict is "identified" where they bring the gap to the noise and "partly" where they do
-    not, or where a nuisance pattern is certain beside them; without, "no-gap" or "unexplained", as the gap is within
-    the noise or beyond. It is "ambiguous" where known effects bring the gap to the noise of which the main one is not
-    settled, be it that a pattern may stand in its place, or that it may be the same fault where it has no word.
+    An effect is certain if it, or its group of at most three, has the probability `CONFIDENT`,
+    mostly by known effects and by the readings rather than prior odds, and plausible parameters.
+    None is if the likeliest set, or its certain effects, leave a greater χ² than no effect. With
+    certain effects the verdict is "identified" if they reduce the gap to the noise, and "partly"
+    if not or if a nuisance pattern is also certain; without, "no-gap" or "unexplained", if the gap
+    is within the noise or not. It is "ambiguous" if known effects reduce the gap to the noise but
+    the main one is open, because a pattern or a like unnamed fault may replace it.
     """
     best, none = found.best, found.none
     wrong = {c.name: implausible(c, found.best) for c in best.words}
     strange = [text for texts in wrong.values() for text in texts]
     unnamed = sorted(c.place for c in best.candidates if c.is_nuisance)
     if unnamed:
-        strange.append(f"the readings follow {', '.join(unnamed)}, for which the vocabulary has no word")
+        strange.append(f"the readings follow {', '.join(unnamed)}, outside the known effects")
     groups = {c.name: found.group(c.name) for c in best.words}
     certain = [c for c in best.words if not wrong[c.name] and _certain(groups[c.name])]
     favoured = [name for name, group in groups.items() if group.doubted < CONFIDENT <= group.probability]
     unsettled = [f"{found.find_instead(name)} fits about as well as {name}" for name in favoured]
     kept, before = found.fit_effects(certain), found.chi2(none)
-    if certain and max(found.chi2(kept), found.chi2(best)) >= before:  # beside a discrepancy they follow details alone
+    if certain and max(found.chi2(kept), found.chi2(best)) >= before:  # they fit details only
         certain, kept = [], none
     count, parameters = int(found.used_readings.sum()), len(kept.values)
     few = count < FEW * (parameters + 1)
@@ -81,14 +81,14 @@ def judge_findings(found: Findings) -> Judgement:
 
 
 def settle_verdict(found: Findings, judgement: Judgement, others: Mapping[str, Findings]) -> Judgement:
-    """A verdict that its own checks carry: "ambiguous" where under another prior an effect loses its place.
+    """Return the verdict, or "ambiguous" if an effect is replaced under another prior.
 
     Parameters
     ----------
     found, judgement
         A search and its verdict.
     others
-        The same hypotheses under other priors, by what these are.
+        The same hypotheses under other priors, by description of the prior.
 
     """
     for prior, other in others.items() if judgement.verdict == "identified" else ():
@@ -96,15 +96,15 @@ def settle_verdict(found: Findings, judgement: Judgement, others: Mapping[str, F
         lost = [name for name in names if not other.best.names & {name, *found.group(name).others}]
         if lost:
             instead = " and ".join(sorted(other.best.names)) or "no effect"
-            text = f"not {' and '.join(lost)} but {instead} is likeliest with {prior}"
+            text = f"not {' and '.join(lost)} but {instead} is most probable with {prior}"
             return replace(judgement, verdict="ambiguous", remarks=(*judgement.remarks, text))
     return judgement
 
 
 def _judge_named(found: Findings, kept: Hypothesis, strange: Sequence[str], unsettled: Sequence[str]) -> Judgement:
-    """The verdict where some effects are certain.
+    """Return the verdict if some effects are certain.
 
-    kept: these and no others; strange: what is implausible, or has no word; unsettled: what fits as well as others.
+    kept: exactly these; strange: implausible or unnamed causes; unsettled: equally good ones.
     """
     rest, names = lack_of_fit(found, kept), [c.name for c in kept.words]
     if rest and not strange:
@@ -123,19 +123,19 @@ def _judge_named(found: Findings, kept: Hypothesis, strange: Sequence[str], unse
 
 
 def _certain(group: Group) -> bool:
-    """Whether it is certain that one of a group is at work, and more likely than not one with a word."""
+    """Return whether a group is certain, and known effects are more likely than not."""
     return group.doubted >= CONFIDENT and group.known > MAJORITY
 
 
 def _pattern_beside(found: Findings, kept: Hypothesis) -> bool:
-    """Whether a nuisance pattern is certain beside effects, and explains more than the model's own small errors."""
+    """Return whether a nuisance pattern is also certain and exceeds small model errors."""
     pairs = zip(found.hypotheses, found.probability, strict=True)
     unnamed = sum(p for h, p in pairs if len(h.words) < len(h.candidates))
     return unnamed >= CONFIDENT and found.chi2(kept) - found.chi2(found.best) > model_errors(found, kept)
 
 
 def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:
-    """A line for each effect that is named: which nuisance patterns would do nearly as well in its place."""
+    """Yield remarks on nuisance patterns that fit nearly as well as named effects."""
     for name, patterns in found.imitating_patterns.items():
         if name in names:
             places = " or ".join(c.place for c in patterns[:MENTIONED])
@@ -143,15 +143,15 @@ def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:
 
 
 def _main(found: Findings, hypothesis: Hypothesis) -> str:
-    """The effect of a hypothesis that explains the most alone: of two that with the greater share, too."""
+    """Return the effect that alone explains the most; of two, it also has the larger share."""
     return min(hypothesis.candidates, key=lambda c: found.chi2(found.fit_effects([c]))).name
 
 
 def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
-    """Share of every effect in the explained χ², by Shapley's value: its gain, averaged over all orders of adding.
+    """Return each effect's Shapley share of the explained χ²: its mean gain over all orders.
 
-    Every subset of the effects is fitted by itself, as any hypothesis is: what follows the readings only with values
-    that it cannot have, or that are not likely, explains nothing alone. The shares add up to 1.
+    Every subset of the effects is fitted like any hypothesis, so an effect that fits the readings
+    only with impossible or unlikely values explains nothing alone. The shares sum to 1.
 
     References
     ----------
@@ -176,9 +176,9 @@ def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
 
 
 def doubtful(found: Findings, named: tuple[Candidate, ...]) -> list[tuple[str, float]]:
-    """Effects, `effect @ place`, that may be at work beside the named ones and their groups, with probability.
+    """Return possible effects, `effect @ place`, besides the named groups, with probabilities.
 
-    They are worth a word by it, or by what it would be if all effects were equally likely.
+    Each has a probability, given or with equal odds of all effects, of at least `POSSIBLE`.
     """
     groups: list[Group] = [found.group(c.name) for c in named]
     known = {c.name for c in named} | {other for group in groups for other in group.others}

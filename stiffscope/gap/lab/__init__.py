@@ -1,4 +1,4 @@
-"""The virtual lab: a robot with known faults, and the campaign that a lab would measure on it.
+"""Virtual lab: a robot with known faults, and the campaign that a lab would measure on it.
 
-Its mechanics are its own: nothing of `stiffscope.vjm` or of the diagnosis is imported here.
+Its mechanics are independent: it imports nothing from `stiffscope.vjm` or the diagnosis.
 """

@@ -1,4 +1,4 @@
-"""Where the bodies of a rigid machine stand: Newton's method over the poses of all bodies, from home."""
+"""Poses of the bodies of a rigid machine, by Newton's method from home over all bodies."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.rotations import Array
 
 COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
-_STEPS = 8  # on the way from home
-_WALK = 2  # iterations at each of them
+_STEPS = 8  # load steps from home to the pose
+_WALK = 2  # iterations at each step
 _END = 30  # iterations at the pose itself
 CLOSED = 1e-11
-"""Residual of a closed loop, m and rad."""
-_DAMPING = 1e-10  # of the largest entry of JᵀJ: idle motions stay where they are
+"""Largest residual of a closed loop, m and rad."""
+_DAMPING = 1e-10  # relative to the largest entry of JᵀJ: keeps idle motions in place
 
 
 @dataclass(frozen=True)
 class Frames:
-    """Displacement from home x = R x_home + p of some nodes or bodies, by name; stacks over poses (n, …)."""
+    """Displacement x = R x_home + p of nodes or bodies from home, by name; stacked over n poses."""
 
     rotation: dict[str, Array]
     position: dict[str, Array]
 
     def point(self, name: str, home: Array) -> Array:
-        """Where a point (3,) of a node is (n, 3)."""
+        """Return the positions (n, 3) of a node's point (3,)."""
         return self.rotation[name] @ home + self.position[name]
 
     def some(self, mask: Any) -> Frames:
-        """Those at some of the poses."""
+        """Return the selected poses."""
         return Frames(
             {name: r[mask] for name, r in self.rotation.items()}, {name: p[mask] for name, p in self.position.items()}
         )
 
     def move(self, twists: dict[str, Array]) -> Frames:
-        """After twists (n, 6) about the origin of some of them."""
+        """Return the frames after twists (n, 6) of some of them about the origin."""
         rotation, position = dict(self.rotation), dict(self.position)
         for name, t in twists.items():
             r = turn(t[:, 3:])
@@ -55,7 +55,7 @@ class Frames:
 
 
 def frames_at_home(names: Sequence[str], count: int) -> Frames:
-    """Frames of nodes at home, `count` times."""
+    """Return the frames of nodes at home, `count` times."""
     rotation = {name: np.broadcast_to(np.eye(3), (count, 3, 3)).copy() for name in (*names, GROUND)}
     return Frames(rotation, {name: np.zeros((count, 3)) for name in (*names, GROUND)})
 
@@ -65,13 +65,13 @@ class JointState:
     """A joint at n poses."""
 
     misfit: Array
-    """(n, 6) of the second node against the first in the joint's axes; driven: away from `commanded`, free: zero."""
+    """Offset (n, 6) between the nodes, joint axes; driven: from `commanded`, free: zero."""
     carry: Array
-    """(n, 6, 6) from a twist about the origin to the joint's axes and point."""
+    """Transform (n, 6, 6) of a twist about the origin to the joint's axes and point."""
     held: Array
-    """(n, r, 6) directions that it holds."""
+    """Constrained directions (n, r, 6)."""
     displacement: Array
-    """(n,) along its first free direction from home: of a drive."""
+    """Displacement (n,) from home along the first free direction, that of a drive."""
 
 
 def joint_state(joint: Joint, frames: Frames, first: str, second: str, commanded: Array | float = 0.0) -> JointState:
@@ -82,9 +82,9 @@ def joint_state(joint: Joint, frames: Frames, first: str, second: str, commanded
     joint
         Joint of the laboratory's robot.
     frames
-        Rotations and places of all nodes at n poses.
+        Rotations and positions of all nodes at n poses.
     first, second
-        Names of the nodes that it joins.
+        Names of the nodes that it connects.
     commanded
         Displacement of its drive from home (n,), m or rad.
 
@@ -108,7 +108,7 @@ def joint_state(joint: Joint, frames: Frames, first: str, second: str, commanded
             displacement = commanded + (angle - commanded + np.pi) % (2.0 * np.pi) - np.pi
             around[:, 0] = 0.0
     elif joint.kind == "universal":
-        other = (back @ frames.rotation[second] @ joint.axis2[:, None])[..., 0]  # axis2, in the joint's axes
+        other = (back @ frames.rotation[second] @ joint.axis2[:, None])[..., 0]  # in joint axes
         normal = np.cross(np.eye(3)[0], other)
         size = np.linalg.norm(normal, axis=1)
         home = joint.axes.T @ joint.axis2
@@ -124,7 +124,7 @@ def joint_state(joint: Joint, frames: Frames, first: str, second: str, commanded
 
 
 def spring_state(joint: Joint, frames: Frames, first: str, second: str) -> tuple[Array, Array]:
-    """Return the free motions of a joint, and how far it is from the rest of its spring.
+    """Return the free motions of a joint, and its displacement from the spring's rest position.
 
     Parameters
     ----------
@@ -145,10 +145,10 @@ def spring_state(joint: Joint, frames: Frames, first: str, second: str) -> tuple
     rows = np.broadcast_to(np.eye(6)[list(FREE[joint.kind])], (n, len(FREE[joint.kind]), 6))
     if joint.kind == "spherical":
         away[:, 3:] = vector_of(relative)
-    elif joint.kind == "universal":  # about x, then about the second axis, seen from the first body
+    elif joint.kind == "universal":  # about x, then axis2, in axes of the first body
         home, other = joint.axes.T @ joint.axis2, (back @ frames.rotation[second] @ joint.axis2[:, None])[..., 0]
         about = np.arctan2(other[:, 2], other[:, 1]) - np.arctan2(home[2], home[1])
-        image = np.swapaxes(relative, -1, -2) @ np.eye(3)[0]  # the first axis, seen from the second body
+        image = np.swapaxes(relative, -1, -2) @ np.eye(3)[0]  # axis 1 in the second body
         side = np.cross(home, np.eye(3)[0])
         turned = -np.arctan2(image @ side, image @ np.cross(side, home))
         rows = np.array(np.broadcast_to(np.eye(6)[[3, 4]], (n, 2, 6)))
@@ -161,16 +161,16 @@ def spring_state(joint: Joint, frames: Frames, first: str, second: str) -> tuple
 
 @dataclass(frozen=True)
 class Located:
-    """The bodies of the machine as its controller believes it to be, at commanded poses."""
+    """Bodies of the machine at commanded poses, as assumed by its controller."""
 
     frames: Frames
     drives: dict[str, Array]
-    """Displacement (n,) of every drive from home."""
+    """Displacement (n,) of each drive from home."""
     closed: NDArray[np.bool_]
-    """(n,) whether the loops close there and every drive is within its range."""
+    """(n,) whether the loops close and every drive is within its range."""
 
     def some(self, mask: Any) -> Located:
-        """Those at some of the poses."""
+        """Return the selected poses."""
         drives = {name: q[mask] for name, q in self.drives.items()}
         return Located(self.frames.some(mask), drives, self.closed[mask])
 
@@ -181,7 +181,7 @@ def home_of(machine: Machine) -> Array:
 
 
 def locate(machine: Machine, poses: Array) -> Located:
-    """Return where the bodies stand as drawn and rigid when M is at poses (n, k), reached straight from home."""
+    """Return the poses of the rigid bodies, as drawn, with M at poses (n, k) reached from home."""
     n = len(poses)
     home = home_of(machine)
     frames = frames_at_home(tuple(machine.bodies), n)
@@ -205,7 +205,7 @@ def locate(machine: Machine, poses: Array) -> Located:
 
 
 def _equations(machine: Machine, frames: Frames, target: Array) -> tuple[Array, Array]:
-    """Return derivatives (n, r, 6 bodies) of all constraints by twists about the origin, and their errors (n, r)."""
+    """Return derivatives (n, r, 6 bodies) of constraints by twists, and their errors (n, r)."""
     index = {name: 6 * k for k, name in enumerate(machine.bodies)}
     n, columns = len(target), 6 * len(index)
     rows: list[Array] = []
@@ -236,11 +236,11 @@ def _equations(machine: Machine, frames: Frames, target: Array) -> tuple[Array, 
 
 
 def _step(machine: Machine, rows: Array, errors: Array) -> dict[str, Array]:
-    """Return the smallest twists (n, 6) of all bodies that undo errors (n, r), to first order."""
+    """Return the smallest twists (n, 6) of all bodies that cancel errors (n, r) to first order."""
     square = np.swapaxes(rows, -1, -2) @ rows
     size = square.shape[-1]
     square[:, range(size), range(size)] += _DAMPING * np.abs(square).max(axis=(1, 2))[:, None]
     right = np.swapaxes(rows, -1, -2) @ errors[..., None]
     back = -np.linalg.solve(square, right)[..., 0]
-    back *= np.minimum(1.0, 0.5 / np.maximum(np.abs(back).max(axis=1), 1e-300))[:, None]  # half a radian at most
+    back *= np.minimum(1.0, 0.5 / np.maximum(np.abs(back).max(axis=1), 1e-300))[:, None]  # at most 0.5 rad
     return {name: back[:, 6 * k : 6 * k + 6] for k, name in enumerate(machine.bodies)}

@@ -1,4 +1,4 @@
-"""Faults injected into the true machine: each word of the vocabulary, and faults that it has no word for."""
+"""Faults injected into the true machine: the known effects, and faults without a name."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Injector = Callable[["Machine", str, "Parameters"], "Machine"]
 ENTRIES = tuple(f"c{i}{j}" for i in range(1, 7) for j in range(i, 7))
 _COUPLED = ("rxry", "rxrz", "ryrz")
 _YIELDING = (*COORDINATES, *_COUPLED)
-_UNIFORM = 0.01  # relative, to which the entries of a uniform beam agree
+_UNIFORM = 0.01  # relative tolerance on the entries of a uniform beam
 
 
 def _drives(machine: Machine, place: str) -> dict[str, Joint]:
@@ -55,7 +55,7 @@ def _find_links(machine: Machine, place: str) -> dict[str, Body]:
 
 
 def _support(parameters: Parameters) -> Array:
-    """Compliance (6, 6) of a support: a diagonal entry by each coordinate's name, `rxry` and the like between two."""
+    """Return the compliance (6, 6) of a support: diagonal terms, and couplings such as `rxry`."""
     out = np.diag(name_parameters(parameters, *COORDINATES))
     for name in set(parameters).intersection(_COUPLED):
         i, j = COORDINATES.index(name[:2]), COORDINATES.index(name[2:])
@@ -64,27 +64,27 @@ def _support(parameters: Parameters) -> Array:
 
 
 def _every_joint(change: Callable[[Joint, Parameters], Joint]) -> Injector:
-    """An injector that changes every joint of a place."""
+    """Return an injector that changes every joint of a place."""
     return lambda machine, place, parameters: machine.with_joints(
         {name: change(joint, parameters) for name, joint in _joints(machine, place).items()}
     )
 
 
 def _driven(change: Callable[[Any, float], Any], parameter: str) -> Injector:
-    """An injector that changes every drive of a place."""
+    """Return an injector that changes every drive of a place."""
     return _every_joint(lambda j, v: replace(j, drive=change(j.drive, v[parameter])) if j.drive else j)
 
 
 def _soften_bearing(joint: Joint, diagonal: Sequence[float] | Array) -> Joint:
-    """Compliance added to a bearing, along and about what it holds."""
+    """Add compliance to a bearing in its constrained directions."""
     held = np.array([i not in FREE[joint.kind] for i in range(6)])
-    if joint.kind == "universal":  # it holds the direction across both axes, and that is not quite z
+    if joint.kind == "universal":  # its constrained direction is not exactly z
         held[3:] = True
     return replace(joint, bearing=joint.bearing + np.diag(np.where(held, diagonal, 0.0)))
 
 
 def bearing_words(joints: Sequence[Joint]) -> tuple[str, ...]:
-    """Return the words of `joint-compliance` that mean anything for some of these joints."""
+    """Return the parameters of `joint-compliance` that apply to any of these joints."""
     words = {
         "radial": any(i < 3 and (i > 0 or not joint.directed) for joint in joints for i in joint.held_directions),
         "axial": any(0 in joint.held_directions and joint.directed for joint in joints),
@@ -105,7 +105,7 @@ def _guide_compliance(joint: Joint, parameters: Parameters) -> Joint:
 
 
 def _bodies(change: Callable[[Body, Parameters], Body]) -> Injector:
-    """An injector that changes every elastic body of a place."""
+    """Return an injector that changes every elastic body of a place."""
     return lambda machine, place, parameters: machine.with_bodies(
         {name: change(body, parameters) for name, body in _find_elastic(machine, place).items()}
     )
@@ -114,7 +114,7 @@ def _bodies(change: Callable[[Body, Parameters], Body]) -> Injector:
 def beam(length: float, section: Array) -> Array:
     """Return the compliance (6, 6) at the free end of a uniform cantilever along x.
 
-    section: (6,) per metre, 1/EA, 1/κGA (y), 1/κGA (z), 1/GI_p, 1/EI_y, 1/EI_z; zero shear gives docs/theory.md (7.1).
+    section: per metre 1/EA, 1/κGA (y, z), 1/GI_p, 1/EI (y, z); no shear gives docs/theory.md (7.1).
     """
     n, vy, vz, t, by, bz = section * length
     out = np.diag([n, vy + bz * length**2 / 3, vz + by * length**2 / 3, t, by, bz])
@@ -124,13 +124,13 @@ def beam(length: float, section: Array) -> Array:
 
 
 def section_of(compliance: Array, length: float) -> Array:
-    """Return the uniform section whose cantilever comes nearest to a compliance (6, 6); see `beam`."""
+    """Return the uniform section of the cantilever nearest to a compliance (6, 6); see `beam`."""
     n, y, z, t, by, bz = np.diag(compliance) / length
     return np.array([n, y - bz * length**2 / 3, z - by * length**2 / 3, t, by, bz])
 
 
 def is_uniform(body: Body) -> bool:
-    """Whether a body yields as a beam of a uniform section does over its length."""
+    """Return whether a body's compliance is that of a uniform beam of its length."""
     size = np.sqrt(np.diag(body.compliance))
     section = section_of(body.compliance, body.length)
     other = np.abs(body.compliance - beam(body.length, section)) > _UNIFORM * np.outer(size, size)
@@ -138,7 +138,7 @@ def is_uniform(body: Body) -> bool:
 
 
 def _rigid_ends(body: Body, parameters: Parameters) -> Body:
-    """A body by its own section over the length that bends, seen from its tip behind the clamped end."""
+    """Return a body of the same section that bends only between rigid ends, at its tip."""
     clamped, length = parameters["length"], body.length
     if not 0 <= clamped < length / 2:
         raise InputError(f"rigid-ends, length: expected 0 to {length / 2:g} m, got {clamped:g}")
@@ -161,13 +161,13 @@ def _part_compliance(body: Body, parameters: Parameters) -> Body:
 
 
 def _grow(body: Body, strain: float) -> Body:
-    """A body that is larger all over: its ends stand further from the first."""
+    """Return a uniformly expanded body, with its ends further from the first."""
     away = strain * body.away
     return replace(body, offset=body.offset + np.hstack([away, 0.0 * away]).ravel())
 
 
 def _payload(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    """A mass on a rigid body: its centre from M on the tool's body, elsewhere from the body's centre."""
+    """Add a mass to a rigid body, with its centre relative to M (tool) or the body's centre."""
     node = machine.tool if place == "tool" else place
     origin = machine.at if node == machine.tool else machine.bodies[node].centre
     load = Payload(node, parameters["mass"], origin + name_parameters(parameters, "x", "y", "z"))
@@ -175,7 +175,7 @@ def _payload(machine: Machine, place: str, parameters: Parameters) -> Machine:
 
 
 def _on_drives(law: str, parameter: str) -> Injector:
-    """A law on the force of every drive of a place."""
+    """Return an injector of a force law for every drive of a place."""
 
     def injector(machine: Machine, place: str, parameters: Parameters) -> Machine:
         found = _drives(machine, place).items()
@@ -192,24 +192,24 @@ _ALIKE = ("revolute", "prismatic", "universal", "spherical")
 
 
 def _joint_stiffness(joint: Joint, parameters: Parameters) -> Joint:
-    """A factor on the spring of a passive joint, or a stiffness where there is none."""
+    """Scale the spring of a passive joint, or add a stiffness."""
     if joint.drive is not None or joint.kind not in _ALIKE:
         return joint
     return replace(joint, spring=joint.spring * parameters.get("factor", 1.0) + parameters.get("stiffness", 0.0))
 
 
 def _held_across(joint: Joint) -> tuple[int, ...]:
-    """Translations that a joint holds across its axis; a ball has none."""
+    """Return the translations constrained across a joint's axis; all for a spherical joint."""
     return tuple(i for i in range(3) if i in joint.held_directions and (i > 0 or not joint.directed))
 
 
 def _find_opening(joint: Joint) -> tuple[int, ...]:
-    """The axis along which a joint opens where it is pulled, and is closed where it is pressed."""
+    """Return the axis along which a joint opens in tension and is closed in compression."""
     return tuple(i for i in joint.held_directions[:1] if i < 3)
 
 
 def _in_joints(law: str, parameter: str, directions: Callable[[Joint], tuple[int, ...]]) -> Injector:
-    """A law on forces that every joint of a place holds along some directions."""
+    """Return an injector of a force law for every joint of a place in some directions."""
 
     def injector(machine: Machine, place: str, parameters: Parameters) -> Machine:
         knee = parameters.get("knee", np.inf)
@@ -223,13 +223,13 @@ def _in_joints(law: str, parameter: str, directions: Callable[[Joint], tuple[int
 
 
 def _bow(body: Body, parameters: Parameters) -> Body:
-    """A uniform curvature 1/m: its tip rises by κL²/2 and turns by κL."""
+    """Bend a body by a uniform curvature, 1/m: its tip rises by κL²/2 and turns by κL."""
     kappa, length = parameters["curvature"], body.length
     return replace(body, offset=body.offset + kappa * np.array([0, 0, length**2 / 2, 0, -length, 0]))
 
 
 def _larger_body(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    """A rigid body made larger than drawn: the points of its joints stand further from its centre."""
+    """Enlarge a rigid body: the points of its joints move away from its centre."""
     body = machine.bodies[place]
     grown: dict[str, Joint] = {}
     for name, joint in machine.joints.items():
@@ -242,7 +242,7 @@ def _larger_body(machine: Machine, place: str, parameters: Parameters) -> Machin
 
 
 def _mislay_axis(joint: Joint, parameters: Parameters) -> Joint:
-    """The axis of a joint lies off the drawn one, square to it; that of a slide is turned alone."""
+    """Displace a joint's axis perpendicular to the drawn one; that of a slide is only rotated."""
     twist = name_parameters(parameters, "", *(("", "") if joint.kind == "prismatic" else "yz"), "", "ry", "rz")
     return replace(joint, astray=joint.astray + twist) if joint.kind in DRIVEN else joint
 
@@ -261,7 +261,7 @@ def _any_joint(holds: Callable[[Joint], Any]) -> Callable[[Machine, str], bool]:
 
 @dataclass(frozen=True)
 class Word:
-    """A kind of fault: its parameters, how it is injected, and whether it has anything to act on at a place."""
+    """A kind of fault: its parameters, its injector, and whether it can act at a place."""
 
     names: tuple[str, ...]
     inject: Injector
@@ -318,7 +318,7 @@ KNOWN: dict[str, Word] = {
         _allow_only("instrument"),
     ),
 }
-"""The vocabulary's words but `geometry`; a part's dimension comes as the entries of its new 6x6."""
+"""Known effects except `geometry`; a part's dimension is given as the entries of its new 6x6."""
 
 OUTSIDE: dict[str, Word] = {
     "hardening-drive": Word(("cubic",), _on_drives("hardening", "cubic"), _drives),
@@ -345,41 +345,41 @@ OUTSIDE: dict[str, Word] = {
     ),
     "bad-session": Word(("relative",), lambda m, _, v: change_instrument(m, bad_session=v["relative"])),
 }
-"""Faults that the vocabulary has no word for."""
+"""Faults that are not in the vocabulary."""
 
 
 def acts_on(machine: Machine, effect: str, place: str) -> bool:
-    """Return whether an effect has anything to act on at a place; sensors and channels are taken as they are.
+    """Return whether an effect can act at a place; sensors and channels are not checked.
 
     Parameters
     ----------
     machine
-        In which it would act.
+        The machine.
     effect
-        A word of `KNOWN` or `OUTSIDE`.
+        A name of `KNOWN` or `OUTSIDE`.
     place
-        An element, a set of them, or what the effect's own places are.
+        An element, a set of them, or another place of the effect.
 
     """
     return bool({**KNOWN, **OUTSIDE}[effect].acts_on(machine, place))
 
 
 def inject(machine: Machine, effect: str, place: str, parameters: Parameters) -> Machine:
-    """Return the machine with one effect more.
+    """Return the machine with an effect added.
 
     Parameters
     ----------
     machine
-        As it is.
+        The machine so far.
     effect, place
-        A word of `KNOWN` or `OUTSIDE`, and where it acts.
+        A name of `KNOWN` or `OUTSIDE`, and where it acts.
     parameters
-        By name, SI; those that are left out of a group are zero.
+        Parameters by name, SI; omitted ones of a group are zero.
 
     Raises
     ------
     InputError
-        For a name that neither `KNOWN` nor `OUTSIDE` has, listing what would be valid.
+        For a name that is not in `KNOWN` or `OUTSIDE`, listing the valid ones.
 
     """
     words = {**KNOWN, **OUTSIDE}

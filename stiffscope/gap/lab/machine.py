@@ -1,4 +1,4 @@
-"""The true machine of the virtual lab: the robot of a robot file, and whatever is wrong with it."""
+"""True machine of the virtual lab: the robot of a robot file with its faults."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
 
 GROUND = "ground"
 BASE, TOOL = "<base>", "<tool>"
-"""The nodes that stand on the base's compliance, and at M behind the tool's; also the names of these two elements."""
+"""Nodes above the base's compliance, and at M behind the tool's; also names of these elements."""
 FREE: dict[str, tuple[int, ...]] = {
     "fixed": (), "revolute": (3,), "prismatic": (0,), "cylindrical": (0, 3), "universal": (3, 4),
     "spherical": (3, 4, 5), "planar": (1, 2, 3),
 }  # fmt: skip
-"""Directions of a joint's axes (x along `axis`) that it leaves free; a universal joint's second is its `axis2`."""
+"""Free directions in a joint's axes (x along `axis`); a universal joint's second is `axis2`."""
 DRIVEN = {"revolute": 3, "prismatic": 0, "cylindrical": 0}
-"""Direction along which a drive acts, of the kinds that lead a body about or along one axis."""
-_ALONG = 1e-9  # of a body's length: what its end may be off its x axis
+"""Driven direction of joints that guide a body about or along one axis."""
+_ALONG = 1e-9  # relative to a body's length: offset of its end from its x axis
 
 
 def _zeros(*shape: int) -> Array:
@@ -36,45 +36,45 @@ def _zeros(*shape: int) -> Array:
 
 @dataclass(frozen=True)
 class Body:
-    """A body; elastic where it has two nodes or more, its ends."""
+    """A body; elastic if it has two or more nodes, its ends."""
 
     name: str
     nodes: tuple[str, ...]
     mass: float = 0.0
     centre: Array = field(default_factory=lambda: _zeros(3))
-    """Of mass of a rigid one, home coordinates."""
+    """Centre of mass of a rigid body, home coordinates."""
     places: Array = field(default_factory=lambda: _zeros(0, 3))
-    """Of its n ends at home."""
+    """Positions (n, 3) of its ends at home."""
     axes: Array = field(default_factory=lambda: np.eye(3))
     """Part axes at home as columns."""
     compliance: Array = field(default_factory=lambda: _zeros(6, 6))
-    """(6m, 6m), m = n - 1, of all ends but the first against that, part axes, at each."""
+    """Compliance (6m, 6m), m = n - 1, of the other ends against the first, part axes."""
     ends: Array = field(default_factory=lambda: _zeros(2, 6, 3))
-    """Wrench (n, 6, 3) at every end for unit accelerations of its mass, part axes."""
+    """Wrenches (n, 6, 3) at its ends for unit accelerations of its mass, part axes."""
     expansion: float = 0.0
     part: str = ""
     offset: Array = field(default_factory=lambda: _zeros(6))
-    """Twist (6m,) of the unloaded ends away from where the drawing has them, part axes."""
+    """Twist (6m,) of the unloaded ends from their drawn positions, part axes."""
 
     @property
     def away(self) -> Array:
-        """Places (m, 3) of all ends but the first from that, part axes."""
+        """Positions (m, 3) of the other ends relative to the first, part axes."""
         return (self.places[1:] - self.places[0]) @ self.axes
 
     @property
     def length(self) -> float:
-        """From its first end to its last, m."""
+        """Distance from its first end to its last, m."""
         return float(np.linalg.norm(self.places[-1] - self.places[0]))
 
     @property
     def is_link(self) -> bool:
-        """Whether it has two ends, its x axis from one to the other."""
+        """Whether it has two ends, connected by its x axis."""
         return len(self.places) == 2 and bool(np.allclose(self.away[0, 1:], 0.0, atol=_ALONG * self.length))
 
 
 @dataclass(frozen=True)
 class Drive:
-    """The spring of a drive, N/m or N·m/rad, its range of displacement from home, and the error of its zero."""
+    """A drive: stiffness, N/m or N·m/rad, range of displacement from home, and zero error."""
 
     stiffness: float
     low: float = -np.inf
@@ -86,34 +86,34 @@ class Drive:
 
 @dataclass(frozen=True)
 class Joint:
-    """A joint from node `first` to node `second`; its axes ride on the first."""
+    """A joint from node `first` to node `second`; its axes move with the first."""
 
     name: str
     first: str
     second: str
     kind: str
     at: Array
-    """Its point as drawn, home coordinates."""
+    """Its drawn point, home coordinates."""
     at_first: Array
     at_second: Array
-    """Its point on either node: as drawn unless a body is not."""
+    """Its point on either node: the drawn one unless a body deviates."""
     axes: Array
     axis2: Array
-    """Second axis of a universal joint at home, rides on the second node."""
+    """Second axis of a universal joint at home; it moves with the second node."""
     bearing: Array
-    """(6, 6) compliance in the joint's axes along and about what it holds, without the drive."""
+    """Compliance (6, 6) in its constrained directions, joint axes, without the drive."""
     drive: Drive | None = None
     spring: float = 0.0
-    """Resists each of its free motions, N/m or N·m/rad."""
+    """Stiffness of each of its free motions, N/m or N·m/rad."""
     rest: float = 0.0
     directed: bool = True
-    """Whether its file gives an axis: what has none yields alike in all directions that it holds."""
+    """Whether its file gives an axis; without one, all held directions are equally compliant."""
     astray: Array = field(default_factory=lambda: _zeros(6))
-    """Twist of its real axis away from the drawn one, in its axes and at its point; bodies are as drawn at home."""
+    """Twist of its real axis from the drawn one, own axes and point; bodies as drawn at home."""
 
     @property
     def real_joint(self) -> Joint:
-        """The joint with its axis where it really is."""
+        """The joint with its real axis."""
         off = self.axes @ self.astray[:3]
         return replace(
             self, at_first=self.at_first + off, at_second=self.at_second + off, axes=self.axes @ turn(self.astray[3:])
@@ -121,18 +121,18 @@ class Joint:
 
     @property
     def drawn_joint(self) -> Joint:
-        """The joint with its point where it is drawn."""
+        """The joint with its drawn point."""
         return replace(self, at_first=self.at, at_second=self.at)
 
     @property
     def held_directions(self) -> tuple[int, ...]:
-        """Directions of its axes that it holds, the driven one too."""
+        """Constrained directions of its axes, including the driven one."""
         free = set(FREE[self.kind]) - ({DRIVEN[self.kind]} if self.drive else set())
         return tuple(i for i in range(6) if i not in free)
 
     @property
     def compliance(self) -> Array:
-        """(6, 6) in its axes, with the drive."""
+        """Compliance (6, 6) in its axes, with the drive."""
         out = self.bearing.copy()
         if self.drive is not None:
             out[DRIVEN[self.kind], DRIVEN[self.kind]] += 1.0 / self.drive.stiffness
@@ -141,12 +141,12 @@ class Joint:
 
 @dataclass(frozen=True)
 class Slot:
-    """A nonlinear fault: motion lost along one direction of an element, by a law of the force that it carries.
+    """A nonlinear fault: lost motion in one direction of an element by a law of its force.
 
-    Laws, with f the force and k the linear stiffness there (infinite where it is rigid): "play" shifts by `size`
-    towards f; "hardening" makes f = k e + size e³; "friction" keeps up to `size` of f; "one-sided" yields size f where
-    f pulls; "curve" yields what `points` (deflection, force) say beyond f / k; "stiffening" yields e with
-    f = e / size[compliance] (1 + (e / knee)²).
+    Laws, with force f, deflection e and linear stiffness k (infinite if rigid): "play" shifts by
+    `size` towards f; "hardening" has f = k e + size e³; "friction" takes up to `size` of f;
+    "one-sided" gives e = size f in tension only; "curve" gives the deflection by `points`
+    (deflection, force) less f / k; "stiffening" has f = e / size[compliance] (1 + (e / knee)²).
     """
 
     element: str
@@ -160,7 +160,7 @@ class Slot:
 
 @dataclass(frozen=True)
 class Payload:
-    """A mass in kg on a node, its centre in home coordinates."""
+    """A mass, kg, on a node, with its centre in home coordinates."""
 
     node: str
     mass: float
@@ -169,36 +169,36 @@ class Payload:
 
 @dataclass(frozen=True)
 class Instrument:
-    """What stands between the machine and a number in a file."""
+    """The measuring chain between the machine and a number in a file."""
 
     rotation: Array = field(default_factory=lambda: _zeros(3))
     scale: float = 1.0
     force: float = 1.0
-    """True wrench / stated wrench."""
+    """Ratio of true to stated wrench."""
     crosstalk: tuple[tuple[str, str, float], ...] = ()
-    """Channel, the channel that its signal leaks into, share."""
+    """Tuples of channel, the channel that its signal leaks into, and share."""
     application: Array = field(default_factory=lambda: _zeros(3))
-    """Where the wrench acts relative to where it is said to, m."""
+    """Offset of the wrench's actual point from the stated one, m."""
     drift: tuple[float, float] = (0.0, 0.0)
-    """What every channel has wandered by the end of the campaign, m and rad."""
+    """Drift of every channel by the end of the campaign, m and rad."""
     gain_drift: float = 0.0
-    """Relative change of its gain from the beginning to the end."""
+    """Relative change of the gain over the campaign."""
     quantum: tuple[float, float] = (0.0, 0.0)
-    """Least step of the converter, m and rad."""
+    """Resolution of the converter, m and rad."""
     bad_session: float = 0.0
     """Relative gain error of the last session."""
     rotations: Mapping[str, Array] = field(default_factory=dict[str, "Array"])
     scales: Mapping[str, float] = field(default_factory=dict[str, float])
-    """Of single sensors."""
+    """Scales of single sensors."""
     factors: Mapping[str, float] = field(default_factory=dict[str, float])
-    """What the numbers of a channel, or of all, are multiplied with where they are written down."""
+    """Factor on the recorded numbers of a channel, or of all."""
     steps: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, "tuple[float, float]"])
-    """By channel from which row of the table on it has slipped, and how far, m or rad."""
+    """First row of the table after a slip, and its size, m or rad, by channel."""
 
 
 @dataclass(frozen=True)
 class Machine:
-    """A robot as it really is, SI, base axes {O}, home coordinates."""
+    """The real robot, SI, base axes {O}, home coordinates."""
 
     robot: RobotFile
     bodies: Mapping[str, Body]
@@ -211,81 +211,81 @@ class Machine:
     gravity: Array
     """Acceleration of free fall (3,)."""
     weighted: bool = True
-    """Whether its own weight acts."""
+    """Whether the robot's own weight acts."""
     base: Array = field(default_factory=lambda: _zeros(6, 6))
     platform: Array = field(default_factory=lambda: _zeros(6, 6))
     """Compliances at {O} and at M, base axes at home."""
     cable: Array = field(default_factory=lambda: _zeros(3))
-    """Stiffness along x, y, z of a cable chain between frame and tool, slack at home, N/m."""
+    """Stiffness along x, y, z of a cable chain between frame and tool, unloaded at home, N/m."""
     payloads: tuple[Payload, ...] = ()
     slots: tuple[Slot, ...] = ()
     instrument: Instrument = field(default_factory=Instrument)
 
     def members(self, place: str) -> tuple[str, ...]:
-        """Bodies and joints that a place means; `robot` is what grows as it gets warm."""
+        """Return the bodies and joints of a place; `robot` means all that expand thermally."""
         if place == "robot":
             return tuple(name for name, body in self.bodies.items() if len(body.nodes) > 1 and body.expansion)
         return self.robot.members(place)
 
     def carrier(self, node: str) -> str:
-        """Name of the body that a node belongs to; the ground's is its own."""
+        """Return the name of a node's body; the ground's is its own."""
         return node if node in self.bodies or node == GROUND else node.rsplit(".", 1)[0]
 
     def with_bodies(self, changed: Mapping[str, Body]) -> Machine:
-        """The machine with some bodies replaced."""
+        """Return the machine with some bodies replaced."""
         return replace(self, bodies={**self.bodies, **changed})
 
     def with_joints(self, changed: Mapping[str, Joint]) -> Machine:
-        """The machine with some joints replaced."""
+        """Return the machine with some joints replaced."""
         return replace(self, joints={**self.joints, **changed})
 
     def with_slots(self, more: Iterable[Slot]) -> Machine:
-        """The machine with more nonlinear faults."""
+        """Return the machine with nonlinear faults added."""
         return replace(self, slots=(*self.slots, *more))
 
 
 class PartData(Protocol):
-    """What is known of a part: compliance in its own axes, mass, and its condensed mass where there is one."""
+    """Data of a part: compliance in its own axes, mass, and condensed mass if available."""
 
     @property
     def compliance(self) -> Array:
-        """(6m, 6m) of all ends but the first."""
+        """Compliance (6m, 6m) of all ends except the first."""
         ...
 
     @property
     def mass(self) -> float:
-        """In kg."""
+        """Mass, kg."""
         ...
 
     @property
     def dynamics(self) -> CondensedMass | None:
-        """Condensed on its ends."""
+        """Mass condensed to its ends."""
         ...
 
     @property
     def places(self) -> Array | None:
-        """(n, 3) where the coordinates of its ends are taken."""
+        """Reference points (n, 3) of its ends."""
         ...
 
 
 class CondensedMass(Protocol):
-    """Mass of a part on the twists of its ends."""
+    """Mass matrix of a part for the twists of its ends."""
 
     @property
     def mass(self) -> Array:
-        """(6n + k, 6n + k)."""
+        """Mass matrix (6n + k, 6n + k)."""
         ...
 
 
 def machine_of(robot: RobotFile, parts: Mapping[str, PartData]) -> Machine:
-    """Return the sound machine that a robot file describes.
+    """Return the sound machine described by a robot file.
 
     Parameters
     ----------
     robot
-        The robot file; effects that it has adopted are not in it.
+        The robot file; its adopted effects are not applied.
     parts
-        Compliance and mass of every part that is used, by name.
+        Compliance and mass of every part used, by name.
 
     """
     bodies: dict[str, Body] = {}
@@ -304,7 +304,7 @@ def machine_of(robot: RobotFile, parts: Mapping[str, PartData]) -> Machine:
 
 
 def _find_slots(robot: RobotFile) -> Iterable[Slot]:
-    """What drives that are not linear lose beside their first slope, and their backlash."""
+    """Yield the lost motion of nonlinear drives beyond their first slope, and their backlash."""
     for name, section in robot.joints.items():
         drive = getattr(section, "drive", None)
         if drive is None:
@@ -344,9 +344,9 @@ def _make_elastic(robot: RobotFile, name: str, section: ElasticBody | InterfaceB
 
 
 def _ends(part: PartData, places: Array) -> Array:
-    """Wrenches (n, 6, 3) at n ends for unit accelerations: its mass shared alike, or as its mass is spread.
+    """Return wrenches (n, 6, 3) at n ends for unit accelerations: equal shares or condensed mass.
 
-    places: (n, 3) of the ends from the last one, part axes.
+    places: positions (n, 3) of the ends relative to the last, part axes.
     """
     n = len(places)
     out = np.zeros((n, 6, 3))
@@ -355,7 +355,7 @@ def _ends(part: PartData, places: Array) -> Array:
         return out
     mass = part.dynamics.mass[: 6 * n]
     out[:] = mass[:, : 6 * n].reshape(n, 6, n, 6)[..., :3].sum(axis=2)
-    away = part.places - part.places[-1] - places  # from the body's ends to where the forces act
+    away = part.places - part.places[-1] - places  # from the body's ends to the forces
     out[:, 3:] += skew(away) @ out[:, :3]
     return out
 
@@ -370,7 +370,7 @@ def _joint(robot: RobotFile, name: str, section: JointSection) -> Joint:
     rotation = np.asarray(robot.copied[name].rotation) if name in robot.copied else np.eye(3)
     written = _axes(axis, axis2, rotation.T)
     bearing = section.yielding(written)
-    if name in robot.copied:  # it is that of the original and turns with it
+    if name in robot.copied:  # copied from the original, rotated with it
         relative = np.kron(np.eye(2), axes.T @ rotation @ written)
         bearing = relative @ bearing @ relative.T
     return Joint(name, *section.between, section.type, at, at, at, axes, second, bearing, spring,

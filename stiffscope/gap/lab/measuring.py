@@ -1,4 +1,4 @@
-"""Readings taken on the virtual machine: plan, nonlinear response, instrument, noise."""
+"""Readings of the virtual machine: plan, nonlinear response, instrument and noise."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ KINDS: tuple[Kind, ...] = ("deflection", "deviation", "stiffness")
 
 @dataclass(frozen=True)
 class Sensor:
-    """An instrument that touches a node at a point (3,), home coordinates, and looks along a direction, base axes."""
+    """A sensor at a point (3,) of a node, home coordinates, with its direction in base axes."""
 
     name: str
     measures: Literal["displacement", "rotation"]
@@ -43,25 +43,25 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is read, in this order: all loads at a pose, its deviation, its stiffness; then the next pose."""
+    """Readings in order: all loads at a pose, its deviation, its stiffness; then the next pose."""
 
     poses: Array
-    """(p, k) commanded, m and rad."""
+    """Commanded poses (p, k), m and rad."""
     loads: tuple[tuple[str, Array], ...]
-    """Where a wrench (6,) N, N·m acts, a name of `hooks` or "" for M, and the wrench."""
+    """Point of each load, a name of `hooks` or "" for M, and its wrench (6,), N and N·m."""
     hooks: Mapping[str, Spot] = field(default_factory=dict[str, Spot])
     sensors: tuple[Sensor, ...] = ()
-    """None: the tool's pose at M is read."""
+    """Sensors to read; if empty, the tool's pose at M is read."""
     deviations: bool = True
     stiffness: Literal["", "k", "p"] = ""
-    """Diagonals of the stiffness matrix at M, or pushes."""
+    """Read diagonals of the stiffness matrix at M ("k") or pushes ("p")."""
     directions: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
-    """Of the tool's pose."""
+    """Components of the tool's pose that are read."""
     sessions: int = 1
     repeats: int = 1
 
     def channels(self, machine: Machine) -> tuple[Sensor, ...]:
-        """The sensors, or those that stand for the tool's pose."""
+        """Return the sensors, or those equivalent to the tool's pose."""
         if self.sensors:
             return self.sensors
         return tuple(
@@ -72,44 +72,44 @@ class Plan:
 
 @dataclass(frozen=True)
 class Noise:
-    """What the readings suffer; sigma in the file is its standard deviation unless `stated` says otherwise."""
+    """Noise of readings; sigma in the file is its standard deviation unless `stated` differs."""
 
     displacement: float = 1e-6
-    """m."""
+    """Standard deviation of displacements, m."""
     rotation: float = 5e-6
-    """rad."""
+    """Standard deviation of rotations, rad."""
     stiffness: float = 0.01
-    """Relative."""
+    """Relative standard deviation of stiffnesses."""
     spread: float = 0.0
-    """Unequal readings: ln-normal spread of their sigma."""
+    """Log-normal spread of the sigma of readings."""
     outliers: float = 0.0
-    """Share of gross outliers, 20 to 100 sigma."""
+    """Fraction of gross outliers, 20 to 100 sigma."""
     missing: float = 0.0
-    """Share of rows that are lost."""
+    """Fraction of missing rows."""
     stated: float | None = 1.0
-    """Factor on the sigma written in the file; None: sigma is not stated."""
+    """Factor on the sigma stated in the file; None if sigma is not stated."""
     shuffle: bool = False
 
 
 @dataclass(frozen=True)
 class Readings:
-    """Readings (n,) of a plan, as they are written."""
+    """Recorded readings (n,) of a plan."""
 
     plan: Plan
     channels: tuple[Sensor, ...]
     pose: Codes
     load: Codes
-    """Position in the plan's loads; -1: none."""
+    """Index into the plan's loads; -1 for none."""
     kind: Codes
-    """Position in `KINDS`."""
+    """Index into `KINDS`."""
     channel: Codes
     value: Array
     sigma: Array
-    """As stated; NaN: not stated."""
+    """Stated standard deviation; NaN if not stated."""
     session: Codes
 
     def some(self, rows: Codes) -> Readings:
-        """Some of the readings, in another order."""
+        """Return the selected readings, in the given order."""
         return replace(
             self, pose=self.pose[rows], load=self.load[rows], kind=self.kind[rows], channel=self.channel[rows],
             value=self.value[rows], sigma=self.sigma[rows], session=self.session[rows],
@@ -117,7 +117,7 @@ class Readings:
 
 
 def true_readings(machine: Machine, plan: Plan, located: Located | None = None) -> Readings:
-    """Return what an instrument without noise would show of a machine.
+    """Return the noise-free readings of a machine.
 
     Raises InputError for poses that the machine cannot reach.
 
@@ -128,7 +128,7 @@ def true_readings(machine: Machine, plan: Plan, located: Located | None = None) 
     plan
         Poses, loads and instruments.
     located
-        Where the machine stands at the plan's poses, if that was found before.
+        Configuration of the machine at the plan's poses, if already known.
 
     """
     tool, channels = tool_spot(machine), plan.channels(machine)
@@ -158,7 +158,7 @@ def true_readings(machine: Machine, plan: Plan, located: Located | None = None) 
 
 
 def _gains(machine: Machine, response: Response, channels: tuple[Sensor, ...]) -> Array:
-    """Return what every channel shows (n, c, cases) of the response's cases."""
+    """Return the readings (n, c, cases) of each channel for the response's cases."""
     rows: list[Array] = []
     for sensor in channels:
         there = lever(response.true.point(sensor.node, sensor.at))
@@ -168,7 +168,7 @@ def _gains(machine: Machine, response: Response, channels: tuple[Sensor, ...]) -
 
 
 def _read_channel(instrument: Instrument, sensor: Sensor, twist: Array) -> Array:
-    """Return what a sensor shows (n, …) of twists (n, 6, …) at its point."""
+    """Return the readings (n, …) of a sensor for twists (n, 6, …) at its point."""
     rotation = instrument.rotation + instrument.rotations.get(sensor.name, np.zeros(3))
     scale = instrument.scale * instrument.scales.get(sensor.name, 1.0)
     part = twist[:, :3] if sensor.measures == "displacement" else twist[:, 3:]
@@ -177,7 +177,7 @@ def _read_channel(instrument: Instrument, sensor: Sensor, twist: Array) -> Array
 
 
 def _make_mixing(instrument: Instrument, channels: tuple[Sensor, ...]) -> Array:
-    """Return what mixes the channels' signals (c, c)."""
+    """Return the cross-talk matrix (c, c) of the channels."""
     names = [sensor.name for sensor in channels]
     out = np.eye(len(names))
     for source, sink, share in instrument.crosstalk:
@@ -187,7 +187,7 @@ def _make_mixing(instrument: Instrument, channels: tuple[Sensor, ...]) -> Array:
 
 
 def _true_wrench(instrument: Instrument, stated: Array) -> Array:
-    """Return the wrench (…, 6) that acts at the stated point where a wrench is stated."""
+    """Return the true wrench (…, 6) at the stated point for a stated wrench."""
     out = instrument.force * stated
     moment = np.cross(instrument.application, out[..., :3])
     return np.concatenate([out[..., :3], out[..., 3:] + moment], axis=-1)
@@ -229,7 +229,7 @@ def _deviations(machine: Machine, response: Response, channels: tuple[Sensor, ..
 
 
 def _stiffnesses(machine: Machine, plan: Plan, seen: Array) -> Array:
-    """Return diagonals (p, 6) of stiffness, or pushes, as stated wrench over read displacement."""
+    """Return stiffness diagonals or pushes (p, 6): stated wrench over measured displacement."""
     shown = seen[:, :, :6] @ _true_wrench(machine.instrument, np.eye(6)).T
     if plan.stiffness == "p":
         return 1.0 / np.einsum("nii->ni", shown)
@@ -237,12 +237,12 @@ def _stiffnesses(machine: Machine, plan: Plan, seen: Array) -> Array:
 
 
 def _is_rotation(readings: Readings) -> NDArray[np.bool_]:
-    """Return which readings are of rotations."""
+    """Return flags (n,) of readings of rotations."""
     return np.array([sensor.measures == "rotation" for sensor in readings.channels])[readings.channel]
 
 
 def _drift(instrument: Instrument, rows: Readings, session: Codes) -> Array:
-    """Return the values as an instrument shows them that changes while the campaign goes on."""
+    """Return the values (n,) read with an instrument that drifts during the campaign."""
     time = np.linspace(0.0, 1.0, len(rows.value))
     gain = (1 + instrument.gain_drift * time) * np.where(session == session.max(), 1 + instrument.bad_session, 1.0)
     drift = np.array(instrument.drift)[_is_rotation(rows).astype(int)]
@@ -250,20 +250,20 @@ def _drift(instrument: Instrument, rows: Readings, session: Codes) -> Array:
 
 
 def _shows(rows: Readings, place: str) -> NDArray[np.bool_]:
-    """Which readings a channel shows: of the whole instrument all but stiffnesses."""
+    """Return flags (n,) of a channel's readings; for the whole instrument all but stiffnesses."""
     named = np.array([place in {"instrument", sensor.name} for sensor in rows.channels])
     return named[rows.channel] & (rows.kind != 2)
 
 
 def _slip(instrument: Instrument, rows: Readings, value: Array) -> Array:
-    """Return values (n,) with what channels have slipped; the table's first row of readings is its second line."""
+    """Return values (n,) with slips of channels; the first readings are on line 2 of the table."""
     for name, (line, jump) in instrument.steps.items():
         value = value + jump * (_shows(rows, name) & (np.arange(len(value)) + 2 >= line))
     return value
 
 
 def _find_factors(instrument: Instrument, rows: Readings) -> Array:
-    """Return what the numbers (n,) are multiplied with where they are written down."""
+    """Return the factors (n,) on the recorded numbers."""
     out = np.ones(len(rows.value))
     for name, factor in instrument.factors.items():
         out = np.where(_shows(rows, name), factor * out, out)
@@ -271,13 +271,13 @@ def _find_factors(instrument: Instrument, rows: Readings) -> Array:
 
 
 def sigma_of(rows: Readings, noise: Noise) -> Array:
-    """Return the standard deviation (n,) of every reading."""
+    """Return the standard deviations (n,) of the readings."""
     sigma = np.where(_is_rotation(rows), noise.rotation, noise.displacement)
     return np.where(rows.kind == 2, noise.stiffness * np.abs(rows.value), sigma)
 
 
 def _with_noise(rows: Readings, instrument: Instrument, noise: Noise, rng: np.random.Generator) -> Readings:
-    """Return the readings that a lab would hand over."""
+    """Return the readings with noise, as a lab would deliver them."""
     n = len(rows.value)
     sigma = (
         sigma_of(rows, noise) * np.abs(_find_factors(instrument, rows)) * np.exp(noise.spread * rng.standard_normal(n))
@@ -299,7 +299,7 @@ def _with_noise(rows: Readings, instrument: Instrument, noise: Noise, rng: np.ra
 def measure(
     machine: Machine, plan: Plan, noise: Noise, rng: np.random.Generator, located: Located | None = None
 ) -> Readings:
-    """Return the readings that a lab would hand over of this machine.
+    """Return the readings of a machine, with noise, as a lab would deliver them.
 
     Raises InputError for poses that the machine cannot reach.
 
@@ -308,9 +308,9 @@ def measure(
     machine, plan, located
         As for `true_readings`.
     noise
-        Sizes of the noise of each kind of reading.
+        Noise of each kind of reading.
     rng
-        Random numbers of the noise.
+        Random generator of the noise.
 
     """
     return _with_noise(true_readings(machine, plan, located), machine.instrument, noise, rng)

@@ -1,4 +1,4 @@
-"""Motion lost in play, friction, hardening and loose bolts: the equilibrium of forces and laws."""
+"""Lost motion by play, friction, hardening and loose bolts, in equilibrium with the forces."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.machine import Slot
     from stiffscope.gap.lab.rotations import Array
 
-_NO_FORCE = 1e-6  # of the greatest force: what rounding leaves in a slot that carries nothing
-_TIED = 1e-6  # of a drive's stiffness, or N/m: what meets less resistance than this moves freely
+_NO_FORCE = 1e-6  # rounding error of a zero force over the largest force
+_TIED = 1e-6  # relative to a drive's stiffness: free motion below
 _ITERATIONS = 300
 _HALVED = 60  # iterations after which steps are halved
 
 
 def settle(slots: Sequence[Slot], coupling: Array, force: Array, *, gaps: bool) -> Array:
-    """Return the lost motion (n, s) of slots under forces (n, s), in equilibrium with its own effect.
+    """Return the lost motion (n, s) of slots under forces (n, s), including its own reaction.
 
-    A slot with play stands at the end of its gap towards its force; where that would turn the force round, it hangs
-    inside the gap at the point of no force.
+    A slot with play is at the end of its gap towards its force; if that would reverse the force, it
+    is inside the gap at the point of zero force.
 
     Parameters
     ----------
     slots
-        s of them.
+        The s slots.
     coupling
-        (n, s, s) force of every slot for a unit of lost motion in each.
+        Force (n, s, s) in every slot per unit of lost motion in each.
     force
-        (n, s) without lost motion.
+        Forces (n, s) without lost motion.
     gaps
-        Whether play counts; without it only the smooth laws do.
+        Whether play is included; otherwise only the smooth laws are.
 
     """
     out = np.zeros_like(force)
@@ -60,7 +60,7 @@ def settle(slots: Sequence[Slot], coupling: Array, force: Array, *, gaps: bool) 
 
 
 def rounding_force(force: Array) -> float:
-    """Return the force, N or N·m, below which one of these is no more than rounding."""
+    """Return the force, N or N·m, below which a force is only rounding."""
     return _NO_FORCE * max(1.0, float(np.abs(force).max(initial=0.0)))
 
 
@@ -72,7 +72,7 @@ def _in_gap(slot: Slot, shift: Array, force: Array, own: Array) -> Array:
 
 
 def lost_motion(slot: Slot, force: Array) -> tuple[Array, Array]:
-    """Return what a slot's law yields beyond its linear stiffness at a force (n,), and the derivative by the force."""
+    """Return a slot's deflection beyond the linear one at forces (n,), and its derivative."""
     k = slot.stiffness
     match slot.law:
         case "hardening":

@@ -1,4 +1,4 @@
-"""What a lab measures: poses drawn within reach, loads that the robot bears, gauges and a hook."""
+"""Measurement plans of a lab: reachable poses, admissible loads, gauges and a hook."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.rotations import Array
 
 Style = Literal["tool", "gauges", "sag"]
-"""Readings of the tool's pose under loads and without; five gauges and a hook; the unloaded tool alone."""
+"""The tool's pose with and without loads; five gauges and a hook; the unloaded tool only."""
 
-FORCE, MOMENT = 500.0, 100.0  # N, N·m: what a loading device applies, more on robots that are stiffer than
+FORCE, MOMENT = 500.0, 100.0  # N, N·m: loads of a device, increased for robots stiffer than
 _STIFF = (8e-8, 1.3e-6)  # m/N, rad/(N·m)
-_DEFLECTION = (4e-4, 8e-4)  # m, rad: what loads should bring about at home
-_INSIDE = 0.85  # share of the range of a coordinate
-_TILT = 0.12  # rad, where the file says nothing of a rotation's range
-_SOFT = 30.0  # times the compliance at home: nearer to a singularity nobody measures
-_GIVEN_UP = 30  # draws of as many poses as are wanted
+_DEFLECTION = (4e-4, 8e-4)  # m, rad: largest intended deflections at home
+_INSIDE = 0.85  # fraction of a coordinate's range that is used
+_TILT = 0.12  # rad: default range of rotations
+_SOFT = 30.0  # largest compliance over that at home, to avoid singularities
+_GIVEN_UP = 30  # most draws of the wanted number of poses
 
 
 @dataclass(frozen=True)
 class Scale:
-    """Sizes of a sound robot at home: translational and rotational compliance, m/N and rad/(N·m)."""
+    """Translational and rotational compliance of a sound robot at home, m/N and rad/(N·m)."""
 
     linear: float
     angular: float
@@ -50,20 +50,20 @@ class Scale:
 
 
 def _round(value: float) -> float:
-    """To two digits."""
+    """Round to two digits."""
     digits = int(np.floor(np.log10(value))) - 1
     return float(np.round(value, -digits))
 
 
 def scale_of(machine: Machine) -> Scale:
-    """Return the sizes of a robot: medians of its compliances at home."""
+    """Return the median compliances of a robot at home."""
     tool = tool_spot(machine)
     c = np.diagonal(respond(machine, home_of(machine)[None], [tool]).find_twists(tool)[0, :, :6])
     return Scale(float(np.median(c[:3])), float(np.median(c[3:])))
 
 
 def ranges(machine: Machine) -> Array:
-    """Return the lowest and highest value (k, 2) of each commanded coordinate: the file's map, else like the others."""
+    """Return the range (k, 2) of each commanded coordinate, from the file's map or the others."""
     home = home_of(machine)
     known = {} if machine.robot.map is None else machine.robot.map.ranges()
     spans = [high - low for name, (low, high) in known.items() if not name.startswith("r")]
@@ -79,24 +79,24 @@ def ranges(machine: Machine) -> Array:
 
 @dataclass(frozen=True)
 class Workspace:
-    """A sound machine, and poses spread over what it reaches."""
+    """A sound machine with poses throughout its workspace."""
 
     machine: Machine
     scale: Scale
     poses: Array
-    """(n, k) m and rad."""
+    """Poses (n, k), m and rad."""
     located: Located
-    """Where its bodies stand there."""
+    """Configuration of its bodies at the poses."""
 
     def some(self, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
-        """Numbers (count,) of some of its poses."""
+        """Return the indices (count,) of some random poses."""
         return rng.permutation(len(self.poses))[:count]
 
 
 def workspace(machine: Machine, count: int, rng: np.random.Generator) -> Workspace:
-    """Return poses spread over the workspace of a sound machine, within reach and away from singularities.
+    """Return reachable poses throughout the workspace of a sound machine, away from singularities.
 
-    Raises InputError where hardly any are.
+    Raises InputError if hardly any pose is reachable.
     """
     tool, box = tool_spot(machine), ranges(machine)
     limit = _SOFT * respond(machine, home_of(machine)[None], [tool]).find_twists(tool)[0, :, :6].diagonal()
@@ -126,25 +126,25 @@ def draw_plan(
     stiffness: Literal["", "k", "p"] = "",
     sessions: int = 1,
 ) -> tuple[Plan, Located]:
-    """Return a plan with poses all over a workspace, and where the sound machine stands there.
+    """Return a plan with poses throughout a workspace, and the sound machine's configuration there.
 
-    Loads act along each axis, then in random directions; at M, or for gauges at a hook. Without loads, three times as
-    many poses are read.
+    Loads act along each axis, then in random directions, at M, or for gauges at a hook. Without
+    loads, three times as many poses are read.
 
     Parameters
     ----------
     where
-        Poses within reach of a sound machine.
+        Reachable poses of a sound machine.
     rng
-        Random numbers of poses and loads.
+        Random generator of poses and loads.
     style
-        Where is loaded and read: "tool", "gauges", or "sag" without loads.
+        Loading and reading: "tool", "gauges", or "sag" without loads.
     poses, wrenches
         Numbers of poses, and of wrenches at each.
     stiffness
-        "k" or "p": stiffnesses are read too, from all six unit wrenches or from single pushes.
+        "k" or "p" to read stiffnesses too, from all six unit wrenches or from single pushes.
     sessions
-        Number of sessions that the readings are taken in.
+        Number of sessions.
 
     """
     machine, scale = where.machine, where.scale
@@ -159,7 +159,7 @@ def draw_plan(
         return Plan(places, tuple(("", w) for w in loads), stiffness=stiffness, sessions=sessions), located
     reach = float(
         np.clip(np.sqrt(scale.linear / scale.angular), 0.03, 0.15)
-    )  # m: forces there turn as much as they push
+    )  # m: lever at which forces rotate as much as they translate
     hook = Spot(machine.tool, np.round(machine.at + rng.uniform(-1, 1, 3) * reach, 4))
     pulls = np.vstack([np.eye(3), -np.eye(3)[2:], rng.uniform(-1, 1, (max(wrenches - 4, 0), 3))])[:wrenches]
     loads = [("hook", np.round(np.concatenate([scale.force * pull, np.zeros(3)]), 3)) for pull in pulls]
@@ -168,7 +168,7 @@ def draw_plan(
 
 
 def _gauges(machine: Machine, reach: float, rng: np.random.Generator) -> tuple[Sensor, ...]:
-    """Five dial gauges on the tool's body: three upright, two level, as they are set up around a platform."""
+    """Return five dial gauges around the tool's body: three vertical and two horizontal."""
     directions = np.eye(3)[[2, 2, 2, 0, 1]]
     feet = np.array([[1.0, 0, 0], [-0.5, 0.9, 0], [-0.5, -0.9, 0], [0, 0.7, 0.4], [0.7, 0, -0.4]])
     points = np.round(machine.at + reach * (feet + rng.uniform(-0.2, 0.2, feet.shape)), 4)

@@ -1,4 +1,4 @@
-"""The machine with its faults at commanded poses: where it stands unloaded, and its linear response there."""
+"""Machine with its faults at commanded poses: unloaded configuration and linear response."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _ITERATIONS = 30
 
 @dataclass(frozen=True)
 class Spot:
-    """A point (3,) of a node, home coordinates; it moves with the node."""
+    """A point (3,) fixed to a node, home coordinates."""
 
     node: str
     at: Array
@@ -35,64 +35,64 @@ class Spot:
 
 @dataclass(frozen=True)
 class Response:
-    """Linear response at n poses. Twists are about the origin: `at` carries them to a point.
+    """Linear response at n poses. Twists are about the origin; `find_twists` moves them to a spot.
 
-    Cases: six unit wrenches at every spot in turn, all that always acts, a unit of lost motion in every slot.
+    Cases: six unit wrenches at each spot, permanent loads, and unit lost motion in each slot.
     """
 
     nominal: Frames
-    """Where its controller believes the nodes to be."""
+    """Frames of the nodes as assumed by the controller."""
     true: Frames
-    """Where they are without weights."""
+    """True frames of the nodes without weights."""
     spots: tuple[Spot, ...]
     twists: dict[str, Array]
-    """(n, 6, cases) of every node."""
+    """Twists (n, 6, cases) of every node."""
     force: Array
-    """(n, slots, cases) force that every slot carries."""
+    """Force (n, slots, cases) in every slot."""
     structure: Structure
     solution: Array
 
     @property
     def dead(self) -> int:
-        """Number of the case of what always acts."""
+        """Index of the case of permanent loads."""
         return 6 * len(self.spots)
 
     def wrench(self, name: str) -> Array:
-        """Wrench (n, 6, cases) that an element carries, in its own axes."""
+        """Return the wrench (n, 6, cases) in an element, in its own axes."""
         return self.structure.wrench(self.solution, name)
 
     def find_twists(self, spot: Spot) -> Array:
-        """Twists (n, 6, cases) of a spot."""
+        """Return the twists (n, 6, cases) of a spot."""
         return lever(self.true.point(spot.node, spot.at)) @ self.twists[spot.node]
 
     def shift(self, spot: Spot) -> Array:
-        """Twist (n, 6) from where the controller believes a spot to be to where it is without weights."""
+        """Return the twist (n, 6) of a spot from its assumed to its true pose without weights."""
         moved = self.true.point(spot.node, spot.at) - self.nominal.point(spot.node, spot.at)
         turned = self.true.rotation[spot.node] @ np.swapaxes(self.nominal.rotation[spot.node], -1, -2)
         return np.concatenate([moved, vector_of(turned)], axis=1)
 
 
 def tool_spot(machine: Machine) -> Spot:
-    """M."""
+    """Return M."""
     return Spot(TOOL, machine.at)
 
 
 def respond(machine: Machine, poses: Array | Located, spots: Sequence[Spot]) -> Response:
-    """Return the linear response of the machine to wrenches at spots, in its true configuration.
+    """Return the linear response of the machine to wrenches at spots in its true configuration.
 
     Parameters
     ----------
     machine
-        With its faults.
+        The machine with its faults.
     poses
-        (n, k) commanded, m and rad; or where the sound machine stands there.
+        Commanded poses (n, k), m and rad, or the sound machine's configuration there.
     spots
-        Where wrenches act, and what they act on.
+        Points where wrenches act.
 
     Raises
     ------
     InputError
-        For a pose that it cannot reach, and where it moves freely.
+        For an unreachable pose, or one where the machine moves freely.
 
     """
     located = locate(machine, poses) if isinstance(poses, np.ndarray) else poses
@@ -127,12 +127,12 @@ def _frames_of_nodes(machine: Machine, bodies: Frames) -> Frames:
 def _find_equilibrium(
     machine: Machine, located: Located, nominal: Frames, index: dict[str, int]
 ) -> tuple[Frames, Structure]:
-    """Return where the nodes stand with all errors of geometry in equilibrium, and the structure there."""
+    """Return the frames of nodes in equilibrium with geometric errors, and the structure there."""
     frames = nominal
     structure = Structure(len(index) - 1, _elements(machine, located, frames, index))
     if not _is_distorted(machine):
         return frames, structure
-    points = {TOOL: machine.at}  # a rod may spin between two balls: its ends stand still
+    points = {TOOL: machine.at}  # points that do not move if a rod spins between two balls
     for body in machine.bodies.values():
         points |= dict(zip(body.nodes, body.places if len(body.nodes) > 1 else [body.centre], strict=True))
     for _ in range(_ITERATIONS):
@@ -147,7 +147,7 @@ def _find_equilibrium(
 
 
 def _is_distorted(machine: Machine) -> bool:
-    """Whether anything of its geometry is not as drawn."""
+    """Return whether its geometry deviates from the drawing."""
     return (
         any(body.offset.any() for body in machine.bodies.values())
         or any((joint.at_first != joint.at_second).any() for joint in machine.joints.values())
@@ -197,7 +197,7 @@ def _elements(machine: Machine, located: Located, frames: Frames, index: dict[st
 
 
 def _element_of_body(body: Body, frames: Frames, index: dict[str, int]) -> Element:
-    """An elastic body: all its ends against the first."""
+    """Return the element of an elastic body, with its other ends against the first."""
     first, *others = body.nodes
     axes = frames.rotation[first] @ body.axes
     carry: list[Array] = []
@@ -215,14 +215,14 @@ def _element_of_body(body: Body, frames: Frames, index: dict[str, int]) -> Eleme
 
 
 def _offset_between(frames: Frames, first: str, second: str, at: Array, axes: Array) -> Array:
-    """Return how far (n, 6) a point (3,) of one node stands off another node, in axes (3, 3) that ride on that."""
+    """Return the offset (n, 6) of a point (3,) between two nodes, in axes (3, 3) of the first."""
     back = np.swapaxes(frames.rotation[first] @ axes, -1, -2)
     moved = frames.point(second, at) - frames.point(first, at)
     return np.concatenate([(back @ moved[..., None])[..., 0], vector_of(back @ frames.rotation[second] @ axes)], axis=1)
 
 
 def _apply_weights(machine: Machine, structure: Structure, true: Frames, index: dict[str, int]) -> Array:
-    """Return the right-hand side (n, size) of weights: of an elastic body, that of its mass at every end."""
+    """Return the right-hand side (n, size) of weights; elastic bodies' act at their ends."""
     out = np.zeros(structure.size)
     for body in machine.bodies.values() if machine.weighted else ():
         if len(body.nodes) == 1:

@@ -1,4 +1,4 @@
-"""Rotations and the levers of twists for stacks of poses (..., 3, 3); twists are (v, ω), wrenches (f, m)."""
+"""Rotations and transforms of twists for stacks of poses; twists are (v, ω), wrenches (f, m)."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def turn(vector: Array) -> Array:
 
 
 def vector_of(rotation: Array) -> Array:
-    """Return the rotation vector (..., 3) of rotations by less than half a turn."""
+    """Return the rotation vectors (..., 3) of rotations by less than π."""
     half = 0.5 * (rotation - np.swapaxes(rotation, -1, -2))
     s = np.stack([half[..., 2, 1], half[..., 0, 2], half[..., 1, 0]], axis=-1)
     sine = np.linalg.norm(s, axis=-1)
@@ -42,7 +42,7 @@ def vector_of(rotation: Array) -> Array:
 
 
 def rates_of_vector(vector: Array) -> Array:
-    """Return what maps an angular velocity to the rate of the rotation vector (..., 3); (..., 3, 3)."""
+    """Return the map (..., 3, 3) of angular velocity to the rate of a rotation vector."""
     angle = np.linalg.norm(vector, axis=-1)[..., None, None]
     s = skew(vector)
     large = np.where(angle < 1e-3, 1.0, angle)
@@ -51,19 +51,19 @@ def rates_of_vector(vector: Array) -> Array:
 
 
 def lever(points: Array) -> Array:
-    """Return what carries a twist about the origin to points (..., 3): v + ω × r; (..., 6, 6)."""
+    """Return the map (..., 6, 6) of a twist about the origin to points (..., 3): v + ω × r."""
     out = np.broadcast_to(np.eye(6), (*points.shape[:-1], 6, 6)).copy()
     out[..., :3, 3:] = -skew(points)
     return out
 
 
 def transform_to(axes: Array, points: Array) -> Array:
-    """Return what carries a twist about the origin to axes (..., 3, 3) at points (..., 3); (..., 6, 6)."""
+    """Return the map (..., 6, 6) of a twist about the origin to axes at points (..., 3)."""
     return both_parts(np.swapaxes(axes, -1, -2)) @ lever(points)
 
 
 def both_parts(rotation: Array) -> Array:
-    """Return what rotates both vectors of a twist or wrench (..., 6, 6)."""
+    """Return the matrix (..., 6, 6) that rotates both vectors of a twist or wrench."""
     out = np.zeros((*rotation.shape[:-2], 6, 6))
     out[..., :3, :3] = out[..., 3:, 3:] = rotation
     return out
@@ -75,7 +75,7 @@ def about_x(angle: Array) -> Array:
 
 
 def axes_along(x: Array, y: Array | None = None) -> Array:
-    """Return axes (3, 3) as columns: x along `x` (3,), y as near to `y` as can be, by default to the next base axis."""
+    """Return axes (3, 3) as columns: x along `x`, y nearest to `y` or the next base axis."""
     along = x / np.linalg.norm(x)
     side = np.eye(3)[(int(np.argmax(np.abs(along))) + 1) % 3] if y is None else y
     normal = np.cross(along, side)

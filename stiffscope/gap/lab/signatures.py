@@ -1,4 +1,4 @@
-"""What small faults do to readings, by the wrenches that elements carry: which faults no reader can tell apart."""
+"""Signatures of small faults in readings, from element wrenches, to find equivalent faults."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 _JOINT = ([0.0, 1, 1, 0, 0, 0], [1.0, 0, 0, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])  # radial, axial, tilting
 _GUIDE = ([0.0, 1, 0, 0, 0, 0], [0.0, 0, 1, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])
 _ENTRIES = [(i, j) for i in range(6) for j in range(i, 6)]
-_DEPENDENT = 1e-9  # relative singular value of columns that say nothing of their own
+_DEPENDENT = 1e-9  # relative singular value of linearly dependent columns
 
 
 class Signatures:
-    """Derivatives of a plan's readings by the parameters of faults, over the readings' noise."""
+    """Derivatives of a plan's readings by fault parameters, divided by the noise."""
 
     def __init__(self, machine: Machine, plan: Plan, located: Located, rows: Readings, noise: Noise) -> None:
         self._machine, self._plan, self._rows, self._located = machine, plan, rows, located
@@ -40,26 +40,26 @@ class Signatures:
         self._response = respond(machine, located, spots)
         first = 6 * (1 + len(plan.hooks))
         cases = self._response.dead + 1
-        self._looks = np.zeros((len(channels), cases))  # unit loads along what every channel looks at
+        self._looks = np.zeros((len(channels), cases))  # unit loads in each channel's direction
         for k, sensor in enumerate(channels):
             at = first + 6 * k + (0 if sensor.measures == "displacement" else 3)
             self._looks[k, at : at + 3] = sensor.direction
         where = {name: 6 * (k + 1) for k, name in enumerate(plan.hooks)} | {"": 0}
-        self._pulls = np.zeros((len(plan.loads) + 1, cases))  # the last: what always acts
+        self._pulls = np.zeros((len(plan.loads) + 1, cases))  # the last: permanent loads
         self._pulls[-1, -1] = 1.0
         for k, (name, wrench) in enumerate(plan.loads):
             self._pulls[k, where[name] : where[name] + 6] = wrench
 
     def find_columns(self, effect: str, place: str, softer: Mapping[str, Array]) -> Array | None:
-        """Columns of an effect as `_columns` gives them, found once."""
+        """Return the cached columns of an effect; see `_columns`."""
         if (effect, place) not in self._found:
             self._found[effect, place] = self._columns(effect, place, softer)
         return self._found[effect, place]
 
     def _columns(self, effect: str, place: str, softer: Mapping[str, Array]) -> Array | None:
-        """Columns (r, k) of an effect at a place; None for one that is not of elements.
+        """Return the columns (r, k) of an effect at a place; None if it does not act on elements.
 
-        softer: compliance that a step of the parameter adds to each body, for effects that change parts.
+        softer: compliance added to each body by a parameter step, for effects that change parts.
         """
         members = self._machine.members(place)
         joints, bodies = self._machine.joints, self._machine.bodies
@@ -83,7 +83,7 @@ class Signatures:
         return self._spread(softer) if softer else None
 
     def _entries(self, members: Sequence[str]) -> Array:
-        """Columns (r, 21) of the entries of a compliance that all of these bodies have."""
+        """Return the columns (r, 21) of compliance entries common to these bodies."""
         columns: list[Array] = []
         for i, j in _ENTRIES:
             entry = np.zeros((6, 6))
@@ -93,18 +93,18 @@ class Signatures:
 
     def _hold_diagonal(self, name: str, diagonal: Array) -> Array:
         joint = self._machine.joints[name]
-        if not joint.directed:  # alike in all directions
+        if not joint.directed:  # equal in all directions
             diagonal = np.array([diagonal[1], *diagonal[1:]])
         free = () if joint.kind == "universal" else FREE[joint.kind]
         return np.array([0.0 if i in free else value for i, value in enumerate(diagonal)])
 
     def _add_compliance(self, diagonals: Mapping[str, list[Array]]) -> Array:
-        """Columns of compliances (6,) on the diagonal, a column for each in the list."""
+        """Return the columns of diagonal compliances (6,), one for each in the list."""
         count = len(next(iter(diagonals.values())))
         return np.hstack([self._spread({n: np.diag(d[k]) for n, d in diagonals.items()}) for k in range(count)])
 
     def _soften(self, along: Mapping[str, Array]) -> Array:
-        """A column (r, 1) of elements that yield along a direction (6,) each."""
+        """Return the column (r, 1) of elements compliant in one direction (6,) each."""
         return self._add_compliance({name: [direction] for name, direction in along.items()})
 
     def _spread(self, compliances: Mapping[str, Array]) -> Array:
@@ -113,7 +113,7 @@ class Signatures:
             carried = self._response.wrench(name)[:, :, : self._looks.shape[1]]
             pulls = carried @ self._pulls.T
             if name == TOOL:
-                pulls[:, :, -1] = 0.0  # it does not carry the machine's own weight
+                pulls[:, :, -1] = 0.0  # it does not carry the machine's weight
             out += np.swapaxes(carried @ self._looks.T, 1, 2) @ compliance @ pulls
         return self._column(out)
 
@@ -125,7 +125,7 @@ class Signatures:
         return self._column(out)
 
     def _mislay(self, joints: Mapping[str, Joint]) -> Array:
-        """Columns (r, k) of axes that lie off: by a twist, less that twist as the joint's own motion carries it."""
+        """Return columns (r, k) of axis errors: a twist less itself moved by the joint's motion."""
         columns: list[Array] = []
         for k in (1, 2, 4, 5):
             moved: dict[str, Array] = {}
@@ -133,7 +133,7 @@ class Signatures:
                 ends = self._machine.carrier(joint.first), self._machine.carrier(joint.second)
                 way = joint_state(joint.drawn_joint, self._located.frames, *ends).displacement
                 astray = np.eye(6)[k].reshape(2, 3)
-                if joint.kind == "prismatic":  # a slide that is turned leads elsewhere
+                if joint.kind == "prismatic":  # a rotated slide changes direction
                     moved[name] = np.hstack([way[:, None] * np.cross(astray[1], np.eye(3)[0]), np.zeros((len(way), 3))])
                 else:
                     moved[name] = np.hstack([a - turn(way[:, None] * np.eye(3)[0]) @ a for a in astray])
@@ -141,37 +141,37 @@ class Signatures:
         return np.hstack(columns)
 
     def _lose_motion(self, along: Mapping[str, Array]) -> Array:
-        """Play: each element moves along its direction (6,) towards the force that it carries there."""
+        """Return the column (r, 1) of play: elements shift along (6,) towards their force."""
         out = np.zeros((len(self._plan.poses), len(self._looks), len(self._pulls)))
         for name, direction in along.items():
             carried = direction @ self._response.wrench(name)[:, :, : self._looks.shape[1]]
             force = carried @ self._pulls.T
-            for kind in (slice(0, -1), slice(-1, None)):  # rounding is judged beside loads, or beside weights
+            for kind in (slice(0, -1), slice(-1, None)):  # rounding by loads or weights
                 none = rounding_force(force[:, kind])
                 sign = np.where(np.abs(force[:, kind]) > none, np.sign(force[:, kind]), 0.0)
                 out[:, :, kind] += (carried @ self._looks.T)[:, :, None] * sign[:, None]
         return self._column(out)
 
     def _column(self, shown: Array) -> Array:
-        """Readings (r, 1) over their noise of what channels show (n, c, loads) at every pose."""
+        """Return readings (r, 1) over their noise from channel values (n, c, loads)."""
         rows = self._rows
         return (shown[rows.pose, rows.channel, rows.load] / self.sigma)[:, None]  # load -1: the last
 
 
 def orthonormal_basis(columns: Array) -> Array:
-    """Return an orthonormal basis (r, m) of what columns (r, k) span."""
+    """Return an orthonormal basis (r, m) of the span of columns (r, k)."""
     size = np.linalg.norm(columns, axis=0)
     basis, values, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
     return basis[:, values > _DEPENDENT * values.max(initial=0.0)]
 
 
 def project_out(columns: Array, basis: Array) -> Array:
-    """Return what an orthonormal basis (r, m) does not span of columns (r, k)."""
+    """Return columns (r, k) minus their projection onto an orthonormal basis (r, m)."""
     return columns - basis @ (basis.T @ columns)
 
 
 def fit_residual(signature: Array, columns: Array, most: int) -> float:
-    """Norm of what is left of a signature (r,) when at most so many of the columns (r, k) are fitted to it."""
+    """Return the residual norm of a signature (r,) fitted by at most `most` of columns (r, k)."""
     size = np.linalg.norm(columns, axis=0)
     unit = columns[:, size > 0.0] / size[size > 0.0]
     gram, pull, whole = unit.T @ unit, unit.T @ signature, float(signature @ signature)

@@ -1,13 +1,13 @@
-"""Direct stiffness of the machine: every node six dofs, every held direction of an element a multiplier.
+"""Direct stiffness method: six dofs for each node, a multiplier for each constrained direction.
 
-A node's dofs are its twist about the origin of the base axes. An element joins two nodes at a point in its own axes; in
-the directions H that it holds, the second node's motion against the first is t₀ + C λ under the wrench λ. All is one
-system for a stack of poses (leading axis n)
+A node's dofs are its twist about the origin of the base axes. An element connects two nodes at a
+point in its own axes; in its constrained directions H, the relative motion of the second node is
+t₀ + C λ under the wrench λ. The system for a stack of poses (leading axis n) is
 
     [[0, Bᵀ], [B, -C]] (u, λ) = (f, t₀),  B = H J,
 
-with J from dofs to the element's own motion. Idle motions and redundant constraints make it singular but consistent: it
-is solved with a small shift of its diagonal, and refined until the system itself is met.
+with J from dofs to the element's relative motion. Idle motions and redundant constraints make it
+singular but consistent: it is solved with a small diagonal shift and iterative refinement.
 """
 
 from __future__ import annotations
@@ -31,30 +31,30 @@ if TYPE_CHECKING:
 
 GROUND = -1
 _SHIFT = 1e-9  # of the scaled diagonal
-_REFINED = 12  # steps of refinement at most
+_REFINED = 12  # most refinement steps
 _MET = 1e-12  # relative residual of the system
-_LOOSE = 1e-6  # relative residual from which there is no equilibrium
+_LOOSE = 1e-6  # relative residual above which there is no equilibrium
 
 
 @dataclass(frozen=True)
 class Element:
-    """What joins node `first` to others, one of most: m in all."""
+    """An element that connects node `first` to m others, usually one."""
 
     name: str
     first: int
     second: tuple[int, ...]
     carry: Array
-    """(n, 6m, 6) from a twist about the origin to its own points and axes."""
+    """Transform (n, 6m, 6) of a twist about the origin to its own points and axes."""
     held: Array
-    """(n, r, 6m)."""
+    """Constrained directions (n, r, 6m)."""
     compliance: Array
-    """(6m, 6m) in its axes."""
+    """Compliance (6m, 6m) in its axes."""
     misfit: Array
-    """(n, 6m) of the others against the first, away from where they rest unloaded."""
+    """Motion (n, 6m) of the others against the first, from their unloaded position."""
 
 
 class Structure:
-    """An assembled frame, ready to be loaded: built once from its elements and read-only after that."""
+    """An assembled and factorized structure; read-only."""
 
     def __init__(self, nodes: int, elements: Sequence[Element]) -> None:
         self._elements = {e.name: e for e in elements}
@@ -85,7 +85,7 @@ class Structure:
         self._scaled = scaled
 
     def _scales(self, elements: Sequence[Element], size: int) -> Array:
-        """Scales (size,) that bring twists, wrenches and compliances to one."""
+        """Return scales (size,) that normalize twists, wrenches and compliances."""
         soft = np.concatenate([np.diag(e.compliance).reshape(-1, 6) for e in elements])
         forces, moments = soft[:, :3].ravel(), soft[:, 3:].ravel()
         linear = float(np.median(forces[forces > 0.0])) if (forces > 0.0).any() else 1e-8
@@ -99,34 +99,34 @@ class Structure:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Poses and unknowns."""
+        """Numbers of poses and unknowns."""
         return self._matrix.shape[0], self._matrix.shape[1]
 
     def load(self, node: int, points: Array, wrench: Array) -> Array:
-        """Right-hand side (n, size) of a wrench (6,) or (n, 6) on a node at points (n, 3)."""
+        """Return the right-hand side (n, size) of a wrench (6,) or (n, 6) at a node's points."""
         out = np.zeros(self.size)
         there = np.broadcast_to(wrench, (len(points), 6))[..., None]
         out[:, 6 * node : 6 * node + 6] = (np.swapaxes(lever(points), 1, 2) @ there)[..., 0]
         return out
 
     def rest(self, name: str, twist: Array) -> Array:
-        """Right-hand side (n, size) of an element that rests at a twist (6m,) or (n, 6m) in its own axes."""
+        """Return the right-hand side (n, size) of a rest twist (6m,) or (n, 6m), own axes."""
         e = self._elements[name]
         out = np.zeros(self.size)
         out[:, self._rows[name]] = (e.held @ np.broadcast_to(twist, (len(out), e.held.shape[2]))[..., None])[..., 0]
         return out
 
     def misfits(self) -> Array:
-        """Right-hand side (n, size) of what every element stands off from where it rests."""
+        """Return the right-hand side (n, size) of all elements' deviations from rest."""
         out = np.zeros(self.size)
         for name, e in self._elements.items():
             out += self.rest(name, -e.misfit)
         return out
 
     def solve(self, right: Array) -> Array:
-        """Twists about the origin and multipliers (n, size, k) for right-hand sides (n, size, k).
+        """Return twists about the origin and multipliers for right-hand sides, all (n, size, k).
 
-        Raises InputError where something moves freely under its load.
+        Raises InputError if something moves freely under its load.
         """
         scaled = self._scale[:, None] * right
         out = np.zeros_like(scaled)
@@ -143,11 +143,11 @@ class Structure:
         return self._scale[:, None] * out
 
     def twist(self, solution: Array, node: int) -> Array:
-        """Twists (n, 6, k) about the origin of a node."""
+        """Return the twists (n, 6, k) of a node about the origin."""
         if node == GROUND:
             return np.zeros((len(solution), 6, solution.shape[2]))
         return solution[:, 6 * node : 6 * node + 6]
 
     def wrench(self, solution: Array, name: str) -> Array:
-        """Wrench (n, 6m, k) that an element carries, in its own axes."""
+        """Return the wrench (n, 6m, k) in an element, in its own axes."""
         return np.swapaxes(self._elements[name].held, 1, 2) @ solution[:, self._rows[name]]

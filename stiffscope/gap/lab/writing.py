@@ -1,4 +1,4 @@
-"""Readings written as a campaign folder."""
+"""Writing of readings as a campaign folder."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ def write_readings(
     Parameters
     ----------
     readings
-        With their plan.
+        The readings with their plan.
     folder
-        Made if absent.
+        Created if absent.
     robot, modelled, components
-        What the header says: the nominal robot, the effects that its model carries, the source of its parts' matrices.
+        Header fields: nominal robot, effects included in its model, source of its parts' matrices.
     pose
-        Names of the columns of a pose.
+        Names of the pose columns.
 
     """
     plan = readings.plan
