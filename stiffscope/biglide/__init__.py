@@ -1,1 +1,1 @@
-"""The publication that the Biglide is from: its own model, its audit, its gravity."""
+"""The Biglide's publication: its stiffness model, its gravity model and an audit of its numbers."""

@@ -1,4 +1,4 @@
-"""What the published model prints, as published, correct, and against bounds, entry by entry: docs/theory.md 10."""
+"""Audit of the published numbers: as published, correct, and against bounds (docs/theory.md 10)."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
 
 _EXPLAINED = 5e-3  # relative; the reading explains K_ty, K_tz and K_rz to 0.3 %
-_LAST_DIGIT = 500.0  # N/m, N·m/rad: half of the last digit printed of stiffnesses (K_tz: 1e3 times that)
-_LAST_COMPLIANCE_DIGIT = 5e-13  # and of compliances
+_LAST_DIGIT = 500.0  # N/m, N·m/rad: half the last printed digit of stiffnesses (K_tz: times 1e3)
+_LAST_COMPLIANCE_DIGIT = 5e-13  # half the last printed digit of compliances
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One published entry: SI values of what is printed, what reading R1 gives, what is correct, and the bound."""
+    """One published entry, SI: printed value, value by reading R1, correct value, and bound."""
 
     source: str
     entry: str
@@ -40,19 +40,19 @@ class Finding:
 
 
 def findings_on_paper(robot: RobotFile, solid: np.ndarray | None) -> list[Finding]:
-    """Recompute what the published model prints: compliance, stiffnesses, a comparison, and RMS figures.
+    """Recompute the published numbers: compliance, stiffnesses, a comparison and RMS figures.
 
     Parameters
     ----------
     robot
         The paper's robot.
     solid
-        Compliance (6, 6) of its slider by virtual experiment, SI; None without one.
+        Compliance (6, 6) of its slider by virtual experiment, SI; None to skip this comparison.
 
     Returns
     -------
     list of Finding
-        One for each published number.
+        One finding for each published number.
 
     """
     matrices = part_matrices(robot, "published")
@@ -79,10 +79,10 @@ def _rows(principal: dict[str, Any], point: str) -> dict[str, Sequence[float]]:
 
 
 def principal_findings(model: PublishedModel, source: str, q: float, rows: dict[str, Sequence[float]]) -> list[Finding]:
-    """Tables 5 and 6: six principal stiffnesses, SI, in rows ``without_gravity``, ``with_gravity`` and ``experiment``.
+    """Judge Tables 5 and 6: six principal stiffnesses, SI, by row, at a link angle ``q`` in rad.
 
-    ``q``: link angle in rad. The rows of the table are compared with each other too: what weight changes, in print and
-    correctly.
+    The rows are ``without_gravity``, ``with_gravity`` and ``experiment``. The printed change due to
+    weight is compared with the correct one too.
     """
     pose = model.dimensions.tool_point(q)
     recomputed = np.diagonal(model.reading_r1(q)).tolist()
@@ -108,7 +108,7 @@ def principal_findings(model: PublishedModel, source: str, q: float, rows: dict[
 
 
 def matrix_findings(model: PublishedModel, source: str, q: float, published: np.ndarray) -> list[Finding]:
-    """The printed stiffnesses: every entry on and above the diagonal that is not zero both as printed and correctly."""
+    """Judge printed stiffnesses on and above the diagonal, except entries that are rightly zero."""
     recomputed = model.reading_r1(q)
     correct = stiffness(model.mechanism, model.dimensions.tool_point(q), gravity="exact")[0]
     size = np.sqrt(np.outer(np.diagonal(correct), np.diagonal(correct)))
@@ -126,7 +126,7 @@ def matrix_findings(model: PublishedModel, source: str, q: float, published: np.
 def compliance_findings(
     source: str, published: np.ndarray, beam: np.ndarray, solid: np.ndarray | None
 ) -> list[Finding]:
-    """The printed compliance: each entry beside Euler-Bernoulli theory with I_y + I_z for torsion, and a solid's."""
+    """Judge the printed compliance by Euler-Bernoulli theory (torsion: I_y + I_z) and a solid's."""
     findings: list[Finding] = []
     for i, j in zip(*np.triu_indices(6), strict=True):
         if not published[i, j]:
@@ -142,7 +142,7 @@ def compliance_findings(
 
 
 def rms_findings(point: str, printed: dict[str, float], rows: dict[str, Sequence[float]]) -> list[Finding]:
-    """RMS figures of the text in %: as printed, ``sqrt(Σe²)/6``, and the root mean square ``sqrt(Σe²/6)``."""
+    """Compare printed RMS figures in % with ``sqrt(Σe²)/6`` and the true RMS ``sqrt(Σe²/6)``."""
     measured = np.array(rows["experiment"])
     findings: list[Finding] = []
     for row, value in printed.items():
@@ -171,7 +171,7 @@ class _Printed:
     def judge(
         self, as_published: float | None, correct: float, bound: float | None, note: str | None = None
     ) -> Finding:
-        """The finding; ``note`` stands for what a reading of the equations would say where there is none."""
+        """Return the finding; a ``note`` is appended to its verdict."""
         notes: list[str] = []
         if bound is not None and self.value - self.rounding > bound:
             over = self.value / bound

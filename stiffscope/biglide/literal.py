@@ -1,6 +1,6 @@
-"""The published ``K_θ - K_G``, docs/theory.md 5.3: elastic bodies softened by the loads behind, each on its own.
+"""Published ``K_θ - K_G`` (docs/theory.md 5.3): each elastic body softened separately by its loads.
 
-It is not what a loaded mechanism does (``stiffscope.vjm.prestress`` is); it serves the audit of what was published.
+It serves the audit only; ``stiffscope.vjm.prestress`` models a loaded mechanism correctly.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Behind:
-    """A force (3,) in N, base axes, that an elastic body carries: at a node's point ``at`` (3,), as it is at home."""
+    """Force (3,) in N, base axes, on an elastic body, at point ``at`` (3,) of a node at home."""
 
     force: Array
     node: str
@@ -35,7 +35,7 @@ class Behind:
 
 
 def literal_stiffness(mechanism: Mechanism, poses: ArrayLike, behind: Mapping[str, Sequence[Behind]]) -> Array:
-    """Stiffness (n, 6, 6) at M with ``K_θ - K_G`` for K_θ of the elastic bodies that ``behind`` names.
+    """Return the stiffness (n, 6, 6) at M with ``K_θ - K_G`` for each elastic body in ``behind``.
 
     Raises InputError for a pose out of reach.
     """
@@ -58,9 +58,9 @@ def literal_stiffness(mechanism: Mechanism, poses: ArrayLike, behind: Mapping[st
 
 
 def load_hessian(force: Array, lever: Array) -> Array:
-    """Hessian of the work of a force (..., 3) at a lever (..., 3) behind a spring with coordinates Tx Ty Tz Rx Ry Rz.
+    """Return the Hessian (..., 6, 6), Tx to Rz, of the work of a force at a lever, both (..., 3).
 
-    ``H_ab = f_b r_a - (f·r) δ_ab`` for a ≤ b in the rotational block, symmetric, zero elsewhere; (..., 6, 6).
+    ``H_ab = f_b r_a - (f·r) δ_ab`` for a ≤ b in the rotational block, symmetric, zero elsewhere.
     """
     block = lever[..., :, None] * force[..., None, :]
     block = block - np.einsum("...i,...i", force, lever)[..., None, None] * np.eye(3)

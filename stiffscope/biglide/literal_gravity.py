@@ -1,4 +1,4 @@
-"""Gravity as published for the Biglide, docs/theory.md 5.3: ``K_θ - K_G`` of links and sliders by what they carry."""
+"""Published gravity model of the Biglide (docs/theory.md 5.3): ``K_θ - K_G`` of loaded bodies."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ LIMBS = {f"limb{i}": tuple(f"limb{i}.link{j}" for j in (1, 2, 3)) for i in (1, 2
 
 
 def literal_gravity(mechanism: Mechanism, poses: ArrayLike) -> Array:
-    """Stiffness (n, 6, 6) at M of the Biglide under its own weight as published, docs/theory.md 5.3.
+    """Return the Biglide's published stiffness (n, 6, 6) at M under gravity (docs/theory.md 5.3).
 
-    Each link carries a sixth of the platform's weight at M; each slider half of it, and its three links' weights at
-    their middles. Raises InputError for any other robot, and for a pose out of reach.
+    Each link carries a sixth of the platform's weight at M; each slider carries half of it, and its
+    links' weights at their middles. Raises InputError for another robot or a pose out of reach.
     """
     require_biglide(mechanism)
     bodies = {body.name: body for body in mechanism.bodies}
@@ -38,7 +38,7 @@ def literal_gravity(mechanism: Mechanism, poses: ArrayLike) -> Array:
 
 
 def require_biglide(mechanism: Mechanism) -> None:
-    """Raise InputError where a mechanism has not the bodies that the published equations are about."""
+    """Raise InputError if a mechanism lacks a body of the published equations."""
     elastic = {body.name for body in mechanism.bodies if body.elastic is not None}
     needed = {*(f"{limb}.slider" for limb in LIMBS), *(link for links in LIMBS.values() for link in links)}
     if not needed <= elastic or "platform" not in {body.name for body in mechanism.bodies}:

@@ -1,6 +1,6 @@
-"""The Biglide as its paper models it: reading R1 of the equations, and upper bounds of its stiffness.
+"""The paper's model of the Biglide: reading R1 of its equations, and upper bounds on the stiffness.
 
-All here is of the one robot file `data/robots/biglide.toml`, by the names of its elements and parameters.
+It supports `data/robots/biglide.toml` only and finds elements and parameters by the names there.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.floating[Any]]
 
-SIDES = {1: 1.0, 2: -1.0}  # limb 1 is the left one; x₁ = +1, x₂ = -1
+SIDES = {1: 1.0, 2: -1.0}  # x₁ = +1, x₂ = -1; limb 1 is the left limb
 _LENGTHS = ("l", "l1", "l2", "h", "d", "a_min", "a_max")
 _X, _Y, _ = np.eye(3)
-_NEAR_SINGULAR = 1e-6  # rad; links along the rail or across it
+_NEAR_SINGULAR = 1e-6  # rad; links parallel or perpendicular to the rail
 
 
 @dataclass(frozen=True)
 class Dimensions:
-    """Dimensions of Tables 1 to 3 in m, by their names there, and the range of the two carriages a_i = |O O_i|."""
+    """Dimensions of Tables 1 to 3 in m, named as there, and the carriage range, a_i = |O O_i|."""
 
     L: float
     l: float
@@ -46,14 +46,14 @@ class Dimensions:
     a_max: float
 
     def tool_point(self, q: ArrayLike) -> Array:
-        """Tool points (n, 3) in m at x = y = 0 and link angles (n,) in rad."""
+        """Return the tool points (n, 3) in m at x = y = 0 for link angles (n,) in rad."""
         angle = np.atleast_1d(np.asarray(q, dtype=float))
         return np.column_stack([0.0 * angle, 0.0 * angle, self.l1 + self.l2 + self.L * np.sin(angle)])
 
 
 @dataclass(frozen=True)
 class PublishedModel:
-    """The Biglide's mechanism, wherever its drives stand, with the dimensions of its file."""
+    """Mechanism of the Biglide, with unlimited drive ranges, and the dimensions in its file."""
 
     mechanism: Mechanism
     dimensions: Dimensions
@@ -70,10 +70,10 @@ class PublishedModel:
         return np.inf if drive is None else drive.stiffness
 
     def reading_r1(self, q: float) -> Array:
-        """Stiffness (6, 6) at M as the published equations give it, without gravity, at a link angle ``q`` in rad.
+        """Return the published stiffness (6, 6) at M at a link angle ``q`` in rad, without gravity.
 
-        Reading R1 of docs/theory.md 10.3: ``K_C⁰`` in the bracket of the first equation, the printed Jacobians for
-        both limbs, a pseudo-inverse of the singular K_Pl, no slider, and the transfer of a wrench with the right sign.
+        Reading R1 of docs/theory.md 10.3: ``K_C⁰`` in the first bracket, the printed Jacobians for
+        both limbs, a pseudo-inverse of the singular K_Pl, no slider, correct sign of wrench shifts.
         """
         parallelogram = self._parallelogram(q)
         values, vectors = np.linalg.eigh(parallelogram)
@@ -90,7 +90,7 @@ class PublishedModel:
         return np.linalg.inv(np.linalg.inv(whole) + np.outer(along_y, along_y) / self.drive)
 
     def _parallelogram(self, q: float) -> Array:
-        """K_Pl (6, 6) of three links with the printed Jacobians, docs/theory.md 10.3."""
+        """Return K_Pl (6, 6) of three links with the printed Jacobians (docs/theory.md 10.3)."""
         g = self.dimensions
         spring = np.linalg.inv(self.link)
         total = np.zeros((6, 6))
@@ -106,11 +106,11 @@ class PublishedModel:
         return total
 
     def bounds(self, q: ArrayLike) -> Array:
-        """Upper bounds (n, 6) on the diagonal of the stiffness at M for link angles q (n,) in rad; SI.
+        """Return upper bounds (n, 6), SI, on the stiffness diagonal at M; link angles q (n,), rad.
 
-        More compliance only lowers a stiffness, so only what every path must cross yields: drives along x and y, links
-        along their axis and sideways. K_ry has that of the same robot with rigid sliders; K_rx and K_rz have the bound
-        of their sum.
+        Compliance only lowers a stiffness, so a bound keeps only what every load path crosses:
+        drives along x and y, links axially and sideways. K_ry is bounded by its value with rigid
+        sliders, K_rx and K_rz by the bound on their sum.
         """
         q = np.atleast_1d(np.asarray(q, dtype=float))
         link, drive = self.link, self.drive
@@ -126,7 +126,7 @@ class PublishedModel:
 
     @cached_property
     def rotational_bound(self) -> float:
-        """Upper bound in N·m/rad on ``K_rx + K_rz``: its largest value within reach with rigid sliders."""
+        """Upper bound on ``K_rx + K_rz``, N·m/rad: its maximum in reach with rigid sliders."""
         g = self.dimensions
         most, least = (min(max(a - g.l, 0.0) / g.L, 1.0) for a in (g.a_max, g.a_min))
         angles = np.arccos(np.linspace(most, least, 200)).clip(_NEAR_SINGULAR, np.pi / 2.0 - _NEAR_SINGULAR)
@@ -140,7 +140,7 @@ class PublishedModel:
 
 
 def published_model(mechanism: Mechanism, parameters: Mapping[str, float]) -> PublishedModel:
-    """The Biglide of a mechanism and its file's parameters. Raises InputError for another robot's."""
+    """Return the published model of a Biglide mechanism; raise InputError for any other robot."""
     missing = [name for name in _LENGTHS if name not in parameters]
     if missing:
         raise InputError(f"parameters: expected {', '.join(_LENGTHS)} of the Biglide, got no {missing[0]}")
@@ -153,6 +153,6 @@ def published_model(mechanism: Mechanism, parameters: Mapping[str, float]) -> Pu
 
 
 def _read_elastic(mechanism: Mechanism, name: str) -> Array:
-    """Compliance (6, 6) of a body; zero where it is rigid."""
+    """Return the compliance (6, 6) of a body; zero if it is rigid."""
     body = mechanism.body(name).elastic
     return np.zeros((6, 6)) if body is None else body.compliance

@@ -1,4 +1,4 @@
-"""Robots assembled from their parts: the experiments that they need, the mechanism, its stiffness with bounds."""
+"""Assembly of robots from parts: required experiments, mechanism, stiffness with bounds."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Assembled:
-    """A robot file with the sources and matrices of its parts, and the mechanism of them.
+    """A robot file with the sources and matrices of its parts, and the assembled mechanism.
 
     Attributes
     ----------
-    sources : by part: "fea", "beam", "published", "step" (a STEP file's solid), "matrix" (of the file) or "given".
-    results : parts that were tested, by name.
-    matrices : matrix, bounds and mass of every part that is used.
-    mechanism, bare : with the effects that the file has adopted, and without them.
+    sources : by part: "fea", "beam", "published", "step" (STEP file), "matrix" (in file), "given".
+    results : virtual experiments, by part.
+    matrices : matrix, bounds and mass of each used part.
+    mechanism, bare : with and without the effects adopted in the file.
     """
 
     robot: RobotFile
@@ -61,21 +61,21 @@ def assemble(robot: RobotFile, components: Components = None) -> Mechanism:
     Parameters
     ----------
     robot
-        As `load_robot` gives it.
+        Robot from `load_robot`.
     components
-        Where the compliances of rods and plates come from: "fea", "beam" or "published" for all of them, or by part one
-        of these words or, for any part, a matrix (6, 6) in SI and the part's axes; by default what the robot file says.
-        Experiments that "fea" needs are made in this process, and kept in the cache.
+        Source of the compliances of rods and plates: "fea", "beam" or "published" for all, or by
+        part one of these or, for any part, a matrix (6, 6) in SI and the part's axes; by default as
+        in the robot file. Experiments for "fea" run in this process and are cached.
 
     Returns
     -------
     Mechanism
-        What `configure`, `analyse`, `stiffness`, `deflection` and `sag` take.
+        Input of `configure`, `analyse`, `stiffness`, `deflection` and `sag`.
 
     Raises
     ------
     InputError
-        There is no such part or source, or a matrix is no compliance.
+        If a part or source does not exist, or a matrix is not a compliance.
 
     Examples
     --------
@@ -96,18 +96,18 @@ def assemble_robots(
     whole: bool = True,
     near: Mapping[str, PartResult] | None = None,
 ) -> dict[str, Assembled]:
-    """Assemble robots, by label; the parts that several share are made once.
+    """Assemble robots; parts that several of them share are tested once.
 
     Parameters
     ----------
     robots
-        By label; parts of those after the first have it in their messages.
+        Robots by label; messages on parts include the label, except for the first robot.
     components
-        As `assemble` takes them.
+        See `assemble`.
     shop
-        Where experiments are made.
+        Runs the experiments.
     whole, near
-        As `solve_parts` takes them, by name of the part; not whole: all but the robot's modes, in half of the time.
+        See `solve_parts`, by part; without `whole` modes are omitted, in half the time.
 
     """
     orders: dict[tuple[str, str], PartOrder] = {}
@@ -125,7 +125,7 @@ def assemble_robots(
 
 
 def check_one_interface(robot: RobotFile, name: str) -> None:
-    """Raise InputError where a part has more loaded interfaces, and so more matrices, than one."""
+    """Raise InputError if a part of a two-ended body has several loaded interfaces."""
     two_ended = any(body.part == name for body in robot.elastic_bodies().values())
     if getattr(robot.part(name), "pads", None) == "apart" and two_ended:
         raise robot.refuse(
@@ -136,7 +136,7 @@ def check_one_interface(robot: RobotFile, name: str) -> None:
 
 
 def check_reach(robot: RobotFile, poses: Mapping[str, Sequence[float]]) -> None:
-    """Raise InputError that names the pose that is out of reach, and why, before any experiment is made."""
+    """Raise InputError, with the reason, if a pose is out of reach; run no experiment."""
     if not poses:
         return
     found = configured_poses(robot, rigid_mechanism(robot), list(poses.values()))
@@ -159,7 +159,7 @@ def _assemble(robot: RobotFile, components: Components, results: dict[str, PartR
 
 
 def check_solids(robot: RobotFile) -> dict[str, Part]:
-    """Build the parts of STEP files; nothing is tested. Raises InputError for a solid that cannot be its part."""
+    """Build the parts of STEP files without testing them; raise InputError if one is invalid."""
     built = {}
     for name in used_parts(robot):
         if isinstance(robot.part(name), StepPart):
@@ -172,7 +172,7 @@ def check_solids(robot: RobotFile) -> dict[str, Part]:
 
 
 def _check_length(robot: RobotFile, name: str, length: float) -> None:
-    """Raise InputError for a body that is not as long as the STEP file's solid that it is made of."""
+    """Raise InputError if a body's length differs from that of its STEP file's solid."""
     for body in robot.bodies_of(name):
         given = float(np.linalg.norm(np.subtract(robot.elastic_bodies()[body].tip, robot.elastic_bodies()[body].base)))
         if abs(length - given) > SAME_LENGTH * given:
@@ -185,7 +185,7 @@ def _check_length(robot: RobotFile, name: str, length: float) -> None:
 
 
 def at_named_poses(assembled: Assembled, poses: Mapping[str, Sequence[float]]) -> Stiffness:
-    """Stiffness without gravity, and sag with it; NaN where the tool moves freely."""
+    """Return stiffness without gravity and sag under gravity; NaN if the tool moves freely."""
     found = statics.analyse(assembled.mechanism, np.array(list(poses.values())))
     firm = found.valid & np.isfinite(found.compliance).all(axis=(1, 2))
     sag = np.full_like(found.sag, np.nan)
@@ -194,14 +194,14 @@ def at_named_poses(assembled: Assembled, poses: Mapping[str, Sequence[float]]) -
 
 
 def stiffness_bars(assembled: Assembled, poses: Any) -> np.ndarray | None:
-    """95 % bounds (n, 6, 6) on the stiffness at poses or configurations; None where no part has any on its matrix."""
+    """Return 95 % bounds (n, 6, 6) on the stiffness; None if no part's matrix has bounds."""
     if all(part.error is None for part in assembled.matrices.values()):
         return None
     return statics.stiffness_error(assembled.mechanism, poses)
 
 
 def deflection_bars(assembled: Assembled, poses: Any, twist: np.ndarray) -> np.ndarray | float:
-    """95 % bounds (n, 6) on deflections (n, 6) in m, rad, ``|C| |δK| |t|``; 0 where no part has any on its matrix."""
+    """Return bounds ``|C| |δK| |t|`` (n, 6) on twists (n, 6) in m, rad; 0 if no part has bounds."""
     bars = stiffness_bars(assembled, poses)
     if bars is None:
         return 0.0
@@ -210,7 +210,7 @@ def deflection_bars(assembled: Assembled, poses: Any, twist: np.ndarray) -> np.n
 
 
 def stiffness_json(state: Stiffness, error: np.ndarray | None = None) -> dict[str, Any]:
-    """What scripts read of the robot."""
+    """Return the robot's stiffness, sag and mobility as JSON data."""
     bars = {} if error is None else {"error": error}
     known = np.asarray(np.isfinite(state.matrix).all(axis=(1, 2)))
     matrices = [k if ok else None for k, ok in zip(state.matrix, known.tolist(), strict=True)]

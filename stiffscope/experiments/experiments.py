@@ -1,4 +1,4 @@
-"""Virtual experiments as jobs: taken from the cache, or made side by side and kept there."""
+"""Virtual experiments as jobs: read from the cache, or run in parallel and cached."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-AFTER_REFINEMENT = 1.5  # times the limit, until the modes of the last mesh are there
+AFTER_REFINEMENT = 1.5  # times the limit, to allow for the modes of the last mesh
 WHOLE, CONDENSED, MOVED = "experiment", "condensed", "moved"  # kinds of results in the cache
 
 
@@ -48,32 +48,32 @@ def solve_parts(
     near: Mapping[str, PartResult] | None = None,
     skip: bool = False,
 ) -> list[PartResult]:
-    """Take virtual experiments from the cache, or make them.
+    """Read virtual experiments from the cache, or run them.
 
     Parameters
     ----------
     orders
-        What to test; equal orders are made once, those that differ need different labels.
+        Experiments to run; equal orders run once, different orders need different labels.
     shop
-        Where: cache, processes, progress.
+        Cache, processes and progress.
     whole
-        Whether fields, own weight and natural frequencies are wanted; without them it takes half of the time, and the
-        compliances are the same: a whole experiment takes up the mesh that this leaves in the cache.
+        Whether to compute fields, self-weight and natural frequencies too. Without them it takes
+        half the time for equal compliances; a later whole experiment reuses the cached mesh.
     near
-        By label, parts of slightly other dimensions or material, whose meshes are moved along where they can be. What
-        comes of such a mesh is kept apart: nothing without `near` takes it up.
+        Parts of slightly different dimensions or material, by label; their meshes are morphed if
+        possible. Such results are cached separately and only reused with `near`.
     skip
-        Whether a part that cannot be built, meshed or solved is left out of the answer.
+        Whether to omit parts that cannot be built, meshed or solved.
 
     Returns
     -------
     list of PartResult
-        One for each order. Neither CAD nor mesher is imported for what the cache has.
+        One for each order. Cached results import neither CAD nor mesher.
 
     Raises
     ------
     InputError
-        A part cannot be built, meshed or held as asked.
+        If a part cannot be built, meshed or held as requested.
 
     """
     kinds = [WHOLE] if whole else [CONDENSED, WHOLE] if near is None else [CONDENSED, WHOLE, MOVED]
@@ -122,7 +122,7 @@ def _read(order: PartOrder, folder: Path, *, whole: bool, reused: bool) -> PartR
 def _make_part(
     order: PartOrder, cache: Cache, report: Report, *, whole: bool, near: Mapping[str, PartResult], skip: bool
 ) -> tuple[Path | None, float]:
-    """Make an experiment and keep it: its folder, and the seconds that it took. May run in a child process."""
+    """Run and cache an experiment, perhaps in a child process; return its folder and seconds."""
     begun = time.perf_counter()
     try:
         with _name_refusals(order):
@@ -140,7 +140,7 @@ def _make_part(
 
 @contextmanager
 def _name_refusals(order: PartOrder) -> Iterator[None]:
-    """Let every refusal of the mesh or the solution begin with its part's name, as those of fields do."""
+    """Prefix mesh and solver errors with the part's name, like errors of fields."""
     try:
         yield
     except MeshError as error:
@@ -172,7 +172,7 @@ def _test(
 
 
 def _write(part: Part, experiment: Experiment, folder: Path, *, whole: bool) -> None:
-    """The files of an experiment; of a whole one its fields and its solid too."""
+    """Write the files of an experiment; fields and solid only if it is whole."""
     experiment.save(folder / EXPERIMENT)
     (folder / SOLID).write_text(json.dumps(describe_solid(part)))
     if whole:
@@ -182,7 +182,7 @@ def _write(part: Part, experiment: Experiment, folder: Path, *, whole: bool) -> 
 
 
 def describe_solid(part: Part) -> dict[str, Any]:
-    """Properties of a part's solid in CAD, SI: mass, inertia, its clamped faces and their centre."""
+    """Return a CAD solid's properties, SI: mass, inertia, clamped faces and their centre."""
     solid = mass_properties(part)
     held = [face for face in face_geometries(part.solid) if face.index in set(map(int, part.clamped))]
     return {

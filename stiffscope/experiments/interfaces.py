@@ -1,6 +1,6 @@
-"""How much a part's compliance depends on how it is taken to be held and loaded.
+"""Sensitivity of a part's compliance to its boundary conditions.
 
-Each choice changes one thing of the robot file, as `--set` would, and leaves everything else as it is there.
+Each choice changes one setting of the robot file, as `--set` would.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.workshop import Workshop
 
-AT_ONCE = 2  # experiments side by side: each may take gigabytes
-PAD_HEIGHT = 1 / 4  # of the thickness, for joint pads where the part has none
-HOLE_PITCH = 4.0  # thicknesses from one bolt hole to the next, for holes where the part has none
+AT_ONCE = 2  # parallel experiments; each may need gigabytes
+PAD_HEIGHT = 1 / 4  # of the thickness, for joint pads if the part has none
+HOLE_PITCH = 4.0  # spacing of bolt holes in thicknesses, if the part has none
 OWN = "as in the robot file"
 UNKNOWN = {
     "three pads": "the solid of a STEP file is as it is",
@@ -45,7 +45,7 @@ APART = "the pads are loaded together here, not apart, so that there is one matr
 
 @dataclass(frozen=True)
 class Choice:
-    """A way to hold or load a part: its name, what it is in words, and the values of the part's keys that make it."""
+    """A way to hold or load a part: name, description, and the part's keys with their values."""
 
     name: str
     words: str
@@ -54,13 +54,13 @@ class Choice:
 
     @property
     def overrides(self) -> tuple[str, ...]:
-        """What `--set` takes to choose it."""
+        """Arguments of `--set` that select it."""
         return tuple(f"{self.part}.{key}={_format_value(key, value)}" for key, value in self.values)
 
 
 @dataclass(frozen=True)
 class Tested:
-    """A part under a choice: its compliance (6, 6) and 95 % bounds, SI, at the own choice's reference point."""
+    """A part's compliance (6, 6) under a choice, 95 % bounds, SI, at the file's reference point."""
 
     choice: Choice
     result: PartResult
@@ -69,13 +69,13 @@ class Tested:
 
     @property
     def order(self) -> PartOrder:
-        """The experiment that was made."""
+        """Order of the experiment."""
         return self.result.order
 
 
 @dataclass(frozen=True)
 class Entry:
-    """An entry under the own choice (SI, with its bound), and what each other choice makes of it, relative."""
+    """An entry as in the robot file (SI, with bound), and its relative change by each choice."""
 
     name: str
     unit: str
@@ -89,7 +89,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Comparison:
-    """A part under the choice of the robot file and under the others; why some are left out, a line each."""
+    """A part as in the robot file and under other choices; one line for each omitted choice."""
 
     part: str
     own: Tested
@@ -99,21 +99,21 @@ class Comparison:
 
 
 def compare_interfaces(robot: RobotFile, part: str, shop: Workshop) -> Comparison:
-    """Test a part under each choice.
+    """Test a part under each choice of boundary conditions.
 
     Parameters
     ----------
     robot
-        As `load_robot` gives it.
+        Robot from `load_robot`.
     part
-        Name of a rod, a plate or a STEP file's solid in it.
+        Name of its rod, plate or STEP solid.
     shop
-        Where the experiments are made.
+        Runs the experiments.
 
     Raises
     ------
     InputError
-        There is no such part, or it is no solid that can be tested.
+        If the part does not exist or is not a testable solid.
 
     """
     apart = getattr(robot.parts.get(part), "pads", None) == "apart"
@@ -128,11 +128,11 @@ def compare_interfaces(robot: RobotFile, part: str, shop: Workshop) -> Compariso
 
 
 def choices(robot: RobotFile, part: str) -> list[Choice]:
-    """Choices for a part: how to load it, how to hold it; sizes that the part lacks follow from its own.
+    """Return the loads and supports to test on a part, with default sizes from its dimensions.
 
-    Pads are a quarter of the thickness high, bolt holes four thicknesses apart (or as near to that as ribs let
-    them be); the foundation gives as a layer of the part's material would that is as deep as the part is thick. A STEP
-    file's solid is as it is, and tested on a foundation only where the file has one.
+    Default pads are a quarter of the thickness high, bolt holes four thicknesses apart (or as near
+    as the ribs permit); the foundation is a layer of the part's material and thickness. A STEP
+    solid is not modified, and tested on a foundation only if the file defines one.
     """
     section = robot.part(part)
     if not isinstance(section, SolidPart):
@@ -167,7 +167,7 @@ def choices(robot: RobotFile, part: str) -> list[Choice]:
 
 
 def _bed(robot: RobotFile, part: str) -> float | None:
-    """Stiffness per area of the foundation to test, N/m³; None if the part's thickness is unknown."""
+    """Return the foundation stiffness to test, N/m³; None if the part's thickness is unknown."""
     section, material = robot.part(part), robot.material(part)
     given = getattr(section, "foundation", None)
     if given or material is None or not isinstance(section, ParametricPart):
@@ -176,19 +176,19 @@ def _bed(robot: RobotFile, part: str) -> float | None:
 
 
 def _with(robot: RobotFile, part: str, values: Mapping[str, Any]) -> RobotFile:
-    """The robot with a part of other values, SI; where its bodies stand is of no account to the part."""
+    """Return the robot with changed values of a part, SI; its bodies are not updated."""
     return dataclasses.replace(robot, parts={**robot.parts, part: robot.part(part).model_copy(update=dict(values))})
 
 
 def _format_value(key: str, value: Any) -> str:
-    """A value as a robot file has it."""
+    """Format a value as in a robot file."""
     if key == "foundation":
         return "rigid" if value is None else f"{value / 1e9:.12g} N/mm^3"
     return f"{1e3 * value:.12g} mm" if key == "pad_height" else str(value)
 
 
 def _hole_count(slider: SliderParameters) -> int:
-    """How many bolt holes: four thicknesses apart, or the nearest number that clears the ribs."""
+    """Return the hole count for a pitch of four thicknesses, or the nearest clear of the ribs."""
     wanted = max(2, round(slider.width / (HOLE_PITCH * slider.thickness)))
     near = sorted(range(2, 2 * wanted + 3), key=lambda count: abs(count - wanted))
     return next((count for count in near if _fits(slider, count)), wanted)
@@ -203,7 +203,7 @@ def _fits(slider: SliderParameters, count: int) -> bool:
 
 
 def _orders(robot: RobotFile, part: str, own: PartOrder) -> tuple[dict[Choice, PartOrder], list[str], list[str]]:
-    """Experiments of the choices that differ from the own one, the names of those that are it, and what is left out."""
+    """Return orders that differ from the file's, names of choices equal to it, and omissions."""
     orders: dict[Choice, PartOrder] = {}
     same: list[str] = []
     known = choices(robot, part)
@@ -236,13 +236,13 @@ def _compare_choices(part: str, found: Mapping[Choice, PartResult], left_out: Se
 
 
 def _shift_to(result: PartResult, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Compliance and bounds (6n, 6n) at other reference points: pads stand out from the face that they load."""
+    """Shift compliance and bounds (6n, 6n) to other reference points, since pads protrude."""
     carry: np.ndarray = np.asarray(block_diag(*shift(points - result.experiment.reference_points)), dtype=float)
     return carry @ result.compliance @ carry.T, np.abs(carry) @ result.error @ np.abs(carry.T)
 
 
 def _entry(own: Tested, others: Sequence[Tested], i: int, j: int) -> Entry:
-    """One entry; the bars of the changes hold for the two errors at their worst together."""
+    """Return an entry; bounds of its changes add both errors in the worst case."""
     value, error = float(own.compliance[i, j]), float(own.error[i, j])
     ratios = [float(t.compliance[i, j]) / value for t in others]
     bars = [(float(t.error[i, j]) + abs(ratio) * error) / abs(value) for t, ratio in zip(others, ratios, strict=True)]
@@ -253,7 +253,7 @@ def _entry(own: Tested, others: Sequence[Tested], i: int, j: int) -> Entry:
 
 
 def interfaces_csv(compared: Comparison) -> str:
-    """A line for each entry and choice, SI; changes are relative to the own choice's."""
+    """Return CSV with a row for each entry and choice, SI; changes are relative to the file's."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["entry", "unit", "choice", "set", "value", "bound", "change", "change_bound"])
@@ -268,7 +268,7 @@ def interfaces_csv(compared: Comparison) -> str:
 
 
 def interfaces_json(compared: Comparison) -> dict[str, Any]:
-    """The whole matrices."""
+    """Return the full matrices as JSON data."""
     return {
         "part": compared.part,
         "reference_point": compared.own.result.experiment.reference_point,

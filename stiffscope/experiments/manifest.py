@@ -1,4 +1,4 @@
-"""The manifest of a run: what made these files, from what, how long it took, and what was reused."""
+"""Manifest of a run: software, inputs, times and reused results."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ LIBRARIES = (
 
 @dataclass
 class Manifest:
-    """Gathered while a command runs, written at its end into the output folder."""
+    """Record of a command, collected while it runs and finally written to the output folder."""
 
     sources: dict[str, Any] = field(default_factory=dict)
-    """The robot file with its SHA-256 and what `--set` changed, and the SHA-256 of further files, by name."""
+    """Robot file with its SHA-256 and its `--set` changes, and SHA-256 of further files by name."""
     results: dict[str, dict[str, Any]] = field(default_factory=dict)
     seconds: dict[str, float] = field(default_factory=dict)
     started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
 
     def note(self, result: str, *, key: str, reused: bool, seconds: float, **more: Any) -> None:
-        """Say of one result its cache key, whether it was reused, and the time it took now."""
+        """Record a result's cache key, whether it was reused, and the time it took."""
         self.results[result] = {"reused": reused, "seconds": round(seconds, 3), "key": key, **more}
 
     def measure_elapsed(self) -> float:
-        """Seconds since the command began."""
+        """Return the seconds since the command began."""
         return (dt.datetime.now(dt.UTC) - self.started).total_seconds()
 
     def write(self, folder: Path) -> None:
-        """Write manifest.json into a folder; the staging of the folder adds the list of its files."""
+        """Write manifest.json to a folder; the list of files is added when the folder is staged."""
         content = {
             "made_by": output.MAKER,
             "version": library_version("stiffscope"),
@@ -62,7 +62,7 @@ class Manifest:
 
 
 def manifest_of(robot: RobotFile | None, *inputs: Path) -> Manifest:
-    """A manifest that begins now, of a robot and of further files that go in, by their places in a common folder."""
+    """Start a manifest of a robot and further input files, named relative to a common folder."""
     sources: dict[str, Any] = {}
     if robot is not None:
         changed = list(robot.source.overrides)

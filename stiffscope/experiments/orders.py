@@ -1,4 +1,4 @@
-"""What determines a part's virtual experiment: its order, the order's cache key, and the part built from it."""
+"""Orders of virtual experiments: all inputs of a part's experiment, cache key, part to test."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.part_sections import Dimensions
 
 LIBRARIES = ("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy")
-FORM = 8  # of the files of an experiment in the cache; other code reads other forms
+FORM = 8  # format version of cached experiments
 
 
 @dataclass(frozen=True)
 class StepOrder:
-    """A solid of a STEP file as a part: content, chosen faces (by default those of least and greatest x), axes."""
+    """A STEP file's solid as a part: content, faces (default: least and greatest x), axes."""
 
     path: Path
     sha256: str
@@ -46,9 +46,9 @@ class StepOrder:
 
 @dataclass(frozen=True)
 class PartOrder:
-    """Everything that determines a part's virtual experiment; the label names it in messages only.
+    """All inputs of a part's virtual experiment; the label is used in messages only.
 
-    The solid is that of dimensions (a rod, a plate, a beam), or of a STEP file.
+    The solid comes from dimensions (rod, plate, beam) or from a STEP file.
     """
 
     name: str
@@ -59,16 +59,16 @@ class PartOrder:
 
     @property
     def step(self) -> StepOrder | None:
-        """The STEP file, where the solid is one's."""
+        """STEP file of the solid; None if the solid is parametric."""
         return self.solid if isinstance(self.solid, StepOrder) else None
 
     @property
     def shape(self) -> str:
-        """The kind of solid: "rod", "plate", "box", ... or "step"."""
+        """Kind of solid: "rod", "plate", "box", ... or "step"."""
         return "step" if isinstance(self.solid, StepOrder) else self.solid.shape
 
     def key(self) -> str:
-        """Cache key: shape, material, settings, a STEP file's content, and the code that works on them."""
+        """Return the cache key: hash of shape, material, settings, STEP file's content and code."""
         solid = dataclasses.replace(self.solid, path=Path()) if isinstance(self.solid, StepOrder) else self.solid
         return digest(
             {
@@ -83,7 +83,7 @@ class PartOrder:
         )
 
     def moves_from(self, other: PartOrder) -> bool:
-        """Whether the mesh of another order may be moved along: the same kind of solid, meshed the same way."""
+        """Return whether another order's mesh can be morphed: same shape and mesh settings."""
         supports = {"foundation": None}
         return (
             self.step is None
@@ -92,7 +92,7 @@ class PartOrder:
         )
 
     def build(self) -> Part:
-        """The part itself: its own shape, or the solid of a STEP file."""
+        """Build the part: its parametric shape, or the solid of a STEP file."""
         if isinstance(self.solid, StepOrder):
             return read_step(
                 self.solid.path, name=self.name, material=self.material, clamped=self.solid.clamped,
@@ -104,9 +104,9 @@ class PartOrder:
 
 
 def order_part(robot: RobotFile, name: str, step: str | Path | None = None, *, label: str = "") -> PartOrder:
-    """The experiment that a robot file asks for, on its own shape or on a STEP file's.
+    """Return the experiment of a part as set in the robot file, on its own shape or a STEP file.
 
-    Raises InputError for a part that is none, has no solid, or whose solid cannot be.
+    Raises InputError if the part does not exist, has no solid, or its solid is infeasible.
     """
     if name not in robot.parts:
         raise InputError(f"part: expected one of {', '.join(robot.parts) or '(none)'}, got {name!r}")
@@ -123,7 +123,7 @@ def order_part(robot: RobotFile, name: str, step: str | Path | None = None, *, l
 
 @contextmanager
 def name_lines(robot: RobotFile) -> Iterator[None]:
-    """Name file and line in errors of parts, such as "arm.clamped: no face has …"."""
+    """Add file and line to errors of parts, such as "arm.clamped: no face has …"."""
     try:
         yield
     except InputError as error:
@@ -137,24 +137,24 @@ def name_lines(robot: RobotFile) -> Iterator[None]:
 
 
 def build_part(robot: RobotFile, name: str) -> Part:
-    """Build a part of a robot: the robot file's own shape of it, or the STEP file that it names.
+    """Build a part of a robot from its parametric shape or its STEP file.
 
     Parameters
     ----------
     robot
-        As `load_robot` gives it.
+        Robot from `load_robot`.
     name
-        The part's name in the robot file, such as "slider".
+        Name of the part in the robot file, such as "slider".
 
     Returns
     -------
     Part
-        The solid with its material, its clamped faces and its loaded interfaces, in the part's axes.
+        Solid with material, clamped faces and loaded interfaces, in the part's axes.
 
     Raises
     ------
     InputError
-        There is no such part, or its solid cannot be built or read.
+        If the part does not exist, or its solid cannot be built or read.
 
     Examples
     --------
@@ -167,7 +167,7 @@ def build_part(robot: RobotFile, name: str) -> Part:
 
 
 def _dimensions(robot: RobotFile, name: str) -> Dimensions:
-    """Shape of a parametric part, without the parameters of absent features."""
+    """Return the shape of a parametric part, without parameters of absent features."""
     part = robot.part(name)
     if not isinstance(part, ParametricPart):
         raise robot.refuse(
@@ -175,13 +175,13 @@ def _dimensions(robot: RobotFile, name: str) -> Dimensions:
         )
     try:
         return robot.dimensions(name).present()
-    except InputError as error:  # cad names the parameter: "link.bore: expected ..."
+    except InputError as error:  # the message begins with the parameter: "link.bore: expected ..."
         key, _, message = str(error).partition(": ")
         raise robot.refuse(("parts", name, *key.split(".")[1:]), message) from error
 
 
 def _step_order(robot: RobotFile, name: str, given: str | Path | None) -> StepOrder | None:
-    """A STEP file given on the command line, with the robot file's choice of faces, or the robot file's own."""
+    """Return the order of a given STEP file, with the robot file's faces, or of the part's own."""
     part = robot.part(name)
     section = part if isinstance(part, StepPart) else None
     if given is None and section is None:

@@ -1,4 +1,4 @@
-"""Derivatives of a part's 6x6 by virtual experiments: its dimensions, material and foundation, each a little off."""
+"""Derivatives of a part's 6x6 by perturbed dimensions, material and foundation."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.floating[Any]]
 
-STEP = 0.1  # of a length, or of the wall that it leaves, to either side
+STEP = 0.1  # relative step of a length, or of the remaining wall, either way
 MODULUS_STEP = 0.06
-POISSON = (-0.9, -0.45, 0.45, 0.9)  # of what Poisson's ratio lacks of 0.5: what changes with a modulus
-LEAST = 0.2  # of Poisson's ratio, to which the lower ones of these shares refer at least
-FOUNDATIONS = tuple(10.0 ** (k / 2) for k in range(26, 19, -1))  # N/m³: beside a rigid one
-SOFTER = (4.0, 0.25)  # times a foundation that yields, beside a rigid one
+POISSON = (-0.9, -0.45, 0.45, 0.9)  # steps relative to (0.5 - ν), since ν varies with a modulus
+LEAST = 0.2  # smallest reference of the negative steps
+FOUNDATIONS = tuple(10.0 ** (k / 2) for k in range(26, 19, -1))  # N/m³, if the clamp is rigid
+SOFTER = (4.0, 0.25)  # times a given foundation's stiffness; a rigid one is tested too
 
 
 def tested_dimensions(nominal: Assembled, shop: Workshop) -> dict[str, Callable[[], tuple[PartDimension, ...]]]:
-    """By part whose matrix comes from a virtual experiment, what makes the experiments on its parameters."""
+    """Return, by part with source "fea", a function that runs experiments on its parameters."""
     return {
         name: partial(_dimensions, nominal, name, shop)
         for name, source in nominal.sources.items()
@@ -84,7 +84,7 @@ def _dimensions(nominal: Assembled, name: str, shop: Workshop) -> tuple[PartDime
 
 
 def _legal(material: AnyMaterial | None, key: str) -> tuple[float, float]:
-    """Values of a modulus for which there is such a material: Poisson's ratio is in (-1, 0.5)."""
+    """Return the admissible range of a modulus: Poisson's ratio must be in (-1, 0.5)."""
     if not isinstance(material, Material) or not key.endswith("modulus"):
         return -np.inf, np.inf
     if key == "youngs_modulus":
@@ -93,13 +93,13 @@ def _legal(material: AnyMaterial | None, key: str) -> tuple[float, float]:
 
 
 def _shares(material: AnyMaterial | None, key: str) -> tuple[float, ...]:
-    """What is tried of a length or modulus (of a length's distance from its limit), over the nominal one."""
+    """Return test values relative to nominal, of a modulus or a length's distance to its limit."""
     if not key.endswith("modulus"):
         return 1.0 - STEP, 1.0 + STEP
     if not isinstance(material, Material):
         return 1.0 - MODULUS_STEP, 1.0 + MODULUS_STEP
     poisson = material.poisson
-    left = 0.5 * (1.0 + poisson)  # for what widens when it is stretched
+    left = 0.5 * (1.0 + poisson)  # limit for auxetic materials
     above, below = min(0.5 - poisson, left), min(max(0.5 - poisson, LEAST), left)
     growth = [1.0 + share * (above if share > 0.0 else below) / (1.0 + poisson) for share in POISSON]
     return tuple(growth if key == "youngs_modulus" else [1.0 / g for g in growth])
@@ -108,10 +108,10 @@ def _shares(material: AnyMaterial | None, key: str) -> tuple[float, ...]:
 def _try_values(
     nominal: Assembled, name: str, values: dict[str, tuple[float, ...]], shop: Workshop
 ) -> dict[str, dict[float, Array]]:
-    """Compliances of a part with other values of its parameters, on its own mesh moved along where that can be.
+    """Return compliances of a part with other parameter values, on its morphed mesh if possible.
 
-    An error that meshes have in common is in no difference of these. Values that make no part, or one that cannot be
-    solved (a foundation far too soft for it), are left out.
+    A discretization error common to the meshes cancels in differences. Values for which the part
+    cannot be built or solved (e.g. a much too soft foundation) are omitted.
     """
     orders: dict[tuple[str, float], PartOrder] = {}
     for key, some in values.items():

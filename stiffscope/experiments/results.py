@@ -1,4 +1,4 @@
-"""A part's finished experiment with its files, and what scripts read of it."""
+"""Results of a part's virtual experiment, with its files and JSON data."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ AXES = {
 
 @dataclass(frozen=True)
 class PartResult:
-    """A part's virtual experiment, and the files of it that the cache holds.
+    """A part's virtual experiment and its cached files.
 
     Attributes
     ----------
-    order, key : what was asked for, and its cache key.
-    folder : where its files are: the experiment (npz); of a whole one the fields (vtu) and the solid (STEP, STL).
-    experiment : what the unit wrenches did; without fields and modes where only the compliance was wanted.
-    solid : of the solid in CAD: mass in kg, mass_centre in m, inertia in kg·m², clamped_centre (of the clamped
-        faces) in m, numbers of its faces.
-    reused, seconds : whether the cache had it, and the time that it took now.
+    order, key : order of the experiment, and its cache key.
+    folder : its files: experiment (npz) and, if whole, fields (vtu) and solid (STEP, STL).
+    experiment : response to unit wrenches; no fields and modes if only the compliance was computed.
+    solid : CAD properties: mass in kg, mass_centre in m, inertia in kg·m², clamped_centre (of the
+        clamped faces) in m, face numbers.
+    reused, seconds : whether it was cached, and the time it took now.
     """
 
     order: PartOrder
@@ -59,27 +59,27 @@ class PartResult:
 
     @property
     def name(self) -> str:
-        """The part's name."""
+        """Name of the part."""
         return self.order.name
 
     @property
     def compliance(self) -> np.ndarray:
-        """(6m, 6m) in the part's axes: of its m ends but the first, each at its reference point."""
+        """Compliance (6m, 6m) of the m loaded ends at their reference points, part axes."""
         return self.experiment.full_compliance
 
     @property
     def error(self) -> np.ndarray:
-        """(6m, 6m) 95 % bounds."""
+        """95 % bounds (6m, 6m) on the compliance."""
         return self.experiment.full_error
 
     @property
     def note(self) -> str:
-        """One line on why a wanted tolerance was not met; empty when it was, or when none was wanted."""
+        """One line on why a requested tolerance was not met; empty if met or not requested."""
         return self.experiment.note
 
     @property
     def accuracy(self) -> dict[str, Any]:
-        """The wanted tolerance, the largest bound, why it is more, and the mesh: plain numbers."""
+        """Requested tolerance, largest bound, reason if it exceeds the tolerance, and mesh size."""
         mesh = self.experiment.mesh
         return {
             "tolerance": self.order.settings.tolerance,
@@ -90,7 +90,7 @@ class PartResult:
 
     @property
     def own_shape(self) -> bool:
-        """Whether the solid is the robot file's own shape, not a STEP file's."""
+        """Whether the solid is the robot file's parametric shape, not a STEP file's."""
         return self.order.step is None
 
     @property
@@ -100,12 +100,12 @@ class PartResult:
 
     @property
     def length(self) -> float:
-        """From the clamped faces to the reference point along the part's x, m."""
+        """Distance from the clamped faces to the reference point along the part's x, m."""
         return float(self.experiment.reference_point[0] - self.solid["clamped_centre"][0])
 
     @property
     def facts(self) -> dict[str, Any]:
-        """What is told of a part of a whole experiment besides its fields: plain numbers, SI."""
+        """Results of a whole experiment except its fields, as plain numbers, SI."""
         experiment, order = self.experiment, self.order
         together: dict[str, Any] = {}
         if len(experiment.reference_points) > 1:
@@ -138,6 +138,6 @@ class PartResult:
 
 
 def compliance_json(robot: RobotFile, result: PartResult) -> dict[str, Any]:
-    """What scripts read of a part; beam theory knows the own shape alone, not a STEP file's solid."""
+    """Return a part's results as JSON data; beam theory only applies to parametric shapes."""
     beam = beam_compliance(robot, result.name) if result.own_shape else None
     return {**result.facts, "beam": beam, "cached": result.reused}

@@ -1,4 +1,4 @@
-"""Robot files written from others: comments stay, what `--set` changed is written, other files are still found."""
+"""Robot files written from others: comments are kept, `--set` changes applied, paths adjusted."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ if TYPE_CHECKING:
 
 
 def robot_document(robot: RobotFile, target: Path, components: str | None = None) -> Any:
-    """Return the robot's file as a tomlkit document, for a file to be written.
+    """Return a robot's file as a tomlkit document, to be written to another file.
 
     Parameters
     ----------
     robot
-        With what `--set` changed, which is written; of copies nothing can be.
+        Robot with its `--set` changes, which are applied, except those of copies.
     target
-        Where the file will stand: STEP files and meshes are named from there.
+        Path of the new file; paths of STEP files and meshes become relative to it.
     components
-        Source of the matrices of rods and plates that the file is to say; None: what it says.
+        Source of the matrices of rods and plates to write; None keeps that of the file.
 
     """
     document: Any = tomlkit.parse(robot.source.text)
@@ -44,7 +44,7 @@ def robot_document(robot: RobotFile, target: Path, components: str | None = None
 
 
 def _move(table: Any, key: str, source: Path, target: Path) -> None:
-    """A file is named from where the robot file stands."""
+    """Make a file's path relative to the target."""
     if not Path(table[key]).is_absolute():
         place = (source.parent / table[key]).resolve()
         table[key] = Path(os.path.relpath(place, target.resolve().parent)).as_posix()

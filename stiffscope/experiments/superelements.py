@@ -1,4 +1,4 @@
-"""Folders with superelements that other codes read: a part on its interfaces, a robot at its poses on its tool."""
+"""Superelements for other codes: a part condensed on its interfaces, a robot on its tool."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Nodes, x y z in m:
 
 
 def write_part(result: PartResult, out: Path, manifest: Manifest) -> None:
-    """A folder with the part condensed on its interfaces and modes: see `stiffscope.fea.export`."""
+    """Write a part condensed on its interfaces and modes (see `stiffscope.fea.export`)."""
     with output.staged_folder(out) as folder:
         write_superelement(result.experiment, folder / result.name)
         manifest.note(result.name, key=result.key, reused=result.reused, seconds=result.seconds)
@@ -39,22 +39,22 @@ def write_part(result: PartResult, out: Path, manifest: Manifest) -> None:
 def write_robot(
     assembled: Assembled, names: Sequence[str], found: Configurations, out: Path, manifest: Manifest
 ) -> None:
-    """A folder with the robot at each configuration, condensed on its tool and its modes.
+    """Write the robot at each configuration, condensed on its tool and modes, to a folder.
 
-    Files have the names of the robot file's poses; others are ``pose1``, ``pose2``, ...
+    Files are named after the robot file's poses, or ``pose1``, ``pose2``, ...
 
     Parameters
     ----------
     assembled
         Robot with its parts' matrices.
     names
-        Names of the configurations; empty ones get numbers.
+        Names of the configurations; unnamed ones are numbered.
     found
         Configurations of the mechanism.
     out
-        Folder to write to.
+        Output folder.
     manifest
-        Record of how the results were made.
+        Record of the run.
 
     """
     mechanism = assembled.mechanism

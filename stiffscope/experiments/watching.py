@@ -1,4 +1,4 @@
-"""A robot whose files are being edited: which files, when their content changes, and what that changes in the robot."""
+"""Monitoring of a robot's files: which files, when they change, and the changes of the robot."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from stiffscope.experiments.results import PartResult
     from stiffscope.robot.file.description import RobotFile
 
-PERIOD = 0.05  # s between two looks at the files
+PERIOD = 0.05  # s, polling interval
 HEAVY = (
     "build123d",
     "stiffscope.cad.step",
@@ -33,7 +33,7 @@ HEAVY = (
 
 
 def sources(robot: RobotFile) -> list[Path]:
-    """The robot file, and the STEP files and meshes that it names."""
+    """Return the paths of the robot file and of its STEP files and meshes."""
     beside = robot.path.parent
     parts = [beside / file for part in robot.parts.values() if (file := getattr(part, "file", None))]
     bodies = [body for body in robot.bodies.values() if isinstance(body, RigidBody)]
@@ -42,15 +42,15 @@ def sources(robot: RobotFile) -> list[Path]:
 
 
 def changes(files: Sequence[Path]) -> Iterator[None]:
-    """Yield at once, and then whenever the content of one of the files is another; the list itself may change.
+    """Yield at once, and then whenever the content of a file changes; the list itself may change.
 
-    A file that is away for a moment, as while an editor saves it, has not changed.
+    A file that is briefly missing, e.g. while an editor saves it, has not changed.
     """
     held: dict[Path, tuple[Any, str]] = {}
     first = True
     while True:
         changed = first
-        while [path for path in files if _has_changed(path, held)]:  # until it is written whole
+        while [path for path in files if _has_changed(path, held)]:  # until writing is complete
             changed = True
             time.sleep(PERIOD)
         if changed:
@@ -60,7 +60,7 @@ def changes(files: Sequence[Path]) -> Iterator[None]:
 
 
 def _has_changed(path: Path, held: dict[Path, tuple[Any, str]]) -> bool:
-    """Whether a file's content is another than held, which it replaces; a new file is none that changed."""
+    """Return whether a known file's content has changed; update the held stamp and content."""
     with suppress(OSError, InputError):
         status = path.stat()
         stamp = (status.st_mtime_ns, status.st_size, status.st_ino)
@@ -75,7 +75,7 @@ def _has_changed(path: Path, held: dict[Path, tuple[Any, str]]) -> bool:
 
 @functools.cache
 def keep_warm() -> None:
-    """Import, in the background, once, what the next virtual experiment will need."""
+    """Import the modules of virtual experiments in the background, once."""
 
     def load() -> None:
         for name in HEAVY:
@@ -85,12 +85,12 @@ def keep_warm() -> None:
 
 
 def keep_meshed(held: dict[str, PartResult], results: Mapping[str, PartResult]) -> None:
-    """Keep, by name, the parts that were meshed last: one whose mesh was moved along is no start of another move."""
+    """Keep the last meshed result of each part; a morphed mesh is not morphed again."""
     held.update({name: part for name, part in results.items() if not part.experiment.moved})
 
 
 def digest_sources(robot: RobotFile) -> dict[str, str]:
-    """Return the checksum of every file that the robot file names, by its name."""
+    """Return the checksums of the robot's STEP files and meshes, by file name."""
     return {path.name: file_digest(path) for path in sources(robot)[1:]}
 
 
@@ -100,14 +100,14 @@ def differences(
     former: Mapping[str, str] | None = None,
     present: Mapping[str, str] | None = None,
 ) -> list[str]:
-    """Return what differs between two versions of a robot: "slider.thickness 20 mm → 25 mm"; a few of them.
+    """Return up to four differences of two versions: "slider.thickness 20 mm → 25 mm".
 
     Parameters
     ----------
     before, after
-        The robot, read before and after a file was saved.
+        Robot before and after a file was saved.
     former, present
-        Checksums of the files that it names, then and now, by `digest_sources`.
+        Checksums of its files before and after, from `digest_sources`.
 
     """
     files = [f"content of {name}" for name, now in (present or {}).items() if (former or {}).get(name, now) != now]

@@ -1,1 +1,1 @@
-"""The robot file: what it may say, its values in SI, the parts and the elastic robot that it describes."""
+"""The robot file: its keys, its values in SI, its parts and the elastic robot that it describes."""

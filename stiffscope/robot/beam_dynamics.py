@@ -1,4 +1,4 @@
-"""Inertia of a rod or plate by beam theory: consistent mass of a fine beam, condensed on its ends and lowest modes."""
+"""Inertia of a rod or plate by beam theory: consistent mass condensed on ends and lowest modes."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from stiffscope.fea.beam import Section
 
 MODES = 6
-_PIECES = 24  # of the whole beam, about; its sixth clamped frequency is then within 0.05 %
+_PIECES = 24  # approximate number of elements; the sixth clamped frequency is within 0.05 %
 
 
 def beam_dynamics(
@@ -27,12 +27,12 @@ def beam_dynamics(
     density: float,
     modes: int = MODES,
 ) -> Dynamics:
-    """Condensed mass of a straight beam between its ends, with its lowest modes while both ends are held.
+    """Return the mass of a straight beam condensed on its ends and lowest fixed-interface modes.
 
     Parameters
     ----------
     segments
-        Lengths (m) and cross-sections along x from the base on.
+        Lengths (m) and cross-sections along x, starting at the base.
     youngs_modulus, shear_modulus, density
         Pa, Pa, kg/m³.
     modes
@@ -41,7 +41,7 @@ def beam_dynamics(
     Returns
     -------
     Dynamics
-        Twists of base and tip at these points; x along the beam.
+        On the twists of base and tip at these points; x along the beam.
 
     References
     ----------
@@ -75,7 +75,7 @@ def beam_dynamics(
 
 
 def _consistent(length: float, section: Section) -> np.ndarray:
-    """Consistent mass (12, 12) of a piece of unit density: linear along x, Hermite's cubics across."""
+    """Return a consistent mass (12, 12) at unit density: linear along x, Hermite cubics across."""
     out = np.zeros((12, 12))
     axial = length / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
     out[np.ix_([0, 6], [0, 6])] = section.area * axial

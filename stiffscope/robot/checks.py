@@ -1,4 +1,4 @@
-"""What only a robot file's sections together can tell: parts, lengths, directions, and whether it is a mechanism."""
+"""Checks across a robot file's sections: parts, lengths, directions, and the mechanism."""
 
 from __future__ import annotations
 
@@ -27,17 +27,17 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.positions import Key
     from stiffscope.robot.file.sections import JointSection
 
-SAME_LENGTH = 1e-4  # relative; coordinates are often rounded to a hundredth of a millimetre
-_ROUNDED = 1e-9  # relative, of moments of inertia
+SAME_LENGTH = 1e-4  # relative tolerance; coordinates are often rounded to 0.01 mm
+_ROUNDED = 1e-9  # relative tolerance of moments of inertia
 MESHES = (".stl", ".obj", ".ply", ".vtp", ".vtk", ".vtu", ".glb", ".gltf")
-"""Files for pictures: what PyVista reads without further packages."""
-_PARALLEL = 1e-6  # sine of the angle below which two directions are one
+"""Mesh files for pictures, readable by PyVista without further packages."""
+_PARALLEL = 1e-6  # sine of the angle below which two directions are parallel
 _FILE_NAME = re.compile(r"[^/\\\x00-\x1f]{0,100}")
 _PATH = re.compile(r'(?:(?:[A-Za-z0-9_-]+|"[^"]*")(?:\.|(?=: )))+')
 
 
 def check_robot(robot: RobotFile) -> None:
-    """Raise FieldError for the first thing that makes the file no robot."""
+    """Raise FieldError for the first error across the sections of a robot file."""
     if not robot.bodies:
         raise FieldError(("bodies",), "expected at least one body, got none")
     for name in robot.parts:
@@ -62,12 +62,12 @@ def _check_part(robot: RobotFile, name: str) -> None:
     _check_file_name(key, name)
     try:
         robot.material(name)
-    except InputError as error:  # "material: expected one of ..."
+    except InputError as error:  # the message is "material: expected one of ..."
         raise FieldError((*key, "material"), str(error).partition(": ")[2]) from error
     if isinstance(part, ParametricPart):
         try:
             part.parameters()
-        except InputError as error:  # cad names the parameter: "link.bore: expected ..."
+        except InputError as error:  # the message is "link.bore: expected ..."
             field, _, message = str(error).partition(": ")
             raise FieldError((*key, *field.split(".")[1:]), message) from error
 
@@ -119,7 +119,7 @@ def _check_rigid(robot: RobotFile, name: str, body: RigidBody) -> None:
         least, middle, most = map(float, np.linalg.eigvalsh(tensor(body.inertia)))
         if least < -_ROUNDED * max(map(abs, body.inertia)):
             raise FieldError((*key, "inertia"), f"expected no negative principal moment, got {least:.6g} kg·m²")
-        if most > (least + middle) * (1.0 + 1e-3):  # of rounded numbers too
+        if most > (least + middle) * (1.0 + 1e-3):  # tolerates rounded numbers
             got = f"{least:.6g}, {middle:.6g}, {most:.6g}"
             message = f"expected principal moments of which none exceeds the sum of the others, got {got} kg·m²"
             raise FieldError((*key, "inertia"), message)
@@ -141,7 +141,7 @@ def _check_joint(robot: RobotFile, name: str, joint: JointSection, known: Mappin
 
 
 def _check_bearing(key: tuple[str, ...], joint: JointSection) -> None:
-    """A bearing yields along what it holds; a drive's own direction has the drive's stiffness."""
+    """Refuse a joint's compliance beside a bearing or along the direction of its drive."""
     if joint.bearing is not None:
         if joint.compliance is not None:
             raise FieldError((*key, "compliance"), "expected none beside a bearing, whose data give it, got one")
@@ -161,7 +161,7 @@ def _check_bearing(key: tuple[str, ...], joint: JointSection) -> None:
 
 
 def _check_node(key: Key, name: str, known: Mapping[str, str], robot: RobotFile) -> None:
-    """Refuse what is no body or end of one; an elastic body has to say which end."""
+    """Raise FieldError unless a name is a rigid body or an end of an elastic one."""
     if name in known:
         return
     if ends := robot.ends(name):
@@ -176,7 +176,7 @@ def _check_node(key: Key, name: str, known: Mapping[str, str], robot: RobotFile)
 
 
 def _check_mechanism(robot: RobotFile) -> None:
-    """What `vjm` refuses of a mechanism with rigid parts: names that are taken, bodies that hang on nothing."""
+    """Raise FieldError for errors of the rigid mechanism: duplicate names, unconnected bodies."""
     rigid = {name: rigid_part(robot, name) for name in robot.parts}
     try:
         mechanism_of(robot, rigid)

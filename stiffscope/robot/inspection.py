@@ -1,4 +1,4 @@
-"""What a robot file amounts to, found without any virtual experiment: mobility, masses, reach, poses, and remarks."""
+"""Inspection of robot files, without experiments: mobility, masses, reach, poses, remarks."""
 
 from __future__ import annotations
 
@@ -35,17 +35,17 @@ if TYPE_CHECKING:
     from stiffscope.vjm.reach import Reach
 
 HOME = "home"
-ILL_CONDITIONED = 1e-2  # inverse condition number of pose by drives below which a pose is nearly singular
-RANK_GAP = 1e-12  # of singular values that do not count: what rounding to double precision leaves
-_NEARBY = 0.01  # of the mechanism's own length, and rad
-_CONTRADICTED = 1.5, 5.0  # how many times shorter or longer a part may be than its bending makes it
+ILL_CONDITIONED = 1e-2  # a pose is nearly singular below this inverse condition number
+RANK_GAP = 1e-12  # singular values below this are rounding errors of double precision
+_NEARBY = 0.01  # relative to the mechanism's characteristic length, and rad
+_CONTRADICTED = 1.5, 5.0  # how many times a part may be longer, shorter than by its bending
 _APART = 1e-5  # m
 _GRID = 9  # points along each coordinate of the map
 
 
 @dataclass(frozen=True)
 class Part:
-    """A part: where its 6x6 comes from, how long it is and what one weighs (None: only its solid tells)."""
+    """A part: source of its 6x6, length, m, and mass, kg (None if only its solid defines it)."""
 
     name: str
     shape: str
@@ -57,9 +57,9 @@ class Part:
 
 @dataclass(frozen=True)
 class Pose:
-    """A named pose: whether the robot reaches it, or why not, and how far the drives are from home, m and rad.
+    """A named pose: reason if it is out of reach, and drive displacements from home, m and rad.
 
-    ``conditioning``: see `stiffscope.vjm.mobility.Mobility`; None also where it is not reached.
+    ``conditioning``: see `stiffscope.vjm.mobility.Mobility`; None also if out of reach.
     """
 
     name: str
@@ -70,17 +70,17 @@ class Pose:
 
     @property
     def is_reached(self) -> bool:
-        """Whether the robot reaches it."""
+        """Whether the robot reaches the pose."""
         return not self.reason
 
 
 @dataclass(frozen=True, eq=False)
 class Inspection:
-    """All of it; ``masses`` by body, kg, None where only the part's solid tells.
+    """Result of an inspection; ``masses`` by body, kg, None if only the part's solid defines it.
 
-    ``residual``: largest gap of a loop at home, m; ``poses``: home first; ``configurations`` are theirs, None where the
-    mechanism cannot move as its poses say; ``mapped``: share of the map's points that are reached; ``doubts``: of
-    the import that wrote the file.
+    ``residual``: largest loop closure error at home, m; ``poses``: home first; ``configurations``:
+    of the poses, None if the mechanism cannot follow them; ``mapped``: reachable fraction of the
+    map; ``doubts``: from the import that wrote the file.
     """
 
     robot: RobotFile
@@ -96,11 +96,11 @@ class Inspection:
     remarks: tuple[str, ...]
     doubts: tuple[Doubt, ...]
     error: str
-    """Why the robot cannot be used as it is; empty where it can."""
+    """Reason why the robot cannot be used; empty if it can."""
 
 
 def inspect_robot(robot: RobotFile) -> Inspection:
-    """Inspect a robot at home and at its named poses, all bodies rigid."""
+    """Inspect a robot at home and at its named poses, with all bodies rigid."""
     mechanism = rigid_mechanism(robot)
     found = mobility(mechanism)
     residual = _residual(mechanism)
@@ -135,12 +135,12 @@ def inspect_robot(robot: RobotFile) -> Inspection:
 
 
 def rigid_mechanism(robot: RobotFile) -> Mechanism:
-    """The mechanism of a robot file with rigid parts, for kinematics alone; masses where they are known."""
+    """Return the mechanism with rigid parts, for kinematics only; masses are zero if unknown."""
     return mechanism_of(robot, {name: rigid_part(robot, name) for name in robot.parts})
 
 
 def configured_poses(robot: RobotFile, mechanism: Mechanism, poses: ArrayLike) -> Configurations:
-    """Configurations at tool poses (n, k). Raises InputError at `[tool] pose` where the mechanism cannot move so.
+    """Return configurations at poses (n, k); InputError at `[tool] pose` if it cannot be commanded.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def configured_poses(robot: RobotFile, mechanism: Mechanism, poses: ArrayLike) -
 
 
 def _named_poses(robot: RobotFile, mechanism: Mechanism) -> dict[str, tuple[float, ...]]:
-    """Home, under the file's own name for it where there is one, and the file's poses."""
+    """Return home, under its name in the file if it has one, and the file's poses."""
     home = mechanism.tool.home
     same = (name for name, pose in robot.poses.items() if np.allclose(pose, home, rtol=0.0, atol=1e-9))
     named = next(same, f"{HOME} of the mechanism" if HOME in robot.poses else HOME)
@@ -190,14 +190,14 @@ def _pose(configurations: Configurations, k: int, name: str, tool: tuple[float, 
 
 
 def _residual(mechanism: Mechanism) -> float:
-    """Largest error of a joint that closes a loop at home, m (angles times the mechanism's own length)."""
+    """Return the largest loop closure error at home, m (angles times characteristic length)."""
     linkage = Linkage(mechanism, "tool")
     errors = linkage.place_links(np.zeros((linkage.size, 1))).errors
     return linkage.length * float(np.abs(errors).max(initial=0.0))
 
 
 def _map_reach(robot: RobotFile, mechanism: Mechanism) -> float:
-    """Share of the map that is reached, on a coarse grid."""
+    """Return the reachable fraction of the map, on a coarse grid."""
     swept = robot.map
     if swept is None:
         return 1.0
@@ -209,13 +209,13 @@ def _map_reach(robot: RobotFile, mechanism: Mechanism) -> float:
 
 
 def _of_mobility(found: Mobility, start: str | None = None) -> Iterator[str]:
-    """What is amiss with drives and coordinates; ``start`` is where tool poses start, unless at home."""
+    """Yield remarks on drives and coordinates; ``start``: where poses start, unless at home."""
     locked, free = ([name for name, what in found.coordinates.items() if what == word] for word in ("locked", "free"))
     if start:
         yield start
     elif locked:
         able = [str(each) for each in found.tool] or ["nothing"]
-        yield f"[tool] pose commands {', '.join(locked)}, which the mechanism holds; the tool can do: {', '.join(able)}"
+        yield f"[tool] pose commands {', '.join(locked)}, which the mechanism locks; free: {', '.join(able)}"
     if free:
         yield f"the tool also moves in {', '.join(free)}, which [tool] pose does not command"
     if found.loose:
@@ -224,17 +224,17 @@ def _of_mobility(found: Mobility, start: str | None = None) -> Iterator[str]:
         yield f"too few drives: with all held the tool still moves ({left}); {more} more needed"
     if found.redundant_drives:
         names = list_names(found.dependent_drives)
-        yield f"drives that others or the loops determine: {names}; {found.redundant_drives} too many"
+        yield f"drives determined by others or by loops: {names}; {found.redundant_drives} too many"
     if found.rounding > RANK_GAP or found.constraint_margin < NEAR:
         size = found.rounding if found.rounding > RANK_GAP else found.constraint_margin
         yield (
-            f"a motion is possible but for {size:.1g} of the mechanism's size: axes nearly parallel or nearly meeting; "
+            f"a motion is almost free (to {size:.1g} of robot size): axes nearly parallel or intersecting; "
             "are coordinates rounded? Give them as expressions, or to 12 digits"
         )
 
 
 def _of_choice(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
-    """Which drives stay where they are, where a pose can be reached in more than one way."""
+    """Yield a remark on the drives held at home if a pose has a continuum of configurations."""
     motions = found.dof - found.idle_count
     ways = motions - len(mechanism.tool.pose)
     solver = find_solver(mechanism, "tool")
@@ -246,7 +246,7 @@ def _of_choice(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
 
 
 def _of_home(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
-    """Whether home is singular: nearby the mechanism does not move as it does there."""
+    """Yield a remark if home is singular: its mobility differs from that nearby."""
     size = Linkage(mechanism, "tool").length
     rng = np.random.default_rng(0)
     unit = np.array([1.0 if name.startswith("r") else size for name in mechanism.tool.pose])
@@ -262,7 +262,7 @@ def _of_home(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
 
 
 def _of_poses(poses: Iterable[Pose]) -> Iterator[str]:
-    """Poses out of reach, singular or nearly so."""
+    """Yield remarks on poses that are out of reach, singular or nearly singular."""
     for pose in poses:
         if not pose.is_reached:
             yield f"pose {pose.name} is not reached: {pose.reason}"
@@ -272,7 +272,7 @@ def _of_poses(poses: Iterable[Pose]) -> Iterator[str]:
 
 
 def _of_matrices(robot: RobotFile) -> Iterator[str]:
-    """Given matrices whose bending contradicts the length of their bodies: √(3·C22/C66) is that of a slender part."""
+    """Yield remarks on matrices whose slender length √(3·C22/C66) contradicts the body's length."""
     for name in used_parts(robot):
         part = robot.parts[name]
         if not isinstance(part, MatrixPart):
@@ -298,7 +298,7 @@ def _of_matrices(robot: RobotFile) -> Iterator[str]:
 
 
 def _of_places(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:
-    """Joints that turn, but not where the end is that they alone hold."""
+    """Yield remarks on rotary joints that are apart from an end that they alone hold."""
     held = Counter(node for joint in mechanism.joints for node in (joint.first, joint.second))
     ends = {
         node: place
@@ -316,27 +316,27 @@ def _of_places(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:
                 axis = joint.axis / np.linalg.norm(joint.axis)
                 away = away - (away @ axis) * axis
             if (distance := float(np.linalg.norm(away))) > _APART:
-                yield f"joint {joint.name} stands {mm(distance)} from {node}, which it holds: as if by a rigid arm"
+                yield f"joint {joint.name} is {mm(distance)} from {node}: a rigid arm is assumed"
 
 
 def _knows_places(robot: RobotFile, body: str) -> bool:
-    """Whether the file itself gives the ends of an elastic body."""
+    """Return whether the file itself gives the ends of an elastic body."""
     section = robot.bodies[body]
     return not isinstance(section, InterfaceBody) or isinstance(robot.parts[section.part], InterfacePart)
 
 
 def _of_masses(robot: RobotFile, masses: Mapping[str, float | None]) -> Iterator[str]:
     if robot.gravity is None:
-        yield "the file has no [gravity]: weights do not act"
+        yield "no [gravity] in the file: weight is ignored"
         return
     without = [name for name, mass in masses.items() if mass == 0.0]
     if without:
         names = list_names(without) if len(without) <= 4 else f"{', '.join(without[:3])} and {len(without) - 3} more"
-        yield f"no mass, and so no weight: {names}"
+        yield f"no mass, hence no weight: {names}"
 
 
 def inspection_json(found: Inspection) -> dict[str, Any]:
-    """What scripts read of an inspection: m, rad, kg, base axes {O}."""
+    """Return an inspection as JSON data: m, rad, kg, base axes {O}."""
     m, mechanism = found.mobility, found.mechanism
     return {
         "robot": found.robot.name,

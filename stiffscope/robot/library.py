@@ -1,4 +1,4 @@
-"""The robots that come with stiffscope: finding one by name, listing them, copying one to start from."""
+"""The robots bundled with stiffscope: find one by name, list them, copy one to a new file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def robot_names() -> dict[str, str]:
 
 
 def find_robot(name_or_path: str | Path) -> Path:
-    """Path of a robot file given as a path or as the name of a robot in `data/robots`."""
+    """Return the path of a robot file, given as a path or as a name in `data/robots`."""
     path, names = Path(name_or_path), list(robot_names())
     if str(name_or_path) in names and not os.path.isfile(path):  # noqa: PTH113 (Path.is_file raises on some names)
         return ROBOTS / f"{name_or_path}.toml"
@@ -33,7 +33,7 @@ def find_robot(name_or_path: str | Path) -> Path:
 
 
 def copy_robot(name: str, target: str | Path) -> Path:
-    """Copy a robot of `data/robots` to a file of one's own. Raises InputError for one that is there."""
+    """Copy a robot of `data/robots` to a new file; raise InputError if the file exists."""
     source, goal = find_robot(name), Path(target)
     if str(target) and goal.is_dir():
         goal = goal / f"{source.stem}.toml"

@@ -1,4 +1,4 @@
-"""From a robot file and its parts' matrices to the mechanism that `vjm` works on."""
+"""Conversion of a robot file and its parts' matrices to a mechanism of `vjm`."""
 
 from __future__ import annotations
 
@@ -22,19 +22,19 @@ if TYPE_CHECKING:
 
 
 def mechanism_of(robot: RobotFile, matrices: Mapping[str, PartMatrix]) -> Mechanism:
-    """The mechanism that a robot file describes, without the effects that it has adopted.
+    """Return the mechanism of a robot file, without the effects adopted in the file.
 
     Parameters
     ----------
     robot
-        The robot file.
+        Robot file.
     matrices
-        Matrix and mass of every part that is used, as `part_matrices` gives them.
+        Matrix and mass of each used part, from `part_matrices`.
 
     Raises
     ------
     InputError
-        What does not make a mechanism, by the body or joint as the file spells it.
+        If it is not a mechanism; the message names the body or joint as in the file.
 
     """
     bodies = tuple(_body(robot, name, body, matrices) for name, body in robot.bodies.items())
@@ -44,7 +44,7 @@ def mechanism_of(robot: RobotFile, matrices: Mapping[str, PartMatrix]) -> Mechan
 
 
 def gravity_of(robot: RobotFile) -> np.ndarray:
-    """Acceleration of free fall (3,) in m/s², base axes; zero where the file has no `[gravity]`."""
+    """Return the gravitational acceleration (3,), m/s², base axes; zero without `[gravity]`."""
     if robot.gravity is None:
         return np.zeros(3)
     direction = np.array(robot.gravity.direction)
@@ -97,9 +97,9 @@ def _drive(drive: LinearDrive | RotaryDrive) -> Drive:
 
 
 def _bearing(robot: RobotFile, name: str, joint: JointSection) -> np.ndarray | None:
-    """Compliance (6, 6) of a joint's bearing in the joint's axes.
+    """Return the compliance (6, 6) of a joint's bearing in the joint's axes; None if rigid.
 
-    It is said of the joint as written; that of a copy turns with it, while its joint's axes are found anew.
+    A copy's bearing is that of its original, rotated with it and expressed in the copy's own axes.
     """
     turn = robot.copied[name].rotation if name in robot.copied else np.eye(3)
     written, here = (_axes(joint, rotation) for rotation in (turn.T, np.eye(3)))
@@ -113,7 +113,7 @@ def _bearing(robot: RobotFile, name: str, joint: JointSection) -> np.ndarray | N
 
 
 def _axes(joint: JointSection, rotation: np.ndarray) -> np.ndarray:
-    """Axes (3, 3) of a joint whose directions are turned."""
+    """Return the axes (3, 3) of a joint after rotating its directions."""
     axis, axis2 = getattr(joint, "axis", None), getattr(joint, "axis2", None)
     if axis is None:
         return np.eye(3)

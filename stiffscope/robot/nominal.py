@@ -1,4 +1,4 @@
-"""The nominal robot of a diagnosis: its mechanism, its file, and the places at which effects may act."""
+"""The nominal robot of a diagnosis: mechanism, robot file, and places where effects may act."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Mechanism
 
 
-_ALONG = 1e-9  # of a body's length: what its end may be off its x axis
+_ALONG = 1e-9  # permitted offset of a body's end from its x axis, relative to its length
 
 
 @dataclass(frozen=True)
 class Place:
-    """A name for one or more elements, and the other names for the very same."""
+    """A name for one or more elements, and other names for the same elements."""
 
     name: str
     members: tuple[str, ...] = ()
@@ -38,13 +38,13 @@ class Place:
 
     @property
     def sole(self) -> str:
-        """Its only element; nothing where it has several."""
+        """Its only element; empty if it has several."""
         return self.members[0] if len(self.members) == 1 else ""
 
 
 @dataclass(frozen=True)
 class NominalRobot:
-    """A mechanism, and the robot file that it is made of, where effects look up places and materials."""
+    """A mechanism and its robot file, where effects look up places and materials."""
 
     mechanism: Mechanism
     robot: RobotFile
@@ -53,7 +53,7 @@ class NominalRobot:
 
     @cached_property
     def beams(self) -> tuple[str, ...]:
-        """Parts whose matrix is that of beam theory."""
+        """Parts whose matrix equals that of beam theory."""
         found = {part: self.robot.bodies_of(part) for part in self.robot.parts}
         return tuple(
             p
@@ -65,60 +65,60 @@ class NominalRobot:
 
     @property
     def acceleration(self) -> float:
-        """Of gravity, m/s²."""
+        """Magnitude of the gravitational acceleration, m/s²."""
         return float(np.linalg.norm(self.mechanism.gravity))
 
     @cached_property
     def compliances(self) -> Mapping[str, Array]:
-        """Compliance (6, 6) of every element, in its own axes at its own point; (6m, 6m) of a body with more ends."""
+        """Compliance (6, 6) of each element, own axes and point; (6m, 6m) with m + 1 ends."""
         found = {element.name: element.compliance for element in list_elements(without_laws(self.mechanism))}
         return found | {name: elastic.compliance for name, elastic in self.elastic_sources.items()}
 
     @cached_property
     def elastic_sources(self) -> Mapping[str, Elastic]:
-        """What makes each elastic body elastic."""
+        """Elastic properties of each elastic body."""
         return {body.name: body.elastic for body in self.mechanism.bodies if body.elastic is not None}
 
     @cached_property
     def links(self) -> tuple[str, ...]:
-        """Elastic bodies of two ends whose x axis runs from one to the other: what has a length."""
+        """Elastic bodies that have a length: two ends, on the x axis."""
         two = (name for name, elastic in self.elastic_sources.items() if len(elastic.ends) == 2)
         return tuple(name for name in two if np.allclose(self.growth(name)[1:], 0.0, atol=_ALONG * self.length(name)))
 
     def length(self, body: str) -> float:
-        """Length of an elastic body of two ends, m."""
+        """Return the length of a two-ended elastic body, m."""
         elastic = self.elastic_sources[body]
         return float(np.linalg.norm(elastic.tip - elastic.base))
 
     def growth(self, body: str) -> Array:
-        """Unloaded motion (6m,) of an elastic body's ends against its first, per unit of uniform strain; part axes."""
+        """Return end motions (6m,) relative to the first end per unit uniform strain; part axes."""
         elastic = self.elastic_sources[body]
         away = (elastic.places[1:] - elastic.places[0]) @ elastic.axes
         return np.hstack([away, np.zeros_like(away)]).ravel()
 
     def part_of(self, body: str) -> str:
-        """The part that an elastic body is made of; its own name where it has a matrix of its own."""
+        """Return the part of an elastic body; the body's own name if it has its own matrix."""
         section = self.robot.bodies.get(body)
         return getattr(section, "part", body)
 
     def expansion(self, body: str) -> float | None:
-        """Linear thermal expansion of an elastic body's material, 1/K; None where its part has no material."""
+        """Return the linear thermal expansion of a body's material, 1/K; None without material."""
         section = self.robot.bodies.get(body)
         material = self.robot.material(section.part) if isinstance(section, ElasticBody | InterfaceBody) else None
         return None if material is None else material.expansion
 
     def factor(self, drive: str) -> float:
-        """Within what factor a driven joint's stiffness is known, by its tolerance in the file; 1: as stated."""
+        """Return the factor within which a drive's stiffness is known; 1 without a tolerance."""
         joint = self.driven[drive]
         stiffness = np.inf if joint.drive is None else joint.drive.stiffness
         return float(np.exp(self._tolerance("joints", drive, "drive", "stiffness") / stiffness))
 
     def mass_sigma(self, body: str) -> float:
-        """Standard uncertainty of a body's mass, kg, by its tolerance in the file; infinite: none is stated."""
+        """Return the standard uncertainty of a body's mass, kg; infinite without a tolerance."""
         return self._tolerance("bodies", body, "mass") or np.inf
 
     def _tolerance(self, section: str, name: str, *keys: str) -> float:
-        """Width of a value in a section of the file, SI; 0: none is stated."""
+        """Return the tolerance of a value in the file, SI; 0 if none is given."""
         copied = self.robot.copied.get(name)
         return self.robot.tolerances.get((section, name if copied is None else copied.name, *keys), 0.0)
 
@@ -128,10 +128,10 @@ class NominalRobot:
         return {joint.name: joint for joint in self.mechanism.drives}
 
     def places(self, fit: Iterable[str]) -> tuple[Place, ...]:
-        """Sets and single elements, all of whose members are among those that fit; sets come first.
+        """Return the sets and single elements with all members in ``fit``; sets come first.
 
-        Of `drives` and `joints`, those members that fit. Several names for the same elements make one place: by a
-        group's name, else a part's, else the element's own, which a single one of several drives or joints has first.
+        `drives` and `joints` are reduced to members in ``fit``. Names of the same elements give one
+        place, named by group, part or element; a single drive or joint of several by element.
         """
         able = dict.fromkeys(fit)
         named: list[tuple[str, tuple[str, ...]]] = []
@@ -157,7 +157,7 @@ class NominalRobot:
     def __reduce__(self) -> tuple[Any, ...]:
         plain = {f.name: getattr(self.robot, f.name) for f in fields(self.robot)}  # read-only mappings do not pickle
         plain = {name: dict(value) if isinstance(value, Mapping) else value for name, value in plain.items()}
-        return _restore, (self.mechanism, plain)  # without experiments, which belong to this process
+        return _restore, (self.mechanism, plain)  # experiments belong to this process
 
 
 def _restore(mechanism: Mechanism, robot: dict[str, Any]) -> NominalRobot:

@@ -1,4 +1,4 @@
-"""The numbers of a robot file that can be changed one by one: what a sensitivity or a study may vary."""
+"""Numbers of a robot file that a sensitivity or a study may vary."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ CONSTANTS = {
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of a robot file, not an expression: its key, value and unit, SI; its tolerance where it has one.
+    """A number of a robot file, not an expression: key, value and unit, SI; tolerance if given.
 
-    ``also``: overrides without which its own would have no meaning (the other constants of a built-in material).
+    ``also``: overrides required with its own (the other constants of a built-in material).
     """
 
     key: Key
@@ -45,20 +45,20 @@ class Parameter:
 
     @property
     def name(self) -> str:
-        """As `--set` takes it."""
+        """Name as in `--set`."""
         return ".".join(map(str, self.key)).removeprefix("parts.").removeprefix("joints.").removeprefix("bodies.")
 
     def set_to(self, robot: RobotFile, value: float) -> RobotFile:
-        """The robot with another value of it. Raises InputError where that makes no robot."""
+        """Return the robot with another value of it; raise InputError if that is invalid."""
         override = f"{'.'.join(map(str, self.key))}={value!r}"
         source = robot.source
         return read_robot(source.path, source.text, [*source.overrides, *self.also, override])
 
 
 def parameters(robot: RobotFile, components: Components = None) -> tuple[Parameter, ...]:
-    """What of a robot can be varied: numbers of `[parameters]`, parts, materials, drives, bearings and masses.
+    """Return the variable numbers in `[parameters]`, parts, materials, drives, bearings and masses.
 
-    What an expression gives follows the numbers in it; copies follow what they are copies of. Zeros are left out.
+    Expressions follow the numbers in them, and copies follow their originals. Zeros are omitted.
     """
     written = parse_text(robot.path, robot.source.text)
     found = []
@@ -116,7 +116,7 @@ def _of_joint(name: str, joint: JointSection) -> Iterator[tuple[Any, ...]]:
 
 
 def _of_bearings(robot: RobotFile, written: Any, name: str, joint: JointSection) -> Iterator[tuple[Any, ...]]:
-    """Numbers with a unit of a joint's bearings, as far as the file gives them."""
+    """Yield the numbers with a unit of a joint's bearings that the file gives."""
     for number, element in enumerate(joint.bearing or ()):
         place = as_written(("joints", name, "bearing"))
         place = (*place, number) if isinstance(_find_given(robot, written, place), list) else place
@@ -127,7 +127,7 @@ def _of_bearings(robot: RobotFile, written: Any, name: str, joint: JointSection)
 
 
 def _constants(robot: RobotFile, material: AnyMaterial) -> Iterator[tuple[Any, ...]]:
-    """Constants of a material; a built-in one must be written whole."""
+    """Yield the constants of a material; those of a built-in one must be set together."""
     own = material.name in robot.materials
     names = [each.name for each in dataclasses.fields(material) if each.name in CONSTANTS]
     also = () if own else tuple(f"materials.{material.name}.{name}={getattr(material, name)!r}" for name in names)
@@ -136,7 +136,7 @@ def _constants(robot: RobotFile, material: AnyMaterial) -> Iterator[tuple[Any, .
 
 
 def _find_given(robot: RobotFile, written: Any, key: Key) -> Any:
-    """What stands at a key: in the file, or as `--set` brought it."""
+    """Return the value of a key as written in the file or set by `--set`; None if missing."""
     if key in robot.source.changed:
         return split(robot.source.changed[key].removeprefix("--set "))[1]
     for part in key:

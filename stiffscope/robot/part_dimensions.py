@@ -1,4 +1,4 @@
-"""How the 6x6 of a part changes with its dimensions, its material and its foundation."""
+"""The 6x6 of a part as a function of its dimensions, material and foundation."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
     Array = NDArray[np.floating[Any]]
 
 FOUNDATION = "foundation"
-_FAR = 4.0  # times the distance of the outermost of three values: up to there their polynomial is followed,
-_NEAR = 1.5  # and that of more, which soon goes astray
+_FAR = 4.0  # validity of a polynomial through three values, times the distance of the outermost
+_NEAR = 1.5  # the same with more values: higher orders diverge sooner
 _FEATURES = {"rib": "rib_count", "fillet": "rib_count", "hole": "hole_count", "pad": "pad_height"}
-_ALONG = {"length", "depth", "pad_height"}  # from the base to the tip, which the bodies' places say too
+_ALONG = {"length", "depth", "pad_height"}  # along base to tip; coupled to the bodies' coordinates
 
 
 @dataclass(frozen=True)
 class PartDimension:
-    """A parameter of a part and the compliance (6, 6) that the part has with it, in the part's axes at its tip.
+    """A parameter of a part, and the part's compliance (6, 6) at its tip, part axes, as a function.
 
-    ``nominal`` in ``unit``, SI; infinite for a rigid foundation. ``compliance`` of a value of the parameter; it raises
-    InputError for one that makes no part.
+    ``nominal`` is in ``unit``, SI; infinite for a rigid foundation. ``compliance`` takes a value of
+    the parameter, and raises InputError if the part is infeasible.
     """
 
     part: str
@@ -42,18 +42,18 @@ class PartDimension:
     unit: str
     compliance: Callable[[float], Array]
     limit: float = 0.0
-    """Value at which nothing is left of the part."""
+    """Value at which the part vanishes."""
 
     @property
     def place(self) -> str:
-        """As effects have it: `PART.PARAMETER`."""
+        """Place as named by effects: `PART.PARAMETER`."""
         return f"{self.part}.{self.parameter}"
 
 
 def part_parameters(robot: RobotFile, name: str) -> dict[str, tuple[float, str]]:
-    """Nominal value and SI unit of what may be otherwise about a rod or plate; nothing for other parts.
+    """Return nominal value and SI unit of each parameter of a rod or plate; empty for other parts.
 
-    Dimensions that are zero, and those of features that it does not have, are left out, and so is its length.
+    Its length, zero dimensions and dimensions of absent features are omitted.
     """
     part = robot.parts[name]
     if not isinstance(part, ParametricPart):
@@ -74,7 +74,7 @@ def part_parameters(robot: RobotFile, name: str) -> dict[str, tuple[float, str]]
 
 
 def find_vanishing(robot: RobotFile, name: str, parameter: str) -> float:
-    """Value of a parameter at which nothing is left of its part: of a tube's radius or large bore, no wall; else 0.
+    """Return the value of a parameter at which its part vanishes (a tube without wall), else 0.
 
     Parameters
     ----------
@@ -95,9 +95,9 @@ def find_vanishing(robot: RobotFile, name: str, parameter: str) -> float:
 
 
 def with_parameter(robot: RobotFile, name: str, parameter: str, value: float) -> RobotFile:
-    """The robot with one parameter of a part changed: a dimension, its foundation, or its own material's constant.
+    """Return the robot with one part parameter changed: dimension, foundation or material constant.
 
-    An infinite foundation is a rigid one. Raises InputError for a value that makes no part.
+    An infinite foundation is rigid. Raises InputError if the value makes the part infeasible.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def with_parameter(robot: RobotFile, name: str, parameter: str, value: float) ->
 
 
 def beam_dimensions(robot: RobotFile, name: str) -> tuple[PartDimension, ...]:
-    """Parameters of a part whose matrix is that of beam theory: the ones that its matrix depends on."""
+    """Return the parameters that affect the matrix of a part by beam theory."""
     out: list[PartDimension] = []
     nominal = beam_compliance(robot, name)
     for parameter, (value, unit) in part_parameters(robot, name).items():
@@ -146,11 +146,11 @@ def interpolate_between(
     limit: float = 0.0,
     legal: tuple[float, float] = (-np.inf, np.inf),
 ) -> Callable[[float], Array]:
-    """The compliance of any value near some, the nominal one first, by what experiments say at these.
+    """Return the compliance as a function of a parameter, interpolated between experiments.
 
-    A polynomial in the logarithm of the value's distance from the limit at which nothing is left of the part
-    (`vanishing`): exact for powers of it; far from all values the power that it ends with. The compliance raises
-    InputError for a value beyond the limit, or outside of the ``legal`` ones.
+    It is a polynomial in the logarithm of the distance to the limit at which the part vanishes:
+    exact for power laws, and a power law when extrapolated. The function raises InputError for a
+    value beyond the limit or outside the ``legal`` range.
 
     Parameters
     ----------
@@ -159,9 +159,9 @@ def interpolate_between(
     matrices
         Compliances (6, 6) at the values.
     limit
-        Value at which nothing is left of the part.
+        Value at which the part vanishes (see `find_vanishing`).
     legal
-        Least and greatest value that make sense.
+        Lower and upper bound of admissible values.
 
     """
     return partial(_interpolate_near, tuple(values), np.array(matrices), limit, legal)
@@ -178,10 +178,10 @@ def _interpolate_near(
 
 
 def on_foundation(rigid: Array, values: Sequence[float], matrices: Sequence[Array]) -> Callable[[float], Array]:
-    """The compliance on a foundation of any stiffness (N/m³), by experiments on a rigid one and on some that yield.
+    """Return the compliance on any foundation (N/m³), interpolated between elastic and rigid ones.
 
-    What the foundation adds: a polynomial in the logarithm of its stiffness, beyond the values in proportion to what it
-    yields.
+    The added compliance is a polynomial in the logarithm of the stiffness, and inversely
+    proportional to the stiffness beyond the tested values.
 
     Parameters
     ----------
@@ -198,16 +198,16 @@ def on_foundation(rigid: Array, values: Sequence[float], matrices: Sequence[Arra
 
 
 def _add_foundation(rigid: Array, stiffness: Array, added: Array, value: float) -> Array:
-    if not len(stiffness):  # as good as rigid
+    if not len(stiffness):  # practically rigid
         return rigid
     inside = float(np.clip(value, stiffness.min(), stiffness.max()))
     return rigid + _polynomial(np.log(stiffness), added, float(np.log(inside))) * (inside / value)
 
 
 def _polynomial(at: Array, matrices: Array, x: float) -> Array:
-    """The matrix (6, 6) at x of a polynomial through some (k, 6, 6) at abscissas (k,), continued by its tangent.
+    """Interpolate matrices (k, 6, 6) at abscissas (k,) by a polynomial; extrapolate by its tangent.
 
-    Diagonal entries by their logarithms, the others by their share of ``sqrt(C_ii C_jj)``.
+    Diagonal entries are interpolated by logarithm, others by their ratio to ``sqrt(C_ii C_jj)``.
     """
     reach = _FAR if len(at) <= 3 else _NEAR
     low, high = (float(at[0] + reach * (end - at[0])) for end in (at.min(), at.max()))
@@ -223,7 +223,7 @@ def _polynomial(at: Array, matrices: Array, x: float) -> Array:
 
 
 def is_beam(robot: RobotFile, name: str, compliance: Array) -> bool:
-    """Whether a part's compliance (6, 6) is that of beam theory.
+    """Return whether a part's compliance (6, 6) equals that of beam theory.
 
     Parameters
     ----------

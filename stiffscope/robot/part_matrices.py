@@ -1,4 +1,4 @@
-"""The 6x6 matrices and masses of a robot's parts from their sources: FEA, beam theory, published, given."""
+"""The 6x6 matrices and masses of a robot's parts by source: FEA, beam theory, published, given."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     Theory = Callable[[float, Section, float, float], np.ndarray]
     Components = str | Mapping[str, str | ArrayLike] | None
 
-SECTIONS = {  # cross-section of a beam's own dimensions
+SECTIONS = {  # cross-section from a beam's dimensions
     "tube": lambda radius, wall, poisson: circle(radius, radius - wall, poisson),
     "box": box,
     "i": i_section,
@@ -47,10 +47,10 @@ SECTIONS = {  # cross-section of a beam's own dimensions
 
 @dataclass(frozen=True)
 class PartMatrix:
-    """What is known of a part on its n ends, part axes; two of a part between a base and a tip.
+    """Elastic and mass properties of a part with n ends (base and tip if two), part axes.
 
-    Compliance (6m, 6m), m = n - 1, of all ends but the first, which is clamped, bounds on its entries or None, and mass
-    in kg; ``dynamics``: its condensed mass, where its source knows it, on the twists of all ends at ``places`` (n, 3).
+    Compliance (6m, 6m), m = n - 1, with the first end clamped, bounds on its entries or None, mass
+    in kg; ``dynamics``: condensed mass on the twists of all ends at ``places`` (n, 3), or None.
     """
 
     compliance: np.ndarray
@@ -61,16 +61,16 @@ class PartMatrix:
 
 
 class Experiment(Protocol):
-    """What a virtual experiment knows of a part."""
+    """Results of a virtual experiment on a part."""
 
     @property
     def compliance(self) -> np.ndarray:
-        """(6m, 6m) in the part's axes at the reference points."""
+        """Compliance (6m, 6m) in the part's axes at the reference points."""
         ...
 
     @property
     def error(self) -> np.ndarray:
-        """(6m, 6m) 95 % bounds."""
+        """95 % bounds (6m, 6m) on the compliance."""
         ...
 
     @property
@@ -80,14 +80,14 @@ class Experiment(Protocol):
 
     @property
     def experiment(self) -> Any:
-        """The experiment itself: its condensed mass, and the points that it refers to."""
+        """Experiment with its condensed mass and reference points."""
         ...
 
 
 def source_of(part: PartSection, components: str | None = None) -> str:
-    """Where a part's matrix comes from: its section, unless `components` names one source for all rods and plates.
+    """Return the source of a part's matrix: as in the file, or `components` for rods and plates.
 
-    One of "fea", "beam", "published" for rods and plates, "step" (FEA of a STEP file's solid), "matrix".
+    Sources: "fea", "beam", "published" for rods and plates, "step" (FEA of a STEP solid), "matrix".
     """
     if isinstance(part, StepPart):
         return "step"
@@ -95,12 +95,12 @@ def source_of(part: PartSection, components: str | None = None) -> str:
 
 
 def used_parts(robot: RobotFile) -> tuple[str, ...]:
-    """Parts that bodies are made of, in the file's order."""
+    """Return the parts used by bodies, in the file's order."""
     return tuple(name for name in robot.parts if robot.bodies_of(name))
 
 
 def rigid_part(robot: RobotFile, name: str) -> PartMatrix:
-    """A part that does not yield, of the known mass; interfaces that only CAD knows are all at its origin."""
+    """Return a rigid part of known mass; interfaces known only from CAD are at its origin."""
     part = robot.parts[name]
     two_ended = any(body.part == name for body in robot.elastic_bodies().values())
     ends = 2 if two_ended else max(2, len(part.interface_names))
@@ -110,9 +110,9 @@ def rigid_part(robot: RobotFile, name: str) -> PartMatrix:
 
 
 def part_sources(robot: RobotFile, components: Components = None) -> dict[str, str | np.ndarray]:
-    """Where the matrix of every part that is used comes from: a word of `source_of`, or the matrix (6, 6) itself.
+    """Return the matrix source of each used part: a name as in `source_of`, or the matrix (6, 6).
 
-    Raises InputError for a part, a word or a matrix in `components` that is none.
+    Raises InputError if `components` has an invalid part, source or matrix.
     """
     used = used_parts(robot)
     given = components if isinstance(components, Mapping) else {}
@@ -138,7 +138,7 @@ def _source(part: PartSection, name: str, given: str | ArrayLike | None, word: s
 
 
 def needed_experiments(robot: RobotFile, components: Components = None) -> tuple[str, ...]:
-    """Parts of which a virtual experiment is needed: for the matrix, or for a mass that only CAD tells."""
+    """Return parts that need a virtual experiment, for the matrix or a mass known only from CAD."""
     return tuple(
         name
         for name, source in part_sources(robot, components).items()
@@ -153,22 +153,22 @@ def _is_tested(source: str | np.ndarray) -> bool:
 def part_matrices(
     robot: RobotFile, components: Components = None, experiments: Mapping[str, Experiment] | None = None
 ) -> dict[str, PartMatrix]:
-    """Matrix and mass of every part that is used.
+    """Return the matrix and mass of each used part.
 
     Parameters
     ----------
     robot
-        The robot file.
+        Robot file.
     components
-        "fea", "beam" or "published" for all rods and plates, or by part one of these words or a matrix (6, 6) in SI
-        and the part's axes; None: as the file says.
+        "fea", "beam" or "published" for all rods and plates, or by part one of these or a matrix
+        (6, 6) in SI and the part's axes; None: as in the file.
     experiments
-        Results of the virtual experiments that `needed_experiments` names, or what to take instead of them.
+        Results of the experiments in `needed_experiments`, or matrices in place of them.
 
     Raises
     ------
     InputError
-        A part has no such matrix.
+        If a part has no such matrix.
 
     """
     experiments = experiments or {}
@@ -199,7 +199,7 @@ def _given_on_interfaces(part: InterfacePart) -> PartMatrix:
 def _dynamics(
     robot: RobotFile, name: str, source: str | np.ndarray, experiments: Mapping[str, Experiment], mass: float
 ) -> tuple[Dynamics | None, np.ndarray | None]:
-    """Condensed mass of a part whose source knows it, of the mass that the part has, and where its ends are."""
+    """Return a part's condensed mass, scaled to its mass, and its ends' places; None if unknown."""
     if isinstance(source, str) and _is_tested(source):
         experiment = experiments[name].experiment
         places = np.vstack([experiment.clamp_point, experiment.reference_points])
@@ -222,7 +222,7 @@ def _dynamics(
 def _matrix(
     robot: RobotFile, name: str, source: str | np.ndarray, experiments: Mapping[str, Experiment]
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Compliance (6, 6) of a part, and bounds (6, 6) where its source has any."""
+    """Return a part's compliance (6, 6), and bounds (6, 6) or None."""
     part = robot.parts[name]
     if not isinstance(source, str):
         return source, None
@@ -234,7 +234,7 @@ def _matrix(
 
 
 def known_mass(robot: RobotFile, name: str) -> float | None:
-    """Mass of a part in kg if the file or its plain shape gives it; None if only CAD does."""
+    """Return a part's mass in kg from the file or its plain shape; None if it needs CAD."""
     part = robot.parts[name]
     if isinstance(part, InterfacePart):
         return part.build("part").mass
@@ -250,9 +250,9 @@ def known_mass(robot: RobotFile, name: str) -> float | None:
 
 
 def beam_segments(robot: RobotFile, name: str) -> list[tuple[float, Section]]:
-    """Lengths (m) and cross-sections of a parametric part seen as a beam along its x, from the clamped end on.
+    """Return the beam segments of a parametric part: lengths (m) and sections from the clamped end.
 
-    A rod with fittings is three round bars; a plate is without its ribs, holes and pads.
+    A rod with fittings is three round bars; ribs, holes and pads of a plate are ignored.
     """
     poisson = getattr(robot.material(name), "poisson", 0.3)
     part = robot.parts[name]
@@ -273,26 +273,26 @@ def beam_segments(robot: RobotFile, name: str) -> list[tuple[float, Section]]:
 
 
 def beam_compliance(robot: RobotFile, name: str, theory: Theory = timoshenko) -> np.ndarray:
-    """Compliance of a parametric part by beam theory.
+    """Return the compliance of a parametric part by beam theory.
 
     Parameters
     ----------
     robot
-        As `load_robot` gives it.
+        Robot from `load_robot`.
     name
-        The part's name in the robot file.
+        Name of the part in the robot file.
     theory
-        A function of `stiffscope.fea.beam`; by default Timoshenko's beam with Saint-Venant's torsion.
+        Function of `stiffscope.fea.beam`; default: Timoshenko beam with Saint-Venant torsion.
 
     Returns
     -------
     ndarray
-        (6, 6), SI: twist at the loaded end for unit wrenches there, in the part's axes, clamped at the other end.
+        (6, 6), SI: twist at the loaded end by unit wrenches there, part axes, other end clamped.
 
     Raises
     ------
     InputError
-        The part has no dimensions, or no material.
+        If the part has no dimensions or no material.
 
     """
     material = robot.material(name)
@@ -309,7 +309,7 @@ def beam_compliance(robot: RobotFile, name: str, theory: Theory = timoshenko) ->
 
 
 def published_compliance(robot: RobotFile, name: str) -> np.ndarray:
-    """(6, 6) as published for the Biglide: docs/theory.md (7.1) with a rod's own dimensions, a plate's as printed."""
+    """Return the Biglide's published 6x6: a rod's by docs/theory.md (7.1), a plate's as printed."""
     part = robot.parts[name]
     if part.shape == "rod":
         return beam_compliance(robot, name, euler_bernoulli)
@@ -321,7 +321,7 @@ def published_compliance(robot: RobotFile, name: str) -> np.ndarray:
 
 
 def published_matrix(name: str) -> np.ndarray:
-    """(6, 6), SI, of `data/published/<name>.toml`, whose numbers are multiples of its `unit`."""
+    """Return the 6x6 of `data/published/<name>.toml`, SI: its numbers times its `unit`."""
     content = read_published(name)
     if "compliance" not in content:
         raise InputError(f"data/published/{name}.toml: expected a table with a 6x6 `compliance`, got none")
@@ -329,7 +329,7 @@ def published_matrix(name: str) -> np.ndarray:
 
 
 def read_published(name: str) -> dict[str, Any]:
-    """Content of `data/published/<name>.toml` as it stands there. Raises InputError for a name that is not there."""
+    """Return the content of `data/published/<name>.toml`; raise InputError if it does not exist."""
     path = FOLDER / "published" / f"{name}.toml"
     known = sorted(each.stem for each in path.parent.glob("*.toml"))
     if name not in known:
@@ -338,5 +338,5 @@ def read_published(name: str) -> dict[str, Any]:
 
 
 def entry_name(i: int, j: int) -> tuple[str, str]:
-    """Name and unit of a compliance's entry, counted from 0, at or above the diagonal."""
+    """Return name and unit of a compliance entry on or above the diagonal, indices from 0."""
     return f"C{i + 1}{j + 1}", "m/N" if j < 3 else "rad/(N·m)" if i >= 3 else "m/(N·m)"

@@ -1,4 +1,4 @@
-"""Read a robot file in four passes: parse, override, evaluate, validate; errors name file, line and field."""
+"""Reading of robot files: parse, override, evaluate, validate; errors name file, line, field."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ def load_robot(name_or_path: str | Path, overrides: Sequence[str] = (), toleranc
     Parameters
     ----------
     name_or_path
-        A path, or the name of a robot in `data/robots` ("biglide").
+        Path, or name of a robot in `data/robots` ("biglide").
     overrides
-        Texts as `--set` takes them: "slider.thickness=25mm", "leg1.motor.drive.stiffness=2e7", "parameters.a=0.2".
-        They change what is written: copies of a body follow it, and a copy's own name changes that copy alone.
+        As `--set`: "slider.thickness=25mm", "leg1.motor.drive.stiffness=2e7", "parameters.a=0.2".
+        Overrides of a body also change its copies; overrides of a copy change that copy only.
     tolerance
-        Text as `--tolerance` takes it ("0.1 %", "1e-3"): for the experiments on all parts, whatever the file says.
+        As in `--tolerance` ("0.1 %", "1e-3"): replaces the file's tolerance of all experiments.
 
     Returns
     -------
     RobotFile
-        Immutable; SI units.
+        Immutable, in SI units.
 
     Raises
     ------
     InputError
-        One line that names the file, the line, the field, what was expected and what was found.
+        If the file is invalid; the message names file, line, field, what was expected and found.
 
     Examples
     --------
@@ -55,23 +55,23 @@ def load_robot(name_or_path: str | Path, overrides: Sequence[str] = (), toleranc
 
 
 def load_robot_of(file: Path, robot: str, overrides: Sequence[str] = (), tolerance: str | None = None) -> RobotFile:
-    """Load the robot that another file names: a robot file seen from that file's folder, or a bundled robot.
+    """Load a robot named in another file: a robot file relative to its folder, or a bundled robot.
 
     Parameters
     ----------
     file
-        The study or job; its keys `robot`, `set`, `tolerance` are blamed for what is not the robot file's own fault.
+        Study or job; errors outside the robot file name its keys `robot`, `set` or `tolerance`.
     robot
-        Name or path, as it stands there.
+        Name or path, as written there.
     overrides, tolerance
-        As `load_robot` takes them.
+        See `load_robot`.
 
     Raises
     ------
     FieldError
-        There is no such robot, or an override names nothing of it.
+        If the robot does not exist, or an override matches nothing in it.
     InputError
-        The robot file itself is wrong; it names its line.
+        If the robot file itself is invalid; the message names its line.
 
     """
     beside = file.parent / robot
@@ -86,18 +86,18 @@ def load_robot_of(file: Path, robot: str, overrides: Sequence[str] = (), toleran
 
 
 def read_robot(path: Path, text: str, overrides: Sequence[str] = (), tolerance: str | None = None) -> RobotFile:
-    """Read a robot from a text; `path` is what errors call it and what paths in it are relative to. As `load_robot`.
+    """Read a robot from text, as `load_robot` does from a file.
 
     Parameters
     ----------
     path
-        File that messages name.
+        File named in messages; paths in the text are relative to it.
     text
         Text of the robot file.
     overrides
-        Changes of the file, as `--set` has them.
+        Changes of the file, as in `--set`.
     tolerance
-        Relative accuracy wanted of experiments, such as "1 %"; by default the file's.
+        Relative accuracy of the experiments, such as "1 %"; by default as in the file.
 
     """
     data = parse_text(path, text)
@@ -119,7 +119,7 @@ def read_robot(path: Path, text: str, overrides: Sequence[str] = (), tolerance: 
 
 
 def pose_of(robot: RobotFile, numbers: Sequence[Any]) -> tuple[float, ...]:
-    """A pose given by numbers or texts with units, as `--at` has them. Raises InputError."""
+    """Return a pose from numbers or texts with units, as in `--at`; raise InputError if invalid."""
     try:
         return read_pose(list(numbers), robot.tool, ("at",))
     except FieldError as error:

@@ -61,7 +61,7 @@ def test_shipped_robot(name):
     ("edits", "remark"),
     [
         ({'type = "universal"\nat = ["= 0.18': 'type = "universal"\nat = ["= 0.19'},
-         r"joint leg1.elbow stands 10 mm from leg1.arm.tip, which it holds"),
+         r"joint leg1.elbow is 10 mm from leg1.arm.tip: a rigid arm"),
         ({"6e-6": "6e-9", "3e-5": "3e-11"},
          r"part strut: √\(3·C22/C66\) = 447 m, the length of a slender part, contradicts its length 0.52"),
         ({"2e-6": "1e7", "6e-6": "1e7", "3e-5": "1.1e8"},  # a stiffness of which √(3·K22/K66) is the length too
@@ -107,7 +107,7 @@ def test_pose_that_the_mechanism_cannot_do(tmp_path):
     assert re.search(
         r":\d+: tool\.pose: expected coordinates that the mechanism can move in at home, got rx", found.error
     )
-    assert any("[tool] pose commands rx, which the mechanism holds" in each for each in found.remarks)
+    assert any("[tool] pose commands rx, which the mechanism locks" in each for each in found.remarks)
     assert found.configurations is None
     assert inspection_json(found)["usable"] is False
 
@@ -180,4 +180,4 @@ def test_a_singular_home_is_said_with_where_tool_poses_start(tmp_path):
     found = inspect_robot(load_robot(path))
     assert not found.error
     assert any(r.startswith("home is singular: tool poses start from joints.") for r in found.remarks)
-    assert not any("which the mechanism holds" in r for r in found.remarks)
+    assert not any("which the mechanism locks" in r for r in found.remarks)

@@ -1,4 +1,4 @@
-"""`[[copies]]`: sets of bodies and joints once more under other names, turned about an axis through the origin."""
+"""`[[copies]]`: sets of bodies and joints copied and rotated about an axis through the origin."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from stiffscope.vjm.screws import rotation
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-MOST = 2_000  # bodies and joints of a robot; copies of copies of copies are soon more than any memory holds
+MOST = 2_000  # bodies and joints of a robot: repeated copies multiply them beyond any memory
 _VECTORS = {
     **dict.fromkeys(("base", "tip", "centre", "at"), q.LENGTH),
     **dict.fromkeys(("x", "y", "axis", "axis2"), q.NUMBER),
@@ -25,22 +25,22 @@ _VECTORS = {
 
 
 def make_copies(data: dict[str, Any]) -> dict[str, Turned]:
-    """Add the copies to the tables of bodies and joints, whose expressions are evaluated.
+    """Add the copies to the tables of bodies and joints.
 
     Parameters
     ----------
     data
-        The file's content; changed in place.
+        Content of the file, expressions evaluated; changed in place.
 
     Returns
     -------
     dict
-        Names of the copies, each with what it is a copy of.
+        Originals of the copies, by the copy's name.
 
     Raises
     ------
     FieldError
-        A set is not there, a name is taken, or there are too many.
+        If a set does not exist, a name is taken, or there are too many copies.
 
     """
     tables: list[dict[str, Any]] = [data.setdefault(key, {}) for key in ("bodies", "joints")]
@@ -62,11 +62,11 @@ def make_copies(data: dict[str, Any]) -> dict[str, Turned]:
 
 
 def copied_names(data: Mapping[str, Any], written: Iterable[str]) -> Iterator[str]:
-    """Names that `[[copies]]` will make, found before anything is checked."""
+    """Yield the names that `[[copies]]` will create, from unchecked data."""
     names = list(written)
     listed = data.get("copies", [])
     entries = [each for each in listed if isinstance(each, dict)]
-    for _ in entries:  # a copy of a copy needs another round
+    for _ in entries:  # copies of copies need further passes
         for entry in entries:
             new = entry.get("as", [])
             for name in _find_within(names, str(entry.get("of"))):
@@ -78,17 +78,17 @@ def copied_names(data: Mapping[str, Any], written: Iterable[str]) -> Iterator[st
 
 
 def _find_within(names: Iterable[str], of: str) -> list[str]:
-    """Names of a set: the name itself, and all that begin with it and a dot."""
+    """Return the names in a set: the name itself, and names that begin with it and a dot."""
     return [name for name in names if name == of or name.startswith(f"{of}.")]
 
 
 def rename(name: str, of: str, new: str) -> str:
-    """A name within the set follows, any other stays."""
+    """Rename a name within a set; return any other unchanged."""
     return new + name[len(of) :] if _find_within([name], of) else name
 
 
 def _order(copies: Sequence[Copies]) -> list[int]:
-    """Order in which entries can be made: after those that add to their sets."""
+    """Return the order of the entries: each after those that add to its set."""
     left, order = dict(enumerate(copies)), []
     while left:
         ready = (
@@ -131,11 +131,11 @@ def _check(tables: Sequence[Mapping[str, Any]], entry: Copies, number: int) -> N
 
 
 def _turn(table: Any, of: str, new: str, turn: np.ndarray) -> Any:
-    """A body's or joint's table turned by a rotation (3, 3); what is no vector stays, and is refused later."""
+    """Rotate a body's or joint's table; leave invalid values, which are refused later."""
     if not isinstance(table, dict):
         return table
     made = copy.deepcopy(table)
-    if "part" in table and not {"base", "tip"} & set(table):  # of a part with interfaces: its axes by default
+    if "part" in table and not {"base", "tip"} & set(table):  # part with interfaces: default axes
         made = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0]} | made
     for key in list(made):
         try:
@@ -157,7 +157,7 @@ def _numbers(values: Any, dimension: q.Dimension, count: int) -> np.ndarray:
 
 
 def tensor(six: Sequence[float] | np.ndarray) -> np.ndarray:
-    """Inertia tensor (3, 3) of Ixx Iyy Izz Ixy Ixz Iyz, entries of the tensor itself."""
+    """Return the inertia tensor (3, 3) from its entries Ixx Iyy Izz Ixy Ixz Iyz."""
     xx, yy, zz, xy, xz, yz = six
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 

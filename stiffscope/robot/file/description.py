@@ -1,4 +1,4 @@
-"""A robot as its file describes it, checked and complete: copies made, expressions evaluated; SI, immutable."""
+"""A robot read from its file: checked, copies made, expressions evaluated; SI, immutable."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ ENDS = ("base", "tip")
 
 @dataclass(frozen=True)
 class Turned:
-    """Where a copied body or joint comes from: the name as written, and the rotation (3, 3) from there."""
+    """Original of a copied body or joint: its name, and the rotation (3, 3) to the copy."""
 
     name: str
     rotation: np.ndarray
@@ -44,11 +44,11 @@ class Turned:
 
 @dataclass(frozen=True)
 class RobotFile:
-    """A robot file's content. Names are unique among bodies and joints (a joint with a body's name is "joints.NAME").
+    """Content of a robot file; a joint named like a body is "joints.NAME", so names are unique.
 
-    `copied` holds those of `[[copies]]`.
+    `copied`: originals of the bodies and joints made by `[[copies]]`, by name.
 
-    `tolerances`, SI, by key: of the values that are written with one ("20 mm ± 0.1 mm").
+    `tolerances`: of values written with a tolerance ("20 mm ± 0.1 mm"), SI, by key.
     """
 
     __repr__ = describe_briefly
@@ -71,64 +71,64 @@ class RobotFile:
 
     @property
     def path(self) -> Path:
-        """The file it was read from."""
+        """Path of the file."""
         return self.source.path
 
     def refuse(self, key: Key, message: str) -> InputError:
-        """Error for a key, with the `--set` that brought it or its file and line."""
+        """Return an error for a key that names its `--set` override, or file and line."""
         return self.source.refuse(key, message)
 
     def carries(self, effect: str) -> bool:
-        """Whether it has adopted such an effect."""
+        """Return whether the robot has adopted an effect of this kind."""
         return any(each.effect == effect for each in self.effects)
 
     def part(self, name: str) -> PartSection:
-        """Section of a part."""
+        """Return the section of a part."""
         return self.parts[name]
 
     def dimensions(self, name: str) -> Dimensions:
-        """Shape of a parametric part for cad."""
+        """Return the shape of a parametric part for cad."""
         part = self.parts[name]
         if not isinstance(part, ParametricPart):
             raise TypeError(f"{name} is a {part.shape}, which has no parameters")
         return part.parameters()
 
     def material(self, name: str) -> AnyMaterial | None:
-        """Material of a part: of this file, or of the table in `stiffscope.cad.materials`; a matrix may have none."""
+        """Return a part's material, from this file or `stiffscope.cad.materials`, or None."""
         wanted = getattr(self.parts[name], "material", None)
         return None if wanted is None else material(wanted, self.materials)
 
     def elastic_bodies(self) -> dict[str, ElasticBody]:
-        """The bodies that are made of parts with two ends."""
+        """Return the bodies between a base and a tip, by name."""
         return {name: body for name, body in self.bodies.items() if isinstance(body, ElasticBody)}
 
     def bodies_of(self, part: str) -> tuple[str, ...]:
-        """Names of the bodies made of a part."""
+        """Return the names of the bodies made of a part."""
         return tuple(name for name, body in self.bodies.items() if getattr(body, "part", None) == part)
 
     def ends(self, body: str) -> tuple[str, ...]:
-        """Names of a body's ends; none of a rigid one."""
+        """Return the names of a body's ends; empty if it is rigid."""
         section = self.bodies.get(body)
         if isinstance(section, ElasticBody):
             return ENDS
         return self.parts[section.part].interface_names if isinstance(section, InterfaceBody) else ()
 
     def nodes(self) -> dict[str, str]:
-        """What a joint may stand on: rigid bodies, ends of elastic ones and the ground, each with its body's name."""
+        """Return the body of each node for joints: rigid bodies, ends of elastic ones, ground."""
         found = {GROUND: GROUND}
         for name in self.bodies:
             found |= {f"{name}.{end}": name for end in self.ends(name)} or {name: name}
         return found
 
     def drives(self) -> tuple[str, ...]:
-        """Names of the driven joints."""
+        """Return the names of the driven joints."""
         return tuple(name for name, joint in self.joints.items() if getattr(joint, "drive", None) is not None)
 
     def members(self, place: str) -> tuple[str, ...]:
-        """Names of the bodies and joints that a place means.
+        """Return the names of the bodies and joints at a place.
 
-        A place is a body or joint, a `[groups]` name, a part (all bodies made of it), "drives" or "joints" (all that
-        are not driven); the file's own groups come first. Raises InputError for a name that a body and a joint share.
+        A place is a name in `[groups]` (searched first), a body or joint, a part (all its bodies),
+        "drives" or "joints" (all not driven). Raises InputError if a name is ambiguous.
         """
         if place in self.groups:
             return self.groups[place]
@@ -143,14 +143,14 @@ class RobotFile:
 
 
 def find_element(place: str, bodies: Collection[str], joints: Collection[str]) -> str | None:
-    """Body or joint that a place spells, by its name or as "bodies.NAME" or "joints.NAME"; None for neither.
+    """Return the body or joint at a place: NAME, "bodies.NAME" or "joints.NAME"; None if neither.
 
-    A joint whose name a body has too is "joints.NAME" throughout. Raises InputError where a place could be either.
+    A joint named like a body is always "joints.NAME". Raises InputError if a place is ambiguous.
 
     Parameters
     ----------
     place
-        Name, or bodies.NAME or joints.NAME.
+        Name, "bodies.NAME" or "joints.NAME".
     bodies
         Names of the bodies.
     joints

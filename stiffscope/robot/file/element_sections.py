@@ -1,6 +1,6 @@
-"""What a robot file may say of a bearing, a guide or a screw: what its data sheet prints; SI, x along the joint's axis.
+"""Sections of a robot file on bearings, guides, screws, by data sheet; SI, x along the joint axis.
 
-Each kind is told by its rolling elements, or by the sheet's own stiffnesses.
+Each kind is defined by its rolling elements, or by the stiffnesses in its data sheet.
 """
 
 from __future__ import annotations
@@ -53,26 +53,26 @@ Forces = Annotated[tuple[Force, Force, Force], Says(_THREE)]
 
 
 class ElementSection(Section):
-    """What all have: `offset`, where the element's middle is along the joint's axis, seen from the joint's `at`."""
+    """Common keys: `offset` of the element's middle from the joint's `at` along the axis."""
 
     sheet: ClassVar[tuple[str, ...]] = ()
     beside: ClassVar[tuple[str, ...]] = ()
-    """Keys of the sheet's own stiffness, and those that may stand beside them."""
+    """Keys of data-sheet stiffnesses, and keys permitted beside them."""
 
     kind: Any
     offset: Coordinate = 0.0
 
     def element(self) -> me.MachineElement:
-        """Its stiffness at its load. Raises InputError, "KEY: expected ...", for what cannot be."""
+        """Return the element, with stiffness at its load; raise InputError "KEY: expected ..."."""
         raise NotImplementedError
 
     def turn(self, axes: np.ndarray) -> np.ndarray:
-        """Rotation (3, 3) from its own axes to those of its joint, which are ``axes`` (3, 3) in the base's."""
+        """Return the rotation (3, 3) from own axes to the joint's; ``axes`` (3, 3) in base axes."""
         del axes
         return np.eye(3)
 
     def stiffness(self, axes: np.ndarray) -> np.ndarray:
-        """Stiffness (6, 6) at the joint's `at`, in the joint's axes."""
+        """Return the stiffness (6, 6) at the joint's `at`, in the joint's axes."""
         turn = np.kron(np.eye(2), self.turn(axes))
         carry = shift([self.offset, 0.0, 0.0])
         return carry.T @ turn @ self.element().stiffness @ turn.T @ carry
@@ -136,9 +136,9 @@ class _Rotary(ElementSection):
 class BallBearing(_Rotary):
     """A ball bearing: number and diameter of its `balls`, diameter of their circle, contact angle, groove radii.
 
-    `preload` acts along its axis, on each of a pair; `load` is what else its inner ring carries. A sheet's own
-    `radial`, `axial` and `tilting` stiffness, of the whole, stand instead; known `at_load`, they follow the preload to
-    the power 1/3.
+    `preload` acts along its axis, on each bearing of a pair; `load` is any further load on the
+    inner ring. `radial`, `axial` and `tilting` stiffness of the whole from its data sheet may be
+    given instead; if given `at_load`, they vary with the preload to the power 1/3.
     """
 
     kind: Literal["deep-groove", "angular-contact"]
@@ -173,8 +173,8 @@ class BallBearing(_Rotary):
 class RollerBearing(_Rotary):
     """A cylindrical-roller bearing (free along its axis), or a crossed-roller one: number and length of its `rollers`.
 
-    A negative `clearance`, the diametral one, preloads it. A sheet's own stiffness stands instead; known `at_load`, it
-    follows the load to the power 1/10.
+    A negative (diametral) `clearance` preloads it. Data-sheet stiffness may be given instead; if
+    given `at_load`, it varies with the load to the power 1/10.
     """
 
     kind: Literal["cylindrical-roller", "crossed-roller"]
@@ -289,7 +289,7 @@ ELEMENTS: dict[str, type[ElementSection]] = {
 
 
 def _some(value: Any) -> Any:
-    """One or several, each of a known kind."""
+    """Return one or several elements as a tuple, each of a known kind."""
     several = value if isinstance(value, list | tuple) else [value]
     for each in several:
         if not isinstance(each, dict | ElementSection):
@@ -315,7 +315,7 @@ Elements = Annotated[tuple[AnyElement, ...], BeforeValidator(_some), Says(_EXAMP
 
 
 def read_element(path: Path, text: str) -> ElementSection:
-    """The element that a file of its own describes. Raises InputError with file, line and field."""
+    """Read an element from its own file; raise InputError with file, line and field if invalid."""
     data = parse_text(path, text, "a file of an element")
     try:
         with blame("kind"):

@@ -1,4 +1,4 @@
-"""Third pass over a robot file: tolerances set aside, expressions evaluated in the order of their dependence."""
+"""Third pass over a robot file: separate tolerances, evaluate expressions in dependency order."""
 
 from __future__ import annotations
 
@@ -21,34 +21,34 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.expressions import Expression
     from stiffscope.robot.file.positions import Key
 
-_TEXTS = {"name", "source", "file"}  # free text, whatever it begins with
+_TEXTS = {"name", "source", "file"}  # free text, never an expression
 _MARK = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
 _FACTOR = re.compile(r"factor\s+(\d+(?:\.\d*)?)")
 _EXAMPLE = '"20 mm ± 0.1 mm", "20 mm ± 0.5 %" or "2 kN*m/rad ± factor 5"'
 
 
 def evaluate(data: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float], dict[Key, float]]:
-    """Evaluate a file's content.
+    """Evaluate tolerances and expressions of a file.
 
     Parameters
     ----------
     data
-        As parsed, with its overrides.
+        Parsed file, overrides applied.
 
     Returns
     -------
     data
-        The content without its parameters: numbers for expressions, nominal values for those with a tolerance.
+        Content without `[parameters]`, with numbers for expressions and toleranced values.
     values
-        Numbers, SI, of all names that expressions may use: "a" of `[parameters]`, "arm.length" of `[parts.arm]`.
+        Values, SI, of all names: "a" of `[parameters]`, "arm.length" of `[parts.arm]`.
     tolerances
-        Widths of the values that are written with one ("20 mm ± 0.1 mm"), SI, by key; that of a factor f is ln f
+        Tolerances of values written with one ("20 mm ± 0.1 mm"), SI, by key; for a factor f, ln f
         times the value.
 
     Raises
     ------
     FieldError
-        A value is none, a name is not known, or parameters depend on one another in a circle.
+        If a value is invalid, a name is unknown, or parameters depend on each other circularly.
 
     """
     tolerances: dict[Key, float] = {}
@@ -64,7 +64,7 @@ def evaluate(data: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float], di
 
 
 def evaluate_value(data: Any, values: Mapping[str, float], key: Key = ()) -> Any:
-    """A value, list or table at a key, with every expression in it evaluated. Raises FieldError.
+    """Evaluate all expressions in a value, list or table; raise FieldError if one is invalid.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def evaluate_value(data: Any, values: Mapping[str, float], key: Key = ()) -> Any
     values
         Values of the names.
     key
-        Where the value stands: its tables' keys, outermost first.
+        Key of the value: keys of its tables, outermost first.
 
     """
 
@@ -84,7 +84,7 @@ def evaluate_value(data: Any, values: Mapping[str, float], key: Key = ()) -> Any
 
 
 def _map_texts(data: Any, change: Callable[[str, Key], Any], key: Key = ()) -> Any:
-    """The data with every text changed that is no free text."""
+    """Return data with all texts changed, except free texts."""
     if isinstance(data, dict):
         return {
             name: value
@@ -98,7 +98,7 @@ def _map_texts(data: Any, change: Callable[[str, Key], Any], key: Key = ()) -> A
 
 
 def _nominal(text: str, key: Key, tolerances: dict[Key, float]) -> str:
-    """Text of the nominal value; its tolerance, SI, is put among the others."""
+    """Return the text of the nominal value; add its tolerance, SI, to ``tolerances``."""
     if is_expression(text) or not _MARK.search(text):
         return text
     value, _, width = (each.strip() for each in _MARK.sub("\0", text, count=1).partition("\0"))
@@ -143,7 +143,7 @@ def _parameter_values(data: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _list_given(data: Mapping[str, Any]) -> dict[str, tuple[Key, Any, FieldInfo | None]]:
-    """Every name with its key, value and field of its part; what a part leaves out has its default."""
+    """Return key, value and part's field for each name, including defaults of parts."""
     found: dict[str, tuple[Key, Any, FieldInfo | None]] = {}
     for name, value in data.get("parameters", {}).items():
         key = ("parameters", name)
@@ -163,7 +163,7 @@ def _list_given(data: Mapping[str, Any]) -> dict[str, tuple[Key, Any, FieldInfo 
 
 
 def _check_field(field: FieldInfo | None, key: Key, value: Any) -> None:
-    """Raise FieldError for what its own field does not take, before an expression is blamed that uses it."""
+    """Raise FieldError if a value's own field refuses it, before an expression using it fails."""
     for reads in field.metadata if field and value is not None else ():
         if isinstance(reads, Reads) and not (isinstance(value, str) and is_expression(value)):
             with blame(*key):

@@ -1,7 +1,7 @@
-"""Expressions of a robot file: "= 0.18 + a*cos(th)", arithmetic over named numbers and nothing else.
+"""Expressions of a robot file: "= 0.18 + a*cos(th)", arithmetic with named numbers only.
 
-The text is parsed by Python's own parser; a whitelist of nodes is then evaluated here, so no attribute, call or
-import of Python can be reached. Every number is a float: no power takes long.
+The text is parsed by Python's parser, and only whitelisted nodes are evaluated, so no attribute,
+call or import of Python is accessible. Numbers are floats, so powers are fast.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ _WHAT = f"+ - * / ** ( ), {' '.join(FUNCTIONS)} pi, and names of [parameters] or
 
 @dataclass(frozen=True)
 class Expression:
-    """A parsed expression: its tree and the names that it uses, "a" or "part.parameter"."""
+    """A parsed expression: its tree and the names in it, "a" or "part.parameter"."""
 
     text: str
     tree: ast.expr
     names: tuple[str, ...]
 
     def value(self, values: Mapping[str, float]) -> float:
-        """Its value, SI, from those of its names. Raises ValueError where it is no finite real number."""
+        """Return its value, SI, given its names' values; ValueError unless finite and real."""
         found = _evaluate(self.tree, self.text, values)
         if not math.isfinite(found):
             raise ValueError("expected an expression of finite value, got one that is too large")
@@ -67,12 +67,12 @@ class Expression:
 
 
 def is_expression(value: Any) -> bool:
-    """Whether a value of the file is an expression: a string that begins with "="."""
+    """Return whether a value is an expression: a string that begins with "="."""
     return isinstance(value, str) and value.lstrip().startswith("=")
 
 
 def refuse_name(name: str) -> None:
-    """Raise ValueError for a parameter's name that expressions cannot use."""
+    """Raise ValueError if expressions cannot use a parameter's name."""
     if name in FUNCTIONS or name in CONSTANTS:
         raise ValueError(f'expected another name, got "{name}", which expressions already have')
     if not name.isidentifier() or keyword.iskeyword(name):
@@ -81,12 +81,12 @@ def refuse_name(name: str) -> None:
 
 
 def normalize(name: str) -> str:
-    """A name as Python's parser spells it (micro sign and Greek mu are one letter there)."""
+    """Normalize a name as Python's parser does (micro sign and Greek mu are equal)."""
     return unicodedata.normalize("NFKC", name)
 
 
 def parse(text: str) -> Expression:
-    """Parse "= …". Raises ValueError, one line, for anything but arithmetic."""
+    """Parse "= …"; raise ValueError, one line, unless it is arithmetic."""
     body = " ".join(text.strip().removeprefix("=").split())
     if len(body) > MOST_CHARACTERS:
         raise ValueError(f"expected an expression of at most {MOST_CHARACTERS} characters, got {len(body)}")
@@ -102,7 +102,7 @@ def parse(text: str) -> Expression:
 
 
 def check_names(expression: Expression, known: Collection[str]) -> None:
-    """Raise ValueError for a name that is not known, with the one that was probably meant."""
+    """Raise ValueError if a name is unknown, with the closest match."""
     for name in expression.names:
         if name not in known:
             listed = ", ".join(sorted(known)[:12]) or "(none)"
@@ -111,7 +111,7 @@ def check_names(expression: Expression, known: Collection[str]) -> None:
 
 
 def _levels(tree: ast.expr) -> int:
-    """Depth of an expression's tree."""
+    """Return the depth of an expression's tree."""
     level, count = [tree], 0
     while level and count <= MOST_LEVELS:
         level, count = [child for node in level for child in ast.iter_child_nodes(node)], count + 1
@@ -119,7 +119,7 @@ def _levels(tree: ast.expr) -> int:
 
 
 def _names(node: ast.expr, text: str) -> Iterator[str]:
-    """Names in an expression; ValueError for what is no arithmetic."""
+    """Yield the names in an expression; raise ValueError unless it is arithmetic."""
     if isinstance(node, ast.Name) and node.id in FUNCTIONS:
         raise ValueError(f"expected {node.id}(…), got {node.id} without its argument")
     if isinstance(node, ast.Name | ast.Attribute):
@@ -179,7 +179,7 @@ def fits(found: Powers | None, wanted: Powers | None) -> bool:
 
 
 def _operation(node: ast.expr, text: str) -> tuple[Operation, list[ast.expr]]:
-    """What a node does, and with what. ValueError for a node that is not of the whitelist."""
+    """Return a node's operation and operands; ValueError unless it is whitelisted."""
     match node:
         case ast.UnaryOp(op=op, operand=operand) if type(op) in _OPERATORS:
             return _OPERATORS[type(op)], [operand]
@@ -208,7 +208,7 @@ def _join_dotted(node: ast.expr, text: str) -> str:
 
 
 def _piece(node: ast.expr, text: str) -> str:
-    """The text that a node stands for."""
+    """Return the source text of a node."""
     return _cut(ast.get_source_segment(text, node) or text)
 
 
@@ -220,7 +220,7 @@ def _float(number: Any) -> float:
 
 
 def _apply(function: Operation, values: list[float], piece: str) -> float:
-    """A function of numbers; what has no finite real value is named with its operands."""
+    """Apply a function to numbers; ValueError, naming the operands, unless finite and real."""
     shown = f"{piece} of {', '.join(f'{value:.6g}' for value in values)}"
     try:
         result = function(*values)

@@ -1,4 +1,4 @@
-"""Second pass over a robot file: `--set NAME.KEY=VALUE` puts values in their places."""
+"""Second pass over a robot file: apply `--set NAME.KEY=VALUE`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.parse import Source
     from stiffscope.robot.file.positions import Key
 
-# sections whose names may be given alone, and the keys of their tables: where two share a name, the key decides
+# sections whose names need no prefix; keys of their tables decide if two sections share a name
 NAMED = {
     section: {key for model in models for key in keys_of(model)}
     for section, models in (
@@ -27,15 +27,15 @@ NAMED = {
         ("bodies", (ElasticBody, InterfaceBody, RigidBody)),
     )
 }
-_NESTED = (*NAMED, "materials", "poses", "groups", "parameters")  # sections that hold names
+_NESTED = (*NAMED, "materials", "poses", "groups", "parameters")  # sections of named entries
 TABLES = (*NAMED, "parameters", "tool", "gravity", "poses", "map", "materials", "groups")
-MOST_CHARACTERS = 5_000  # a matrix takes a thousand
+MOST_CHARACTERS = 5_000  # a matrix needs about 1000
 _EXAMPLE = "slider.thickness=25mm"
 
 
 @dataclass(frozen=True)
 class Override:
-    """A value for a key, and the text that asked for it."""
+    """A value for a key, and the text of the override."""
 
     key: tuple[str, ...]
     value: Any
@@ -43,21 +43,21 @@ class Override:
 
 
 def apply_overrides(data: dict[str, Any], source: Source, tolerance: str | None = None) -> list[Override]:
-    """Change what is written, in place.
+    """Apply overrides to a parsed file, in place.
 
     Parameters
     ----------
     data
-        The file as parsed.
+        Parsed file.
     source
-        Its overrides; `changed` gets their keys.
+        Source with the overrides; their keys are added to its `changed`.
     tolerance
-        For the meshes of all parts that are solids; None: as the file has them.
+        Tolerance of the meshes of all solid parts; None: as in the file.
 
     Returns
     -------
     list of Override
-        Those of copies, which are not there yet.
+        Overrides of copies, which do not exist yet.
 
     """
     names = {key: list(value) for key, value in data.items() if isinstance(value, dict)}
@@ -79,7 +79,7 @@ def apply_overrides(data: dict[str, Any], source: Source, tolerance: str | None 
 
 
 def split(text: str) -> tuple[str, Any]:
-    """Split "slider.thickness=25mm"; the value is TOML where it reads as such, else a string. Raises InputError."""
+    """Split "slider.thickness=25mm" (value in TOML, or else a string); InputError if invalid."""
     if len(text) > MOST_CHARACTERS:
         raise InputError(f"--set {text[:60]}…: expected at most {MOST_CHARACTERS:,} characters, got {len(text):,}")
     name, equals, value = text.partition("=")
@@ -88,12 +88,12 @@ def split(text: str) -> tuple[str, Any]:
         raise InputError(f'--set {text}: expected NAME.KEY=VALUE such as {_EXAMPLE}, got "{text}"')
     try:
         return name, tomllib.loads(f"value = {value.strip()}")["value"]
-    except (KeyError, ValueError, RecursionError):  # a text without quotes, most often
+    except (KeyError, ValueError, RecursionError):  # usually a string without quotes
         return name, value.strip()
 
 
 def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
-    """Find what a text such as "slider.thickness=25mm" means among the names that each section holds."""
+    """Resolve a text such as "slider.thickness=25mm" to a key, given the names in each section."""
     name, value = split(text)
     found: list[tuple[str, ...]] = [
         (section, *rest) for section in NAMED for rest in _ways(name, names.get(section, ()))
@@ -116,24 +116,24 @@ def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
 
 
 def _ways(name: str, known: Iterable[str]) -> list[tuple[str, ...]]:
-    """A known name and the keys after it, longest name first."""
+    """Split into a known name and the keys after it, longest name first."""
     fitting = sorted((each for each in known if name.startswith(f"{each}.")), key=len, reverse=True)
     return [(each, *name[len(each) + 1 :].split(".")) for each in fitting]
 
 
 def assign(data: dict[str, Any], key: Key, value: Any, text: str) -> None:
-    """Put a value at a key. Raises InputError, with the text that asked for it, where a number stands on the way.
+    """Set the value of a key; raise InputError with the override's text if it is not in a table.
 
     Parameters
     ----------
     data
         Tables to change.
     key
-        Its field, or the keys of its table.
+        Keys from the outermost table to the value.
     value
-        What stands in the file.
+        New value.
     text
-        Text that asked for it.
+        Text of the override, for messages.
 
     """
     table: Any = data

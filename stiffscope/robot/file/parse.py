@@ -1,4 +1,4 @@
-"""First pass over a robot file: its text to data, and the lines of its keys, which errors name."""
+"""First pass over a robot file: parse its text, and find the lines of its keys for messages."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-MOST_VALUES, MOST_LEVELS = 50_000, 30  # of a file written by hand
+MOST_VALUES, MOST_LEVELS = 50_000, 30  # ample for a file written by hand
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _WORD = r"(?:(?<![\w-])[\w-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
-_DOTTED = re.compile(rf"(?:{_WORD}[ \t]*+\.[ \t]*+){{300}}")  # parsing takes the square of the depth
+_DOTTED = re.compile(rf"(?:{_WORD}[ \t]*+\.[ \t]*+){{300}}")  # parsing time is quadratic in depth
 
 
 class FieldError(ValueError):
-    """What is wrong with the value of a key; `Source.refuse` adds file and line."""
+    """Error in the value of a key; `Source.refuse` adds file and line."""
 
     def __init__(self, key: Key, message: str) -> None:
         super().__init__(message)
@@ -32,7 +32,7 @@ class FieldError(ValueError):
 
 @contextmanager
 def blame(*key: str | int) -> Iterator[None]:
-    """Raise FieldError of a key for a ValueError of what is done to its value."""
+    """Convert a ValueError in the block to a FieldError of a key."""
     try:
         yield
     except FieldError:
@@ -43,7 +43,7 @@ def blame(*key: str | int) -> Iterator[None]:
 
 @dataclass
 class Source:
-    """A file's path and text, what `--set` changed of it by key, and where copies come from."""
+    """Path and text of a file, `--set` changes by key, and originals of copies."""
 
     path: Path
     text: str
@@ -53,34 +53,34 @@ class Source:
 
     @cached_property
     def lines(self) -> dict[Key, int]:
-        """Line of every key of the file."""
+        """Line of each key in the file."""
         return positions(self.text)
 
     def line(self, key: Key) -> int:
-        """Line of a key; that of its original for a copied body or joint."""
+        """Return the line of a key; for a copied body or joint that of its original."""
         if len(key) > 1 and key[:2] not in self.lines and key[1] in self.origins:
             key = (key[0], self.origins[str(key[1])], *key[2:])
         return line_of(self.lines, key)
 
     def refuse(self, key: Key, message: str) -> InputError:
-        """Error for a key: names the `--set` that brought it, else file and line."""
+        """Return an error for a key that names its `--set` override, or else file and line."""
         key = as_written(key)
         by = next((self.changed[key[:n]] for n in range(len(key), 0, -1) if key[:n] in self.changed), None)
-        for table in (key, key[:-1]):  # one that is not in the file, but for what was set in it
+        for table in (key, key[:-1]):  # a table that exists only because of an override
             if by is None and len(table) > 1 and table not in self.lines:
                 by = next((text for each, text in self.changed.items() if each[: len(table)] == table), None)
         return InputError(f"{by or f'{self.path}:{self.line(key)}'}: {field_name(key)}: {message}")
 
 
 def as_written(key: Key) -> Key:
-    """The key of a joint that has a body's name, and so is "joints.NAME" itself."""
+    """Return a key as written: a joint named like a body is called "joints.NAME" internally."""
     if len(key) > 1 and key[0] == "joints" and str(key[1]).startswith("joints."):
         return ("joints", str(key[1]).removeprefix("joints."), *key[2:])
     return key
 
 
 def field_name(key: Key) -> str:
-    """A key as the file spells it: `joints."leg1.motor".axis[2]`."""
+    """Format a key as in the file: `joints."leg1.motor".axis[2]`."""
     parts = (
         f"[{part}]" if isinstance(part, int) else f".{part}" if _BARE.fullmatch(part) else f'."{part}"' for part in key
     )
@@ -88,26 +88,26 @@ def field_name(key: Key) -> str:
 
 
 def parse_text(path: Path, text: str, what: str = "a robot file") -> dict[str, Any]:
-    """Content of a TOML text of bounded size and depth.
+    """Parse a TOML text of bounded size and depth.
 
     Parameters
     ----------
     path
-        What errors call the file.
+        File named in messages.
     text
-        Its content.
+        Content of the file.
     what
-        What it should be, for the message.
+        Expected kind of file, for messages.
 
     Returns
     -------
     dict
-        As `tomllib` gives it.
+        Data from `tomllib`.
 
     Raises
     ------
     InputError
-        With line and column, or line and field.
+        If the text is invalid; the message names line and column, or line and field.
 
     """
     deep = _DOTTED.search(text)
@@ -122,7 +122,7 @@ def parse_text(path: Path, text: str, what: str = "a robot file") -> dict[str, A
     except RecursionError as error:
         line = _first_line(text, rf"[\[{{](?:\s*[\[{{]){{{MOST_LEVELS}}}")
         raise InputError(f"{path}:{line}: expected {what}, got tables or lists nested too deeply") from error
-    except ValueError as error:  # Python's limit of digits
+    except ValueError as error:  # Python's limit on digits
         line = _first_line(text, r"[0-9_]{4300}")
         raise InputError(f"{path}:{line}: expected numbers of at most 19 digits, got a longer one") from error
     try:
@@ -135,7 +135,7 @@ def parse_text(path: Path, text: str, what: str = "a robot file") -> dict[str, A
 
 
 def _explain(error: tomllib.TOMLDecodeError, text: str, *, shown: bool) -> tuple[int, str]:
-    """Line of what is no TOML, and the message; a file that was hardly meant to be any is not ``shown``."""
+    """Return line and message of a TOML error; quote the line only if ``shown``."""
     reason, _, place = str(error).partition(" (at ")
     found = re.search(r"line (\d+), column (\d+)", place)
     lines = text.split("\n")
@@ -146,13 +146,13 @@ def _explain(error: tomllib.TOMLDecodeError, text: str, *, shown: bool) -> tuple
 
 
 def _first_line(text: str, pattern: str) -> int:
-    """Line of what a pattern finds first."""
+    """Return the line of a pattern's first match."""
     found = re.search(pattern, text)
     return text.count("\n", 0, found.start()) + 1 if found else 1
 
 
 def _check_size(data: dict[str, Any]) -> None:
-    """Raise FieldError for what is too deep, too much or too long to be looked at further."""
+    """Raise FieldError if data is nested too deeply, too large, or has too long integers."""
     left: list[tuple[Key, Any]] = [((), data)]
     count = 0
     while left:

@@ -1,6 +1,6 @@
-"""What a robot file may say of a part: its shape, material, how it is held and loaded, its mesh.
+"""Sections of a robot file on parts: shape, material, supports and loads, mesh.
 
-A rod, a plate and a beam have the keys of their parameters in cad: floats are lengths, whole numbers counts.
+Keys of a rod, plate or beam are its parameters in cad: floats are lengths, integers are counts.
 """
 
 from __future__ import annotations
@@ -84,8 +84,8 @@ def _face_numbers(value: Any) -> tuple[int, ...]:
 class Face(Section):
     """A choice of faces by geometry; see `stiffscope faces FILE`.
 
-    With a `washer`, its outer diameter: the annuli around round holes of plane faces, as if imprinted there, the other
-    conditions being those of the hole (`radius`, `position` of its centre) and of its face (`normal`, `index`).
+    `washer`, an outer diameter, selects annuli around round holes of plane faces, as if imprinted;
+    `radius` and `position` of the centre are then the hole's, `normal` and `index` its face's.
     """
 
     kind: str | None = None
@@ -96,7 +96,7 @@ class Face(Section):
     washer: Length | None = None
 
     def selector(self) -> FaceSelector:
-        """The choice for cad."""
+        """Return the selector for cad."""
         return FaceSelector(**dict(self))
 
     @model_validator(mode="after")
@@ -137,19 +137,19 @@ Named = Annotated[NamedFaces, BeforeValidator(_named)]
 
 
 class PartSection(Section):
-    """What every part has: a shape, and a mass in kg ("cad": volume times density)."""
+    """Common keys of parts: a shape, and a mass in kg ("cad": volume times density)."""
 
     shape: str
     mass: MassOrCad = "cad"
 
     @property
     def interface_names(self) -> tuple[str, ...]:
-        """Names of its `interfaces`, the ends of bodies made of it; none of a part between a base and a tip."""
+        """Names of its `interfaces`, ends of its bodies; empty for a part between base and tip."""
         return tuple(getattr(self, "interfaces", None) or ())
 
 
 class SolidPart(PartSection):
-    """A part that is a solid: its material, where its 6x6 comes from, how it is held, loaded and meshed."""
+    """A solid part: material, source of its 6x6, supports, loads and mesh."""
 
     material: MaterialName
     compliance: Source = "fea"
@@ -165,27 +165,27 @@ class ParametricPart(SolidPart):
     build: ClassVar[type]
 
     def dimensions(self) -> dict[str, float | int | str]:
-        """The parameters of the part's shape, SI."""
+        """Return the parameters of the part's shape, SI."""
         return {field.name: getattr(self, field.name) for field in dataclasses.fields(self.build)}
 
     def lengths(self) -> dict[str, float]:
-        """The lengths among them, m."""
+        """Return the lengths among the parameters, m."""
         return {name: value for name, value in self.dimensions().items() if isinstance(value, float)}
 
     def measure_across(self, axis: str) -> float:
-        """Size across the part along its y or z, m."""
+        """Return the size across the part along its y or z, m."""
         size = self.lengths()
         if "radius" in size:
             return 2.0 * size["radius"]
         return size["width"] if axis == "y" else size.get("thickness") or size["height"]
 
     def parameters(self) -> Dimensions:
-        """The shape for cad, whose InputError names the parameter: "link.bore: …"."""
+        """Return the shape for cad; its InputError names the parameter: "link.bore: …"."""
         return self.build(**self.dimensions())
 
 
 def _with_shape(name: str, base: type[ParametricPart], parameters: type, *required: str) -> type[ParametricPart]:
-    """A section with one key for each field of a part's parameters."""
+    """Create a section with one key for each field of a part's parameters."""
     kinds = {float: LengthOrZero, int: Count, str: str}
     hints = typing.get_type_hints(parameters)
     fields: dict[str, Any] = {}
@@ -229,7 +229,7 @@ BEAM_PARTS = {shape: _beam_part(shape, parameters) for shape, parameters in BEAM
 
 
 def solid_length(part: PartSection) -> float | None:
-    """Length from the clamped end to the reference point, m; None where only a STEP file or nothing tells."""
+    """Return the length from clamped end to reference point, m; None if it is not parametric."""
     if not isinstance(part, ParametricPart):
         return None
     lengths = part.lengths()
@@ -239,8 +239,8 @@ def solid_length(part: PartSection) -> float | None:
 class StepPart(SolidPart):
     """A solid from a STEP file; its faces by geometry, its axes by a frame, x from base to tip.
 
-    With two or more named `interfaces` in place of `clamped` and `loaded`, each a choice of
-    faces, bodies made of it have these as ends, and stand by their `at`, `x` and `y`.
+    With two or more named `interfaces` instead of `clamped` and `loaded`, each a choice of faces,
+    bodies made of it have these as ends, and are placed by their `at`, `x` and `y`.
     """
 
     file: Annotated[str, Says('a path such as "arm.step"')]
@@ -260,7 +260,7 @@ class StepPart(SolidPart):
         return value
 
     def placement(self) -> Placement:
-        """The part's axes for cad."""
+        """Return the part's axes for cad."""
         return Placement(self.origin, self.x, self.z)
 
     @model_validator(mode="after")
@@ -280,7 +280,7 @@ class StepPart(SolidPart):
 
 
 def _square(expected: str, size: int = 0) -> BeforeValidator:
-    """Rows of as many numbers (SI) as there are rows; of a size, where one is given."""
+    """Return a validator of square matrices (SI), of a given size if it is not zero."""
 
     def read(value: Any) -> tuple[tuple[float, ...], ...]:
         rows = value if isinstance(value, list | tuple) else []
@@ -330,12 +330,12 @@ class MatrixPart(PartSection):
 
 
 class InterfacePart(PartSection):
-    """A solid with two or more named interfaces, by its unsupported stiffness: ux uy uz rx ry rz of each, part axes.
+    """A solid by its unsupported stiffness on two or more interfaces: ux uy uz rx ry rz, part axes.
 
-    `interfaces` are their places, in the matrices' order; without `mass_matrix` they share the `mass` alike. Its rows
-    beyond the interfaces' are fixed-interface modes, of `mode_squares` (rad²/s²). Instead of the matrices a `file` that
-    holds them: .npz, Matrix Market (NAME.stiffness.mtx beside NAME.mass.mtx) or Nastran's DMIG, as
-    `stiffscope compliance --superelement` writes them.
+    `interfaces` are their places, in matrix order; without `mass_matrix` they share the `mass`
+    equally. Further rows of `mass_matrix` are fixed-interface modes, of `mode_squares` (rad²/s²). A
+    `file` may replace the matrices: .npz, Matrix Market (NAME.stiffness.mtx beside NAME.mass.mtx)
+    or Nastran's DMIG, as written by `stiffscope compliance --superelement`.
     """
 
     interfaces: dict[str, Point]
@@ -357,7 +357,7 @@ class InterfacePart(PartSection):
         return self
 
     def build(self, name: str, at: Any = (0.0, 0.0, 0.0), axes: Any = None) -> Body:
-        """A body made of it, its origin at a place (3,) and its axes (3, 3) as columns."""
+        """Return a body made of it, with its origin ``at`` (3,) and its axes (3, 3) as columns."""
         return superelement_body(
             name, self.interfaces, self.stiffness, at=at, axes=axes, mass=self.mass, mass_matrix=self.mass_matrix,
             mode_squares=self.mode_squares,
@@ -375,7 +375,7 @@ class MaterialSection(Section):
     law: ClassVar[type]
 
     def build(self, name: str) -> AnyMaterial:
-        """The material for CAD and FEA."""
+        """Return the material for CAD and FEA."""
         return self.law(name, **self.model_dump())
 
 

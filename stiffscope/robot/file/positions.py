@@ -1,4 +1,4 @@
-"""Lines of the keys of a TOML file, found in one pass over its text: no parser for Python keeps them."""
+"""Line numbers of the keys of a TOML file, which Python's TOML parsers do not provide."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _ESCAPED = {"b": "\b", "t": "\t", "n": "\n", "f": "\f", "r": "\r", "e": "\x1b", 
 
 
 def positions(text: str) -> dict[Key, int]:
-    """Line of every table, key and list item of a valid TOML text, counted from 1."""
+    """Return the line of each table, key and list item in a valid TOML text, counted from 1."""
     scanner, table = _Scanner(text), ()
     while scanner.kind != "end":
         if scanner.mark == "\n":
@@ -33,12 +33,12 @@ def positions(text: str) -> dict[Key, int]:
 
 
 def line_of(lines: dict[Key, int], key: Key) -> int:
-    """Line of a key, or of the nearest table around it that the file has."""
+    """Return the line of a key, or of its nearest enclosing table in the file."""
     return next((lines[key[:n]] for n in range(len(key), 0, -1) if key[:n] in lines), 1)
 
 
 def _tokens(text: str) -> Iterator[tuple[str, str, int]]:
-    """Kind, text and line of every token that is no space and no comment."""
+    """Yield kind, text and line of each token except spaces and comments."""
     line = 1
     for match in _TOKEN.finditer(text):
         if match.lastgroup is not None:
@@ -48,11 +48,11 @@ def _tokens(text: str) -> Iterator[tuple[str, str, int]]:
 
 
 class _Scanner:
-    """A walk over tokens; the text has been accepted by a parser, so it is not checked here."""
+    """Scanner of the tokens of a valid TOML text, which is not checked again."""
 
     def __init__(self, text: str) -> None:
         self.lines: dict[Key, int] = {}
-        self.tables: dict[Key, int] = {}  # lists of tables: how many there are so far
+        self.tables: dict[Key, int] = {}  # lists of tables: number found so far
         self.tokens = _tokens(text)
         self.step()
 
@@ -62,7 +62,7 @@ class _Scanner:
             self.mark = self.text if self.kind == "mark" else ""
 
     def note(self, key: Key, line: int) -> None:
-        """Keep the line of a key, and of the tables that it opens on its way."""
+        """Record the line of a key, and of the tables that it opens implicitly."""
         for length in range(len(key), 0, -1):
             if self.lines.setdefault(key[:length], line) != line:
                 return
@@ -82,16 +82,16 @@ class _Scanner:
             self.note(key, line)
             self.tables[key] = self.tables.get(key, 0) + 1
         key = self.inside(key)
-        self.lines[key] = line  # over what an earlier sub-table has opened
+        self.lines[key] = line  # replaces the line of an earlier sub-table that opened it
         self.note(key, line)
         return key
 
     def inside(self, key: Key) -> Key:
-        """A list of tables stands for its last one."""
+        """Return the key of the last table if a key is a list of tables; otherwise the key."""
         return (*key, self.tables[key] - 1) if key in self.tables else key
 
     def read_key(self) -> list[str]:
-        """A dotted key; stands behind it afterwards."""
+        """Read a dotted key, and advance past it."""
         names = [self.read_name()]
         while self.mark == ".":
             self.step()
@@ -105,7 +105,7 @@ class _Scanner:
         return name
 
     def read_pair(self, table: Key) -> None:
-        """`key = value`, and all that is in the value."""
+        """Read `key = value`, including all keys inside the value."""
         line = self.line
         key = (*table, *self.read_key())
         self.note(key, line)

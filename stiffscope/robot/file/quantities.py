@@ -1,6 +1,6 @@
-"""Numbers with units as people write them ("500 mm"), checked and turned into SI floats.
+"""Numbers with units ("500 mm"), checked and converted to SI floats.
 
-A string carries its unit; a bare number is SI. What is refused says what was expected and shows a valid example.
+A string includes its unit; a bare number is SI. Errors state what was expected, with an example.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ _PRODUCT = re.compile(r"(?:[\s*/·()%°⁻]|(?<!\w)1(?!\w)|(?<!\w)[^\W\d]\w*+)*+
 
 @dataclass(frozen=True)
 class Dimension:
-    """What a quantity measures: a noun for messages, its SI unit, an example to show, and its physical limits.
+    """Dimension of a quantity: noun for messages, SI unit, example, and physical limits.
 
-    The limits, in SI, are far beyond any machine's: what exceeds them is a slip of the pen or of the unit, and would
-    only overflow. `most` bounds the magnitude; `least` bounds that of what is not zero, where nothing rounds to zero.
+    The limits, in SI, are far beyond any machine's: larger values are typing or unit errors, and
+    could overflow. `most` bounds the magnitude; `least` bounds nonzero magnitudes from below.
     """
 
     noun: str
@@ -40,7 +40,7 @@ class Dimension:
     most: float = 1e30
 
     def refusal(self, value: float) -> str:
-        """Why a value, SI, is beyond the limits; empty where it is not."""
+        """Return the reason why a value, SI, is beyond the limits; empty if it is not."""
         unit = f" {self.unit}" if self.unit else ""
         if not abs(value) <= self.most:
             return f"beyond {self.most:g}{unit}"
@@ -110,25 +110,25 @@ USUAL = {si: (si, 1.0) for si in SI[1:]} | {
 def _registry() -> pint.UnitRegistry:
     import pint
 
-    return pint.UnitRegistry(str(data.FOLDER / "units.txt"))  # pint's own list takes ten times as long to read
+    return pint.UnitRegistry(str(data.FOLDER / "units.txt"))  # pint's own list is ten times slower
 
 
 def to_si(value: Any, dimension: Dimension, *, sign: str = "positive") -> float:
-    """Turn a number (SI) or a string with its unit into an SI float.
+    """Convert a number (SI) or a string with a unit to an SI float.
 
     Parameters
     ----------
     value
-        What stood in the file or on the command line.
+        Value in the file or on the command line.
     dimension
-        What the value has to measure.
+        Required dimension.
     sign
         "positive", "non-negative" or "any".
 
     Raises
     ------
     ValueError
-        One line: what was expected, what was found, an example of what would be valid.
+        If the value is invalid: one line with what was expected, what was found and an example.
 
     """
     expected = f'expected {dimension.noun} such as "{dimension.example}", got {show_value(value)}'
@@ -152,12 +152,12 @@ def to_si(value: Any, dimension: Dimension, *, sign: str = "positive") -> float:
 
 
 def several(text: str, *dimensions: Dimension) -> tuple[float, ...]:
-    """SI floats of a list such as "0, 0, 350 mm", one for each dimension; a number without a unit is SI.
+    """Return SI floats of a list such as "0, 0, 350 mm", one per dimension; bare numbers are SI.
 
     Raises
     ------
     ValueError
-        One line: the list is longer or shorter, or one of its values is wrong.
+        If the length of the list or one of its values is wrong (one line).
 
     """
     words = text.split(",")
@@ -198,14 +198,14 @@ def _factor(unit: str, si: str) -> float:
 
 
 def _check_unit(text: str) -> None:
-    """Raise ValueError for what is no product of names with powers up to 9: pint would evaluate any arithmetic."""
+    """Raise ValueError unless it is a product of unit powers up to 9: pint evaluates arithmetic."""
     product = _POWER.sub("", text)
     if "**" in product or not _PRODUCT.fullmatch(product):
         raise ValueError(f"{text} is not a unit")
 
 
 def _why(unit: str) -> str:
-    """Say what the unit measures instead, if it can be named."""
+    """Return a note on the actual dimension of a unit, if known."""
     nothing = f', and "{unit}" is not a unit'
     if unit in USUAL:
         return f", which is {_name_powers(powers_of(USUAL[unit][0]))}"
@@ -234,7 +234,7 @@ def show_powers(powers: Powers) -> str:
 
 
 def show_value(value: Any) -> str:
-    """A value as a message shows it: quoted if it was text, cut if long; None is nothing."""
+    """Format a value for messages: text is quoted, long values are cut, None is "nothing"."""
     if value is None:
         return "nothing"
     text = f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else repr(value)

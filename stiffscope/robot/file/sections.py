@@ -1,4 +1,4 @@
-"""What a robot file may say of bodies, joints, copies, the tool and the rest; SI, base axes {O}, home configuration."""
+"""Sections of a robot file on bodies, joints, copies, tool, etc.; SI, base axes {O}, home."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class ElasticBody(Section):
 
 
 class InterfaceBody(Section):
-    """A body made of a part with named interfaces, its ends NAME.INTERFACE: where the part's origin and axes are."""
+    """A body made of a part with named interfaces, its ends NAME.INTERFACE: part origin, axes."""
 
     part: Name
     at: Point = (0.0, 0.0, 0.0)
@@ -96,13 +96,13 @@ class _Drive(Section):
 
     @property
     def points(self) -> tuple[tuple[float, float], ...] | None:
-        """Deflections and forces, SI; None where it is straight."""
+        """Points (deflection, force) of the curve, SI; None if it is linear."""
         gear = getattr(self, "gear", None)
         return gear.curve if gear is not None else getattr(self, "curve", None)
 
 
 def check_rising(value: tuple[float, float] | None) -> tuple[float, float] | None:
-    """A range, if its values rise. Raises ValueError."""
+    """Return a range; raise ValueError unless its values increase."""
     if value is not None and not value[0] < value[1]:
         raise ValueError(f"expected a lower and a higher value, got {value[0]:g} and {value[1]:g}")
     return value
@@ -134,7 +134,7 @@ class Gear(Section):
 
     @property
     def curve(self) -> tuple[tuple[float, float], ...]:
-        """Torques at deflections; the last slope goes on."""
+        """Points (deflection, torque); extrapolated with the last slope."""
         first = self.t1 / self.k1
         second = first + (self.t2 - self.t1) / self.k2
         return (first, self.t1), (second, self.t2), (second + self.t2 / self.k3, 2.0 * self.t2)
@@ -189,15 +189,15 @@ class JointSection(Section):
         return value
 
     def yielding(self, axes: np.ndarray) -> np.ndarray:
-        """Compliance (6, 6) of its bearing in the joint's axes; zero along and about what it leaves free.
+        """Return the compliance (6, 6) of its bearing in the joint's axes; zero in free directions.
 
-        ``axes`` (3, 3): the joint's, as columns, in the base's as the file is written. Raises InputError for bearings
-        that do not hold what the joint holds, or hold what it leaves free.
+        ``axes`` (3, 3): the joint's axes as columns, in base axes as written. Raises InputError if
+        the bearings do not constrain the same directions as the joint.
         """
         return np.diag(self._diagonal()) if self.bearing is None else self._invert_bearings(axes)
 
     def _invert_bearings(self, axes: np.ndarray) -> np.ndarray:
-        """Inverse of the sum of its bearings' stiffnesses over what these hold."""
+        """Invert the sum of its bearings' stiffnesses on the constrained directions."""
         given = self.bearing or ()
         total = sum((each.stiffness(axes) for each in given), np.zeros((6, 6)))
         size = np.sqrt(np.diagonal(total).clip(min=0.0))
@@ -288,7 +288,7 @@ JOINTS: dict[str, type[JointSection]] = {
 
 
 class Copies(Section):
-    """A set of bodies and joints once more under other names, turned about an axis through the origin."""
+    """A set of bodies and joints, copied, renamed and turned about an axis through the origin."""
 
     of: Name
     as_: tuple[str, ...] = Field(alias="as")
@@ -320,14 +320,14 @@ class ToolSection(Section):
 
 
 class GravitySection(Section):
-    """The field that the robot stands in; no direction is assumed."""
+    """The gravity field of the robot; no direction is assumed."""
 
     acceleration: Acceleration = 9.81
     direction: Direction
 
 
 class MapSection(Section):
-    """What `stiffscope map` sweeps: two coordinates of the pose; `at`, by default home, gives the others."""
+    """Two pose coordinates swept by `stiffscope map`; `at`, by default home, sets the others."""
 
     x: Lengths | None = None
     y: Lengths | None = None
@@ -343,7 +343,7 @@ class MapSection(Section):
         return check_rising(value)
 
     def ranges(self) -> dict[str, tuple[float, float]]:
-        """The coordinates that are swept, in the order of a pose."""
+        """Return the swept coordinates, in the order of a pose."""
         return {name: value for name in AXES if (value := getattr(self, name)) is not None}
 
 

@@ -1,4 +1,4 @@
-"""Tables of the robot file to sections: what pydantic finds wrong, in the words of the file."""
+"""Conversion of robot file tables to sections, with pydantic's errors in terms of the file."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ Model = TypeVar("Model", bound=BaseModel)
 
 
 def read_table(model: type[Model], value: Any, key: Key) -> Model:
-    """A table as a section. Raises FieldError for the first thing that is wrong in it.
+    """Read a table as a section; raise FieldError for its first error.
 
     Parameters
     ----------
     model
         Model of the section.
     value
-        What stands in the file.
+        Value in the file.
     key
-        Where the value stands: its tables' keys, outermost first.
+        Key of the value: keys of its tables, outermost first.
 
     """
     if not isinstance(value, dict):
@@ -43,7 +43,7 @@ def read_table(model: type[Model], value: Any, key: Key) -> Model:
 
 
 def one_of(word: Any, valid: Iterable[str], what: str) -> str:
-    """A word, if it is a valid one. Raises ValueError with the one that was probably meant.
+    """Return a word if it is valid; otherwise raise ValueError, with the closest match.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def one_of(word: Any, valid: Iterable[str], what: str) -> str:
     valid
         Valid words.
     what
-        What is expected, for messages.
+        Description of the expected value, for messages.
 
     """
     valid = list(valid)
@@ -68,12 +68,12 @@ def unknown_key(word: str, valid: Sequence[str]) -> str:
 
 
 def keys_of(model: type[BaseModel]) -> list[str]:
-    """Keys that a section may have, as the file spells them."""
+    """Return the keys of a section, as spelled in the file."""
     return [field.alias or name for name, field in model.model_fields.items()]
 
 
 def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
-    """Key and message of the first error; an unknown key comes before what it leaves missing."""
+    """Return key and message of the first error; unknown keys take precedence over missing ones."""
     errors = error.errors(include_url=False)
     item = next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
     key: Key = tuple(part for part in item["loc"] if not str(part).startswith(("function-", "tagged-")))
@@ -93,13 +93,13 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
     if item["type"] in plain:
         return key, plain[item["type"]]()
     named, message = "", item["msg"].removeprefix("Value error, ")
-    if isinstance(item.get("ctx", {}).get("error"), InputError):  # cad names the field: "frame.x: ..."
+    if isinstance(item.get("ctx", {}).get("error"), InputError):  # e.g. "frame.x: ..."
         named, _, message = message.partition(": ")
     return (*key, *named.split(".")[1:]), message
 
 
 def _describe_missing(model: type[BaseModel], key: str) -> str:
-    """What a missing key should have held."""
+    """Return the description of a missing key's value."""
     field = next((field for name, field in model.model_fields.items() if key in {name, field.alias}), None)
     notes = [note for note in (field.metadata if field else ()) if isinstance(note, Reads | Says)]
     said = [note.says if isinstance(note, Reads) else note for note in notes]
@@ -107,7 +107,7 @@ def _describe_missing(model: type[BaseModel], key: str) -> str:
 
 
 def _model_at(model: type[BaseModel], key: Key) -> type[BaseModel]:
-    """Model of the section that a place of pydantic's leads to; "tagged-MODEL" names one of several."""
+    """Return the section's model at a pydantic location; "tagged-MODEL" selects one of several."""
     several: list[type[BaseModel]] = []
     for part in key:
         tagged = next((each for each in several if part == f"tagged-{each.__name__}"), None)

@@ -1,4 +1,4 @@
-"""Fourth pass over a robot file: evaluated tables to sections, each valid by itself (`robot.checks` follows)."""
+"""Fourth pass over a robot file: validate each section by itself (`robot.checks` follows)."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ TOP = (
 
 
 def check_top(data: Mapping[str, Any]) -> None:
-    """Raise FieldError for an unknown section, and for one that is no table or no list of tables."""
+    """Raise FieldError for an unknown section, or one that is not a table or list of tables."""
     for key in data:
         if key not in TOP:
             raise FieldError((key,), unknown_key(key, TOP))
@@ -62,28 +62,28 @@ def validate(
     tolerances: Mapping[Key, float],
     copied: dict[str, Turned],
 ) -> RobotFile:
-    """Make a robot of evaluated tables.
+    """Create a robot from evaluated tables.
 
     Parameters
     ----------
     data
-        The file's content, copies made.
+        Content of the file, with copies.
     source
-        Where it comes from.
+        Source of the file.
     values, tolerances
-        As `evaluate` gives them.
+        Results of `evaluate`.
     copied
-        As `make_copies` gives them.
+        Result of `make_copies`.
 
     Returns
     -------
     RobotFile
-        Each of its sections valid by itself.
+        Robot with each section valid by itself.
 
     Raises
     ------
     FieldError
-        The first thing that is wrong.
+        For the first error found.
 
     """
 
@@ -135,7 +135,7 @@ def _read_part(name: str, table: Any, folder: Path) -> PartSection:
 
 
 def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, Any]:
-    """A part's table with the interfaces and matrices of the file that it names; interfaces of its own come first."""
+    """Add interfaces and matrices of its file to a part's table; own interfaces take precedence."""
     for other in ("stiffness", "mass_matrix", "mode_squares", "matrix"):
         if other in table:
             raise FieldError((*key, other), "expected none beside a file, which holds the matrices, got one")
@@ -166,7 +166,7 @@ def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, A
 
 
 def _choose(table: Any, word: str, valid: Iterable[str], key: tuple[str, ...], what: str) -> str:
-    """Which of several kinds a table is. Raises FieldError."""
+    """Return the kind of a table, given by its key ``word``; raise FieldError if invalid."""
     if not isinstance(table, dict):
         raise FieldError(key, f"expected a table, got {q.show_value(table)}")
     if word not in table:
@@ -176,7 +176,7 @@ def _choose(table: Any, word: str, valid: Iterable[str], key: tuple[str, ...], w
 
 
 def _read_body(name: str, table: Any, parts: Mapping[str, PartSection]) -> BodySection:
-    """A body of a part with interfaces, an elastic one where a part or an end is given, else a rigid one."""
+    """Read a body: with interfaces if its part has them, elastic if part or ends, else rigid."""
     key = ("bodies", name)
     if isinstance(table, dict):
         part = parts.get(str(table.get("part")))
@@ -211,7 +211,7 @@ def _read_material(name: str, table: Any) -> AnyMaterial:
     made = read_table(model, table, key)
     try:
         return made.build(name)
-    except InputError as error:  # "materials.steel.density: expected ..."
+    except InputError as error:  # the message is "materials.steel.density: expected ..."
         where, _, message = str(error).removeprefix(f"materials.{name}.").partition(": ")
         raise FieldError((*key, where), message) from error
 
@@ -219,7 +219,7 @@ def _read_material(name: str, table: Any) -> AnyMaterial:
 def _read_groups(
     table: Mapping[str, Any], bodies: Collection[str], joints: Collection[str]
 ) -> dict[str, tuple[str, ...]]:
-    """The sets, those that name other sets resolved."""
+    """Return the groups, with groups inside groups resolved."""
     elements = [*bodies, *joints]
     for name, listed in table.items():
         key = ("groups", name)
@@ -243,16 +243,16 @@ def _read_groups(
 
 
 def read_pose(value: Any, tool: ToolSection, key: Key) -> tuple[float, ...]:
-    """A tool pose: as many numbers as `[tool] pose` names. Raises FieldError.
+    """Read a tool pose: a number for each coordinate in `[tool] pose`; FieldError if invalid.
 
     Parameters
     ----------
     value
-        What stands in the file.
+        Value in the file.
     tool
-        Section of the tool, which names the coordinates.
+        Section of the tool, with the coordinates.
     key
-        Where the value stands: its tables' keys, outermost first.
+        Key of the value: keys of its tables, outermost first.
 
     """
     if not isinstance(value, list | tuple) or len(value) != len(tool.pose):

@@ -1,6 +1,6 @@
-"""Values of the robot file: what a key may hold, its dimension and its limits, as pydantic types in SI.
+"""Value types of the robot file, with dimensions and limits, as pydantic types in SI.
 
-Importing this module imports pydantic; the reader does so when a file is read.
+Importing this module imports pydantic; the reader imports it on use.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Says(str):
-    """What a missing value should have been, kept beside its type."""
+    """Description of the expected value, for messages on a missing one; annotates its type."""
 
     __slots__ = ()
 
@@ -68,7 +68,7 @@ def unit_of(value: Any) -> str:
 
 @dataclass(frozen=True)
 class Reads(BeforeValidator):
-    """How a value is read, and what it should have been where it is missing."""
+    """Reader of a value, and description of the expected value if it is missing."""
 
     says: str = ""
 
@@ -79,7 +79,7 @@ def _quantity(dimension: q.Dimension, sign: str = "positive") -> Reads:
 
 
 def parse_whole(value: Any) -> int:
-    """A whole number from 0 on, written as one or as an expression's value; ValueError for anything else."""
+    """Return a non-negative integer, also from an expression's float; ValueError otherwise."""
     if isinstance(value, float) and value.is_integer() and value < 2**53:
         value = int(value)
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
@@ -117,7 +117,7 @@ def _own_mass(value: Any) -> float:
 
 
 def _or_word(read: Callable[[Any], float], word: str, meaning: str, said: str) -> Reads:
-    """What `read` makes of a value, or None for a word and for nothing."""
+    """Return a reader that applies `read` to a value, and returns None for a word or no value."""
 
     def read_or_none(value: Any) -> float | None:
         if value is None or value == word:
@@ -132,7 +132,7 @@ def _or_word(read: Callable[[Any], float], word: str, meaning: str, said: str) -
 
 def _tolerance(value: Any) -> float:
     share = q.to_si(value, q.SHARE)
-    if not 1e-6 <= share < 1:  # below, rounding counts
+    if not 1e-6 <= share < 1:  # below 1e-6 rounding dominates
         raise ValueError(
             f'expected a share from 1e-6 to below 1 such as "{q.SHARE.example}", got {q.show_value(value)}'
         )
@@ -140,7 +140,7 @@ def _tolerance(value: Any) -> float:
 
 
 def _list_of(count: int, what: str) -> BeforeValidator:
-    """Lists of another length are refused whole, before their items are looked at."""
+    """Return a validator of a list's length, applied before its items are validated."""
 
     def check(value: Any) -> Any:
         if not isinstance(value, list | tuple) or len(value) != count:
@@ -222,6 +222,6 @@ MassOrCad = Annotated[float | Literal["cad"], Reads(_mass_or_cad, says='a mass, 
 
 
 class Section(BaseModel):
-    """A table of the robot file: nothing unknown is let in, nothing changes afterwards."""
+    """A table of the robot file: immutable, without unknown keys."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)

@@ -1,1 +1,1 @@
-"""Models of other simulators, as robot files."""
+"""Import of simulator models and STEP assemblies as robot files."""

@@ -1,4 +1,4 @@
-"""Parts of an imported assembly: their materials, interfaces and STEP files, and their tables in the robot file."""
+"""Parts of an imported assembly: materials, interfaces, STEP files and tables in the robot file."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class PartFile:
-    """An elastic part: its name, one of its bodies, its material and its interfaces' faces by name."""
+    """An elastic part: name, solid of one of its bodies, material, interfaces' faces by name."""
 
     name: str
     solid: Instance
@@ -37,7 +37,7 @@ class PartFile:
 
 
 def interface_names(number: int, joints: Sequence[Freedom], solids: Sequence[Instance]) -> list[str]:
-    """Names of a part's interfaces: what is at each, without numbers where that distinguishes them."""
+    """Name a part's interfaces after the adjacent parts, without numbers if still unique."""
     others = [solids[joint.second if joint.first == number else joint.first].name for joint in joints]
     short = [re.sub(r"[^A-Za-z]+$", "", re.split(r"[._\- ]", other)[0]) or other for other in others]
     names = short if len(set(short)) == len(short) else [re.sub(r"[.\s]", "_", other) for other in others]
@@ -45,7 +45,7 @@ def interface_names(number: int, joints: Sequence[Freedom], solids: Sequence[Ins
 
 
 def part_name(solid: Instance, parts: Sequence[PartFile]) -> str:
-    """A name of its own for the part of a solid: the solid's without its number."""
+    """Return a unique name for the part of a solid: the solid's name without its number."""
     taken = {part.name for part in parts}
     base = re.sub(r"[^\w\-]", "_", re.sub(r"[\d_.\- ]+$", "", solid.name) or solid.name)
     return next(name for name in (base, *(f"{base}{n}" for n in range(2, 10**6))) if name not in taken)
@@ -93,7 +93,7 @@ def choose_materials(
 
 
 def part_lines(parts: Sequence[PartFile], out: Path) -> list[str]:
-    """Tables of the parts, and groups of bodies of one part."""
+    """Return the lines of the parts' tables, and of groups of bodies of the same part."""
     lines = list[str]()
     for part in parts:
         here = f"parts.{toml_key(part.name)}"

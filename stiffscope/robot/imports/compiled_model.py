@@ -1,4 +1,4 @@
-"""A simulator's model, URDF or MJCF, compiled by MuJoCo's own parser and put at its home, with every loop closed."""
+"""A simulator's model, URDF or MJCF, compiled by MuJoCo, at its home with all loops closed."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.floating[Any]]
 
 GROUND = "ground"
-CLOSED = 1e-10  # m, rad: largest gap of a loop that counts as closed
+CLOSED = 1e-10  # m, rad: largest error of a closed loop
 _ROUNDS = 100
 _FARTHEST = 1e6  # m: of a place in a model
 _URDF = {
@@ -36,7 +36,7 @@ _URDF = {
 
 @dataclass
 class CompiledModel:
-    """MuJoCo's form of a model and its state at home; ``notes``: what was left out or guessed so far."""
+    """A model compiled by MuJoCo and its state at home; ``notes``: omissions and guesses so far."""
 
     mj: Any
     path: Path
@@ -46,7 +46,7 @@ class CompiledModel:
 
     @cached_property
     def movers(self) -> dict[int, str]:
-        """Bodies that move by themselves, by their numbers, and the ground; what is welded to one is part of it."""
+        """Names of the ground and of moving bodies by number; bodies welded to one belong to it."""
         taken: dict[str, int] = {}
         for body in range(1, self.model.nbody):
             if self.model.body_weldid[body] == body:
@@ -55,24 +55,24 @@ class CompiledModel:
         return {0: GROUND} | {body: name for name, body in taken.items()}
 
     def label(self, kind: str, number: int) -> str:
-        """Name of an object of the model in one printable line, or a made one."""
+        """Return an object's name, printable and on one line, or a generated name."""
         name = self.mj.mj_id2name(self.model, getattr(self.mj.mjtObj, f"mjOBJ_{kind.upper()}"), number)
         return print_safely(name or f"{kind}{number}").replace('"', "'")
 
     def labels(self, kind: str, count: int, first: int = 0) -> dict[str, int]:
-        """Numbers of all objects of a kind by their names."""
+        """Return the numbers of all objects of a kind, by name."""
         return {self.label(kind, each): each for each in range(first, count)}
 
     def mover(self, body: int) -> str:
-        """Name of the body that a body moves with."""
+        """Return the name of the moving body to which a body is welded."""
         return self.movers[int(self.model.body_weldid[body])]
 
     def is_a(self, value: int, enum: str, *names: str) -> bool:
-        """Whether a number of the model means one of some words of MuJoCo's enumerations."""
+        """Return whether a value is one of the named members of a MuJoCo enumeration."""
         return value in {int(getattr(getattr(self.mj, enum), name)) for name in names}
 
     def closure_ends(self, number: int) -> tuple[str, str, Array]:
-        """Bodies and point (3,) of an equality that connects or welds."""
+        """Return both bodies and the point (3,) of an equality that connects or welds."""
         m, d = self.model, self.data
         ends = int(m.eq_obj1id[number]), int(m.eq_obj2id[number])
         if self.is_a(m.eq_objtype[number], "mjtObj", "mjOBJ_SITE"):
@@ -83,12 +83,12 @@ class CompiledModel:
         return self.mover(ends[0]), self.mover(ends[1]), at
 
     def closures(self) -> list[int]:
-        """Numbers of the equalities that connect or weld bodies."""
+        """Return the numbers of the equalities that connect or weld bodies."""
         m = self.model
         return [n for n in range(m.neq) if self.is_a(m.eq_type[n], "mjtEq", "mjEQ_CONNECT", "mjEQ_WELD")]
 
     def equality_rows(self, closures_only: bool = False) -> tuple[Array, Array]:
-        """Gap (m,) and Jacobian (m, nv) of the active equalities, of all or only of those that close loops."""
+        """Return gap (m,) and Jacobian (m, nv) of all active equalities, or only of closures."""
         m, d = self.model, self.data
         rows = d.efc_type == self.mj.mjtConstraint.mjCNSTR_EQUALITY
         if closures_only:
@@ -102,29 +102,29 @@ class CompiledModel:
 
 
 def print_safely(text: str) -> str:
-    """A text of the model on one line, for a file and a terminal."""
+    """Replace unprintable characters, so that a text is safe in a file or terminal, on one line."""
     return "".join(each if each.isprintable() else "_" for each in text)
 
 
 def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
-    """Compile a model and go to its home.
+    """Compile a model and move it to its home.
 
     Parameters
     ----------
     path
-        The file; meshes that it names need not be there.
+        File of the model; its meshes need not exist.
     home
-        Positions of hinges (rad) and slides (m); the others are as the keyframe "home" or the zero pose has them.
+        Positions of hinges (rad) and slides (m); default: keyframe "home" or zero pose.
 
     Returns
     -------
     CompiledModel
-        Its kinematics evaluated at home.
+        Model with kinematics evaluated at home.
 
     Raises
     ------
     InputError
-        MuJoCo is not installed, the file is no model, or its loops do not close.
+        If MuJoCo is not installed, the file is not a model, or its loops do not close.
 
     """
     try:
@@ -139,7 +139,7 @@ def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
         _check_urdf(path, content)
     library: Any = mujoco
     warnings: list[str] = []
-    library.set_mju_user_warning(warnings.append)  # else it writes them to MUJOCO_LOG.TXT in the working folder
+    library.set_mju_user_warning(warnings.append)  # default: MUJOCO_LOG.TXT
     try:
         model, notes = _compile(library, path)
         _check_finite(path, model)
@@ -154,12 +154,12 @@ def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
 
 
 def _compile(mj: Any, path: Path) -> tuple[Any, list[str]]:
-    """The compiled model and what was left out of it."""
+    """Return the compiled model and notes on omissions."""
     try:
         spec = mj.MjSpec.from_file(str(path))
         spec.compiler.fusestatic = 0
         _check_spec(path, spec)
-        least = spec.compiler  # of a body that moves: what it lacks, the robot file lacks too
+        least = spec.compiler  # minimum mass and inertia, which moving bodies need to compile
         least.boundmass, least.boundinertia = max(least.boundmass, 1e-9), max(least.boundinertia, 1e-15)
         try:
             return spec.copy().compile(), []
@@ -210,7 +210,7 @@ def _check_spec(path: Path, spec: Any) -> None:
             got = f'{value:g} {unit} of {what} "{print_safely(name)}"'
             raise InputError(f"{path}: expected no {quantity} below zero, got {got}")
     for joint in spec.joints if path.suffix.lower() == ".urdf" else ():
-        if not joint.name:  # MuJoCo drops a name that is another's
+        if not joint.name:  # MuJoCo drops duplicate names
             message = "expected joints with names of their own, got one without, or with another's"
             raise InputError(f'{path}: {message}, to "{print_safely(joint.parent.name)}"')
 
@@ -228,7 +228,7 @@ def _check_finite(path: Path, m: Any) -> None:
 
 
 def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
-    """Keyframe "home" or the zero pose and the joints wanted, with every loop closed by Gauss-Newton steps."""
+    """Set keyframe "home" or the zero pose, and given joints; close loops by Gauss-Newton steps."""
     m, d, mj = compiled.model, compiled.data, compiled.mj
     key = mj.mj_name2id(m, mj.mjtObj.mjOBJ_KEY, "home")
     if key >= 0:

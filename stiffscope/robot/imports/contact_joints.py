@@ -1,12 +1,12 @@
-"""Joints of an assembly from its contacts: what all contacts between two parts leave free.
+"""Joints of an assembly from its contacts: the freedoms that all contacts of two parts leave.
 
-A contact holds components of the relative twist: a plane its normal and two tilts, a pin in a bore two translations
-and two tilts, a ball three translations, a cone all but the spin about its axis. Hardware between two parts is a
-small mechanism of its own: screws hold everything, a bearing leaves its spin, pins and rings what their contacts leave.
-A round fit with overlap is a thread or a press fit, which holds everything. Planes from which one part could be lifted
-off the other are no joint that moves: two parts that nothing else connects are taken as fixed there, and it is said.
-The null space of all these constraints, seen at the two parts, is the freedom of their joint, and its dimension and
-pitches are the joint's kind (K. H. Hunt, Kinematic Geometry of Mechanisms, Oxford 1978, ch. 3 and 12).
+A contact constrains the relative twist: a plane its normal and two tilts, a pin in a bore two
+translations and two tilts, a ball three translations, a cone all but the spin about its axis.
+Hardware between two parts is a mechanism: screws fix, bearings leave their spin, pins and rings
+constrain by their contacts. A round fit with overlap is a thread or press fit, which fixes. Planes
+that can be lifted off each other are no moving joint: parts connected only by them are fixed, with
+a doubt. The null space of the constraints is the freedom of the joint; its dimension and pitches
+define the kind (K. H. Hunt, Kinematic Geometry of Mechanisms, Oxford 1978, ch. 3 and 12).
 """
 
 from __future__ import annotations
@@ -59,9 +59,9 @@ def _bonds_of(
     solids: Sequence[Instance], contacts: Iterable[Contact], hardware: Hardware, scale: float,
     built: Sequence[BuiltJoint],
 ) -> list[Bond]:  # fmt: skip
-    """Find what holds what: contacts as they are, but screws and seats hold all, and bearings leave their spin.
+    """Return the bonds by contacts; screws and seats fix everything, bearings leave their spin.
 
-    Joints of the assembly itself stand in place of the contacts of their two solids.
+    The assembly's own joints replace the contacts of their two solids.
     """
     found, taken = [], {frozenset((joint.first, joint.second)) for joint in built}
     touching = defaultdict[frozenset[int], list["Contact"]](list)
@@ -83,7 +83,7 @@ def _bonds_of(
 
 
 def _held_by(contact: Contact, hardware: Hardware, scale: float) -> Array | None:
-    """Rows (m, 6) that a contact holds; None where it holds nothing."""
+    """Return the constraint rows (m, 6) of a contact, considering hardware; None if it has none."""
     ends = contact.first, contact.second
     roles = [hardware.roles.get(each, "") for each in ends]
     bearing = next((each for each, role in zip(ends, roles, strict=True) if role in {"bearing", "ring"}), None)
@@ -93,7 +93,7 @@ def _held_by(contact: Contact, hardware: Hardware, scale: float) -> Array | None
     if bearing is not None and (
         hardware.roles[bearing] == "ring" or contact.inner is None or ends[contact.inner] != bearing
     ):
-        return np.eye(6)  # a seat; of a bearing of one solid, that of its inner ring
+        return np.eye(6)  # a seat; of a bearing drawn as one solid, only on its inner ring
     if bearing is not None:
         return hold("cone", contact.axis, contact.point / scale)
     thread = THREADED & {*roles} and contact.kind != "plane" and not (fits and "shoulder screw" in roles)
@@ -111,19 +111,19 @@ def _spin(ring: Instance, scale: float) -> Array:
 
 
 def kind_of(freedom: Array, near: Array) -> tuple[str, Array, Array | None, Array | None]:
-    """Name the joint that leaves twists free.
+    """Return the kind and geometry of the joint with given free twists.
 
     Parameters
     ----------
     freedom
-        (6, k) at the base origin.
+        Free twists (6, k) at the base origin.
     near
-        (3,), the point that the joint's place is nearest to.
+        Point (3,); the joint is placed as near to it as possible.
 
     Returns
     -------
     kind, at, axis, axis2
-        Kind "" where a robot file has no such joint.
+        Kind "" if a robot file has no such joint.
 
     """
     turns, slides = range_space(freedom[3:]), range_space(freedom[:3] @ null_space(freedom[3:]))
@@ -141,7 +141,7 @@ _Kind = tuple[str, "Array", "Array | None", "Array | None"]
 
 
 def _about_one(freedom: Array, axis: Array, slides: Array, near: Array) -> _Kind:
-    """A joint that turns about one direction, and slides along some."""
+    """Return a joint that rotates about one direction, with any sliding directions."""
     line = (freedom @ np.linalg.lstsq(freedom[3:], axis, rcond=None)[0])[:3]
     off = line - slides @ (slides.T @ line)
     foot = np.cross(axis, line)
@@ -158,7 +158,7 @@ def _about_one(freedom: Array, axis: Array, slides: Array, near: Array) -> _Kind
 
 
 def _about_point(freedom: Array, turns: Array, near: Array) -> _Kind:
-    """A joint that turns about two or three directions through one point c, where v = -w x c."""
+    """Return a joint that rotates about two or three directions through a point c: v = -w x c."""
     lines = freedom[:3] @ np.linalg.lstsq(freedom[3:], turns, rcond=None)[0]
     matrix = np.vstack([-skew(turn) for turn in turns.T])
     centre = np.linalg.lstsq(matrix, lines.T.ravel(), rcond=None)[0]
@@ -168,12 +168,12 @@ def _about_point(freedom: Array, turns: Array, near: Array) -> _Kind:
 
 
 def _positive(axis: Array) -> Array:
-    """The axis with its largest component above zero."""
+    """Return the axis with its largest component positive."""
     return axis * np.sign(axis[int(np.argmax(np.abs(np.round(axis, 9))))])
 
 
 def measure_size(solids: Sequence[Instance]) -> float:
-    """Diagonal of the box around all solids, m: the unit of length of `Freedom.freedom`."""
+    """Return the diagonal of the bounding box, m: the unit of length of `Freedom.freedom`."""
     boxes = np.array([solid.box for solid in solids])
     return float(np.linalg.norm(boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)))
 
@@ -182,19 +182,19 @@ def find_joints(
     solids: Sequence[Instance], contacts: Sequence[Contact], hardware: Hardware,
     built: Sequence[BuiltJoint] = (),
 ) -> tuple[list[Freedom], list[Doubt]]:  # fmt: skip
-    """Joints between the parts of an assembly.
+    """Find the joints between the parts of an assembly.
 
     Parameters
     ----------
     solids, contacts, hardware
-        The assembly, where its solids touch, and which are hardware.
+        Solids of the assembly, their contacts, and hardware.
     built
-        Joints that the assembly itself has, which count more than contacts.
+        Joints of the assembly itself, which take precedence over contacts.
 
     Returns
     -------
     joints, doubts
-        Joints between parts, numbered as the solids; and contacts that are none, or may be another.
+        Joints between parts, numbered as the solids, and doubts on ambiguous contacts.
 
     """
     scale = measure_size(solids)
@@ -235,7 +235,7 @@ def find_joints(
 
 
 def _clusters(bonds: Sequence[Bond], hardware: Hardware) -> list[set[int]]:
-    """Sets of hardware that bonds connect."""
+    """Return the sets of hardware connected by bonds."""
     of: dict[int, set[int]] = {}
     for bond in bonds:
         _merge(of, *(each for each in (bond.first, bond.second) if each in hardware.roles))
@@ -243,13 +243,13 @@ def _clusters(bonds: Sequence[Bond], hardware: Hardware) -> list[set[int]]:
 
 
 def _merge(groups: dict[int, set[int]], *pieces: int) -> None:
-    """Put the groups of some pieces together."""
+    """Merge the groups of pieces."""
     merged = set(pieces).union(*(groups[each] for each in pieces if each in groups))
     groups.update(dict.fromkeys(merged, merged))
 
 
 def _pair_up(ends: Sequence[int], bonds: Sequence[Bond], direct: set[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Pairs of parts that a set of hardware joins: those that touch anyway, then the nearest along its axis."""
+    """Return pairs of parts joined by hardware: in contact, or else nearest along its axis."""
     if len(ends) < 2:
         return []
     places = {
@@ -283,14 +283,14 @@ def _freedom(
     near = np.mean(points, axis=0)
     kind, at, axis, axis2 = kind_of(scaled, near / scale)
     if kind == "planar" and any(hardware.roles.get(n) in THREADED for b in bonds for n in (b.first, b.second)):
-        kind, axis, scaled = "fixed", None, np.zeros((6, 0))  # clamped: its holes are wider than the thread
+        kind, axis, scaled = "fixed", None, np.zeros((6, 0))  # clamped by screws in clearance holes
     faces = _loaded_faces(i, touching, solids[i]), _loaded_faces(j, touching, solids[j])
     reason = _reason(i, j, bonds, solids, hardware)
     return Freedom(i, j, kind, at * scale, axis, axis2, reason, faces, scaled)
 
 
 def _loaded_faces(end: int, touching: Sequence[Contact], solid: Instance) -> tuple[int, ...]:
-    """Faces of a solid that carry a joint's load: round ones, and planes of which most is in contact; else all."""
+    """Return a joint's loaded faces of a solid: round, or plane and mostly in contact; else all."""
     own = [contact for contact in touching if end in {contact.first, contact.second}]
     shares = defaultdict[int, float](float)
     for contact in own:
@@ -301,7 +301,7 @@ def _loaded_faces(end: int, touching: Sequence[Contact], solid: Instance) -> tup
 
 
 def _reason(i: int, j: int, bonds: Sequence[Bond], solids: Sequence[Instance], hardware: Hardware) -> str:
-    """The contacts in words."""
+    """Describe the contacts."""
     words = defaultdict[str, int](int)
     what = {"plane": "plane on plane", "cylinder": "pin in bore", "sphere": "ball in socket", "cone": "cone in cone"}
     for bond in bonds:
@@ -319,7 +319,7 @@ def _reason(i: int, j: int, bonds: Sequence[Bond], solids: Sequence[Instance], h
 
 
 def _is_of_planes(bonds: Sequence[Bond], hardware: Hardware) -> bool:
-    """Whether nothing but planes that touch is between two parts."""
+    """Return whether two parts are only connected by planes in contact."""
     planes = (bond.contact is not None and bond.contact.kind == "plane" and not bond.label for bond in bonds)
     return all(planes) and not hardware.roles.keys() & {n for bond in bonds for n in (bond.first, bond.second)}
 
@@ -328,9 +328,9 @@ def _add_planes(
     joints: list[Freedom], planes: list[Freedom], contacts: Sequence[Contact], solids: Sequence[Instance],
     doubts: list[Doubt],
 ) -> list[Freedom]:  # fmt: skip
-    """Joints with those of planes: guides, and parts laid on each other that nothing else connects, which are fixed.
+    """Add joints of planes: guides, and fixed joints of parts that only lie on each other.
 
-    What is laid on another, or slides on it, where other joints guide already is no joint. Both are told.
+    Planes between parts already guided by other joints are not joints. Doubts report both.
     """
     kept, bodies, groups = list(joints), dict[int, set[int]](), dict[int, set[int]]()
     for joint in kept:
@@ -371,7 +371,7 @@ def _add_planes(
 
 
 def _count_holes(one: Instance, other: Instance, plane: Freedom) -> int:
-    """How many round holes of two solids that slide on a plane are in line, as those of screws that are missing."""
+    """Return the number of aligned round holes of two solids on a plane, as for missing screws."""
 
     def places(solid: Instance, axis: Array) -> set[tuple[float, ...]]:
         holes = (face for face in solid.faces if face.kind == "cylinder" and face.hollow)

@@ -1,4 +1,4 @@
-"""What an import has to show a person: contacts and solids that may be read in another way, with both readings."""
+"""Doubts of an import: ambiguous contacts and solids for a person to check, with both readings."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Doubt:
-    """Something that a person has to look at: which solids, in words what it may be, and where, m, if anywhere."""
+    """Something for a person to check: solids, description, and place, m, or None."""
 
     solids: tuple[str, ...]
     text: str
@@ -30,7 +30,7 @@ class Doubt:
 
 
 def doubt_pins(joint: Freedom, bonds: Sequence[Bond], solids: Sequence[Instance], hardware: Hardware) -> list[Doubt]:
-    """Headed pins of a joint that moves, which would hold it if they were screws."""
+    """Return doubts on headed pins of a moving joint, which would be fixed if they were screws."""
     numbers = dict.fromkeys(each for bond in bonds for each in (bond.first, bond.second))
     pair = f"{solids[joint.first].name}/{solids[joint.second].name}"
     text = (
@@ -47,7 +47,7 @@ def doubt_pins(joint: Freedom, bonds: Sequence[Bond], solids: Sequence[Instance]
 def doubt_bores(
     solids: Sequence[Instance], contacts: Iterable[Contact], hardware: Hardware, adds: Callable[[Contact], bool]
 ) -> list[Doubt]:
-    """Bores that are too wide to guide, or so tight that they hold, between parts; not those that add nothing."""
+    """Return doubts on bores that are too wide to guide or tight enough to hold, if it matters."""
     found = defaultdict[tuple[str, str, str], dict[str, "Contact"]](dict)
     for contact in contacts:
         round_ = contact.kind in {"cylinder", "sphere"} and not hardware.roles.keys() & {contact.first, contact.second}
@@ -68,7 +68,7 @@ def doubt_bores(
 def doubt_built(
     joints: Iterable[Freedom], found: Iterable[Freedom], built: Iterable[BuiltJoint], solids: Sequence[Instance]
 ) -> list[Doubt]:
-    """Joints of the assembly itself where the contacts alone make another kind."""
+    """Return doubts on joints of the assembly that differ in kind from those by contacts alone."""
     labels = {frozenset((joint.first, joint.second)): joint.label for joint in built}
     kinds = {frozenset((joint.first, joint.second)): joint.kind for joint in found}
     doubts = []
@@ -84,7 +84,7 @@ def doubt_built(
 
 
 def doubt_twins(solids: Sequence[Instance]) -> list[Doubt]:
-    """Solids that stand in one place with another of their volume."""
+    """Return doubts on solids with the same centre and volume as another."""
     seen, found = dict[tuple[int, ...], str](), list[Doubt]()
     for solid in solids:
         places = (*map(float, solid.centre), float(np.cbrt(solid.product.volume)))
@@ -98,7 +98,7 @@ def doubt_twins(solids: Sequence[Instance]) -> list[Doubt]:
 
 
 def gather_alike(doubts: Sequence[Doubt], solids: Sequence[Instance]) -> list[Doubt]:
-    """One doubt of all that are alike between solids of the same products."""
+    """Merge similar doubts on solids of the same products."""
     products = {solid.name: solid.product.number for solid in solids}
     alike = dict[tuple[object, ...], list[Doubt]]()
     for doubt in doubts:

@@ -1,9 +1,9 @@
-"""Hardware of an assembly: screws, nuts, washers, pins, circlips and bearings, by shape first and by name second.
+"""Hardware of an assembly (screws, nuts, washers, pins, circlips, bearings) by shape, then by name.
 
-A screw is a turned solid with a head and a shank that stands in bores; one whose shoulder rests on what its thread is
-in lets a part turn about the shoulder (ISO 7379); a pin has one diameter. A ring is a washer, a bearing or a bushing by
-its proportion: width over the height of its section is 0.7 to 1.6 for the radial ball bearings
-of ISO 15 (608: 1.0, 6204: 1.04, 6804: 1.17), below 0.65 for washers (ISO 7089) and well above for bushings and nuts.
+A screw is a turned solid with a head and a shank in bores; a shoulder screw rests with its shoulder
+on the threaded part and lets another part turn about it (ISO 7379); a pin has one diameter. Rings
+are classified by width over section height: 0.7 to 1.6 for radial ball bearings of ISO 15 (608:
+1.0, 6204: 1.04, 6804: 1.17), below 0.65 for washers (ISO 7089), well above for bushings and nuts.
 """
 
 from __future__ import annotations
@@ -34,24 +34,24 @@ _WORDS = {
     r"|6[0-3]\d\d|6[0-9]{2}(zz|2rs)?|6[89]\d\d|iso.?15",
 }
 _NAMED = {role: re.compile(rf"(?<![a-z])({words})(?![a-z])", re.IGNORECASE) for role, words in _WORDS.items()}
-FIT = (-0.01, 0.03)  # of the radius: a pin that guides; wider ones are clearance holes, tighter ones threads
-_THREAD = -0.05  # of the radius: an overlap that only threads have
-_TURNED, _BORED = 0.9, 0.8  # share of the surface that is turned about the axis; of a pin with a hole across
-_BEARING, _WASHER = (0.7, 1.6), 0.65  # width over the height of a ring's section
+FIT = (-0.01, 0.03)  # of the radius: guiding fit; beyond are threads and clearance holes
+_THREAD = -0.05  # of the radius: only threads overlap more
+_TURNED, _BORED = 0.9, 0.8  # surface fraction turned about the axis; of cross-drilled pins
+_BEARING, _WASHER = (0.7, 1.6), 0.65  # ratio of width to section height of a ring
 _BETWEEN = "a ring of a bearing's proportion between a shaft and a housing"
-_WIDE = 3.2  # outer over inner diameter: washers up to 3 (ISO 7093), gears and wheels more
-_THIN, _END = 0.3, 5.0  # section and width of washers at the end of a shaft
+_WIDE = 3.2  # ratio of outer to inner diameter: washers up to 3 (ISO 7093), gears and wheels more
+_THIN, _END = 0.3, 5.0  # section and diameter ratio of washers at the end of a shaft
 HEADED = "a head and a shank that fits its bores"  # a clevis pin, or a screw in holes of its own diameter
 _ALONG = 0.999999  # cosine of parallel axes
-_SLENDER = 12.0  # length over diameter of a bar that is no pin
+_SLENDER = 12.0  # a bar with a larger ratio of length to diameter is not a pin
 
 
 @dataclass(frozen=True, eq=False)
 class Turned:
-    """A solid as a lathe sees it: its axis, the share of its surface about it, its outer and inner steps.
+    """A solid as a turned part: axis, surface fraction about it, outer and inner steps.
 
-    ``steps`` and ``bores``: (low, high, radius) in m along the axis from ``point``; ``ends`` those of the solid;
-    ``flare``: largest radius of its cones; ``hexagon``: half the distance across the flats of a head or nut; both m;
+    ``steps``, ``bores``: (low, high, radius), m, along the axis from ``point``; ``ends``: of all;
+    ``flare``: largest cone radius, m; ``hexagon``: half the width across flats of head or nut, m;
     ``holed``: whether it has other holes along the axis.
     """
 
@@ -67,12 +67,12 @@ class Turned:
 
     @property
     def length(self) -> float:
-        """Along the axis, m."""
+        """Length along the axis, m."""
         return self.ends[1] - self.ends[0]
 
     @property
     def radius(self) -> float:
-        """Of the widest step, cone or hexagon, m."""
+        """Radius of the widest step, cone or hexagon, m."""
         return max((self.flare, self.hexagon, *(step[2] for step in self.steps)))
 
     @property
@@ -82,20 +82,20 @@ class Turned:
 
     @property
     def bore(self) -> float:
-        """Radius of the widest bore along a third of it or more (a groove may part it), m; 0 without one."""
+        """Radius of the widest bore over a third of the length (grooves may divide it), m, or 0."""
         return max((r for r, along in _lengths(self.bores).items() if along > 0.3 * self.length), default=0.0)
 
     @property
     def section(self) -> float:
-        """Width of a ring over the height of its section; 0 of what is no ring."""
+        """Ratio of a ring's width to the height of its section; 0 if it is not a ring."""
         return self.length / (self.radius - self.bore) if 0.0 < self.bore < self.radius else 0.0
 
 
 @dataclass(frozen=True)
 class Hardware:
-    """Roles of solids by their number, why each has it, and the bearings of rings with rolling elements.
+    """Roles of solids by number, reasons for them, and bearings modelled with rolling elements.
 
-    ``pairs``: inner and outer ring of each of these.
+    ``pairs``: inner and outer rings of these bearings.
     """
 
     roles: dict[int, str]
@@ -104,12 +104,12 @@ class Hardware:
 
 
 def may_be_screw(number: int, name: str, hardware: Hardware) -> bool:
-    """Whether a pin by its shape may be a screw in holes of its own diameter."""
+    """Return whether a pin by shape may be a screw in holes of the same diameter."""
     return hardware.reasons.get(number) == HEADED and not _NAMED["pin"].search(name)
 
 
 def turned_form(product: Product) -> Turned | None:
-    """A product as turned about the axis of most of its round surface, in its own axes; None without round faces."""
+    """Return a product as turned about its main round axis, own axes; None without round faces."""
     rounds = [face for face in product.faces if face.kind in {"cylinder", "cone"}]
     if not rounds:
         return None
@@ -137,7 +137,7 @@ def turned_form(product: Product) -> Turned | None:
 
 
 def _find_hexagon(faces: Sequence[FaceGeometry], of: FaceGeometry) -> tuple[float, list[FaceGeometry]]:
-    """Half the distance across the flats of a hexagon about the axis of a face, m, and its six faces; 0 without one."""
+    """Return half the width across flats, m, and faces of a hexagon about a face's axis, or 0."""
     apart = defaultdict[float, list["FaceGeometry"]](list)
     for face in faces:
         if face.kind == "plane" and abs(face.axis @ of.axis) < 1e-4:
@@ -150,7 +150,7 @@ def _find_hexagon(faces: Sequence[FaceGeometry], of: FaceGeometry) -> tuple[floa
 
 
 def _on_axis(face: FaceGeometry, of: FaceGeometry) -> bool:
-    """Whether a face is turned about the axis of another."""
+    """Return whether a face is turned about the axis of another."""
     if face.kind == "other":
         return False
     aside = np.linalg.norm(np.cross(of.axis, face.origin - of.origin)) < 5e-6
@@ -159,19 +159,19 @@ def _on_axis(face: FaceGeometry, of: FaceGeometry) -> bool:
 
 
 def find_hardware(solids: Sequence[Instance], contacts: Sequence[Contact], said: Mapping[int, str]) -> Hardware:
-    """Tell hardware from parts.
+    """Distinguish hardware from parts.
 
     Parameters
     ----------
     solids, contacts
-        Of the assembly.
+        Solids and contacts of the assembly.
     said
-        Roles that the user gives, by number: a key of the names known here, or "part".
+        Roles given by the user, by number: a role known here, or "part".
 
     Returns
     -------
     Hardware
-        Solids that are none are left out.
+        Hardware only; parts are omitted.
 
     """
     products = {solid.product.number: solid.product for solid in solids}
@@ -199,7 +199,7 @@ def find_hardware(solids: Sequence[Instance], contacts: Sequence[Contact], said:
 def _role_of(
     number: int, solid: Instance, forms: Sequence[Turned | None], touched: Sequence[Contact]
 ) -> tuple[str, str]:
-    """Role and reason: by shape, unless the solid is held square to its own axis somewhere; else by name."""
+    """Return role and reason: by shape if all contacts are about the solid's axis, else by name."""
     form = forms[number]
     if any(each.kind == "sphere" for each in touched):
         return "", ""  # a ball stud or rod end
@@ -218,7 +218,7 @@ def _add_spacers(
     found: dict[int, tuple[str, str]], solids: Sequence[Instance], forms: Sequence[Turned | None],
     touched: Mapping[int, Sequence[Contact]],
 ) -> None:  # fmt: skip
-    """Give their role to plain rings that keep a bearing in its place."""
+    """Assign the role of spacer to plain rings beside a bearing."""
     bearings = {number for number, (role, _) in found.items() if role in {"bearing", "ring"}}
     for number, form in enumerate(forms):
         beside = any(each.kind == "plane" and each.find_other(number) in bearings for each in touched[number])
@@ -230,7 +230,7 @@ def _add_spacers(
 
 
 def _find_ends(pin: int, found: Mapping[int, tuple[str, str]], touched: Mapping[int, Sequence[Contact]]) -> set[int]:
-    """Solids whose bores a pin stands in, and in place of bushings and bearings those that are around them."""
+    """Return the solids whose bores hold a pin; for bushings and bearings, those around them."""
     ends = set[int]()
     for each in touched[pin]:
         other = each.find_other(pin)
@@ -244,7 +244,7 @@ def _find_ends(pin: int, found: Mapping[int, tuple[str, str]], touched: Mapping[
 def _role_by_shape(
     number: int, form: Turned | None, touched: Sequence[Contact], forms: Sequence[Turned | None]
 ) -> tuple[str, str]:
-    """Role and reason, or two empty texts."""
+    """Return role and reason, or two empty texts."""
     if form is None or (not form.steps and not form.bores):
         return "", ""
     round_ = [each for each in touched if each.kind == "cylinder"]
@@ -258,7 +258,7 @@ def _role_by_shape(
 
 
 def _role_of_ring(form: Turned, inside: bool, around: bool) -> tuple[str, str]:
-    """Role and reason of a solid with a bore, which stands inside others or around some."""
+    """Return role and reason of a solid with a bore, inside or around other solids."""
     low, high = _BEARING
     if around and not inside and form.hexagon and form.share > _TURNED and form.length < 3.0 * form.radius:
         return "nut", "a hexagon around a thread"
@@ -277,10 +277,10 @@ def _role_of_ring(form: Turned, inside: bool, around: bool) -> tuple[str, str]:
 def _role_of_bar(
     form: Turned, number: int, inside: Sequence[Contact], forms: Sequence[Turned | None]
 ) -> tuple[str, str]:
-    """Role and reason of a solid with a shank that stands in bores.
+    """Return role and reason of a solid with a shank in bores.
 
-    The bores of a screw have play or are threads, drawn with overlap or at the same radius; a bar that guides another
-    part on a wider step than its shank is a shaft, and a headed one that fits in all its bores is a clevis pin.
+    A screw's bores have play or are threads, drawn with overlap or equal radius. A bar guiding a
+    part on a step wider than its shank is a shaft; a headed bar fitting all bores is a clevis pin.
     """
     radius, length = form.body
     bores = {each.find_other(number) for each in inside}
@@ -302,7 +302,7 @@ def _role_of_bar(
 
 
 def _is_shoulder_screw(form: Turned, number: int, inside: Sequence[Contact], touched: Sequence[Contact]) -> bool:
-    """Whether a headed bar guides a part on a shoulder, and rests with it on another, where its narrower thread is."""
+    """Return whether a headed bar guides a part on its shoulder and rests on the threaded part."""
     guides = [each for each in inside if FIT[0] <= each.gap / each.radius <= FIT[1]]
     guide = max(guides, key=lambda each: each.radius, default=None)
     if guide is None or form.radius < 1.3 * guide.radius:
@@ -319,7 +319,7 @@ def _is_shoulder_screw(form: Turned, number: int, inside: Sequence[Contact], tou
 
 
 def _is_about_axis(contact: Contact, solid: Instance, form: Turned | None) -> bool:
-    """Whether a contact is about the axis of the solid."""
+    """Return whether a contact is about the axis of a solid."""
     if form is None:
         return False
     axis, point = solid.rotation @ form.axis, solid.rotation @ form.point + solid.origin
@@ -332,7 +332,7 @@ def _stands_in(contact: Contact, number: int) -> bool:
 
 
 def _lengths(steps: Sequence[tuple[float, float, float]]) -> dict[float, float]:
-    """Length along the axis of all steps of a radius, m; halves of one count once."""
+    """Return the axial length of all steps by radius, m; both halves of a step count once."""
     spans = {(round(low, 7), round(high, 7), round(radius, 7)) for low, high, radius in steps}
     lengths = dict.fromkeys((radius for _, _, radius in spans), 0.0)
     for low, high, radius in spans:
@@ -343,7 +343,7 @@ def _lengths(steps: Sequence[tuple[float, float, float]]) -> dict[float, float]:
 def _rolling_bearings(
     solids: Sequence[Instance], forms: Sequence[Turned | None]
 ) -> tuple[list[tuple[int, int]], set[int]]:
-    """Pairs of inner and outer ring with three or more equal rolling elements between them, and these and cages."""
+    """Return pairs of rings with three or more equal rolling elements, and elements with cages."""
     rings = [number for number, form in enumerate(forms) if form and form.bore and form.share > _TURNED]
     pairs, within = [], set[int]()
     for inner in rings:
@@ -357,7 +357,7 @@ def _rolling_bearings(
 
 
 def _find_between(inner: int, outer: int, solids: Sequence[Instance], forms: Sequence[Turned | None]) -> list[int]:
-    """Solids that lie between two coaxial rings."""
+    """Return the solids between two coaxial rings."""
     small, large = forms[inner], forms[outer]
     if inner == outer or small is None or large is None or not small.radius < large.radius:
         return []
@@ -381,5 +381,5 @@ def _find_between(inner: int, outer: int, solids: Sequence[Instance], forms: Seq
 
 
 def _middle(ring: Turned) -> float:
-    """Mean radius of a ring, m."""
+    """Return the mean radius of a ring, m."""
     return 0.5 * (ring.bore + ring.radius)

@@ -1,4 +1,4 @@
-"""`stiffscope import machine.step`: a STEP assembly as a robot file, with its elastic parts as STEP files beside it."""
+"""`stiffscope import machine.step`: conversion of a STEP assembly to a robot file and parts."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 _GROUND = re.compile(r"ground|base|bed|frame|foot|gestell|grund|rahmen|sockel|bett", re.IGNORECASE)
 _TOOL = re.compile(r"tool|platform|effector|tcp|spindle|flange|plate|werkzeug|plattform|greifer|gripper", re.IGNORECASE)
-_TINY = 2e-3  # of all volume: a part below it is rigid
+_TINY = 2e-3  # a part with a smaller fraction of the total volume is rigid
 _HEAD = """# Imported from {file}: parts, joints and masses of its assembly; SI, axes of the assembly.
 #
 # Look at what was found (stiffscope check), and fill in what an assembly does not say:
@@ -68,7 +68,7 @@ _HEAD = """# Imported from {file}: parts, joints and masses of its assembly; SI,
 
 @dataclass(frozen=True, eq=False)
 class Imported:
-    """What was read, and what a person should look at."""
+    """Result of an import, with doubts for a person to check."""
 
     file: Path
     model: SimulatorModel
@@ -88,24 +88,24 @@ def import_assembly(
     Parameters
     ----------
     path
-        STEP file of an assembly. What an `assembly.toml` beside it says counts as said, below `said`.
+        STEP file of an assembly. `said` takes precedence over an `assembly.toml` beside it.
     out
-        Robot file to write. Its elastic parts go as STEP files into a folder beside it, named after it. One that an
-        earlier import wrote, and nobody changed since, is written anew.
+        Robot file to write. Its elastic parts are written as STEP files to a folder beside it,
+        named after it. A file from an earlier import is overwritten unless it was changed since.
     said
-        The ground, the tool, joints, hardware, rigid parts, materials and drives.
+        Ground, tool, joints, hardware, rigid parts, materials and drives.
     progress
-        Told how far reading and the search for contacts are.
+        Callback for the progress of reading and of the search for contacts.
 
     Returns
     -------
     Imported
-        Bodies and joints, and what is doubtful.
+        Bodies, joints and doubts.
 
     Raises
     ------
     InputError
-        The file is no assembly, an option names nothing of it, or a part's material is not known.
+        If the file is not an assembly, an option matches nothing, or a part's material is unknown.
 
     """
     path, out = Path(path), Path(out)
@@ -119,30 +119,30 @@ def import_assembly(
 def from_assembly(assembly: Any, out: str | Path | None = None, **said: Any) -> Imported:
     """Write a robot file from a build123d assembly, as `stiffscope import` does from a STEP file.
 
-    Joints of build123d that are connected (`connect_to`) are taken as they are: RevoluteJoint, LinearJoint,
-    CylindricalJoint, BallJoint, and RigidJoint to RigidJoint, which holds everything. The others are found where solids
-    touch.
+    Connected joints of build123d (`connect_to`) are used: RevoluteJoint, LinearJoint, BallJoint,
+    CylindricalJoint, and RigidJoint to RigidJoint as fixed. Others are found from contacts.
 
     Parameters
     ----------
     assembly
         build123d Compound whose children are solids or compounds, each with a label. Lengths in mm.
     out
-        Robot file to write, by default named after the assembly's label. Its elastic parts go as STEP files into a
-        folder beside it. What an `assembly.toml` beside it says counts, below ``said``.
+        Robot file to write, by default named after the assembly's label. Its elastic parts are STEP
+        files in a folder beside it. ``said`` takes precedence over an `assembly.toml` beside it.
     **said
-        ``ground``, ``tool``: names; ``joint``, ``weld``, ``part``, ``rigid``, ``material``, ``drive``: texts as the
-        options of the command take them, or lists of these, or tables such as ``material={"*": "steel"}``.
+        ``ground``, ``tool``: names; ``joint``, ``weld``, ``part``, ``rigid``, ``material``,
+        ``drive``: texts as in the command's options, lists of these, or tables such as
+        ``material={"*": "steel"}``.
 
     Returns
     -------
     Imported
-        Bodies, joints and what is doubtful; `load_robot` reads the file that was written, its ``file``.
+        Bodies, joints and doubts; `load_robot` reads the file written, its ``file``.
 
     Raises
     ------
     InputError
-        It is no assembly, something named is not in it, or a part's material is not known.
+        If it is not an assembly, a name is not in it, or a part's material is unknown.
 
     """
     from stiffscope.cad.built_assembly import read_built
@@ -157,7 +157,7 @@ def from_assembly(assembly: Any, out: str | Path | None = None, **said: Any) -> 
 
 
 def _check_place(out: Path) -> ImportRecord | None:
-    """The record of an earlier import to a file; refuses to write where anything else would be lost."""
+    """Return the record of an earlier import to a file; refuse to overwrite any other file."""
     earlier = read_record(parts_folder(out))
     check_place(out, parts_folder(out), earlier)
     return earlier
@@ -167,7 +167,7 @@ def _import(
     path: Path, out: Path, said: Said, solids: Sequence[Instance], built: Sequence[BuiltJoint], left_out: list[str],
     earlier: ImportRecord | None, progress: Progress | None = None,
 ) -> Imported:  # fmt: skip
-    """Write the robot file of an assembly that was read from a path, or is called so."""
+    """Write the robot file of an assembly; ``path`` is its file or name."""
     if progress is not None:
         progress("read", 1.0)
     contacts = find_contacts(solids, progress)
@@ -191,7 +191,7 @@ def _import(
     found = replace(found, joints=tuple(joint for joint in found.joints if joint.first in reached))
     tool = _choose_tool(found, ground, said.tool)
     model, parts = _model(path, found, ground, tool, said)
-    head = _HEAD if not doubts else _HEAD + "#\n# Look at these, which may be read in another way:\n" + "".join(
+    head = _HEAD if not doubts else _HEAD + "#\n# Review these; other interpretations are possible:\n" + "".join(
         f"#   - {', '.join(doubt.solids)}: {doubt.text}\n".replace("{", "{{").replace("}", "}}") for doubt in doubts
     )  # fmt: skip
     drives = driven(model, said.drive)
@@ -207,7 +207,7 @@ def _import(
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """The assembly and its joints."""
+    """An assembly with its contacts, hardware and joints."""
 
     solids: Sequence[Instance]
     contacts: tuple[Contact, ...]
@@ -215,12 +215,12 @@ class _Found:
     joints: tuple[Freedom, ...]
 
     def find_joints(self, number: int) -> list[Freedom]:
-        """Joints of a part."""
+        """Return the joints of a part."""
         return [joint for joint in self.joints if number in {joint.first, joint.second}]
 
 
 def _choose_ground(found: _Found, wanted: str | None) -> int:
-    """The part that stands still: what is said, else by a usual name, else the heaviest one."""
+    """Return the ground part: as given, else by a usual name, else the largest."""
     parts = [n for n in range(len(found.solids)) if n not in found.hardware.roles]
     if wanted is not None:
         named = sorted(match_solids(found.solids, (wanted,), "--ground") & set(parts))
@@ -234,7 +234,7 @@ def _choose_ground(found: _Found, wanted: str | None) -> int:
 
 
 def _find_distances(joints: Sequence[Freedom], ground: int) -> dict[int, int]:
-    """How many joints each part that hangs on the ground is away from it."""
+    """Return each connected part's distance from the ground, in joints."""
     distances, new = {ground: 0}, {ground}
     while new:
         ends = ((a, b) for j in joints for a, b in ((j.first, j.second), (j.second, j.first)))
@@ -244,7 +244,7 @@ def _find_distances(joints: Sequence[Freedom], ground: int) -> dict[int, int]:
 
 
 def _choose_tool(found: _Found, ground: int, wanted: str | None) -> int:
-    """The part that is the tool: what is said, else by a usual name, else that farthest from the ground."""
+    """Return the tool part: as given, else by a usual name, else the farthest from the ground."""
     distance = _find_distances(found.joints, ground)
     able = [n for n in distance if n != ground]
     if wanted is not None:
@@ -263,7 +263,7 @@ def _choose_tool(found: _Found, ground: int, wanted: str | None) -> int:
 
 
 def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tuple[SimulatorModel, list[PartFile]]:
-    """Bodies, joints and tool as a robot file has them, and its elastic parts."""
+    """Return bodies, joints and tool as in a robot file, and the elastic parts."""
     solids = found.solids
     moving = sorted({each for joint in found.joints for each in (joint.first, joint.second)} - {ground})
     materials = choose_materials(moving, solids, said.material, path)
@@ -307,7 +307,7 @@ def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tup
 def _share_part(
     parts: list[PartFile], solid: Instance, material: str, interfaces: dict[str, tuple[int, ...]]
 ) -> PartFile:
-    """The part of an equal solid of the same material and interfaces, else a new one."""
+    """Return the part of an equal solid with the same material and interfaces, or a new part."""
     for part in parts:
         alike = part.solid.product is solid.product and part.material == material
         if alike and sorted(part.interfaces.values()) == sorted(interfaces.values()):
@@ -327,7 +327,7 @@ def _model_joint(
 
 
 def _notes(found: _Found, ground: int, tool: int, said: Said) -> tuple[str, ...]:
-    """What was chosen or left out."""
+    """Return notes on choices and omissions."""
     solids, notes = found.solids, list[str]()
     bought = sum(MATERIALS["steel"].density * solids[n].product.volume for n in found.hardware.roles)
     if bought:
@@ -340,7 +340,7 @@ def _notes(found: _Found, ground: int, tool: int, said: Said) -> tuple[str, ...]
 
 
 def _rigid_reason(number: int, joints: Sequence[Freedom], said: set[int], share: float) -> str:
-    """Why a part is rigid; "" where it is elastic."""
+    """Return the reason why a part is rigid; empty if it is elastic."""
     if number in said:
         return "rigid, as said"
     if not all(joint.faces[joint.first != number] for joint in joints):
@@ -354,7 +354,7 @@ def _rigid_reason(number: int, joints: Sequence[Freedom], said: set[int], share:
 
 
 def _write(path: Path, out: Path, text: str, parts: Sequence[PartFile], record: ImportRecord) -> None:
-    """Write the parts' STEP files and, where a robot can be read from it, the robot file."""
+    """Write the robot file, if a robot can be read from it, and the parts' STEP files."""
     folder = parts_folder(out)
     with scratch_folder(out.parent) as scratch:
         trial = scratch / folder.name

@@ -1,4 +1,4 @@
-"""`stiffscope import`: a model of a simulator, URDF or MJCF, as the text of a robot file."""
+"""`stiffscope import`: conversion of a simulator's model, URDF or MJCF, to a robot file."""
 
 from __future__ import annotations
 
@@ -49,23 +49,23 @@ def import_model(
     Parameters
     ----------
     path, out
-        The model, and the robot file to write, which must not be there yet.
+        Model, and robot file to write, which must not exist.
     drives
-        Texts as `--drive` takes them: "joint1=25 kN*m/rad".
+        As in `--drive`: "joint1=25 kN*m/rad".
     tool
-        Body or site that is the tool.
+        Body or site of the tool.
     home
-        Texts as `--home` takes them, for another home than the model's: "elbow=90 deg".
+        As in `--home`, for a home other than the model's: "elbow=90 deg".
 
     Returns
     -------
     SimulatorModel
-        What was read; its `notes` tell what was left out or guessed.
+        The model read; its `notes` list omissions and guesses.
 
     Raises
     ------
     InputError
-        The file is no model, or an option names nothing of it.
+        If the file is not a model, or an option matches nothing in it.
 
     """
     check_new(out)
@@ -81,7 +81,7 @@ def import_model(
 
 
 def _positions(texts: Sequence[str]) -> dict[str, float]:
-    """Positions of joints, SI, of texts such as "elbow=90 deg" or "slide=20 mm"."""
+    """Return joint positions, SI, from texts such as "elbow=90 deg" or "slide=20 mm"."""
     found: dict[str, float] = {}
     for text in texts:
         name, equals, value = (each.strip() for each in text.partition("="))
@@ -95,9 +95,9 @@ def _positions(texts: Sequence[str]) -> dict[str, float]:
 
 
 def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
-    """Joints and their drives' stiffness, as texts; a joint's name may be a pattern ("leg*/base").
+    """Return drive stiffnesses as texts, by joint; names may be patterns ("leg*/base").
 
-    Raises InputError for what is no joint or no stiffness.
+    Raises InputError for an unknown joint or invalid stiffness.
     """
     joints = {joint.name: joint for joint in model.joints}
     able = [name for name, joint in joints.items() if joint.kind in _DRIVABLE]
@@ -131,20 +131,20 @@ def _number_or_text(value: str) -> float | str:
 def robot_text(
     model: SimulatorModel, file: str, drives: dict[str, str], head: str = _HEAD, parts: Sequence[str] = ()
 ) -> str:
-    """Write the text of a robot file.
+    """Return the text of a robot file.
 
     Parameters
     ----------
     model
-        Its bodies, joints and tool.
+        Bodies, joints and tool.
     file
         Name of the source.
     drives
         Stiffness of each driven joint, as TOML.
     head
-        What stands above it all; ``{file}`` is the name of the source.
+        Header; ``{file}`` is the name of the source.
     parts
-        Lines that describe the parts of elastic bodies, and groups.
+        Lines of the parts of elastic bodies, and of groups.
 
     Returns
     -------
@@ -222,12 +222,12 @@ def _joint_lines(joint: ModelJoint, drives: dict[str, str]) -> Iterator[str]:
 
 
 def toml_key(name: str) -> str:
-    """A name as a key of TOML, in quotes where it needs them."""
+    """Format a name as a TOML key, quoted if necessary."""
     return name if name.replace("_", "").replace("-", "").isalnum() and name.isascii() else to_toml(name)
 
 
 def to_toml(value: object) -> str:
-    """A text, number or list of texts as TOML, which writes them as JSON does."""
+    """Format a text, number or list of texts as TOML, the same as in JSON."""
     return json.dumps(value, ensure_ascii=False)
 
 
@@ -236,6 +236,6 @@ def _number(value: float) -> str:
 
 
 def vector_text(values: np.ndarray) -> str:
-    """Components as a list of TOML."""
+    """Format components as a TOML list."""
     least = 1e-13 * float(np.abs(values).max())
     return f"[{', '.join(_number(0.0 if abs(value) <= least else float(value)) for value in values)}]"

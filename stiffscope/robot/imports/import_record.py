@@ -1,4 +1,4 @@
-"""What an import found, kept beside the parts, and what a later import of the same assembly finds otherwise."""
+"""Record of an import, kept beside the parts, and comparison with later imports."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ if TYPE_CHECKING:
     from stiffscope.robot.imports.part_motions import Freedom
 
 RECORD = "import.json"
-_SAME = 1e-6  # of the volume and the inertia of one shape; m and 1 of places
+_SAME = 1e-6  # relative tolerance of volume and inertia; m and 1 for places
 
 
 def parts_folder(out: Path) -> Path:
-    """The folder of the parts' STEP files beside a robot file."""
+    """Return the folder of the parts' STEP files beside a robot file."""
     return out.with_name(f"{out.stem}-parts")
 
 
 @dataclass(frozen=True)
 class ImportRecord:
-    """Solids by name with their shape and place, hardware, joints by their parts, doubts, and what was written.
+    """Record of an import: solids by name, hardware, joints by their parts, doubts, files written.
 
-    ``shapes``: volume (m³), principal inertias over volume^(5/3) (3,), number of faces; ``places``: rotation and
-    origin, (12,); ``joints``: first, second, kind; ``files``: of the parts; ``robot``: digest of the robot file.
+    ``shapes``: volume (m³), principal inertias / volume^(5/3) (3,), face count; ``places``:
+    rotation, origin (12,); ``joints``: first, second, kind; ``robot``: digest of the robot file.
     """
 
     shapes: dict[str, list[float]]
@@ -42,7 +42,7 @@ class ImportRecord:
     roles: dict[str, str]
     joints: list[tuple[str, str, str]]
     doubts: list[Doubt] = field(default_factory=list)
-    files: list[str] = field(default_factory=list)
+    files: list[str] = field(default_factory=list)  # STEP files of the parts
     robot: str = ""
     made_by: str = MAKER
 
@@ -50,7 +50,7 @@ class ImportRecord:
 def make_record(
     solids: Sequence[Instance], roles: Mapping[int, str], joints: Sequence[Freedom], doubts: Sequence[Doubt]
 ) -> ImportRecord:
-    """What an import has found."""
+    """Return the record of an import."""
     return ImportRecord(
         {solid.name: _shape_of(solid) for solid in solids},
         {solid.name: [*solid.rotation.ravel().tolist(), *solid.origin.tolist()] for solid in solids},
@@ -67,7 +67,7 @@ def _shape_of(solid: Instance) -> list[float]:
 
 
 def read_record(folder: Path) -> ImportRecord | None:
-    """The record of a folder of parts, None where it has none."""
+    """Return the record in a folder of parts; None if it has none."""
     try:
         held = json.loads((folder / RECORD).read_text(encoding="utf-8"))
         joints = [tuple(joint) for joint in held["joints"]]
@@ -78,7 +78,7 @@ def read_record(folder: Path) -> ImportRecord | None:
 
 
 def check_place(out: Path, folder: Path, earlier: ImportRecord | None) -> None:
-    """Refuse to write over a robot file that is not as an import wrote it, and over files of parts that are others'."""
+    """Refuse to overwrite a robot file changed since its import, or files not written by it."""
     if not out.exists() or not (earlier or is_forced()):
         check_new(out)
     elif earlier and not is_forced() and file_digest(out) != earlier.robot:
@@ -92,7 +92,7 @@ def check_place(out: Path, folder: Path, earlier: ImportRecord | None) -> None:
 
 
 def tell_changes(earlier: ImportRecord, now: ImportRecord) -> list[str]:
-    """What is otherwise than in an earlier import, in words: solids, their shape and place, roles and joints."""
+    """Describe changes since an earlier import: solids, their shape and place, roles and joints."""
     before = _match(earlier, now)
     gone = [name for name in earlier.shapes if name not in before.values()]
     told = [f"{name} is new" for name in now.shapes if name not in before]
@@ -115,7 +115,7 @@ def tell_changes(earlier: ImportRecord, now: ImportRecord) -> list[str]:
 
 
 def _tell_joints(earlier: ImportRecord, now: ImportRecord, before: Mapping[str, str]) -> list[str]:
-    """Joints that are new, gone, or of another kind."""
+    """Describe joints that are new, gone or of another kind."""
     old = {frozenset(joint[:2]): joint for joint in earlier.joints}
     told = []
     for first, second, kind in now.joints:
@@ -128,7 +128,7 @@ def _tell_joints(earlier: ImportRecord, now: ImportRecord, before: Mapping[str, 
 
 
 def _match(earlier: ImportRecord, now: ImportRecord) -> dict[str, str]:
-    """Names of now and of before of the same solids: equal in shape and place, else in name."""
+    """Return the earlier names of solids by name: equal in shape and place, or else in name."""
 
     def is_here(name: str, old: str) -> bool:
         same = np.allclose(earlier.places[old], now.places[name], rtol=0.0, atol=_SAME)

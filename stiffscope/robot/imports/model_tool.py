@@ -1,4 +1,4 @@
-"""The tool of a simulator's model: which body and point, and the coordinates that its mechanism moves."""
+"""The tool of a simulator's model: body, point, and the coordinates that the mechanism moves."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _SITES = ("attachment_site", "tcp", "tool", "tool0", "ee", "ee_site", "end_effec
 
 
 def find_tool(source: CompiledModel, wanted: str | None) -> tuple[int, Array, str]:
-    """Body, point (3,) and description of the tool: what is wanted, else a site of a usual name, else a last body."""
+    """Return the tool's body, point (3,) and description: as wanted, a usual site or last body."""
     m, d = source.model, source.data
     sites, bodies = source.labels("site", m.nsite), source.labels("body", m.nbody, 1)
     if wanted is not None and wanted not in sites and wanted not in bodies:
@@ -38,7 +38,7 @@ def find_tool(source: CompiledModel, wanted: str | None) -> tuple[int, Array, st
 
 
 def _last_body(source: CompiledModel) -> int:
-    """Where most chains end: the body with most closures, else the deepest one."""
+    """Return the body where most chains end: by number of closures, then by depth in the tree."""
     m = source.model
     depth = np.zeros(m.nbody, dtype=int)
     for body in range(1, m.nbody):
@@ -49,14 +49,14 @@ def _last_body(source: CompiledModel) -> int:
 
 
 def movable_coordinates(source: CompiledModel, body: int, at: Array) -> tuple[str, ...]:
-    """Coordinates of a body's point (3,) that the mechanism moves, translations first.
+    """Return the coordinates of a body's point that the mechanism moves, translations first.
 
     Parameters
     ----------
     source
-        Model as compiled.
+        Compiled model.
     body
-        Body, by number.
+        Number of the body.
     at
         Point (3,) in base axes, m.
 
@@ -75,7 +75,7 @@ def movable_coordinates(source: CompiledModel, body: int, at: Array) -> tuple[st
 
 
 def choose_coordinates(motions: Array) -> tuple[str, ...]:
-    """Coordinates that twists (6, k) move independently, translations first."""
+    """Return the coordinates that twists (6, k) move independently, translations first."""
     chosen: list[int] = []
     for coordinate in range(6):
         rows = motions[[*chosen, coordinate]]
@@ -91,7 +91,7 @@ def _jacobian(source: CompiledModel, data: Any, body: int, at: Array) -> Array:
 
 
 def _nearby_rank(source: CompiledModel, body: int, at: Array) -> int:
-    """Directions in which the tool of an open chain moves at a pose near home."""
+    """Return the number of directions in which an open chain's tool moves at a pose near home."""
     m, here, near = source.model, source.data, source.mj.MjData(source.model)
     near.qpos[:] = here.qpos
     source.mj.mj_integratePos(m, near.qpos, np.random.default_rng(0).normal(0.0, 0.1, m.nv), 1.0)

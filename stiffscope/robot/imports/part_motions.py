@@ -1,9 +1,8 @@
-"""What holds two parts together, and how two of many can move where constraints are rows on relative twists.
+"""Relative motion of two parts in a network of constraints, given as rows on relative twists.
 
-The constraints are a network that is reduced as one of resistors is: parts in a chain add what they leave free,
-constraints side by side add what they hold, a part that is joined to one other alone does not constrain the rest
-(K. J. Waldron, The constraint analysis of mechanisms, J. Mechanisms 1, 1966). What neither rule reduces is solved
-whole.
+The network is reduced like one of resistors: freedoms add in series, constraints add in parallel,
+and a part joined to only one other does not constrain the rest (K. J. Waldron, The constraint
+analysis of mechanisms, J. Mechanisms 1, 1966). The irreducible rest is solved as one system.
 """
 
 from __future__ import annotations
@@ -29,9 +28,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Freedom:
-    """A joint's kind, where it is (3,) m, its axes (3,), and why.
+    """A joint: kind, place (3,) in m, axes (3,) and reason.
 
-    ``kind`` is empty where no joint of a robot file has these freedoms; ``faces`` of either part are in contact.
+    ``kind`` is empty if no joint type has these freedoms; ``faces`` of either part are in contact.
     """
 
     first: int
@@ -47,9 +46,9 @@ class Freedom:
 
 @dataclass(frozen=True, eq=False)
 class Bond:
-    """Constraints between two solids, as rows (m, 6) on the relative twist at the base origin; the contact it is.
+    """Constraints of two solids: rows (m, 6) on their relative twist at the base origin; contact.
 
-    ``label``: of the joint that the assembly itself has here, and where, (3,) m.
+    ``label``, ``at``: label and place, (3,) m, of the assembly's own joint here.
     """
 
     first: int
@@ -61,7 +60,7 @@ class Bond:
 
 
 def joint_freedom(kind: str, at: Array, axis: Array | None, axis2: Array | None) -> Array:
-    """Twists (6, k) at the base origin that a joint leaves free."""
+    """Return the twists (6, k) at the base origin that a joint leaves free."""
     x = np.array([1.0, 0.0, 0.0]) if axis is None else axis
     across = null_space(x[None, :])
     axes = np.column_stack((x, across if axis2 is None else np.column_stack((axis2, across[:, :1]))))
@@ -74,12 +73,12 @@ def joint_freedom(kind: str, at: Array, axis: Array | None, axis2: Array | None)
 
 
 def relative_freedom(holds: Iterable[tuple[int, int, Array]], first: int, second: int) -> Array:
-    """Twists of one part against another that constraints leave free.
+    """Return the relative twists of two parts that constraints leave free.
 
     Parameters
     ----------
     holds
-        Pairs of parts and rows (m, 6), which take their relative twist at the base origin to zero.
+        Pairs of parts and constraint rows (m, 6) on their relative twist at the base origin.
     first, second
         The two parts.
 
@@ -133,7 +132,7 @@ def tool_motions(joints: Sequence[Freedom], tool: int, ground: int, at: Array, s
 
 
 def _hold(network: _Network, one: int, other: int, rows: Array) -> None:
-    """Add a constraint beside those between two parts."""
+    """Add a constraint to those between two parts."""
     if one == other or not rows.size:
         return
     here = network[one].get(other)
@@ -143,7 +142,7 @@ def _hold(network: _Network, one: int, other: int, rows: Array) -> None:
 
 
 def _solve_whole(network: _Network, first: int, second: int) -> Array:
-    """Twists (6, k) of the second part against the first, from the null space of all constraints."""
+    """Return the second part's twists (6, k) relative to the first: null space of constraints."""
     order = [second, *(set(network) - {first, second})]
     at = {part: 6 * n for n, part in enumerate(order)}
     blocks = []

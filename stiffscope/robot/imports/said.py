@@ -1,4 +1,4 @@
-"""What a user says of an assembly over what is found, in the command, in Python or in an `assembly.toml`."""
+"""User settings of an import, which override findings: by option, in Python or `assembly.toml`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SINGLE = {"ground", "tool"}
 
 @dataclass(frozen=True)
 class Said:
-    """What a user says over what is found; names are patterns such as "leg*", joints "A/B=KIND" or "A/B=none"."""
+    """User settings; names are patterns such as "leg*", joints are "A/B=KIND" or "A/B=none"."""
 
     ground: str | None = None
     tool: str | None = None
@@ -43,24 +43,24 @@ class Said:
 
 
 class Text(str):
-    """A text of an `assembly.toml`, which knows where it stands."""
+    """A text of an `assembly.toml` with its location in the file."""
 
     where: str
 
     def __new__(cls, text: str, where: str) -> Self:
-        """A text that stands somewhere, "FILE:LINE: FIELD"."""
+        """Create a text with its location, "FILE:LINE: FIELD"."""
         found = super().__new__(cls, text)
         found.where = where
         return found
 
 
 def place_of(option: str, text: str) -> str:
-    """Where a text was said: the option and the text, or the file, its line and the field."""
+    """Return the location of a setting: option and text, or file, line and field."""
     return text.where if isinstance(text, Text) else f"{option} {text}"
 
 
 def said_beside(path: Path, said: Said) -> Said:
-    """What `assembly.toml` beside a file says, and over it what is said otherwise. Raises InputError."""
+    """Read `assembly.toml` beside a file; ``said`` takes precedence. InputError if invalid."""
     file = path.with_name(SAID)
     if not file.is_file():
         return said
@@ -76,9 +76,9 @@ def said_beside(path: Path, said: Said) -> Said:
 
 
 def said_of(table: Mapping[str, Any], place: Callable[..., str] | None = None) -> Said:
-    """What a table says: texts, lists of texts, or tables such as ``material = {"*": "steel"}``.
+    """Read settings: texts, lists of texts, or tables such as ``material = {"*": "steel"}``.
 
-    Raises InputError, in a message that begins with the ``place`` of a key where there is one.
+    Raises InputError if invalid; the message begins with the key's ``place``, if given.
     """
     known = [each.name for each in fields(Said)]
     values: dict[str, Any] = {}
@@ -101,7 +101,7 @@ def said_of(table: Mapping[str, Any], place: Callable[..., str] | None = None) -
 
 
 def match_solids(solids: Sequence[Instance], patterns: Iterable[str], option: str) -> set[int]:
-    """Solids that patterns name. Raises InputError where one names none."""
+    """Return the solids that match patterns; raise InputError if a pattern matches none."""
     found = set[int]()
     for pattern in patterns:
         here = {n for n, solid in enumerate(solids) if fnmatch.fnmatch(solid.name.lower(), pattern.lower())}
@@ -116,11 +116,11 @@ def match_solids(solids: Sequence[Instance], patterns: Iterable[str], option: st
 def as_said(
     joints: Sequence[Freedom], said: Sequence[str], solids: Sequence[Instance], contacts: Sequence[Contact]
 ) -> tuple[list[Freedom], set[frozenset[int]]]:
-    """Joints with those that a user names as "A/B=KIND" or "A/B=none" in place of what was found; A, B are patterns.
+    """Replace the joints found by the user's, "A/B=KIND" or "A/B=none", where A, B are patterns.
 
     Also returns the pairs of solids that were named.
 
-    Raises InputError for what names no two solids in contact, or no kind of joint.
+    Raises InputError if no two solids in contact match, or the kind of joint is unknown.
     """
     found, named = list(joints), set[frozenset[int]]()
     scale = measure_size(solids)
@@ -150,7 +150,7 @@ def as_said(
 
 
 def _as_kind(kind: str, here: Sequence[Freedom | Contact], scale: float) -> Freedom:
-    """A joint of a kind between two solids, where the one found is, else at their largest contact."""
+    """Return a joint of a kind between two solids, at the joint found or at the largest contact."""
     joint = next((each for each in here if isinstance(each, Freedom)), None)
     touching = [each for each in here if not isinstance(each, Freedom)]
     best = max(touching, key=lambda c: (c.kind != "plane", c.size), default=None)

@@ -1,7 +1,7 @@
 """Models of simulators, URDF and MuJoCo's MJCF, at home: bodies, joints and closures.
 
-Only geometry, masses, joints and their limits are taken. A simulator's gains, springs, damping and contact numbers
-serve its control and time integration: they are told, and left to the user's judgement.
+Only geometry, masses, joints and limits are imported. Gains, springs, damping and contact
+parameters serve control and time integration: they are reported for the user to judge.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.floating[Any]]
 
-_LEAST_MASS = 1e-8  # kg; what MuJoCo gives to bodies without any
+_LEAST_MASS = 1e-8  # kg; less is the minimum that MuJoCo assigns to massless bodies
 _SAME_POINT, _SQUARE = 1e-9, 1e-6
-_LARGE = 30.0  # m: hardly an arm is as large, but one in mm is
+_LARGE = 30.0  # m: hardly any arm is as large, unless its lengths are in mm
 
 
 @dataclass(frozen=True)
 class ModelBody:
-    """A rigid body: mass in kg, centre (3,) in m, inertia (3, 3) about it in base axes; merged with what is welded.
+    """A body and those welded to it: mass, kg, centre (3,), m, inertia (3, 3) about it, base axes.
 
-    Of an elastic one, ``part`` is named, its origin is at ``centre`` and its axes are the columns of ``axes`` (3, 3).
+    If elastic, it has a ``part``, with its origin ``centre`` and its axes, columns of ``axes``.
     """
 
     name: str
@@ -47,9 +47,9 @@ class ModelBody:
 
 @dataclass(frozen=True)
 class ModelJoint:
-    """A joint as the robot file has it; ``range`` is the displacement from home, ``note`` what the source adds.
+    """A joint as in a robot file; ``range``: displacements from home; ``note``: from the source.
 
-    ``gain``: of a position servo, N·m/rad or N/m; ``dynamics``: the source's stiffness, damping and armature by name.
+    ``gain``: of a position servo, N·m/rad or N/m; ``dynamics``: stiffness, damping, armature.
     """
 
     name: str
@@ -67,7 +67,7 @@ class ModelJoint:
 
 @dataclass(frozen=True)
 class SimulatorModel:
-    """A model at its home configuration, base axes, SI; ``notes``: what was left out or guessed."""
+    """A model at its home configuration, base axes, SI; ``notes``: omissions and guesses."""
 
     name: str
     bodies: tuple[ModelBody, ...]
@@ -85,23 +85,23 @@ def read_model(path: str | Path, tool: str | None = None, home: Mapping[str, flo
     Parameters
     ----------
     path
-        The file; meshes that it names need not be there.
+        File of the model; its meshes need not exist.
     tool
-        Name of the body or site that is the tool; by default a site of a usual name, else the last body of the
+        Body or site of the tool; by default a usually named site, or else the last body of the
         longest chain.
     home
-        Positions of hinges (rad) and slides (m) at home; the others are as the keyframe "home" or the zero pose has
-        them, as far as loops leave them there.
+        Positions of hinges (rad) and slides (m) at home; by default those of the keyframe "home" or
+        the zero pose, as far as loops permit.
 
     Returns
     -------
     SimulatorModel
-        At home.
+        Model at home.
 
     Raises
     ------
     InputError
-        MuJoCo is not installed, the file is no model, its loops do not close, or it has no such tool.
+        If MuJoCo is missing, the file is not a model, loops do not close, or there is no such tool.
 
     """
     source = compile_at_home(Path(path), home or {})
@@ -127,7 +127,7 @@ def read_model(path: str | Path, tool: str | None = None, home: Mapping[str, flo
 
 
 def _merge(source: CompiledModel, mover: int, name: str) -> ModelBody:
-    """A body with all that is welded to it."""
+    """Merge a body with all bodies welded to it."""
     m, d = source.model, source.data
     members = [b for b in range(1, m.nbody) if m.body_weldid[b] == mover and m.body_mass[b] > _LEAST_MASS]
     mass = float(sum(m.body_mass[b] for b in members))
@@ -163,7 +163,7 @@ def _note_dynamics(source: CompiledModel, joints: Iterable[ModelJoint]) -> None:
 
 
 def _tree_joints(source: CompiledModel) -> Iterator[ModelJoint]:
-    """Joints of the tree; several of one body are put in a row, with massless bodies between them."""
+    """Yield the tree's joints; several joints of a body form a chain of massless bodies."""
     m = source.model
     for body, name in source.movers.items():
         first, count = int(m.body_jntadr[body]), int(m.body_jntnum[body])
@@ -177,7 +177,7 @@ def _tree_joints(source: CompiledModel) -> Iterator[ModelJoint]:
 
 
 def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
-    """A hinge, slide or ball; None for a free joint, which holds nothing."""
+    """Return a hinge, slide or ball joint; None for a free joint, which constrains nothing."""
     m, d = source.model, source.data
     words = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic", "mjJNT_BALL": "spherical"}
     kind = next((each for word, each in words.items() if source.is_a(m.jnt_type[number], "mjtJoint", word)), None)
@@ -210,7 +210,7 @@ def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
 
 
 def _actuator(source: CompiledModel, joint: int) -> tuple[str, float]:
-    """What is said of a joint's actuator, and its stiffness where it is a position servo."""
+    """Return a note on a joint's actuator, and its stiffness if it is a position servo."""
     m = source.model
     for number in range(m.nu):
         on_joint = source.is_a(m.actuator_trntype[number], "mjtTrn", "mjTRN_JOINT", "mjTRN_JOINTINPARENT")
@@ -222,7 +222,7 @@ def _actuator(source: CompiledModel, joint: int) -> tuple[str, float]:
 
 
 def _closing_joints(source: CompiledModel) -> Iterator[ModelJoint]:
-    """Equality constraints as joints: connects by their number and place, welds as fixed joints."""
+    """Yield equalities as joints: connects by their number and places, welds as fixed joints."""
     m, closing = source.model, source.closures()
     connects: dict[tuple[str, str], list[tuple[str, Array]]] = {}
     for number in range(m.neq):
@@ -252,7 +252,7 @@ def _describe_coupling(source: CompiledModel, number: int) -> str:
 
 
 def _closing_joint(first: str, second: str, points: list[tuple[str, Array]]) -> ModelJoint:
-    """What connects of two bodies make together: a ball, a hinge on the line of two, or no motion at all."""
+    """Combine the connects of two bodies: spherical, revolute about their line, or fixed joint."""
     name, at = points[0]
     away = [point - at for _, point in points[1:]]
     _, sizes, rows = np.linalg.svd(np.array(away).reshape(-1, 3))
@@ -265,7 +265,7 @@ def _closing_joint(first: str, second: str, points: list[tuple[str, Array]]) -> 
 
 
 def _name_apart(joints: Iterable[ModelJoint]) -> list[ModelJoint]:
-    """The joints with names that no other joint has."""
+    """Return the joints with unique names."""
     found, taken = [], set[str]()
     for joint in joints:
         name = joint.name
@@ -277,7 +277,7 @@ def _name_apart(joints: Iterable[ModelJoint]) -> list[ModelJoint]:
 
 
 def _find_reached(joints: Iterable[ModelJoint]) -> set[str]:
-    """Bodies that hang on the ground by joints."""
+    """Return the bodies connected to the ground by joints."""
     pairs = [{joint.first, joint.second} for joint in joints]
     reached, grown = {GROUND}, True
     while grown:
@@ -288,7 +288,7 @@ def _find_reached(joints: Iterable[ModelJoint]) -> set[str]:
 
 
 def _universals(joints: list[ModelJoint]) -> list[ModelJoint]:
-    """Two crossing hinges of one body, square to one another and without a motor, as a universal joint."""
+    """Merge two undriven hinges of one body that cross at right angles to a universal joint."""
     if len(joints) != 2 or any(joint.kind != "revolute" or joint.note for joint in joints):
         return joints
     one, two = joints
