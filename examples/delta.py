@@ -1,8 +1,8 @@
-"""A robot in Python: a Delta, three arms on rotary drives, each with two rods between ball joints; z down.
+"""A robot in Python: a Delta with three rotary arms, two rods with ball joints on each; z down.
 
-With rigid arms only drives and rods yield. At a centred pose all three legs are alike, so that the vertical stiffness
-follows from a triangle: 1/K_zz = 1/(6 k s²) + 1/(3 D (∂θ/∂z)²) with k the rods' axial stiffness, s the cosine of a rod
-to the vertical, D the drives' stiffness and θ the arms' angle (virtual work; each rod is a bar between balls).
+With rigid arms, only drives and rods are elastic. At a centred pose all three legs are equal, and
+the vertical stiffness follows from virtual work: 1/K_zz = 1/(6 k s²) + 1/(3 D (∂θ/∂z)²) with the
+rods' axial stiffness k, the cosine s of a rod to the vertical, drive stiffness D and arm angle θ.
 """
 
 import numpy as np
@@ -14,9 +14,9 @@ BASE, PLATFORM, ARM, ROD, SPACING, DRIVE, AXIAL = 0.2, 0.05, 0.25, 0.55, 0.08, 2
 
 
 def delta(arm=None, angle=0.35):
-    """A desk-sized Delta at home with its arms at an angle in rad below the horizontal.
+    """Return a desk-sized Delta at home, arms at an angle in rad below the horizontal.
 
-    ``arm`` (6, 6): compliance of an arm at its elbow, axes along and across it; None for rigid arms.
+    ``arm`` (6, 6): compliance of an arm at its elbow, axes along and across it; None if rigid.
     """
     rod = np.diag([AXIAL, 1e-6, 1e-6, 1e-4, 1e-4, 1e-4])
     bodies, joints = [ss.Body("platform")], []
@@ -41,10 +41,10 @@ def delta(arm=None, angle=0.35):
 
 
 def vertical_stiffness(angle=0.35):
-    """K_zz in N/m with rigid arms by virtual work, and the platform's height in m."""
+    """Return K_zz in N/m with rigid arms by virtual work, and the platform's height in m."""
     run, drop = BASE + ARM * np.cos(angle) - PLATFORM, ARM * np.sin(angle)
     fall = np.sqrt(ROD**2 - run**2)
-    rate = fall / (ARM * (np.cos(angle) * fall + np.sin(angle) * run))  # of the angle by the height
+    rate = fall / (ARM * (np.cos(angle) * fall + np.sin(angle) * run))  # ∂θ/∂z
     return 1.0 / (AXIAL / (6.0 * (fall / ROD) ** 2) + 1.0 / (3.0 * DRIVE * rate**2)), drop + fall
 
 

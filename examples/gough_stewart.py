@@ -1,8 +1,8 @@
 """A robot in Python: the Gough-Stewart platform of cubic architecture.
 
-Six struts of axial stiffness k, each between a universal and a spherical joint, along edges of a cube whose diagonal
-is vertical. At the cube's centre the stiffness is diag(2k, 2k, 2k, 1.5kH², 1.5kH², 6kH²) with H the height of a strut,
-which is the cube's edge over √3 (tdehaeze, stewart-simscape, where H is called the cube's size).
+Six struts of axial stiffness k, each between a universal and a spherical joint, lie along edges of
+a cube with vertical diagonal. At its centre the stiffness is diag(2k, 2k, 2k, 1.5kH², 1.5kH², 6kH²)
+with H the height of a strut, the cube's edge over √3 (tdehaeze, stewart-simscape: the cube's size).
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ import stiffscope as ss
 
 
 def cubic_platform(size, stiffness, height=0.0):
-    """The platform with its tool point at ``height`` in m above the cube's centre; its struts are ``size`` m high."""
+    """Return the platform with struts of height ``size``, M at ``height`` above the centre, m."""
     corners = np.sqrt(3.0) * size * (np.array([[0, 0, 1], [0, 1, 1], [0, 1, 0], [1, 1, 0], [1, 0, 0], [1, 0, 1]]) - 0.5)
     x, y = np.array([1, -1, 0]) / np.sqrt(2), np.array([1, 1, -2]) / np.sqrt(6)
     points = corners @ np.stack([x, y, np.cross(x, y)]).T  # the cube's diagonal along z

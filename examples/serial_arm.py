@@ -1,7 +1,7 @@
 """A robot in Python, in ten lines: a planar arm of two rigid links with rotary drives.
 
-Its compliance in the plane is J diag(1/k) Jᵀ (Salisbury, 1980), with J the Jacobian of the tool by the drives' angles;
-at home, stretched at right angles, J = [[-l₂, -l₂], [l₁, 0]].
+Its compliance in the plane is J diag(1/k) Jᵀ (Salisbury, 1980) with the Jacobian J of the tool with
+respect to the drives' angles; at home, links at right angles, J = [[-l₂, -l₂], [l₁, 0]].
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ import stiffscope as ss
 
 
 def planar_arm(l1, l2, k1, k2):
-    """Links of ``l1`` along x, then ``l2`` along y, in m; drives of ``k1``, ``k2`` in N·m/rad."""
+    """Return links ``l1`` along x, then ``l2`` along y, m, with drives ``k1``, ``k2``, N·m/rad."""
     elbow, z = np.array([l1, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
     joints = [
         ss.Joint("shoulder", "ground", "upper", "revolute", np.zeros(3), z, drive=ss.Drive(k1)),

@@ -1,10 +1,10 @@
-"""`python -m stiffscope`: the command line."""
+"""The command line as a module: `python -m stiffscope`."""
 
 import sys
 
 
 def run() -> None:
-    """Leave the working folder, where a user's numpy.py may be, off the path; then run the command line."""
+    """Remove the working folder, which may hold a user's numpy.py, from the path; then run."""
     if not sys.flags.safe_path:
         del sys.path[0]
     from stiffscope.cli.main import main

@@ -1,4 +1,4 @@
-"""The errors of the package: one base class, and the one that a user's input raises."""
+"""Errors of the package: a base class, and the error raised for invalid user input."""
 
 import difflib
 from collections.abc import Iterable
@@ -9,10 +9,10 @@ class StiffscopeError(Exception):
 
 
 class InputError(StiffscopeError, ValueError):
-    """Bad input: its message is one line that names the file or field, what was expected and what would be valid."""
+    """Invalid input; the message is one line: file or field, what was expected, what is valid."""
 
     def __init__(self, message: str = "") -> None:
-        """Keep a message on its line, whatever the names and values of the user are."""
+        """Escape unprintable characters so that the message stays on one line."""
         super().__init__("".join(each if each.isprintable() else repr(each)[1:-1] for each in message))
 
 

@@ -1,4 +1,4 @@
-"""A five-bar as a CAD assembly: plate frame on a foot, cranks on ball bearings, pins, screws; written as machine.step.
+"""A five-bar as CAD assembly machine.step: frame on a foot, cranks on ball bearings, pins, screws.
 
 python examples/assembly/five_bar.py
 stiffscope import machine.step --out machine.toml --ground foot --tool coupler_left --material "*=steel" \
@@ -16,12 +16,12 @@ LEFT, RIGHT = np.array([-60.0, 0.0]), np.array([60.0, 0.0])
 
 
 def put(solid, x, y, z=0.0):
-    """A solid with its origin at a point."""
+    """Move a solid's origin to a point."""
     return Plane(origin=(x, y, z)).location * solid
 
 
 def link(start, end, low, thick=8.0, width=24.0, bore=4.0):
-    """A flat link with a bore at either end."""
+    """Return a flat link with a bore at each end."""
     length, middle = float(np.linalg.norm(end - start)), 0.5 * (start + end)
     place = Plane(origin=(*middle, low), x_dir=(*((end - start) / length), 0.0), z_dir=(0, 0, 1)).location
     solid = place * extrude(SlotCenterToCenter(length, width), thick)
@@ -31,7 +31,7 @@ def link(start, end, low, thick=8.0, width=24.0, bore=4.0):
 
 
 def place_pins():
-    """Places (2,) of the pins at the ends of the left and right crank, and where the couplers meet."""
+    """Return the positions (2,) of the pins at the left and right crank, and between couplers."""
     left = LEFT + 100 * np.array([np.cos(2.2), np.sin(2.2)])
     right = RIGHT + 100 * np.array([np.cos(0.9), np.sin(0.9)])
     gap = float(np.linalg.norm(right - left))
@@ -40,7 +40,7 @@ def place_pins():
 
 
 def build() -> Compound:
-    """The assembly, mm."""
+    """Return the assembly, mm."""
     left, right, top = place_pins()
     frame, foot = Box(300, 120, 12, align=TOP), put(Box(300, 40, 20, align=TOP), 0, -40, -12)
     solids = {}

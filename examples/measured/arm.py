@@ -1,4 +1,4 @@
-"""Arms as their authors give them: a robot file from Denavit-Hartenberg rows, and a campaign of tracked positions."""
+"""Published arms: robot files from Denavit-Hartenberg rows, campaigns from tracked positions."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def transform(row: Row, angle: float = 0.0) -> Array:
-    """A row (a, d, α, θ₀) of the standard convention as a matrix (4, 4), its joint turned by an angle, rad."""
+    """Return the matrix (4, 4) of a standard row (a, d, α, θ₀) at a joint angle, rad."""
     a, d, alpha, start = row
     c, s, ca, sa = np.cos(start + angle), np.sin(start + angle), np.cos(alpha), np.sin(alpha)
     return np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1.0]])
@@ -33,27 +33,27 @@ class Arm:
 
     name: str
     base: Row
-    """Of what is fixed before the first joint."""
+    """Fixed row before the first joint."""
     rows: tuple[Row, ...]
-    """(a, d, α, θ₀) behind each joint, which turns about z of the frame before its row."""
+    """Row (a, d, α, θ₀) after each joint, which rotates about z of the frame before its row."""
     target: Row
-    """From the last frame to what the instrument sees."""
+    """Row from the last frame to the measured target."""
     masses: tuple[float, ...]
     drives: tuple[float, ...]
-    """N·m/rad."""
+    """Stiffness of the drives, N·m/rad."""
     source: str = ""
-    """Where these come from."""
+    """Source of the data."""
     gravity: tuple[float, float, float] = field(default=(0.0, 0.0, -1.0))
 
     def frames(self, angles: Array) -> Array:
-        """Frames (n + 1, 4, 4) before each joint and behind the last at joint angles (n,)."""
+        """Return frames (n + 1, 4, 4) before each joint and after the last, at angles (n,)."""
         out = [transform(self.base)]
         for row, angle in zip(self.rows, angles, strict=True):
             out.append(out[-1] @ transform(row, angle))
         return np.array(out)
 
     def target_at(self, angles: Array) -> Array:
-        """Where the target is (3,) at joint angles (n,)."""
+        """Return the position (3,) of the target at joint angles (n,)."""
         return (self.frames(angles)[-1] @ transform(self.target))[:3, 3]
 
 
@@ -63,11 +63,11 @@ def write_robot(arm: Arm, home: Array, path: Path) -> None:
     Parameters
     ----------
     arm
-        Its nominal geometry, masses and drives.
+        Nominal geometry, masses and drives.
     home
-        (n,) joint angles of the home configuration, rad, away from a straight wrist.
+        Joint angles (n,) of the home configuration, rad, away from a straight wrist.
     path
-        The robot file.
+        Robot file to write.
 
     """
     frames = arm.frames(home)
@@ -97,19 +97,19 @@ def write_positions(
     Parameters
     ----------
     arm
-        The nominal arm.
+        Nominal arm.
     folder
-        Made if absent.
+        Folder to write to; created if absent.
     home
-        (n,) joint angles of the home configuration, rad.
+        Joint angles (n,) of the home configuration, rad.
     angles
-        (p, n) joint angles of each posture, rad.
+        Joint angles (p, n) of each posture, rad.
     positions
-        (p, 3) of the target in the instrument's axes, m, which may stand anywhere.
+        Positions (p, 3) of the target in axes of the instrument, which may stand anywhere, m.
     sigma
-        Standard uncertainty of a coordinate, m; a larger one lets the diagnosis leave more unexplained.
+        Standard uncertainty of a coordinate, m; a larger value leaves more unexplained.
     at_sigma
-        How well the target's place on the arm is known, m; a larger one leaves more of it to be found.
+        Standard uncertainty of the target's place on the arm, m; a larger value frees the fit.
 
     """
     folder.mkdir(parents=True, exist_ok=True)
@@ -130,6 +130,6 @@ def write_positions(
 
 
 def split_postures(count: int, every: int = 5) -> tuple[Sequence[int], Sequence[int]]:
-    """Postures to fit, and each ``every``-th one held out."""
+    """Return the postures to fit, and every ``every``-th one as held out."""
     numbers = range(count)
     return [k for k in numbers if k % every != every - 1], [k for k in numbers if k % every == every - 1]

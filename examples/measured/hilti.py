@@ -1,7 +1,7 @@
-"""A construction robot on seven grounds: tilt of its base and of its lifting column, a prism seen by a total station.
+"""Convert data of a construction robot on seven grounds: tilt of base and column, prism positions.
 
-The data are the authors' and stay theirs (CC BY-NC-SA 3.0): this converts your own copy, nothing of it is kept here. Of
-https://github.com/Hilti-Research/construction_robot_stationing_datasets take `data`, then
+The data belong to their authors (CC BY-NC-SA 3.0); this script converts your own copy. Download
+`data` of https://github.com/Hilti-Research/construction_robot_stationing_datasets, then
 
     python -m examples.measured.hilti construction_robot_stationing_datasets/data --ground pallet --out hilti
     stiffscope campaign check hilti/pallet/fit
@@ -25,19 +25,19 @@ SOURCE = """Geometry and masses: trailblazer.urdf of Hilti-Research/construction
 Drives: guesses, nothing is published. Standard uncertainties: the authors', from datasheets.
 Converted from the authors' dataset, which is theirs."""
 JOINTS = ("column_middle_joint", "column_top_joint", *(f"dsr_joint{k}" for k in range(1, 7)))
-MASS, COLUMN, DRIVE = "± 2 %", "20 N/um", "100 kN*m/rad ± factor 5"  # how well CAD knows masses; guesses
-LEVEL = {"rx": 1.03e-6, "ry": 1.12e-6}  # rad/(N·m), base on level ground: tilt over moment of weight, other heights
+MASS, COLUMN, DRIVE = "± 2 %", "20 N/um", "100 kN*m/rad ± factor 5"  # CAD masses; guesses
+LEVEL = {"rx": 1.03e-6, "ry": 1.12e-6}  # rad/(N·m): level ground, tilt per moment, other heights
 PRISM, AT_PRISM, TILT = 0.75e-3, 5e-3, 4.3610059e-4 / 9.81  # m, m, rad
 INERTIAL = {"measures": "rotation", "zero": "session"}
 
 
 def read_postures(data: Path, ground: str, height: float) -> tuple[np.ndarray, np.ndarray]:
-    """Joint positions (n, 8), and readings (n, 7): turns of base and column about x and y, rad, then the prism, m."""
+    """Return joint positions (n, 8) and readings (n, 7): base and column tilt, rad; prism, m."""
     heights = yaml.safe_load((data / "datasets" / f"{ground}.yaml").read_text(encoding="utf-8"))["column_heights"]
     stations = heights[height]["solution_spaces"].values()
     rows = [m for s in stations for kind in ("stationing", "evaluation") for m in s[f"{kind}_measurements"]]
     joints = np.array([row["joint_states"] for row in rows])
-    column = 0.5 * joints[:, :1] - [0.706, 0.736]  # both segments extend alike
+    column = 0.5 * joints[:, :1] - [0.706, 0.736]  # both segments extend equally
     up = np.array([[row["tilt_sensor_base_accel"], row["tilt_sensor_column_accel"]] for row in rows])
     turns = np.stack([up[..., 1], -up[..., 0]], axis=2) / up[..., 2:]
     prism = np.array([row["prism_position"] for row in rows])
@@ -45,7 +45,7 @@ def read_postures(data: Path, ground: str, height: float) -> tuple[np.ndarray, n
 
 
 def write_robot(urdf: Path, height: float, home: np.ndarray, path: Path) -> list[float]:
-    """Write the robot file at joint positions (8,) and a height of the column, and return where the prism is, m."""
+    """Write the robot file at joint positions (8,) and a column height; return the prism, m."""
     path.unlink(missing_ok=True)
     drives = ("column_*_joint=20 N/um", "dsr_joint?=100 kN*m/rad")
     import_model(
@@ -59,7 +59,7 @@ def write_robot(urdf: Path, height: float, home: np.ndarray, path: Path) -> list
     del (
         robot["bodies"]["column_pseudo_tip"],
         robot["joints"]["column_prismatic_joint"],
-    )  # what its two segments add up to
+    )  # the sum of its two segments
     for body in robot["bodies"].values():
         body["mass"] = f"{body['mass']} kg {MASS}"
     for name, joint in robot["joints"].items():
@@ -70,9 +70,9 @@ def write_robot(urdf: Path, height: float, home: np.ndarray, path: Path) -> list
 
 
 def convert(data: Path, ground: str, height: float, folder: Path) -> int:
-    """Write the campaigns `fit` and `held-out` (every fifth posture) of a ground and a height of the column.
+    """Write the campaigns `fit` and `held-out` (every fifth posture) of a ground and column height.
 
-    Returns the number of postures.
+    Return the number of postures.
     """
     joints, seen = read_postures(data, ground, height)
     home = read_postures(data, "flat", height)[0][0]

@@ -1,7 +1,7 @@
-"""Two welding arms on a torso (Motoman MA1400), their reflectors measured by a laser tracker.
+"""Convert laser-tracker data of two welding arms on a torso (Motoman MA1400).
 
-The data are the authors' and stay theirs: this converts your own copy, and nothing of it is kept here. Of
-https://github.com/ctu-vras/multirobot-calibration take
+The data belong to their authors; this script converts your own copy. From
+https://github.com/ctu-vras/multirobot-calibration download
 `UserData/Robots/Motoman/Dataset/leica_dataset/leica_left_hand_6x6x6_dataset.mat` (or `leica_right_…`), then
 
     python -m examples.measured.motoman leica_left_hand_6x6x6_dataset.mat --arm left --out motoman
@@ -36,8 +36,8 @@ ARMS = {
     for side, (tilt, target) in SIDES.items()
 }  # fmt: skip
 JOINTS = {"right": slice(7, 13), "left": slice(13, 19)}
-"""Columns of the joint angles, rad; 19 to 21 are the reflector's position, m, 22 the tracker's own uncertainty."""
-SIGMA, AT_SIGMA = 3e-5, 0.02  # m: tracker and repeatability; how well the reflector's place is known
+"""Columns of joint angles, rad; 19 to 21: reflector position, m; 22: tracker uncertainty."""
+SIGMA, AT_SIGMA = 3e-5, 0.02  # m: tracker and repeatability; place of the reflector
 
 
 def convert(dataset: Path, side: str, folder: Path) -> dict[str, float]:
@@ -46,16 +46,16 @@ def convert(dataset: Path, side: str, folder: Path) -> dict[str, float]:
     Parameters
     ----------
     dataset
-        A .mat file with the variable `dataset`, 26 columns; the first row of each pose number counts.
+        A .mat file with the variable `dataset`, 26 columns; the first row of each pose is used.
     side
         "left" or "right".
     folder
-        Where the two campaigns are written, each with its robot file.
+        Folder for the two campaigns, each with its robot file.
 
     Returns
     -------
     dict
-        Counts, and what the nominal arm leaves once the tracker is placed, m rms a coordinate.
+        Number of postures, and rms residual of the nominal arm per coordinate, m.
 
     """
     table = np.asarray(loadmat(dataset)["dataset"], dtype=float)

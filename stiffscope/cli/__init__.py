@@ -1,1 +1,1 @@
-"""The command line: each command reads its input, calls the rooms below, and shows what they return."""
+"""The command line: each command reads its input, calls the library and shows the results."""

@@ -1,4 +1,4 @@
-"""The commands on measurements: diagnosis of a campaign, its blind check, the audit of the published model."""
+"""Commands for measurements: diagnosis, campaigns, blind check, audit of the published model."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def _draw(
     case: Case, nominal: Assembled | None, diagnosis: Diagnosis, folder: Path, manifest: Manifest, cache: Cache,
     ahead: SharesPicture | None,
 ) -> None:  # fmt: skip
-    """The figures, and the robot where the model under test is one."""
+    """Draw the figures, and the robot if the model under test is a robot."""
     found = nominal and configure_case(case, nominal)
     robot = order_shares(nominal, diagnosis, found, folder, ahead) if nominal and found and ahead else None
     write_diagnosis_pictures(diagnosis, folder, cache, manifest, robot)

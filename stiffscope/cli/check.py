@@ -1,4 +1,4 @@
-"""`stiffscope check`: what a robot file says, what it can do, and pictures of it; without any virtual experiment."""
+"""`stiffscope check`: contents of a robot file, its mobility and pictures, without experiments."""
 
 from __future__ import annotations
 

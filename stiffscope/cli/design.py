@@ -1,4 +1,4 @@
-"""The designer's commands: what a robot gains by each of its parameters, and studies of many designs."""
+"""Commands for design: sensitivities to the parameters, and studies of many designs."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-MOST_FILES = 10  # robot files of the best designs
+MOST_FILES = 10  # most robot files written for the best designs
 DESIGNS = "designs"
 
 
@@ -151,7 +151,7 @@ def _read_part(text: str | None) -> tuple[int, int] | None:
 
 
 def _merge(places: tuple[Path, ...], output: Output) -> None:
-    """Join shares, from their output folders; the study's file may come first."""
+    """Join shares from their output folders; the study's file may be given first."""
     given = [path for path in places[:1] if path.is_file()]
     folders = places[len(given) :]
     if not folders:
@@ -179,7 +179,7 @@ def _emit_study(found: Study, output: Output, manifest: Manifest, stores: Sequen
 
 
 def _write_robots(found: Study, folder: Path, out: Path) -> None:
-    """Robot files of the best designs, best-1.toml and on; of a long front some along it."""
+    """Write robot files of the best designs, best-1.toml etc.; of a long front only a selection."""
     if not found.file.goals:
         return
     chosen = np.unique(np.linspace(0, len(found.best) - 1, min(MOST_FILES, len(found.best))).round().astype(int))

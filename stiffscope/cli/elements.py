@@ -1,4 +1,4 @@
-"""`stiffscope element`: the matrix of a bearing, a guide or a screw alone."""
+"""`stiffscope element`: the stiffness matrix of a single bearing, guide or screw."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bundled robots, a copy to start from, and robot files made from a simulator's model."""
+"""Commands for files: bundled robots, copies of them, keys, and import of models and assemblies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`stiffscope live`: a page on this machine that follows its sliders."""
+"""`stiffscope live`: a local page with sliders and live results."""
 
 from __future__ import annotations
 

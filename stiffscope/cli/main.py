@@ -1,4 +1,4 @@
-"""The command line: the group of commands, exit codes, and one line for whatever goes wrong."""
+"""The command line: the group of commands, exit codes and one-line error messages."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from stiffscope.runtime.output import FULL
 from stiffscope.runtime.reading import show_path, why
 from stiffscope.runtime.signals import STOPS
 
-_FOR_DEVELOPERS = {"py.warnings", "asyncio"}  # only --debug shows these: an event loop that is stopped complains
-MOST_CHARACTERS = 100_000  # of a word of the command line
+_FOR_DEVELOPERS = {"py.warnings", "asyncio"}  # shown only with --debug, e.g. a stopped event loop
+MOST_CHARACTERS = 100_000  # per argument of the command line
 
 
 class Stopped(BaseException):
-    """The process was asked to end; what there is to say of it, where it is not that nothing is left."""
+    """The process was asked to end; the message, if any, replaces the default one."""
 
 
 COMMANDS = {
@@ -70,15 +70,15 @@ COMMANDS = {
         "cache": ("store", "Show, list or clear the results of earlier runs."),
     },
 }
-"""Commands by subject: module of `stiffscope.cli`, and the first sentence of the command's own help."""
+"""Commands by subject: module of `stiffscope.cli`, and the first sentence of the command's help."""
 _HOME = {name: module for group in COMMANDS.values() for name, (module, _) in group.items()}
 
 
 class LazyGroup(click.Group):
-    """A group whose commands are imported when they are asked for; its help needs none of them."""
+    """A command group that imports a command only to run it; its help imports none."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 (click's own signature)
-        """Names of all commands, sorted."""
+        """Return the sorted names of all commands."""
         return sorted(_HOME)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
@@ -110,18 +110,18 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     Parameters
     ----------
     arguments
-        Words after the program's name; by default those of this process.
+        Command-line arguments; by default those of this process.
 
     Raises
     ------
     SystemExit
-        0 done, 2 bad input (one line on standard error), 1 anything else.
+        Exit code: 0 success, 2 bad input (one line on standard error), 1 any other error.
 
     """
     sys.exit(_guarded(sys.argv[1:] if arguments is None else arguments))
 
 
-def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one for each way to end)
+def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one return per way to end)
     _listen()
     try:
         _check_surroundings(arguments)
@@ -137,7 +137,7 @@ def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one for each way to
         _say(str(error) or "stopped; nothing half-written is left")
         return 1
     except BrokenPipeError:
-        _drop_output()  # whoever read it has gone
+        _drop_output()  # the reader has closed the pipe
         return 1
     except OSError as error:
         if "--debug" in arguments:
@@ -166,7 +166,7 @@ def _describe_error(error: Exception) -> str:
 
 
 def _check_surroundings(arguments: list[str]) -> None:
-    """Refuse what no command can work with: no output, no working folder, words that are no text."""
+    """Raise InputError for a closed output, a missing working folder or an invalid argument."""
     if sys.stdout is None:
         raise InputError("standard output: expected a file, a pipe or a terminal, got a closed one")
     if isinstance(sys.stdout, io.TextIOWrapper):
@@ -183,7 +183,7 @@ def _check_surroundings(arguments: list[str]) -> None:
 
 
 def _drop_output() -> None:
-    """Leave nothing for Python to write at its end."""
+    """Redirect standard output to the null device, so that Python's exit writes nothing."""
     with contextlib.suppress(OSError, AttributeError, ValueError):
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
@@ -197,15 +197,15 @@ def _show_usage(error: click.UsageError) -> None:
 
 
 def _listen() -> None:
-    """End cleanly when asked to, and show each warning once, on a line."""
+    """Handle stop signals, and show each warning once, in one line."""
     for name in STOPS:
-        with contextlib.suppress(AttributeError, ValueError):  # not on every system, not outside the main thread
+        with contextlib.suppress(AttributeError, ValueError):  # not on every system or thread
             signal.signal(getattr(signal, name), _stop)
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("stiffscope: %(message)s"))
     handler.addFilter(_Once())
     logging.basicConfig(level=logging.WARNING, handlers=[handler])
-    logging.captureWarnings(capture=True)  # those of Python are for developers: --debug shows them
+    logging.captureWarnings(capture=True)  # Python's own warnings are shown with --debug
 
 
 class _Once(logging.Filter):
@@ -214,7 +214,7 @@ class _Once(logging.Filter):
         self.seen: set[str] = set()
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Let a message through the first time."""
+        """Return whether a message is new."""
         if record.name in _FOR_DEVELOPERS and logging.getLogger().level > logging.DEBUG:
             return False
         message = record.getMessage()
@@ -224,7 +224,7 @@ class _Once(logging.Filter):
 
 
 def _stop(number: int, _frame: Any) -> NoReturn:
-    for name in STOPS:  # once is enough: what is begun is being put away
+    for name in STOPS:  # ignore further signals during cleanup
         with contextlib.suppress(AttributeError):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
     raise KeyboardInterrupt if number == signal.SIGINT else Stopped

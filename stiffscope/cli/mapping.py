@@ -1,4 +1,4 @@
-"""The command that maps a robot over its workspace."""
+"""`stiffscope map`: stiffness over the workspace."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def map_(
         raise InputError(f"--direction {direction}: expected a direction, got none")
     ranges = _find_ranges(robot, over)
     moving = rigid_mechanism(robot)
-    configured_poses(robot, moving, moving.tool.home)  # before any experiment
+    configured_poses(robot, moving, moving.tool.home)  # raises before any experiment
     fixed = evaluated.require_map(robot).at if not over else None
     if at is not None:
         fixed = tuple(find_poses(robot, (at,), ()).configurations.poses[0].tolist())
@@ -101,7 +101,7 @@ def map_(
 
     def fill(folder: Path) -> None:
         with ThreadPoolExecutor(1) as pool:
-            drawn = pool.submit(draw_named_poses, made, folder)  # in a process of its own
+            drawn = pool.submit(draw_named_poses, made, folder)  # in a separate process
             title = f"{robot.name}: stiffness over the workspace, gravity {gravity}"
             if isinstance(found, evaluated.StiffnessMap):
                 evaluated.write_map(found, folder, title)
@@ -120,7 +120,7 @@ def map_(
 
 
 def _find_ranges(robot: RobotFile, over: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Coordinates that are swept and their ends, m and rad, of `--over` or of `[map]`."""
+    """Return the swept coordinates and their ends, m and rad, from `--over` or `[map]`."""
     if not over:
         return evaluated.require_map(robot).ranges()
     out: dict[str, tuple[float, float]] = {}
@@ -147,7 +147,7 @@ def _read(option: str, text: str, dimensions: Sequence[q.Dimension]) -> tuple[fl
 def _figures(
     gravity: str, found: StiffnessMap, *, frequencies: bool
 ) -> list[tuple[str, str, Callable[[StiffnessMap], list[maps.Panel]]]]:
-    """Title, file and panels of each figure of a map."""
+    """Return title, file stem and panels of each figure of a map."""
     held = maps.held_text(found)
     where = f", {held}" if held else ""
     figures = [(f"stiffness at M (diagonal of K){where}, gravity {gravity}", "map", maps.stiffness_panels)]

@@ -1,4 +1,4 @@
-"""Arguments and options that several commands take."""
+"""Arguments and options shared by several commands."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ GRAVITY = ("none", "literal", "exact")
 
 
 def takes(*options: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a command these options, in this order in its help, and those that every command has.
+    """Add these options, in the order of the help, and the common options to a command.
 
-    The command gets `--json`, `--out` and `--quiet` as one argument, `output`; its folder is checked before it begins.
+    `--json`, `--out` and `--quiet` become one argument, `output`, whose folder is checked first.
     """
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
@@ -47,14 +47,14 @@ def _note_debug(_context: click.Context, _option: click.Parameter, wanted: bool)
 
 
 def check_file(_context: click.Context, _option: click.Parameter, target: str | None) -> str | None:
-    """Refuse a file that cannot be written before anything is computed."""
+    """Raise InputError before any computation if a file cannot be written."""
     if target not in (None, "-"):
         check_json(Path(target))
     return target
 
 
 def gravity(default: str | None) -> Callable[..., Any]:
-    """The option `--gravity`; without a default the robot file decides."""
+    """Return the option `--gravity`; without a default the robot file decides."""
     return click.option(
         "--gravity",
         type=click.Choice(GRAVITY),
@@ -65,7 +65,7 @@ def gravity(default: str | None) -> Callable[..., Any]:
 
 
 def folder(name: str, text: str, *, required: bool = False) -> Callable[..., Any]:
-    """An option for a folder to write."""
+    """Return an option for an output folder."""
     return click.option(name, required=required, metavar="DIR", type=click.Path(path_type=Path), help=text)
 
 

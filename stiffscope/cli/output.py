@@ -1,4 +1,4 @@
-"""Where a command's answer goes: JSON, an output folder with its report, tables; and progress while it works."""
+"""Output of commands: JSON, an output folder with report, tables, and progress."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Output:
-    """What `--json`, `--out` and `--quiet` say."""
+    """Values of `--json`, `--out` and `--quiet`."""
 
     json: str | None = None
     folder: Path | None = None
@@ -40,13 +40,13 @@ class Output:
         return not self.quiet and self.json != "-"
 
     def required_folder(self) -> Path:
-        """The folder, of a command that cannot do without."""
+        """Return the folder. Raise InputError if it is missing."""
         if self.folder is None:
             raise InputError("--out: expected a folder to write, got none")
         return self.folder
 
     def check_folder(self, folder: Path | None, *others: Path | None) -> None:
-        """Refuse a folder that cannot be written, or that would swallow another output."""
+        """Raise InputError if a folder cannot be written or would contain another output."""
         if folder is not None:
             check_output(folder, None if self.json == "-" else self.json, *others)
 
@@ -62,20 +62,20 @@ def emit(
     kept: str = "",
     also: Callable[[], None] | None = None,
 ) -> None:
-    """Hand over what a command found: output folder, then JSON, then what else is written, then tables.
+    """Write the results of a command: output folder, JSON, further files, then tables.
 
     Parameters
     ----------
     output
-        Where to.
+        Destinations.
     answer
-        What `--json` writes, or a function that makes it where that takes a while.
+        Content of `--json`, or a function that computes it if that takes time.
     show
         Prints the tables.
     manifest, fill, page, kept
-        As for `write_folder`; without a folder in `output` they are not used.
+        As in `write_folder`, with ``kept`` naming the JSON file; unused without a folder.
     also
-        Writes what the command makes besides, only where folder and JSON could be written.
+        Writes further files of the command after folder and JSON were written.
 
     """
     if callable(answer) and (output.json or kept):
@@ -84,7 +84,7 @@ def emit(
         write_folder(output.folder, manifest, fill, page, show, answers={kept: answer} if kept else None)
     if output.json:
         write_json(output.json, answer)
-    if also is not None:  # before the tables, which nobody may read to their end
+    if also is not None:  # before the tables, whose pipe may be closed early
         also()
     if output.loud:
         if show is not None:
@@ -102,18 +102,18 @@ def write_folder(
     *,
     answers: dict[str, Any] | None = None,
 ) -> None:
-    """Write an output folder, complete or not at all.
+    """Write an output folder completely or not at all.
 
     Parameters
     ----------
     out
-        The folder.
+        Output folder.
     manifest
-        What made it; written after the files, so that the page can show it.
+        Provenance; written after the files and before the page, which shows it.
     fill
-        Writes numbers and pictures into the folder that it is given.
+        Writes numbers and pictures into a folder.
     page
-        Writes ``report.html`` of the folder's content and of the tables of `show`.
+        Writes ``report.html`` from the folder's content and the tables of `show`.
     show
         Prints the tables.
     answers
@@ -135,20 +135,20 @@ def write_folder(
 
 @contextmanager
 def open_workshop(output: Output) -> Iterator[Workshop]:
-    """A workshop whose jobs run side by side and whose progress is on standard error."""
+    """Open a workshop with parallel jobs and progress on standard error."""
     with progress(quiet=output.quiet) as open_line, workshop(open_line, together=True) as shop:
         yield shop
 
 
 def warn_of_parts(results: Iterable[PartResult]) -> None:
-    """Say on standard error of each part whose tolerance was not met how far it came."""
+    """Log the error reached for each part whose tolerance was not met."""
     for result in results:
         if result.note:
             log.warning("%s: %s", result.name, result.note)
 
 
 def warn_of_robot(made: Assembled, *, parts: bool = True) -> None:
-    """Say on standard error what falls short of the parts, and which `--set` a published matrix does not follow."""
+    """Log unmet tolerances of parts, and each `--set` without effect on a published matrix."""
     if parts:
         warn_of_parts(made.results.values())
     for (room, name, *field), text in made.robot.source.changed.items():

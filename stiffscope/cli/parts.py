@@ -1,4 +1,4 @@
-"""The commands on one part: compliance, comparison with beam theory, choices of interface, faces of a STEP file."""
+"""Commands for parts: compliance, comparison with beam theory, interfaces, faces of a STEP file."""
 
 from __future__ import annotations
 
@@ -154,7 +154,7 @@ def interfaces(
 
 
 def _solids(robot: RobotFile) -> list[str]:
-    """Parts that a virtual experiment can be made on. Raises InputError where there is none."""
+    """Return the parts suitable for virtual experiments. Raise InputError if there are none."""
     solids = [name for name in used_parts(robot) if robot.part(name).shape != "matrix"]
     if not solids:
         raise InputError(f"{robot.path}: parts: expected a rod, a plate or a STEP file's solid, got none")

@@ -1,4 +1,4 @@
-"""Where a command looks at a robot: tool poses of `--at`, drives' positions of `--joints`, or the file's poses."""
+"""Poses of a command: tool poses of `--at`, drive positions of `--joints`, or the file's poses."""
 
 from __future__ import annotations
 
@@ -23,25 +23,25 @@ log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Asked:
-    """Poses by the texts or names that they were asked for by, all within reach."""
+    """Reachable poses with the texts or names by which they were requested."""
 
     names: tuple[str, ...]
     configurations: Configurations
 
 
 def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> Asked:
-    """Find the poses of `--at` or `--joints`; without either, those of the robot file.
+    """Return the poses of `--at` or `--joints`; without either, those of the robot file.
 
-    Needs no matrix of any part. Raises InputError for what is no pose of this robot, and for one out of reach.
+    No part matrices are needed. Raise InputError for an invalid or unreachable pose.
 
     Parameters
     ----------
     robot
         Robot file.
     at
-        Tool poses as texts: names of poses, or coordinates such as "0,0,350 mm".
+        Tool poses as text: names of poses, or coordinates such as "0,0,350 mm".
     joints
-        Displacements of drives from home as texts, such as "leg1.motor=10 deg"; not beside ``at``.
+        Displacements of drives from home as text, e.g. "leg1.motor=10 deg"; excludes ``at``.
 
     """
     if at and joints:
@@ -66,7 +66,7 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
 
 
 def _coordinates(robot: RobotFile, text: str) -> tuple[float, ...]:
-    """A pose by its name or its coordinates, m and rad."""
+    """Return a pose, m and rad, from its name or coordinates."""
     if text in robot.poses:
         return robot.poses[text]
     pose = robot.tool.pose
@@ -81,7 +81,7 @@ def _coordinates(robot: RobotFile, text: str) -> tuple[float, ...]:
 
 
 def _displacements(robot: RobotFile, text: str) -> list[float]:
-    """Displacements of all drives from home, m and rad; those that the text does not name are at home."""
+    """Return displacements of all drives from home, m and rad; unnamed drives stay at home."""
     drives = robot.drives()
     given: dict[str, float] = {}
     for word in text.split(","):

@@ -1,4 +1,4 @@
-"""The commands on a whole robot at some poses: stiffness, deflection."""
+"""Commands for a robot at poses: stiffness and deflection."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def stiffness(
 
 
 def assemble(robot: RobotFile, components: Any, output: Output) -> Assembled:
-    """The robot with its parts, whose progress and shortcomings are on standard error."""
+    """Assemble the robot with its parts; show progress and warnings on standard error."""
     with open_workshop(output) as shop:
         made = assemble_robots({"now": robot}, components, shop)["now"]
     warn_of_robot(made)
@@ -137,7 +137,7 @@ def deflection(
         cases = wrench_cases(assembled.mechanism, at, {f"{words} N, N·m": load})
         draw_deflection(assembled, asked.names, at, cases, folder)
         if curve is not None:
-            way = np.r_[1e-9, np.linspace(0.005, 1.0, 200)]  # beside no load, where backlash is
+            way = np.r_[1e-9, np.linspace(0.005, 1.0, 200)]  # near zero load, where backlash acts
             fine = find_load_curve(assembled.mechanism, at, load, np.r_[-way[::-1], way])
             draw_load_curve(asked.names, fine, load, folder)
         write_deflection_report(folder, assembled, asked.names, at, cases, shown)
@@ -153,7 +153,7 @@ def deflection(
 
 
 def _analyse(assembled: Assembled, found: Configurations, gravity: str) -> Stiffness:
-    """Stiffness, mobility and sag under a gravity of `--gravity`."""
+    """Return stiffness, mobility and sag for a value of `--gravity`."""
     if gravity != "literal":
         return analyse(assembled.mechanism, found, gravity="exact" if gravity == "exact" else "none")
     matrix = literal_gravity(assembled.mechanism, found.poses)

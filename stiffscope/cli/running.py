@@ -1,4 +1,4 @@
-"""The full run from CAD to pictures, once, or again whenever a file of the robot is saved."""
+"""`stiffscope run`: from CAD to pictures, once or whenever a file of the robot is saved."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Step:
-    """A robot that is watched, its stiffness, and the checksums of the files that it names."""
+    """A watched robot, its stiffness, and the checksums of its files."""
 
     robot: Assembled
     state: Stiffness
@@ -102,7 +102,7 @@ def run(
 
 
 def _load_checked(name: str, overrides: Sequence[str], tolerance: str | None) -> RobotFile:
-    """The robot, which has poses and reaches them. Raises InputError."""
+    """Load a robot with reachable poses. Raise InputError otherwise."""
     robot = load_robot(name, overrides, tolerance)
     if not robot.poses:
         pose = ", ".join("0" if name.startswith("r") else '"0 mm"' for name in robot.tool.pose)
@@ -112,7 +112,7 @@ def _load_checked(name: str, overrides: Sequence[str], tolerance: str | None) ->
 
 
 def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequence[str], output: Output) -> None:
-    """Run, and again when a file changes, in this process, which keeps the CAD kernel; the page follows behind."""
+    """Run after every change of a file, in this process with a warm CAD kernel; then the page."""
     out = output.required_folder()
     watched = [find_robot(name)]
     before: _Step | None = None
@@ -144,7 +144,7 @@ def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequenc
 
 @contextmanager
 def _end_experiments(behind: Workshop) -> Iterator[None]:
-    """On Ctrl-C end the experiments that a page waits for; what is being drawn is finished."""
+    """On Ctrl-C, end the experiments of a pending page; running drawings are finished."""
     try:
         yield
     except KeyboardInterrupt:
@@ -152,7 +152,7 @@ def _end_experiments(behind: Workshop) -> Iterator[None]:
 
 
 def _write_behind(robot: RobotFile, components: Any, out: Path, manifest: Manifest, shop: Workshop) -> None:
-    """Write a run's folder while the next change is waited for; what goes wrong is said, the watch goes on."""
+    """Write a run's folder in the background; report errors without ending the watch."""
     try:
         now = assemble_robots({"now": robot}, components, shop)["now"]
         states = {"now": at_named_poses(now, robot.poses)}
@@ -164,7 +164,7 @@ def _write_behind(robot: RobotFile, components: Any, out: Path, manifest: Manife
 
 
 def _show_step(step: _Step, before: _Step | None) -> None:
-    """The stiffness, beside the one before where there was one at the same poses."""
+    """Show the stiffness, compared with the previous one if it has the same poses."""
     names = list(step.robot.robot.poses)
     if before is None or list(before.robot.robot.poses) != names:
         tables.show_stiffness(names, step.state, title=f"Stiffness at M ({tables.sources(step.robot)})")
@@ -176,7 +176,7 @@ def _show_step(step: _Step, before: _Step | None) -> None:
 def _folder_of(
     now: Assembled, states: Mapping[str, Stiffness], shop: Workshop, manifest: Manifest, *, watched: str = ""
 ) -> tuple[Callable[[Path], None], Callable[[Path, Sequence[Shown]], None]]:
-    """What fills the output folder of a run, and writes its page; with ``watched`` the page loads itself anew."""
+    """Return functions that fill a run's folder and write its page; ``watched`` pages reload."""
 
     def fill(folder: Path) -> None:
         _write_parts(now, folder, manifest)
@@ -199,7 +199,7 @@ def _folder_of(
 
 
 def _write_parts(assembled: Assembled, folder: Path, manifest: Manifest) -> None:
-    """A folder for each part that was tested: numbers, fields, solid."""
+    """Write a folder for each tested part: numbers, fields, solid."""
     for name, result in assembled.results.items():
         place = folder / name
         place.mkdir()
@@ -211,7 +211,7 @@ def _write_parts(assembled: Assembled, folder: Path, manifest: Manifest) -> None
 
 
 def _write_robot(assembled: Assembled, state: Stiffness, folder: Path) -> None:
-    """Matrices as JSON and npz, and the robot file as it was used."""
+    """Write matrices as JSON and npz, and the robot file as used."""
     write_json(folder / "stiffness.json", _stiffness(assembled, state))
     matrices: dict[str, Any] = {f"{name}_compliance": part.compliance for name, part in assembled.matrices.items()}
     matrices |= {"poses": state.poses, "tool": state.tool, "stiffness": state.matrix, "sag": state.sag}
@@ -220,13 +220,13 @@ def _write_robot(assembled: Assembled, state: Stiffness, folder: Path) -> None:
 
 
 def _stiffness(assembled: Assembled, state: Stiffness) -> dict[str, Any]:
-    """The robot at its named poses as scripts read it."""
+    """Return the stiffness at the named poses for JSON output."""
     names = {"names": list(assembled.robot.poses), "components": assembled.sources}
     return {**stiffness_json(state, stiffness_bars(assembled, state.configurations)), **names}
 
 
 def _show_parts(now: Assembled) -> None:
-    """The tables of the parts at the end of a run."""
+    """Show the tables of the parts."""
     if now.results:
         part_tables.show_parts(list(now.results.values()))
     for name, result in now.results.items():
@@ -235,7 +235,7 @@ def _show_parts(now: Assembled) -> None:
 
 
 def _show_robot(now: Assembled, states: Mapping[str, Stiffness]) -> None:
-    """The tables of the robot at the end of a run."""
+    """Show the tables of the robot."""
     names, state = list(now.robot.poses), states["now"]
     bars = stiffness_bars(now, state.configurations)
     tables.show_stiffness(names, state, bars, title=f"Stiffness at M ({tables.sources(now)})")

@@ -1,4 +1,4 @@
-"""`stiffscope cache`: where earlier results are kept, how much they take, and how to be rid of them."""
+"""`stiffscope cache`: folder and size of stored results, and how to clear them."""
 
 from __future__ import annotations
 

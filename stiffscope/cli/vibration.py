@@ -1,4 +1,4 @@
-"""The commands on a robot that vibrates: natural frequencies with mode shapes, and frequency response."""
+"""Commands for vibration: natural frequencies with mode shapes, and frequency response."""
 
 from __future__ import annotations
 
@@ -131,7 +131,7 @@ def _band(text: str | None) -> tuple[float, float] | None:
 
 
 def _port(mechanism: Mechanism, option: str, text: str) -> Port:
-    """A place and direction of ``BODY:POINT:DIRECTION``."""
+    """Return the port given as ``BODY:POINT:DIRECTION``."""
     words = [word.strip() for word in text.split(":")]
     if len(words) != 3:
         raise InputError(f"{option} {text}: expected BODY:POINT:DIRECTION such as platform:M:z")

@@ -1,4 +1,4 @@
-"""The machine at work: the command on a path under a process."""
+"""`stiffscope path`: error of the tool along a path under process forces."""
 
 from __future__ import annotations
 

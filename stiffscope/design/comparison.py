@@ -1,4 +1,4 @@
-"""Two robots, or two versions of one, side by side: stiffness and sag at poses that both reach, and over a plane."""
+"""Comparison of two robots or versions: stiffness and sag at common poses, and over a plane."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array
     from stiffscope.runtime.workshop import Workshop
 
-POINTS = 60  # of the map along either coordinate
+POINTS = 60  # points of the map along each coordinate
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,15 +31,15 @@ class RobotComparison:
     Attributes
     ----------
     names
-        Of the robots; of two versions of one, their files'.
+        Names of the robots; file names for two versions of one robot.
     poses
         Names of the poses.
     stiffness
-        (2, p, 6, 6) at M without gravity, SI.
+        Stiffness (2, p, 6, 6) at M without gravity, SI.
     sag
-        (2, p, 6) under their own weight, m, rad.
+        Sag (2, p, 6) under own weight, m, rad.
     change
-        Map of both, the second in the place of what gravity makes of the first; None where they sweep other planes.
+        Map of the first with the second's stiffness as the loaded one; None without a common plane.
     """
 
     names: tuple[str, str]
@@ -60,14 +60,14 @@ def compare_robots(first: RobotFile, second: RobotFile, components: Components, 
     first, second
         Robots whose poses have the same coordinates.
     components
-        Where the parts' matrices come from.
+        Source of the parts' matrices.
     shop
-        Where experiments are made; a part that both have is tested once.
+        Workshop for the experiments; a common part is tested only once.
 
     Raises
     ------
     InputError
-        Their poses have other coordinates, or they reach no pose together.
+        Their poses have different coordinates, or no named pose is reachable for both.
 
     """
     if first.tool.pose != second.tool.pose:
@@ -94,7 +94,7 @@ def compare_robots(first: RobotFile, second: RobotFile, components: Components, 
 
 
 def _map_change(first: RobotFile, second: RobotFile, made: dict[str, Assembled]) -> StiffnessMap | None:
-    """The map of the first, with the stiffness of the second as its loaded one."""
+    """Return the map of the first robot with the stiffness of the second as the loaded one."""
     if first.map is None or second.map is None:
         return None
     one = map_robot(first, made["first"].mechanism, POINTS, "none")

@@ -1,7 +1,7 @@
-"""The journal of a study: a line for each finished design, appended as soon as it is finished.
+"""Journal of a study: one line per finished design, appended immediately.
 
-A kill leaves at most a torn last line, whose design is made again. A journal is named by what its designs depend on,
-so that another method, more designs or other ranges find those that they need.
+A kill leaves at most an incomplete last line, whose design is computed again. The name is a digest
+of everything designs depend on, so that other methods, ranges or more designs can reuse them.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 CODE = ("stiffscope.cad", "stiffscope.fea", "stiffscope.robot", "stiffscope.vjm")
 SUFFIX = ".jsonl"
-MOST_BYTES = 1 << 34  # of a journal: a million designs with their reasons
+MOST_BYTES = 1 << 34  # of a journal: enough for a million designs with reasons
 
 
 @dataclass(frozen=True)
 class Design:
-    """A finished design: values of the variables and of the responses, SI, in the study's order; why it failed.
+    """A finished design: variables and responses, SI, in the study's order; reason of a failure.
 
-    ``again``: whether the same study is to make it again, since it failed for no reason of its own.
+    ``again``: whether the same study should retry it, because the design did not cause the failure.
     """
 
     values: Values
@@ -42,7 +42,7 @@ class Design:
 
 
 class Journal:
-    """Designs of a study that stand in a folder: those found there, and those that are added."""
+    """Finished designs of a study in a folder: existing ones and those added."""
 
     def __init__(self, file: StudyFile, folder: Path) -> None:
         self.path = folder / f"{identify(file)[:32]}{SUFFIX}"
@@ -50,7 +50,7 @@ class Journal:
         self._stream: BinaryIO | None = None
 
     def __enter__(self) -> Journal:
-        """Begin; the file is opened when there is something to write."""
+        """Start; the file is opened with the first write."""
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -60,7 +60,7 @@ class Journal:
             self._stream = None
 
     def read(self) -> Iterator[Design]:
-        """Read the designs; lines that are none are passed over."""
+        """Read the designs; skip invalid lines."""
         if not self.path.is_file():
             return
         variables, responses = len(self._file.variables), len(self._file.responses)
@@ -75,14 +75,14 @@ class Journal:
                     continue
 
     def count(self) -> int:
-        """Count the designs that were written, in no time."""
+        """Count the written designs without parsing them."""
         if not self.path.is_file():
             return 0
         with self.path.open("rb") as stream:
             return max(0, sum(block.count(b"\n") for block in iter(lambda: stream.read(1 << 20), b"")) - 1)
 
     def add(self, design: Design) -> None:
-        """Append a design, in one write to the end of the file."""
+        """Append a design with a single write."""
         numbers = [None if math.isnan(each) else each for each in design.responses]
         self._write([design.values, numbers, design.reason, round(design.seconds, 6)])
 
@@ -105,7 +105,7 @@ def _ends_whole(path: Path) -> bool:
 
 
 def name_study(journal: Path) -> str:
-    """Name the study's file that a journal is of; "" where it does not say."""
+    """Return the file of a journal's study; "" if unknown."""
     with open_file(journal, "designs of a study", MOST_BYTES) as stream:
         try:
             return str(json.loads(stream.readline())["study"])
@@ -114,7 +114,7 @@ def name_study(journal: Path) -> str:
 
 
 def identify(file: StudyFile) -> str:
-    """Return a digest of what designs depend on but for their values: the robot, the responses and the code."""
+    """Return a digest of all that designs depend on except values: robot, responses and code."""
     source = file.robot.source
     responses = [
         {

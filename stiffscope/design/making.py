@@ -1,4 +1,4 @@
-"""Making a study's designs: each is a robot, its parts tested, its responses computed; here or on any machine."""
+"""Computing a study's designs (robot, parts' experiments, responses), here or on other machines."""
 
 from __future__ import annotations
 
@@ -33,12 +33,12 @@ if TYPE_CHECKING:
     Row = tuple[int, Values]
 
 _ENDED = "its worker ended before it did; the same study makes it again"
-_alone = threading.Lock()  # CAD is one at a time in a process
+_alone = threading.Lock()  # only one CAD operation at a time in a process
 
 
 @dataclass(frozen=True)
 class Makers:
-    """What makes designs, of rows as they are drawn, in any order; and what ends that at once."""
+    """Functions to compute designs from an iterable of rows, in any order, and to stop at once."""
 
     make: Callable[[Iterable[Row]], Iterable[tuple[int, Design]]]
     end: Callable[[], None]
@@ -46,7 +46,7 @@ class Makers:
 
 @contextmanager
 def open_makers(file: StudyFile, count: int, scheduler: str | None) -> Iterator[Makers]:
-    """Give what makes designs: ``count`` processes of this machine, workers of a scheduler, or, for 0, this process."""
+    """Yield makers: ``count`` local processes, workers of a scheduler or, for 0, this process."""
     known = Shared(file)
     here = not count and scheduler is None
     with Here() if here else workers(scheduler, min(count, file.designs)) as executor:
@@ -73,12 +73,12 @@ def _take_answer(values: Values, future: Future[Design], count: int) -> Design:
 
 
 def make_design(file: StudyFile, values: Values) -> Design:
-    """Make a design: read the robot with its values, test its parts, compute its responses. May run on any machine.
+    """Compute a design: read the robot, test its parts, evaluate its responses.
 
-    Whatever goes wrong is the design's reason: one that cannot be is not to end the others.
+    Runs on any machine. Any error becomes the design's reason, so that it does not end the study.
     """
     begun, again = time.perf_counter(), False
-    with _alone, threadpool_limits(1):  # sums in one order, whatever the machine's threads
+    with _alone, threadpool_limits(1):  # the same order of summation on any machine
         try:
             found, reason = _respond(file, values), ""
         except InputError as error:
@@ -112,6 +112,6 @@ def _respond(file: StudyFile, values: Values) -> tuple[float, ...]:
 
 
 def _go_along(job: Job, assembled: Assembled) -> dict[str, np.ndarray]:
-    """Quantities (n,) of `ALONG_PATH` at the points of a job's path."""
+    """Return the quantities (n,) of `ALONG_PATH` at the points of a job's path."""
     state = along(job, assembled)
     return {"error": state.size, **state.parts}

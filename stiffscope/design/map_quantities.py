@@ -1,4 +1,4 @@
-"""Scalars of the tool's compliance that maps show: principal stiffnesses, one along a direction, an error."""
+"""Scalar quantities for maps: principal stiffnesses, stiffness along a direction, error."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ class Scalar(NamedTuple):
 
 @dataclass(frozen=True)
 class Wanted:
-    """What a map is to show besides the diagonal of K.
+    """Quantities of a map besides the diagonal of K.
 
     Attributes
     ----------
     principal
-        Words of `PRINCIPAL`, of translations with the tool free to turn.
+        Keys of `PRINCIPAL`, for translations with free rotation of the tool.
     direction
-        (3,) in base axes: the stiffness against a force along it.
+        Direction (3,) in base axes for the stiffness against a force along it.
     wrench
-        (6,) N, N·m at M in base axes: the size of the translation under it.
+        Wrench (6,) at M in base axes, N and N·m, for the size of the translation under it.
     """
 
     principal: tuple[str, ...] = ()
@@ -44,7 +44,7 @@ class Wanted:
     wrench: tuple[float, ...] | None = None
 
     def evaluate(self, compliance: Array) -> dict[str, Scalar]:
-        """The quantities (n,) of compliances (n, 6, 6); NaN where these are."""
+        """Return the quantities (n,) of compliances (n, 6, 6); NaN if these are NaN."""
         translation = compliance[:, :3, :3]
         known = np.isfinite(translation).all(axis=(1, 2))
         yields = np.full((len(compliance), 3), np.nan)

@@ -1,4 +1,4 @@
-"""Maps of the stiffness over two or three coordinates of the tool: evaluated, and written as numbers."""
+"""Maps of the stiffness over two or three tool coordinates: evaluation and files."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ if TYPE_CHECKING:
 
     Ranges = Mapping[str, tuple[float, float]]
 
-IN_PLANE = 1e-6  # m or rad that a pose may be off the map and is still marked on it
+IN_PLANE = 1e-6  # m or rad; tolerance for marking a pose on the map
 
 
 @dataclass(frozen=True, eq=False)
 class StiffnessMap:
-    """Maps over a grid of tool poses; NaN where the robot does not reach or weights find no equilibrium.
+    """Maps over a grid of tool poses; NaN if a pose is out of reach or has no equilibrium.
 
-    ``across`` and ``up`` name the two coordinates swept, ``columns`` (na,) and ``rows`` (nu,) are their values, ``at``
-    those of the others, m and rad. ``stiffness`` and ``loaded`` (nu, na, 6): diagonals of the stiffness at M without
-    and with the robot's own weight, N/m and N·m/rad; ``sag`` (nu, na, 6) in m, rad. ``down``: rows grow downwards.
-    ``frequencies`` (nu, na, c): the first natural frequencies in Hz, drives held, where they were asked for; ``more``:
-    other quantities (nu, na), by their column, of the loaded robot.
+    ``across``, ``up``: swept coordinates; ``columns`` (na,), ``rows`` (nu,): their values; ``at``:
+    values of the others, m and rad. ``stiffness``, ``loaded`` (nu, na, 6): diagonals of K at M
+    without and with own weight, N/m and N·m/rad; ``sag`` (nu, na, 6), m and rad. ``down``: rows
+    grow downwards. ``frequencies`` (nu, na, c): natural frequencies, Hz, drives held, or None;
+    ``more``: other quantities (nu, na) of the loaded robot by column.
     """
 
     across: str
@@ -54,12 +54,12 @@ class StiffnessMap:
     more: dict[str, Scalar] = field(default_factory=dict)
 
     def holds(self, coordinates: Mapping[str, float]) -> bool:
-        """Whether a pose lies in what is swept."""
+        """Return whether a pose lies in the swept plane."""
         return all(abs(coordinates[name] - value) < IN_PLANE for name, value in self.at.items())
 
 
 def map_robot(robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity) -> StiffnessMap:
-    """Evaluate what `[map]` of a robot file sweeps. Raises InputError where it has none, or nothing is reached.
+    """Evaluate `[map]` of a robot file. Raise InputError if it is missing or nothing is reachable.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def map_robot(robot: RobotFile, mechanism: Mechanism, points: int, gravity: Grav
 
 
 def require_map(robot: RobotFile) -> MapSection:
-    """What `[map]` of a robot file says. Raises InputError where it has none."""
+    """Return `[map]` of a robot file. Raise InputError if it is missing."""
     if robot.map is None:
         example = 'such as x = ["-150 mm", "150 mm"] and z = ["380 mm", "520 mm"]'
         raise InputError(f"{robot.path}: map: expected a table of two coordinates to sweep, {example}, got none")
@@ -102,22 +102,22 @@ def map_stiffness(
     mechanism
         Any mechanism whose tool has at least two coordinates.
     ranges
-        Two coordinates of `mechanism.tool.pose` and the ends of each, m and rad; the first is drawn across.
+        Two coordinates of `mechanism.tool.pose`, ends in m and rad; the first is drawn across.
     points
-        Poses along either.
+        Number of poses along each coordinate.
     gravity
-        "exact" for the stiffness under the mechanism's own weight and the sag, beside those without.
+        "exact" also evaluates the stiffness under own weight and the sag.
     at : (k,)
-        Pose that gives the other coordinates, by default home.
+        Pose that fixes the other coordinates, by default home.
     frequencies
-        How many natural frequencies besides, drives held.
+        Number of natural frequencies to add, drives held.
     wanted
-        Other quantities besides.
+        Further quantities.
 
     Raises
     ------
     InputError
-        Not two coordinates of the tool, or no pose is reached.
+        The ranges are not two coordinates of the tool, or no pose is reachable.
 
     """
     (found,) = _sweep(mechanism, ranges, points, gravity, at, frequencies, wanted or Wanted())
@@ -126,7 +126,7 @@ def map_stiffness(
 
 @dataclass(frozen=True, eq=False)
 class StiffnessVolume:
-    """Maps over two coordinates, at values (m,) of a third, ``through``."""
+    """Maps over two coordinates at values (m,) of a third, ``through``."""
 
     through: str
     values: np.ndarray
@@ -137,21 +137,21 @@ def map_volume(
     mechanism: Mechanism, ranges: Ranges, points: int, *, gravity: Gravity = "none", at: Sequence[float] | None = None,
     frequencies: int = 0, wanted: Wanted | None = None,
 ) -> StiffnessVolume:  # fmt: skip
-    """Evaluate the stiffness over three coordinates of the tool, the last one from map to map; else as `map_stiffness`.
+    """Evaluate the stiffness over three coordinates of the tool as maps at values of the last one.
 
     Parameters
     ----------
     mechanism, points, gravity, frequencies, wanted
-        As `map_stiffness` takes them.
+        As in `map_stiffness`.
     ranges
-        Three coordinates of `mechanism.tool.pose` and the ends of each, m and rad.
+        Three coordinates of `mechanism.tool.pose` with their ends, m and rad.
     at : (k,)
-        Pose that gives the other coordinates, by default home.
+        Pose that fixes the other coordinates, by default home.
 
     Raises
     ------
     InputError
-        Not three coordinates of the tool, or no pose is reached.
+        The ranges are not three coordinates of the tool, or no pose is reachable.
 
     """
     (through, ends), plane = list(ranges.items())[-1], dict(list(ranges.items())[:-1])
@@ -163,7 +163,7 @@ def _sweep(
     mechanism: Mechanism, ranges: Ranges, points: int, gravity: Gravity, at: Sequence[float] | None, frequencies: int,
     wanted: Wanted, through: Ranges | None = None,
 ) -> tuple[StiffnessMap, ...]:  # fmt: skip
-    """A map over two coordinates, at every value of a third one if there is any."""
+    """Return maps over two coordinates, one per value of a third coordinate if given."""
     through = through or {}
     pose = mechanism.tool.pose
     count = 2 + len(through)
@@ -209,9 +209,9 @@ def _sweep(
 
 
 def write_map(found: StiffnessMap, folder: Path, title: str = "") -> None:
-    """Write the numbers, SI: map.csv as `write_rows`; map.npz, arrays (row, column, direction); map.nc.
+    """Write map.csv by `write_rows`, map.npz with arrays (row, column, direction), and map.nc; SI.
 
-    The netCDF file is the dataset of `to_dataset`.
+    The netCDF file contains the dataset of `to_dataset`.
     """
     write_rows(found, folder / "map.csv")
     arrays = {found.across: found.columns, found.up: found.rows, "direction": np.array(DIAGONAL)}
@@ -222,7 +222,7 @@ def write_map(found: StiffnessMap, folder: Path, title: str = "") -> None:
 
 
 def write_rows(found: StiffnessMap | StiffnessVolume, file: Path) -> None:
-    """Write a CSV table, SI, with a line for each reachable pose of a map or a volume."""
+    """Write a CSV table, SI, with one line per reachable pose of a map or volume."""
     slices = [found] if isinstance(found, StiffnessMap) else found.maps
     third = [] if isinstance(found, StiffnessMap) else [found.through]
     words = [name.lower().replace("_", "") for name in DIAGONAL]
@@ -247,10 +247,10 @@ def _fields(found: StiffnessMap) -> dict[str, np.ndarray]:
 
 
 def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
-    """Return a map as a dataset over its two coordinates with names and units, SI; NaN where nothing is reached.
+    """Return a map as a dataset over its coordinates with names and units, SI; NaN if unreachable.
 
-    Variables are `K_tx` to `K_rz`, the same with `_loaded` (under the robot's own weight), `sag_x` to `sag_rz`, and
-    `f1` and so on where the map has frequencies.
+    Variables are `K_tx` to `K_rz`, the same with `_loaded` (under own weight), `sag_x` to `sag_rz`,
+    and `f1` etc. if the map has frequencies.
     """
     import xarray as xr
 
@@ -284,7 +284,7 @@ def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
 
 
 def volume_dataset(found: StiffnessMap | StiffnessVolume, title: str = "") -> xr.Dataset:
-    """Return a map, or a volume over its three coordinates, as `to_dataset` does."""
+    """Return the dataset of a map, or of a volume over its three coordinates; see `to_dataset`."""
     if isinstance(found, StiffnessMap):
         return to_dataset(found, title)
     import xarray as xr

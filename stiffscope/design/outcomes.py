@@ -1,4 +1,4 @@
-"""What became of designs: objectives to be made small, by how much limits are exceeded, and the best of them."""
+"""Outcomes of designs: objectives to minimize, violations of limits, and the Pareto front."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Flags, Indices
 
-FEASIBLE = 1e-6  # relative violation of a limit that rounding and a local search may leave
+FEASIBLE = 1e-6  # tolerated relative violation of a limit, from rounding and local search
 
 
 @dataclass(frozen=True, eq=False)
@@ -19,9 +19,9 @@ class Outcomes:
 
     Attributes
     ----------
-    objectives : (n, g) to be made small; NaN where the design failed.
-    violations : (n, l) of the limits, relative, negative where one holds; NaN where the design failed.
-    failed : (n,)
+    objectives : (n, g) values to minimize; NaN for failed designs.
+    violations : (n, l) relative violations of limits, negative if met; NaN for failed designs.
+    failed : (n,) whether the design failed.
     """
 
     objectives: Array
@@ -33,12 +33,12 @@ class Outcomes:
         return len(self.failed)
 
     def __getitem__(self, some: Any) -> Outcomes:
-        """Take those of some designs."""
+        """Return the outcomes of selected designs."""
         return Outcomes(self.objectives[some], self.violations[some], self.failed[some])
 
     @property
     def excess(self) -> Array:
-        """Largest violation (n,), 0 where all limits hold; infinite for a failed design."""
+        """Largest violation (n,), 0 if all limits hold; infinite for failed designs."""
         worst = self.violations.max(axis=1, initial=0.0)
         return np.where(self.failed, np.inf, np.maximum(worst, 0.0))
 
@@ -49,21 +49,21 @@ class Outcomes:
 
     @property
     def states(self) -> Any:
-        """One of "feasible", "infeasible", "failed" for each design (n,)."""
+        """State of each design (n,): "feasible", "infeasible" or "failed"."""
         return np.where(self.failed, "failed", np.where(self.feasible, "feasible", "infeasible"))
 
 
 def find_front(outcomes: Outcomes) -> Indices:
-    """Find the feasible designs that no other is as good as in all objectives and better than in one.
+    """Return the indices of the non-dominated feasible designs.
 
-    They come in the order of the first objective; none without objectives.
+    They are sorted by the first objective; without objectives there are none.
     """
     some = np.flatnonzero(outcomes.feasible)
     if not outcomes.objectives.shape[1] or not some.size:
         return np.zeros(0, dtype=np.int64)
     values, equal = np.unique(outcomes.objectives[some], axis=0, return_inverse=True)
     left, chosen = np.arange(len(values)), np.zeros(len(values), dtype=bool)
-    while left.size:  # nothing dominates what comes first in this order
+    while left.size:  # the first one in this order is not dominated
         chosen[left[0]] = True
         left = left[(values[left] < values[left[0]]).any(axis=1)]
     equal = equal.reshape(-1)

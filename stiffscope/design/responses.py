@@ -1,4 +1,4 @@
-"""What a study computes of a design: expressions over quantities of the robot and of its parts at tool poses."""
+"""Responses of a study: expressions over quantities of the robot and its parts at tool poses."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.mechanism import Mechanism
 
-MOST_MODES = 12  # among which frequencies that are no free motion are sought
-FREE = 1e-3  # Hz: below, a mode is a free motion
+MOST_MODES = 12  # number of modes computed, including free motions
+FREE = 1e-3  # Hz; lower modes are free motions
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
 _ENTRY = {
     "K": (("N/m", "N"), ("N", "N*m/rad")),
@@ -41,10 +41,10 @@ ALONG_PATH: tuple[str, ...] = ("error", "normal", "along", "binormal")  # m: siz
 
 @dataclass(frozen=True)
 class Response:
-    """An expression over quantities, and what is taken of its values at some of the study's poses.
+    """An expression over quantities, reduced over some of the study's poses.
 
-    ``take``: "least", "greatest", "mean", "worst" (the largest size), "rms". With a ``job`` the quantities are those
-    of `ALONG_PATH`, and the poses points of its path.
+    ``take``: "least", "greatest", "mean", "worst" (largest absolute value) or "rms". With a
+    ``job``, the quantities are those of `ALONG_PATH`, and the poses are points of its path.
     """
 
     name: str
@@ -56,11 +56,11 @@ class Response:
 
     @property
     def column(self) -> str:
-        """Its name with its unit."""
+        """Name with unit."""
         return f"{self.name} [{self.unit}]"
 
     def value(self, known: Mapping[str, np.ndarray]) -> float:
-        """Its value, from its quantities (n,) at all poses. Raises InputError where it has none."""
+        """Return the value from quantities (n,) at all poses. Raise InputError if undefined."""
         some = {name: known[name][list(self.poses)] for name in self.expression.names}
         try:
             each = [
@@ -73,7 +73,7 @@ class Response:
 
 
 def _entries() -> dict[str, tuple[str, int, int, str]]:
-    """Names of the entries of K and C: matrix, row, column and unit."""
+    """Return matrix, row, column and unit of the entries of K and C by name."""
     found = {}
     for i, axis in enumerate(_AXES):
         found[f"K_{axis if axis[0] == 'r' else 't' + axis}"] = ("K", i, i, _ENTRY["K"][i // 3][i // 3])
@@ -89,10 +89,10 @@ ENTRIES = _entries()
 
 
 def known_units(robot: RobotFile) -> dict[str, str]:
-    """SI unit of every quantity that an expression may use.
+    """Return the SI unit of every quantity that an expression may use.
 
-    K_tx … K_rz (also kx … krz), K11 … K66, C11 … C66 of the robot at M; sag (its length), sag_x, sag_y, sag_z under own
-    weight; f1 … f12, Hz, drives held; mass of the robot's solids; PART.C11 … PART.C66 and PART.mass.
+    K_tx … K_rz (also kx … krz), K11 … K66, C11 … C66 of the robot at M; sag (its length), sag_x,
+    sag_y, sag_z under own weight; f1 … f12, Hz, drives held; mass of solids; PART.C11 …, PART.mass.
     """
     parts = [name for name in part_sources(robot) if re.fullmatch(r"[^\W\d]\w*", name)]
     return {
@@ -106,28 +106,28 @@ def known_units(robot: RobotFile) -> dict[str, str]:
 
 
 def worst_of(quantity: str) -> str:
-    """Which of several poses is the worst: "least" of stiffness and frequency, "greatest" of all else."""
+    """Return the worst case over poses: "least" for stiffness and frequency, else "greatest"."""
     return "least" if re.match(r"(K|k|f)", quantity.rpartition(".")[2]) else "greatest"
 
 
 def of_modes(quantity: str) -> bool:
-    """Whether a quantity is a natural frequency."""
+    """Return whether a quantity is a natural frequency."""
     return re.fullmatch(r"f\d+", quantity) is not None
 
 
 def quantities(
     names: Collection[str], mechanism: Mechanism, found: Configurations, parts: Mapping[str, PartMatrix], mass: float
 ) -> dict[str, np.ndarray]:
-    """Values (n,) of quantities by their names of `known_units`, at n configurations; only these are computed.
+    """Compute quantities (n,) at n configurations by their names in `known_units`.
 
     Parameters
     ----------
     names
-        Names of the quantities.
+        Names of the quantities to compute.
     mechanism, found
-        The robot, and its n configurations.
+        Mechanism, and its n configurations.
     parts
-        The parts' matrices, by the names of the parts.
+        The parts' matrices by name.
     mass
         Mass of the robot's solids, kg.
 
@@ -159,20 +159,20 @@ def quantities(
 
 
 def real_frequencies(mechanism: Mechanism, found: Configurations) -> np.ndarray:
-    """(n, c) natural frequencies in Hz that are no free motions, lowest first, drives held; NaN beyond the last."""
+    """Return ascending nonzero natural frequencies (n, c), Hz, drives held, padded with NaN."""
     each = frequencies(mechanism, found, MOST_MODES)
     return np.sort(np.where(each > FREE, each, np.nan), axis=1)  # NaN last
 
 
 def mass_of_solids(robot: RobotFile, components: Components, experiments: Mapping[str, Any]) -> float:
-    """Mass of the parts' materials and of rigid bodies, kg, whatever mass the file gives its parts."""
+    """Return the mass of solids and rigid bodies, kg; masses of parts in the file are ignored."""
     rigid = sum(body.mass for body in robot.bodies.values() if isinstance(body, RigidBody))
     names: Iterable[str] = part_sources(robot, components)
     return rigid + sum(len(robot.bodies_of(name)) * _solid_mass(robot, name, experiments) for name in names)
 
 
 def _solid_mass(robot: RobotFile, name: str, experiments: Mapping[str, Any]) -> float:
-    """Mass of a part's material, kg: of its solid, or of its plain shape; else what the file says."""
+    """Return the mass of a part, kg, from its solid or simple shape; else from the file."""
     part, material = robot.parts[name], robot.material(name)
     if name in experiments:
         return experiments[name].mass

@@ -1,8 +1,8 @@
-"""Methods of a study: which designs are tried next, given those before; the same designs every time, by the seed.
+"""Search methods of a study, which choose the next designs; reproducible by the seed.
 
-A design is a point of the unit cube, a coordinate for each variable. A method asks for several at once where it can,
-so that workers have something to do. Global: Sobol's points, a Latin hypercube, a grid (SciPy); NSGA-II (Optuna).
-Local: COBYQA (SciPy), a derivative-free trust-region method for bounds and constraints, from the best few points.
+A design is a point of the unit cube, one coordinate per variable. Methods request several at once
+if possible, to keep workers busy. Global: Sobol, Latin hypercube, grid (SciPy), NSGA-II (Optuna).
+Local: COBYQA (SciPy), a derivative-free trust-region method with constraints, from the best points.
 """
 
 from __future__ import annotations
@@ -24,47 +24,47 @@ if TYPE_CHECKING:
     from stiffscope.design.outcomes import Outcomes
     from stiffscope.design.study_file import StudyFile, Variable
 
-STARTS = 2  # local searches side by side
-GLOBAL = 0.4  # of an optimum's designs: sampled before the local searches
-FIRST_STEP, LAST_STEP = 0.1, 1e-5  # trust-region radius of a local search, shares of the ranges
-APART = 0.2  # shares of the ranges between the points that local searches start from
-POPULATION = (8, 40)  # of a generation of NSGA-II, and a tenth of the designs in between
-BLOCK = 1024  # Sobol's points that are drawn at once
+STARTS = 2  # parallel local searches
+GLOBAL = 0.4  # share of the designs sampled before the local searches
+FIRST_STEP, LAST_STEP = 0.1, 1e-5  # trust-region radius over the ranges
+APART = 0.2  # minimum distance between starts of local searches, over the ranges
+POPULATION = (8, 40)  # limits of the NSGA-II population, otherwise a tenth of the designs
+BLOCK = 1024  # Sobol points drawn at once
 
 Point = tuple[float, ...]
 
 
 class Evaluate(Protocol):
-    """What makes designs, from any thread."""
+    """Evaluates designs; callable from any thread."""
 
     def __call__(self, points: Iterable[Point], origin: str) -> Outcomes:
-        """Make designs as they are drawn; their outcomes in order. ``origin`` says in the table what asked for them."""
+        """Return outcomes of lazily drawn points in order; the table lists their ``origin``."""
         ...
 
     def end(self) -> None:
-        """Make no more, and end what is under way."""
+        """Stop: start no more designs and cancel running ones."""
         ...
 
 
 @dataclass(frozen=True)
 class Ending:
-    """How a search ended: whether it converged, where that can be told, and a line about each of its parts."""
+    """End of a search: whether it converged (None if unknown), and a line on each of its parts."""
 
     converged: bool | None = None
     how: tuple[str, ...] = ()
 
 
 def search(study: StudyFile, evaluate: Evaluate, part: tuple[int, int] = (1, 1)) -> Ending:
-    """Have all designs of a study made, by its method; of a sweep the i-th of n shares, where ``part`` is (i, n).
+    """Evaluate all designs of a study with its method; of a sweep only share i of n.
 
     Parameters
     ----------
     study
         Study file.
     evaluate
-        Makes designs.
+        Evaluates designs.
     part
-        Which share, of how many, of a sweep.
+        (i, n): share i of n of a sweep.
 
     """
     if study.method not in SWEEPS:
@@ -103,18 +103,18 @@ SWEEPS: dict[str, tuple[str, Callable[[StudyFile], Iterator[Point]]]] = {
     "latin-hypercube": ("Latin hypercube", _draw_hypercube),
     "sobol": ("Sobol", _draw_sobol),
 }
-"""Methods whose designs do not depend on those before: what the table calls them, and what draws their points."""
+"""Methods with independent designs: their name in the table, and the function for their points."""
 
 
 def _find_optimum(study: StudyFile, evaluate: Evaluate) -> Ending:
-    """Sobol's points, then local searches from the best of them, what has no range being held."""
+    """Evaluate Sobol points, then search locally from the best; hold variables without a range."""
     moved = [k for k, v in enumerate(study.variables) if v.low is not None]
     few = max(2, round(GLOBAL * study.designs)) if moved else study.designs
     points = list(_draw_sobol(study, few))
     outcomes = evaluate(points, "Sobol")
     starts = _choose_starts(points, outcomes, study.variables)
     left = (study.designs - few) // max(1, len(starts))
-    least = 2 * len(moved) + 3  # designs of a local search's first model
+    least = 2 * len(moved) + 3  # designs for the first model of a local search
     if not moved or not starts:
         return Ending()
     if left < least:
@@ -139,7 +139,7 @@ def _find_optimum(study: StudyFile, evaluate: Evaluate) -> Ending:
 
 
 def _choose_starts(points: list[Point], outcomes: Outcomes, variables: Sequence[Variable]) -> list[int]:
-    """The best points that are not near one another; other values of a choice are never near."""
+    """Return the best points far from each other; different choices always count as far."""
 
     def far(i: int, k: int) -> bool:
         other = any(
@@ -159,7 +159,7 @@ def _choose_starts(points: list[Point], outcomes: Outcomes, variables: Sequence[
 def _refine(
     start: Point, moved: list[int], scale: float, most: int, make: Callable[[Point], Outcomes]
 ) -> tuple[tuple[float, float], bool, int]:
-    """Search around a point with ``most`` designs: the best excess and objective, whether it converged, designs."""
+    """Search locally with ``most`` designs; return (excess, objective), converged and count."""
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
     best = (math.inf, math.inf)
@@ -196,7 +196,7 @@ def _refine(
 
 
 def _find_front(study: StudyFile, evaluate: Evaluate) -> Ending:
-    """NSGA-II, its first generation Sobol's points; failed designs have no place in a generation."""
+    """Run NSGA-II with Sobol points as first generation; failed designs are not selected."""
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)

@@ -1,4 +1,4 @@
-"""Derivatives of parts as jobs: taken from the cache, or made from the part's experiment and kept there."""
+"""Derivatives of parts as jobs: from the cache, or computed from the part's experiment."""
 
 from __future__ import annotations
 
@@ -38,19 +38,19 @@ KIND, FILE = "sensitivity", "sensitivity.json"
 
 
 def part_sensitivities(orders: Sequence[PartOrder], shop: Workshop) -> list[PartSensitivity]:
-    """Derivatives of parts by their dimensions, material constants and foundation, from the cache or made.
+    """Return derivatives of parts with respect to dimensions, material constants and foundation.
 
     Parameters
     ----------
     orders
-        The parts' experiments, which are made where the cache has none; a STEP file's solid has no dimensions.
+        The parts' experiments, run unless cached; a STEP file's solid has no dimensions.
     shop
-        Where: cache, processes, progress.
+        Workshop with cache, processes and progress.
 
     Raises
     ------
     InputError
-        A part cannot be built, meshed or held as asked.
+        A part cannot be built, meshed or clamped as requested.
 
     """
     held = {order: shop.cache.load([KIND], order.key(), read_sensitivity) for order in dict.fromkeys(orders)}
@@ -64,7 +64,7 @@ def part_sensitivities(orders: Sequence[PartOrder], shop: Workshop) -> list[Part
 
 
 def _make_sensitivity(order: PartOrder, experiment: Path, cache: Cache, report: Report) -> Path:
-    """Make the derivatives of a part and keep them: their folder. May run in a child process."""
+    """Compute and cache the derivatives of a part; return their folder. Runs in any process."""
     from stiffscope.fea.sensitivity import part_sensitivity
 
     begun = time.perf_counter()
@@ -82,7 +82,7 @@ def _make_sensitivity(order: PartOrder, experiment: Path, cache: Cache, report: 
 
 
 def _built(order: PartOrder, name: str, value: float) -> Part:
-    """The part with another value (m) of a dimension."""
+    """Build the part with another value (m) of a dimension."""
     return dataclasses.replace(order, solid=dataclasses.replace(order.solid, **{name: value})).build()
 
 
@@ -102,7 +102,7 @@ def _arrays(fields: dict[str, Any]) -> dict[str, Any]:
 
 
 def read_sensitivity(folder: Path) -> PartSensitivity:
-    """The derivatives that a folder of the cache holds."""
+    """Read the derivatives from a folder of the cache."""
     held = json.loads((folder / FILE).read_text())
     derivatives = {name: Derivative(**_arrays(fields)) for name, fields in held["derivatives"].items()}
     return PartSensitivity(held["part"], derivatives, held["notes"], held["seconds"])
@@ -115,18 +115,18 @@ def sensitivity(
     poses: Sequence[Sequence[float]] | None = None,
     components: Components = None,
 ) -> PartSensitivity | Sensitivity:
-    """Derivatives of a part, or of the robot, by everything that can be changed; from the cache where it has them.
+    """Return derivatives of a part or robot with respect to all parameters; cached if possible.
 
     Parameters
     ----------
     robot
-        As `load_robot` gives it.
+        Robot file from `load_robot`.
     part
-        A part of it that is a solid; by default the robot as a whole.
+        Name of a solid part; by default the whole robot.
     poses
         Tool poses, m and rad; by default those of the robot file.
     components
-        As `assemble` takes them.
+        Source of the parts' matrices, as in `assemble`.
 
     Returns
     -------
@@ -137,7 +137,7 @@ def sensitivity(
     Raises
     ------
     InputError
-        There is no such part, it is no solid, or a pose is out of reach.
+        The part does not exist or is not a solid, or a pose is out of reach.
 
     """
     with workshop() as shop:
@@ -147,7 +147,7 @@ def sensitivity(
 
 
 def robot_sensitivities(robot: RobotFile, poses: np.ndarray, components: Components, shop: Workshop) -> Sensitivity:
-    """Derivatives of a robot at commanded poses (n, k); those of its parts as jobs. See `sensitivity`."""
+    """Return derivatives of a robot at commanded poses (n, k), parts as jobs; see `sensitivity`."""
     names = needed_experiments(robot, components)
     for name in names:
         check_one_interface(robot, name)

@@ -1,9 +1,9 @@
-"""Derivatives of a robot's stiffness, sag and first natural frequency by every number of its file.
+"""Derivatives of a robot's stiffness, sag and first frequency with respect to numbers of its file.
 
-By central differences of the assembled robot: read, assembled and brought to the same commanded poses with a number a
-little larger and smaller. Matrices of virtual experiments follow to first order by the derivatives of their parts,
-those of beam theory in closed form; so a number's own effect on the geometry, and on all that expressions make of it,
-is counted with that of the parts.
+Central differences: the robot is read, assembled and moved to the same commanded poses with a
+slightly larger and smaller number. Matrices of virtual experiments change to first order with the
+derivatives of their parts, those of beam theory in closed form. The differences include the effects
+of a number on the geometry and through expressions.
 """
 
 from __future__ import annotations
@@ -35,16 +35,16 @@ if TYPE_CHECKING:
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.mechanism import Mechanism
 
-STEP = 1e-4  # of a number: central difference of the robot
-OWN_MODES = 0.01  # of a frequency's derivative: 95 % bound of what a part's modes between its held ends change of it
+STEP = 1e-4  # relative step of the central difference
+OWN_MODES = 0.01  # 95 % bound of the effect of fixed-interface modes, over a frequency's derivative
 
 
 @dataclass(frozen=True, eq=False)
 class Responses:
-    """Stiffness (n, 6, 6) at M, sag (n, 6), first natural frequency (n,) in Hz, and mass of the robot's solids, kg.
+    """Stiffness (n, 6, 6) at M, sag (n, 6), first frequency (n,), Hz, and mass of solids, kg.
 
-    Where K is infinite, the stiffness has 1/C_ii on its diagonal. The sag is NaN where the tool moves freely. The
-    mass is that of the parts' materials and of rigid bodies, whatever mass the file gives its parts.
+    If K is infinite, the diagonal contains 1/C_ii. The sag is NaN if the tool moves freely. The
+    mass is that of the parts' solids and of rigid bodies; masses of parts in the file are ignored.
     """
 
     stiffness: np.ndarray
@@ -55,9 +55,9 @@ class Responses:
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """Derivatives of the responses by one parameter, per SI unit of it, and the 95 % bounds of the first three.
+    """Derivatives of the responses per SI unit of a parameter, with 95 % bounds of the first three.
 
-    The bounds are those of the derivatives of the parts; differences of the robot add some 1e-6 of its responses.
+    The bounds come from the parts' derivatives; finite differences add about 1e-6 of the responses.
     """
 
     parameter: Parameter
@@ -66,14 +66,14 @@ class Row:
 
     @property
     def per_kilogram(self) -> np.ndarray | None:
-        """(n, 6, 6) change of the stiffness for a kilogram that the parameter adds; None where it adds none."""
+        """Change of the stiffness (n, 6, 6) per added kilogram; None if the mass is unchanged."""
         change = abs(self.by.mass * self.parameter.value)
         return self.by.stiffness / self.by.mass if change > 1e-9 else None
 
 
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
-    """Responses of a robot at n commanded poses, their derivatives, and why some numbers have none (``notes``)."""
+    """Responses of a robot at n poses, derivatives, and reasons for missing ones (``notes``)."""
 
     __repr__ = describe_briefly
 
@@ -84,10 +84,10 @@ class Sensitivity:
     notes: dict[str, str]
 
     def scatter(self) -> Responses | None:
-        """95 % bounds of the responses by the file's tolerances, or None where it gives none.
+        """Return 95 % bounds of the responses due to the file's tolerances; None without any.
 
-        Root sum of squares, each tolerance taken as 95 % bounds of its number, independent of the others; all bodies
-        of a part share its dimensions.
+        The bounds are root sums of squares: tolerances count as independent 95 % bounds, and all
+        bodies of a part share its dimensions.
         """
         given = [row for row in self.rows if row.parameter.tolerance]
         if not given:
@@ -106,22 +106,22 @@ def robot_sensitivity(
     derivatives: Mapping[str, Mapping[str, Derivative]] | None = None,
     names: Collection[str] | None = None,
 ) -> Sensitivity:
-    """Return the derivatives of a robot by every number of its file.
+    """Return the derivatives of a robot with respect to every number of its file.
 
     Parameters
     ----------
     robot
-        As `load_robot` gives it.
+        Robot file from `load_robot`.
     poses : (n, k)
-        Commanded poses, m and rad, which stay while numbers change.
+        Commanded poses, m and rad, the same for all changes.
     components
-        As `part_matrices` takes them.
+        Source of the parts' matrices, as in `part_matrices`.
     experiments
-        Those of the parts that `needed_experiments` names.
+        Experiments of the parts listed by `needed_experiments`.
     derivatives
-        Of these parts, by part and parameter.
+        Derivatives of these parts, by part and parameter.
     names
-        Of the parameters wanted; by default all.
+        Names of the parameters; by default all.
 
     Raises
     ------
@@ -174,7 +174,7 @@ class _Model:
         return mechanism, configure(mechanism, self.poses).require_valid()
 
     def _errors(self, robot: RobotFile, step: float, middle: Responses, by: Responses) -> Responses:
-        """Bounds of the differences by those of the parts' derivatives; zeros where no part's experiment changes."""
+        """Return bounds from those of the parts' derivatives; zeros if no experiment changes."""
         varied = self._vary_parts(robot)
         if not any(each.error.any() for each in varied.values()):
             none = [np.zeros_like(each) for each in (middle.stiffness, middle.sag, middle.frequency)]
@@ -187,7 +187,7 @@ class _Model:
         return Responses(bars, sag, frequency, 0.0)
 
     def _vary_parts(self, robot: RobotFile) -> dict[str, Any]:
-        """The experiments as they would be for this robot, with bounds of the difference only."""
+        """Return the experiments extrapolated to this robot, with bounds of the difference only."""
         return {name: self._one(name, robot) for name in self.experiments}
 
     def _one(self, name: str, robot: RobotFile) -> Any:
@@ -224,7 +224,7 @@ class _Model:
 
 
 def _check_lengths(before: RobotFile, after: RobotFile, components: Components) -> None:
-    """Raise InputError for a number that changes how long a STEP file's solid would have to be."""
+    """Raise InputError if a change alters the length required of a STEP file's solid."""
     for name, source in part_sources(before, components).items():
         for body in before.bodies_of(name) if source == "step" and not before.parts[name].interface_names else ():
             own, other = (
@@ -237,7 +237,7 @@ def _check_lengths(before: RobotFile, after: RobotFile, components: Components) 
 
 
 def _changes(before: RobotFile, after: RobotFile, name: str) -> dict[str, float]:
-    """Differences of a part's lengths, constants of its material and foundation that are not zero."""
+    """Return the nonzero changes of a part's lengths, material constants and foundation."""
 
     def numbers(robot: RobotFile) -> dict[str, Any]:
         part, material = robot.parts[name], robot.material(name)
@@ -256,7 +256,7 @@ def _changes(before: RobotFile, after: RobotFile, name: str) -> dict[str, float]
 
 
 def _first(frequencies: np.ndarray, values: np.ndarray | None = None) -> np.ndarray:
-    """(n,) the lowest frequency (n, c) that is no free motion, or the value that belongs to it; NaN for none."""
+    """Return the lowest nonzero frequency (n,), or the value that belongs to it; NaN if none."""
     values = frequencies if values is None else values
     real = frequencies > FREE
     first = real.argmax(axis=1)
@@ -264,7 +264,7 @@ def _first(frequencies: np.ndarray, values: np.ndarray | None = None) -> np.ndar
 
 
 def poses_of(robot: RobotFile, poses: Sequence[Sequence[float]] | None) -> np.ndarray:
-    """Poses (n, k) to look at: those given, else those that the file names. Raises InputError for neither."""
+    """Return the given poses (n, k), or else those of the file. Raise InputError without any."""
     found = list(robot.poses.values()) if poses is None else poses
     if not len(found):
         raise InputError(f"{robot.path}: has no poses; give one")

@@ -1,4 +1,4 @@
-"""Studies: designs made side by side, each stored as soon as it is finished, and the table of all of them."""
+"""Studies: designs computed in parallel and stored immediately, and the table of all designs."""
 
 from __future__ import annotations
 
@@ -37,14 +37,14 @@ WHOLE = (1, 1)
 
 @dataclass(frozen=True, eq=False)
 class Designs(Sequence[Design]):
-    """Finished designs, as columns.
+    """Finished designs as columns.
 
     Attributes
     ----------
-    values : of the variables, by design.
-    responses : (n, r), NaN where a design failed.
-    reasons : why designs failed, by their index.
-    origins : what of the method asked for each.
+    values : values of the variables by design.
+    responses : (n, r), NaN for failed designs.
+    reasons : reasons of failures by index.
+    origins : part of the method that requested each design.
     """
 
     values: list[Values]
@@ -53,11 +53,11 @@ class Designs(Sequence[Design]):
     origins: list[str]
 
     def __len__(self) -> int:
-        """Count them."""
+        """Return the number of designs."""
         return len(self.values)
 
     def __getitem__(self, index: Any) -> Any:
-        """Give one of them."""
+        """Return a design."""
         return Design(self.values[index], tuple(self.responses[index].tolist()), self.reasons.get(index, ""))
 
 
@@ -67,11 +67,11 @@ class Study:
 
     Attributes
     ----------
-    file : what was asked for.
-    designs : in the order of the method, each once.
-    outcomes : objectives and violations of each.
-    best : indexes of the best designs: the optimum, or the Pareto front in the order of the first objective.
-    ending : how the search ended.
+    file : study file.
+    designs : distinct designs in the order of the method.
+    outcomes : objectives and violations of each design.
+    best : indices of the optimum, or of the Pareto front sorted by the first objective.
+    ending : convergence of the search.
     """
 
     __repr__ = describe_briefly
@@ -84,7 +84,7 @@ class Study:
 
     @property
     def table(self) -> pd.DataFrame:
-        """A row for each design; SI, units in the names of the columns."""
+        """Table with one row per design, SI; units are in the column names."""
         import pandas as pd
 
         designs, count = self.designs, len(self.designs)
@@ -102,7 +102,7 @@ class Study:
         return pd.DataFrame(columns)
 
     def robot(self, index: int) -> RobotFile:
-        """The robot of a design."""
+        """Return the robot of a design."""
         return self.file.design(self.designs.values[index])
 
 
@@ -114,21 +114,21 @@ def study(
     scheduler: str | None = None,
     part: tuple[int, int] = WHOLE,
 ) -> Study:
-    """Make the designs that a study's file asks for.
+    """Run a study: compute all designs that its file requests.
 
     Parameters
     ----------
     path
-        The file: see the guide to studies.
+        Study file; see the guide to studies.
     folder
-        Where finished designs are stored, one by one; the same study goes on where it was. By default nowhere.
+        Folder for finished designs, from which the study resumes; by default none are stored.
     workers
-        Processes on this machine; 0: one design after another in this process. Processes import the main module anew,
-        so that a script needs ``if __name__ == "__main__"``.
+        Number of local processes; 0 computes all designs in this process. Processes import the main
+        module again, so a script needs ``if __name__ == "__main__"``.
     scheduler
-        Address of a Dask scheduler whose workers make the designs instead: "tcp://10.0.0.5:8786".
+        Address of a Dask scheduler whose workers compute the designs, e.g. "tcp://10.0.0.5:8786".
     part
-        (i, n): of a sweep only the i-th of n shares of the designs; `merge_study` joins them.
+        (i, n): compute only share i of n of a sweep; `merge_study` joins the shares.
 
     Returns
     -------
@@ -138,7 +138,7 @@ def study(
     Raises
     ------
     InputError
-        The file is none, or no scheduler answers.
+        The file is invalid, or the scheduler does not respond.
 
     """
     place = None if folder is None else Path(folder)
@@ -149,7 +149,7 @@ def run_study(
     file: StudyFile, folder: Path | None, report: Progress | None = None, *, workers: int, scheduler: str | None = None,
     part: tuple[int, int] = WHOLE,
 ) -> Study:  # fmt: skip
-    """As `study`, of a file that was read; ``report`` is called with the count done and its share.
+    """Run a study whose file was already read; see `study`.
 
     Parameters
     ----------
@@ -158,13 +158,13 @@ def run_study(
     folder
         Folder to write to; None to write nothing.
     report
-        Called with the number of designs made and their share.
+        Called with the number of finished designs as text, and their share.
     workers
         Number of processes.
     scheduler
-        Address of a Dask scheduler; None for processes of this machine.
+        Address of a Dask scheduler; None for local processes.
     part
-        Which share, of how many, of a sweep.
+        (i, n): share i of n of a sweep.
 
     """
     check_part(file, part)
@@ -177,12 +177,12 @@ def run_study(
 
 
 def merge_study(file: StudyFile, folders: Sequence[Path]) -> Study:
-    """Join the shares of a sweep, from the folders where their designs are stored; nothing is made anew.
+    """Join the shares of a sweep from their folders without recomputing designs.
 
     Raises
     ------
     InputError
-        A folder holds no share of this study as it is now, or a share is missing.
+        A folder has no share of the study in its current state, or a share is missing.
 
     """
     if file.method not in SWEEPS:
@@ -209,7 +209,7 @@ def merge_study(file: StudyFile, folders: Sequence[Path]) -> Study:
 
 
 def check_part(file: StudyFile, part: tuple[int, int]) -> None:
-    """Refuse a share that is none, and shares of a method that looks at the designs before."""
+    """Raise InputError for an invalid share, or for shares of a method that is not a sweep."""
     number, count = part
     if not 1 <= number <= count:
         raise InputError(f"--part: expected I/N with I from 1 to N such as 3/20, got {number}/{count}")
@@ -223,7 +223,7 @@ def check_part(file: StudyFile, part: tuple[int, int]) -> None:
 
 
 def find_study(folders: Sequence[Path]) -> Path:
-    """Find the study's file that folders of designs are of, by what their journals say."""
+    """Return the study file that is named in the journals of folders of designs."""
     for folder in folders:
         if not folder.is_dir():
             raise InputError(f"{folder.parent}: expected the output folder of a share, got none with {folder.name}")
@@ -237,7 +237,7 @@ def find_study(folders: Sequence[Path]) -> Path:
 
 
 class _Desk:
-    """Designs by their values: those stored before, and those made now, stored at once. Used from several threads."""
+    """Stored and new designs by their values; thread-safe. New ones are stored at once."""
 
     def __init__(
         self, file: StudyFile, makers: Makers, stored: Sequence[Journal], journal: Journal | None,
@@ -257,7 +257,7 @@ class _Desk:
             self._keep(self._find_row(design.values), design)
 
     def __call__(self, points: Iterable[Point], origin: str) -> Outcomes:
-        """Outcomes of points of the unit cube, in order, drawn as they are needed."""
+        """Return outcomes of points of the unit cube in order; points are drawn when needed."""
         rows = array("q")
         self.asked.setdefault(origin, array("q"))
 
@@ -284,7 +284,7 @@ class _Desk:
         return self._judge(np.array(rows, dtype=np.int64))
 
     def end(self) -> None:
-        """Make no more, and end what is under way."""
+        """Stop: start no more designs and cancel running ones."""
         self.ended = True
         self.makers.end()
 
@@ -318,11 +318,11 @@ class _Desk:
 
     def _responses(self, rows: Indices) -> Array:
         count = len(self.file.responses)
-        with self.lock:  # what is looked at cannot grow
+        with self.lock:  # an array cannot grow during a view
             return np.frombuffer(self.found).reshape(-1, count)[rows] if len(rows) else np.zeros((0, count))
 
     def finish(self, ending: Ending) -> Study:
-        """Give the finished study, its designs in the method's order."""
+        """Return the finished study with the designs in the method's order."""
         asked = sorted(self.asked.items(), key=lambda each: _rank_origin(each[0]))
         words = [origin for origin, _ in asked]
         every = np.concatenate([np.zeros(0, dtype=np.int64), *(np.array(rows, dtype=np.int64) for _, rows in asked)])
@@ -341,6 +341,6 @@ class _Desk:
 
 
 def _rank_origin(origin: str) -> tuple[bool, int]:
-    """Local searches run side by side: they come after what they start from, by their number."""
+    """Return a sort key that puts parallel local searches last, by number."""
     word, _, number = origin.rpartition(" ")
     return (True, int(number)) if word and number.isdigit() else (False, 0)

@@ -1,4 +1,4 @@
-"""A study as its file describes it: a robot, its variables, their responses, limits and goals."""
+"""Description of a study: robot, variables, responses, limits and goals."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ Pose = str | tuple[float, ...]
 
 @dataclass(frozen=True)
 class Variable:
-    """A number or word of the robot file that the study varies, SI.
+    """A number (SI) or word of the robot file varied by the study.
 
-    ``levels``: the values that it may have, or those that a grid takes of its range from ``low`` to ``high``.
+    ``levels``: the possible values, or the grid points of the range from ``low`` to ``high``.
     """
 
     name: str
@@ -39,27 +39,27 @@ class Variable:
 
     @property
     def column(self) -> str:
-        """Its name, with its unit where it is a number."""
+        """Name, with the unit if it is a number."""
         return f"{self.name} [{self.unit}]" if all(not isinstance(each, str) for each in self.levels) else self.name
 
     def find_value(self, share: float) -> Value:
-        """Its value at a share from 0 to 1 of its range or of its values."""
+        """Return the value at a fraction from 0 to 1 of the range or of the values."""
         if self.low is None or self.high is None:
             return self.levels[min(int(share * len(self.levels)), len(self.levels) - 1)]
         return round_off(self.low + share * (self.high - self.low))
 
     def overrides(self, value: Value) -> tuple[str, ...]:
-        """What sets it, as `--set` takes it."""
+        """Return the overrides for `--set`."""
         return (*self.also, write_override(self.name, value))
 
 
 def round_off(value: float) -> float:
-    """Round a number to the twelve digits that a robot file shows well."""
+    """Round a number to twelve digits for robot files."""
     return float(f"{value:.12g}")
 
 
 def write_override(name: str, value: Any) -> str:
-    """Write a value as `--set` takes it."""
+    """Return an override for `--set`."""
     return f"{name}={json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)}"
 
 
@@ -73,14 +73,14 @@ class Limit:
     text: str
 
     def violation(self, found: Array) -> Array:
-        """By how much a response (n,) exceeds it, as a share of it; negative where it does not."""
+        """Return the relative violation (n,) by a response (n,); negative if the limit is met."""
         sign = 1.0 if self.at_most else -1.0
         return sign * (found - self.value) / (abs(self.value) or 1.0)
 
 
 @dataclass(frozen=True)
 class Goal:
-    """A response to be made small (``sign`` 1) or large (-1)."""
+    """A response to minimize (``sign`` 1) or maximize (-1)."""
 
     response: str
     sign: float
@@ -88,9 +88,9 @@ class Goal:
 
 @dataclass(frozen=True, eq=False)
 class StudyFile:
-    """A study as its file describes it, checked; ``poses`` are all that the responses look at, numbers in m and rad.
+    """A checked study file; ``poses`` are those of all responses, numbers in m and rad.
 
-    A pose by its name is that of the design's robot file; numbers stay.
+    A named pose is taken from each design's robot file; numbers are the same for all designs.
     """
 
     path: Path
@@ -107,11 +107,11 @@ class StudyFile:
     poses: tuple[Pose, ...]
 
     def poses_of(self, robot: RobotFile) -> np.ndarray:
-        """All poses (n, k) for a design, m and rad."""
+        """Return all poses (n, k) of a design, m and rad."""
         return np.array([robot.poses[each] if isinstance(each, str) else each for each in self.poses])
 
     def design(self, values: Iterable[Value]) -> RobotFile:
-        """The robot with these values of the variables. Raises InputError where they make no robot."""
+        """Return the robot with these values. Raise InputError if they are invalid."""
         changes = [text for v, value in zip(self.variables, values, strict=True) for text in v.overrides(value)]
         source = self.robot.source
         return read_robot(source.path, source.text, [*source.overrides, *changes], self.tolerance)

@@ -1,4 +1,4 @@
-"""Reading a study's file: every name, value and unit in it is checked against the robot that it names."""
+"""Reading of study files: every name, value and unit is checked against the robot."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ def load_study(path: str | Path) -> StudyFile:
     Parameters
     ----------
     path
-        A TOML file; the robot it names is sought from its folder.
+        TOML file; the path of the robot is relative to its folder.
 
     Raises
     ------
     InputError
-        One line that names the file, the line, the field, what was expected and what was found.
+        The file is invalid; the message names file, line, field, expected and found value.
 
     """
     path = Path(path)
@@ -79,7 +79,7 @@ def _read(top: StudySection, source: Source) -> StudyFile:
 
 
 def _list_entries(table: dict[str, Any], key: Key, model: type[Section]) -> list[tuple[Key, str, Any]]:
-    """Key, name and value of a table's entries; the dots of a name may be TOML's: slider.thickness = …."""
+    """Return key, name and value of a table's entries; slider.thickness = … may be a dotted key."""
     found: list[tuple[Key, str, Any]] = []
 
     def walk(inner: Key, name: str, value: Any) -> None:
@@ -129,7 +129,7 @@ def _read_number(value: Any, key: Key) -> float:
 
 
 def _read_value(value: Any, key: Key) -> Value:
-    """A whole number stays one; a text with a unit is SI, any other stays a text."""
+    """Return an integer unchanged, a quantity as float in SI, and any other text unchanged."""
     if isinstance(value, int) and not isinstance(value, bool):
         return value
     try:
@@ -141,7 +141,7 @@ def _read_value(value: Any, key: Key) -> Value:
 
 
 def _check_takes(name: str, texts: list[Any], robot: RobotFile, also: tuple[str, ...], key: Key) -> None:
-    """Refuse a name or values of which none makes a robot; some that make none are failed designs later."""
+    """Raise FieldError if no value gives a valid robot; single invalid values fail later."""
     first: FieldError | None = None
     source = robot.source
     for value in texts:
@@ -221,7 +221,7 @@ def _list_poses(found: ResponseSection, robot: RobotFile, key: Key) -> list[Pose
 
 
 def _list_grid(robot: RobotFile, points: int, where: Key) -> list[Pose]:
-    """Points of the map that the robot reaches as its file has it; a design that does not reach them all fails."""
+    """Return the map points reachable for the nominal robot; a design must reach all of them."""
     if robot.map is None:
         raise FieldError(where, f"expected a pose: {robot.path} has no [map], got map")
     mechanism = rigid_mechanism(robot)

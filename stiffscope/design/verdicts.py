@@ -1,4 +1,4 @@
-"""Verdicts on a finished study: why nothing is feasible, whether the search converged, what ended on a bound."""
+"""Verdicts on a finished study: infeasibility, convergence, parameters at their bounds."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ if TYPE_CHECKING:
     from stiffscope.design.studies import Study
     from stiffscope.design.study_file import Limit, Variable
 
-SETTLED = 0.01  # of the front's spread that the last quarter of the designs may add
-AT_END = 1e-3  # share of a range that counts as its end
+SETTLED = 0.01  # most of the front's spread that the last quarter of the designs may add
+AT_END = 1e-3  # distance from the end of a range that counts as the end, over the range
 
 
 @dataclass(frozen=True)
 class Nearest:
-    """The design that comes nearest to the limits where none meets them all.
+    """The design nearest to the limits if no design meets all of them.
 
     Attributes
     ----------
-    design : its index.
-    limit, found : what it exceeds most, and its response there.
-    met : for each limit, how many designs meet it.
+    design : index of the design.
+    limit, found : limit violated most, and the design's response.
+    met : number of designs that meet each limit.
     """
 
     design: int
@@ -36,7 +36,7 @@ class Nearest:
 
 @dataclass(frozen=True)
 class AtBound:
-    """A parameter of best designs at an end of its range: ``end`` is "lower" or "upper", ``count`` designs have it."""
+    """A parameter of ``count`` best designs at the "lower" or "upper" ``end`` of its range."""
 
     variable: Variable
     end: str
@@ -44,7 +44,7 @@ class AtBound:
 
 
 def find_nearest(study: Study) -> Nearest | None:
-    """Find the design nearest to the limits; None where one is feasible, or all failed."""
+    """Return the design nearest to the limits; None if one is feasible or all failed."""
     outcomes = study.outcomes
     if outcomes.feasible.any() or outcomes.failed.all():
         return None
@@ -52,12 +52,12 @@ def find_nearest(study: Study) -> Nearest | None:
     limit = study.file.limits[int(np.argmax(outcomes.violations[index]))]
     names = [response.name for response in study.file.responses]
     found = float(study.designs.responses[index, names.index(limit.response)])
-    met = (outcomes.violations <= FEASIBLE).sum(axis=0)  # false where one failed: NaN
+    met = (outcomes.violations <= FEASIBLE).sum(axis=0)  # NaN of failed designs gives False
     return Nearest(index, limit, found, tuple(met.tolist()))
 
 
 def find_bounds(study: Study) -> list[AtBound]:
-    """Find the parameters that best designs have at an end of their range."""
+    """Return the parameters of best designs that lie at an end of their range."""
     if not study.file.goals:
         return []
     found = []
@@ -72,10 +72,10 @@ def find_bounds(study: Study) -> list[AtBound]:
 
 
 def judge_convergence(study: Study) -> tuple[bool | None, tuple[str, ...]]:
-    """Judge whether the search converged, None where it is no search or nothing is feasible; and say how it ended.
+    """Return whether the search converged (None if unknown), and lines on how it ended.
 
-    A front by how far that of the first three quarters of the designs must be moved to be as good as the last
-    everywhere, as a share of its spread: the additive epsilon indicator (Zitzler et al. 2003).
+    A Pareto front is judged by the additive epsilon indicator (Zitzler et al. 2003) between the
+    front of the first three quarters of the designs and the final front, relative to its spread.
     """
     if study.file.method != "pareto":
         return study.ending.converged, study.ending.how

@@ -1,1 +1,1 @@
-"""What a person sees: tables, figures, pages and pictures. The only place of rich, matplotlib, pyvista and HTML."""
+"""Tables, figures, pages and pictures; only this code uses rich, matplotlib, pyvista or HTML."""

@@ -1,4 +1,4 @@
-"""The scores of a blind check: as JSON, as tables, as figures."""
+"""Scores of a blind check as JSON, tables and figures."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ if TYPE_CHECKING:
     from stiffscope.report.terminal import Shown
 
 MEASURES = (
-    ("singles", "single effects with ln-odds above 10: right", "≥ 97 %", 0.97, 1.0),
+    ("singles", "single effects with ln-odds above 10: correct", "≥ 97 %", 0.97, 1.0),
     ("pairs", "pairs: right", "≥ 92 %", 0.92, 1.0),
     ("triples", "triples: right", "≥ 85 %", 0.85, 1.0),
     ("false_alarms", "no effect: false alarms", "≤ 2 %", 0.0, 0.02),
-    ("outside", "effects outside the library: identified as one of it", "≤ 3 %", 0.0, 0.03),
-    ("distinguishable", "those of them that no few of its effects imitate: identified", "≤ 3 %", 0.0, 0.03),
-    ("left_out", "effect removed from the library: no confident wrong name", "", 0.0, 1.0),
+    ("outside", "effects outside the library: identified as a library effect", "≤ 3 %", 0.0, 0.03),
+    ("distinguishable", "of these, not reproduced by a few library effects: identified", "≤ 3 %", 0.0, 0.03),
+    ("left_out", "effect removed from the library: no confident misidentification", "", 0.0, 1.0),
     ("coverage", "95 % intervals that contain the true value", "92 to 98 %", 0.92, 0.98),
 )
 FIGURES = {
-    "confusion": ("Planted against answered", "matrix of the effects planted, rows, and answered, columns"),
+    "confusion": ("Planted and diagnosed effects", "matrix of planted and diagnosed effects"),
     "gaps": ("Gap over noise of each campaign: before, after, held out", "points of the gap over noise, by campaign"),
-    "calibration": ("How often a stated probability is true", "stated probabilities against how often they are true"),
+    "calibration": ("Reliability of stated probabilities", "reliability diagram"),
 }
 HELD_OUT = 1.2
-ENOUGH = 50  # intervals below which their share is not judged
+ENOUGH = 50  # minimum number of intervals for judging their coverage
 
 
 def scores_json(scores: Scores, campaigns: int, seed: int, seconds: float) -> dict[str, Any]:
-    """Return what scripts read of a blind check; a share of nothing is null.
+    """Return the results of a blind check for JSON output; the share of an empty set is null.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def scores_json(scores: Scores, campaigns: int, seed: int, seconds: float) -> di
     seed
         Seed of the random numbers.
     seconds
-        Time that it took.
+        Duration of the check, s.
 
     """
     planted, answered, counts = scores.confusion()
@@ -89,7 +89,7 @@ def scores_json(scores: Scores, campaigns: int, seed: int, seconds: float) -> di
 
 
 def show_scores(scores: Scores) -> None:
-    """Show the scores beside their targets, the gap by kind of campaign, the confusion, and the wrong answers."""
+    """Show scores with targets, gaps by kind of campaign, the confusion and the wrong answers."""
     intervals = sum(len(o.covered) for o in scores.outcomes)
     rows = []
     for key, words, target, low, high in MEASURES:
@@ -100,7 +100,7 @@ def show_scores(scores: Scores) -> None:
         rows.append((words + (f" ({intervals})" if key == "coverage" else ""), share, target, met))
     if scores.held_out is not None:
         met = "yes" if scores.held_out <= HELD_OUT else "no"
-        words = "rightly identified: largest held-out gap over noise"
+        words = "correctly identified: largest held-out gap over noise"
         rows.append((words, f"{scores.held_out:.3f}", f"≤ {HELD_OUT}", met))
     show_table("Blind check", (("measure",), ("measured", "target", "met")), rows, prose=("measure",))
     _show_robots(scores)
@@ -121,7 +121,7 @@ def _percent(value: float | None) -> str:
 
 
 def _show_robots(scores: Scores) -> None:
-    """A row for each robot, where there are several."""
+    """Show one row per robot if there are several."""
     own = scores.by_robot()
     keys = [key for key, *_ in MEASURES]
     rows = [(name, *(_percent(getattr(each, key)) for key in keys)) for name, each in own.items()]
@@ -131,7 +131,7 @@ def _show_robots(scores: Scores) -> None:
 
 
 def _show_calibration(scores: Scores) -> None:
-    """Stated probabilities against how often they are true."""
+    """Show stated probabilities and observed frequencies."""
     rows = [(f"{100 * stated:.1f}", f"{100 * true:.1f}", str(count)) for stated, true, count in scores.calibration()]
     if rows:
         show_table("Stated probabilities, %", (("stated",), ("true", "effects")), rows)
@@ -177,7 +177,7 @@ def draw_scores(scores: Scores, folder: Path) -> None:
 
 
 def write_blind_report(scores: Scores, folder: Path, title: str, shown: Sequence[Shown]) -> None:
-    """Write ``report.html`` of a blind check to its output folder: tables as shown, the figures there, the manifest.
+    """Write ``report.html`` of a blind check: the shown tables, the folder's figures, the manifest.
 
     Parameters
     ----------
@@ -197,9 +197,9 @@ def write_blind_report(scores: Scores, folder: Path, title: str, shown: Sequence
 
 
 def confusion(scores: Scores) -> Figure:
-    """Draw planted against answered: single effects, none, and unknown ones."""
+    """Draw the confusion matrix: single effects, no effect and effects outside the library."""
     planted, answered, counts = scores.confusion()
-    figure = new_figure(4.2 + 0.34 * len(answered), 3.4 + 0.27 * len(planted), "Planted (rows) and answered (columns)")
+    figure = new_figure(4.2 + 0.34 * len(answered), 3.4 + 0.27 * len(planted), "Planted (rows), diagnosed (columns)")
     axes = figure.subplots()
     grid = np.array(counts, dtype=float).reshape(len(planted), len(answered))
     axes.imshow(np.where(grid > 0, grid, np.nan), cmap="Purples", vmin=0, vmax=max(grid.max(initial=1.0) * 1.4, 2.0))
@@ -211,7 +211,7 @@ def confusion(scores: Scores) -> Figure:
 
 
 def gaps(scores: Scores) -> Figure:
-    """Draw the gap before, after and held out of each campaign, in units of its noise."""
+    """Draw each campaign's gap before, after and at held-out poses, divided by its noise."""
     from matplotlib.ticker import LogFormatter
 
     shown = sorted((o for o in scores.outcomes if not o.left_out), key=lambda o: (o.kind, o.gap[0] / o.gap[3]))
@@ -237,7 +237,7 @@ def gaps(scores: Scores) -> Figure:
 
 
 def calibration(scores: Scores) -> Figure:
-    """Draw the reliability of stated probabilities: how often true, tenth by tenth, with two standard errors."""
+    """Draw a reliability diagram of the stated probabilities, in tenths, with bars of 2 σ."""
     figure = new_figure(4.6, 4.4, "How often a stated probability is true")
     axes = figure.subplots()
     axes.plot([0, 1], [0, 1], color=BEFORE, lw=0.8, ls=":")
@@ -245,7 +245,7 @@ def calibration(scores: Scores) -> Figure:
         error = 2 * np.sqrt(max(stated * (1 - stated), 0.25 / count) / count)
         axes.errorbar(stated, true, error, fmt="o", color=EFFECT, ecolor=BEFORE, elinewidth=1)
         axes.text(stated, 1.01, str(count), transform=axes.get_xaxis_transform(), ha="center", fontsize=7)
-    axes.set(xlabel="stated probability (number of cases above)", ylabel="share that is true")
+    axes.set(xlabel="stated probability (number of cases above)", ylabel="observed frequency")
     axes.set(xlim=(-0.03, 1.05), ylim=(-0.03, 1.05))
     axes.spines[["top", "right"]].set_visible(False)
     return figure

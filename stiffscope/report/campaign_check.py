@@ -1,4 +1,4 @@
-"""What `stiffscope campaign check` says of a campaign: counts, units, poses, sensors, loads; a picture, a report."""
+"""Output of `stiffscope campaign check`: counts, units, poses, sensors, loads, pictures, report."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ PICTURES = {
     "first_pose.png": "The robot at the first pose",
     "last_pose.png": "The robot at the last pose",
 }
-"""Files that `draw_sensors` writes, with their captions."""
+"""Files written by `draw_sensors`, with their captions."""
 _PLURAL = {"frequency": "frequencies", "stiffness": "stiffnesses", "push": "pushes"}
-_SHOWN = 24  # rows of a table, beyond which the rest is counted
+_SHOWN = 24  # rows shown in a table; further rows are only counted
 
 
 def campaign_json(campaign: Campaign, remarks: Iterable[ReadingRemark] = ()) -> dict[str, Any]:
-    """What was understood, as plain data, SI."""
+    """Return the campaign as read, as plain data in SI units."""
     c = campaign
     return {
         "robot": c.robot,
@@ -76,7 +76,7 @@ def _sensor(c: Campaign, k: int) -> dict[str, Any]:
 
 
 def _channels(c: Campaign) -> list[dict[str, Any]]:
-    """Readings of a kind by an instrument: how many, their range and their median uncertainty."""
+    """Return count, range and median uncertainty of the readings by instrument and kind."""
     out: list[dict[str, Any]] = []
     rows: dict[tuple[str, int], list[int]] = {}
     for i, kind in enumerate(c.kind.tolist()):
@@ -101,7 +101,7 @@ def _unit(c: Campaign, reading: int) -> str:
 
 
 def show_campaign(facts: Mapping[str, Any], name: str) -> None:
-    """Print how a campaign was read, from `campaign_json`."""
+    """Print the facts of a campaign returned by `campaign_json`."""
     kinds = ", ".join(f"{count} {_PLURAL.get(kind, kind + 's')}" for kind, count in facts["kinds"].items())
     show_line(f"{name}: {facts['readings']} readings ({kinds}) at {len(facts['poses'])} poses", "bold")
     if facts["empty"]:
@@ -111,7 +111,7 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
     for remark in facts["remarks"]:
         show_line(f"  {remark['text']}", "yellow")
     if facts["without_sigma"]:
-        show_line(f"  {facts['without_sigma']} state no uncertainty: it will be estimated")
+        show_line(f"  {facts['without_sigma']} have no uncertainty; it will be estimated")
     sessions = ", ".join(f"{label or 'without a name'} {count}" for label, count in facts["sessions"].items())
     show_line("  one session\n" if [*facts["sessions"]] == [""] else f"  sessions: {sessions}\n")
     rows = [
@@ -135,7 +135,7 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
     show_line(f"Largest wrench: {largest or 'none'} (N, N·m)")
     names = facts["coordinates"]
     if not np.isfinite([*facts["poses"].values()]).any():
-        show_line(f"Poses: {', '.join(facts['poses'])}, by their names alone")
+        show_line(f"Poses: {', '.join(facts['poses'])}, given by name only")
         return
     poses = [[key, *(pose_values([v], [name], 6) for v, name in zip(pose, names, strict=True))]
              for key, pose in facts["poses"].items()]  # fmt: skip
@@ -147,7 +147,7 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
 
 
 def write_page(name: str, folder: Path, shown: Sequence[Shown]) -> None:
-    """Write ``report.html`` on how a campaign was read: tables as shown, pictures in the folder.
+    """Write ``report.html`` of a campaign check: the shown tables and the folder's pictures.
 
     Parameters
     ----------
@@ -159,9 +159,9 @@ def write_page(name: str, folder: Path, shown: Sequence[Shown]) -> None:
         Tables as the terminal showed them.
 
     """
-    words = "the robot, with arrows where sensors touch and loads act"
+    words = "the robot, with arrows at sensors and loads"
     drawn = page.figures(folder, {file: (caption, words) for file, caption in PICTURES.items()})
-    about = ["how the campaign was read; nothing is compared here"]
+    about = ["the campaign as read, not compared with the model"]
     write_report(folder, f"{name}: its readings", about, [Section("Readings", shown, drawn, files=("check.json",))])
 
 
@@ -176,12 +176,12 @@ def _three(values: list[float] | None) -> str:
 def draw_sensors(
     draw: Callable[..., None], robot: RobotFile, found: Configurations, campaign: Campaign, folder: Path
 ) -> None:
-    """`PICTURES`: the robot at the first and the last of its poses, marks as arrows; where it can be drawn.
+    """Draw `PICTURES`: the robot at its first and last pose, with arrows, if drawing is possible.
 
     Parameters
     ----------
     draw
-        As `stiffscope.report.pictures.open_drawing` gives it.
+        Drawing function from `stiffscope.report.pictures.open_drawing`.
     robot
         Robot file.
     found
@@ -205,7 +205,7 @@ def draw_sensors(
 
 
 def marks(campaign: Campaign, mechanism: Mechanism) -> list[dict[str, Any]]:
-    """Arrows of `drawing.robot`: along every sensor's direction, and along the largest wrench of every load."""
+    """Return arrows for `drawing.robot`: each sensor's direction and each load's largest force."""
     out: list[dict[str, Any]] = []
     for sensor in campaign.sensors:
         at = _place(mechanism, sensor.body) if sensor.rotates else np.array(sensor.at)
@@ -226,7 +226,7 @@ def marks(campaign: Campaign, mechanism: Mechanism) -> list[dict[str, Any]]:
 
 
 def _place(mechanism: Mechanism, node: str) -> np.ndarray:
-    """A point of a node's body at home, for what belongs to all of it."""
+    """Return a point of a node's body at home, for quantities of the whole body."""
     body = next((b for b in mechanism.bodies if node in b.nodes), None)
     if body is not None and body.elastic is not None:
         return body.elastic.places[body.nodes.index(node)]

@@ -1,4 +1,4 @@
-"""What `stiffscope check` prints: a robot file in plain words."""
+"""Output of `stiffscope check`: a robot file in plain words."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
     from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.mobility import Mobility
 
-_SHOWN = 8  # lines of a list, beyond which the rest is counted
+_SHOWN = 8  # lines shown of a list; further lines are only counted
 
 
 def show_check(found: Inspection) -> None:
-    """All tables of an inspection, then its remarks."""
+    """Show all tables of an inspection, then its remarks."""
     show_line(f"{found.robot.name} ({found.robot.path})", "bold")
     show_line("")
     show_facts("Mobility at home", list(_mobility(found)))
@@ -38,11 +38,11 @@ def show_check(found: Inspection) -> None:
 
 
 def show_doubts(doubts: Sequence[Doubt]) -> None:
-    """What an import found that may be read in another way, with both readings."""
+    """Show the ambiguous findings of an import with both interpretations."""
     rows = [(_some(doubt.solids), doubt.text) for doubt in doubts]
     if rows:
-        columns = ("solids", "what was taken, and what it may be")
-        _table("Look at these, which may be read in another way", columns, rows, prose=columns)
+        columns = ("solids", "assumption, and alternatives")
+        _table("Review these; other interpretations are possible", columns, rows, prose=columns)
 
 
 def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], prose: Collection[str] = ()) -> None:
@@ -92,7 +92,7 @@ def _actuation(found: Inspection) -> str:
     if m.loose:
         return f"{drives}: {len(m.loose)} too few for the tool"
     if m.redundant_drives:
-        return f"{drives}: {m.redundant_drives} more than independent ({list_names(m.dependent_drives)})"
+        return f"{drives}: {m.redundant_drives} redundant ({list_names(m.dependent_drives)})"
     return f"{drives}: as many as needed"
 
 
@@ -120,7 +120,7 @@ def _kg(mass: float | None) -> str:
 
 
 def _masses(found: Inspection) -> None:
-    """Bodies of one part or of one mass together."""
+    """Show the masses, grouping bodies with the same part and mass."""
     alike: dict[tuple[str, float | None], list[str]] = {}
     for name, mass in found.masses.items():
         alike.setdefault((getattr(found.robot.bodies[name], "part", ""), mass), []).append(name)
@@ -169,8 +169,8 @@ def _reach(found: Inspection) -> None:
             (way.coordinate, f"{word} {end}", why or "no limit up to here")
             for word, end, why in zip(("from", "to"), ends, (way.at_low, way.at_high), strict=True)
         ]
-    title = "Reach of the tool along one coordinate, others as at home"
-    _table(title, ("along", "reach", "what ends it"), rows, prose=("reach", "what ends it"))
+    title = "Tool range along one coordinate, the others at home"
+    _table(title, ("along", "reach", "limited by"), rows, prose=("reach", "limited by"))
 
 
 def _poses(found: Inspection) -> None:

@@ -1,6 +1,6 @@
-"""FEA beside beam theory beside the published matrix, entry by entry, and which assumption fails where.
+"""Comparison of FEA, beam theory and published matrix entry by entry, with failing assumptions.
 
-A rod, a plate or a section of any robot; "published" is for robots whose file names a published matrix.
+For a rod, plate or section of any robot; "published" requires a published matrix in the robot file.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Comparison:
-    """All entries that any source has, and findings on their differences, a sentence each."""
+    """Entries that are nonzero in any source, and findings on their differences as sentences."""
 
     part: str
     entries: tuple[Entry, ...]
@@ -45,16 +45,16 @@ class Comparison:
 
 
 def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Comparison:
-    """Return a parametric part's compliance by FEA, beam theories and as published, entry by entry, with findings.
+    """Compare a parametric part's compliance by FEA, by beam theory and as published.
 
     Parameters
     ----------
     robot
-        Robot that the part is of.
+        Robot with the part.
     name
         Name of a parametric part.
     result
-        Its virtual experiment.
+        Result of the part's virtual experiment.
 
     Returns
     -------
@@ -79,7 +79,7 @@ def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Com
 
 
 def _find_printed(robot: RobotFile, name: str) -> np.ndarray | None:
-    """The published compliance (6, 6), where any part of the robot has one."""
+    """Return the published compliance (6, 6) that applies to the part, or None."""
     own = getattr(robot.part(name), "published", None)
     if own or (robot.part(name).shape == "rod" and any(getattr(p, "published", None) for p in robot.parts.values())):
         return parts_of.published_compliance(robot, name)
@@ -89,7 +89,7 @@ def _find_printed(robot: RobotFile, name: str) -> np.ndarray | None:
 def _findings(
     robot: RobotFile, name: str, fea: np.ndarray, simple: np.ndarray, beam: np.ndarray, printed: np.ndarray | None
 ) -> list[str]:
-    """Which assumption fails where, a sentence each."""
+    """Return one sentence per assumption that fails."""
     part, material = robot.part(name), robot.material(name)
     if not isinstance(part, ParametricPart) or material is None:
         return []
@@ -130,7 +130,7 @@ def _findings(
 
 
 def _torsion(section: Section, material: AnyMaterial, length: float, torsion: float) -> list[str]:
-    """What torsion shows, of FEA over Saint-Venant's."""
+    """Return findings on torsion, given the ratio of FEA's compliance to Saint-Venant's."""
     found = []
     if abs(torsion - 1) > 0.02:
         effect = "the part is too short for the end effect to decay (Saint-Venant)"

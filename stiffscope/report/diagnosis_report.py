@@ -1,4 +1,4 @@
-"""The report of `diagnose`: verdict, robot coloured by share of the gap, effects, gap, alternatives, checks."""
+"""Report of `diagnose`: verdict, robot coloured by share of gap, effects, alternatives, checks."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from stiffscope.vjm.kinematics import Configurations
 
 SHARE = "share of the gap"
-MOST_POSES = 60  # in the view, those of the largest residuals
+MOST_POSES = 60  # most poses in the view; those with the largest residuals are kept
 FIGURES = {
     "waterfall": (
-        "The gap: the model as it is, with each effect, at poses held out, noise",
-        "bars of the gap in % rms: the model as it is, with each effect, at poses held out, noise",
+        "The gap: the nominal model, with each effect, at poses held out, noise",
+        "bars of the gap in % rms: the nominal model, with each effect, at poses held out, noise",
     ),
     "corner": (
         "Posterior of the parameters: histograms, and contours of 50 % and 95 %",
@@ -36,7 +36,7 @@ FIGURES = {
     ),
     "residuals": (
         "Residuals over noise by pose and direction, before and with the effects",
-        "two maps of residuals over noise, poses by directions: the model as it is, with the effects",
+        "two maps of residuals over noise, poses by directions: the nominal model, with the effects",
     ),
     "readings": (
         "Measured readings against their prediction, before and with the effects",
@@ -61,18 +61,18 @@ def write_diagnosis_report(
     facts: Sequence[str],
     view: RobotView | None = None,
 ) -> None:
-    """Write the report of a diagnosis to its output folder, with the figures (SVG) that are there.
+    """Write the report of a diagnosis to its output folder, with the SVG figures found there.
 
     Parameters
     ----------
     folder
         Output folder.
     diagnosis
-        What the report shows.
+        Diagnosis to report.
     title, facts
-        Heading, and what to know of campaign and model.
+        Heading, and facts about the campaign and the model.
     view
-        The robot that turns, of `share_view`.
+        Rotatable view of the robot from `share_view`.
 
     """
 
@@ -102,12 +102,12 @@ def write_diagnosis_report(
 
 
 def share_view(folder: Path, assembled: Assembled, diagnosis: Diagnosis, found: Configurations) -> RobotView | None:
-    """The robot at the campaign's poses, worst first, coloured as `kept_pictures.write_diagnosis_pictures` does.
+    """Return the coloured robot at the campaign's poses, worst first; None without ``robot.png``.
 
     Parameters
     ----------
     folder
-        Folder to write to.
+        Output folder with ``robot.png``.
     assembled
         Robot with its parts' matrices.
     diagnosis
@@ -142,11 +142,11 @@ def _effects(diagnosis: Diagnosis) -> list[Shown]:
     confused = [
         f"These readings cannot distinguish {text.name(e.effect, e.place)} from "
         f"{', '.join(map(text.label, e.confused_with))}"
-        + (f"; one of them is at work with probability {e.group_probability:.4f}." if e.group_probability > 0 else ".")
+        + (f"; one is present, probability {e.group_probability:.4f}." if e.group_probability > 0 else ".")
         for e in diagnosis.effects
         if e.confused_with
     ]
-    merely = [f"Merely possible: {'; '.join(text.possible(diagnosis))}"] if diagnosis.possible else []
+    merely = [f"Possible: {'; '.join(text.possible(diagnosis))}"] if diagnosis.possible else []
     return [*tables, *_lines([*confused, *merely])]
 
 

@@ -1,4 +1,4 @@
-"""What all matplotlib figures share: colours, style, heading, and text that is never read as mathematics."""
+"""Shared parts of matplotlib figures: colours, style, heading, and text without math parsing."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ STYLE: Any = {"svg.fonttype": "none", "svg.hashsalt": "stiffscope", "font.family
 
 
 def new_figure(width: float, height: float, title: str) -> Figure:
-    """Return an empty figure, sizes in inches, under a heading."""
+    """Return an empty figure with a heading; width and height in inches."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
@@ -27,10 +27,10 @@ def new_figure(width: float, height: float, title: str) -> Figure:
 
 
 def save_figure(figure: Figure, *targets: Path, dpi: int = 110) -> None:
-    """Write a figure as SVG or PNG, by the name of each target.
+    """Write a figure as SVG or PNG, according to the suffix of each target.
 
-    By the canvas itself: ``Figure.savefig`` draws everything once more beforehand, and so does every text whose extent
-    is asked of a figure without a canvas.
+    The canvas writes it, because ``Figure.savefig`` would draw everything once more. So would
+    asking for the extent of a text in a figure without a canvas.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -41,11 +41,11 @@ def save_figure(figure: Figure, *targets: Path, dpi: int = 110) -> None:
             FigureCanvasSVG(figure).print_svg(target, metadata={"Date": None})
         else:
             FigureCanvasAgg(figure).print_png(target)
-        figure.set_layout_engine("none")  # laid out once
+        figure.set_layout_engine("none")  # the layout is computed only once
 
 
 def save_figures(folder: Path, figures: dict[str, Callable[[], Figure | None]]) -> list[str]:
-    """Draw figures and write each as SVG and PNG under its name; returns the names of those that there are."""
+    """Draw figures and write each as SVG and PNG; return the names of those that exist."""
     import matplotlib as mpl
 
     drawn: list[str] = []
@@ -59,13 +59,13 @@ def save_figures(folder: Path, figures: dict[str, Callable[[], Figure | None]]) 
 
 
 def name_rows(axes: Axes, names: Sequence[str], size: float = 8) -> None:
-    """Write a name at each row of an image."""
+    """Label the rows of an image."""
     axes.set_yticks(range(len(names)), names, fontsize=size, parse_math=False)
     axes.tick_params(length=0)
 
 
 def name_columns(axes: Axes, names: Sequence[str], size: float = 8) -> None:
-    """Write a slanted name at each column of an image."""
+    """Label the columns of an image with slanted text."""
     slanted: Any = {"rotation": 60, "ha": "right", "rotation_mode": "anchor"}
     axes.set_xticks(range(len(names)), names, fontsize=size, parse_math=False, **slanted)
     axes.tick_params(length=0)
@@ -83,13 +83,13 @@ def write_cells(axes: Axes, grid: np.ndarray, form: str, shade: Callable[[Any], 
     form
         Format of a number, such as ``"{:.2g}"``.
     shade
-        Gives the darkness (0 to 1) of each cell; dark ones are written into in white.
+        Function returning the darkness (0 to 1) of each cell; dark cells get white text.
     size
-        Of the letters (points).
+        Font size (points).
 
     """
     dark = np.ma.filled(shade(grid), 0.0) > 0.45
     for i, j in np.argwhere(np.isfinite(grid)):
         cell = axes.text(j, i, form.format(grid[i, j]), ha="center", va="center", fontsize=size, parse_math=False)
         cell.set_color("white" if dark[i, j] else "#20252b")
-        cell.set_in_layout(False)  # within the image
+        cell.set_in_layout(False)  # inside the image, so irrelevant to the layout

@@ -25,7 +25,7 @@ COLOURS = ("#3b7dbf", "#d9822b", "#5b9a68", "#8e6bb0", "#b5666a", "#4c9c9c")
 
 @dataclass(frozen=True, eq=False)
 class Response:
-    """Receptance ``values`` (p, f), complex, at ``hertz`` (f,) for the poses that ``names`` (p,) call so."""
+    """Complex receptance ``values`` (p, f) at frequencies ``hertz`` (f,), poses ``names`` (p,)."""
 
     names: tuple[str, ...]
     hertz: np.ndarray
@@ -38,7 +38,7 @@ class Response:
 
     @property
     def unit(self) -> str:
-        """Unit of the receptance, CF spelling."""
+        """Unit of the receptance in CF spelling."""
         turns, moment = (
             text.rpartition(":")[2].strip().lstrip("+-").startswith("r") for text in (self.target, self.source)
         )
@@ -46,13 +46,13 @@ class Response:
 
     @property
     def written_unit(self) -> str:
-        """Its unit as figures have it."""
+        """Unit of the receptance as written in figures."""
         above, _, below = self.unit.partition(" ")
         return f"{above}/{'(N·m)' if 'm-1' in below else 'N'}"
 
 
 def write(response: Response, folder: Path, title: str) -> None:
-    """Write frf.png and frf.svg, frf.csv (a line for each pose and frequency) and frf.nc.
+    """Write frf.png, frf.svg, frf.csv (one line per pose and frequency) and frf.nc.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def write(response: Response, folder: Path, title: str) -> None:
 
 
 def write_page(response: Response, folder: Path, robot: str) -> None:
-    """Write ``report.html`` of the figure in the folder.
+    """Write ``report.html`` with the figure from the folder.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def write_page(response: Response, folder: Path, robot: str) -> None:
 
 
 def chart_responses(response: Response) -> Chart:
-    """The response as a chart of a page: magnitude in decibels, phase and parts, a series for each pose."""
+    """Return an interactive chart: magnitude in dB, phase and parts, one series per pose."""
     unit = response.written_unit
     series = []
     for k, (name, values) in enumerate(zip(response.names, response.values, strict=True)):
@@ -115,11 +115,11 @@ def chart_responses(response: Response) -> Chart:
         }  # fmt: skip
         series.append(Series(name, COLOURS[k % len(COLOURS)], columns, size=3))
     _, x, *y = series[0].columns
-    return Chart(series, [x], y, "Every frequency of every pose, to read off.", joined=True, log=True)
+    return Chart(series, [x], y, "Values at every frequency and pose.", joined=True, log=True)
 
 
 def as_dataset(response: Response, title: str) -> xr.Dataset:
-    """The response as a dataset over pose and frequency with units: real and imaginary part, magnitude and phase."""
+    """Return the response over pose and frequency: real and imaginary part, magnitude and phase."""
     import xarray as xr
 
     values = response.values
@@ -149,7 +149,7 @@ def as_dataset(response: Response, title: str) -> xr.Dataset:
 
 
 def figure(response: Response, title: str) -> Figure:
-    """Draw magnitude and phase over frequency, a line for each pose."""
+    """Draw magnitude and phase over frequency, one line per pose."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
     drawn = new_figure(9.0, 6.0, title)

@@ -32,17 +32,17 @@ if TYPE_CHECKING:
     from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.report.page import Figure as PageFigure
 
-CORNERS = 10  # parameters at most in a corner plot
-NAMED = 40  # poses that a map has room to name,
-NUMBERED = 24  # and rows that have room for numbers to be read
-ALIKE = (0.3, 0.9)  # correlations that are written where there are few effects, and where there are many
+CORNERS = 10  # most parameters in a corner plot
+NAMED = 40  # most poses named in a map
+NUMBERED = 24  # most rows with legible numbers
+ALIKE = (0.3, 0.9)  # smallest correlation written for few effects, and for many
 EXCEEDS = (
     "A bar longer than the first: an effect alone can enlarge the gap where it offsets another effect; at poses held\n"
     "out, the gap also contains the error of parameters fitted elsewhere."
 )
-PREDICTIONS = {"the model as it is": BEFORE, "with the effects found": AFTER}
+PREDICTIONS = {"the nominal model": BEFORE, "with the effects found": AFTER}
 STEPS = {
-    "nominal": ("the model as it is", BEFORE),
+    "nominal": ("the nominal model", BEFORE),
     "together": ("with all of them", AFTER),
     "held out": ("at poses held out", AFTER),
     "noise": ("noise alone", NOISE),
@@ -50,7 +50,7 @@ STEPS = {
 
 
 def draw_figures(diagnosis: Diagnosis, folder: Path) -> list[str]:
-    """Write what there is to show of a diagnosis as SVG and PNG; returns the figures' names."""
+    """Write the available figures of a diagnosis as SVG and PNG; return their names."""
     figures = {
         "waterfall": waterfall,
         "corner": corner,
@@ -63,7 +63,7 @@ def draw_figures(diagnosis: Diagnosis, folder: Path) -> list[str]:
 
 
 def waterfall(diagnosis: Diagnosis) -> Figure:
-    """Draw the gap before, with each effect alone, with all, at poses held out, and the noise."""
+    """Draw the gap before, with each effect alone, with all, at held-out poses, and the noise."""
     shown = [(key, value) for key, value in steps(diagnosis) if np.isfinite(value)]
     figure = new_figure(8.6, 0.9 + 0.42 * len(shown), "The gap, % rms")
     axes = figure.subplots()
@@ -84,7 +84,7 @@ def waterfall(diagnosis: Diagnosis) -> Figure:
 
 
 def residual_map(diagnosis: Diagnosis) -> Figure | None:
-    """Draw the rms of residual over σ of each pose and direction, before and after; None without poses."""
+    """Draw the rms residual over σ by pose and direction, before and after; None without poses."""
     from matplotlib.colors import LogNorm
 
     where = diagnosis.where
@@ -100,7 +100,7 @@ def residual_map(diagnosis: Diagnosis) -> Figure | None:
     figure = new_figure(4.6 * len(grids) + 1.6, height, "Residuals over noise (rms of residual / σ)")
     panels = np.atleast_1d(figure.subplots(1, len(grids), sharey=True))
     image: Any = None
-    for axes, grid, title in zip(panels, grids, ("the model as it is", "with the effects found"), strict=False):
+    for axes, grid, title in zip(panels, grids, ("the nominal model", "with the effects found"), strict=False):
         image = axes.imshow(grid, aspect="auto", cmap="magma_r", norm=shade, interpolation="nearest")
         axes.set_xticks(range(len(read)), [DIRECTIONS[k] for k in read])
         axes.set_title(title, fontsize=10)
@@ -119,7 +119,7 @@ def residual_map(diagnosis: Diagnosis) -> Figure | None:
 
 
 def draw_readings(diagnosis: Diagnosis) -> Figure | None:
-    """Draw measured against predicted readings, a panel a kind, before and after; None where none were predicted."""
+    """Draw predicted over measured readings, one panel per kind; None without predictions."""
     samples = diagnosis.samples
     if samples is None:
         return None
@@ -139,7 +139,7 @@ def draw_readings(diagnosis: Diagnosis) -> Figure | None:
 
 
 def chart_readings(diagnosis: Diagnosis, still: PageFigure | None) -> list[Chart]:
-    """The same as charts of a page, one a kind of reading; the first has the still picture."""
+    """Return interactive charts, one per kind of reading; the first has the still picture."""
     samples = diagnosis.samples
     if samples is None:
         return []
@@ -165,7 +165,7 @@ def chart_readings(diagnosis: Diagnosis, still: PageFigure | None) -> list[Chart
 
 
 def signature_correlation(diagnosis: Diagnosis) -> Figure | None:
-    """Draw |cosine| between the effects' signatures in these readings, similar ones side by side; None below two."""
+    """Draw |cosine| between effect signatures, clustered by similarity; None below two effects."""
     from matplotlib.colors import Normalize
 
     names, rows = diagnosis.signature_correlation
@@ -188,7 +188,7 @@ def signature_correlation(diagnosis: Diagnosis) -> Figure | None:
 
 
 def _cluster_rows(correlation: np.ndarray) -> list[int]:
-    """Order of the rows in which neighbours are similar."""
+    """Return an order of the rows in which neighbours are similar."""
     distance = np.clip(1.0 - np.nan_to_num(correlation), 0.0, 1.0)
     distance = 0.5 * (distance + distance.T)
     np.fill_diagonal(distance, 0.0)
@@ -197,7 +197,7 @@ def _cluster_rows(correlation: np.ndarray) -> list[int]:
 
 
 def corner(diagnosis: Diagnosis) -> Figure | None:
-    """Draw the joint posterior of the named effects' parameters; None without any, or with too many to see."""
+    """Draw the joint posterior of the effects' parameters; None if there are none or too many."""
     if diagnosis.samples is None:
         return None
     units = diagnosis.samples.units
@@ -207,7 +207,7 @@ def corner(diagnosis: Diagnosis) -> Figure | None:
     n = len(draws)
     width, height = (5.6, 3.4) if n == 1 else (2.2 * n + 1.2, 2.0 * n + 0.9)
     figure = new_figure(width, height, "Posterior of the parameters")
-    figure.set_layout_engine("none")  # the grid is regular, and its layout takes longer than all else
+    figure.set_layout_engine("none")  # slow and unnecessary for a regular grid
     grid = figure.add_gridspec(
         n, n, left=0.85 / width, right=0.98, bottom=0.75 / height, top=1 - 0.55 / height,
         wspace=0.12, hspace=0.12,
@@ -245,7 +245,7 @@ def _axis_label(name: str, unit: str) -> str:
 
 
 def _contours(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
-    """Draw the regions that hold 50 % and 95 % of the draws."""
+    """Draw the contours that contain 50 % and 95 % of the draws."""
     counts, x_edges, y_edges = np.histogram2d(x, y, bins=24)
     order = np.sort(counts.ravel())[::-1]
     held = np.cumsum(order) / order.sum()
@@ -257,7 +257,7 @@ def _contours(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
 
 
 def predictive_check(diagnosis: Diagnosis) -> Figure | None:
-    """Draw the residuals at poses held out, in predictive standard deviations, beside the normal distribution."""
+    """Draw held-out residuals over their predictive standard deviation with the standard normal."""
     samples = diagnosis.samples
     if samples is None or not np.isfinite(samples.held_out).any():
         return None

@@ -1,4 +1,4 @@
-"""A diagnosis on standard output: the verdict in a sentence, then tables."""
+"""Terminal output of a diagnosis: the verdict as a sentence, then tables."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
 
 
 def show_nearest_signatures(diagnosis: Diagnosis) -> None:
-    """Show the pairs of effects whose signatures are most alike in these readings."""
+    """Show the pairs of effects with the most similar signatures in these readings."""
     names, rows = diagnosis.signature_correlation
     pairs = sorted(((rows[i][j], names[j], names[i]) for i in range(len(names)) for j in range(i)), reverse=True)
     cells = [(text.label(one), text.label(other), f"{value:.3f}") for value, one, other in pairs[:MOST_PAIRS]]
@@ -50,7 +50,7 @@ def _show_list(title: str, lines: Sequence[str]) -> None:
 
 
 def show_effects(diagnosis: Diagnosis, *, details: bool = False) -> None:
-    """Show the effects with their parameters; with their intervals and ratios to the model's values as details."""
+    """Show effects and parameters; details add intervals and ratios to the model's values."""
     more = ("95 % interval", "ratio", "deviation / σ", "remark") if details else ()
     groups = (("effect @ place",), ("probability", "share", "gap alone"), ("parameter", "value ± 1 σ", "model"), more)
     rows: list[Sequence[str]] = []
@@ -64,13 +64,13 @@ def show_effects(diagnosis: Diagnosis, *, details: bool = False) -> None:
         ]
         for k, parameter in enumerate(parameters or [("none", "", "", *[""] * len(more))]):
             rows.append((*(("",) * 4 if k else first), *parameter))
-    if not any(row[-1] for row in rows) and details:  # nothing to remark
+    if not any(row[-1] for row in rows) and details:  # no remarks
         groups, rows = (*groups[:-1], more[:-1]), [row[:-1] for row in rows]
     show_table("Effects", groups, rows, prose=("effect @ place",))
 
 
 def show_gap(diagnosis: Diagnosis) -> None:
-    """Show the gap before and after, at poses held out, and the noise."""
+    """Show the gap before, after and at held-out poses, and the noise."""
     gap = diagnosis.gap
     groups = (("",), ("before", "after", "held out", "noise"), ("χ² per reading before", "after"))
     percents = (percent(v) for v in (gap.nominal, gap.explained, gap.held_out, gap.noise))
@@ -80,7 +80,7 @@ def show_gap(diagnosis: Diagnosis) -> None:
 
 
 def show_alternatives(diagnosis: Diagnosis) -> None:
-    """Show what was considered and is not in the diagnosis, if anything was."""
+    """Show the hypotheses that were considered but rejected, if any."""
     if not diagnosis.alternatives:
         return
     groups = (("effect @ place",), ("probability", "gap after", "why not"))

@@ -1,4 +1,4 @@
-"""What an import has made of a model or an assembly: as data, and on standard output."""
+"""Result of importing a model or an assembly, as data and as terminal output."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 
 def model_json(read: SimulatorModel, file: Path) -> dict[str, Any]:
-    """Counts and notes of what was read."""
+    """Return the counts and notes of an imported model."""
     counts = {"bodies": len(read.bodies), "joints": len(read.joints)}
     return {"file": str(file), **counts, "notes": list(read.notes)}
 
 
 def import_json(found: Imported) -> dict[str, Any]:
-    """Of an assembly, also joints, hardware, doubts and changes."""
+    """Return the same for an assembly, with joints, hardware, doubts and changes."""
     joints = {j.name: {"type": j.kind, "reason": j.note} for j in found.model.joints}
     return {
         **model_json(found.model, found.file), "joints_found": joints, "hardware": found.hardware,
@@ -31,7 +31,7 @@ def import_json(found: Imported) -> dict[str, Any]:
 
 
 def show_import(found: Imported) -> None:
-    """Print joints with their reasons, what a person should look at, and what changed."""
+    """Print the joints with reasons, the findings to review and the changes."""
     rows = [(joint.name, joint.kind, joint.note) for joint in found.model.joints]
     columns = ("joint", "kind", "from")
     show_table("Joints", (columns[:1], columns[1:]), rows, prose=("joint", "from"))
@@ -49,7 +49,7 @@ def show_import(found: Imported) -> None:
 
 
 def show_written(read: SimulatorModel, file: Path, counts: str) -> None:
-    """Print the notes of what was read, and what to do next."""
+    """Print the notes of an import and the next step."""
     for note in read.notes:
         show_line(f"Note: {note}.")
     show_line(f"Written: {file}, {counts}. Next: stiffscope check {file}")

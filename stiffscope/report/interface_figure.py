@@ -1,4 +1,4 @@
-"""The figure of `stiffscope interfaces`: a sketch of each choice over what it changes of each entry; its report."""
+"""Figure and report of `stiffscope interfaces`: a sketch of each choice above its changes."""
 
 from __future__ import annotations
 
@@ -23,21 +23,21 @@ if TYPE_CHECKING:
     from stiffscope.report.terminal import Shown
 
 PLATE = "#dfe4e8"
-LINEAR = 10.0  # % below which the scale of changes is linear
+LINEAR = 10.0  # %; the scale of changes is linear below it
 CAPTION = (
     "Sketches from above: clamped at the top, loaded at the bottom. Yellow: the entry grows, green: it shrinks. "
     f"Whiskers: 95 % bounds. The scale is linear up to {LINEAR:g} %, logarithmic beyond."
 )
-SLENDER = (0.16, 0.4)  # width and depth of the sketch of a link or of a STEP file's solid: not to scale
+SLENDER = (0.16, 0.4)  # sketched width and depth of a link or a STEP solid, not to scale
 
 
 def draw(compared: Comparison, robot: str, target: Path) -> None:
-    """Draw the entries under the choice of the robot file and their changes under the others, as PNG.
+    """Draw the entries for the robot file's interface and their changes for the others, as PNG.
 
     Parameters
     ----------
     compared
-        Compliances under every choice.
+        Compliances for every choice of interface.
     robot
         Name of the robot.
     target
@@ -64,12 +64,12 @@ def _title(compared: Comparison, robot: str) -> str:
 
 
 def write_page(compared: Comparison, folder: Path, robot: str, shown: Sequence[Shown]) -> None:
-    """Write ``report.html`` of the table as shown and of the figure in the folder.
+    """Write ``report.html`` with the shown tables and the folder's figure.
 
     Parameters
     ----------
     compared
-        Compliances under every choice.
+        Compliances for every choice of interface.
     folder
         Folder to write to.
     robot
@@ -82,14 +82,14 @@ def write_page(compared: Comparison, folder: Path, robot: str, shown: Sequence[S
     drawn = page.figure(folder / "interfaces.png", CAPTION, words)
     facts = [
         f"the {compared.part}'s 6×6 compliance, SI, at the reference point of the robot file's own choice",
-        "bounds hold with 95 %",
+        "95 % bounds",
     ]
     sections = [Section("Compliance by interface", shown, [drawn])]
     write_report(folder, _title(compared, robot), facts, sections)
 
 
 def _values(axes: Axes, compared: Comparison) -> None:
-    """The entries under the choice of the robot file, as text."""
+    """Write the entries for the robot file's interface as text."""
     axes.set_xlim(0, 1)
     axes.set_ylim(len(compared.entries) - 0.4, -0.6)
     axes.axis("off")
@@ -102,7 +102,7 @@ def _values(axes: Axes, compared: Comparison) -> None:
 
 
 def _changes(axes: Axes, compared: Comparison, k: int) -> None:
-    """Bars of the change in % with its bounds, on a symmetric logarithmic scale."""
+    """Draw bars of the change in % with bounds, on a symmetric logarithmic scale."""
     changes = 100 * np.array([entry.changes[k] for entry in compared.entries])
     bars = 100 * np.array([entry.bars[k] for entry in compared.entries])
     rows = np.arange(len(changes))
@@ -129,7 +129,7 @@ def _changes(axes: Axes, compared: Comparison, k: int) -> None:
 
 
 def _sketch(axes: Axes, tested: Tested) -> None:
-    """The part from above, clamped at the top and loaded at the bottom; lengths in widths of the part."""
+    """Sketch the part from above, clamped at the top, loaded at the bottom; unit: part width."""
     from matplotlib.patches import Rectangle
 
     shape: Any = None if tested.order.step else tested.order.solid
@@ -158,7 +158,7 @@ def _sketch(axes: Axes, tested: Tested) -> None:
 
 
 def _clamp(axes: Axes, width: float, depth: float, *, springs: bool) -> None:
-    """Ground above the part, at it or a spring's length away."""
+    """Draw the ground above the part, touching it or a spring's length away."""
     from matplotlib.patches import Rectangle
 
     ground = depth + (0.09 if springs else 0.0)
@@ -173,7 +173,7 @@ def _clamp(axes: Axes, width: float, depth: float, *, springs: bool) -> None:
 
 
 def _load(axes: Axes, middle: float, width: float, bottom: float, *, rigid: bool) -> None:
-    """A bar for a rigid face, arrows for a uniform traction."""
+    """Draw a bar for a rigid face, or arrows for a uniform traction."""
     left, right = middle - width / 2, middle + width / 2
     if rigid:
         axes.plot([left, right], [bottom - 0.012] * 2, color=EFFECT, lw=4, solid_capstyle="butt")

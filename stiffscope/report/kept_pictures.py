@@ -1,4 +1,4 @@
-"""The pictures of a run, kept in the cache by what they show and by the code that draws them."""
+"""Cached pictures of a run; the key covers their content and the drawing code."""
 
 from __future__ import annotations
 
@@ -54,13 +54,13 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
-AT_ONCE = 2  # pictures; each is drawn in a process of its own
+AT_ONCE = 2  # pictures drawn concurrently, each in its own process
 MAP_POINTS = 31
 
 
 @dataclass(frozen=True)
 class Order:
-    """Pictures to draw: their name in the manifest, what determines them, how, and the folder that they go to."""
+    """Pictures to draw: name in the manifest, cache key, drawing function and target folder."""
 
     name: str
     key: str
@@ -69,7 +69,7 @@ class Order:
 
 
 def write_run_pictures(assembled: Assembled, folder: Path, cache: Cache, manifest: Manifest) -> None:
-    """Draw parts, robot and map of a run into its folder; where this machine cannot draw, say so and leave them out.
+    """Draw parts, robot and map of a run into its folder; log a warning if drawing is impossible.
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def write_run_pictures(assembled: Assembled, folder: Path, cache: Cache, manifes
 
 @dataclass(frozen=True)
 class SharesPicture:
-    """The robot of a diagnosis that is yet to be made: the key of its picture, and what draws it."""
+    """Robot picture of a pending diagnosis: its cache key and its drawing function."""
 
     key: str
     draw: Callable[..., None]
@@ -97,7 +97,7 @@ class SharesPicture:
 
 @contextmanager
 def shares_ahead(assembled: Assembled, campaign: Mapping[str, str], cache: Cache) -> Iterator[SharesPicture]:
-    """Get ready for the picture of a diagnosis, while that is made, where the cache does not have it.
+    """Prepare the picture of a diagnosis while the diagnosis runs, unless the picture is cached.
 
     Parameters
     ----------
@@ -122,9 +122,9 @@ def shares_ahead(assembled: Assembled, campaign: Mapping[str, str], cache: Cache
 def write_diagnosis_pictures(
     diagnosis: Diagnosis, folder: Path, cache: Cache, manifest: Manifest, robot: Order | None = None
 ) -> None:
-    """Draw the figures of a diagnosis, and its robot by `order_shares`, where there is one.
+    """Draw the figures of a diagnosis and, if given, its robot ordered by `order_shares`.
 
-    Where this machine cannot draw the robot, say so and leave it out.
+    Log a warning and omit the robot if this machine cannot draw it.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def write_diagnosis_pictures(
     manifest
         Record of how the results were made.
     robot
-        Picture of the robot, where there is one.
+        Picture of the robot, if any.
 
     """
     code = code_version(("stiffscope.report",), ("matplotlib", "numpy"))
@@ -149,9 +149,9 @@ def write_diagnosis_pictures(
 def order_shares(
     assembled: Assembled, diagnosis: Diagnosis, found: Configurations, target: Path, ahead: SharesPicture
 ) -> Order | None:
-    """The robot at the pose of the largest residual, its elements coloured by their share of the gap; its solids.
+    """Order the robot's picture at the pose of the largest residual, coloured by share of the gap.
 
-    Of the campaign's poses; None without shares.
+    Return None without shares.
 
     Parameters
     ----------
@@ -160,11 +160,11 @@ def order_shares(
     diagnosis
         Diagnosis of the campaign.
     found
-        Configurations at the poses.
+        Configurations at the campaign's poses.
     target
-        File to write.
+        Folder to write to.
     ahead
-        Picture got ready.
+        Prepared picture from `shares_ahead`.
 
     """
     where, mechanism = diagnosis.where, assembled.mechanism
@@ -183,15 +183,15 @@ def order_shares(
 
 
 def draw_named_poses(assembled: Assembled, folder: Path) -> None:
-    """The robot at its poses, else at home; where this machine cannot draw, say so and leave it out."""
+    """Draw the robot at its named poses, or at home; warn if this machine cannot draw."""
     with optional_pictures():
         _draw_poses(assembled, folder)
 
 
 def draw_inspection(found: Inspection, folder: Path, parts: Mapping[str, Part]) -> None:
-    """The robot at home and at every named pose that it reaches, bodies rigid; where it can be drawn.
+    """Draw the rigid robot at home and at every reachable named pose, if drawing is possible.
 
-    ``parts``: those of STEP files, shown as glass around the joints.
+    ``parts``: parts from STEP files, drawn transparent around the joints.
     """
     if found.configurations is None:
         return
@@ -212,7 +212,7 @@ def draw_inspection(found: Inspection, folder: Path, parts: Mapping[str, Part]) 
 def draw_deflection(
     assembled: Assembled, names: Sequence[str], found: Configurations, cases: Sequence[Sequence[Case]], folder: Path
 ) -> None:
-    """The robot under the wrench of each pose, deformed, its elements coloured by their share; its solids.
+    """Draw the robot deformed by the wrench of each pose, coloured by share of strain energy.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def draw_deflection(
 
 
 def plain_robot(robot: RobotFile) -> dict[str, Any]:
-    """All that a robot file says, as plain data, SI, copies made: what determines its pictures."""
+    """Return the robot file as plain SI data with copies expanded; it determines the pictures."""
     left = {"source", "copied"}
     content = {field.name: getattr(robot, field.name) for field in fields(robot) if field.name not in left}
     plain = {key: dict(value) if isinstance(value, Mapping) else value for key, value in content.items()}
@@ -263,7 +263,7 @@ def _write(orders: Sequence[Order], cache: Cache, manifest: Manifest) -> None:
 
 
 def _keep_pictures(order: Order, cache: Cache) -> tuple[Path | None, bool, float]:
-    """Folder with the pictures, or None where they cannot be drawn; whether the cache had them; the seconds taken."""
+    """Return the pictures' folder (None if drawing failed), whether it was cached, and seconds."""
     begun = time.perf_counter()
     held = cache.get("pictures", order.key)
     reused = held is not None
@@ -275,7 +275,7 @@ def _keep_pictures(order: Order, cache: Cache) -> tuple[Path | None, bool, float
 
 
 def _describe_drawn(diagnosis: Diagnosis) -> dict[str, Any]:
-    """What determines the figures of a diagnosis."""
+    """Return the data that determine the figures of a diagnosis."""
     samples = diagnosis.samples
     draws = {} if samples is None else {**samples.parameters, "held out": samples.held_out}
     return {
@@ -287,7 +287,7 @@ def _describe_drawn(diagnosis: Diagnosis) -> dict[str, Any]:
 
 
 def _part_order(result: PartResult, target: Path) -> Order:
-    """A part under each unit wrench, and its mesh."""
+    """Order pictures of a part under each unit wrench and of its mesh."""
     experiment = result.folder / EXPERIMENT
     key = digest({"experiment": file_digest(experiment), "code": _drawing_code()})
 
@@ -300,7 +300,7 @@ def _part_order(result: PartResult, target: Path) -> Order:
 
 
 def _robot_orders(assembled: Assembled, target: Path) -> list[Order]:
-    """The robot at its poses, and a small map where the file says what to sweep."""
+    """Order the robot at its poses and, if the robot file has ``[map]``, a small map."""
     facts = _facts(assembled)
     code = code_version(("stiffscope.vjm", "stiffscope.robot", "stiffscope.report"), ("matplotlib", "numpy"))
     map_key = digest({**facts, "code": code})
@@ -311,7 +311,7 @@ def _robot_orders(assembled: Assembled, target: Path) -> list[Order]:
 
 
 def _facts(assembled: Assembled) -> dict[str, Any]:
-    """What determines a robot with its parts' matrices."""
+    """Return the data that determine a robot with its parts' matrices."""
     matrices = {
         name: [part.compliance.tolist(), part.mass, None if part.dynamics is None else part.dynamics.load.tolist()]
         for name, part in assembled.matrices.items()
@@ -320,14 +320,14 @@ def _facts(assembled: Assembled) -> dict[str, Any]:
 
 
 def _skins(assembled: Assembled) -> dict[str, str]:
-    """Checksums of the solids that a robot is drawn by: its parts' experiments, the user's own surfaces."""
+    """Return checksums of the solids drawn: parts' experiments and the user's surface meshes."""
     surfaces = {name: getattr(body, "mesh", None) for name, body in assembled.robot.bodies.items()}
     own = {f"{name}.mesh": assembled.robot.path.parent / mesh for name, mesh in surfaces.items() if mesh}
     return {name: file_digest(file) for name, file in (list_experiments(assembled) | own).items()}
 
 
 def _drawing_code() -> str:
-    """Hash of what determines pictures of solids besides their content."""
+    """Return the hash of the code and packages that draw pictures of solids."""
     return code_version(("stiffscope.report", "stiffscope.vjm"), ("pyvista", "vtk", "matplotlib"))
 
 
@@ -354,5 +354,5 @@ def _draw_poses(assembled: Assembled, folder: Path) -> None:
 
 
 def list_experiments(assembled: Assembled) -> dict[str, Path]:
-    """File of each part's virtual experiment: such parts are drawn as their own solids."""
+    """Return the file of each part's virtual experiment, whose solid is drawn."""
     return {name: result.folder / EXPERIMENT for name, result in assembled.results.items()}

@@ -1,4 +1,4 @@
-"""Every key of the files that people write: robot files, studies, jobs, campaigns; for the documentation and `keys`."""
+"""Keys of all user files (robot, study, job, campaign), for the documentation and `keys`."""
 
 from __future__ import annotations
 
@@ -68,41 +68,41 @@ TABLES = (
     ("[[effects]]", sections.Effect),
 )
 CAMPAIGN = {
-    "robot": "the name of a bundled robot, or the path of a robot file, seen from this folder",
+    "robot": "name of a bundled robot, or path of a robot file relative to this folder",
     "predictions": "instead of `robot`: a table with the columns of the readings and `value`, the model under test; "
-    "further columns are rival models",
-    "modelled": 'effects that the model already carries, such as `["gravity"]`',
-    "components": "source of the parts' matrices: `fea` (default), `beam` or `published`",
-    "readings": "a file of readings or a list of such: .csv (comma or semicolon, decimal comma too), .tsv, .xlsx",
-    "units": 'units by column, such as `{ value = "um", fx = "N" }`; SI without it',
-    "ignore": "columns that are not read",
-    "frames": "axes of instruments that stand anywhere, by name: `[frames.NAME]`",
+    "further columns: alternative models",
+    "modelled": 'effects already in the model, such as `["gravity"]`',
+    "components": "source of the part matrices: `fea` (default), `beam` or `published`",
+    "readings": "file or list of files: .csv (comma or semicolon, decimal comma too), .tsv, .xlsx",
+    "units": 'units by column, such as `{ value = "um", fx = "N" }`; default: SI',
+    "ignore": "columns to ignore",
+    "frames": "frames of freely placed instruments, by name: `[frames.NAME]`",
     "sensors": "instruments by name: `[sensors.NAME]`",
-    "loads": "points where loads act, by name: `[loads.NAME]`",
+    "loads": "load points by name: `[loads.NAME]`",
 }
 SENSOR = {
-    "measures": "`displacement` (m), `rotation` (rad), or of a target that an instrument sees `position` "
+    "measures": "`displacement` (m), `rotation` (rad), or for a target seen by an instrument: `position` "
     "(three readings `NAME.x`, `NAME.y`, `NAME.z`, m) or `distance` (from the origin of its frame, m)",
     "body": "a body, or an end of an elastic one (`leg1.arm.tip`)",
-    "at": 'where it touches, at home, base axes, such as `["75 mm", 0, "-15 mm"]`; not for a rotation',
-    "at_sigma": 'of a target: how well its place is known, such as `"20 mm"`; without it: known',
-    "direction": "sensitive direction, or axis of rotation, base axes; not of a target",
-    "against": "the body that its foot stands on; `ground` by default; not of a target",
-    "frame": "of a target: the frame in which it is seen, a name of `[frames]`",
-    "zero": "`none` (default), or `session`: its zero is unknown, one constant for each session",
+    "at": 'contact point in the home pose, base axes, such as `["75 mm", 0, "-15 mm"]`; not for a rotation',
+    "at_sigma": 'target: uncertainty of its position, such as `"20 mm"`; default: exact',
+    "direction": "sensitive direction, or axis of rotation, base axes; not for a target",
+    "against": "body on which its base stands; default: `ground`; not for a target",
+    "frame": "target: name of the frame in `[frames]` in which it is seen",
+    "zero": "`none` (default), or `session`: one unknown zero offset per session",
 }
 FRAME = {
-    "pose": '`"unknown"`, found with everything else, or `[x, y, z, rx, ry, rz]` in {O}',
-    "sigma": "standard uncertainties of a pose's six values; without it: exact",
-    "per": "`campaign` (default), or `session`: set up anew with each session",
+    "pose": '`"unknown"` (identified with the effects), or `[x, y, z, rx, ry, rz]` in {O}',
+    "sigma": "standard uncertainties of the six values of a pose; default: exact",
+    "per": "`campaign` (default), or `session`: repositioned in each session",
 }
-LOAD = {"body": "a body, or an end of an elastic one", "at": "where the load acts, at home, base axes"}
+LOAD = {"body": "a body, or an end of an elastic one", "at": "load point in the home pose, base axes"}
 QUANTITIES_READ = {
-    "dx … drz": ("deflection of the tool at M by the wrench applied (loaded minus unloaded)", "m, rad"),
+    "dx … drz": ("deflection of the tool at M under the applied wrench (loaded minus unloaded)", "m, rad"),
     "ex … erz": ("deviation of the unloaded tool from the commanded rigid pose", "m, rad"),
-    "kx … krz": ("diagonal K_ii of the stiffness at M: all other motions held", "N/m, N·m/rad"),
-    "px … prz": ("force over deflection of a push along that axis, all other motions free: 1/C_ii", "N/m, N·m/rad"),
-    "f1 …": ("natural frequencies at the pose, drives held, from below", "Hz"),
+    "kx … krz": ("diagonal entry K_ii of the stiffness at M: all other motions held", "N/m, N·m/rad"),
+    "px … prz": ("force over deflection along that axis, all other motions free: 1/C_ii", "N/m, N·m/rad"),
+    "f1 …": ("natural frequencies at the pose in ascending order, drives held", "Hz"),
 }
 
 CAMPAIGN_SECTIONS = (
@@ -123,7 +123,7 @@ JOB = (
 
 @dataclass(frozen=True)
 class Key:
-    """A key of a file: what it means and, in words, what it takes and its default."""
+    """A key of a file: its meaning, accepted values and default, in words."""
 
     key: str
     means: str
@@ -138,14 +138,14 @@ def _meanings() -> dict[str, dict[str, str]]:
 
 
 def _meaning(kind: str, title: str, key: str) -> str:
-    """What a key means: in the sections whose title has a word of its own for it, else in all."""
+    """Return a key's meaning: the one of the section if it has its own, else the general one."""
     meanings = _meanings()[kind]
     words = (name.rpartition(".")[0] for name in meanings if name.endswith(f".{key}") and name != key)
     return next((meanings[f"{word}.{key}"] for word in words if word in title), "") or meanings.get(key, "")
 
 
 def _section_keys(kind: str, tables: Iterable[tuple[str, Any]]) -> dict[str, list[Key]]:
-    """Keys of the sections of a kind of file, by title."""
+    """Return the keys of the sections of one kind of file, by title."""
     return {
         title: [
             Key(
@@ -159,7 +159,7 @@ def _section_keys(kind: str, tables: Iterable[tuple[str, Any]]) -> dict[str, lis
 
 
 def _robot_keys() -> dict[str, list[Key]]:
-    """Keys of a robot file by section, and the built-in materials."""
+    """Return the keys of a robot file by section, and the built-in materials."""
     title = "the top level"
     materials = [
         Key(
@@ -177,7 +177,7 @@ def _robot_keys() -> dict[str, list[Key]]:
 
 
 def all_keys() -> dict[str, dict[str, list[Key]]]:
-    """Keys by kind of file and section."""
+    """Return all keys by kind of file and section."""
     campaign = {title: [Key(key, means) for key, means in keys.items()] for title, keys in CAMPAIGN_SECTIONS}
     campaign["quantities at M"] = [Key(name, f"{words} ({unit})") for name, (words, unit) in QUANTITIES_READ.items()]
     campaign["effects"] = [
@@ -193,7 +193,7 @@ def all_keys() -> dict[str, dict[str, list[Key]]]:
 
 
 def find_keys(wanted: str | None) -> dict[str, dict[str, list[Key]]]:
-    """Sections whose kind of file or title has a text; all without one. Raises InputError where there is none."""
+    """Return the sections that match a text, all for None. Raise InputError if nothing matches."""
     every = all_keys()
     if wanted is None or wanted in every:
         return {wanted: every[wanted]} if wanted else every
@@ -210,7 +210,7 @@ def find_keys(wanted: str | None) -> dict[str, dict[str, list[Key]]]:
 
 
 def show_keys(found: dict[str, dict[str, list[Key]]]) -> None:
-    """Print the sections, a table each."""
+    """Print one table per section."""
     for kind, titles in found.items():
         show_line(f"{kind[0].upper()}{kind[1:]} file" if kind != "campaign" else "Campaign", "bold")
         show_line("")
@@ -226,7 +226,7 @@ def _as_text(row: Key) -> list[str]:
 
 
 def _takes(field: Any) -> str:
-    """What a field takes, in words: its own, else those of its type."""
+    """Return a field's accepted values in words: its own, else those of its type."""
     return _said(field.metadata) or _words_of(field.annotation)
 
 
@@ -235,8 +235,8 @@ def _said(metadata: Iterable[Any]) -> str:
     return str(said[0]) if said else ""
 
 
-def _words_of(annotation: Any) -> str:  # noqa: PLR0911 (a kind of type each)
-    """A type in words."""
+def _words_of(annotation: Any) -> str:  # noqa: PLR0911 (one return per kind of type)
+    """Return a type in words."""
     said = _said(getattr(annotation, "__metadata__", ()))
     if said:
         return said

@@ -1,4 +1,4 @@
-"""The live view of a robot: the sliders that it has, and what a setting of them gives, ready for a page."""
+"""Live view of a robot: its sliders, and the results for their values, rendered for a page."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ SHOWN = {
     "m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg"), "N/m": (1e-6, "N/µm"), "Pa": (1e-9, "GPa"),
     "N*m/rad": (1e-3, "kN·m/rad"), "1": (1.0, ""), "N": (1.0, "N"), "N*m": (1.0, "N·m"),
 }  # fmt: skip
-"""How many of a page's unit an SI unit is, and its name; others stay SI."""
-LENGTHS = {"m", "1", "rad"}  # slide evenly between half and twice their value; others by decades
-TURN, SHIFT = np.radians(30.0), 0.25  # rad, and of the robot's size: how far poses slide without [map]
+"""Factor from the SI unit to the unit shown, and its name; other units stay SI."""
+LENGTHS = {"m", "1", "rad"}  # linear from half to twice the value; others are logarithmic
+TURN, SHIFT = np.radians(30.0), 0.25  # rad, share of the robot's size: range of poses without [map]
 FORCE, MOMENT = 1000.0, 100.0  # N, N·m
-POINTS = 21  # of a map along either coordinate
+POINTS = 21  # points of a map along each coordinate
 MODES = 3
 MOST_READINGS = 40
 NEAR, FAR = "sensor, residuals up to 3 σ rms", "sensor, residuals beyond 3 σ rms"
@@ -60,15 +60,15 @@ MARKS = {NEAR: "#2f7d6b", FAR: "#c2255c"}
 
 @dataclass(frozen=True)
 class Slider:
-    """A number that a page changes.
+    """A number that the page can change.
 
     Attributes
     ----------
-    name : what `--set` calls a value of the robot file; a coordinate of the pose; a component of the load.
-    group : "pose", "load", or what of the robot file it belongs to.
-    value, low, high : SI.
-    scale, unit : how many of the page's unit an SI unit is, and its name.
-    decades : whether it slides by powers of ten.
+    name : parameter of the robot file as in `--set`, pose coordinate or load component.
+    group : "pose", "load", or the section of the robot file.
+    value, low, high : current value and limits, SI.
+    scale, unit : factor from SI to the unit shown, and its name.
+    decades : whether the scale is logarithmic.
     """
 
     name: str
@@ -83,7 +83,7 @@ class Slider:
 
 @dataclass(frozen=True)
 class Setting:
-    """Values of sliders that were moved, SI: those of the robot file by name, the pose (k,), the load (6,)."""
+    """Slider values, SI: changed values of the robot file by name, pose (k,) and load (6,)."""
 
     values: Mapping[str, float]
     pose: tuple[float, ...]
@@ -91,7 +91,7 @@ class Setting:
 
 
 def find_sliders(robot: RobotFile) -> list[Slider]:
-    """Return a slider for each coordinate of the pose, component of the load, and number of the robot file."""
+    """Return sliders for the pose's coordinates, the load's components and the robot's numbers."""
     mechanism = rigid_mechanism(robot)
     places = np.array([joint.at for joint in mechanism.joints] + [mechanism.tool.at])
     reach = float(np.ptp(places, axis=0).max())
@@ -117,7 +117,7 @@ def find_sliders(robot: RobotFile) -> list[Slider]:
 
 
 def read_setting(robot: RobotFile, asked: Any) -> Setting:
-    """Read a setting from what a page sent. Raises InputError for what is none."""
+    """Read a setting from a message of the page. Raise InputError if it is malformed."""
     sizes = {"pose": len(robot.tool.pose), "load": 6}
     try:
         values = {str(name): float(value) for name, value in asked["values"].items()}
@@ -133,14 +133,14 @@ def read_setting(robot: RobotFile, asked: Any) -> Setting:
 
 
 def answer(assembled: Assembled, setting: Setting) -> dict[str, Any]:
-    """Return what a page shows of a robot at a pose under a load: tables as HTML, how its nodes move.
+    """Return a robot's results at a pose under a load: tables as HTML and motions of its nodes.
 
     Parameters
     ----------
     assembled
-        The robot of the setting's values.
+        Robot assembled with the setting's values.
     setting
-        Its pose and load.
+        Pose and load.
 
     Raises
     ------
@@ -168,16 +168,16 @@ def answer(assembled: Assembled, setting: Setting) -> dict[str, Any]:
 
 
 def _cases(assembled: Assembled, found: Configurations, load: Any) -> list[Any]:
-    """The load of the sliders, where there is one, and the unit wrenches."""
+    """Return the load of the sliders, if any, and the unit wrenches."""
     units = unit_wrenches(assembled.mechanism, found)
     if not load.any():
         return units
-    own = wrench_cases(assembled.mechanism, found, {"load of the sliders": load})
+    own = wrench_cases(assembled.mechanism, found, {"slider load": load})
     return [[*first, *others] for first, others in zip(own, units, strict=True)]
 
 
 def draw_maps(assembled: Assembled) -> str:
-    """Return the maps of the diagonal of K over what `[map]` of the robot file sweeps, as HTML; "" without one."""
+    """Return maps of K's diagonal over the range of `[map]` as HTML; "" without `[map]`."""
     robot = assembled.robot
     if robot.map is None:
         return ""
@@ -204,14 +204,14 @@ def draw_maps(assembled: Assembled) -> str:
 
 
 def compare_readings(case: Case, assembled: Assembled) -> dict[str, Any]:
-    """Return a campaign's readings beside what the robot predicts, the newest first, as HTML, and marks of its sensors.
+    """Return readings and predictions, newest first, as HTML, and the marks of the sensors.
 
     Parameters
     ----------
     case
-        The campaign.
+        Campaign.
     assembled
-        The robot, in place of the campaign's own.
+        Robot that replaces the campaign's own.
 
     """
     read = case.campaign.select(np.flatnonzero(~np.isnan(case.campaign.value)))
@@ -221,7 +221,7 @@ def compare_readings(case: Case, assembled: Assembled) -> dict[str, Any]:
     size = np.linalg.norm(campaign.value)
     with record_shown() as shown:
         gap = 100 * np.linalg.norm(left) / size if size else 0.0
-        show_line(f"{len(campaign)} readings; gap {gap:.3g} % rms, with nothing fitted")
+        show_line(f"{len(campaign)} readings; gap {gap:.3g} % rms, before fitting")
         rows = [
             (campaign.pose_names[campaign.pose[i]], campaign.what(i), f"{campaign.value[i]:.5g}", f"{predicted[i]:.5g}",
              f"{left[i]:.3g}", f"{left[i] / campaign.sigma[i]:.2f}" if campaign.sigma[i] > 0.0 else "")
@@ -237,7 +237,7 @@ def compare_readings(case: Case, assembled: Assembled) -> dict[str, Any]:
 
 
 def _mark(arrow: Mapping[str, Any], sizes: np.ndarray) -> dict[str, Any]:
-    """A sensor as the viewer draws it, by the sizes of its residuals in standard uncertainties."""
+    """Return a sensor's mark for the viewer, coloured by its residuals over their uncertainty."""
     rms = float(np.sqrt(np.mean(np.square(sizes)))) if len(sizes) else np.nan
     kind = "sensor without readings" if np.isnan(rms) else FAR if rms > 3.0 else NEAR
     words = f"{arrow['name']}: {len(sizes)} readings" + ("" if np.isnan(rms) else f", residuals {rms:.3g} σ rms")
@@ -246,14 +246,14 @@ def _mark(arrow: Mapping[str, Any], sizes: np.ndarray) -> dict[str, Any]:
 
 
 def view_html(assembled: Assembled, setting: Setting, draw_now: Callable[..., None]) -> str:
-    """Return the robot that turns, with its solids, as HTML; "" where this machine cannot draw or reach the pose.
+    """Return the rotatable robot with its solids as HTML; "" if this machine cannot draw.
 
     Parameters
     ----------
     assembled, setting
-        The robot, its pose and load.
+        Robot, and its pose and load; an unreachable pose is replaced by home.
     draw_now
-        As `stiffscope.report.pictures.open_drawing` gives it.
+        Drawing function from `stiffscope.report.pictures.open_drawing`.
 
     """
     mechanism = assembled.mechanism
@@ -273,7 +273,7 @@ def view_html(assembled: Assembled, setting: Setting, draw_now: Callable[..., No
 
 
 def render_page(robot: RobotFile, sliders: Sequence[Slider], campaign: Path | None) -> str:
-    """Return the page of the live view, whose numbers follow over its socket."""
+    """Return the page of the live view; its results arrive through the web socket."""
     groups: dict[str, list[Slider]] = {}
     for each in sliders:
         groups.setdefault(each.group, []).append(each)

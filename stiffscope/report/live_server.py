@@ -1,7 +1,7 @@
-"""The server of the live view, on this machine only: a page with a token in its address, and a socket that follows it.
+"""Local server of the live view: a page with a token in its address, and a web socket.
 
-Only the newest setting is evaluated. Virtual experiments run beside, with their progress; until they are done, the page
-shows the last robot.
+Only the newest setting is evaluated. Virtual experiments run in the background and report progress;
+until they finish, the page shows the previous robot.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ HOST = "127.0.0.1"
 
 
 class Newest:
-    """A thread that works on the newest order; those that came meanwhile but the last are skipped."""
+    """A thread that processes the newest order and skips older pending ones."""
 
     def __init__(self, work: Callable[[Any], None]) -> None:
         self._work, self._order, self._changed = work, None, threading.Condition()
         threading.Thread(target=self._run, daemon=True).start()
 
     def put(self, order: Any) -> None:
-        """Give an order; never None."""
+        """Submit an order, which must not be None."""
         with self._changed:
             self._order = order
             self._changed.notify()
@@ -69,16 +69,16 @@ class Newest:
 
 @dataclass
 class LiveRobot:
-    """A robot whose sliders are moved.
+    """A robot controlled by sliders.
 
     Attributes
     ----------
-    robot : as its file says.
-    components : where the parts' matrices come from, as `assemble` takes it.
-    campaign : a campaign's folder, which is compared with the robot; None without one.
-    tell : takes each message for the page, from any thread.
-    made : the robot that is assembled, and the values of sliders that it was assembled with.
-    asked : the newest setting.
+    robot : robot file.
+    components : source of the parts' matrices, as in `assemble`.
+    campaign : folder of the campaign to compare with the robot, or None.
+    tell : sends a message to the page; thread-safe.
+    made : assembled robot and the slider values used for it.
+    asked : newest setting.
     """
 
     robot: RobotFile
@@ -90,14 +90,14 @@ class LiveRobot:
     _meshed: dict[str, PartResult] = field(default_factory=dict)
 
     def start(self) -> None:
-        """Start the threads that follow the page."""
+        """Start the worker threads."""
         self._build, self._follow, self._draw = Newest(self.build), Newest(self.follow), Newest(self.draw)
         self._compare = Newest(self.compare)
         if self.campaign:
             threading.Thread(target=self._watch, daemon=True).start()
 
     def ask(self, setting: Setting) -> None:
-        """Take the sliders' values; answers go to `tell`."""
+        """Evaluate slider values; results are sent with `tell`."""
         former, self.asked = self.asked, setting
         if former is None or former.values != setting.values:
             self._build.put(setting)
@@ -105,12 +105,12 @@ class LiveRobot:
             self._follow.put(setting)
 
     def changed(self, values: Mapping[str, float]) -> RobotFile:
-        """The robot with other values."""
+        """Return the robot file with changed values."""
         source, given = self.robot.source, [f"{name}={value!r}" for name, value in values.items()]
         return load_robot(str(source.path), [*source.overrides, *given])
 
     def build(self, setting: Setting) -> None:
-        """Assemble the robot of a setting's values, with the experiments that it needs; then follow."""
+        """Assemble the robot for a setting, run the experiments needed, then evaluate it."""
         try:
             with workshop(self._open_line) as shop:
                 robot = self.changed(setting.values)
@@ -131,7 +131,7 @@ class LiveRobot:
         return report
 
     def follow(self, setting: Setting) -> None:
-        """Answer a setting with the robot that is assembled."""
+        """Send the results of a setting for the currently assembled robot."""
         if self.made is None:
             return
         start, (assembled, values) = time.perf_counter(), self.made
@@ -144,7 +144,7 @@ class LiveRobot:
         self.tell({"problem": "", **answer, "seconds": seconds, "stale": setting.values != values})
 
     def draw(self, setting: Setting) -> None:
-        """Draw the maps and the solids of the robot that is assembled."""
+        """Draw the maps and solids of the assembled robot."""
         if self.made is None:
             return
         made, _ = self.made
@@ -154,7 +154,7 @@ class LiveRobot:
             self.tell({"solids": live.view_html(made, setting, draw_now)})
 
     def compare(self, _setting: Setting) -> None:
-        """Compare the campaign's readings with the robot that is assembled, and say what to read next."""
+        """Compare the campaign's readings with the assembled robot and send the diagnosis."""
         if self.campaign is None or self.made is None:
             return
         made, _ = self.made
@@ -168,14 +168,14 @@ class LiveRobot:
             self.tell({"problem": str(error)})
 
     def _watch(self) -> None:
-        """Compare again whenever a file of the campaign is saved."""
+        """Repeat the comparison whenever a file of the campaign is saved."""
         folder = self.campaign or Path()
         for _ in changes([path for path in folder.iterdir() if path.is_file()]):
             if self.asked is not None:
                 self._compare.put(self.asked)
 
     def keep(self, name: str) -> str:
-        """Write the robot with the sliders' values as a robot file; return what to say of it."""
+        """Write the robot with the sliders' values as a robot file; return a message."""
         target = Path(name)
         if target.suffix != ".toml" or target.exists():
             raise InputError(f"{name}: expected the name of a new file that ends in .toml")
@@ -185,7 +185,7 @@ class LiveRobot:
 
 
 class _Guarded:
-    """Refuses whoever does not know the token, or came by another name of this machine."""
+    """Refuses requests with a wrong token or another host name."""
 
     def check(self: Any) -> None:
         given = self.get_query_argument("token", "")
@@ -229,21 +229,21 @@ class _Socket(_Guarded, WebSocketHandler):
 
 @dataclass(frozen=True)
 class Server:
-    """A server that listens: the page's address, and the HTTP server."""
+    """A listening server: the page's address and the HTTP server."""
 
     address: str
     http: HTTPServer
 
 
 def open_server(robot: LiveRobot, port: int = 0) -> Server:
-    """Listen on this machine, inside a running event loop.
+    """Start listening on this machine; needs a running event loop.
 
     Parameters
     ----------
     robot
-        The robot that the page shows.
+        Robot shown by the page.
     port
-        Port; 0 for any that is free.
+        Port; 0 for any free port.
 
     Raises
     ------
@@ -289,7 +289,7 @@ def serve(robot: LiveRobot, port: int, announce: Callable[[str], None]) -> None:
 
 
 def open_robot(name: str, overrides: Sequence[str], components: Any, campaign: Path | None) -> LiveRobot:
-    """The robot of a command line. Raises InputError for what is no robot or no campaign of it."""
+    """Open the robot of a command line. Raise InputError if robot or campaign is invalid."""
     robot = load_robot(name, overrides)
     if campaign is not None:
         open_case(campaign, instead=str(robot.source.path))

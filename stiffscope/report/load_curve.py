@@ -22,14 +22,14 @@ _COLOURS = (AFTER, EFFECT, BEFORE, NOISE)
 
 
 def show_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array) -> None:
-    """Displacement along the wrench, and the tangent stiffness along it, at every load up to the whole one.
+    """Show displacement and tangent stiffness along the wrench for each load up to the full load.
 
     Parameters
     ----------
     names
         Names of the poses (n,).
     curve
-        Displacements at every load.
+        Displacements at each load.
     wrench
         Force and moment (6,) at M, N and N·m.
 
@@ -43,7 +43,7 @@ def show_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array) -> No
     ]
     force = "N" if unit == "m" else "N·m"
     groups = (("pose",), (force, f"µ{unit}", f"tangent {force}/{unit}"))
-    show_table("Along the wrench; unloading goes back the same way", groups, rows)
+    show_table("Along the wrench; loading and unloading coincide", groups, rows)
 
 
 def draw_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array, folder: Path) -> None:
@@ -54,7 +54,7 @@ def draw_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array, folde
     names
         Names of the poses (n,).
     curve
-        Displacements at every load.
+        Displacements at each load.
     wrench
         Force and moment (6,) at M, N and N·m.
     folder
@@ -81,7 +81,7 @@ def draw_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array, folde
 
 
 def _project_curve(curve: LoadCurve, wrench: Array) -> tuple[float, Array, str, Array]:
-    """Size of the force (or moment), displacement (n, s) along it, its unit, tangent stiffness (n, s) of that."""
+    """Return size of the load, displacement (n, s) along it, unit, tangent stiffness (n, s)."""
     part = slice(0, 3) if wrench[:3].any() else slice(3, 6)
     size = float(np.linalg.norm(wrench[part])) or 1.0
     axis = wrench[part] / size

@@ -25,9 +25,9 @@ TITLES = tuple(f"$K_{{{name[2:]}}}$" for name in DIAGONAL)
 UNITS = (("N/µm", 1e-6),) * 3 + (("kN·m/rad", 1e-3),) * 3
 SAGS = (*(f"sag along {axis} (µm)" for axis in "xyz"), *(f"sag about {axis} (µrad)" for axis in "xyz"))
 MARK = "#14181c"
-CHANGE = "coolwarm"  # colours about zero
-_FEW = 2.0  # percent at either end beyond the colours,
-_FAR = 0.35  # where the rest spans less than this share of all
+CHANGE = "coolwarm"  # diverging colours, centred at zero
+_FEW = 2.0  # percent of the values clipped at either end,
+_FAR = 0.35  # if the remaining range is less than this share of the whole range
 
 
 class Panel(NamedTuple):
@@ -39,25 +39,25 @@ class Panel(NamedTuple):
 
 
 def stiffness_panels(found: StiffnessMap) -> list[Panel]:
-    """The diagonal of K, under the robot's own weight where it acts."""
+    """Return panels of the diagonal of K, including the robot's own weight if it acts."""
     return [Panel(f"{TITLES[k]} ({unit})", factor * found.loaded[..., k]) for k, (unit, factor) in enumerate(UNITS)]
 
 
 def difference_panels(
     found: StiffnessMap, words: str = "with − without weight (ppm)", factor: float = 1e6
 ) -> list[Panel]:
-    """The change by the robot's own weight, in parts per million of the stiffness without it."""
+    """Return the change due to the robot's own weight, in ppm of the stiffness without it."""
     change = factor * (found.loaded / found.stiffness - 1)
     return [Panel(f"{title} {words}", change[..., k], CHANGE) for k, title in enumerate(TITLES)]
 
 
 def change_panels(found: StiffnessMap) -> list[Panel]:
-    """The change to another robot, whose stiffness is the loaded one, in percent."""
+    """Return the change to another robot, stored as the loaded stiffness, in percent."""
     return difference_panels(found, "change (%)", 100.0)
 
 
 def scalar_panels(found: StiffnessMap) -> list[Panel]:
-    """The other quantities that were asked for."""
+    """Return panels of the additional quantities requested."""
     units = {"N m-1": (" (N/µm)", 1e-6), "m": (" (µm)", 1e6), "1": ("", 1.0)}
     return [
         Panel(fill(scalar.words, 34) + units[scalar.unit][0], units[scalar.unit][1] * scalar.values)
@@ -66,7 +66,7 @@ def scalar_panels(found: StiffnessMap) -> list[Panel]:
 
 
 def pick_slices(found: StiffnessMap | StiffnessVolume) -> list[StiffnessMap]:
-    """What is drawn of a map, or the first, middle and last of a volume's that reach anywhere."""
+    """Return a map itself, or the first, middle and last reachable maps of a volume."""
     if not isinstance(found, StiffnessVolume):
         return [found]
     reached = [each for each in found.maps if np.isfinite(each.stiffness).any()]
@@ -74,21 +74,21 @@ def pick_slices(found: StiffnessMap | StiffnessVolume) -> list[StiffnessMap]:
 
 
 def sag_panels(found: StiffnessMap) -> list[Panel]:
-    """The tool's sag and tilt under the robot's own weight: the components above rounding."""
+    """Return panels of the tool's sag and tilt under the robot's own weight, above rounding."""
     largest = np.nanmax(np.abs(found.sag), axis=(0, 1))
     shown = [k for k in range(6) if largest[k] > 1e-4 * largest.max()] or [2]
     return [Panel(SAGS[k], 1e6 * found.sag[..., k], "magma_r") for k in shown]
 
 
 def frequency_panels(found: StiffnessMap) -> list[Panel]:
-    """The first natural frequencies."""
+    """Return panels of the first natural frequencies."""
     values = np.zeros((0, 0, 0)) if found.frequencies is None else found.frequencies
     panels = [Panel(f"$f_{{{k + 1}}}$ (Hz)", values[..., k]) for k in range(values.shape[2])]
     return [panel for panel in panels if np.isfinite(panel.values).any()]
 
 
 def draw_map(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: str, *targets: Path) -> None:
-    """Draw panels, at most three in a row, and write the sheet to each target.
+    """Draw panels, at most three per row, and write the sheet to each target.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ def draw_map(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: 
     title
         Title.
     *targets
-        Files, PNG or SVG by their endings.
+        Files, PNG or SVG according to their suffix.
 
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -112,7 +112,7 @@ def draw_map(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: 
     across, up = (float(np.ptp(values)) for values in (found.columns, found.rows))
     slim = np.clip(up / across, 0.4, 1.6) if _have_same_unit(found) else 0.8
     figure = Figure(figsize=(4.5 * columns, 0.8 + (0.6 + 3.6 * slim) * rows), layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)  # knows the extent of a text; without it every label of a contour would draw the sheet
+    FigureCanvasAgg(figure)  # without a canvas, each contour label would redraw the whole sheet
     heading: Any = {"fontsize": 14 if columns > 1 else 11, "fontweight": "bold"}
     figure.suptitle(title, x=0.01, ha="left", parse_math=False, **heading)
     grid = list(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).flat)
@@ -127,7 +127,7 @@ def draw_map(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: 
 
 
 def _have_same_unit(found: StiffnessMap) -> bool:
-    """Whether both coordinates are lengths, or both angles."""
+    """Return whether both coordinates are lengths or both are angles."""
     return found.across.startswith("r") == found.up.startswith("r")
 
 
@@ -136,7 +136,7 @@ def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
     low, high, clipped = _limits(values)
     if change:
         low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
-    if high - low < 1e-9 * max(abs(low), abs(high)) or high == low:  # constant, apart from rounding
+    if high - low < 1e-9 * max(abs(low), abs(high)) or high == low:  # constant up to rounding
         low, high = low - max(abs(low), 1e-6), high + max(abs(high), 1e-6)
     x, y = _factor(found.across) * found.columns, _factor(found.up) * found.rows
     image = axes.pcolormesh(x, y, values, cmap=panel.colours, shading="nearest", vmin=low, vmax=high, rasterized=True)
@@ -147,7 +147,7 @@ def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
         )
         axes.clabel(drawn, fontsize=7, fmt="%.5g")
     figure: Any = axes.get_figure()
-    bar = axes.inset_axes((1.03, 0.0, 0.045, 1.0))  # as high as the map, whatever its aspect
+    bar = axes.inset_axes((1.03, 0.0, 0.045, 1.0))  # as high as the map for any aspect ratio
     figure.colorbar(image, cax=bar, extend="both" if clipped else "neither")
     down = ", down" if found.down else ""
     axes.set(xlabel=f"{found.across} ({_unit(found.across)})", ylabel=f"{found.up} ({_unit(found.up)}{down})")
@@ -157,7 +157,7 @@ def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
 
 
 def _limits(values: np.ndarray) -> tuple[float, float, bool]:
-    """Lowest and highest value in colours; whether a few far out, near singular poses, are left beyond them."""
+    """Return the limits of the colours, and whether outliers near singular poses are clipped."""
     low, high = float(np.nanmin(values)), float(np.nanmax(values))
     inner, outer = np.nanpercentile(values, [_FEW, 100.0 - _FEW])
     if outer - inner < _FAR * (high - low):
@@ -166,7 +166,7 @@ def _limits(values: np.ndarray) -> tuple[float, float, bool]:
 
 
 def _factor(coordinate: str) -> float:
-    """What a coordinate is multiplied by to be drawn."""
+    """Return the factor from SI to the unit drawn."""
     return 180.0 / np.pi if coordinate.startswith("r") else 1e3
 
 
@@ -175,7 +175,7 @@ def _unit(coordinate: str) -> str:
 
 
 def _mark(axes: Axes, found: StiffnessMap, poses: Poses) -> None:
-    """The named poses that lie in what is swept."""
+    """Mark the named poses that lie in the map."""
     from matplotlib.patheffects import withStroke
 
     halo: Any = [withStroke(linewidth=2.5, foreground="white")]
@@ -192,5 +192,5 @@ def _mark(axes: Axes, found: StiffnessMap, poses: Poses) -> None:
 
 
 def held_text(found: StiffnessMap) -> str:
-    """The other coordinates as a title has them: "y = 0 mm"."""
+    """Return the fixed coordinates for a title: "y = 0 mm"."""
     return ", ".join(f"{name} = {_factor(name) * value:z.5g} {_unit(name)}" for name, value in found.at.items())

@@ -1,4 +1,4 @@
-"""Mode shapes as pictures and animations of the robot, and as what scripts read."""
+"""Mode shapes as pictures and animations of the robot, and as JSON."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.vjm.modes import Modes
 
-_STEPS = 16  # of a vibration
-_TOGETHER = 6  # pictures that one process draws
-_WITHIN = 0.2  # of a mode's energy between the ends of parts, from which its picture says so
+_STEPS = 16  # frames per period
+_TOGETHER = 6  # pictures drawn by one process
+_WITHIN = 0.2  # share of a mode's energy within parts above which the title mentions it
 
 
 def modes_json(found: Modes) -> dict[str, Any]:
-    """What scripts read of modes; twists of all nodes at M in base axes, [pose][mode][component]."""
+    """Return modes for JSON output; node twists at M in base axes are [pose][mode][component]."""
     names = {END: "tool", FOOT: "base"}
     shapes = {names.get(node, node): np.moveaxis(twist, 1, 2) for node, twist in found.shapes.items()}
     return {
@@ -44,9 +44,9 @@ def modes_json(found: Modes) -> dict[str, Any]:
 
 
 def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder: Path) -> None:
-    """Each mode at each pose as a picture, ``mode_POSE_NUMBER.png``, and moving, ``….gif``, coloured by energy.
+    """Draw each mode at each pose, coloured by energy: ``mode_POSE_NUMBER.png`` and ``….gif``.
 
-    Where this machine cannot draw, say so and leave them out.
+    Log a warning and omit them if this machine cannot draw.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
     names
         Names of the poses (n,).
     found
-        Result to show.
+        Modes to draw.
     folder
         Folder to write to.
 
@@ -99,5 +99,5 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
 
 
 def _name_file(name: str, number: int) -> str:
-    """A pose's name where a file can have it, else its number."""
+    """Return a pose's name if it is valid in a file name, else its number."""
     return name if name.replace("_", "").replace("-", "").isalnum() else str(number + 1)

@@ -1,6 +1,6 @@
-"""For a notebook: how it shows the objects of other rooms, the robot that turns, pictures, progress.
+"""Notebook output: tables of stiffscope's objects, rotatable robots, pictures and progress bars.
 
-An object shows the tables of the commands, drawn by the same functions; what no command shows is listed field by field.
+Objects are shown with the tables of the commands; others are listed field by field.
 """
 
 from __future__ import annotations
@@ -49,15 +49,15 @@ if TYPE_CHECKING:
     from stiffscope.vjm.statics import Stiffness
     from stiffscope.vjm.yielding import Deflection
 
-MOST = 20  # poses shown of a stack
-SMALL = 36  # numbers of an array that are listed
-HEIGHT = 800  # of the robot that turns, pixels
-PACE = 0.2  # seconds between two updates of a bar
+MOST = 20  # most poses shown of a stack
+SMALL = 36  # most numbers of an array listed
+HEIGHT = 800  # of the rotatable view, pixels
+PACE = 0.2  # seconds between updates of a progress bar
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A PNG that a notebook shows; `save` writes it to a file."""
+    """A PNG shown by a notebook; `save` writes it to a file."""
 
     png: bytes = dataclasses.field(repr=False)
 
@@ -71,7 +71,7 @@ class Picture:
 
 @dataclass(frozen=True)
 class View:
-    """The robot that turns, as a page that a notebook shows inline; `save` writes it to an HTML file."""
+    """A rotatable robot, shown inline by a notebook; `save` writes it to an HTML file."""
 
     html: str = dataclasses.field(repr=False)
 
@@ -82,14 +82,14 @@ class View:
         )
 
     def save(self, path: str | Path) -> None:
-        """Write the page to a file, which needs nothing else."""
+        """Write the page to a self-contained HTML file."""
         output.write_bytes(Path(path), self.html.encode())
 
 
 def register() -> None:
-    """Make a running IPython show the objects of the façade as tables, and jobs as bars; without one, do nothing.
+    """Register tables and progress bars with a running IPython; without one, do nothing.
 
-    The objects know nothing of HTML: their classes are found by name when the first of them is shown.
+    Classes are looked up by name when an object is first shown, so they need no HTML code.
     """
     shell = sys.modules["IPython"].get_ipython() if "IPython" in sys.modules else None
     if shell is None:
@@ -98,12 +98,12 @@ def register() -> None:
     for name, show in SHOWN.items():
         module, _, kind = name.rpartition(".")
         formatter.for_type_by_name(f"stiffscope.{module}", kind, lambda shown, show=show: as_html(shown, show))
-    if hasattr(shell, "kernel"):  # not where IPython runs in a terminal
+    if hasattr(shell, "kernel"):  # not if IPython runs in a terminal
         LISTENERS.open_line = open_bar
 
 
 def as_html(shown: Any, show: Callable[[Any], Sequence[Figure] | None] | None = None) -> str:
-    """Return what a notebook shows of an object: its tables, and figures where it has some."""
+    """Return an object's tables and figures as HTML for a notebook."""
     show = show or SHOWN[f"{type(shown).__module__.removeprefix('stiffscope.')}.{type(shown).__name__}"]
     with record_shown() as lines:
         figures = show(shown) or ()
@@ -111,7 +111,7 @@ def as_html(shown: Any, show: Callable[[Any], Sequence[Figure] | None] | None = 
 
 
 def open_bar(name: str) -> Report:
-    """Open a bar in the output of a cell; it goes when its job is done."""
+    """Open a progress bar in the output of a cell; it disappears when the job is done."""
     from IPython.display import HTML, display  # pyright: ignore[reportMissingImports, reportMissingModuleSource]
 
     bar: Any = None
@@ -166,19 +166,19 @@ def stiffness_map(
         Two coordinates of its tool pose and the ends of each, m and rad: ``{"x": (-0.1, 0.1), "z": (0.3, 0.5)}``, or
         ``robot.map.ranges()`` of a robot file.
     points
-        Poses along either.
+        Number of poses along each coordinate.
     at : (k,)
-        Pose that gives the other coordinates, by default home.
+        Pose that fixes the other coordinates, by default home.
 
     Returns
     -------
     Picture
-        PNG, shown inline by a notebook.
+        PNG shown inline by a notebook.
 
     Raises
     ------
     InputError
-        Not two coordinates of the tool, or no pose is within reach.
+        The ranges are not two coordinates of the tool, or no pose is reachable.
 
     """
     found = map_stiffness(mechanism, ranges, points, at=at)
@@ -192,19 +192,19 @@ def stiffness_map(
 
 
 def view(shown: Mechanism | Configurations | Stiffness | Modes, robot: RobotFile | None = None) -> View:
-    """Show a robot that turns, under unit wrenches at M or in its modes, coloured by share of the strain energy.
+    """Show a rotatable robot under unit wrenches at M or in its modes, coloured by strain energy.
 
     Parameters
     ----------
     shown
-        A mechanism (at home, or at the poses of its robot file), or what was found of one at its poses.
+        Mechanism (at home or at the poses of ``robot``), or a result at poses.
     robot
-        The robot file that it was assembled from, which has the parts' shapes; without it, they are drawn as rods.
+        Robot file with the parts' shapes; without it, parts are drawn as rods.
 
     Raises
     ------
     InputError
-        The robot cannot reach one of the poses, or this is something else.
+        A pose is unreachable, or ``shown`` has another type.
 
     """
     from stiffscope.report.robot_scene import scene
@@ -344,7 +344,7 @@ def _study(shown: Study) -> None:
 
 
 def _fields(shown: Any) -> None:
-    """Every field of a small dataclass, SI."""
+    """Show every field of a small dataclass, SI."""
     rows = [(each.name, _text(getattr(shown, each.name))) for each in dataclasses.fields(shown)]
     title = " ".join([type(shown).__name__, *([shown.name] if hasattr(shown, "name") else [])])
     show_table(f"{title}, SI", (("", "value"),), rows, prose=("value",))

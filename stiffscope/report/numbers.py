@@ -1,4 +1,4 @@
-"""Numbers as people read them: with the digits that their error bounds leave, and zeros as zeros."""
+"""Formatting of numbers: significant digits according to error bounds, and clean zeros."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ ZERO_NOTE = f"{ZERO}  zero within its error bound, or below 10⁻⁶ of √(M_ii
 
 
 def find_resolved(matrix: Any, error: Any = 0.0) -> NDArray[np.bool_]:
-    """Return which entries (6n, 6n) of a matrix are more than mesh noise: beyond their bounds and 10⁻⁶ √(M_ii M_jj)."""
+    """Return a mask (6n, 6n) of entries above mesh noise: their bounds and 10⁻⁶ √(M_ii M_jj)."""
     values = np.abs(np.asarray(matrix, dtype=float))
     scale = np.sqrt(np.diagonal(values))
     return (values > np.asarray(error)) & (values > NEGLIGIBLE * np.outer(scale, scale))
@@ -38,12 +38,12 @@ def relative(error: float, value: float) -> str:
 
 
 def ratio(value: float, other: float) -> str:
-    """Return how many times one value is another."""
+    """Return the ratio of two values as text."""
     return f"{value / other:.4g}" if other else "-"
 
 
 def with_bound(value: float, bound: float) -> str:
-    """Return a value with the digits that its bound leaves, and the bound: "4.815e-09 ± 2e-12"."""
+    """Return a value, rounded according to its bound, and the bound: "4.815e-09 ± 2e-12"."""
     digits = min(9, max(1, len(f"{abs(value) / max(bound, 1e-12 * abs(value)):.0f}")))
     return f"{value:.{digits}e} ± {bound:.0e}"
 
@@ -59,7 +59,7 @@ def vector(values: Any, digits: int = 4) -> str:
 
 
 def pose_values(pose: Any, names: Sequence[str], digits: int = 5) -> str:
-    """Return a pose in mm and degrees, drives (`q:JOINT`) in m or rad, without rounding errors: "0, 0, 347.5"."""
+    """Return a pose in mm and deg, drives (`q:JOINT`) in m or rad, rounded: "0, 0, 347.5"."""
     factor = {"r": math.degrees(1.0), "q": 1.0}
     return vector([factor.get(name[0], 1e3) * c for name, c in zip(names, pose, strict=True)], digits)
 
@@ -78,12 +78,12 @@ def name_pose(pose: Any, names: Sequence[str]) -> str:
 
 
 def power(number: float, decimals: int = 1) -> str:
-    """Return 2.3e6 as 2.3·10⁶, in matplotlib's notation; numbers of up to three digits as they are."""
+    """Return 2.3e6 as 2.3·10⁶ in matplotlib's notation; numbers of up to three digits unchanged."""
     mantissa, exponent = f"{number:.{decimals}e}".split("e")
     return f"{number:.3g}" if abs(int(exponent)) < 3 else rf"${mantissa}\cdot10^{{{int(exponent)}}}$"
 
 
-SHOWN_IN: dict[str, tuple[tuple[float, str], ...]] = {  # from the coarsest; SI, in these units
+SHOWN_IN: dict[str, tuple[tuple[float, str], ...]] = {  # factor to SI and unit, coarsest first
     "m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")),
     "rad": ((1e-3, "mrad"), (1e-6, "µrad")),
     "N/m": ((1e6, "N/µm"),),
@@ -92,7 +92,7 @@ SHOWN_IN: dict[str, tuple[tuple[float, str], ...]] = {  # from the coarsest; SI,
 
 
 def choose_unit(unit: str, values: Any) -> tuple[float, str]:
-    """Return the factor and name of the unit in which values of an SI unit are read best: m, mm or µm."""
+    """Return factor and name of the most readable unit for values in SI, e.g. m, mm or µm."""
     greatest = np.max(np.abs(values), initial=0.0)
     choices = SHOWN_IN.get(unit, ((1.0, unit),))
     return next((each for each in choices if greatest >= 2.0 * each[0]), choices[-1])

@@ -1,8 +1,8 @@
-"""A report as one HTML file: contents, tables as the terminal shows them, figures, charts, a robot that turns.
+"""A report as one HTML file: contents, terminal tables, figures, charts, a rotatable robot.
 
-Nothing is requested when it is opened: pictures, style and viewer are inside. The viewer, ``templates/view.js``, is
-plain WebGL of a few hundred lines; BokehJS draws the charts of pages that have some. A picture stands in the
-place of either in print and without scripts.
+The file is self-contained: pictures, style and viewer are embedded. The viewer,
+``templates/view.js``, is plain WebGL of a few hundred lines; BokehJS draws the charts, if any.
+In print and without scripts, a still picture replaces either.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
 
     from stiffscope.report.terminal import Shown
 
-QUALITY = 86  # of pictures inside a page, WebP
-WIDE = 1000  # pixels, from which a picture scrolls on a phone
+QUALITY = 86  # WebP quality of embedded pictures
+WIDE = 1000  # pixels; wider pictures scroll on a phone
 BUTTONS = (
     ("left", "◀", "Turn left"), ("right", "▶", "Turn right"), ("up", "▲", "Tilt up"), ("down", "▼", "Tilt down"),
     ("nearer", "+", "Zoom in"), ("farther", "−", "Zoom out"), ("reset", "↺", "Initial view"),
 )  # fmt: skip
-MOST_POINTS = 5000  # of a series; more are thinned evenly
+MOST_POINTS = 5000  # per series; longer ones are thinned evenly
 HOW = "Drag to turn, or use the arrow keys; with Shift or the right button to move; + and − to zoom."
 FACTOR = (
     "Displacements are multiplied by the factor at the slider, and interpolated between the ends of elastic bodies "
@@ -42,26 +42,26 @@ FACTOR = (
 
 @dataclass(frozen=True)
 class Figure:
-    """A picture inside the page: its data address, size in pixels, caption, and what to say where it is not seen."""
+    """An embedded picture: data URL, size in pixels, caption and text alternative."""
 
     source: str
     size: tuple[int, int]
     caption: str
     words: str
     files: tuple[str, ...] = ()
-    """Names of the files beside the page that hold it and its data."""
+    """Files next to the page that contain the picture and its data."""
 
     @property
     def wide(self) -> bool:
-        """Whether it scrolls on a phone."""
+        """Whether the picture scrolls on a phone."""
         return self.size[0] >= WIDE
 
 
 @dataclass(frozen=True)
 class RobotView:
-    """The robot that turns: data of `stiffscope.report.robot_view.robot_view`, and the picture in its place.
+    """A rotatable robot: data from `stiffscope.report.robot_view.robot_view`, and a still picture.
 
-    The picture has the same caption unless it brings its own.
+    The still picture has the same caption unless it has its own.
     """
 
     data: Mapping[str, Any]
@@ -69,30 +69,30 @@ class RobotView:
     words: str
     still: Figure | None = None
     start: int = 100
-    """Deformation at first, in percent of what is well seen."""
+    """Initial deformation, in percent of the default exaggeration."""
 
     buttons = BUTTONS
 
     @property
     def how(self) -> str:
-        """What to do with it."""
+        """Instructions for the reader."""
         return f"{HOW} {FACTOR}" if any(pose["cases"] for pose in self.data["poses"]) else HOW
 
 
 @dataclass(frozen=True)
 class Series:
-    """Points of one colour: columns of equal length by name, numbers or words; the first is a row of a table."""
+    """Points of one colour in equally long columns of numbers or text; the first is a table row."""
 
     name: str
     colour: str
     columns: Mapping[str, Sequence[Any] | np.ndarray]
     size: float = 6
-    """Diameter of a point, pixels."""
+    """Diameter of a point in pixels."""
 
 
 @dataclass(frozen=True)
 class Chart:
-    """Series that share their columns' names, and what of them x and y may be, the first at first."""
+    """Series with the same column names; the columns selectable as x and y, the default first."""
 
     series: Sequence[Series]
     x: Sequence[str]
@@ -100,15 +100,15 @@ class Chart:
     caption: str
     still: Figure | None = None
     equal: bool = False
-    """Whether a line is drawn on which x equals y."""
+    """Whether the line x = y is drawn."""
     joined: bool = False
     """Whether lines join the points of a series."""
     log: bool = False
-    """Whether the axis of x is logarithmic."""
+    """Whether the x axis is logarithmic."""
 
     @property
     def data(self) -> dict[str, Any]:
-        """The chart as JSON knows it."""
+        """The chart as JSON-compatible data."""
         series = [
             {"name": s.name, "colour": s.colour, "size": s.size,
              "columns": {name: _round_column(values) for name, values in s.columns.items()}}
@@ -119,7 +119,7 @@ class Chart:
 
 
 def _round_column(values: Sequence[Any] | np.ndarray) -> list[Any]:
-    """Return a column with six digits of its numbers, null where there is none, thinned where it is long."""
+    """Return a column, thinned if long, with numbers to six digits and None for missing ones."""
     some = values[:: max(1, -(-len(values) // MOST_POINTS))]
     return [
         value if isinstance(value, str) else float(f"{value:.6g}") if np.isfinite(value) else None for value in some
@@ -128,7 +128,7 @@ def _round_column(values: Sequence[Any] | np.ndarray) -> list[Any]:
 
 @dataclass(frozen=True)
 class Section:
-    """What stands under one heading, in this order."""
+    """The content under one heading, in this order."""
 
     heading: str
     tables: Sequence[Shown] = ()
@@ -136,23 +136,23 @@ class Section:
     view: RobotView | None = field(default=None, kw_only=True)
     charts: Sequence[Chart] = field(default=(), kw_only=True)
     files: Sequence[str] = field(default=(), kw_only=True)
-    """Names of the files beside the page that hold the tables' numbers."""
+    """Files next to the page that contain the tables' numbers."""
 
     def __bool__(self) -> bool:
-        """Whether anything stands below the heading."""
+        """Return whether the section has any content."""
         return bool(self.tables or self.figures or self.view or self.charts)
 
 
 @dataclass(frozen=True)
 class Lead:
-    """What a page says first, with what it is: a verdict of a diagnosis, which has a colour."""
+    """The leading sentence of a page, and its kind: a diagnosis verdict, which sets the colour."""
 
     words: str
     kind: str = ""
 
 
 def figure(image: Path, caption: str, words: str, folder: Path | None = None) -> Figure:
-    """Take a picture file, PNG or SVG, into a page, with links to the files of its name beside it.
+    """Embed a PNG or SVG file in a page, with links to the files of the same stem.
 
     Parameters
     ----------
@@ -179,12 +179,12 @@ def figure(image: Path, caption: str, words: str, folder: Path | None = None) ->
 
 
 def figures(folder: Path, captions: Mapping[str, tuple[str, str]]) -> list[Figure]:
-    """Take into a page the pictures that there are in a folder, each with its caption and text alternative."""
+    """Embed the existing pictures of a folder, each with its caption and text alternative."""
     return [figure(folder / name, *words, folder) for name, words in captions.items() if (folder / name).exists()]
 
 
 def _drawing(svg: bytes, caption: str, words: str, files: tuple[str, ...]) -> Figure:
-    """A drawing of matplotlib's: its size stands at its head, in points."""
+    """Embed a drawing by matplotlib, whose header states the size in points."""
     found = re.search(rb'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)
     wide, high = (round(float(size) * 4 / 3) for size in (found.groups() if found else (b"640", b"480")))
     return Figure(f"data:image/svg+xml;base64,{base64.b64encode(svg).decode()}", (wide, high), caption, words, files)
@@ -199,10 +199,10 @@ def write_page(
     *,
     watched: str = "",
 ) -> None:
-    """Write a page to a file: facts in a line below the title, what it says first, sections that hold anything.
+    """Write a page to a file: title, one line of facts, lead and all nonempty sections.
 
-    With ``watched``, a name of this state, the page loads itself anew as soon as a page of another name takes its
-    place: it asks the file ``state.html`` beside it, once a second.
+    With ``watched``, a name of this state, the page checks ``state.html`` next to it once a second
+    and reloads as soon as the name changes.
 
     Parameters
     ----------
@@ -215,9 +215,9 @@ def write_page(
     sections
         Sections in order.
     lead
-        What the page says first.
+        Leading sentence.
     watched
-        Name of this state of a page that reloads; empty for one that does not.
+        Name of this state of a reloading page; empty for a static page.
 
     """
     filled = [section for section in sections if section]
@@ -232,7 +232,7 @@ def write_page(
 
 @functools.cache
 def templates() -> Environment:
-    """Return the templates beside this file, which escape all text."""
+    """Return the environment of the page templates, which escapes all text."""
     return Environment(
         loader=PackageLoader("stiffscope.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
     )
@@ -240,6 +240,6 @@ def templates() -> Environment:
 
 @functools.cache
 def read_library() -> Markup:
-    """Return BokehJS as the package holds it; importing the package itself would take most of a second."""
+    """Return BokehJS from the installed package, without its slow import."""
     folder = Path(str(distribution("bokeh").locate_file("bokeh/server/static/js")))
     return Markup("\n".join((folder / f"{name}.min.js").read_text("utf-8") for name in ("bokeh", "bokeh-api")))  # noqa: S704

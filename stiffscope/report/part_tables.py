@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 def show_parts(results: Sequence[PartResult]) -> None:
-    """Mesh, mass, error bound and stage times of each part; then why a tolerance was not met."""
+    """Show mesh, mass, error bound and stage times of each part, and notes on unmet tolerances."""
     groups = (
         ("part",),
         ("nodes", "tetrahedra", "volume error", "mass kg", "bound", "wanted"),
@@ -64,18 +64,18 @@ def show_parts(results: Sequence[PartResult]) -> None:
 
 
 def show_compliance(robot: RobotFile, result: PartResult) -> None:
-    """A part's compliance beside beam theory and the published one; a STEP file's solid has nothing beside it."""
+    """Show a part's compliance with beam theory and published values; a STEP solid's alone."""
     if len(result.experiment.reference_points) > 1:
         show_each_interface(result)
     elif result.own_shape:
         show_comparison(compare(robot, result.name, result))
     else:
         show_matrix(f"Compliance of the {result.name}, SI", result.compliance, result.error)
-        show_line("No beam theory beside it: it is a STEP file's solid, not the robot file's own shape\n")
+        show_line("No comparison with beam theory: the solid comes from a STEP file\n")
 
 
 def show_comparison(comparison: Comparison) -> None:
-    """FEA beside beam theory beside the published matrix."""
+    """Show FEA, beam theory and the published matrix side by side."""
     groups = [("entry", "unit"), ("FEA", "± 95 %"), ("Timoshenko", "FEA/T"), ("Euler-B.", "FEA/EB")]
     if any(e.published is not None for e in comparison.entries):
         groups.append(("published", "FEA/publ."))
@@ -91,7 +91,7 @@ def show_comparison(comparison: Comparison) -> None:
 
 
 def show_interfaces(compared: Interfaces) -> None:
-    """What each choice of interface changes of each entry, and what the choices are."""
+    """Show how each choice of interface changes each entry, and describe the choices."""
     own = compared.own.choice
     groups = [("entry", "unit"), ("value", "± 95 %"), *((tested.choice.name,) for tested in compared.others)]
     rows = [
@@ -111,7 +111,7 @@ def show_interfaces(compared: Interfaces) -> None:
 
 
 def show_matrix(title: str, matrix: Any, error: Any = 0.0) -> None:
-    """Show a compliance (6, 6), SI, with a dot for what its error (6, 6) hides.
+    """Show a compliance (6, 6), SI, with a dot for entries within their error (6, 6).
 
     Parameters
     ----------
@@ -120,14 +120,14 @@ def show_matrix(title: str, matrix: Any, error: Any = 0.0) -> None:
     matrix
         Compliance (6, 6), SI.
     error
-        95 % bounds of the same shape; 0 without any.
+        95 % bounds of the same shape; 0 if unknown.
 
     """
     explain_zeros(_show_matrix(title, matrix, error))
 
 
 def show_element(kind: str, found: MachineElement) -> None:
-    """A machine element's stiffness, what its rolling elements carry, its source and limits."""
+    """Show a machine element's stiffness, rolling element loads, source and limits."""
     k = np.where(np.abs(found.stiffness) > 0.0, found.stiffness, np.nan)
     rows = [(name, *format_cells(row, ".5g")) for name, row in zip(WRENCH, k, strict=True)]
     show_table(f"Stiffness of the {kind}, x along its axis; SI", (("",), TWIST[:3], TWIST[3:]), rows)
@@ -169,7 +169,7 @@ def show_experiment(experiment: Experiment) -> None:
 
 
 def show_each_interface(result: PartResult) -> None:
-    """The compliance at each of a part's loaded interfaces, and where to find what couples them."""
+    """Show the compliance at each loaded interface, and how to get the coupled matrix."""
     tested = result.experiment
     points, compliance, error = tested.reference_points, tested.full_compliance, tested.full_error
     rows: list[Sequence[str]] = []
@@ -182,13 +182,13 @@ def show_each_interface(result: PartResult) -> None:
     explain_zeros(rows)
     size = len(compliance)
     show_line(
-        f"At rest: {tested.interfaces[0]}. All {len(points)} interfaces together: {size} x {size}, with --json or "
+        f"Clamped: {tested.interfaces[0]}. All {len(points)} interfaces together: {size} x {size}, with --json or "
         "--superelement\n"
     )
 
 
 def show_faces(file: str, rows: Sequence[Mapping[str, Any]]) -> None:
-    """The faces of a solid, and how a robot file chooses among them."""
+    """Show the faces of a solid, and how to select them in a robot file."""
     groups = (("index", "kind"), ("area mm²",), ("centroid mm",), ("normal or axis",), ("radius mm",))
     cells = [
         (
@@ -209,11 +209,11 @@ def show_faces(file: str, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def format_cells(values: Iterable[float], form: str) -> list[str]:
-    """Format numbers in a form such as ".5g"; NaN, which is zero within its bound, by its sign."""
+    """Format numbers, e.g. as ".5g"; NaN (zero within its bound) becomes the zero sign."""
     return [ZERO if np.isnan(v) else f"{v:{form}}" for v in values]
 
 
 def explain_zeros(rows: Iterable[Sequence[str]]) -> None:
-    """Say what the sign of a zero means, where a table has one."""
+    """Explain the zero sign if a table contains one."""
     if any(ZERO in row for row in rows):
         show_line(f"  {ZERO_NOTE}\n")

@@ -1,4 +1,4 @@
-"""The tool along a path: tables, figures, CSV, JSON and the page."""
+"""Results along a tool path: tables, figures, CSV, JSON and the HTML page."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _MOST_TOLD = 12
 
 
 def path_columns(state: Along) -> dict[str, np.ndarray]:
-    """Columns (n,) of `path.csv`, SI: length, time, commanded pose, error of the tool, its bound, what drives carry."""
+    """Return columns (n,) of `path.csv`, SI: length, time, pose, tool error, bound, drive loads."""
     columns = {"s": state.length}
     if state.time is not None:
         columns["t"] = state.time
@@ -50,7 +50,7 @@ def path_columns(state: Along) -> dict[str, np.ndarray]:
 
 
 def path_json(state: Along, after: Compensated | None, stresses: Sequence[PartStress] = ()) -> dict[str, Any]:
-    """What scripts read of a path."""
+    """Return the results of a path for JSON output."""
     k = state.worst
     answer: dict[str, Any] = {
         "job": state.job.file.name, "robot": state.job.robot.name, "points": len(state.path),
@@ -78,7 +78,7 @@ def path_json(state: Along, after: Compensated | None, stresses: Sequence[PartSt
 
 
 def _gain(state: Along) -> dict[str, dict[str, float]]:
-    """Greatest and rms error that the free coordinates make least, with their best single values and as chosen; m."""
+    """Return greatest and rms error, m, for the best constant and the chosen free coordinates."""
     freed, acting = state.freed, ~state.path.rapid
     if freed is None:
         return {}
@@ -92,7 +92,7 @@ def _rms(state: Along) -> float:
 
 
 def write_csv(state: Along, file: Path) -> None:
-    """Write a row a point, some rows at a time."""
+    """Write one row per point, in blocks."""
     columns = path_columns(state)
     schema = pa.schema([(name, pa.float64()) for name in columns])
     with pyarrow.csv.CSVWriter(file, schema) as writer:
@@ -102,7 +102,7 @@ def write_csv(state: Along, file: Path) -> None:
 
 
 def show_path(state: Along, after: Compensated | None, stresses: Sequence[PartStress] = ()) -> None:
-    """Print where the error is greatest and why, what the process and the drives do, and what compensation leaves."""
+    """Print the greatest error and its causes, process, drive loads and the compensated error."""
     k, parts = state.worst, state.parts
     acting = ~state.path.rapid
     facts = [
@@ -121,7 +121,7 @@ def show_path(state: Along, after: Compensated | None, stresses: Sequence[PartSt
                 "process",
                 f"feed {cut.feed:.4g} N, across {cut.across:.4g} N, axial {cut.axial:.4g} N, {cut.power:.4g} W",
             ),
-            ("mean chip", f"{1e3 * cut.chip:.4g} mm; teeth pass {cut.tooth_passing:.4g} times a second"),
+            ("mean chip", f"{1e3 * cut.chip:.4g} mm; tooth passing {cut.tooth_passing:.4g} Hz"),
         ]
     if state.freed is not None:
         gain = {key: f"rms {_mm(each['rms'])}, greatest {_mm(each['greatest'])}" for key, each in _gain(state).items()}
@@ -136,12 +136,12 @@ def show_path(state: Along, after: Compensated | None, stresses: Sequence[PartSt
         for name, share in shares if share[k] > 5e-4
     ]  # fmt: skip
     show_table("Share of the strain energy (%)", [["element"], ["at the greatest error", "mean of the path"]], rows)
-    least = 1e-12 * np.abs(state.forces).max(initial=0.0)  # below it there are rounding errors alone
+    least = 1e-12 * np.abs(state.forces).max(initial=0.0)  # smaller values are rounding errors
     rows = [
         (name, *(f"{0.0 if abs(end) < least else end:.4g}" for end in (force.min(), force.max())), unit)
         for name, force, unit in zip(state.drives, state.forces.T, state.units, strict=True)
     ]
-    show_table("What the drives carry", [["drive"], ["least", "greatest", "unit"]], rows)
+    show_table("Drive loads", [["drive"], ["least", "greatest", "unit"]], rows)
     if stresses:
         rows = [
             (each.body, f"{1e-6 * each.von_mises:.3g}", ", ".join(f"{1e3 * x:z.1f}" for x in each.at), each.material,
@@ -162,7 +162,7 @@ def _show_compensation(state: Along, after: Compensated) -> None:
     worst = ", ".join(
         f"{name} {value:.2g} {'m' if len(name) == 1 else 'rad'}" for name, value in zip(names, left, strict=True)
     )
-    show_line(f"Compensated: the error of {_mm(_rms(state))} rms is left at most at {worst}.")
+    show_line(f"Compensated: the error of {_mm(_rms(state))} rms is reduced to at most {worst}.")
     for line, why in after.refused[:_MOST_TOLD]:
         show_line(f"  line {line} keeps its command: {why}")
     if len(after.refused) > _MOST_TOLD:
@@ -174,12 +174,12 @@ def _mm(value: float) -> str:
 
 
 def draw_path(state: Along, after: Compensated | None, folder: Path) -> None:
-    """Write path.png (the path coloured by its error) and error.png (error over length), and both as SVG."""
+    """Write path (coloured by error) and error (over length of the path) as PNG and SVG."""
     save_figures(folder, {"path": lambda: _draw_map(state), "error": lambda: _draw_error(state, after)})
 
 
 def write_stress(stresses: Sequence[PartStress], folder: Path) -> None:
-    """Write stress.vtu and draw stress.png: the part with the greatest stress at the greatest error."""
+    """Write stress.vtu and draw stress.png for the most stressed part at the greatest error."""
     for each in stresses[:1]:
         mesh = each.tested.experiment.mesh
         field = folder / "stress.vtu"
@@ -254,7 +254,7 @@ def _draw_error(state: Along, after: Compensated | None) -> Figure:
 
 
 def _chart_error(state: Along, after: Compensated | None) -> page.Chart:
-    """Error over length as a chart of a page, before and after compensation."""
+    """Return an interactive chart of error over length, before and after compensation."""
     some = _thinned(len(state.path))
     series = []
     for name, colour, each in (("as commanded", BEFORE, state), ("compensated", AFTER, after and after.after)):
@@ -266,25 +266,25 @@ def _chart_error(state: Along, after: Compensated | None) -> page.Chart:
             columns |= {f"{axis}, mm": 1e3 * state.tool[some, k] for k, axis in enumerate("xyz")}
             series.append(page.Series(name, colour, columns, size=3))
     _, *shown = series[0].columns
-    return page.Chart(series, [shown[0], *shown[5:]], shown[1:5], "The error point by point, to read off.", joined=True)
+    return page.Chart(series, [shown[0], *shown[5:]], shown[1:5], "Error at every point.", joined=True)
 
 
 def write_path_page(
     folder: Path, state: Along, after: Compensated | None, found: Configurations, cases: list[list[Case]],
     tables: Sequence[Shown],
 ) -> None:  # fmt: skip
-    """Write report.html: the path, error over length, and the robot under the load of the greatest error.
+    """Write report.html: the path, error over length, and the robot at the greatest error.
 
     Parameters
     ----------
     folder
-        Output folder, which has the pictures.
+        Output folder with the pictures.
     state, after
-        The path, and its compensated commands where there are some.
+        The path, and its compensated commands, if any.
     found, cases
-        Configuration of the greatest error, and the loads to show there.
+        Configuration at the greatest error, and the loads to show there.
     tables
-        What the terminal shows.
+        Tables as the terminal shows them.
 
     """
     stills = page.figures(folder, {"deflection_1.png": ("The robot at the greatest error.", "the robot deformed")})

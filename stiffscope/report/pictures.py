@@ -1,4 +1,4 @@
-"""Pictures are drawn in a process of their own: what its graphics library does there cannot hurt a run."""
+"""Drawing in a separate process, so that a crash of the graphics library cannot stop a run."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class PictureError(StiffscopeError, RuntimeError):
 
 @contextmanager
 def optional_pictures() -> Iterator[None]:
-    """Draw what a result can do without: where this machine cannot, say so."""
+    """Draw optional pictures: log a warning if this machine cannot draw."""
     try:
         yield
     except PictureError as error:
@@ -41,14 +41,14 @@ def draw(picture: str, target: Path, **arguments: Any) -> None:
     picture
         Name of a function of `stiffscope.report.drawing`.
     target
-        File, or folder for pictures that come in sets, that the function writes.
+        File to write, or folder for a set of pictures.
     arguments
-        What the function takes besides, as JSON knows it: numbers, texts, lists, paths.
+        Further arguments of the function, as JSON-compatible data: numbers, texts, lists, paths.
 
     Raises
     ------
     PictureError
-        No picture; the message is one line that names the cause and the cure.
+        Drawing failed; the message states cause and remedy in one line.
     OSError
         The disk is full.
 
@@ -59,9 +59,9 @@ def draw(picture: str, target: Path, **arguments: Any) -> None:
 
 @contextmanager
 def open_drawing(*, ahead: bool = False) -> Iterator[Callable[..., None]]:
-    """Start a child process that draws; gives what is then called like `draw`.
+    """Start a child process for drawing; yield a function that is called like `draw`.
 
-    ``ahead``: the picture is known in some seconds only, which the process takes to load what it needs.
+    ``ahead``: the picture follows some seconds later; meanwhile the process loads its libraries.
     """
     with Processes(1) as executor:
         if ahead:
@@ -86,7 +86,7 @@ def _draw(executor: Processes, picture: str, target: Path, **arguments: Any) -> 
 
 
 def _warm_up() -> None:
-    """Load what drawing needs."""
+    """Load the libraries for drawing."""
     from stiffscope.report.drawing.robot import warm_up
 
     warm_up()
@@ -102,7 +102,7 @@ def _draw_now(picture: str, target: Path, arguments: dict[str, Any]) -> None:
 
 
 def _cause(error: WorkerError) -> str:
-    """One line on why there is no picture."""
+    """Return one line on why drawing failed."""
     if error.code in KILLED:
         return str(error)
     lines = [line for line in error.output.splitlines() if line.strip()]
@@ -117,5 +117,5 @@ def _cause(error: WorkerError) -> str:
 
 
 def _to_plain(value: Any) -> Any:
-    """What JSON does not know: arrays and paths."""
+    """Convert an array or a path for JSON."""
     return value.tolist() if hasattr(value, "tolist") else str(value.absolute())

@@ -1,4 +1,4 @@
-"""A plan of readings for a question: as data, and as tables on standard output."""
+"""Plan of readings for a question, as data and as terminal tables."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SHOWN = 12
 
 
 def plan_json(proposal: Proposal) -> dict[str, Any]:
-    """The plan with what it is expected to tell."""
+    """Return the plan with its expected evidence."""
     return {
         "sensors": [sensor.name for sensor in proposal.plan.sensors],
         "loads": [hook.name for hook in proposal.plan.hooks],
@@ -33,7 +33,7 @@ def plan_json(proposal: Proposal) -> dict[str, Any]:
 
 
 def show_plan(proposal: Proposal, names: Sequence[str]) -> None:
-    """Print what is to be read, and which pairs of causes it distinguishes; ``names``: of a pose's coordinates."""
+    """Print the readings and the distinguished pairs; ``names``: coordinates of a pose."""
     plan = proposal.plan
     rows: list[list[str]] = []
     for pose, values in enumerate(plan.poses):
@@ -45,12 +45,12 @@ def show_plan(proposal: Proposal, names: Sequence[str]) -> None:
     show_table("Readings", [[coordinates(names)], ["load, N", "sensors"]], rows, prose=("sensors",))
     asked = [pair for pair in proposal.pairs if pair.asked]
     _show_pairs("The question: expected ln-odds if the first is true", asked)
-    _show_pairs("Beside other causes: the least", [pair for pair in proposal.pairs if not pair.asked])
+    _show_pairs("Against other causes: the smallest", [pair for pair in proposal.pairs if not pair.asked])
 
 
 def _show_pairs(title: str, pairs: Sequence[Answered]) -> None:
     rows = [[p.first, p.second, f"{p.log_odds:.3g}", ", ".join(p.hidden)] for p in pairs[:_SHOWN]]
     if rows:
-        show_table(title, [["true", "instead"], ["ln-odds", "no reading tells"]], rows, prose=("true", "instead"))
+        show_table(title, [["true", "instead"], ["ln-odds", "unresolved"]], rows, prose=("true", "instead"))
     if len(pairs) > _SHOWN:
         show_line(f"and {len(pairs) - _SHOWN} more: see --json")

@@ -1,4 +1,4 @@
-"""Progress bars on standard error, drawn here alone; none without a terminal or with `--quiet`."""
+"""Progress bars on standard error; none without a terminal or with `--quiet`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def _silent(_stage: str, _fraction: float) -> None:
 
 @contextlib.contextmanager
 def progress(*, quiet: bool) -> Iterator[Reporter]:
-    """Give a function that opens a line: `reporter("slider")` returns `report(stage, fraction)` for that line."""
+    """Yield a function that opens a line: `reporter("slider")` gives `report(stage, fraction)`."""
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
         yield lambda _name: _silent

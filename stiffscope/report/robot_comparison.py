@@ -1,4 +1,4 @@
-"""Two robots side by side: tables, map of the change, JSON, page."""
+"""Comparison of two robots: tables, map of the change, JSON, HTML page."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _FACTORS = np.array([1e-6] * 3 + [1e-3] * 3)
 
 
 def robots_json(found: RobotComparison) -> dict[str, Any]:
-    """What scripts read: both robots' stiffness and sag at the poses, and the ratio of the diagonals."""
+    """Return stiffness and sag of both robots, and the ratio of the diagonals, for JSON output."""
     diagonal = np.diagonal(found.stiffness, axis1=2, axis2=3)
     return {
         "robots": list(found.names), "poses": list(found.poses), "stiffness": found.stiffness, "sag": found.sag,
@@ -38,7 +38,7 @@ def robots_json(found: RobotComparison) -> dict[str, Any]:
 
 
 def show_robots(found: RobotComparison) -> None:
-    """Print the diagonal of the stiffness and the sag of both, and the change."""
+    """Print the stiffness diagonal and the sag of both robots, and the change of stiffness."""
     first, second = found.names
     diagonal = np.diagonal(found.stiffness, axis1=2, axis2=3)
     rows = [
@@ -74,9 +74,9 @@ def _change(before: float, after: float) -> str:
 
 
 def draw_both(found: RobotComparison, folder: Path) -> None:
-    """Write both.png: the second robot at the first common pose, with the outlines of the first.
+    """Write both.png: the second robot at the first common pose, with outlines of the first.
 
-    Write change.png and change.svg: what the second changes over the workspace of the first, in percent.
+    Write change.png and change.svg: change in stiffness over the first robot's map, in percent.
     """
     drawn, moved = [], []
     for made in found.made.values():

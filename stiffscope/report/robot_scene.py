@@ -1,4 +1,4 @@
-"""A robot as plain data for `stiffscope.report.drawing.robot`: bodies, joints, tool, and how its nodes have moved."""
+"""Robot data for `stiffscope.report.drawing.robot`: bodies, joints, tool, node displacements."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
     Moves = dict[str, tuple[Array, Array]]
 
-_COARSE = 5e-4, 0.5  # m, rad: of the surfaces of solids in a picture
-_HERE = 1e-6  # m
-DEFORMATION = 0.06  # greatest displacement shown, in the robot's size
+_COARSE = 5e-4, 0.5  # m, rad: tessellation tolerances of solids in pictures
+_HERE = 1e-6  # m, tolerance for equal positions
+DEFORMATION = 0.06  # greatest displacement shown, over the robot's size
 
 
 def scene(
@@ -39,16 +39,16 @@ def scene(
     experiments: Mapping[str, Path] | None = None,
     shares: Mapping[str, float] | None = None,
 ) -> dict[str, Any]:
-    """What every picture of a robot shares: arguments `bodies, joints, tool, up, shares` of `drawing.robot`.
+    """Return `bodies, joints, tool, up, shares` of `drawing.robot`, common to all pictures.
 
     Parameters
     ----------
     robot, mechanism
-        The robot file and its mechanism, of which the pictures are; without a file, parts are drawn as rods.
+        Robot file and its mechanism; without a file, parts are drawn as rods.
     experiments
-        File of the virtual experiment of each part that was tested: such parts are drawn as their own solids.
+        Files of the virtual experiments by part; these parts are drawn as solids.
     shares
-        Share of the strain energy by element, between 0 and 1, for colours.
+        Share of the strain energy by element (0 to 1), for the colours.
 
     """
     down = mechanism.gravity
@@ -62,7 +62,7 @@ def scene(
 
 
 def moves(mechanism: Mechanism, configurations: Configurations, index: int = 0) -> Moves:
-    """Displacement of every node since home at one of the configurations, ``x = R x_home + p``: (3, 3) and (3,).
+    """Return R (3, 3) and p (3,) of each node, ``x = R x_home + p``, at one configuration.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def moves(mechanism: Mechanism, configurations: Configurations, index: int = 0) 
     configurations
         Configurations of the mechanism.
     index
-        Which of the configurations.
+        Index of the configuration.
 
     """
     where = place_nodes(configurations)
@@ -83,9 +83,9 @@ def moves(mechanism: Mechanism, configurations: Configurations, index: int = 0) 
 
 
 def deform_nodes(moved: Moves, twists: Mapping[str, Array], at: Array, factor: float) -> Moves:
-    """Nodes moved on by twists (6,) at the point ``at`` (3,) in base axes, m and rad, times a factor.
+    """Displace nodes by scaled twists (6,) at the point ``at`` (3,) in base axes, m and rad.
 
-    Displacements are linear in the twists, ``factor (v + ω × (x - at))``, so that what is exaggerated keeps its shape.
+    Displacements ``factor (v + ω × (x - at))`` are linear in the twists: exaggeration keeps shape.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ def deform_nodes(moved: Moves, twists: Mapping[str, Array], at: Array, factor: f
     at
         Point (3,) in base axes, m.
     factor
-        Exaggeration.
+        Exaggeration factor.
 
     """
     out = {}
@@ -107,14 +107,14 @@ def deform_nodes(moved: Moves, twists: Mapping[str, Array], at: Array, factor: f
 
 
 def exaggeration(mechanism: Mechanism, moved: Moves, twists: Mapping[str, Array], at: Array) -> float:
-    """A factor 1, 2 or 5 times a power of ten that makes the greatest displacement of a joint or the tool well seen.
+    """Return a factor, 1, 2 or 5 times 10ⁿ, for a visible displacement of joints and tool.
 
     Parameters
     ----------
     mechanism
-        Bodies, joints, tool and gravity of the robot.
+        Mechanism of the robot.
     moved
-        Displacement of every node since home.
+        Displacement of every node from home.
     twists
         Twists (6,) of nodes, m and rad.
     at
@@ -135,7 +135,7 @@ def exaggeration(mechanism: Mechanism, moved: Moves, twists: Mapping[str, Array]
 
 
 def picture(file: str, title: str, moved: Moves, before: Moves | None = None) -> dict[str, Any]:
-    """One picture of `drawing.robot`: the robot as moved, and in a light colour where it was before.
+    """Return a picture for `drawing.robot`: the moved robot and, in light colour, its former place.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def picture(file: str, title: str, moved: Moves, before: Moves | None = None) ->
     moved
         Displacement of every node since home.
     before
-        Where the nodes were before, drawn in a light colour.
+        Former displacements of the nodes, drawn in a light colour.
 
     """
     return {"file": file, "title": title, "moves": moved} | ({} if before is None else {"before": before})
@@ -181,7 +181,7 @@ def _body(robot: RobotFile | None, body: Body, experiments: Mapping[str, Path]) 
 
 
 def _shape(robot: RobotFile, name: str) -> dict[str, Any]:
-    """What a part without an experiment is drawn by."""
+    """Return the dimensions for drawing a part without an experiment."""
     part = robot.parts[name]
     if not isinstance(part, ParametricPart):
         return {}
@@ -201,7 +201,7 @@ def _joint(joint: Joint) -> dict[str, Any]:
 
 
 def add_solids(bodies: Iterable[dict[str, Any]], robot: RobotFile, parts: Mapping[str, Part]) -> None:
-    """Give the bodies of a scene the surfaces of their parts' solids, m, and where these have their origin."""
+    """Add the surfaces of the parts' solids, m, and their origins to the bodies of a scene."""
     surfaces = {name: tessellate(part.solid, *_COARSE)[:2] for name, part in parts.items()}
     for body in bodies:
         section = robot.bodies[body["name"]]
@@ -211,7 +211,7 @@ def add_solids(bodies: Iterable[dict[str, Any]], robot: RobotFile, parts: Mappin
 
 
 def mark_doubts(joints: Sequence[dict[str, Any]], found: Inspection) -> list[dict[str, Any]]:
-    """The joints of a scene, those doubted marked, and a mark where there may be another."""
+    """Mark doubtful joints of a scene, and add marks for possible further joints."""
     bodies = {body.name: body.nodes[0] for body in found.mechanism.bodies}
     marked = [dict(joint) for joint in joints]
     for doubt in found.doubts:

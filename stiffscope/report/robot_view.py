@@ -1,4 +1,4 @@
-"""What a page's viewer needs besides the solids: where nodes are at each pose, and how loads or modes move them."""
+"""Viewer data besides the solids: positions of nodes at each pose, and motions by load or mode."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.modes import Modes
 
-UNSEEN = 1e-4  # rad per m, or m per rad: below it the tool moves without turning, or turns without moving
+UNSEEN = 1e-4  # rad/m or m/rad; a smaller rotation or displacement counts as zero
 LOADS = ("fx = 1 N", "fy = 1 N", "fz = 1 N", "mx = 1 N·m", "my = 1 N·m", "mz = 1 N·m")
 
 
 @dataclass(frozen=True)
 class Case:
-    """A load or mode at a pose: twists (6,) of nodes at M in base axes, and shares of elements, none for no colours.
+    """A load or mode at a pose: node twists (6,) at M in base axes, and shares of elements.
 
-    A load at M, N and N·m in base axes, has an arrow.
+    Without shares, there are no colours. A load at M (N and N·m, base axes) is drawn as an arrow.
     """
 
     label: str
@@ -49,20 +49,20 @@ def robot_view(
     quantity: str = "share of the strain energy",
     moving: bool = False,
 ) -> dict[str, Any]:
-    """Return the data of a page's viewer, as JSON knows it.
+    """Return the data of a page's viewer, JSON-compatible.
 
     Parameters
     ----------
     geometry
-        The solids, as `stiffscope.report.drawing.geometry.pack_solids` gives them.
+        Solids from `stiffscope.report.drawing.geometry.pack_solids`.
     found, names
-        The robot at n poses, and their names.
+        Configurations at n poses, and the names of the poses.
     cases
-        What there is to choose at each pose.
+        Selectable cases at each pose.
     choice, quantity
-        What is chosen ("load", "mode"), and of what the shares are.
+        Kind of case ("load", "mode"), and the quantity of the shares.
     moving
-        Whether the viewer begins with a vibration.
+        Whether the viewer starts with an animated vibration.
 
     """
     mechanism = found.mechanism
@@ -90,7 +90,7 @@ def robot_view(
 
 
 def unit_wrenches(mechanism: Mechanism, found: Configurations) -> list[list[Case]]:
-    """The six unit wrenches at M at each pose; those under which the tool moves freely are left out."""
+    """Return the cases of unit wrenches at M, except those under which the tool moves freely."""
     units: dict[str, np.ndarray] = dict(zip(LOADS, np.eye(6), strict=True))
     try:
         return wrench_cases(mechanism, found, units)
@@ -99,23 +99,23 @@ def unit_wrenches(mechanism: Mechanism, found: Configurations) -> list[list[Case
 
 
 def wrench_cases(mechanism: Mechanism, found: Configurations, loads: Mapping[str, np.ndarray]) -> list[list[Case]]:
-    """Wrenches at M at each pose. Raises InputError where the tool moves freely under one.
+    """Return the cases of wrenches at M. Raise InputError if the tool moves freely under one.
 
     Parameters
     ----------
     mechanism
         Bodies, joints, tool and gravity of the robot.
     found
-        Result to show.
+        Configurations at the poses.
     loads
-        Wrenches (6,) at M, N and N·m, by what the page calls them.
+        Wrenches (6,) at M, N and N·m, by label on the page.
 
     """
     return read_cases(respond(mechanism, found, np.column_stack(list(loads.values()))), loads)
 
 
 def _solve_held(mechanism: Mechanism, one: Configurations, loads: Mapping[str, np.ndarray]) -> list[Case]:
-    """Those of several wrenches at a pose under which the tool does not move freely."""
+    """Return the cases of the wrenches at one pose under which the tool does not move freely."""
     cases: list[Case] = []
     for label, load in loads.items():
         with contextlib.suppress(InputError):
@@ -124,7 +124,7 @@ def _solve_held(mechanism: Mechanism, one: Configurations, loads: Mapping[str, n
 
 
 def read_cases(done: Response, loads: Mapping[str, np.ndarray]) -> list[list[Case]]:
-    """What wrenches (6,) at M do at each pose, with all else that acts in a response to them."""
+    """Return the cases of a response to wrenches (6,) at M, including all other loads in it."""
     n = len(done.twist)
     energies = {name: np.broadcast_to(each, (n, len(loads))) for name, each in done.energies.items()}
     moved = {node: np.broadcast_to(twist, (n, 6, len(loads))) for node, twist in done.nodes.items()}
@@ -136,7 +136,7 @@ def read_cases(done: Response, loads: Mapping[str, np.ndarray]) -> list[list[Cas
             energy = {name: float(e[k, column]) for name, e in energies.items()}
             total = sum(energy.values())
             sizes = np.array([np.linalg.norm(tool[:3]), np.linalg.norm(tool[3:])])
-            sizes[sizes < UNSEEN * sizes.max()] = 0.0  # rounding, and what a mesh is not symmetric
+            sizes[sizes < UNSEEN * sizes.max()] = 0.0  # rounding, and asymmetry of the mesh
             note = f"tool moves {1e6 * sizes[0]:.4g} µm, turns {1e6 * sizes[1]:.4g} µrad"
             twists = {node: twist[k, :, column] for node, twist in moved.items()}
             shares = {name: e / total for name, e in energy.items()} if total > 0.0 else {}
@@ -145,7 +145,7 @@ def read_cases(done: Response, loads: Mapping[str, np.ndarray]) -> list[list[Cas
 
 
 def mode_cases(found: Modes) -> list[list[Case]]:
-    """The modes at each pose."""
+    """Return the modes at each pose as cases."""
     cases: list[list[Case]] = []
     for k in range(len(found.configurations)):
         cases.append([])

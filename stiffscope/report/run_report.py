@@ -1,4 +1,4 @@
-"""What stands in ``report.html`` of output folders: of `run`, `modes`, `map`, `deflection`, `check`, and of tables."""
+"""Contents of ``report.html`` for `run`, `modes`, `map`, `deflection`, `check` and tables."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ if TYPE_CHECKING:
 
 REPORT, GEOMETRY = "report.html", "geometry.json"
 ENERGY = "share of the strain energy"
-STILLS = 6  # pictures of modes inside the page; the viewer has all of them
+STILLS = 6  # embedded pictures of modes; the viewer has all of them
 
 
 def write_run_report(
     folder: Path, assembled: Assembled, parts: Sequence[Shown], robot: Sequence[Shown], *, watched: str = ""
 ) -> None:
-    """Write the report of a run: tables as shown of the parts and of the robot, the pictures in the folder.
+    """Write the report of a run: tables of the parts and the robot, and pictures from the folder.
 
-    ``watched`` names this run for a page that is to follow the next: see `stiffscope.report.page.write_page`.
+    ``watched`` names this run for a page that reloads; see `stiffscope.report.page.write_page`.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def write_run_report(
     robot
         Tables of the robot, as the terminal showed them.
     watched
-        Name of this state of a page that reloads; empty for one that does not.
+        Name of this state of a reloading page; empty for a static page.
 
     """
     poses = assembled.robot.poses
@@ -70,7 +70,7 @@ def write_run_report(
 def write_modes_report(
     folder: Path, assembled: Assembled, names: Sequence[str], found: Modes, tables: Sequence[Shown]
 ) -> None:
-    """Write the report of natural frequencies: table as shown, shapes that move.
+    """Write the report of natural frequencies: the shown table and animated mode shapes.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def write_modes_report(
     names
         Names of the poses (n,).
     found
-        Result to show.
+        Modes to show.
     tables
         Tables as the terminal showed them.
 
@@ -100,7 +100,7 @@ def write_modes_report(
 
 
 def write_map_report(folder: Path, assembled: Assembled, titles: Mapping[str, str]) -> None:
-    """Write the report of a map: its figures by the names of their files, and the robot at its poses.
+    """Write the report of a map: its figures, and the robot at its poses.
 
     Parameters
     ----------
@@ -109,7 +109,7 @@ def write_map_report(folder: Path, assembled: Assembled, titles: Mapping[str, st
     assembled
         Robot with its parts' matrices.
     titles
-        Titles of the figures, by file.
+        Titles of the figures by file stem.
 
     """
     robot, mechanism = assembled.robot, assembled.mechanism
@@ -127,7 +127,7 @@ def write_deflection_report(
     folder: Path, assembled: Assembled, names: Sequence[str], found: Configurations, cases: list[list[Case]],
     tables: Sequence[Shown],
 ) -> None:  # fmt: skip
-    """Write the report of a deflection: table as shown, the robot under the wrench, the only case of a pose.
+    """Write the report of a deflection: the shown table and the robot under one wrench per pose.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def write_deflection_report(
         f"deflection_{k}.png": (f"The robot at {name} under {case.label}", f"{words}, at {name}")
         for k, (name, (case,)) in enumerate(zip(names, cases, strict=True), 1)
     }
-    said = "force over deflection: loading and unloading, both ways, are one curve"
+    said = "force over deflection; loading and unloading coincide"
     captions["force_over_deflection.png"] = "Force over deflection", said
     stills = page.figures(folder, captions)
     view = turn_robot(
@@ -166,14 +166,14 @@ def write_deflection_report(
 
 
 def write_check_report(folder: Path, found: Inspection, tables: Sequence[Shown]) -> None:
-    """Write the report of what a robot file says: the robot at its poses, tables as shown.
+    """Write the report of a checked robot file: the robot at its poses and the shown tables.
 
     Parameters
     ----------
     folder
         Folder to write to.
     found
-        Result to show.
+        Inspection to show.
     tables
         Tables as the terminal showed them.
 
@@ -187,29 +187,29 @@ def write_check_report(folder: Path, found: Inspection, tables: Sequence[Shown])
     else:
         view = turn_robot(
             folder, found.configurations[np.array(reached)], names, [[] for _ in reached], choice="load",
-            quantity=ENERGY, caption="The robot at home and at the poses of its file; no stiffness is computed here.",
+            quantity=ENERGY, caption="The robot at home and at the poses of its file; no stiffness computed.",
             still=page.figure(still, "", f"the robot at {names[0]}"),
         )  # fmt: skip
     sections = [
         Section("The robot", view=view),
-        Section("What the file says", tables, files=("check.json",)),
+        Section("Contents of the robot file", tables, files=("check.json",)),
     ]
     facts = ["bodies are rigid here", "SI units in base axes {O}"]
-    write_report(folder, f"{found.robot.name}: what its file says", facts, sections)
+    write_report(folder, f"{found.robot.name}: contents of its file", facts, sections)
 
 
 def write_report(
     folder: Path, title: str, facts: Sequence[str], sections: Sequence[Section], lead: Lead | None = None, *,
     watched: str = "",
 ) -> None:  # fmt: skip
-    """Write ``report.html``: sections, and how the folder was made.
+    """Write ``report.html``: the sections, and the provenance of the folder.
 
     Parameters
     ----------
     folder
-        Output folder; its manifest is there.
+        Output folder with its manifest.
     title, facts, sections, lead, watched
-        As for `stiffscope.report.page.write_page`.
+        As in `stiffscope.report.page.write_page`.
 
     """
     there = [replace(s, files=[name for name in s.files if (folder / name).is_file()]) for s in sections]
@@ -232,18 +232,18 @@ def turn_robot(
     folder: Path, found: Configurations, names: Sequence[str], cases: list[list[Case]], *, choice: str, quantity: str,
     caption: str, still: Figure | None, start: int = 100,
 ) -> RobotView | None:  # fmt: skip
-    """The robot that turns, of the solids that the drawing process left in the folder; None where it drew nothing.
+    """Return a rotatable robot from the solids drawn to the folder; None if nothing was drawn.
 
     Parameters
     ----------
     folder
-        Where ``geometry.json`` is; it is taken away.
+        Folder with ``geometry.json``, which is deleted.
     found, names, cases, choice, quantity
-        As for `stiffscope.report.robot_view.robot_view`; modes move.
+        As in `stiffscope.report.robot_view.robot_view`; modes are animated.
     caption, still
-        What stands below it, and the picture in its place.
+        Caption and still picture.
     start
-        Deformation at first, in percent of what is well seen.
+        Initial deformation, in percent of the default exaggeration.
 
     """
     source = folder / GEOMETRY
@@ -252,9 +252,7 @@ def turn_robot(
     geometry = json.loads(source.read_text())
     source.unlink()
     data = robot_view(geometry, found, names, cases, choice=choice, quantity=quantity, moving=choice == "mode")
-    words = (
-        f"the robot in three dimensions: turn it with the arrow keys; pose, {choice} and deformation are chosen below"
-    )
+    words = f"the robot in three dimensions: arrow keys rotate it; choose pose, {choice} and deformation below"
     return RobotView(data, caption, words, still, start)
 
 
@@ -284,7 +282,7 @@ def _part_figures(folder: Path, assembled: Assembled) -> list[Figure]:
     for name in assembled.results:
         captions[f"{name}/loads.png"] = (
             f"The {name} under each unit wrench: displacement and von Mises stress",
-            f"twelve pictures of the {name} deformed, coloured by size of either",
+            f"twelve pictures of the {name} deformed, coloured by magnitude",
         )
         captions[f"{name}/mesh.png"] = (
             f"Mesh of the {name}, its clamped and loaded faces in colour",
@@ -294,7 +292,7 @@ def _part_figures(folder: Path, assembled: Assembled) -> list[Figure]:
 
 
 def origin(folder: Path) -> Section:
-    """The manifest in a folder as tables: command, robot file, keys and times of results, versions."""
+    """Return the manifest as tables: command, robot file, keys and times of results, versions."""
     held = json.loads((folder / output.MANIFEST).read_text(encoding="utf-8"))
     robot: dict[str, Any] = held.get("robot", {})
     facts = {
@@ -316,7 +314,7 @@ def origin(folder: Path) -> Section:
         columns = ("result", "", "seconds", "key")
         tables.append(Shown("Results", columns, tuple(results), frozenset({"key"})))
     rows = tuple((name, str(version)) for name, version in versions.items())
-    return Section("How this was made", [*tables, Shown("Versions", ("program or library", "version"), rows)])
+    return Section("Provenance", [*tables, Shown("Versions", ("program or library", "version"), rows)])
 
 
 def _write(folder: Path, assembled: Assembled, what: str, sections: list[Section], watched: str = "") -> None:

@@ -1,4 +1,4 @@
-"""Sensitivities of a part and of a robot as tables, a bar chart, and what scripts read of them."""
+"""Sensitivities of a part and of a robot as tables, bar charts and JSON."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
 
 COMPLIANCES = ("C11", "C22", "C33", "C44", "C55", "C66")
 BAR, BOUND, LOSS = "#3b7dbf", "#20252b", "#d9822b"
-LEAST = 5e-7  # share of an effect that a table still shows: differences of a robot leave some 1e-9
+LEAST = 5e-7  # smallest effect shown in a table; finite differences leave errors of about 1e-9
 MOST_BARS = 15
 
 
 def part_json(found: PartSensitivity, result: PartResult) -> dict[str, Any]:
-    """What scripts read of a part, SI: derivatives per unit of each parameter."""
+    """Return a part's derivatives per unit of each parameter for JSON output, SI."""
     several = len(result.experiment.reference_points) > 1
     together = {"flexibility": "full_compliance", "flexibility_error": "full_error"} if several else {}
     keys = ("value", "unit", "compliance", "error", "self_weight", "self_weight_error", "mass", "centre")
@@ -50,7 +50,7 @@ def part_json(found: PartSensitivity, result: PartResult) -> dict[str, Any]:
 
 
 def robot_json(found: Sensitivity) -> dict[str, Any]:
-    """What scripts read of a robot, SI, at n poses: derivatives by each parameter, and scatter by tolerances."""
+    """Return a robot's derivatives at n poses and its scatter by tolerances for JSON output, SI."""
     scatter = found.scatter()
     tolerances = None if scatter is None else _responses(scatter)
     return {
@@ -80,17 +80,17 @@ def _responses(given: Any) -> dict[str, Any]:
 
 
 def show_part_sensitivity(found: PartSensitivity, result: PartResult) -> None:
-    """% of each diagonal entry of the compliance, of weight's sag and of the mass per % of each parameter."""
+    """Show % of diagonal compliance, of sag by weight and of mass per % of each parameter."""
     for k, interface in enumerate(result.experiment.interfaces[1:]):
         several = len(result.experiment.interfaces) > 2
         _show_at(found, result, slice(6 * k, 6 * k + 6), f" at {interface}" if several else "")
-    show_line("  sag: at the loaded face, by own weight along x, y, z; ± 95 % where it is more than a digit.")
-    show_line("  per kg: the entry of 1/C_ii that gains most, for a kilogram added by this parameter alone.")
+    show_line("  sag: at the loaded face, by own weight along x, y, z; ± 95 % if larger than one digit.")
+    show_line("  per kg: the largest gain of an entry of 1/C_ii per kilogram added by this parameter.")
     _show_notes(found.notes)
 
 
 def _show_at(found: PartSensitivity, result: PartResult, own: slice, where: str) -> None:
-    """The table of one loaded interface."""
+    """Show the table of one loaded interface."""
     compliance = result.compliance.diagonal()[own]
     weight = np.abs(result.experiment.self_weight).max(axis=1)
     at = np.abs(result.experiment.self_weight).argmax(axis=1)
@@ -135,7 +135,7 @@ def _per_kilogram(each: Derivative, compliance: np.ndarray, own: slice) -> tuple
 
 
 def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
-    """% of each diagonal entry of K, of sag and first frequency per % of each parameter, the largest first, by pose."""
+    """Show % of K's diagonal, sag and first frequency per % of each parameter, by pose, sorted."""
     for index, pose in enumerate(names):
         stiffness = np.diagonal(found.at.stiffness[index])
         sag = np.linalg.norm(found.at.sag[index, :3])
@@ -159,12 +159,12 @@ def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
         groups = [("parameter", "value"), *each]
         show_table(f"Sensitivity at {pose}: % of K per % of each parameter", groups, rows)
         _show_scatter(found, index)
-    show_line("  per kg: % of K for a kilogram that this parameter alone adds; ± 95 % where it is more than a digit.")
+    show_line("  per kg: % of K per kilogram added by this parameter; ± 95 % if larger than one digit.")
     _show_notes(found.notes)
 
 
 def rank_rows(found: Sensitivity, index: int) -> list[Row]:
-    """Rows by the largest effect on a diagonal entry of K at a pose, less those without any effect."""
+    """Return rows sorted by their largest effect on K's diagonal at a pose; omit zero effects."""
     stiffness = np.diagonal(found.at.stiffness[index])
 
     def effect(row: Row) -> float:
@@ -206,13 +206,13 @@ def _show_notes(notes: dict[str, str]) -> None:
 
 
 def quantity(value: float, unit: str) -> str:
-    """A value as tables show it: lengths in mm, moduli in GPa."""
+    """Return a value as shown in tables: lengths in mm, moduli in GPa."""
     factor, shown = {"m": (1e3, "mm"), "Pa": (1e-9, "GPa"), "1": (1.0, "")}.get(unit, (1.0, unit))
     return f"{value * factor:.6g} {shown}".strip()
 
 
 def _share(value: float, bound: float = 0.0) -> str:
-    """A derivative of logarithms, with its bound where that is more than half of its last digit."""
+    """Return a logarithmic derivative, with its bound if larger than half of the last digit."""
     if not np.isfinite(value):
         return "-"
     text = "·" if abs(value) < LEAST else f"{value:+.3f}"
@@ -220,7 +220,7 @@ def _share(value: float, bound: float = 0.0) -> str:
 
 
 def write_page(folder: Path, title: str, words: str, shown: Sequence[Shown]) -> None:
-    """Write ``report.html`` of tables as shown and of the chart, ``sensitivity.svg``, in the folder.
+    """Write ``report.html`` with the shown tables and the folder's chart ``sensitivity.svg``.
 
     Parameters
     ----------
@@ -229,7 +229,7 @@ def write_page(folder: Path, title: str, words: str, shown: Sequence[Shown]) -> 
     title
         Title.
     words
-        What the chart shows, its text alternative.
+        Description of the chart, its text alternative.
     shown
         Tables as the terminal showed them.
 
@@ -240,11 +240,11 @@ def write_page(folder: Path, title: str, words: str, shown: Sequence[Shown]) -> 
 
 
 def draw_robot(found: Sensitivity, pose: str) -> Figure:
-    """Draw bars of K_tx at the first pose, which is called so: relative and per kilogram."""
+    """Draw bars of K_tx at the first pose, named ``pose``: relative and per kilogram."""
     stiffness = np.diagonal(found.at.stiffness[0])
     rows = [row for row in rank_rows(found, 0) if abs(_diagonal(row.by.stiffness[0], row, stiffness)[0]) > LEAST]
     rows.sort(key=lambda row: -abs(_diagonal(row.by.stiffness[0], row, stiffness)[0]))
-    massive = [row for row in rows if row.per_kilogram is not None]  # what adds mass and changes K_tx
+    massive = [row for row in rows if row.per_kilogram is not None]  # add mass, change K_tx
     drawn = new_figure(11.0, 1.6 + 0.32 * min(len(rows), MOST_BARS), f"{found.robot.name}: what changes K_tx at {pose}")
     left, right = drawn.subplots(1, 2)
     shares = [(row.parameter.name, *(_diagonal(each.stiffness[0], row, stiffness)[0] for each in (row.by, row.error)))
@@ -260,7 +260,7 @@ def draw_robot(found: Sensitivity, pose: str) -> Figure:
 
 
 def draw_part(found: PartSensitivity, result: PartResult) -> Figure:
-    """Draw bars of every diagonal entry of the part's compliance."""
+    """Draw bars for each diagonal entry of the part's compliance."""
     compliance = result.experiment.compliance.diagonal()
     order = sorted(found.derivatives.items(), key=lambda item: -_largest(item[1], compliance))
     drawn = new_figure(13.0, 2.4 + 0.5 * min(len(order), MOST_BARS), f"{found.part}: what changes its compliance")

@@ -1,4 +1,4 @@
-"""What the cache holds, as tables."""
+"""Contents of the cache as tables."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def show_totals(root: Path, totals: Mapping[str, tuple[int, int]]) -> None:
-    """Show the folder, and number and size of its entries by kind."""
+    """Show the cache folder, and number and size of its entries by kind."""
     show_line(str(root))
     rows = [(kind, f"{count:,}", megabytes(size)) for kind, (count, size) in totals.items()]
     count, size = (sum(column) for column in zip((0, 0), *totals.values(), strict=True))
@@ -24,7 +24,7 @@ def show_totals(root: Path, totals: Mapping[str, tuple[int, int]]) -> None:
 
 
 def show_entries(entries: Sequence[Entry]) -> None:
-    """Show each entry: kind, the beginning of its key, size, when it was made."""
+    """Show each entry: kind, start of its key, size and date."""
     rows = [(entry.kind, entry.key[:12], megabytes(entry.bytes), _date(entry.made)) for entry in entries]
     show_table("Kept results", (("kind",), ("key", "size", "made (UTC)")), rows)
 

@@ -1,4 +1,4 @@
-"""A study as tables, pictures, a page and files: what its designs reach, and which are the best."""
+"""Output of a study as tables, pictures, HTML page and files: its designs, and the best of them."""
 
 from __future__ import annotations
 
@@ -26,13 +26,13 @@ if TYPE_CHECKING:
     from stiffscope.design.studies import Study
 
 TABLE = "designs"
-MOST_ROWS = 20  # of the best that are shown; the table has all
-MOST_LISTED = 500  # of the designs in the page's table
-MOST_DRAWN = 2000  # designs in a picture, and all of the best
+MOST_ROWS = 20  # best designs shown; the CSV table has all
+MOST_LISTED = 500  # designs in the page's table
+MOST_DRAWN = 2000  # designs in a picture, besides the best
 COLOURS = {"feasible": AFTER, "infeasible": NOISE, "failed": NOISE}
 CAPTIONS = {
-    "pareto": "Objectives of all designs; the best are joined by a line",
-    "progress": "The objective by design, in the order in which they were asked for",
+    "pareto": "Objectives of all designs; a line connects the best",
+    "progress": "The objective by design, in order of evaluation",
     "parallel": "Every design as a line through its parameters and responses, the best in colour",
 }
 
@@ -49,12 +49,12 @@ def write_study(study: Study, folder: Path) -> None:
 
 
 def write_study_page(study: Study, folder: Path, shown: Sequence[Shown]) -> None:
-    """Write the page, of the tables as shown and the pictures and the manifest in the folder.
+    """Write the page with the shown tables, the folder's pictures and the manifest.
 
     Parameters
     ----------
     study
-        Study that was made.
+        Finished study.
     folder
         Folder to write to.
     shown
@@ -78,7 +78,7 @@ def write_study_page(study: Study, folder: Path, shown: Sequence[Shown]) -> None
 
 
 def _list_designs(study: Study) -> Shown:
-    """Every design as a row, up to `MOST_LISTED`, the best first."""
+    """Return a table with one design per row, at most `MOST_LISTED`, the best first."""
     file = study.file
     names = "design", *(v.name for v in file.variables), *(r.name for r in file.responses), "state"
     states = study.outcomes.states
@@ -90,7 +90,7 @@ def _list_designs(study: Study) -> Shown:
 
 
 def _chart_designs(study: Study, still: page.Figure | None) -> Chart:
-    """Responses and parameters of the designs against each other; a click on a point finds its row."""
+    """Return a chart of all responses and parameters; a click on a point finds its row."""
     table = study.table
     goals = [_column(study, goal.response) for goal in study.file.goals]
     order = [*goals, *(r.column for r in study.file.responses), *(v.column for v in study.file.variables)]
@@ -112,11 +112,11 @@ def _chart_designs(study: Study, still: page.Figure | None) -> Chart:
         if len(some)
     ]
     x, *y = axes
-    return Chart(series, [x, *y], [*y, x], "Every design; a click on a point finds its row in the table.", still)
+    return Chart(series, [x, *y], [*y, x], "All designs; click a point to find its row in the table.", still)
 
 
 def study_json(study: Study) -> dict[str, Any]:
-    """What scripts read of a study: a row for each design, SI, null for what a failed design has not."""
+    """Return a study for JSON output: one row per design, SI; missing values are null."""
     table = study.table
     nearest, (converged, how) = find_nearest(study), judge_convergence(study)
     return {
@@ -139,7 +139,7 @@ def _to_plain(value: Any) -> Any:
 
 
 def show_study(study: Study) -> None:
-    """The best designs, how many are feasible, why others failed, and what is to be said of the search."""
+    """Show the best designs, the number feasible, reasons of failures and remarks on the search."""
     file = study.file
     states = Counter(study.outcomes.states.tolist())
     counts = ", ".join(f"{states[word]} {word}" for word in COLOURS if word in states)
@@ -162,7 +162,7 @@ def show_study(study: Study) -> None:
 
 
 def _describe_search(study: Study) -> list[str]:
-    """Lines: why nothing is feasible, whether the search converged, which parameters ended on a bound."""
+    """Return lines on infeasibility, convergence of the search and parameters at their bounds."""
     lines: list[str] = []
     nearest, (converged, how) = find_nearest(study), judge_convergence(study)
     if nearest is not None:
@@ -180,13 +180,13 @@ def _describe_search(study: Study) -> list[str]:
     elif len(study.designs) and study.outcomes.failed.all():
         lines.append("No design is feasible: all failed")
     if how:
-        word = "the search converged" if converged else "the search did not converge: give it more designs"
+        word = "the search converged" if converged else "the search did not converge: allow more designs"
         lines.append(f"{word} ({'; '.join(how)})")
     for each in find_bounds(study):
         value = each.variable.low if each.end == "lower" else each.variable.high
         shown = quantity(value, each.variable.unit) if value is not None else ""
         which = "the best design" if len(study.best) == 1 else f"{each.count} of {len(study.best)} best designs"
-        lines.append(f"{each.variable.name} of {which} is at its {each.end} bound, {shown}: a wider range may gain")
+        lines.append(f"{each.variable.name} of {which} is at its {each.end} bound, {shown}: widen the range")
     return lines
 
 
@@ -201,14 +201,14 @@ def _row(study: Study, index: int) -> list[str]:
 
 
 def _choose_drawn(study: Study) -> np.ndarray:
-    """Indexes of the designs that are drawn: those that did not fail, evenly thinned, and the best."""
+    """Return the indices of the designs to draw: successful ones, evenly thinned, and the best."""
     made = np.flatnonzero(~study.outcomes.failed)
     thin = made[:: max(1, -(-len(made) // MOST_DRAWN))]
     return np.union1d(thin, np.array(study.best[:MOST_DRAWN], dtype=thin.dtype))
 
 
 def _front(study: Study) -> Figure | None:
-    """The first two objectives of all designs."""
+    """Draw the first two objectives of all designs; None below two objectives."""
     goals = study.file.goals
     if len(goals) < 2:
         return None
@@ -227,14 +227,14 @@ def _front(study: Study) -> Figure | None:
 
 
 def _group_by_state(study: Study) -> list[tuple[str, np.ndarray]]:
-    """Indexes of the designs that are drawn, by their state."""
+    """Return the indices of the designs to draw by state."""
     drawn, states = _choose_drawn(study), study.outcomes.states
     groups = [(word, drawn[states[drawn] == word]) for word in ("infeasible", "feasible")]
     return [(word, some) for word, some in groups if len(some)]
 
 
 def _progress(study: Study) -> Figure | None:
-    """The only objective by design."""
+    """Draw a single objective by design; None for several objectives."""
     if len(study.file.goals) != 1:
         return None
     (goal,) = study.file.goals
@@ -258,7 +258,7 @@ def _column(study: Study, response: str) -> str:
 
 
 def _parallel(study: Study) -> Figure | None:
-    """Parallel coordinates: parameters and responses, each between its least and its greatest value."""
+    """Draw parallel coordinates: parameters and responses, each scaled from minimum to maximum."""
     done, states = _choose_drawn(study).tolist(), study.outcomes.states
     columns: list[tuple[str, list[Any]]] = [
         (v.name, [study.designs.values[k][i] for k in done]) for i, v in enumerate(study.file.variables)
@@ -289,7 +289,7 @@ def _parallel(study: Study) -> Figure | None:
 
 
 def _heights(values: list[Any]) -> np.ndarray:
-    """Numbers or words between 0 and 1."""
+    """Return numbers, or indices of words, scaled from 0 to 1."""
     words = sorted({str(value) for value in values}) if any(isinstance(value, str) for value in values) else []
     numbers = np.array([words.index(str(value)) for value in values] if words else values, dtype=float)
     spread = np.ptp(numbers)

@@ -1,4 +1,4 @@
-"""The tables of the robot: stiffness, deflection, modes, what an override changes, the audit."""
+"""Tables of a robot: stiffness, deflection, modes, changes by overrides, audit."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ SAG = ("|sag| µm", "sag z µm")
 
 
 def sources(assembled: Assembled) -> str:
-    """Return where the parts' matrices come from, in a few words."""
+    """Return the sources of the parts' matrices in a few words."""
     return ", ".join(f"{part}: {source}" for part, source in assembled.sources.items()) or "rigid parts"
 
 
@@ -47,11 +47,11 @@ def show_stiffness(
     names
         Names of the n poses.
     state
-        The robot there.
+        Stiffness at the poses.
     bars : (n, 6, 6)
         95 % bounds on the stiffness, propagated from the parts' experiments.
     title
-        Line above the table.
+        Title above the table.
 
     """
     pose = state.configurations.mechanism.tool.pose
@@ -64,7 +64,7 @@ def show_stiffness(
         shown = np.where(find_resolved(matrix, bound), matrix, np.nan) / factor
         sunk = [] if sag is None else [f"{1e6 * np.linalg.norm(sag[i][:3]):.2f}", f"{1e6 * sag[i][2]:z.2f}"]
         place = pose_values(state.poses[i], pose)
-        if len(state.rigid[i]):  # of each direction with all others free, where the tool yields at all
+        if len(state.rigid[i]):  # stiffness with all other directions free, if the tool yields
             alone = np.diag(np.asarray(state.finite[i]) / factor)
             cells = [*("rigid" if np.isnan(v) else f"{v:.4f}" for v in alone), "", ""]
             rows.append((name, place, *cells, *sunk))
@@ -77,21 +77,21 @@ def show_stiffness(
     groups = (("pose", where), *SIX, COUPLINGS if sag is None else (*COUPLINGS, *SAG))
     show_table(f"{title} ({units})", groups, rows, prose=(where,) if len(pose) > 3 else ())
     if any(len(each) for each in state.rigid):
-        show_line("  rigid: K is infinite there, and the others are 1/C_ii, of each direction with all others free\n")
+        show_line("  rigid: K is infinite; the other entries are 1/C_ii, with all other directions free\n")
     explain_zeros(rows)
 
 
 def show_full_matrices(names: Sequence[str], state: Stiffness, bars: Any | None = None) -> None:
-    """Show K and C (6, 6) at each pose with their 95 % bounds; only C where a direction is rigid.
+    """Show K and C (6, 6) at each pose with 95 % bounds; only C if a direction is rigid.
 
     Parameters
     ----------
     names
         Names of the n poses.
     state
-        The robot there.
+        Stiffness at the poses.
     bars : (n, 6, 6)
-        95 % bounds on the stiffness; those of C are ``|C| |δK| |C|``, to first order.
+        95 % bounds on the stiffness; those of C are ``|C| |δK| |C|`` to first order.
 
     """
     scale = np.full((6, 6), 1e-3)
@@ -118,7 +118,7 @@ def _with_bounds(matrix: np.ndarray, bound: np.ndarray, scale: np.ndarray, names
 
 
 def _scale(stiffness: Any) -> tuple[float, str]:
-    """A power of a thousand in which the least stiffness of the diagonals has digits, and the units with it."""
+    """Return a power of 1000 that suits the smallest diagonal stiffness, and its units."""
     diagonals = np.abs(np.diagonal(stiffness, axis1=1, axis2=2))
     least = np.min(diagonals, where=diagonals > NEGLIGIBLE * np.nanmax(diagonals, initial=0.0), initial=np.inf)
     factor, power = next(((f, p) for f, p in ((1e6, "10⁶ "), (1e3, "10³ ")) if least >= 0.1 * f), (1.0, ""))
@@ -132,7 +132,7 @@ def _diagonal_and_couplings(matrix: np.ndarray) -> list[float]:
 def show_deflection(
     names: Sequence[str], twist: Any, shares: Mapping[str, Any], wrench: str = "", error: Any = 0.0
 ) -> None:
-    """Deflection (n, 6) of the tool in m and rad with its bounds, and each component's share (n,) of the energy.
+    """Show tool deflections (n, 6), m and rad, with bounds, and energy shares (n,) by component.
 
     Parameters
     ----------
@@ -143,9 +143,9 @@ def show_deflection(
     shares
         Share (n,) of the strain energy, by component.
     wrench
-        Words for the wrench.
+        Wrench as text.
     error
-        95 % bounds of the same shape; 0 without any.
+        95 % bounds of the same shape; 0 if unknown.
 
     """
     groups = (("pose",), ("x µm", "y µm", "z µm"), ("rx µrad", "ry µrad", "rz µrad"))
@@ -161,14 +161,14 @@ def show_deflection(
 
 
 def show_modes(names: Sequence[str], found: Modes, title: str) -> None:
-    """Natural frequencies at each pose with their bounds, and the elements with most of the strain energy.
+    """Show natural frequencies with bounds at each pose, and the elements with most strain energy.
 
     Parameters
     ----------
     names
         Names of the poses (n,).
     found
-        Result to show.
+        Modes to show.
     title
         Title.
 
@@ -190,7 +190,7 @@ def show_modes(names: Sequence[str], found: Modes, title: str) -> None:
 
 
 def show_change(names: Sequence[str], old: Any, new: Any, overrides: Sequence[str]) -> None:
-    """Diagonals of the stiffnesses (n, 6, 6) before and after `--set`, side by side.
+    """Show the diagonals of stiffness (n, 6, 6) before and after `--set`.
 
     Parameters
     ----------
@@ -201,7 +201,7 @@ def show_change(names: Sequence[str], old: Any, new: Any, overrides: Sequence[st
     new
         Stiffnesses (n, 6, 6) after.
     overrides
-        Changes of the file, as `--set` has them.
+        Overrides as given with `--set`.
 
     """
     factor, units = _scale(old)
@@ -215,7 +215,7 @@ def show_change(names: Sequence[str], old: Any, new: Any, overrides: Sequence[st
 
 
 def show_findings(title: str, findings: Sequence[Finding]) -> None:
-    """Published numbers beside what they should be, with a verdict each."""
+    """Show published and correct numbers with a verdict on each."""
     groups = (("entry",), ("published", "as published (R1)", "correct", "bound"), ("verdict",))
     rows = [
         (f.entry, *(_number(v) for v in (f.published, f.as_published, f.correct, f.bound)), f.verdict) for f in findings

@@ -1,4 +1,4 @@
-"""Lines and tables on standard output: as wide as the terminal, never cut off, in ASCII where nothing else is known."""
+"""Lines and tables on standard output: fitted to the terminal, never truncated, ASCII if needed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator, Sequence
 
 
-FOLDED = 16  # least width of a column of prose, characters
+FOLDED = 16  # minimum width of a prose column, characters
 ASCII_BOX = "    \n    \n -- \n    \n    \n    \n    \n    \n"  # rich's SIMPLE_HEAD with a dashed line
 SUPERSCRIPTS = re.compile("[⁰¹²³⁴-⁹⁻]+")
 ASCII = str.maketrans(
@@ -31,7 +31,7 @@ ASCII = str.maketrans(
 
 @dataclass(frozen=True)
 class Shown:
-    """A table as it was shown, or a line of prose: its title without columns."""
+    """A shown table, or a line of prose as a title without columns."""
 
     title: str
     columns: tuple[str, ...] = ()
@@ -46,7 +46,7 @@ _recorder: ContextVar[list[Shown] | None] = ContextVar("recorder", default=None)
 
 @contextmanager
 def record_shown() -> Iterator[list[Shown]]:
-    """Gather what is shown meanwhile instead of printing it: a page shows the same tables as the terminal."""
+    """Record tables and lines instead of printing them, to show the same in a page."""
     shown: list[Shown] = []
     token = _recorder.set(shown)
     try:
@@ -56,7 +56,7 @@ def record_shown() -> Iterator[list[Shown]]:
 
 
 def show_line(text: str, style: str | None = None) -> None:
-    """Print a line of prose: wrapped on a terminal, whole in a file."""
+    """Print a line of prose, wrapped on a terminal, unwrapped in a file."""
     recorder = _recorder.get()
     if recorder is not None:
         recorder.append(Shown(text.strip()))
@@ -66,7 +66,7 @@ def show_line(text: str, style: str | None = None) -> None:
 
 
 def show_facts(title: str, facts: Sequence[tuple[str, str]]) -> None:
-    """Print names and what is said of each, a line each; in a page a table."""
+    """Print names and facts, one per line; in a page as a table."""
     recorder = _recorder.get()
     if recorder is not None:
         recorder.append(Shown(title, ("", "at a glance"), tuple(facts), frozenset({"at a glance"})))
@@ -78,7 +78,7 @@ def show_facts(title: str, facts: Sequence[tuple[str, str]]) -> None:
 
 
 def show_list(title: str, items: Sequence[str]) -> None:
-    """Print items, a line each; in a page a paragraph."""
+    """Print items, one per line; in a page as a paragraph."""
     recorder = _recorder.get()
     if recorder is not None:
         recorder.append(Shown(f"{title}: {'; '.join(items)}"))
@@ -92,20 +92,20 @@ def show_list(title: str, items: Sequence[str]) -> None:
 def show_table(
     title: str, groups: Sequence[Sequence[str]], rows: Sequence[Sequence[str]], *, prose: Collection[str] = ()
 ) -> None:
-    """Print a table; where it is wider than the terminal, as several below each other, their first columns repeated.
+    """Print a table, split into several with repeated first columns if wider than the terminal.
 
     Parameters
     ----------
     title
-        Line above the table.
+        Title above the table.
     groups
-        Names of the columns in groups that stay together; the first group is repeated in every table.
+        Names of the columns in groups that stay together; every table repeats the first group.
     rows
-        A cell for each column.
+        One cell per column.
     prose
-        Columns of words: left-aligned, and folded instead of widening the table.
+        Text columns: left-aligned, and wrapped instead of widening the table.
 
-    Columns without any entry are left out.
+    Empty columns are omitted.
     """
     count = sum(map(len, groups))
     kept = [k == 0 or not rows or any(row[k] for row in rows) for k in range(count)]
@@ -140,7 +140,7 @@ def show_table(
 
 
 def in_encoding(text: str, encoding: str) -> str:
-    """Return the text as a terminal of this encoding can show it: 10⁶ N·m/rad is 10^6 N*m/rad in ASCII."""
+    """Return the text in characters of an encoding: 10⁶ N·m/rad is 10^6 N*m/rad in ASCII."""
     try:
         text.encode(encoding)
     except UnicodeEncodeError:
@@ -150,7 +150,7 @@ def in_encoding(text: str, encoding: str) -> str:
 
 
 def _console() -> Console:
-    """Without markup: brackets in a user's names are brackets."""
+    """Return a console without markup, so that brackets in user's names are printed."""
     return Console(highlight=False, markup=False, emoji=False)
 
 
@@ -161,7 +161,7 @@ def _least_width(out: Console, table: Table) -> int:
 def _table(
     names: Sequence[str], rows: Sequence[Sequence[str]], columns: Sequence[int], folded: set[int], *, ascii_only: bool
 ) -> Table:
-    """First column and prose left, the others right."""
+    """Return a table with the first column and prose aligned left, other columns right."""
     lines = box.Box(ASCII_BOX, ascii=True) if ascii_only else box.SIMPLE_HEAD
     table = Table(box=lines, padding=(0, 1, 0, 0), pad_edge=False, show_edge=False)
     for k in columns:

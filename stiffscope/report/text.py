@@ -1,4 +1,4 @@
-"""A diagnosis in words and numbers with units, for the terminal and for the page alike."""
+"""Text of a diagnosis with numbers and units, for the terminal and the page."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
-NOTABLE = 3.0  # σ by which a parameter must differ from the model's to be marked
+NOTABLE = 3.0  # difference from the model's value, in σ, above which a parameter is marked
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
@@ -50,13 +50,13 @@ def sentence(diagnosis: Diagnosis) -> str:
     if diagnosis.verdict == "partly":
         rest = _largest(diagnosis.where.left or diagnosis.where.direction)
         size = f"{percent(gap.left)} rms beyond the noise" if gap.left > 0.0 else "something within the noise"
-        left = f"{size} is left, mostly in {rest}, that nothing known explains"
+        left = f"{size} remains unexplained, mostly in {rest}"
         return f"Partly: {named}; {shrinks}; {left}.{_group(diagnosis)}"
     return f"Identified: {named}; {shrinks}.{_group(diagnosis)}"
 
 
 def gap_sizes(gap: Gap) -> tuple[str, ...]:
-    """Return the gap before, after and held out, and the noise: in mm or mrad where all readings are of one kind."""
+    """Return gap before, after, held out, and noise; in mm or mrad if readings are of one kind."""
     known = absolute_sizes(gap)
     if len(known) == len(gap.absolute) == 1:
         return next(iter(known.values()))
@@ -64,7 +64,7 @@ def gap_sizes(gap: Gap) -> tuple[str, ...]:
 
 
 def absolute_sizes(gap: Gap) -> dict[str, tuple[str, ...]]:
-    """Return the gap of each kind of motion before, after and held out, and the noise: in mm or mrad."""
+    """Return gap before, after, held out, and noise of each kind of motion, in mm or mrad."""
     return {
         name: tuple(f"{1e3 * v:.3g} m{each.unit}" for v in (each.before, each.after, each.held_out, each.noise))
         for name, each in gap.absolute.items()
@@ -73,7 +73,7 @@ def absolute_sizes(gap: Gap) -> dict[str, tuple[str, ...]]:
 
 
 def _group(diagnosis: Diagnosis) -> str:
-    """What the named effects cannot be distinguished from, and the reading that would."""
+    """Return the confusable effects, and the reading that would distinguish them."""
     groups = [
         f" These readings cannot distinguish {name(e.effect, e.place)} from {_list_keys(e.confused_with)}."
         for e in diagnosis.effects
@@ -100,7 +100,7 @@ def name(effect: str, place: str) -> str:
 
 
 def label(key: str) -> str:
-    """Return "actuator-stiffness @ limb1" in words, of a nuisance pattern its own; anything else as it is."""
+    """Return "actuator-stiffness @ limb1" or a nuisance pattern in words; other text unchanged."""
     effect, _, place = key.partition(" @ ")
     return place if effect == UNNAMED else name(effect, place) if key.count(" @ ") == 1 else key
 
@@ -127,19 +127,19 @@ def _largest(share: dict[str, float]) -> str:
 
 @dataclass(frozen=True)
 class FittedParameter:
-    """A parameter of an effect as text, beside the model's value where it has one."""
+    """A parameter of an effect as text, with the model's value if it has one."""
 
     name: str
     value: str
     nominal: str
     ratio: str
-    """Of the fitted to the model's value."""
+    """Fitted over model's value."""
     interval: str
-    """Of 95 %; empty where there is none."""
+    """95 % interval; empty if there is none."""
     deviation: str
-    """From the model's value (0 without one), in standard uncertainties."""
+    """Deviation from the model's value (0 if none), in standard uncertainties."""
     notable: bool
-    """Whether it differs from a value of the model by more than `NOTABLE` standard uncertainties."""
+    """Whether it differs from the model's value by more than `NOTABLE` standard uncertainties."""
     plausible: bool
 
 
@@ -171,7 +171,7 @@ def _interval(parameter: Parameter, factor: float, unit: str) -> str:
 
 
 def quantity(parameter: Parameter) -> str:
-    """Return value ± σ with two digits of σ, in a suitable multiple of the unit: "5.00 ± 0.12 nm/N"."""
+    """Return value ± σ with two digits of σ in a suitable unit: "5.00 ± 0.12 nm/N"."""
     factor, unit = _multiple(parameter)
     value, sigma = parameter.value / factor, parameter.sigma / factor
     if not (math.isfinite(sigma) and sigma > 0):
@@ -181,7 +181,7 @@ def quantity(parameter: Parameter) -> str:
 
 
 def _multiple(parameter: Parameter) -> tuple[float, str]:
-    """Factor and unit that suit a parameter's size."""
+    """Return factor and unit suitable for a parameter's size."""
     unit = parameter.unit
     if unit == "1":
         return 1.0, ""
@@ -193,17 +193,17 @@ def _multiple(parameter: Parameter) -> tuple[float, str]:
 
 
 def probability(value: float) -> str:
-    """Return a probability with two digits, or that it is below 1e-6."""
+    """Return a probability with two digits, or "< 1e-6"."""
     return f"{value:.2g}" if value >= 1e-6 else "< 1e-6"
 
 
 def possible(diagnosis: Diagnosis) -> list[str]:
-    """Return what is merely possible, with its probability."""
+    """Return the merely possible effects with their probabilities."""
     return [f"{name(p.effect, p.place)}: {probability(p.probability)}" for p in diagnosis.possible]
 
 
 def checks(diagnosis: Diagnosis) -> list[str]:
-    """Return how the answer depends on the prior, and how it predicts poses that took no part."""
+    """Return checks of the diagnosis: sensitivity to the prior, prediction of held-out poses."""
     lines = [
         f"{s.prior}: {s.verdict}"
         + "".join(f", {label(effect)} {probability(p)}" for effect, p in s.probability.items())
@@ -216,14 +216,12 @@ def checks(diagnosis: Diagnosis) -> list[str]:
             f"χ² per reading {held.chi2_per_reading:.3g}"
         )
     if diagnosis.gap.discrepancy > 0.01:
-        lines.append(
-            f"an unknown cause beside the effects, as inferred: {percent(diagnosis.gap.discrepancy)} of the readings"
-        )
+        lines.append(f"inferred unknown cause: {percent(diagnosis.gap.discrepancy)} of the readings")
     return lines
 
 
 def steps(diagnosis: Diagnosis) -> Sequence[tuple[str, float]]:
-    """Return the waterfall: label and gap in % rms, from the model as it is down to the noise."""
+    """Return the waterfall: label and gap in % rms, from the nominal model to the noise."""
     if diagnosis.steps:
         return diagnosis.steps
     gap = diagnosis.gap
@@ -250,7 +248,7 @@ def what_next(step: NextMeasurement) -> str:
 
 
 def shares(robot: RobotFile, diagnosis: Diagnosis) -> dict[str, float]:
-    """Return the share of the gap by element: that of a place which means several counts on each of them."""
+    """Return the share of the gap by element; each member of a group gets the whole share."""
     out: dict[str, float] = {}
     solids = {"base": ("ground",), "tool": (robot.tool.body,)}
     for component, share in diagnosis.where.component.items():

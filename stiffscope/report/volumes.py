@@ -1,4 +1,4 @@
-"""Maps over three coordinates as files: netCDF, and an image of VTK for ParaView."""
+"""Maps over three coordinates as netCDF, and as a VTK image for ParaView."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def write_volume(found: xr.Dataset, folder: Path) -> None:
-    """Write map.nc and map.vti, point data by the names of the variables; m and rad, NaN out of reach."""
+    """Write map.nc and map.vti with point data by variable; m and rad, NaN if out of reach."""
     import pyvista as pv
 
     found.to_netcdf(folder / "map.nc", engine="scipy", format="NETCDF3_64BIT")

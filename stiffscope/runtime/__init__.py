@@ -1,1 +1,1 @@
-"""What every room uses: files, cache, processes, progress."""
+"""Common infrastructure: files, cache, processes, progress."""

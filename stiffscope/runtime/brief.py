@@ -1,4 +1,4 @@
-"""What a console shows of an object: sizes instead of thousands of numbers."""
+"""Short representations of objects for a console: sizes instead of thousands of numbers."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-SHORT = 60  # characters up to which a value is written whole,
-FEW = 6  # and numbers of an array
+SHORT = 60  # most characters of a value written in full
+FEW = 6  # most numbers of an array written in full
 
 
 def describe_briefly(self: Any) -> str:
-    """Return a dataclass's fields in a line: values as far as they are short, sizes of arrays and of collections.
+    """Return a dataclass's fields in one line: short values, and sizes of arrays and collections.
 
-    It is what such a class has as its ``__repr__``. Fields that hold nothing are left out.
+    Used as ``__repr__`` of such classes. Empty fields are omitted.
     """
     told = ((field.name, _describe(getattr(self, field.name))) for field in fields(self) if field.repr)
     return f"{type(self).__name__}({', '.join(f'{name}={text}' for name, text in told if text)})"

@@ -1,8 +1,8 @@
-"""Results kept by the hash of everything that determines them: files in folders, checksummed, never trusted blindly.
+"""Cache of results, addressed by a hash of everything that determines them, with checksums.
 
-An entry is a folder `<root>/<kind>/<key>/` with the files and an `entry.json` that lists their checksums. It is
-written aside and moved into place in one step; on reading, what is torn, foreign or of another format is
-thrown away and counts as absent. Nothing is unpickled. A cache that cannot be written is done without.
+An entry is a folder `<root>/<kind>/<key>/` with files and an `entry.json` of their checksums. It is
+written aside and moved into place in one step. On reading, damaged or foreign entries and other
+formats are discarded. Nothing is unpickled. An unwritable cache is bypassed.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _INDEX = "entry.json"
 
 @dataclass(frozen=True)
 class Entry:
-    """A result that is kept: its kind, key, size in bytes, and when it was made, in seconds since 1970."""
+    """A stored result: kind, key, size in bytes, and time of creation in seconds since 1970."""
 
     kind: str
     key: str
@@ -49,14 +49,14 @@ class Entry:
 
 @dataclass(frozen=True)
 class Cache:
-    """A store of results under one folder.
+    """A store of results in one folder.
 
     Attributes
     ----------
     root
-        The folder.
+        Folder of the cache.
     spare
-        Where results go that it cannot hold; by default to the system's temporary folder, for good.
+        Folder for results that cannot be stored; by default the system's temporary folder (kept).
 
     """
 
@@ -64,7 +64,7 @@ class Cache:
     spare: Path | None = None
 
     def get(self, kind: str, key: str) -> Path | None:
-        """Folder of a complete and intact entry, or None."""
+        """Return the folder of a complete and intact entry, or None."""
         folder = self.root / kind / key
         if not os.path.lexists(folder):
             return None
@@ -88,10 +88,10 @@ class Cache:
         return None
 
     def put(self, kind: str, key: str, write: Callable[[Path], object]) -> Path:
-        """Let `write(folder)` make a result and keep it.
+        """Create a result with `write(folder)` and store it.
 
-        Returns the folder of the entry, or one in `spare` where the cache cannot be written. What `write` itself
-        raises is passed on. When another process stored the same key meanwhile, either one stays.
+        Return the folder of the entry, or one in `spare` if the cache cannot be written. Errors of
+        `write` are passed on. If another process stores the same key meanwhile, either one remains.
 
         Parameters
         ----------
@@ -116,20 +116,20 @@ class Cache:
         return held
 
     def entries(self, kinds: Collection[str] = ()) -> list[Entry]:
-        """What we keep there, of the kinds asked for, by default of all; whether it is intact is not looked at."""
+        """Return the entries of some kinds, by default of all, without checking their integrity."""
         folders = sorted(self.root.glob(f"*/*/{_INDEX}")) if self.root.is_dir() else []
         found = (_entry(index.parent) for index in folders)
         return [entry for entry in found if entry is not None and (not kinds or entry.kind in kinds)]
 
     def clear(self, kinds: Collection[str] = ()) -> list[Entry]:
-        """Remove our entries, of the kinds asked for, and return them; nothing else in the folder is touched."""
+        """Remove and return the entries of some kinds, by default of all; keep other files."""
         gone = self.entries(kinds)
         for entry in gone:
             self._discard(self.root / entry.kind / entry.key)
         return [entry for entry in gone if not os.path.lexists(self.root / entry.kind / entry.key)]
 
     def _store_result(self, made: Path, kind: str, key: str) -> Path | None:
-        """Copy a result aside, list its checksums and move it into place; None where the cache cannot be written."""
+        """Copy a result aside, add checksums, move it into place; None if this is impossible."""
         folder = self.root / kind / key
         try:
             (self.root / "aside").mkdir(parents=True, exist_ok=True)
@@ -151,7 +151,7 @@ class Cache:
         return None
 
     def _discard(self, folder: Path) -> None:
-        """Move a bad entry away first, so that nobody meets it half deleted."""
+        """Remove a damaged entry, moved away first so that no process sees it half deleted."""
         with contextlib.suppress(OSError):
             (self.root / "aside").mkdir(parents=True, exist_ok=True)
             with scratch_folder(self.root / "aside") as scratch:
@@ -159,7 +159,7 @@ class Cache:
 
 
 def _reason(error: OSError) -> str:
-    """Why something cannot be written; of several files, why the first of them."""
+    """Return why something cannot be written; for several files, the reason of the first."""
     if isinstance(error, shutil.Error) and error.args and error.args[0]:
         said = str(error.args[0][0][2])  # "[Errno 28] No space left on device: 'from' -> 'to'"
         return said.partition("] ")[2].partition(":")[0] or said
@@ -167,7 +167,7 @@ def _reason(error: OSError) -> str:
 
 
 def cache_folder() -> Path:
-    """Folder of this user's cache; the environment variable STIFFSCOPE_CACHE puts it elsewhere."""
+    """Return the folder of the user's cache; the variable STIFFSCOPE_CACHE overrides it."""
     chosen = os.environ.get("STIFFSCOPE_CACHE")
     if chosen:
         return Path(chosen).expanduser().absolute()
@@ -175,14 +175,14 @@ def cache_folder() -> Path:
 
 
 def digest(determined_by: Mapping[str, Any]) -> str:
-    """Key of a result: SHA-256 over everything that determines it (numbers by their exact value)."""
+    """Return the key of a result: SHA-256 of everything that determines it, with exact numbers."""
     canonical = json.dumps(determined_by, sort_keys=True, separators=(",", ":"), allow_nan=False, default=_to_plain)
     return hashlib.sha256(canonical.encode()).hexdigest()
 
 
 @cache
 def code_version(packages: tuple[str, ...], libraries: tuple[str, ...]) -> str:
-    """Hash of the packages' source and of the libraries' versions: other code makes other results."""
+    """Return a hash of the packages' source and the libraries' versions."""
     found = hashlib.sha256(f"{sys.version_info[:2]} {FORMAT}".encode())
     for package in packages:
         folder = Path(str(import_module(package).__file__)).parent
@@ -195,7 +195,7 @@ def code_version(packages: tuple[str, ...], libraries: tuple[str, ...]) -> str:
 
 
 def library_version(library: str) -> str:
-    """Version of an installed distribution, or "none"."""
+    """Return the version of an installed distribution, or "none"."""
     try:
         return metadata.version(library)
     except metadata.PackageNotFoundError:
@@ -213,7 +213,7 @@ def _to_plain(value: Any) -> Any:
 
 
 def totals(entries: Iterable[Entry]) -> dict[str, tuple[int, int]]:
-    """Number and size in bytes of entries by kind."""
+    """Return number and size in bytes of entries by kind."""
     found: dict[str, tuple[int, int]] = {}
     for entry in entries:
         count, size = found.get(entry.kind, (0, 0))
@@ -222,7 +222,7 @@ def totals(entries: Iterable[Entry]) -> dict[str, tuple[int, int]]:
 
 
 def _entry(folder: Path) -> Entry | None:
-    """An entry as its index names it; None for a folder that is none of ours."""
+    """Return the entry described by a folder's index; None for a foreign folder."""
     kind, key = folder.parent.name, folder.name
     try:
         index = json.loads(read_bytes(folder / _INDEX))
@@ -235,7 +235,7 @@ def _entry(folder: Path) -> Entry | None:
 
 
 def _flaw(folder: Path, kind: str, key: str) -> str | None:
-    """Why an entry is not to be trusted, or None."""
+    """Return why an entry is invalid, or None."""
     try:
         index = json.loads(read_bytes(folder / _INDEX))
         if (index["format"], index["kind"], index["key"]) != (FORMAT, kind, key):
@@ -250,7 +250,7 @@ def _flaw(folder: Path, kind: str, key: str) -> str | None:
 
 
 def kept_files(folder: Path) -> Iterable[str]:
-    """Names of an entry's files, relative to its folder."""
+    """Yield the names of an entry's files relative to its folder."""
     for path in folder.rglob("*"):
         if path.is_symlink():
             raise OSError(f"{path} is a link")

@@ -1,8 +1,8 @@
-"""Where jobs are done: here, in processes of our own, or by the workers of a Dask scheduler; one interface for all.
+"""Executors with one interface: this process, child processes, workers of a Dask scheduler.
 
-The executors of `concurrent.futures` cannot end a job that is running, nor say which job has ended its process.
-Pebble's can, but tell no progress, and a kill at the wrong moment breaks a channel that its processes share. Dask's on
-this machine take seconds to start.
+The executors of `concurrent.futures` can neither end a running job nor identify the job that ended
+its process. Pebble's can, but report no progress, and a kill at the wrong moment breaks a channel
+shared by its processes. Dask's local workers take seconds to start.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExec
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-import cloudpickle  # which knows read-only mappings
+import cloudpickle  # can pickle read-only mappings
 import psutil
 
 from stiffscope.errors import StiffscopeError
@@ -37,14 +37,14 @@ if TYPE_CHECKING:
 
     Job = tuple[Any, tuple[Any, ...]]
 
-AHEAD = 4  # jobs that are given out before they are needed, for each that is worked on
-KILLED = {-signal.SIGTERM, -getattr(signal, "SIGKILL", signal.SIGTERM)}  # exit codes of a process ended from outside
+AHEAD = 4  # submitted jobs per worker
+KILLED = {-signal.SIGTERM, -getattr(signal, "SIGKILL", signal.SIGTERM)}  # exit codes if killed
 
 
 class WorkerError(StiffscopeError):
-    """A job ended without an answer, or with an error that is not the user's.
+    """A job ended without a result, or with an error that the user did not cause.
 
-    ``code``: exit code of its process, None where that lives on; ``output``: what the process has printed.
+    ``code``: exit code of its process, None if it still runs; ``output``: printed output.
     """
 
     def __init__(self, message: str, code: int | None = None, output: str = "") -> None:
@@ -53,7 +53,7 @@ class WorkerError(StiffscopeError):
 
 
 class LateError(StiffscopeError):
-    """A job was ended because it took longer than it may: `job`, the `stage` it had come to, the limit in `seconds`."""
+    """A job exceeded its time limit: `job`, the `stage` reached, the limit in `seconds`."""
 
     def __init__(self, job: Any, stage: str, seconds: float) -> None:
         super().__init__(f"{job}: expected its end within {seconds:g} s, got no further than its stage {stage}")
@@ -61,14 +61,14 @@ class LateError(StiffscopeError):
 
 
 class GoneError(StiffscopeError):
-    """The scheduler has gone."""
+    """The connection to the scheduler was lost."""
 
     def __init__(self) -> None:
         super().__init__("the scheduler has gone; what is finished is kept, run the same command again")
 
 
 class Here(Executor):
-    """Does each job at once in this process: no limit ends it."""
+    """Executor that runs each job immediately in this process, without time limits."""
 
     width, ended = 1, False
 
@@ -80,23 +80,23 @@ class Here(Executor):
         future: Future[Any] = Future()
         try:
             future.set_result(function(*arguments, *([report] if report else [])))
-        except Exception as error:  # noqa: BLE001 (whoever asks for the result gets it)
+        except Exception as error:  # noqa: BLE001 (raised by the future's result)
             future.set_exception(error)
         return future
 
     def end(self) -> None:
-        """Nothing is under way when this is called."""
+        """Do nothing, since no job is running when this is called."""
 
 
 class Processes(Executor):
-    """Does jobs side by side in processes of its own, each started when it is needed; none outlives this one.
+    """Executor of parallel child processes, started on demand; none outlives this process.
 
     Parameters
     ----------
     width
-        Processes at most; by default as many as there are processors, at least two.
+        Most processes; by default the number of processors, at least two.
     share
-        Processors that each of them uses; by default all.
+        Processors per process; by default all.
 
     """
 
@@ -114,27 +114,27 @@ class Processes(Executor):
         self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", report: Report | None = None,
         limit: float | None = None,
     ) -> Future[Any]:  # fmt: skip
-        """Have ``function(*arguments)`` done: it is importable by name; all of it, and its answer, can be pickled.
+        """Submit ``function(*arguments)``; function (importable), arguments and result are pickled.
 
         Parameters
         ----------
         name
-            Of the job, for messages.
+            Name of the job for messages.
         report
-            Where its progress goes; the function is then given a `report(stage, fraction)` as its last argument.
+            Progress callback; the function gets a `report(stage, fraction)` as last argument.
         limit
-            Seconds until its process is ended; what it imports first does not count.
+            Time limit in seconds, without imports; the process is then ended.
 
         Returns
         -------
         Future
-            The answer; or InputError, which the job has raised; WorkerError; or LateError.
+            Result, or InputError raised by the job, WorkerError or LateError.
 
         """
         return self._threads.submit(self._work, name, (function, arguments, report is not None), report, limit)
 
     def _work(self, name: Any, job: Any, report: Report | None, limit: float | None) -> Any:
-        """Do a job; once more where its process was killed from outside."""
+        """Run a job; retry it once if its process was killed from outside."""
         for last in (False, True):
             child = getattr(self._mine, "child", None) or self._start()
             try:
@@ -156,21 +156,21 @@ class Processes(Executor):
         return child
 
     def end(self) -> None:
-        """End all processes, whatever they are doing; jobs that wait are dropped."""
+        """Kill all processes and drop waiting jobs."""
         self.ended = True
         self._threads.shutdown(wait=False, cancel_futures=True)
         for child in list(self._children):
             child.end()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End when all jobs are done, or, of what is cancelled, those that run."""
+        """End after all jobs, or if they are cancelled after the running ones."""
         self._threads.shutdown(wait, cancel_futures=cancel_futures)
         for child in list(self._children):
             child.end()
         self._stack.close()
 
     def __exit__(self, kind: Any, *_: object) -> None:
-        """Do what is left; where something else has gone wrong, end at once."""
+        """Finish the remaining jobs; after an exception, end at once."""
         with deaf_to(*STOPS):
             if kind is not None:
                 self.end()
@@ -178,10 +178,10 @@ class Processes(Executor):
 
 
 class _Child:
-    """A process of ours, which does one job after another."""
+    """A child process that runs one job after another."""
 
     def __init__(self, folder: Path, share: int) -> None:
-        self._errors: IO[bytes] = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115 (it lives as long as the process)
+        self._errors: IO[bytes] = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115
         self._late = False
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "stiffscope.runtime.worker"], cwd=folder, stdin=subprocess.PIPE,
@@ -197,11 +197,11 @@ class _Child:
             stream.flush()
 
     def lives(self) -> bool:
-        """Whether it does further jobs."""
+        """Return whether the process is running."""
         return self._process.poll() is None
 
     def work(self, name: Any, job: Any, report: Report | None, limit: float | None) -> Any:
-        """Do a job."""
+        """Run a job and return its result."""
         stage, timer = "", threading.Timer(limit or 0.0, self._end_late)
         try:
             self._send(job)
@@ -240,7 +240,7 @@ class _Child:
         return WorkerError(f"{name}: its process ended without an answer ({said})", code, output)
 
     def end(self) -> None:
-        """End it and all that it has started, at once; what it has begun is in folders that are removed later."""
+        """Kill the process and its children; their temporary folders are removed later."""
         with contextlib.suppress(psutil.NoSuchProcess):
             for process in [*psutil.Process(self._process.pid).children(recursive=True), self._process]:
                 with contextlib.suppress(psutil.NoSuchProcess):
@@ -249,7 +249,7 @@ class _Child:
 
 
 def take_answer(name: Any, kind: str, content: Any) -> Any:
-    """Return the answer of a job, or raise what it has raised: by ``kind``, as `worker.answer` says."""
+    """Return the result of a job or raise its error, by the ``kind`` of `worker.answer`."""
     if kind == "answer":
         return content
     if kind == "error":
@@ -258,14 +258,14 @@ def take_answer(name: Any, kind: str, content: Any) -> Any:
 
 
 class Shared:
-    """Something large that many jobs are given: it is pickled once, and each process unpickles it once."""
+    """A large argument of many jobs: pickled once, and unpickled once in each process."""
 
     def __init__(self, value: Any) -> None:
         self._content = cloudpickle.dumps(value)
 
     @property
     def value(self) -> Any:
-        """It."""
+        """The argument."""
         return _unpickle(self._content)
 
 
@@ -275,19 +275,19 @@ def _unpickle(content: bytes) -> Any:
 
 
 def do_alone(function: Callable[..., Any], *arguments: Any, name: str, limit: float) -> Any:
-    """Do a job in a process of its own: a crash, an endless loop, and what it drops into its folder, stay there.
+    """Run a job in its own process, isolated from crashes, endless loops and temporary files.
 
     Parameters
     ----------
     function, arguments, name
-        As `Processes.submit` takes them.
+        As in `Processes.submit`.
     limit
-        Seconds.
+        Time limit, s.
 
     Raises
     ------
     LateError
-        It took longer.
+        The job exceeded the limit.
     WorkerError
         Its process ended.
 
@@ -300,25 +300,25 @@ def work_through(
     executor: Any, function: Callable[..., Any], jobs: Iterable[Job], report: Callable[[Any], Report] | None = None,
     limits: Mapping[Any, float] | None = None,
 ) -> Iterator[tuple[Any, Future[Any]]]:  # fmt: skip
-    """Do jobs, drawn as they are needed, and give each that is done: its name, and its answer or error as a future.
+    """Run jobs, drawn when needed; yield name and future of each as it finishes.
 
     Parameters
     ----------
     executor
-        One of those above.
+        An executor of this module or a scheduler.
     function
-        Of each job's arguments.
+        Function of each job's arguments.
     jobs
-        Name and arguments of each.
+        Name and arguments of each job.
     report
-        By name, where a job's progress goes.
+        Function that returns the progress callback of a job by name.
     limits
-        By name, the seconds that a job may take.
+        Time limits by name, s.
 
     Raises
     ------
     GoneError
-        The scheduler has gone.
+        The connection to the scheduler was lost.
 
     """
     left = iter(jobs)

@@ -1,4 +1,4 @@
-"""JSON as text that people read: one matrix row a line."""
+"""Readable JSON text: one matrix row per line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 
 def encodable(text: str, encoding: str) -> str:
-    """JSON text as it is where an encoding has all its letters, else with escapes."""
+    """Return JSON text unchanged if the encoding has all its characters, else with escapes."""
     try:
         text.encode(encoding)
     except UnicodeEncodeError:
@@ -19,7 +19,7 @@ def encodable(text: str, encoding: str) -> str:
 
 
 def to_json(value: Any) -> str:
-    """JSON text with arrays as lists, one matrix row a line; what is not a finite number is null."""
+    """Return JSON text with arrays as lists, one matrix row per line; NaN and infinity are null."""
     return _rows(_to_plain(value)) + "\n"
 
 
@@ -38,7 +38,7 @@ def _to_plain(value: Any) -> Any:
 
 
 def _rows(value: Any, indent: str = "") -> str:
-    """Indented JSON in which a list of plain values stays on one line."""
+    """Return indented JSON with lists of plain values on one line."""
     inner = indent + "  "
     if isinstance(value, dict) and value:
         items = [f"{inner}{json.dumps(key, ensure_ascii=False)}: {_rows(item, inner)}" for key, item in value.items()]

@@ -1,7 +1,7 @@
-"""Writing: a file appears whole or not at all, an output folder is complete or absent; the user's files stay.
+"""Atomic output: files and folders are written completely or not at all; user files are kept.
 
-An output folder is absent, empty, or holds our manifest. It is written beside and moved into place as a whole. What
-the user put into it, or changed in it, is never replaced: the new results then stay beside it, unless all is forced.
+An output folder is absent, empty or contains our manifest; it is moved into place as a whole. Files
+that the user added or changed are not replaced unless forced; new results are then left beside it.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ _forced: list[bool] = []
 
 
 def overwrite(whether: bool) -> None:
-    """Let this process write over files that are not ours, or, as it begins, refuse to."""
+    """Set whether this process may overwrite foreign files (initially not)."""
     _forced[:] = [True] * whether
 
 
 def is_forced() -> bool:
-    """Whether this process may write over files that are not ours."""
+    """Return whether this process may overwrite foreign files."""
     return bool(_forced)
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Write one file in one step: whoever looks sees the old content or the new. A link is followed, a device kept."""
+    """Write a file atomically. Links are followed; devices are written to, not replaced."""
     check_file(path)
     with _refusing(path):
         if _is_stream(path):
@@ -61,7 +61,7 @@ def write_bytes(path: Path, content: bytes) -> None:
 
 
 def _resolve(path: str | Path) -> Path:
-    """Where a path leads; a circle of links is refused by every version of Python."""
+    """Return the resolved path; raise OSError for circular links under any Python version."""
     try:
         Path(path).stat()
     except OSError as error:
@@ -71,9 +71,9 @@ def _resolve(path: str | Path) -> Path:
 
 
 def check_file(path: Path) -> None:
-    """Refuse a file before work is spent on it: see `write_bytes`."""
+    """Raise InputError early for a file that `write_bytes` cannot write."""
     with _refusing(path):
-        if os.path.isdir(path):  # noqa: PTH112 (those of pathlib raise on some names)
+        if os.path.isdir(path):  # noqa: PTH112 (pathlib's raise for some names)
             raise InputError(f"{show_path(path)}: is a folder; give a file")
         if not _is_stream(path):
             with scratch_folder(_resolve(path).parent) as folder:
@@ -81,13 +81,13 @@ def check_file(path: Path) -> None:
 
 
 def write_new(path: Path, content: bytes) -> None:
-    """Write a file that must not be there yet: neither before the work nor after it."""
+    """Write a file that must not exist."""
     check_new(path)
     write_bytes(path, content)
 
 
 def check_new(path: str | Path) -> None:
-    """Refuse a file that is there already, whatever it is, and one that cannot be written."""
+    """Raise InputError if a path exists, of any kind, or cannot be written."""
     if not str(path):
         raise InputError('"": expected a file to write, got no name')
     if os.path.lexists(path):
@@ -96,7 +96,7 @@ def check_new(path: str | Path) -> None:
 
 
 def check_json(path: Path) -> None:
-    """Refuse a file that is there and is not empty, unless it is JSON of ours or all is forced."""
+    """Raise InputError for an existing nonempty file, unless it is our JSON or forced."""
     if not _forced and os.path.isfile(path) and os.path.getsize(path):  # noqa: PTH113, PTH202
         try:
             held = json.loads(read_bytes(path))
@@ -112,18 +112,18 @@ def check_json(path: Path) -> None:
 
 
 def _is_stream(path: Path) -> bool:
-    """Whether it is there and is a device or a pipe, which is written to, not replaced."""
+    """Return whether a path is a device or a pipe, which is written to, not replaced."""
     return os.path.exists(path) and not os.path.isfile(path)  # noqa: PTH110, PTH113
 
 
 @contextlib.contextmanager
 def _refusing(path: str | Path, *, folder: bool = False) -> Iterator[None]:
-    """Turn an error of the system into that of a file, or an output folder, that cannot be written."""
+    """Convert system errors to errors of an unwritable file or output folder."""
     try:
         yield
     except StiffscopeError:
         raise
-    except (OSError, RuntimeError, ValueError) as error:  # names too long, circles of links, no folder here
+    except (OSError, RuntimeError, ValueError) as error:  # long names, circular links etc.
         raise _unwritable(path, error, folder=folder) from error
 
 
@@ -138,7 +138,7 @@ def _unwritable(path: str | Path, error: BaseException, *, folder: bool) -> Stif
 
 
 def write_json(target: str | Path, value: Any) -> None:
-    """Write JSON to a file, marked as ours (a list in its first entry), or to standard output for "-"."""
+    """Write JSON to a file, marked as ours (lists in their first entry); "-" is standard output."""
     if str(target) == "-":
         sys.stdout.write(encodable(to_json(value), sys.stdout.encoding or "ascii"))
         sys.stdout.flush()
@@ -153,7 +153,7 @@ def _mark(value: Any) -> Any:
 
 @contextlib.contextmanager
 def scratch_folder(parent: Path | None = None) -> Iterator[Path]:
-    """Give a temporary folder, in the system's or in `parent`; those of killed processes there are removed first."""
+    """Yield a temporary folder, by default the system's; remove those of killed processes first."""
     holder = Path(tempfile.gettempdir()) if parent is None else parent
     prefix = "stiffscope-scratch-" if parent is None else ".stiffscope-scratch-"
     with contextlib.suppress(OSError):
@@ -169,12 +169,12 @@ def scratch_folder(parent: Path | None = None) -> Iterator[Path]:
 
 
 def owner() -> str:
-    """End of the name of a temporary folder, another each time: this process, this machine, a number."""
+    """Return a unique suffix for a temporary folder: process, machine, number."""
     return f"{os.getpid()}-{_HOST}{uuid.uuid4().hex[:6]}"
 
 
 def _is_abandoned(path: Path, prefix: str) -> bool:
-    """Whether a temporary folder of this machine, PREFIX and its owner, has no process any more."""
+    """Return whether the process of a temporary folder of this machine has ended."""
     match = re.fullmatch(rf"(\d+)-{_HOST}[0-9a-f]+", path.name.removeprefix(prefix))
     if match is None or not path.name.startswith(prefix) or path.is_symlink():
         return False
@@ -183,16 +183,16 @@ def _is_abandoned(path: Path, prefix: str) -> bool:
 
 @contextlib.contextmanager
 def staged_folder(target: str | Path) -> Iterator[Path]:
-    """Give a folder to fill; when the block ends well it becomes `target` in one step.
+    """Yield a folder to fill; if the block succeeds, it becomes `target` in one step.
 
-    A former output of ours is replaced as a whole. When the block fails, `target` stays as it was.
+    A former output of ours is replaced as a whole. If the block fails, `target` is unchanged.
 
     Raises
     ------
     InputError
-        `target` is a file, cannot be written, or holds what this program did not write.
+        `target` is a file, cannot be written, or contains foreign files.
     StiffscopeError
-        Its disk is full.
+        The disk is full.
 
     """
     check_output(target)
@@ -205,14 +205,14 @@ def staged_folder(target: str | Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def new_folder(target: str | Path) -> Iterator[Path]:
-    """Give a folder to fill; when the block ends well it becomes `target`, in one step, and is the user's from then on.
+    """Yield a folder to fill; if the block succeeds, it becomes `target` and is then the user's.
 
     Raises
     ------
     InputError
-        `target` is there already, or cannot be written.
+        `target` exists or cannot be written.
     StiffscopeError
-        Its disk is full.
+        The disk is full.
 
     """
     there = InputError(f"{show_path(target)}: expected a folder that is not there yet, got one that is")
@@ -228,7 +228,7 @@ def new_folder(target: str | Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def _open_aside(target: str | Path) -> Iterator[Path]:
-    """Give a folder beside a target, removed at the end if it is still there; what killed runs left is put right."""
+    """Yield a folder next to a target, removed at the end; clean up after killed runs first."""
     goal = Path(target).resolve()
     aside = goal.with_name(f".{goal.name}.partial-{owner()}")
     try:
@@ -236,7 +236,7 @@ def _open_aside(target: str | Path) -> Iterator[Path]:
         for left in list(goal.parent.iterdir()):
             replaced = _is_abandoned(left, f".{goal.name}.replaced-")
             if replaced and not os.path.lexists(goal):
-                left.rename(goal)  # killed between the two renames: the former output is the complete one
+                left.rename(goal)  # killed between the renames: restore the former output
             elif replaced or _is_abandoned(left, f".{goal.name}.partial-"):
                 shutil.rmtree(left, ignore_errors=True)
         aside.mkdir()
@@ -252,7 +252,7 @@ def _open_aside(target: str | Path) -> Iterator[Path]:
 
 
 def check_output(target: str | Path, *others: str | Path | None) -> None:
-    """Refuse an output folder before work is spent on it: see `staged_folder`. The other outputs must not be in it."""
+    """Raise InputError early for an invalid output folder, or one that contains other outputs."""
     with _refusing(target, folder=True):
         goal = _resolve(target)
         there = os.path.lexists(goal)
@@ -271,7 +271,7 @@ def check_output(target: str | Path, *others: str | Path | None) -> None:
 
 
 def _check_place(target: str | Path, goal: Path, *, there: bool) -> None:
-    """Refuse a file, the folder that we are in, and a disk of its own."""
+    """Raise InputError for a file, the working folder or a mount point."""
     if there and not goal.is_dir():
         raise InputError(f"{show_path(target)}: is a file; give a folder for the output")
     if goal in (here := Path.cwd(), *here.parents):
@@ -282,7 +282,7 @@ def _check_place(target: str | Path, goal: Path, *, there: bool) -> None:
 
 
 def _foreign(folder: Path) -> dict[str, str]:
-    """What in a folder is not as its manifest says that we wrote it, by name, and why."""
+    """Return reasons for files that differ from the folder's manifest, by name."""
     ours, found = _digest_written(folder), {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
@@ -297,7 +297,7 @@ def _foreign(folder: Path) -> dict[str, str]:
 
 
 def _digest_written(folder: Path) -> dict[str, str]:
-    """SHA-256 of every file that we wrote into a folder, by name; none where it has no manifest of ours."""
+    """Return the SHA-256 of our files in a folder by name; empty without a manifest of ours."""
     try:
         manifest = json.loads(read_bytes(folder / MANIFEST))
         return dict(manifest["sha256"]) if manifest["made_by"] == MAKER else {}
@@ -306,7 +306,7 @@ def _digest_written(folder: Path) -> dict[str, str]:
 
 
 def _is(path: Path, checksum: str) -> bool:
-    """Whether a file, no link, has this SHA-256."""
+    """Return whether a path is a regular file with this SHA-256 and not a link."""
     try:
         return not path.is_symlink() and file_digest(path) == checksum
     except InputError:
@@ -314,7 +314,7 @@ def _is(path: Path, checksum: str) -> bool:
 
 
 def _list_files(folder: Path) -> None:
-    """Complete the manifest with the folder's files and their checksums."""
+    """Add the folder's files and their checksums to the manifest."""
     path = folder / MANIFEST
     manifest = json.loads(path.read_bytes()) if path.exists() else {}
     for place, _, _ in os.walk(folder, topdown=False):
@@ -326,10 +326,10 @@ def _list_files(folder: Path) -> None:
 
 
 def _exchange(aside: Path, goal: Path, target: str | Path) -> None:
-    """Put the new folder in the old one's place: the only place where anything of the user's could be replaced.
+    """Replace the old folder by the new one; only here could user files be replaced.
 
-    The old one is looked at when nobody finds it under its name any longer; what was saved in it meanwhile brings it
-    back.
+    The old folder is checked after it was renamed; if files were saved in it meanwhile, it is
+    restored.
     """
     former = goal.with_name(aside.name.replace(".partial-", ".replaced-"))
     if os.path.lexists(goal):
@@ -356,16 +356,16 @@ def _exchange(aside: Path, goal: Path, target: str | Path) -> None:
 
 
 def copy_files(source: Path, target: Path, names: Iterable[str]) -> None:
-    """Copy files of a folder, by their names relative to it, into another."""
+    """Copy files, given by their names relative to a folder, to another folder."""
     for name in names:
         (target / name).parent.mkdir(parents=True, exist_ok=True)
         (target / name).write_bytes(read_bytes(source / name))
 
 
 def remove_copied(folder: Path, output: Path, within: str = "") -> bool:
-    """Remove every file of a folder that an output of ours has byte for byte; returns whether nothing is left.
+    """Remove files with identical copies in an output of ours; return whether nothing is left.
 
-    ``within`` is the output's folder, such as "designs/", where the copies stand. Behind a link everything stays.
+    ``within`` is the subfolder of the copies, e.g. "designs/". A linked folder is left unchanged.
     """
     if folder.is_symlink():
         return False

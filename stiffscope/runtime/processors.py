@@ -1,4 +1,4 @@
-"""How many processors this process uses: all that it may, or its share where several of ours work side by side."""
+"""Number of processors for this process: all available, or its share among parallel workers."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ _shares: list[int] = []
 
 
 def processors() -> int:
-    """Processors for this process, at least one."""
+    """Return the number of processors for this process, at least one."""
     if _shares:
         return _shares[-1]
     able = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else ()
@@ -16,5 +16,5 @@ def processors() -> int:
 
 
 def use_processors(count: int) -> None:
-    """Let this process, a worker among others, use so many."""
+    """Set the number of processors for this process, one of several workers."""
     _shares[:] = [max(1, count)]

@@ -1,4 +1,4 @@
-"""Who hears of progress where a caller names nobody: nobody, unless a notebook has put its bars here."""
+"""Default progress callback: silent, unless a notebook has set its progress bars."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ if TYPE_CHECKING:
 
 
 def silence(_stage: str, _fraction: float) -> None:
-    """Hear a stage and its fraction, and say nothing."""
+    """Ignore a stage and its fraction."""
 
 
 class Listeners:
-    """The one function, `open_line(name)`, that gives a function `report(stage, fraction)` for a job of that name."""
+    """Holder of `open_line(name)`, which returns `report(stage, fraction)` for a job."""
 
     def __init__(self) -> None:
         self.open_line: Callable[[str], Report] = lambda _name: silence

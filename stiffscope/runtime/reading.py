@@ -1,4 +1,4 @@
-"""Reading: every file of the user is opened here. Regular files only, of bounded size, and text that is text."""
+"""Reading of user files: only regular files of bounded size, and valid UTF-8 text."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import BinaryIO
 
-MOST_TEXT = 1 << 20  # bytes of a file written by hand: a thousand bodies take a quarter of it
-MOST_BYTES = 1 << 28  # bytes of any other file, such as a STEP file or a table of readings
+MOST_TEXT = 1 << 20  # bytes of a file written by hand; a thousand bodies need a quarter of it
+MOST_BYTES = 1 << 28  # bytes of any other file, e.g. a STEP file or a table of readings
 _KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a pipe",
@@ -26,21 +26,21 @@ _KINDS = {
 
 
 def open_file(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -> BinaryIO:
-    """Open a regular file for reading, without waiting for anybody to write it.
+    """Open a regular file for reading, without blocking on pipes.
 
     Parameters
     ----------
     path
-        The file; links are followed.
+        File; links are followed.
     what
-        What it should be, for the message: "a STEP file".
+        Expected kind of file for messages, e.g. "a STEP file".
     most
-        Bytes that it may have.
+        Largest allowed size, bytes.
 
     Raises
     ------
     InputError
-        It is not there, cannot be read, is no regular file, or is too large.
+        The file does not exist, cannot be read, is not regular or is too large.
 
     """
     try:
@@ -60,12 +60,12 @@ def open_file(path: str | Path, what: str = "a file", most: int = MOST_BYTES) ->
 
 
 def read_bytes(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -> bytes:
-    """Bytes of a file; see `open_file`.
+    """Return the bytes of a file; see `open_file`.
 
     Parameters
     ----------
     path, what, most
-        As `open_file` takes them.
+        As in `open_file`.
 
     """
     try:
@@ -79,12 +79,12 @@ def read_bytes(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -
 
 
 def file_digest(path: Path, what: str = "a file", most: int = 1 << 40) -> str:
-    """SHA-256 of a file's bytes. Raises InputError for what is no file, as `open_file` does.
+    """Return the SHA-256 of a file's bytes. Raise InputError as `open_file` does.
 
     Parameters
     ----------
     path, what, most
-        As `open_file` takes them.
+        As in `open_file`.
 
     """
     with open_file(path, what, most) as stream:
@@ -92,12 +92,12 @@ def file_digest(path: Path, what: str = "a file", most: int = 1 << 40) -> str:
 
 
 def read_text(path: str | Path, what: str = "a text file", most: int = MOST_TEXT) -> str:
-    """Text of a file in UTF-8, without its byte order mark. Raises InputError, with the line of what is no text.
+    """Return a file's UTF-8 text without byte order mark. Raise InputError for invalid text.
 
     Parameters
     ----------
     path, what, most
-        As `open_file` takes them.
+        As in `open_file`.
 
     """
     content = read_bytes(path, what, most)
@@ -115,14 +115,14 @@ def read_text(path: str | Path, what: str = "a text file", most: int = MOST_TEXT
 
 
 def why(error: BaseException, path: str | Path = "") -> str:
-    """What an error of the system says of a path, in a few words."""
+    """Return a system error about a path in a few words."""
     if isinstance(error, ValueError):  # "embedded null byte"
         return "a name that no file can have"
     number = getattr(error, "errno", None)
     if number == errno.ENAMETOOLONG:
         return f"a name of {len(str(path))} characters, longer than names of files are"
     if number == errno.ENOSPC:
-        return os.strerror(errno.ENOSPC)  # libraries tell how far they came, over several lines
+        return os.strerror(errno.ENOSPC)  # libraries' own messages span several lines
     if number == errno.ENOENT:
         return "no file" if str(path) else "no name of a file"
     return {errno.ELOOP: "a link that leads back to itself", errno.ENXIO: "a socket"}.get(
@@ -131,7 +131,7 @@ def why(error: BaseException, path: str | Path = "") -> str:
 
 
 def show_path(path: str | Path) -> str:
-    """A path as a message shows it: on one line, cut where it is long."""
+    """Return a path for a message: on one line, shortened if long."""
     text = "".join(each if each.isprintable() else repr(each)[1:-1] for each in str(path)) or '""'
     return text if len(text) <= 300 else f"{text[:140]}…{text[-140:]}"
 

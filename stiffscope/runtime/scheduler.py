@@ -1,4 +1,4 @@
-"""Jobs done by the workers of a Dask scheduler, or, without one, by processes of our own."""
+"""Executor on the workers of a Dask scheduler, or without one on local processes."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 CONNECT = "20s"
-ASKED = 3  # times that a scheduler is asked for an answer that it has lost
+ASKED = 3  # attempts to get a result that the scheduler lost
 
 
 class Scheduler(Executor):
-    """Has jobs done by the workers of a Dask scheduler.
+    """Executor on the workers of a Dask scheduler.
 
     Parameters
     ----------
     address
-        Such as "tcp://10.0.0.5:8786".
+        Address, e.g. "tcp://10.0.0.5:8786".
 
     Raises
     ------
     InputError
-        No scheduler answers.
+        The scheduler does not respond.
 
     """
 
@@ -40,8 +40,8 @@ class Scheduler(Executor):
     def __init__(self, address: str) -> None:
         from distributed import Client
 
-        for each in ("distributed", "distributed.client", "tornado.application"):  # each has a level of its own
-            logging.getLogger(each).setLevel(logging.CRITICAL)  # slow workers are no news, a lost scheduler is told
+        for each in ("distributed", "distributed.client", "tornado.application"):
+            logging.getLogger(each).setLevel(logging.CRITICAL)  # a lost scheduler is reported
         try:
             self._client = Client(address, timeout=CONNECT)
         except (OSError, ValueError) as error:
@@ -50,12 +50,12 @@ class Scheduler(Executor):
             ) from error
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", **_: Any) -> Future[Any]:
-        """Have ``function(*arguments)`` done; see `Processes.submit`."""
-        loop: Any = self._client.loop  # of tornado, which runs on asyncio's
+        """Submit ``function(*arguments)``; see `Processes.submit`."""
+        loop: Any = self._client.loop  # tornado's loop wraps asyncio's
         return asyncio.run_coroutine_threadsafe(self._ask(name, function, arguments), loop.asyncio_loop)
 
     async def _ask(self, name: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
-        """Have a job done; again where Dask lost its answer with a worker, or says that it has done nothing."""
+        """Run a job; retry it if Dask lost its result."""
         from distributed import KilledWorker
 
         lost: Exception | None = None
@@ -78,14 +78,14 @@ class Scheduler(Executor):
         self.shutdown()
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Let the scheduler forget what is left."""
+        """Close the client, which drops the remaining jobs."""
         del wait, cancel_futures
         with contextlib.suppress(Exception):
             self._client.close()
 
 
 def _on_worker(function: Callable[..., Any], *arguments: Any) -> tuple[str, Any]:
-    """Do a job on a worker of Dask: with no more processors than it has threads."""
+    """Run a job on a Dask worker, with as many processors as it has threads."""
     from distributed import get_worker
 
     use_processors(get_worker().state.nthreads)
@@ -94,7 +94,7 @@ def _on_worker(function: Callable[..., Any], *arguments: Any) -> tuple[str, Any]
 
 @contextlib.contextmanager
 def workers(scheduler: str | None, width: int) -> Iterator[Processes | Scheduler]:
-    """Workers of a scheduler at an address, or processes of our own that share this machine's processors."""
+    """Open an executor: a scheduler's workers, or local processes that share the processors."""
     width = max(1, width)
     with Scheduler(scheduler) if scheduler else Processes(width, max(1, processors() // width)) as executor:
         yield executor

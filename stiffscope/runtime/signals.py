@@ -1,4 +1,4 @@
-"""Signals that wait until what is begun is done."""
+"""Deferred signals."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ STOPS = ("SIGINT", "SIGTERM", "SIGHUP")
 
 
 def block(*names: str) -> set[signal.Signals]:
-    """Let this thread, and processes that it starts, not see signals; returns those that it has not seen before."""
+    """Block signals for this thread and its child processes; return those blocked before."""
     if not hasattr(signal, "pthread_sigmask"):
         return set()
     return {
@@ -26,10 +26,10 @@ def block(*names: str) -> set[signal.Signals]:
 
 @contextlib.contextmanager
 def deaf_to(*names: str) -> Iterator[None]:
-    """Let signals wait until the block is done; threads and processes that it starts never see them.
+    """Defer signals until the block is done; threads and processes started in it never get them.
 
-    ``names``: "SIGINT" (Ctrl-C), "SIGTERM"; those that this system has count. Threads that are there already may take a
-    signal for the main one, which then only notes it.
+    ``names``: "SIGINT" (Ctrl-C), "SIGTERM" etc. If an existing thread receives a signal for the
+    main thread, the latter only records it.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield

@@ -1,4 +1,4 @@
-"""One table (.csv, .tsv, .xlsx) as columns of text and of numbers; what is wrong is named by file, line, column."""
+"""Tables (.csv, .tsv, .xlsx) as columns of text or numbers; errors name file, line and column."""
 
 from __future__ import annotations
 
@@ -30,39 +30,39 @@ if TYPE_CHECKING:
 
 MOST_ROWS = 200_000  # of one table
 MOST_COLUMNS = 1_000
-MOST_CELLS = 20_000_000  # of a sheet, empty ones too: two seconds
+MOST_CELLS = 20_000_000  # of a sheet, including empty ones; takes two seconds
 _LAST_ROW = 1 << 20  # of a sheet
-_MOST_LINES = 1 << 20  # of a text, blank ones too
-_LONGEST = 1 << 16  # of what is looked at to find the separator
-MOST_BYTES = 1 << 26  # of a table, unpacked: 200,000 rows of 20 numbers
+_MOST_LINES = 1 << 20  # of a text, including blank ones
+_LONGEST = 1 << 16  # characters searched for the separator
+MOST_BYTES = 1 << 26  # of an unpacked table: 200,000 rows of 20 numbers
 
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of text, all of one length."""
+    """Columns of text of equal length."""
 
     name: str
     columns: dict[str, tuple[str, ...]]
     lines: tuple[int, ...]
-    """Line of the file that each row stands on."""
+    """Line number of each row in the file."""
 
     def fail(self, row: int, column: str, expected: str) -> InputError:
-        """Return the error that names one cell."""
+        """Return the error for a cell."""
         found = self.columns[column][row] if column in self.columns else ""
         shown = "an empty cell" if not found.strip() else repr(found[:40])
         return InputError(f"{self.name}:{self.lines[row]}: {column}: expected {expected}, got {shown}")
 
     def column(self, name: str) -> tuple[str, ...]:
-        """Cells of a column; empty ones where there is no such column."""
+        """Return the cells of a column; empty cells if the column is missing."""
         return self.columns.get(name) or ("",) * len(self.lines)
 
     def refuse_where(self, wrong: Flags, column: str, expected: str) -> None:
-        """Raise the error that names the first of the rows (n,) where something is wrong."""
+        """Raise the error for the first wrong row of flags (n,), if any."""
         if wrong.any():
             raise self.fail(int(np.argmax(wrong)), column, expected)
 
     def codes(self, column: str, known: Sequence[str], expected: str) -> Codes:
-        """Positions (n,) of a column's cells among known names; -1 for empty cells. Raises InputError."""
+        """Return indices (n,) of cells in known names; -1 if empty. Raise InputError if unknown."""
         code = {"": -1, **{name: k for k, name in enumerate(known)}}
         out = np.array([code.get(cell, -2) for cell in self.column(column)], dtype=np.int64)
         self.refuse_where(out == -2, column, expected)
@@ -72,27 +72,27 @@ class Table:
 def read_table(
     path: Path, check: Callable[[str, list[str]], None], ignore: Collection[str] = (), most: int | None = None
 ) -> Table:
-    """Return a table's columns, with surrounding blanks removed; blank lines are passed over.
+    """Return a table's columns without surrounding blanks; blank lines are skipped.
 
-    Columns of text are separated by commas, semicolons or tabs, as the header has them; with the latter two a number
-    may have a decimal comma. Of an .xlsx file the first sheet that is not hidden counts.
+    The header determines the separator of text files: comma, semicolon or tab. With the latter two,
+    numbers may have a decimal comma. Of an .xlsx file the first visible sheet is read.
 
     Parameters
     ----------
     path
         A .csv, .tsv or .xlsx file.
     check
-        Called with the file's name and its header, without columns to ignore, before any row is looked at.
+        Called with the file's name and its header, without ignored columns, before reading rows.
     ignore
-        Columns that are not read.
+        Columns to skip.
     most
-        Rows that are read at most; by default as many as readings may have.
+        Most rows; by default the limit for readings.
 
     Raises
     ------
     InputError
-        A file that cannot be read, is not UTF-8, has no or a doubtful header, or a row whose number of cells is not
-        the header's.
+        The file cannot be read, is not UTF-8, has no valid header, or has a row with another number
+        of cells.
 
     """
     told, most = most is not None, most or MOST_ROWS
@@ -119,7 +119,7 @@ def read_table(
 
 
 def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
-    """At most so many rows of a text file and one, with their lines, and whether numbers may have a decimal comma."""
+    """Return up to ``most + 1`` data rows, line numbers, and whether decimal commas are allowed."""
     text = read_text(path, "a table in CSV", MOST_BYTES * max(1, most // MOST_ROWS))
     start = text.lstrip()[:_LONGEST].partition("\n")[0]
     mark = "\t" if "\t" in start else ";" if ";" in start else ","
@@ -130,7 +130,7 @@ def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
     try:
         for row in reader:
             blank = not row or (len(row) == 1 and not row[0].strip())
-            if not blank and (mark == "," or "".join(row).strip()):  # spreadsheets write rows of separators
+            if not blank and (mark == "," or "".join(row).strip()):  # skip rows of separators only
                 rows.append(row)
                 lines.append(before + 1)
                 if len(rows) > most + 1 or len(row) > MOST_COLUMNS:
@@ -145,13 +145,13 @@ def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
 
 
 def _sheet(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
-    """Rows of the first visible sheet of an .xlsx file with their numbers."""
+    """Return the rows of the first visible sheet of an .xlsx file, with their numbers."""
     try:
         with open_file(path, "an .xlsx workbook") as stream:
             _check_unpacked(path, stream)
             book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
             sheet = next(each for each in book.worksheets if each.sheet_state == "visible")
-            sheet.reset_dimensions()  # what a file says of its size may be anything
+            sheet.reset_dimensions()  # the stated size is unreliable
             rows, lines = _filled_rows(path, sheet.iter_rows(values_only=True), most)
             if lines and lines[-1] <= most and any("" in row or len(row) < len(rows[0]) for row in rows):
                 _check_formulas(path, stream, sheet)
@@ -159,14 +159,14 @@ def _sheet(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
         raise
     except StopIteration:
         raise InputError(f"{path}: expected an .xlsx workbook with a sheet that is not hidden") from None
-    except Exception as error:  # noqa: BLE001 (whatever zip and XML parsers raise for no workbook)
+    except Exception as error:  # noqa: BLE001 (any error of the zip and XML parsers)
         raise InputError(f"{path}: expected an .xlsx workbook, got {' '.join(str(error).split())}") from None
     width = len(rows[0]) if rows else 0
     return [row + [""] * (width - len(row)) for row in rows], lines, True
 
 
 def _filled_rows(path: Path, rows: Iterable[Sequence[object]], most: int) -> tuple[list[list[str]], list[int]]:
-    """Rows that have a value with their numbers, each up to its last value; bounded in time and memory."""
+    """Return nonempty rows up to their last value, with row numbers, in bounded time and memory."""
     found: list[list[str]] = []
     lines: list[int] = []
     cells = 0
@@ -185,7 +185,7 @@ def _filled_rows(path: Path, rows: Iterable[Sequence[object]], most: int) -> tup
 
 
 def _check_formulas(path: Path, stream: BinaryIO, known: Any) -> None:
-    """Refuse formulas whose values the file does not hold, as no spreadsheet program has computed them."""
+    """Raise InputError for formulas without stored values, never computed by a spreadsheet."""
     written = openpyxl.load_workbook(stream, read_only=True)[known.title]
     written.reset_dimensions()
     for cells, values in zip(written.iter_rows(), known.iter_rows(values_only=True), strict=False):
@@ -196,7 +196,7 @@ def _check_formulas(path: Path, stream: BinaryIO, known: Any) -> None:
 
 
 def _check_unpacked(path: Path, stream: BinaryIO) -> None:
-    """Refuse a workbook that is small only because it is packed."""
+    """Raise InputError for a workbook that is too large when unpacked."""
     with zipfile.ZipFile(stream) as book:
         size = sum(each.file_size for each in book.infolist())
     if size > MOST_BYTES:
@@ -206,7 +206,7 @@ def _check_unpacked(path: Path, stream: BinaryIO) -> None:
 
 
 def _cell(value: object) -> str:
-    """A workbook's cell as text."""
+    """Return a workbook's cell as text."""
     return "" if value is None else repr(value) if isinstance(value, float) else str(value).strip()
 
 
@@ -238,7 +238,7 @@ def _check_lengths(name: str, header: list[str], rows: list[list[str]], lines: l
 
 
 def check_columns(name: str, header: list[str], required: Collection[str], valid: Collection[str]) -> None:
-    """Raise InputError for a missing column, or for one that is not valid (all of `valid` are listed)."""
+    """Raise InputError for a missing column, or for one that is not in `valid`."""
     missing = [column for column in required if column not in header]
     if missing:
         raise InputError(f"{name}:1: {missing[0]}: expected this column, got none")
@@ -248,7 +248,7 @@ def check_columns(name: str, header: list[str], required: Collection[str], valid
 
 
 def numbers(table: Table, column: str, *, empty: bool = False, expected: str = "a finite number") -> Array:
-    """Return a column as floats (n,); with `empty`, an empty cell is NaN. Raises InputError that names the cell."""
+    """Return a column as floats (n,); `empty` allows NaN for empty cells. Raise InputError."""
     cells = table.columns[column]
     values = np.array([_number(cell) for cell in cells], dtype=np.float64)
     bad = ~np.isfinite(values)
@@ -257,7 +257,7 @@ def numbers(table: Table, column: str, *, empty: bool = False, expected: str = "
 
 
 def _number(cell: str) -> float:
-    """What a cell says; NaN where that is no number."""
+    """Return a cell's number; NaN if it is not a number."""
     try:
         return float(cell) if cell.isascii() and "_" not in cell else math.nan
     except ValueError:

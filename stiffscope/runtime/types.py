@@ -1,4 +1,4 @@
-"""Types that every room shares."""
+"""Common types."""
 
 from __future__ import annotations
 
@@ -12,4 +12,4 @@ Array = NDArray[np.floating[Any]]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 Progress = Callable[[str, float], None]
-"""Called with a stage's name and its fraction done."""
+"""Progress callback, called with the name of a stage and its completed fraction."""

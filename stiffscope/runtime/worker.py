@@ -1,6 +1,6 @@
-"""A process of ours: it does jobs that it reads from its standard input until that ends, or its parent does.
+"""Worker process: runs jobs read from standard input until the input or the parent ends.
 
-Started by `stiffscope.runtime.executor` as ``python -P -m stiffscope.runtime.worker``, without the user's modules.
+`runtime.executor` starts it as ``python -P -m stiffscope.runtime.worker``, without user modules.
 """
 
 from __future__ import annotations
@@ -24,16 +24,16 @@ from stiffscope.runtime.processors import use_processors
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-PERIOD = 0.5  # s between two looks at the parent, where the system does not tell of its end
+PERIOD = 0.5  # s between checks of the parent on systems without parent-death signals
 
 
 def end_with_parent(parent: int) -> None:
-    """Let this process end, at once and whatever it is doing, when its parent, of this process id, does."""
+    """End this process immediately when its parent with this process id ends."""
     if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG; Python's handlers wait for C code to end
+        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG, also acts in C code
     else:
         threading.Thread(target=_watch, args=(parent,), daemon=True).start()
-    if os.getppid() != parent:  # it has ended before
+    if os.getppid() != parent:  # the parent has already ended
         os._exit(1)
 
 
@@ -44,13 +44,13 @@ def _watch(parent: int) -> None:
 
 
 class _Channel(logging.handlers.QueueHandler):
-    """What goes to the parent: answers, progress, and records for the log, each whole, from any thread."""
+    """Thread-safe channel of messages to the parent: results, progress and log records."""
 
     def __init__(self) -> None:
         super().__init__(self)  # pyright: ignore[reportArgumentType]
         self._stream = os.fdopen(os.dup(1), "wb")
         self._turn = threading.Lock()
-        os.dup2(2, 1)  # what libraries print is no message
+        os.dup2(2, 1)  # keeps output of libraries out of the channel
 
     def send(self, kind: str, content: Any) -> None:
         """Send a message."""
@@ -60,15 +60,15 @@ class _Channel(logging.handlers.QueueHandler):
             self._stream.flush()
 
     def enqueue(self, record: logging.LogRecord) -> None:
-        """Send a record for the log."""
+        """Send a log record."""
         with contextlib.suppress(OSError):
             self.send("log", record)
 
 
 def main() -> None:
-    """Do jobs, one after another."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's affair
-    if hasattr(signal, "pthread_sigmask"):  # it was started deaf
+    """Run jobs one after another."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
+    if hasattr(signal, "pthread_sigmask"):  # blocked at the start
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGTERM])
     parent, share, sys.path[:] = pickle.load(sys.stdin.buffer)  # noqa: S301
     end_with_parent(parent)
@@ -82,11 +82,11 @@ def main() -> None:
         while True:
             _work(channel)
     sys.stderr.flush()
-    os._exit(0)  # the ends of graphics and CAD libraries take time, and have been seen to crash
+    os._exit(0)  # skips slow or crashing shutdown of libraries
 
 
 def _work(channel: _Channel) -> None:
-    """Do a job, and send its answer or what has gone wrong."""
+    """Run a job and send its result or its error."""
     function, arguments, heard = pickle.load(sys.stdin.buffer)  # noqa: S301
     channel.send("begun", None)
     report = [lambda stage, fraction: channel.send("progress", (stage, fraction))] if heard else []
@@ -94,14 +94,14 @@ def _work(channel: _Channel) -> None:
 
 
 def answer(function: Callable[..., Any], *arguments: Any) -> tuple[str, Any]:
-    """Do a job: "answer" and what it gives, "error" and what it raises for its user, or "failed" and why."""
+    """Run a job; return "answer" and result, "error" and user error, or "failed" and traceback."""
     try:
         return "answer", function(*arguments)
     except BrokenPipeError:
         raise
     except (InputError, OSError, MemoryError) as error:
         return "error", error
-    except Exception:  # noqa: BLE001 (whatever it is, the caller reports it)
+    except Exception:  # noqa: BLE001 (the caller reports it)
         return "failed", traceback.format_exc()
 
 

@@ -1,4 +1,4 @@
-"""Where jobs are done: the cache, the executor, and who is told of their progress."""
+"""Workshop of jobs: the cache, the executor and the progress callback."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Workshop:
-    """What jobs need.
+    """Resources of jobs.
 
     Attributes
     ----------
     cache : results of earlier jobs.
-    executor : how several jobs are done.
-    open_line : gives a function `report(stage, fraction)` for the progress of a job of some name.
+    executor : runs the jobs.
+    open_line : returns the progress callback `report(stage, fraction)` of a job by its name.
     """
 
     cache: Cache
@@ -43,20 +43,20 @@ class Workshop:
         Parameters
         ----------
         function
-            Importable by name; its last argument is `report(stage, fraction)`.
+            Function importable by name; its last argument is `report(stage, fraction)`.
         jobs
-            Name of each job and its arguments.
+            Arguments of each job by name.
         limits
-            By job, seconds that it may take.
+            Time limits by job, s.
 
         Raises
         ------
         InputError
-            What a job refused. The other jobs are ended.
+            A job refused its input; the other jobs are ended.
         WorkerError
             A job crashed.
         LateError
-            A job took longer than it may.
+            A job exceeded its time limit.
 
         """
         done = work_through(self.executor, function, jobs.items(), self.open_line, limits)
@@ -65,14 +65,14 @@ class Workshop:
 
 @contextmanager
 def workshop(open_line: Callable[[str], Report] | None = None, *, together: bool = False) -> Iterator[Workshop]:
-    """Open a workshop with the user's cache; what that cannot hold is kept until the workshop closes.
+    """Open a workshop with the user's cache; uncacheable results are kept until it closes.
 
     Parameters
     ----------
     open_line
-        Where progress goes; by default nowhere, in a notebook to bars.
+        Opens a progress line; by default silent, in a notebook a progress bar.
     together
-        Whether several jobs run at once, in processes of their own.
+        Whether several jobs run in parallel, in separate processes.
 
     """
     with scratch_folder() as spare, Processes() if together else Here() as executor:

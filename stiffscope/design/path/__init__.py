@@ -1,1 +1,1 @@
-"""The machine at work: paths, processes, the error of the tool along a path and commands that undo it."""
+"""Paths and processes: the tool's error along a path, and commands that compensate it."""

@@ -1,4 +1,4 @@
-"""What the tool does along a path: its error under weight and process, its bound, what the drives carry, and why."""
+"""Prediction along a path: tool error under weight and process, its bound, drive loads, causes."""
 
 from __future__ import annotations
 
@@ -29,32 +29,32 @@ if TYPE_CHECKING:
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.loading import Response
 
-_MOST_KEPT = 200_000  # points whose configurations are kept, rather than found twice
-_STATIONS = 9  # of the path, whose first frequency is worked out
+_MOST_KEPT = 200_000  # most points whose configurations are kept instead of solved twice
+_STATIONS = 9  # points of the path at which the first frequency is computed
 
 
 @dataclass(frozen=True, eq=False)
 class Along(Course):
-    """The tool along its course with some commands; d drives.
+    """The tool along its course for given commands; d drives.
 
     Attributes
     ----------
     path
-        The commands.
+        Commands.
     commanded
-        (n, 6) where a rigid robot would bring it.
+        Tool poses (n, 6) of a rigid robot.
     error
-        (n, 6) how far weight and process leave it from where it is to be: m, rad, base axes.
+        Deviation (n, 6) from the wanted pose due to weight and process: m, rad, base axes.
     bound
-        (n,) m, on the size of the error's translation: from the error bars of the parts.
+        Bound (n,) on the size of the translation error, m, from the error bars of the parts.
     forces
-        (n, d) N, N·m that the drives carry; ``units`` of each.
+        Drive loads (n, d), N or N·m; see ``units``.
     shares
-        By element, (n,) of the strain energy.
+        Share (n,) of the strain energy by element.
     stations, first
-        Points (m,) whose first natural frequency (m,) in Hz is known.
+        Indices of points (m,), and first natural frequencies (m,) there, Hz.
     freed
-        How the free coordinates were chosen, if there are any.
+        Choice of the free coordinates, if any.
     """
 
     path: ToolPath
@@ -71,23 +71,23 @@ class Along(Course):
 
     @cached_property
     def parts(self) -> dict[str, Array]:
-        """Error (n,) in m along the path's normal, tangent and binormal."""
+        """Errors (n,) along the path's normal, tangent and binormal, m."""
         named = {"normal": self.axes.normal, "along": self.axes.along, "binormal": self.axes.binormal}
         return {name: np.einsum("ni,ni->n", self.error[:, :3], axes) for name, axes in named.items()}
 
     @property
     def commanded_poses(self) -> Array:
-        """(n, k) coordinates of the robot's pose that are commanded."""
+        """Commanded coordinates (n, k) of the tool pose."""
         return self.commanded[:, [COORDINATES.index(name) for name in self.job.robot.tool.pose]]
 
     @property
     def size(self) -> Array:
-        """(n,) m, of the error's translation."""
+        """Size (n,) of the translation error, m."""
         return np.linalg.norm(self.error[:, :3], axis=1)
 
     @property
     def worst(self) -> int:
-        """The point of the greatest error while the process acts; of all where it acts nowhere."""
+        """Index of the greatest error while the process acts, or of all points if it never acts."""
         acting = ~self.path.rapid
         return int(np.argmax(np.where(acting, self.size, -1.0) if acting.any() else self.size))
 
@@ -98,21 +98,21 @@ def along(job: Job | str | Path, assembled: Assembled | None = None, progress: P
     Parameters
     ----------
     job
-        The path and what loads it, or its file.
+        Job with path and loads, or its file.
     assembled
-        The job's robot with its parts; by default they are made as the job says.
+        Assembled robot of the job; by default assembled according to the job.
     progress
-        Told how far it is.
+        Progress callback.
 
     Returns
     -------
     Along
-        What a rigid machine would do apart from what this one does.
+        Error of the tool relative to the wanted poses, with its causes.
 
     Raises
     ------
     InputError
-        A point out of reach, with file and line, or a robot that moves freely under its load.
+        A point is out of reach (with file and line), or the robot moves freely under its load.
 
     """
     job = job if isinstance(job, Job) else load_job(job)
@@ -131,20 +131,20 @@ def predict(
     course: Course, assembled: Assembled, path: ToolPath, progress: Progress | None = None,
     known: Sequence[Configurations] | None = None,
 ) -> Along:  # fmt: skip
-    """Predict the error of the tool on its course with some commands; errors as for `along`.
+    """Predict the error of the tool on its course for given commands; raises like `along`.
 
     Parameters
     ----------
     course
-        Where the n points of the path want the tool, and the load of the process there.
+        Wanted tool poses and process loads at the n points of the path.
     assembled
-        The robot with its parts' matrices.
+        Robot with its parts' matrices.
     path
-        What is commanded at the points: the path itself, or a compensated one.
+        Commands at the points: the path itself, or a compensated one.
     progress
-        Called with a stage's name and its fraction done.
+        Called with the name of a stage and its completed fraction.
     known
-        Configurations along the path, a block at a time, if they were found before.
+        Known configurations along the path, in blocks.
 
     """
     job, mechanism, n = course.job, assembled.mechanism, len(path)
@@ -182,13 +182,13 @@ def predict(
 
 
 def respond_at_worst(state: Along, assembled: Assembled) -> tuple[Configurations, Response]:
-    """The robot where the error is greatest, and its response to process, weight and payload there."""
+    """Return configuration and response to process, weight and payload at the greatest error."""
     found = configure(assembled.mechanism, state.commanded_poses[[state.worst]])
     return found, respond_under(state.job, assembled, found, state.wrench[[state.worst]])
 
 
 def _first_frequencies(job: Job, assembled: Assembled, path: ToolPath, stations: Indices) -> Array:
-    """First natural frequency (m,) at some points, Hz; NaN where the robot has no masses."""
+    """Return the first natural frequency (m,) at some points, Hz; NaN if there are no masses."""
     some = path.command(path.values[stations])
     try:
         found = next(configure_path(job, assembled, some))

@@ -1,4 +1,4 @@
-"""Commands along a path such that the loaded tool is where it should be."""
+"""Compensation: commands along a path that bring the loaded tool to its wanted poses."""
 
 from __future__ import annotations
 
@@ -25,10 +25,10 @@ _SETTLED = 1e-11  # m, rad
 
 @dataclass(frozen=True, eq=False)
 class Compensated:
-    """Commands, what the loaded tool does with them, and what it is still off by.
+    """Compensated commands, the prediction with them, and the remaining error.
 
-    ``left`` (n, c): the error of the coordinates that are commanded, m and rad. ``refused``: line and reason of points
-    whose command would be out of reach or of a drive's range; they keep their own.
+    ``left`` (n, c): error of the commanded coordinates, m and rad. ``refused``: line and reason of
+    points whose command would exceed the reach or a drive's range; they keep their own command.
     """
 
     path: ToolPath
@@ -38,22 +38,22 @@ class Compensated:
 
 
 def compensate(assembled: Assembled, before: Along, progress: Progress | None = None) -> Compensated:
-    """Find commands that undo the error of the tool, by fixed-point steps; the robot yields as it does there.
+    """Find commands that cancel the tool's error by fixed-point steps, compliance updated at each.
 
     Parameters
     ----------
     assembled
-        As `along` takes it.
+        Assembled robot, as in `along`.
     before
-        What `along` gives for the job's own commands.
+        Prediction by `along` for the job's own commands.
     progress
-        Told how far it is.
+        Progress callback.
 
     Returns
     -------
     Compensated
-        Verified: what is left is predicted with the new commands. Coordinates that are not commanded are left as
-        they are.
+        New commands and the remaining error predicted with them. Coordinates that are not commanded
+        remain uncompensated.
 
     """
     pose = [COORDINATES.index(name) for name in before.job.robot.tool.pose]
@@ -82,6 +82,6 @@ def compensate(assembled: Assembled, before: Along, progress: Progress | None = 
 
 
 def _undo(state: Along) -> Array:
-    """Tool poses (n, 6) that are off the commanded ones by the error, the other way."""
+    """Return the commanded tool poses (n, 6) shifted by the negative error."""
     back = Rotation.from_rotvec(-state.error[:, 3:]) * Rotation.from_rotvec(state.commanded[:, 3:])
     return np.concatenate([state.commanded[:, :3] - state.error[:, :3], back.as_rotvec()], axis=1)

@@ -1,4 +1,4 @@
-"""Where the tool is to go and what loads it there: a job's path with its axes, its wrench and its configurations."""
+"""Course of the tool: wanted poses of a job's path, with axes, wrenches and configurations."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ if TYPE_CHECKING:
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.loading import Response
 
-BLOCK = 4096  # points at once
+BLOCK = 4096  # points per block
 
 
 @dataclass(frozen=True, eq=False)
 class Axes:
-    """Directions (n, 3) at every point: along the path, to its left seen from the spindle, and square to both.
+    """Directions (n, 3) at each point: along the path, to its left seen from the spindle, binormal.
 
-    ``spindle``: the tool's own axis, from the workpiece.
+    ``spindle``: the tool's axis, pointing away from the workpiece.
     """
 
     along: Array
@@ -43,18 +43,18 @@ class Axes:
 
 @dataclass(frozen=True, eq=False)
 class Course:
-    """Where the tool is to go and what loads it there, at n points; the same whatever is commanded.
+    """Wanted poses and loads of the tool at n points, independent of the commands.
 
     Attributes
     ----------
     length, time
-        (n,) m and s from the start; ``time`` is None where the path has no feed.
+        Length and time (n,) from the start, m and s; ``time`` is None without a feed.
     tool
-        (n, 6) where the tool is to be: x y z in m, rotation vector from home in rad.
+        Wanted poses (n, 6): x y z in m, rotation vector from home in rad.
     axes
-        Of the path.
+        Axes of the path.
     wrench
-        (n, 6) of the process on the tool: N, N·m.
+        Wrench (n, 6) of the process on the tool: N, N·m.
     cutting
         Forces of the process at its mean feed, or None.
     """
@@ -69,16 +69,16 @@ class Course:
 
 
 def plan_course(job: Job, assembled: Assembled, known: Sequence[Configurations] | None = None) -> Course:
-    """Find where a job's path leads the tool, and the load of its process there. Raises InputError as `along`.
+    """Return the course of a job: its wanted poses and process loads. Raise InputError as `along`.
 
     Parameters
     ----------
     job
         Robot, path and process.
     assembled
-        The robot with its parts' matrices.
+        Robot with its parts' matrices.
     known
-        Configurations along the path, a block at a time, if they were found before.
+        Known configurations along the path, in blocks.
 
     """
     if job.section.free is None:
@@ -92,7 +92,7 @@ def plan_course(job: Job, assembled: Assembled, known: Sequence[Configurations] 
 
 
 def _wanted(job: Job) -> Array:
-    """Poses (n, 6) that a path wants of the tool, before its free coordinates are chosen."""
+    """Return the wanted poses (n, 6) of a path before the choice of free coordinates."""
     if job.path.by_joints:
         raise InputError(f"{job.path_file.name}:1: expected a path of poses, since [free] chooses some, got drives")
     tool = np.tile([*job.robot.tool.at, 0.0, 0.0, 0.0], (len(job.path), 1))
@@ -101,14 +101,14 @@ def _wanted(job: Job) -> Array:
 
 
 def tool_error(target: Array, commanded: Array, twist: Array) -> Array:
-    """Where the loaded tool is (n, 6), less where it is to be: a translation, and the rotation vector between them."""
+    """Return the loaded minus the wanted tool pose (n, 6): translation and rotation vector."""
     turned = Rotation.from_rotvec(twist[:, 3:]) * Rotation.from_rotvec(commanded[:, 3:])
     turn = (turned * Rotation.from_rotvec(target[:, 3:]).inv()).as_rotvec()
     return np.concatenate([commanded[:, :3] + twist[:, :3] - target[:, :3], turn], axis=1)
 
 
 def respond_under(job: Job, assembled: Assembled, found: Configurations, wrench: Array) -> Response:
-    """Response at n configurations under the job's weight and payload and wrenches (n, 6) of its process."""
+    """Return the response at n configurations to weight, payload and process wrenches (n, 6)."""
     return respond(
         assembled.mechanism, found, wrench[:, :, None], loads=_payload(job, assembled),
         gravity=float(job.section.gravity != "none"), misfit=1.0,
@@ -116,7 +116,7 @@ def respond_under(job: Job, assembled: Assembled, found: Configurations, wrench:
 
 
 def configure_path(job: Job, assembled: Assembled, path: ToolPath) -> Iterator[Configurations]:
-    """Configurations along a path, a block at a time. Raises InputError that names the line of a point out of reach."""
+    """Yield configurations along a path in blocks. Raise InputError for a point out of reach."""
     mechanism, given, values, start = assembled.mechanism, "tool", path.values, 0
     if path.by_joints:
         given = "drives"
@@ -135,7 +135,7 @@ def configure_path(job: Job, assembled: Assembled, path: ToolPath) -> Iterator[C
 
 
 def find_axes(job: Job, tool: Array) -> Axes:
-    """Axes of a path through tool poses (n, 6): along it, to its left seen from the spindle, and square to both."""
+    """Return the axes of a path through tool poses (n, 6): tangent, normal, binormal, spindle."""
     steps = np.diff(tool[:, :3], axis=0)
     sizes = np.linalg.norm(steps, axis=1)
     moving = np.flatnonzero(sizes > 1e-12)
@@ -148,7 +148,7 @@ def find_axes(job: Job, tool: Array) -> Axes:
     spindle = np.concatenate([rotation_of(tool[start : start + BLOCK, 3:]) @ axis for start in blocks])
     across = np.cross(spindle, tangent)
     flat = np.linalg.norm(across, axis=1) < 1e-6
-    if flat.any():  # a plunge: any direction across will do, the same at all points
+    if flat.any():  # a plunge: use one arbitrary transverse direction for all points
         side = np.eye(3)[int(np.argmin(np.abs(spindle[int(np.argmax(flat))])))]
         across[flat] = np.cross(spindle[flat], side)
     across /= np.linalg.norm(across, axis=1)[:, None]
@@ -156,14 +156,14 @@ def find_axes(job: Job, tool: Array) -> Axes:
 
 
 def process_wrench(job: Job, axes: Axes, length: Array) -> tuple[Array, CuttingForces | None]:
-    """Wrench (n, 6) of the process on the tool at M in base axes, and its forces at the mean feed.
+    """Return the process wrench (n, 6) on the tool at M in base axes, and forces at the mean feed.
 
     Parameters
     ----------
     job
-        The process and the path.
+        Job with process and path.
     axes, length
-        Of the path; (n,) m from its start.
+        Axes of the path, and length (n,) from its start, m.
 
     """
     path, process = job.path, job.section.process
@@ -186,7 +186,7 @@ def process_wrench(job: Job, axes: Axes, length: Array) -> tuple[Array, CuttingF
 
 
 def _feeds(job: Job, otherwise: float | None, length: Array) -> Array:
-    """Feed (n,) in m/s, of the path or of the cut. Raises InputError where neither has one."""
+    """Return the feed (n,), m/s, of the path or the cut. Raise InputError if neither has one."""
     path = job.path
     feeds = np.full(len(path), np.nan) if path.feed is None else path.feed.copy()
     if path.feed is None and path.time is not None:
@@ -201,7 +201,7 @@ def _feeds(job: Job, otherwise: float | None, length: Array) -> Array:
 
 
 def _times(path: ToolPath, length: Array) -> Array | None:
-    """Time (n,) in s from the start, as far as the path says how fast it is run."""
+    """Return the time (n,) from the start, s; None if the path does not define it."""
     if path.time is not None:
         return path.time - path.time[0]
     if path.feed is None or np.isnan(path.feed[1:]).any() or path.rapid[1:].any():

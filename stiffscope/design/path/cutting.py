@@ -1,8 +1,8 @@
-"""Mean forces of milling and drilling, by Kienzle's law of the specific cutting force.
+"""Mean forces in milling and drilling from Kienzle's law of the specific cutting force.
 
-``kc = kc1 (h / 1 mm)^-mc`` (O. Kienzle, VDI-Z. 94 (1952) 299). Mean forces of a milling cutter follow from tangential
-and radial forces on its teeth, averaged over the engagement (Y. Altintas, Manufacturing Automation, 2nd ed., Cambridge
-2012, eq. 2.76-2.78); the mean chip and the power as tool makers' handbooks have them.
+``kc = kc1 (h / 1 mm)^-mc`` (O. Kienzle, VDI-Z. 94 (1952) 299). Mean milling forces are tangential
+and radial tooth forces averaged over the engagement (Y. Altintas, Manufacturing Automation, 2nd
+ed., Cambridge 2012, eq. 2.76-2.78); mean chip and power follow tool makers' handbooks.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ import numpy as np
 
 @dataclass(frozen=True)
 class CuttingForces:
-    """Mean forces on the tool in N: along the feed, across it (to the left, seen from the spindle), along its axis.
+    """Mean forces on the tool, N: along the feed, to its left seen from the spindle, and axial.
 
-    ``torque`` about the tool's axis in N·m, ``power`` in W, ``speed`` of the spindle in rev/s, ``teeth`` that pass in
-    a second, ``chip`` its mean thickness in m.
+    ``torque`` about the tool's axis, N·m; ``power``, W; ``speed`` of the spindle, rev/s;
+    ``tooth_passing`` frequency, Hz; ``chip``, its mean thickness, m.
     """
 
     feed: float
@@ -35,13 +35,13 @@ class CuttingForces:
 
 @cache
 def cutting_materials() -> dict[str, tuple[float, float]]:
-    """Specific cutting force kc1 in Pa and exponent mc, by material."""
+    """Return the specific cutting force kc1, Pa, and the exponent mc by material."""
     text = resources.files("stiffscope.data").joinpath("cutting.toml").read_text(encoding="utf-8")
     return {name: (1e6 * each["kc1"], each["mc"]) for name, each in tomllib.loads(text).items()}
 
 
 def specific_force(kc1: float, mc: float, chip: float) -> float:
-    """Specific cutting force in Pa at a chip's thickness in m."""
+    """Return the specific cutting force, Pa, at a chip thickness in m."""
     return kc1 * (1e3 * chip) ** -mc
 
 
@@ -49,29 +49,29 @@ def mill(
     kc1: float, mc: float, *, diameter: float, teeth: int, speed: float, feed: float, depth: float, width: float,
     climb: bool = True, lead: float = 0.5 * np.pi, radial: float = 0.3, axial: float = 0.0,
 ) -> CuttingForces:  # fmt: skip
-    """Mean forces of a milling cutter that turns clockwise, seen from its spindle.
+    """Return the mean forces of a milling cutter that rotates clockwise seen from the spindle.
 
     Parameters
     ----------
     kc1, mc
-        Of Kienzle's law, Pa.
+        Constants of Kienzle's law; kc1 in Pa.
     diameter, teeth, speed
-        Of the cutter: m, number, and rev/s.
+        Diameter (m), number of teeth and speed (rev/s) of the cutter.
     feed
-        m/s; more makes thicker chips.
+        Feed, m/s; a larger feed gives thicker chips.
     depth, width
-        Axial and radial engagement, m; a width of the diameter is a slot.
+        Axial and radial engagement, m; a slot has a width equal to the diameter.
     climb
-        Down milling; else up milling. A slot is neither.
+        Whether to climb mill (down milling); irrelevant for a slot.
     lead
-        Entering angle, rad; 90° of an end mill.
+        Entering angle, rad; 90° for an end mill.
     radial, axial
-        Radial and axial over tangential force.
+        Radial and axial force over tangential force.
 
     Returns
     -------
     CuttingForces
-        Averaged over a turn.
+        Forces averaged over one turn.
 
     """
     per_tooth = feed / (speed * teeth)
@@ -95,27 +95,27 @@ def mill(
 def drill(
     kc1: float, mc: float, *, diameter: float, speed: float, feed: float, point: float = np.deg2rad(118.0)
 ) -> CuttingForces:
-    """Thrust and torque of a twist drill of two lips.
+    """Return thrust and torque of a twist drill with two lips.
 
     Parameters
     ----------
     kc1, mc
-        Of Kienzle's law, Pa.
+        Constants of Kienzle's law; kc1 in Pa.
     diameter, speed, feed
-        m, rev/s and m/s.
+        Diameter (m), speed (rev/s) and feed (m/s).
     point
-        Angle of its point, rad.
+        Point angle, rad.
 
     Returns
     -------
     CuttingForces
-        Its thrust pushes the tool back.
+        Forces; the thrust pushes the tool back.
 
     """
     per_turn = feed / speed
     chip = 0.5 * per_turn * np.sin(0.5 * point)
     kc = specific_force(kc1, mc, chip)
-    power = 0.25 * np.pi * diameter**2 * feed * kc * 0.5  # the mean of the lips' speed is half of the rim's
+    power = 0.25 * np.pi * diameter**2 * feed * kc * 0.5  # mean lip speed: half the rim speed
     thrust = 0.25 * kc * diameter * per_turn * np.sin(0.5 * point)
     return CuttingForces(
         0.0, 0.0, float(thrust), float(power / (2.0 * np.pi * speed)), float(power), speed, 2.0 * speed, float(chip)

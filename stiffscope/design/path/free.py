@@ -1,7 +1,7 @@
-"""Coordinates that the process leaves free, chosen along a path for the least error and smooth.
+"""Smooth choice of the coordinates left free by the process, for minimum error along a path.
 
-Dynamic programming over a grid of the coordinate (R. Bellman, Dynamic Programming, Princeton 1957) finds the valley,
-Gauss-Newton steps its floor. No point may be worse than with the best fixed value.
+Dynamic programming over a grid of the coordinate (R. Bellman, Dynamic Programming, Princeton 1957)
+finds a path, which Gauss-Newton steps refine. No point may be worse than with the best fixed value.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Flags, Indices
     from stiffscope.vjm.kinematics import Configurations
 
-FIXED = 72  # values that are tried, of a whole turn
-STATIONS = 100  # of the path, where coordinates are chosen; between them they are interpolated
-_JUMP = 0.8  # rad or m that a drive may move from one station to the next
-_BEND = 1e-3  # cost of a bend of a grid step, over the mean square of the error
+FIXED = 72  # values tried per full turn
+STATIONS = 100  # points where coordinates are chosen; they are interpolated in between
+_JUMP = 0.8  # rad or m; largest motion of a drive between stations
+_BEND = 1e-3  # cost of a change of one grid step, over the mean square error
 _ROUNDS = 16
 _STEPS = 15
-_LEARNT = 1200  # poses whose configurations are found first, for the starts of all others
+_LEARNT = 1200  # poses solved first, as starting points for all others
 _SMOOTHINGS = 4
 _TINY = 1e-10  # m
 _BLOCK = 4096
@@ -49,11 +49,11 @@ class Freed:
     Attributes
     ----------
     values
-        By free coordinate, (n,) rad or m.
+        Values (n,) by free coordinate, rad or m.
     fixed
-        By free coordinate, the best single value.
+        Best constant value by free coordinate.
     error, before
-        (n,) m, the error that was to be least, as chosen and with the best single values.
+        Minimized error (n,), m, with the chosen and with the best constant values.
     """
 
     course: Course
@@ -66,7 +66,7 @@ class Freed:
 
 @dataclass(frozen=True, eq=False)
 class _Problem:
-    """A course whose free coordinates are asked for; ``motions`` in the order in which they move the tool."""
+    """A course with free coordinates to choose; ``motions`` in the order they act on the tool."""
 
     job: Job
     assembled: Assembled
@@ -75,7 +75,7 @@ class _Problem:
     configure: Callable[[Array], Configurations]
 
     def place(self, values: Array, some: Indices) -> Course:
-        """The course at some points (m,) with values (m, c)."""
+        """Return the course at some points (m,) for values (m, c)."""
         tool, at = self.course.tool[some], self.course.axes
         turned = np.broadcast_to(np.eye(3), (len(some), 3, 3))
         for motion, value in zip(self.motions, values.T, strict=True):
@@ -87,7 +87,7 @@ class _Problem:
         return replace(self.course, tool=tool, axes=axes, wrench=wrench)
 
     def commands(self, course: Course) -> Array:
-        """Poses (m, k) that are commanded. Raises InputError where the robot's pose has too few coordinates."""
+        """Return the commanded poses (m, k). Raise InputError if the robot lacks coordinates."""
         pose = [COORDINATES.index(name) for name in self.job.robot.tool.pose]
         home = np.array([*self.job.robot.tool.at, 0.0, 0.0, 0.0])
         missing = [k for k in range(6) if k not in pose and np.ptp(course.tool[:, k] - home[k]) > 1e-9]
@@ -97,7 +97,7 @@ class _Problem:
         return course.tool[:, pose]
 
     def evaluate(self, values: Array, some: Indices) -> tuple[Array, Array]:
-        """Error (m,) that is to be least, signed, infinite out of reach; and drives (m, d), at points with values."""
+        """Return the signed objective error (m,), infinite if unreachable, and drives (m, d)."""
         error = np.full(len(some), np.inf)
         drives = np.full((len(some), len(self.assembled.mechanism.drives)), np.nan)
         for start in range(0, len(some), _BLOCK):
@@ -127,20 +127,20 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
     Parameters
     ----------
     course
-        Where the job wants the tool, its free coordinates at 0.
+        Course of the job with zero free coordinates.
     assembled
-        The job's robot with its parts.
+        Assembled robot of the job.
 
     Returns
     -------
     Freed
-        Nowhere worse than with the best single values, of 72 a turn; the single values themselves where nothing
-        smooth is better.
+        Values that are nowhere worse than the best constant ones (72 per turn); the constant values
+        themselves if no smooth choice is better.
 
     Raises
     ------
     InputError
-        No single value reaches the whole path, or the robot's pose cannot command the free motion.
+        No constant value reaches the whole path, or the robot cannot command the free motion.
 
     """
     job, section = course.job, course.job.section
@@ -180,7 +180,7 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
 def _scan(
     problem: _Problem, values: Array, k: int, stations: Indices, acting: Flags, *, fix: bool = False
 ) -> tuple[Array, Array]:
-    """Errors (m, g) and drives (m, g, d) over the grid of a coordinate; with ``fix`` the best single value is taken."""
+    """Return errors (m, g) and drives (m, g, d) on a grid; ``fix`` also sets the best constant."""
     grid = problem.motions[k].grid(FIXED)
     m, g = len(stations), len(grid)
     tried = np.repeat(values, g, axis=0)
@@ -195,11 +195,11 @@ def _scan(
 
 
 def _best_single(problem: _Problem, values: Array, k: int, error: Array, acting: Flags) -> float:
-    """Value of a coordinate's grid of the least greatest error at all points; ``error`` (m, g) is that at stations."""
+    """Return the grid value with the smallest maximum error; ``error`` (m, g) is at stations."""
     grid, every = problem.motions[k].grid(FIXED), np.arange(len(acting))
     best, found, least = (True, np.inf), float(values[k]), error.max(axis=0)
     for g in np.argsort(least):
-        if (False, least[g]) >= best:  # as is every value after it
+        if (False, least[g]) >= best:  # so are all later values
             break
         tried = np.tile(values, (len(every), 1))
         tried[:, k] = grid[g]
@@ -214,7 +214,7 @@ def _best_single(problem: _Problem, values: Array, k: int, error: Array, acting:
 def _follow_valley(
     problem: _Problem, k: int, stations: Indices, error: Array, drives: Array, limit: Array, single: Array
 ) -> Array:
-    """Values (m,) of a coordinate, of its grid, of the least sum of squared errors; steps are bounded."""
+    """Return grid values (m,) with the least sum of squared errors and bounded steps."""
     motion, course = problem.motions[k], problem.course
     grid = motion.grid(FIXED)
     step, (m, g) = float(grid[1] - grid[0]), error.shape
@@ -240,13 +240,13 @@ def _follow_valley(
     for i in range(m - 1, 0, -1):
         which[i - 1] = origin[i, which[i]]
     found = grid[which]
-    for _ in range(_SMOOTHINGS):  # of its steps; what that costs the descent regains
+    for _ in range(_SMOOTHINGS):  # smooth the grid steps before the descent
         found[1:-1] = 0.25 * (found[:-2] + 2.0 * found[1:-1] + found[2:])
     return found
 
 
 def _settle(problem: _Problem, values: Array, stations: Indices, limit: Array, single: Array) -> Array:
-    """Smooth values (n, c) at all points, drawn back to the single ones where else they would exceed the limit (n,)."""
+    """Return smooth values (n, c), blended with the constants if they exceed the limit (n,)."""
     every, acts = np.arange(len(limit)), np.isfinite(limit)
     scale = max(float(np.mean(limit[acts] ** 2)), 1e-300)
     for k in range(len(problem.motions)):
@@ -266,7 +266,7 @@ def _settle(problem: _Problem, values: Array, stations: Indices, limit: Array, s
 
 
 def _descend(problem: _Problem, values: Array, k: int, stations: Indices, acts: Flags, scale: float) -> Array:
-    """Gauss-Newton steps of one coordinate (m,): squares of the error, and of the bends of the coordinate."""
+    """Minimize squared errors and second differences of a coordinate by Gauss-Newton steps."""
     motion = problem.motions[k]
     grid = motion.grid(FIXED)
     step, m = float(grid[1] - grid[0]), len(values)

@@ -1,6 +1,6 @@
-"""ISO G-code: straight lines and arcs of a program as points, and points written back (ISO 6983-1).
+"""ISO G-code: lines and arcs of a program as points, and points written back (ISO 6983-1).
 
-G0 to G3 with I J K or R, G17 to G19, G20 and G21, G90 and G91, F. Words that do not move the tool stay as they are.
+G0 to G3 with I J K or R, G17 to G19, G20 and G21, G90 and G91, F. Words without motion are kept.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ _COMMENT = re.compile(r"\([^)]*\)|;.*")
 _PLANES = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}
 _MOVES = (0, 1, 2, 3)
 _KNOWN = {*_MOVES, *_PLANES, 4, 20, 21, 28, 30, 40, 43, 49, 53, 54, 61, 64, 80, 90, 91, 94}
-_POINTS = {61.1, 64.1, 91.1}  # codes with a point that change nothing here: centres of arcs are relative anyway
-_CALLS = {97, 98}  # of subprograms
+_POINTS = {61.1, 64.1, 91.1}  # decimal codes without effect: arc centres are always relative
+_CALLS = {97, 98}  # M codes that call subprograms
 _REFUSED = "expected G0 to G3, G17 to G21, G90, G91 and others that do not move the tool"
 
 
 @dataclass(frozen=True, eq=False)
 class Program:
-    """Points (n, 3) in m, program axes: the first is where it starts.
+    """Points (n, 3) of a program, m, program axes; the path starts at the first.
 
-    ``rapid`` (n,) marks moves by G0, ``feed`` (n,) is in m/s (NaN before any F), ``line`` (n,) the line of the file.
-    ``text``: lines of the file, ``moving``: which of them move the tool.
+    ``rapid`` (n,): moves by G0; ``feed`` (n,): m/s (NaN before any F); ``line`` (n,): line index in
+    the file. ``text``: lines of the file; ``moving``: indices of lines with motion.
     """
 
     points: Array
@@ -65,14 +65,14 @@ def read_program(path: Path, step: float) -> Program:
     Parameters
     ----------
     path
-        The file.
+        Program file.
     step
-        m; lines and arcs have a point at least so often. Smaller gives more points.
+        Largest distance of points on lines and arcs, m; a smaller step gives more points.
 
     Raises
     ------
     InputError
-        A word that is none, an arc that does not close, or a code that moves the tool in a way not known here.
+        A word is invalid, an arc does not close, or a motion code is not supported.
 
     """
     text = tuple(read_text(path, "a program in G-code", MOST_BYTES).splitlines())
@@ -97,7 +97,7 @@ def read_program(path: Path, step: float) -> Program:
 
 
 def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Array]:
-    """Points of a line's move, the last one its end."""
+    """Yield the points of a line's move; the last is its end."""
     bare = _COMMENT.sub("", line).strip().upper()
     if not bare or bare.startswith(("%", "/")):
         return
@@ -110,7 +110,7 @@ def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Arr
     if "F" in values:
         state.feed = values["F"] * state.unit / 60.0
     if ("G", 4.0) in ((letter, float(number)) for letter, number in words):
-        return  # a dwell, whose X is a time
+        return  # a dwell: X is a time
     axes = [letter for letter in "XYZ" if letter in values]
     turned = [letter for letter in "ABCUVW" if values.get(letter)]
     if turned:
@@ -131,7 +131,7 @@ def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Arr
 
 
 def _set_modes(state: _State, words: Sequence[tuple[str, str]], here: str) -> None:
-    """Take the modes of a line; refuse what would move the tool in another way, and calls of subprograms."""
+    """Set the modes of a line; raise InputError for unsupported motion and subprogram calls."""
     for letter, number in words:
         if letter == "G":
             _set_mode(state, float(number), here)
@@ -163,7 +163,7 @@ def _divide(start: Array, end: Array, step: float) -> Iterator[Array]:
 
 
 def _arc(state: _State, end: Array, values: dict[str, float], here: str, step: float) -> Iterator[Array]:
-    """Points of an arc or helix, G2 clockwise and G3 counter-clockwise seen against the plane's normal."""
+    """Yield the points of an arc or helix: G2 clockwise, G3 counter-clockwise about the normal."""
     a, b, c = _PLANES[state.plane]
     start = state.at
     sense = -1.0 if state.move == 2 else 1.0
@@ -192,7 +192,7 @@ def _arc(state: _State, end: Array, values: dict[str, float], here: str, step: f
 
 
 def _centre_of(start: Array, end: Array, radius: float, axes: tuple[int, int], sense: float, here: str) -> Array:
-    """Centre (2,) of an arc by its radius; a negative one has the longer way."""
+    """Return the centre (2,) of an arc from its radius; if negative, of the longer arc."""
     one, two = start[list(axes)], end[list(axes)]
     chord = two - one
     half = 0.5 * float(np.linalg.norm(chord))
@@ -205,19 +205,19 @@ def _centre_of(start: Array, end: Array, radius: float, axes: tuple[int, int], s
 
 
 def program_text(program: Program, points: Array) -> str:
-    """Write a program with other points, as straight lines; what does not move the tool stays as it is.
+    """Return a program with other points as straight lines; lines without motion are kept.
 
     Parameters
     ----------
     program
-        As `read_program` gives it.
+        Program from `read_program`.
     points
-        (n, 3) in m, program axes, in place of its own.
+        New points (n, 3), m, program axes.
 
     Returns
     -------
     str
-        In mm and absolute; read again it has these points.
+        Program in mm with absolute coordinates; reading it gives these points.
 
     """
     by_line: dict[int, list[int]] = {}
@@ -242,5 +242,5 @@ def program_text(program: Program, points: Array) -> str:
 
 
 def _without_modes(text: str) -> str:
-    """A line that does not move, without feeds, units and modes of the source, which the points have their own of."""
+    """Return a line without motion, stripped of feeds, units and modes, which the points set."""
     return re.sub(r"(?i)(?<![A-Z(])(G\s*(0?[0-3]|1[789]|2[01]|9[01])(?![\d.])|F\s*[\d.]+)\s*", "", text)

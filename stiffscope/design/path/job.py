@@ -1,4 +1,4 @@
-"""A job's file: a robot, a path, and the process that loads the tool along it."""
+"""Job files: a robot, a path, and the process that loads the tool along it."""
 
 from __future__ import annotations
 
@@ -36,18 +36,18 @@ if TYPE_CHECKING:
     from stiffscope.design.path.cutting import CuttingForces
 
 _FORCE = q.Dimension("a force of a process", "N", "100 N", most=MOST_LOAD)
-_MOST_EXPONENT = 1.0  # beyond, thicker chips would take less force
+_MOST_EXPONENT = 1.0  # above it, thicker chips would need less force
 _SPEED = q.Dimension("a speed", "m/s", "600 mm/min", 1e-9, 1e3)
 _TURNS = q.Dimension("a rotational speed", "Hz", "9000 rpm", 1e-6, 1e5)
 _STRENGTH = q.Dimension("a yield strength", "Pa", "355 MPa", 1e3, 1e12)
 _STRESS = q.Dimension("a specific cutting force", "Pa", "2220 N/mm^2", 1e3, 1e12)
 
-
-_A_SECOND = {"rpm": 60.0, "1/min": 60.0, "rev/min": 60.0, "Hz": 1.0, "1/s": 1.0, "rev/s": 1.0}  # turns
+# 1 rev/s in each unit of rotational speed
+_A_SECOND = {"rpm": 60.0, "1/min": 60.0, "rev/min": 60.0, "Hz": 1.0, "1/s": 1.0, "rev/s": 1.0}
 
 
 def _speed(value: Any) -> float:
-    """Turns a second; a bare number is that, a text has one of the units of rotational speed."""
+    """Return a rotational speed in rev/s from a number in rev/s or a text with a unit."""
     if not isinstance(value, str):
         return q.to_si(value, _TURNS)
     number, _, unit = value.strip().partition(" ")
@@ -74,7 +74,7 @@ class ForceSection(Section):
 
 
 class _Cut(Section):
-    """What milling and drilling share: the material by name, or its own kc1 and mc."""
+    """Common keys of milling and drilling: a material by name, or kc1 and mc."""
 
     material: str | None = None
     kc1: Stress | None = None
@@ -84,7 +84,7 @@ class _Cut(Section):
     feed: Annotated[Feed | None, Says("feed where the path has none")] = None
 
     def law(self) -> tuple[float, float]:
-        """Specific cutting force in Pa and exponent. Raises ValueError."""
+        """Return specific cutting force, Pa, and exponent. Raise ValueError if inconsistent."""
         own = [name for name in ("kc1", "mc") if getattr(self, name) is not None]
         if self.material is not None and own:
             raise ValueError(f"expected a material, or kc1 and mc, got a material and {' and '.join(own)}")
@@ -109,7 +109,7 @@ class MillingSection(_Cut):
     axial: Share = 0.0
 
     def forces(self, feed: float) -> CuttingForces:
-        """Mean forces at a feed in m/s."""
+        """Return the mean forces at a feed in m/s."""
         if self.width > self.diameter:
             raise ValueError("expected a width of at most the diameter")
         return mill(
@@ -124,7 +124,7 @@ class DrillingSection(_Cut):
     point: Turned = float(np.deg2rad(118.0))
 
     def forces(self, feed: float) -> CuttingForces:
-        """Thrust and torque at a feed in m/s."""
+        """Return thrust and torque at a feed in m/s."""
         return drill(*self.law(), diameter=self.diameter, speed=self.speed, feed=feed, point=self.point)
 
 
@@ -137,7 +137,7 @@ class ProcessSection(Section):
 
     @property
     def cuts(self) -> tuple[MillingSection | DrillingSection, ...]:
-        """Milling and drilling, as far as they are given."""
+        """The given cuts: milling and drilling."""
         return tuple(cut for cut in (self.milling, self.drilling) if cut is not None)
 
 
@@ -177,7 +177,7 @@ class FreeSection(Section):
     turn: Annotated[Positive, Says("turns: at most so many degrees a millimetre of path")] = 2
 
     def motions(self, axis: tuple[float, ...]) -> tuple[Motion, ...]:
-        """The motions that are free; ``axis``: of the tool."""
+        """Return the free motions; ``axis``: axis of the tool."""
         rate = np.deg2rad(self.turn) * 1e3
         found = []
         if self.table is not None:
@@ -211,7 +211,7 @@ class JobSection(Section):
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """A robot, its path and what loads it; ``file`` is the job's, ``path_file`` the path's."""
+    """A robot, its path and its loads; ``file`` is the job's file, ``path_file`` the path's."""
 
     file: Path
     path_file: Path
@@ -226,14 +226,14 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
     Parameters
     ----------
     path
-        A TOML file; the robot and the path that it names are sought from its folder.
+        TOML file; paths of robot and tool path are relative to its folder.
     instead
-        A robot in place of the job's, or its file: one that a diagnosis adopted, a study's.
+        Robot or robot file that replaces the job's, e.g. from a diagnosis or a study.
 
     Raises
     ------
     InputError
-        One line that names the file, the line, the field, what was expected and what was found.
+        The file is invalid; the message names file, line, field, expected and found value.
 
     """
     path = Path(path)
@@ -265,7 +265,7 @@ def _check_process(top: JobSection) -> None:
 
 
 def _axes(top: JobSection) -> np.ndarray:
-    """Axes (3, 3) of a program, as columns."""
+    """Return the axes (3, 3) of a program as columns."""
     x, y = np.array(top.x), np.array(top.y)
     x = x / np.linalg.norm(x)
     y = y - x * (x @ y)

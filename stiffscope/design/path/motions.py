@@ -1,4 +1,4 @@
-"""Motions that a process leaves free: turns about the tool's axis, a turntable or a slide under the workpiece."""
+"""Free motions of a process: rotation about the tool's axis, turntable or slide."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ class Motion:
     Attributes
     ----------
     axis
-        In base axes; a spindle's at home.
+        Axis in base axes, for a spindle at home.
     at
         Point of a turntable's axis, m.
     ends
-        Least and greatest value.
+        Smallest and largest value.
     rate
-        Most change a metre of path.
+        Largest change per metre of path.
     """
 
     name: Literal["spindle", "table", "slide"]
@@ -36,18 +36,18 @@ class Motion:
 
     @property
     def start(self) -> float:
-        """The value next to 0 that is allowed."""
+        """Allowed value nearest to 0."""
         return float(np.clip(0.0, *self.ends))
 
     def grid(self, turns: int) -> Array:
-        """Values over the range: a turn has ``turns``, so has a slide."""
+        """Return values over the range: ``turns`` per full turn, or for a slide in total."""
         low, high = self.ends
         share = 1.0 if self.name == "slide" else min(1.0, (high - low) / (2.0 * np.pi))
         whole = self.name != "slide" and high - low >= 2.0 * np.pi - 1e-9
         return np.linspace(low, high, max(2, round(share * turns) + 1))[: -1 if whole else None]
 
     def place(self, tool: Array, values: Array) -> tuple[Array, Array]:
-        """Poses (n, 6) of the tool with values (n,) of the motion, and how (n, 3, 3) it turns the workpiece."""
+        """Return tool poses (n, 6) and workpiece rotations (n, 3, 3) for values (n,)."""
         axis = np.array(self.axis) / np.linalg.norm(self.axis)
         out, still = tool.copy(), np.broadcast_to(np.eye(3), (len(tool), 3, 3))
         if self.name == "slide":

@@ -1,4 +1,4 @@
-"""Stress in the parts where the error along a path is greatest, from their displacements under unit wrenches."""
+"""Stress in the parts at the greatest path error, from displacements under unit wrenches."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class PartStress:
-    """Greatest von Mises stress ``von_mises`` in Pa of a body, and where, ``at`` (3,) in m in its part's axes.
+    """Greatest von Mises stress of a body, Pa, and its position ``at`` (3,), m, part axes.
 
-    ``factor``: the material's yield strength over it; None where the job does not state that strength. ``displacement``
-    (k, 3) in m and ``stress`` (k,) in Pa are those of all nodes of the part that was ``tested``.
+    ``factor``: yield strength over stress; None if the job does not state the strength.
+    ``displacement`` (k, 3), m, and ``stress`` (k,), Pa, at all nodes of the ``tested`` part.
     """
 
     body: str
@@ -37,19 +37,19 @@ class PartStress:
 
 
 def find_stresses(state: Along, assembled: Assembled, response: Response) -> tuple[PartStress, ...]:
-    """Stresses at the point of the greatest error, of every body whose part FEA has tested; the greatest first.
+    """Return stresses at the greatest error for bodies with FEA parts, the greatest first.
 
-    Elements that touch a clamped or loaded face are left out: at its edges the stress grows with every refinement.
-    A part's own weight acts at its ends alone.
+    Elements touching a clamped or loaded face are excluded, since the stress at its edges diverges
+    with mesh refinement. A part's own weight acts only at its ends.
 
     Parameters
     ----------
     state
-        The path.
+        Prediction along the path.
     assembled
-        The job's robot with its parts.
+        Assembled robot of the job.
     response
-        What the robot does there.
+        Response of the robot at the greatest error.
 
     """
     out: list[PartStress] = []
@@ -71,7 +71,7 @@ def find_stresses(state: Along, assembled: Assembled, response: Response) -> tup
 
 
 def _away_from_interfaces(result: PartResult) -> Flags:
-    """Which nodes (k,) are of no element that touches a clamped or loaded face; all where none is left."""
+    """Return flags (k,) of nodes away from clamped and loaded faces; all nodes if none is left."""
     mesh, faces = result.experiment.mesh, result.solid["faces"]
     touching = np.isin(mesh.cells, mesh.nodes_of(frozenset(faces["clamped"] + faces["loaded"]))).any(axis=1)
     away = np.ones(len(mesh.points), dtype=bool)

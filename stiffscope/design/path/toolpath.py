@@ -1,4 +1,4 @@
-"""Paths of the tool: commanded poses in order, from a table or a program, and back into the same format."""
+"""Tool paths: commanded poses read from a table or a program, and written in the same format."""
 
 from __future__ import annotations
 
@@ -39,15 +39,15 @@ class ToolPath:
     columns
         Coordinates of the robot's pose, or "q:JOINT" for each of its drives.
     values
-        (n, k) SI.
+        Commands (n, k), SI.
     feed, time
-        (n,) m/s and s; None where the path has none.
+        Feed and time (n,), m/s and s, or None.
     wrench
-        (n, 6) N, N·m at M in base axes, or None.
+        Wrench (n, 6) at M in base axes, N and N·m, or None.
     rapid
-        (n,) where the process does not act.
+        Whether (n,) the process does not act.
     lines
-        (n,) lines of the file.
+        Line numbers (n,) in the file.
     """
 
     columns: tuple[str, ...]
@@ -58,27 +58,27 @@ class ToolPath:
     rapid: Flags
     lines: Sequence[int]
     factors: Mapping[str, float]
-    """What one of each column's unit is in SI."""
+    """Factor from each column's unit to SI."""
     program: Program | None = None
     place: tuple[Array, Array] | None = None
-    """Zero (3,) and axes (3, 3) of the program, and where of its axes the pose's coordinates are."""
+    """Origin (3,) and axes (3, 3) of the program in base axes."""
     free: Mapping[str, Array] = field(default_factory=dict)
-    """Coordinates (n,) besides the robot's that are chosen, rad or m."""
+    """Chosen free coordinates (n,), rad or m."""
 
     def __len__(self) -> int:
         return len(self.values)
 
     @property
     def by_joints(self) -> bool:
-        """Whether drives' positions are commanded in place of poses."""
+        """Whether drive positions are commanded instead of poses."""
         return bool(self.columns) and self.columns[0].startswith(JOINT)
 
     def command(self, values: Array) -> ToolPath:
-        """The same path with other commands (n, k)."""
+        """Return the path with other commands (n, k)."""
         return replace(self, values=values)
 
     def write(self, path: Path) -> None:
-        """Write the commands in the format that they came in, with the same key columns and units."""
+        """Write the commands in their original format with the same key columns and units."""
         if self.program is not None and self.place is not None:
             origin, axes = self.place
             points = self.program.points.copy()
@@ -103,21 +103,21 @@ def read_toolpath(
     Parameters
     ----------
     path
-        A table with a column for each coordinate of the robot's pose, or "q:JOINT" for each of its drives, and if
-        wished feed, t, fx … mz; or a program.
+        Program, or table with a column for each coordinate of the robot's pose, or "q:JOINT" for
+        each drive, and optional columns feed, t, fx … mz.
     robot
-        Whose pose it commands.
+        Robot that follows the path.
     units
-        By column; SI without it.
+        Units by column; the default is SI.
     step
-        m; of a program, a point at least so often.
+        Largest distance of points of a program, m.
     at, axes
-        Of a program: its zero (3,) and its axes (3, 3) in base axes.
+        Origin (3,) and axes (3, 3) of a program in base axes.
 
     Raises
     ------
     InputError
-        A column or number that is none, with file, line and column.
+        A column or number is invalid; the message names file, line and column.
 
     """
     if path.suffix.lower() in PROGRAMS:
@@ -155,20 +155,20 @@ def _column(table: Table | _Numbers, name: str, factors: Mapping[str, float]) ->
 
 @dataclass(frozen=True, eq=False)
 class _Numbers:
-    """Columns (n,) of a table of finite numbers alone, and the lines that its rows stand in."""
+    """Columns (n,) of a table with only finite numbers, and the line numbers of its rows."""
 
     name: str
     columns: dict[str, Array]
     lines: Sequence[int]
 
     def fail(self, row: int, column: str, expected: str) -> InputError:
-        """The error that names a cell."""
+        """Return the error for a cell."""
         found = self.columns[column][row]
         return InputError(f"{self.name}:{self.lines[row]}: {column}: expected {expected}, got '{found:g}'")
 
 
 def _read_plain(path: Path, check: Callable[[str, list[str]], None]) -> _Numbers | None:
-    """A table in CSV of finite numbers alone, without a text for each; None for any other, which `read_table` takes."""
+    """Read a CSV table with only finite numbers quickly; None for others, left to `read_table`."""
     import pyarrow as pa
     from pyarrow import csv
 
@@ -191,7 +191,7 @@ def _read_plain(path: Path, check: Callable[[str, list[str]], None]) -> _Numbers
 
 
 def _factor(path: Path, column: str, unit: str | None) -> float:
-    """What one of a column's unit is in SI. Raises InputError."""
+    """Return the factor from a column's unit to SI. Raise InputError for an unknown unit."""
     if unit is None:
         return 1.0
     sizes = {"feed": (_FEED,), "t": (_TIME,)}

@@ -1,4 +1,4 @@
-"""Pictures of solids: pyvista renders off-screen, matplotlib adds titles and scales; run as a process of its own.
+"""Pictures of solids, drawn in a separate process: pyvista renders, matplotlib adds titles, scales.
 
-Every picture is a function that is called by name through `stiffscope.report.pictures.draw`. Lengths in m.
+`stiffscope.report.pictures.draw` calls the function of each picture by name. Lengths in m.
 """

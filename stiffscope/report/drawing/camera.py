@@ -1,4 +1,4 @@
-"""Fixed cameras without perspective, and the picture that one takes."""
+"""Fixed cameras with parallel projection, and their screenshots."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-DOWN_Z = (0.0, 0.0, -1.0)  # what is up where z points down, as in the parts
+DOWN_Z = (0.0, 0.0, -1.0)  # up if z points down, as in the parts
 
 
 @dataclass(frozen=True)
 class View:
-    """A fixed camera: direction towards it, what it looks at, half the height of what it sees."""
+    """A fixed camera: direction towards it, focus, half the height of its view."""
 
     towards: tuple[float, float, float]
     focus: Floats
@@ -33,11 +33,11 @@ class View:
 
     @property
     def lift(self) -> Floats:
-        """Brings lines in front of the surface they lie on; a parallel projection does not show it."""
+        """Offset of lines in front of their surface, invisible in parallel projection."""
         return 4e-3 * self.half_height * self.direction
 
     def pixel(self, point: Floats) -> tuple[float, float]:
-        """Where a point (3,) is seen: pixels from the left, and from the bottom."""
+        """Return the position of a point (3,) in pixels from the left and from the bottom."""
         right = np.cross(-self.direction, self.up)
         right /= np.linalg.norm(right)
         across, above = np.array([right, np.cross(right, -self.direction)]) @ (point - self.focus)
@@ -52,18 +52,18 @@ def view_of(
     width: int,
     up: tuple[float, float, float] = DOWN_Z,
 ) -> View:
-    """Camera that just holds all points; the picture is as flat as they are.
+    """Return a camera that fits all points; the aspect ratio of the picture follows them.
 
     Parameters
     ----------
     points
-        What is to be seen (n, 3), m.
+        Points to show (n, 3), m.
     towards
         Direction towards the camera.
     width
-        Of the picture (pixels).
+        Width of the picture (pixels).
     up
-        Direction that is up in the picture.
+        Upward direction in the picture.
 
     """
     direction = np.array(towards) / np.linalg.norm(towards)
@@ -81,7 +81,7 @@ def view_of(
 
 
 def new_plotter(view: View) -> pv.Plotter:
-    """A white scene seen by the camera."""
+    """Return a plotter with a white background and this camera."""
     plotter = pv.Plotter(off_screen=True, window_size=list(view.size), lighting="light kit")
     plotter.set_background("white")  # type: ignore[call-arg, arg-type]
     plotter.enable_anti_aliasing("ssaa")
@@ -95,7 +95,7 @@ def new_plotter(view: View) -> pv.Plotter:
 
 
 def shot(plotter: pv.Plotter) -> Floats:
-    """The picture (height, width, 3); the scene is gone afterwards."""
+    """Return the picture (height, width, 3) and close the plotter."""
     image = plotter.screenshot(return_img=True)
     plotter.close()
     if image is None:

@@ -1,4 +1,4 @@
-"""The solids of a robot as plain numbers for the viewer of a page: meshes once each, and the bodies that show them."""
+"""Solids of a robot as numbers for a page's viewer: distinct meshes, and the bodies using them."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-# Triangles of a mesh, of all that is drawn, and below which no mesh is thinned: without a graphics card a browser takes
-# some 50 µs for each.
+# Most triangles of a mesh and in total; smaller meshes than the last are not decimated. Without a
+# graphics card a browser needs about 50 µs per triangle.
 TRIANGLES, ALL_TRIANGLES, FEWEST = 6_000, 24_000, 400
-SHARP = 35.0  # degrees, from which an edge is one
+SHARP = 35.0  # degrees; edges above this angle are drawn
 
 
 def pack_solids(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, Any]:
-    """Return what a page's viewer shows, at home: `meshes`, `solids`, size and vertical.
+    """Return the data of a page's viewer at home: `meshes`, `solids`, vertical and size.
 
-    A mesh has points (float32), faces (uint32), normals (int8, of 127) and pairs of points of its sharp edges
-    (float32), base64 each, m; a solid shows it at ``axes x + base`` and moves with its one or two ``nodes``.
+    A mesh has points (float32, m), faces (uint32), normals (int8, times 127) and point pairs of its
+    sharp edges, in base64. A solid shows it at ``axes x + base`` and moves with its ``nodes``.
     """
     shapes: list[pv.PolyData] = []
     placed: list[dict[str, Any]] = []
@@ -54,7 +54,7 @@ def pack_solids(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, 
 
 
 def _own_axes(solid: Solid) -> tuple[Floats, Floats, pv.PolyData]:
-    """A solid in axes in which its like, elsewhere on the robot, has the same points."""
+    """Return axes, base and surface of a solid in its own axes, equal for all copies."""
     points = np.asarray(solid.surface.points, float)
     axes = np.eye(3) if solid.axes is None else np.asarray(solid.axes, float)
     base = points.mean(axis=0) if solid.base is None else np.asarray(solid.base, float)
@@ -68,13 +68,13 @@ def _are_alike(one: pv.PolyData, other: pv.PolyData) -> bool:
 
 
 def _thin(shape: pv.PolyData, limit: int) -> pv.PolyData:
-    """A surface of at most about so many triangles."""
+    """Return a surface with at most about ``limit`` triangles."""
     thinned: Any = shape if shape.n_cells <= limit else shape.decimate(1.0 - limit / shape.n_cells)
     return thinned
 
 
 def _mesh(shape: pv.PolyData) -> dict[str, str]:
-    """A surface with normals that jump at sharp edges."""
+    """Return a surface with separate normals at sharp edges, in base64."""
     lines = shape.extract_feature_edges(SHARP, boundary_edges=False, manifold_edges=False, non_manifold_edges=False)
     pairs = np.asarray(lines.lines).reshape(-1, 3)[:, 1:]
     smooth: Any = shape.compute_normals(cell_normals=False, split_vertices=True, feature_angle=SHARP)

@@ -1,4 +1,4 @@
-"""Pictures of a part: deformed by six unit wrenches, and meshed, with its clamped and loaded faces."""
+"""Pictures of a part deformed by six unit wrenches, and of its mesh with its tagged faces."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 WRENCHES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 LOADS = ("1 N", "1 N", "1 N", "1 N·m", "1 N·m", "1 N·m")
 CLAMPED, LOADED, FREE = "#1f5fa8", "#e08214", "#d9dde2"
-DEFORMATION = 0.12  # largest displacement as drawn, relative to the part's diagonal
+DEFORMATION = 0.12  # largest drawn displacement over the part's diagonal
 
 
 def part_pictures(
@@ -40,16 +40,16 @@ def part_pictures(
     sheet: str,
     mesh: str | None = None,
 ) -> None:
-    """Draw a part's deformations, and its mesh where a file is given for it.
+    """Draw a part's deformations and, if a file is given, its mesh.
 
     Parameters
     ----------
     folder
-        Where to write.
+        Folder to write to.
     experiment
         File of the experiment.
     title
-        What the part is called.
+        Name of the part.
     clamped, loaded
         Indices of the CAD faces.
     sheet, mesh
@@ -83,18 +83,18 @@ def _contact_sheet(target: Path, experiment: Experiment, title: str) -> None:
 
 
 def stressed_part(target: Path, experiment: str, field: str, node: int, title: str) -> None:
-    """Draw a part's von Mises stress under one load, its hot spot marked.
+    """Draw a part's von Mises stress under one load and mark its maximum.
 
     Parameters
     ----------
     target
         PNG file.
     experiment, field
-        Files of the experiment, and of ``displacement`` and ``von_mises`` at its nodes (VTU).
+        Files of the experiment, and of the nodal ``displacement`` and ``von_mises`` (VTU).
     node
-        Where the stress is greatest.
+        Node with the greatest stress.
     title
-        What is drawn.
+        Title.
 
     """
     mesh, fields = load_experiment(experiment).mesh, meshio.read(field).point_data
@@ -113,7 +113,7 @@ def stressed_part(target: Path, experiment: str, field: str, node: int, title: s
 def _draw_deformed(
     mesh: TetMesh, points: Floats, values: Floats, colours: str, view: View, node: int | None = None
 ) -> tuple[Floats, float, float]:
-    """Image of a deformed part, the upper limit of its colours and the largest value; a ``node`` is marked."""
+    """Return the image of a deformed part, colour limit and largest value; mark ``node``."""
     largest = float(values.max())
     limit = float(np.quantile(values[np.unique(mesh.facets)], 0.995)) if colours == "inferno" else largest
     limit = limit if node is None else float(values[node])
@@ -137,7 +137,7 @@ def _draw_deformed(
 
 
 def _tagged_mesh(target: Path, experiment: Experiment, title: str, clamped: list[int], loaded: list[int]) -> None:
-    """Draw the mesh from both ends, clamped and loaded faces in colour."""
+    """Draw the mesh from both ends with coloured clamped and loaded faces."""
     mesh = experiment.mesh
     views = [view_of(mesh.points, towards=(side, 1.0, -0.75), width=1100) for side in (0.55, -0.9)]
     counts = f"{len(mesh.cells):,} quadratic tetrahedra, {len(mesh.points):,} nodes"

@@ -1,6 +1,6 @@
-"""Pictures of any robot at a pose: parts as their solids, rigid bodies as hulls of what they connect, joints by type.
+"""Pictures of any robot at a pose: parts as solids, rigid bodies as hulls, joints by type.
 
-Everything is given at home in base axes; a picture says how each node has moved since, ``x = R x_home + p``.
+Geometry is given at home in base axes; pictures give the motion of nodes, ``x = R x_home + p``.
 """
 
 from __future__ import annotations
@@ -47,16 +47,16 @@ if TYPE_CHECKING:
 
 SHARES = "YlOrRd"
 NO_SHARE, BEFORE, EDGES = "#d9dde2", "#9aa4b0", "#20252b"
-TOWARDS = (0.42, -1.0, 0.4)  # the camera, in axes whose z points up
-WIDTH, ABOVE, BELOW = 1200, 42, 34  # pixels: of the picture, of its title, of its key
-MOVING, PERIOD = 720, 1280  # pixels across, and milliseconds of a vibration, of an animation
-LONG = 1300  # characters times points of a title that has room
+TOWARDS = (0.42, -1.0, 0.4)  # towards the camera, in axes with z up
+WIDTH, ABOVE, BELOW = 1200, 42, 34  # pixels: width, height of the title, height of the key
+MOVING, PERIOD = 720, 1280  # animation: width in pixels, period in ms
+LONG = 1300  # longest title, in characters times points
 _DARK_DOUBT = "#9a6a00"
 AXES = ("#d62728", "#2ca02c", "#1f4fd6")
 MARKS = {"sensor": "#8e24aa", "load": "#ef6c00"}
-CONTEXT = 1.7  # times what the arrows themselves take up, of a close picture of them
-SHADES = 9  # of a scale, for a page's viewer
-_NAMED = 5  # parts in the key, at most
+CONTEXT = 1.7  # field of view of a close picture over the extent of its arrows
+SHADES = 9  # shades of the colour scale in a page's viewer
+_NAMED = 5  # most parts in the key
 
 
 def robot(
@@ -71,35 +71,35 @@ def robot(
     marks: list[dict[str, Any]] | None = None,
     geometry: str | None = None,
 ) -> None:
-    """The robot, one picture for each {file, title, moves, before}; `stiffscope.report.robot_scene` makes all of it.
+    """Draw the robot, one picture per {file, title, moves, before}; see `report.robot_scene`.
 
     Parameters
     ----------
     folder
-        Where the files go.
+        Folder to write to.
     pictures
-        ``moves``: node to [R (3, 3), p (3,)] since home; ``before``, optional: the same, drawn in a light colour;
-        ``ghost``, optional: another robot in that colour, {bodies, joints, tool, moves};
-        ``close``, optional: true of a picture of the marks alone, with their names and what is near;
-        ``kinds``, optional: true of a picture that names the kind of each joint.
+        ``moves``: node to [R (3, 3), p (3,)] from home. Optional: ``before``, former ``moves``, and
+        ``ghost``, another robot {bodies, joints, tool, moves}, both drawn light; ``close``: show
+        only the marks with names, and their surroundings; ``kinds``: label joints with their kind.
     bodies
-        {name, nodes, part, experiment, shape, mesh, axes, base, length, places}; a rigid body has one node. ``shape``:
-        {radius} of a rod or {width, thickness} of a plate, for a part without an experiment; ``mesh``: a surface in m.
+        {name, nodes, part, experiment, shape, mesh, axes, base, length, places}; a rigid body has
+        one node. ``shape``, without an experiment: {radius} of a rod or {width, thickness} of a
+        plate; ``mesh``: a surface in m.
     joints
-        {name, kind, first, second, at, axis, axis2, driven, low, high}, m and rad; ``doubted``, optional, and of the
-        kind "doubt" where there may be one.
+        {name, kind, first, second, at, axis, axis2, driven, low, high}, m and rad; ``doubted`` is
+        optional; a possible further joint has the kind "doubt".
     tool
         {node, at}.
     up
-        (3,), against gravity.
+        (3,), opposite to gravity.
     shares
-        Colours of elements, by a share between 0 and 1, up to the largest; ``scale`` says of what. A picture may have
-        ``shares`` of its own.
+        Share of each element (0 to 1), shown in colours; ``scale`` is the quantity. A picture may
+        have its own ``shares``.
     marks
-        {kind, name, node, at, direction}: arrows at points (3,) of nodes at home, along directions (3,) in base axes,
-        of the kinds "sensor" and "load".
+        {kind, name, node, at, direction}: arrows of kind "sensor" or "load" at points (3,) of nodes
+        at home, along directions (3,) in base axes.
     geometry
-        JSON file to write the solids to, for a page's viewer.
+        JSON file for the solids of a page's viewer.
 
     """
     upward, home = np.array(up, float), np.array(tool["at"], float)
@@ -142,17 +142,17 @@ def animation(
     shares: dict[str, float] | None = None,
     scale: str = "share",
 ) -> None:
-    """The robot moving, one GIF for each picture, seen by a camera that stands still.
+    """Draw the moving robot, one GIF per picture, with a fixed camera.
 
     Parameters
     ----------
     folder
-        Where to write.
+        Folder to write to.
     pictures
-        Each {file, title, frames, order}; ``frames``: as ``moves`` of `robot`, ``order``: which of
-        them follow one another, in a loop.
+        {file, title, frames, order}; ``frames``: each like ``moves`` of `robot`; ``order``: indices
+        of the frames in the loop.
     bodies, joints, tool, up, shares, scale
-        As for `robot`.
+        As in `robot`.
 
     """
     upward, home = np.array(up, float), np.array(tool["at"], float)
@@ -183,7 +183,7 @@ def _moves(given: dict[str, Any]) -> Moves:
 
 
 def _by_colour(solids: list[Solid], moves: Moves, shares: dict[str, float] | None) -> dict[str, pv.PolyData]:
-    """One surface for each colour: many small ones are slow to draw."""
+    """Merge solids into one surface per colour, since many small ones draw slowly."""
     groups: dict[str, list[pv.PolyData]] = {}
     most = max((shares or {}).values(), default=1.0)
     for solid in solids:
@@ -195,7 +195,7 @@ def _by_colour(solids: list[Solid], moves: Moves, shares: dict[str, float] | Non
 
 @dataclass(frozen=True)
 class Arrow:
-    """A mark on the robot: from ``ends[0]`` to ``ends[1]``, (2, 3) in base axes, m."""
+    """A mark on the robot, from ``ends[0]`` to ``ends[1]``, (2, 3) in base axes, m."""
 
     kind: str
     name: str
@@ -203,7 +203,7 @@ class Arrow:
 
 
 def _arrows(marks: list[dict[str, Any]], moves: Moves, reach: float, close: bool) -> list[Arrow]:
-    """Arrows that end where sensors touch, or start where loads act: as long as fits the robot, or the marks alone."""
+    """Return arrows that end at sensors or start at loads, sized for a whole or close view."""
     places = []
     for mark in marks:
         rotation, position = moves[mark["node"]]
@@ -220,19 +220,19 @@ def _arrows(marks: list[dict[str, Any]], moves: Moves, reach: float, close: bool
 
 
 def _around(points: Floats) -> Floats:
-    """Points (k, 3), moved apart so that what lies around them is seen too."""
+    """Scale points (k, 3) from their middle, so that the view includes their surroundings."""
     middle = (points.max(axis=0) + points.min(axis=0)) / 2
     return middle + CONTEXT * (points - middle)
 
 
 def _name_arrows(figure: Figure, view: View, arrows: list[Arrow]) -> None:
-    """The name of each arrow at its free end."""
+    """Label each arrow with its name at its free end."""
     free = ((each, each.ends[0 if each.kind == "sensor" else 1]) for each in arrows)
     _put_labels(figure, view, [(end, each.name, MARKS[each.kind]) for each, end in free], "bold")
 
 
 def _name_joints(figure: Figure, view: View, joints: list[dict[str, Any]], moves: Moves) -> None:
-    """The kind of each joint, above it; of what is no joint but may be one, whose."""
+    """Label each joint with its kind, and each possible joint with its bodies."""
     labels = []
     for joint in joints:
         rotation, position = moves[joint["first"]]
@@ -245,7 +245,7 @@ def _name_joints(figure: Figure, view: View, joints: list[dict[str, Any]], moves
 def _put_labels(
     figure: Figure, view: View, labels: list[tuple[Floats, str, str]], weight: str = "normal", raised: float = 0.0
 ) -> None:
-    """Texts some pixels above points (3,) in colours, each that would lie on another one above that."""
+    """Write coloured labels above points (3,); shift a label up if it would overlap another."""
     width, height = view.size
     taken: list[tuple[float, float]] = []
     for point, text, colour in labels:
@@ -275,7 +275,7 @@ def _scene(
     width: int = WIDTH,
     arrows: Sequence[Arrow] = (),
 ) -> tuple[Floats, View]:
-    """The picture, and its camera: it sees all, or points (k, 3) alone."""
+    """Return the picture and its camera, which fits everything or only points (k, 3)."""
     if seen is None:
         tips = np.add([point], 0.12 * reach * np.eye(3))
         seen = np.vstack([*(shape.points for shape in shapes.values()), *(each.ends for each in arrows), tips])
@@ -304,7 +304,7 @@ def _scene(
 
 
 def _draw_arrow(plotter: pv.Plotter, view: View, ends: Floats, colour: str) -> None:
-    """An arrow in front of all solids, as a parallel projection allows."""
+    """Draw an arrow in front of all solids; parallel projection keeps its place."""
     along = ends[1] - ends[0]
     arrow = pv.Arrow(
         start=ends[0] + 15.0 * view.half_height * view.direction, direction=along, scale=float(np.linalg.norm(along)),
@@ -314,7 +314,7 @@ def _draw_arrow(plotter: pv.Plotter, view: View, ends: Floats, colour: str) -> N
 
 
 def frame_picture(image: Floats, view: View, title: str) -> Figure:
-    """The picture under its title, with room below for what its colours mean."""
+    """Return a figure of the picture with its title above and space for the key below."""
     width, height = view.size
     total = height + ABOVE + BELOW
     figure = Figure(figsize=(width / 100, total / 100), facecolor="white")
@@ -336,7 +336,7 @@ def _explain(
     scale: str,
     marks: list[str] | None = None,
 ) -> None:
-    """What the colours mean."""
+    """Draw the colour key or the scale of shares."""
     if shares is None:
         _key(figure, {**meanings, **{kind: MARKS[kind] for kind in marks or []}})
     else:
@@ -344,7 +344,7 @@ def _explain(
 
 
 def key_of(bodies: list[dict[str, Any]], joints: Sequence[dict[str, Any]] = ()) -> dict[str, str]:
-    """Colours by what they mean: parts, rigid bodies where there are several, and what is doubtful."""
+    """Return the colour key: parts, rigid bodies if several, joints, drives and doubtful joints."""
     doubted = {"doubtful": DOUBTED} if any(joint.get("doubted") for joint in joints) else {}
     colours = {**part_colours(bodies), **rigid_colours(bodies)}
     named = dict(list(colours.items())[:_NAMED])
@@ -360,7 +360,7 @@ def _key(figure: Figure, entries: dict[str, str]) -> None:
         handletextpad=0.4, columnspacing=1.2, borderaxespad=0.2,
     )  # fmt: skip
     for text in key.get_texts():
-        text.set_parse_math(False)  # names of parts are as they are
+        text.set_parse_math(False)  # names of parts are not math
 
 
 def _share_bar(figure: Figure, scale: str, most: float) -> None:
@@ -373,12 +373,12 @@ def _share_bar(figure: Figure, scale: str, most: float) -> None:
 
 
 def share_colour(share: float | None, most: float) -> str:
-    """Colour of a share on a scale that ends at the largest; grey without one."""
+    """Return the colour of a share on a scale up to the largest share; grey for None."""
     return NO_SHARE if share is None else to_hex(colormaps[SHARES](share / most if most > 0.0 else 0.0))
 
 
 def warm_up() -> None:
-    """Load what the first picture of solids loads: VTK's graphics, OpenGL, hulls."""
+    """Load VTK's graphics, OpenGL and hull routines before the first picture of solids."""
     plotter = new_plotter(View((1.0, 0.0, 0.0), np.zeros(3), 1.0, (16, 16), (0.0, 0.0, 1.0)))
     plotter.add_mesh(pv.Sphere(), smooth_shading=True, split_sharp_edges=True, feature_angle=35)
     shot(plotter)

@@ -1,4 +1,4 @@
-"""The sheet around renderings: cells with headings, colour scales, legends."""
+"""Sheets of renderings: cells with headings, colour scales, legends."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ GREY = "#5a6570"
 
 
 def sheet_of(rows: int, columns: int, size: tuple[int, int], title: str) -> tuple[Figure, list[Axes]]:
-    """Return a figure with cells for renderings of a size in pixels, row by row, under a title.
+    """Return a titled figure and its cells, row by row, for renderings of a size in pixels.
 
-    Names of robots and parts in the title are never read as mathematics.
+    The title is not parsed as math.
     """
     height = WIDTH * size[1] / size[0] + 0.78
     whole = rows * height + 0.5
@@ -39,7 +39,7 @@ def fill(axes: Axes, image: Floats, heading: str, remark: str = "") -> None:
     axes.imshow(image, interpolation="antialiased")
     axes.set_axis_off()
     axes.set_anchor("N")
-    axes.set_title(heading, loc="left", fontsize=11, color="#14181c", y=1.0)  # else it is sought, tick by tick
+    axes.set_title(heading, loc="left", fontsize=11, color="#14181c", y=1.0)  # else a slow search
     axes.set_title(remark, loc="right", fontsize=10, color=GREY, y=1.0)
 
 
@@ -51,7 +51,7 @@ def scale_bar(axes: Axes, limit: float, largest: float, unit: str, colours: str)
     axes
         Cell with the rendering.
     limit, largest
-        Upper end of the colours, and the largest value, which may lie above it; in the unit.
+        Upper end of the colours, and the largest value, which may exceed it; in the unit.
     unit
         SI unit without a prefix.
     colours
@@ -71,6 +71,6 @@ def scale_bar(axes: Axes, limit: float, largest: float, unit: str, colours: str)
 
 
 def legend(figure: Figure, entries: tuple[tuple[str, str], ...]) -> None:
-    """Draw colours and what they stand for, below left."""
+    """Draw a legend of colours at the lower left."""
     handles = [Patch(facecolor=colour, edgecolor="#3c4650", label=label) for colour, label in entries]
     figure.legend(handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=11)

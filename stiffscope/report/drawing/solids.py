@@ -1,4 +1,4 @@
-"""The solids of any robot at home: parts, rigid bodies, joints by type, feet; and how they move with their nodes."""
+"""Solids of a robot at home (parts, rigid bodies, joints, feet) and their motion with the nodes."""
 
 from __future__ import annotations
 
@@ -25,19 +25,19 @@ PARTS = ("#3b7dbf", "#d9822b", "#5b9a68", "#8e6bb0", "#b5666a", "#4c9c9c")
 BODIES = ("#8f9c70", "#9c7d92", "#6b97a3", "#a9926a", "#8288ad", "#a37a6f")
 RIGID, GROUND, PASSIVE, DRIVEN, RAIL = "#76828f", "#b4bcc5", "#2c343c", "#c0392b", "#c3c8ce"
 DOUBTED = "#f2a900"
-GLASS = "59"  # opacity in hexadecimal, of a solid that joints are seen through
-_SMALLEST = 0.018  # radius of a joint, in the robot's size
-_PLATE = 0.014  # half the thickness of a rigid body
-_FLAT = 1e-3  # height of an arc that is drawn as its chord, in the robot's size
-_STATIONS = 13  # along a bar that bends
+GLASS = "59"  # hexadecimal opacity of transparent solids
+_SMALLEST = 0.018  # smallest radius of a joint over the robot's size
+_PLATE = 0.014  # half the thickness of a rigid body over the robot's size
+_FLAT = 1e-3  # height of an arc drawn as its chord, over the robot's size
+_STATIONS = 13  # along a bending bar
 
 
 @dataclass(frozen=True)
 class Solid:
-    """A surface at home that belongs to an element, and the nodes it moves with; an elastic body bends between them.
+    """Surface of an element at home, moving with its nodes; elastic bodies bend between nodes.
 
-    One with a ``length`` is a bar along its part's x; else ``places`` (n, 3) are those of its n nodes at home.
-    ``glass``: whether one sees through it.
+    With a ``length`` it is a bar along its part's x axis; otherwise ``places`` (n, 3) are the home
+    positions of its n nodes. ``glass``: whether it is transparent.
     """
 
     element: str
@@ -51,7 +51,7 @@ class Solid:
     glass: bool = False
 
     def move(self, moves: Moves) -> pv.PolyData:
-        """The surface where its nodes have moved to."""
+        """Return the surface displaced with its nodes."""
         home = np.asarray(self.surface.points, float)
         ends = [home @ np.asarray(r).T + p for r, p in (moves[node] for node in self.nodes)]
         out = self.surface.copy()
@@ -62,13 +62,13 @@ class Solid:
         return out
 
     def _blend_ends(self, home: Floats, ends: list[Floats]) -> Floats:
-        """Between the rigid displacements of all ends: the nearer one is, the larger its share (Shepard)."""
+        """Interpolate rigid displacements of all ends with inverse-distance weights (Shepard)."""
         away = np.linalg.norm(home[None] - np.asarray(self.places)[:, None], axis=2)
         share = (away.max() * 1e-3 + away) ** -3.0
         return np.einsum("kn,kni->ni", share / share.sum(axis=0), np.array(ends))
 
     def _bent(self, home: Floats, ends: list[Floats], moves: Moves) -> Floats:
-        """Between the rigid displacements of both ends: Hermite's cubic, as a beam bends; linear along its axis."""
+        """Interpolate both ends' displacements with a cubic Hermite curve, axially linearly."""
         axes, base = np.asarray(self.axes), np.asarray(self.base)
         s = np.clip((home - base) @ axes[:, 0] / self.length, 0.0, 1.0)[:, None]
         share = s * s * (3.0 - 2.0 * s)
@@ -79,26 +79,26 @@ class Solid:
 
 
 def part_colours(bodies: Tables) -> dict[str, str]:
-    """Colour of each part, in the order of the bodies."""
+    """Return the colour of each part in the order of the bodies."""
     parts = dict.fromkeys(b["part"] for b in bodies if len(b["nodes"]) > 1)
     return {part: PARTS[k % len(PARTS)] for k, part in enumerate(parts)}
 
 
 def rigid_colours(bodies: Tables) -> dict[str, str]:
-    """Colour of each rigid body, where there are several."""
+    """Return the colour of each rigid body, if there are several."""
     rigid = [b["name"] for b in bodies if len(b["nodes"]) == 1]
     return {name: BODIES[k % len(BODIES)] for k, name in enumerate(rigid)} if len(rigid) > 1 else {}
 
 
 def extent(bodies: Tables, joints: Tables, tool: dict[str, Any]) -> float:
-    """Size of the robot at home in m."""
+    """Return the size of the robot at home, m."""
     points = [j["at"] for j in joints] + [tool["at"]]
     points += [b["base"] for b in bodies if b.get("base") is not None]
     return max(float(np.ptp(np.array(points, float), axis=0).max()), 1e-3)
 
 
 def solids_of(bodies: Tables, joints: Tables, tool: dict[str, Any], up: Floats) -> list[Solid]:
-    """Everything that a picture shows, at home; see `stiffscope.report.drawing.robot.robot` for the arguments."""
+    """Return all solids at home; for the arguments see `stiffscope.report.drawing.robot.robot`."""
     bodies = [_place_ends(body, joints) for body in bodies]
     reach = extent(bodies, joints, tool)
     sizes = _sizes(bodies, joints, reach)
@@ -112,7 +112,7 @@ def solids_of(bodies: Tables, joints: Tables, tool: dict[str, Any], up: Floats) 
 
 
 def upright(up: Floats) -> Floats:
-    """Axes (3, 3) as columns whose z is ``up``: where z is vertical the base's, or half a turn from them."""
+    """Return axes (3, 3) as columns with z along ``up``; the base's, maybe turned, if vertical."""
     if abs(up[2]) > 0.99:
         return np.diag([1.0, 1.0, 1.0] if up[2] > 0 else [1.0, -1.0, -1.0])
     side = np.cross(up, [0.0, 0.0, 1.0])
@@ -121,7 +121,7 @@ def upright(up: Floats) -> Floats:
 
 
 def _make_elastic(bodies: Tables, reach: float) -> Iterable[Solid]:
-    """Parts as their solids: the experiment's surface, else the shape's."""
+    """Yield the solids of the parts: surface of the experiment, or else of the shape."""
     colours = part_colours(bodies)
     for body in bodies:
         if len(body["nodes"]) > 1:
@@ -134,7 +134,7 @@ def _make_elastic(bodies: Tables, reach: float) -> Iterable[Solid]:
 
 
 def _place_ends(body: dict[str, Any], joints: Tables) -> dict[str, Any]:
-    """A body of named interfaces with its ends where its joints are, as long as no experiment gives their places."""
+    """Move the ends of a body with interfaces to its joints unless an experiment places them."""
     if len(body["nodes"]) < 2 or body["length"] or body.get("experiment"):
         return body
     at = {joint[end]: joint["at"] for joint in joints for end in ("first", "second")}
@@ -143,7 +143,7 @@ def _place_ends(body: dict[str, Any], joints: Tables) -> dict[str, Any]:
 
 
 def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
-    """Surface of a part in its own axes, seen from its first end, in m."""
+    """Return the surface of a part in its own axes, relative to its first end, m."""
     shape, length = body.get("shape") or {}, float(body["length"])
     if body.get("experiment"):
         tested = load_experiment(body["experiment"])
@@ -164,7 +164,7 @@ def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
 
 
 def _extrude(outline: list[list[tuple[float, float]]], length: float) -> pv.PolyData:
-    """A beam along x of the section that loops of corners (y, z) border."""
+    """Return a beam along x whose section is bounded by loops of corners (y, z)."""
     loops = [[*loop, loop[0]] for loop in outline]
     points = np.array([(0.0, y, z) for loop in loops for y, z in loop])
     starts = np.cumsum([0, *map(len, loops)])
@@ -176,13 +176,13 @@ def _extrude(outline: list[list[tuple[float, float]]], length: float) -> pv.Poly
 
 
 def _radius(body: dict[str, Any], reach: float) -> float:
-    """Radius of an elastic body that is drawn as a rod, m; that of a matrix is made up."""
+    """Return the radius of an elastic body drawn as a rod, m; arbitrary for a matrix part."""
     known = (body.get("shape") or {}).get("radius")
     return float(known) if known else min(0.03 * float(body["length"]), 0.014 * reach)
 
 
 def _ends(bodies: Tables) -> dict[str, Floats]:
-    """Where the ends of elastic bodies are."""
+    """Return the positions of the ends of elastic bodies."""
     out = {}
     for body in bodies:
         if len(body["nodes"]) > 1:
@@ -193,7 +193,7 @@ def _ends(bodies: Tables) -> dict[str, Floats]:
 def _brackets(
     bodies: Tables, joints: Tables, tool: dict[str, Any], sizes: dict[str, tuple[float, float]], reach: float
 ) -> Iterable[Solid]:
-    """What is rigid between an end of an elastic body and a joint, or the tool, that stands off from it."""
+    """Yield rigid rods between an elastic body's end and a distant joint or the tool."""
     ends = _ends(bodies)
     held = [(node, j["at"], 0.5 * sizes[j["name"]][0]) for j in joints for node in (j["first"], j["second"])]
     held.append((tool["node"], tool["at"], 0.5 * _SMALLEST * reach))
@@ -203,9 +203,9 @@ def _brackets(
 
 
 def _make_rigid(bodies: Tables, joints: Tables, tool: dict[str, Any], reach: float) -> Iterable[Solid]:
-    """Rigid bodies as hulls of small balls where their joints are, or as the user's own surface; a post to the tool.
+    """Yield rigid bodies as hulls of balls at their joints or as user surfaces, and a tool post.
 
-    A hull that would hide other joints or the tool is a star instead.
+    A star replaces a hull that would hide other joints or the tool.
     """
     colours = rigid_colours(bodies)
     for body in bodies:
@@ -234,7 +234,7 @@ def _make_rigid(bodies: Tables, joints: Tables, tool: dict[str, Any], reach: flo
 def _feet(
     joints: Tables, up: Floats, tool: Floats, sizes: dict[str, tuple[float, float]], reach: float
 ) -> Iterable[Solid]:
-    """What stands on the ground: a foot at each of its joints, on the side away from the tool."""
+    """Yield a foot at each joint to the ground, on the side away from the tool."""
     ring = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.linspace(0, 2 * np.pi, 25)[:-1]])
     for joint in joints:
         if "ground" not in (joint["first"], joint["second"]):
@@ -251,7 +251,7 @@ def _feet(
 
 
 def _sizes(bodies: Tables, joints: Tables, reach: float) -> dict[str, tuple[float, float]]:
-    """Radius and half the length of each joint: it stands out from the rods that it joins, and from joints there."""
+    """Return radius and half length of each joint, larger than its rods and coincident joints."""
     rods = {node: _radius(b, reach) for b in bodies for node in b["nodes"] if b.get("length") and _is_rod(b)}
     out: dict[str, tuple[float, float]] = {}
 
@@ -285,7 +285,7 @@ def _is_rod(body: dict[str, Any]) -> bool:
 
 
 def _joints(joints: Tables, sizes: dict[str, tuple[float, float]], reach: float) -> Iterable[Solid]:
-    """Joints by type, in the colour of their being driven or passive."""
+    """Yield the solids of the joints by type, in the colour for driven, passive or doubtful."""
     for joint in joints:
         name, at, (r, half) = joint["name"], np.array(joint["at"], float), sizes[joint["name"]]
         colour = DOUBTED if joint.get("doubted") else DRIVEN if joint["driven"] else PASSIVE
@@ -314,7 +314,7 @@ def _joints(joints: Tables, sizes: dict[str, tuple[float, float]], reach: float)
 
 
 def _range(joint: dict[str, Any], reach: float) -> tuple[float, float]:
-    """Range of a slide as it is drawn: its drive's, or some of the robot's size."""
+    """Return the drawn range of a slide: its drive's, or a share of the robot's size."""
     low, high = (
         float(np.clip(default if joint.get(key) is None else joint[key], -reach, reach))
         for key, default in (("low", -0.2 * reach), ("high", 0.2 * reach))
@@ -323,7 +323,7 @@ def _range(joint: dict[str, Any], reach: float) -> tuple[float, float]:
 
 
 def _star(ends: Floats, reach: float) -> pv.PolyData:
-    """Bars from the middle of points (k, 3) to each of them."""
+    """Return bars from the mean of points (k, 3) to each of them."""
     hub = ends.mean(axis=0)
     apart = [end for end in ends if np.linalg.norm(end - hub) > 1e-3 * reach]
     bars = [_rod(hub, end, 0.01 * reach, _STATIONS) for end in apart]
@@ -331,13 +331,13 @@ def _star(ends: Floats, reach: float) -> pv.PolyData:
 
 
 def _plate(length: float, width: float, thickness: float) -> pv.PolyData:
-    """A plate with enough points along x to bend."""
+    """Return a plate with enough points along x to show bending."""
     sides = (0.0, length, -width / 2, width / 2, -thickness / 2, thickness / 2)
     return _triangles(pv.Box(sides, level=8))
 
 
 def _rod(start: Floats, end: Floats, radius: float, stations: int = 2) -> pv.PolyData:
-    """A bar; one that bends has stations along it."""
+    """Return a bar; a bending one needs several stations along it."""
     along = np.linspace(start, end, stations)
     return _triangles(pv.Spline(along, stations).tube(radius=radius, n_sides=32, capping=True))
 
@@ -351,7 +351,7 @@ def _ball(at: Floats, radius: float) -> pv.PolyData:
 
 
 def _hull(points: Floats, radius: float) -> pv.PolyData:
-    """Convex hull of balls about points."""
+    """Return the convex hull of balls about points."""
     ball = np.asarray(pv.Icosphere(radius=radius, nsub=2).points, float)
     cloud = (points[:, None] + ball[None]).reshape(-1, 3)
     hull = ConvexHull(cloud)
@@ -365,7 +365,7 @@ def _hull(points: Floats, radius: float) -> pv.PolyData:
 
 
 def _hides(points: Floats, others: Floats, radius: float) -> bool:
-    """Whether the hull of balls about points (k, 3) holds one of others (m, 3) that is not beside a point."""
+    """Return whether the hull of balls about points (k, 3) contains distant others (m, 3)."""
     away = np.linalg.norm(others[:, None] - points[None], axis=2).min(axis=1, initial=np.inf)
     ball = np.vstack([np.eye(3), -np.eye(3)]) * radius
     hull = Delaunay((points[:, None] + ball[None]).reshape(-1, 3))
@@ -373,5 +373,5 @@ def _hides(points: Floats, others: Floats, radius: float) -> bool:
 
 
 def _triangles(shape: Any) -> pv.PolyData:
-    """A closed surface as triangles, which is what filters promise to nobody's type checker."""
+    """Return a closed surface as triangles; the cast helps type checkers."""
     return shape.triangulate()

@@ -14,35 +14,35 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-SPLIT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # a triangle with mid nodes as four flat ones
+SPLIT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # 6-node triangle as 4 flat ones
 
 
 def surface(mesh: TetMesh, points: Floats, chosen: Any = slice(None), *, split: bool = True) -> pv.PolyData:
-    """The boundary, or chosen triangles of it, each as four flat ones, or as one without its mid nodes."""
+    """Return the boundary or chosen triangles, each as four flat ones, or one without mid nodes."""
     facets = mesh.facets[chosen]
     triangles = facets[:, SPLIT].reshape(-1, 3) if split else facets[:, :3]
     return pv.PolyData.from_regular_faces(points, triangles)
 
 
 def bulge(mesh: TetMesh) -> float:
-    """How far a mid node of the boundary is off the middle of its side at most, m."""
+    """Return the largest distance of a boundary mid node from the middle of its side, m."""
     ends = mesh.points[mesh.facets[:, [[0, 1], [1, 2], [2, 0]]]].mean(axis=2)
     return float(np.linalg.norm(mesh.points[mesh.facets[:, 3:]] - ends, axis=2).max())
 
 
 def sides(mesh: TetMesh, points: Floats) -> pv.PolyData:
-    """The sides of the boundary's triangles, curved as they are."""
+    """Return the curved sides of the boundary's triangles."""
     halves = mesh.facets[:, [[0, 3], [3, 1], [1, 4], [4, 2], [2, 5], [5, 0]]].reshape(-1, 2)
     halves = np.unique(np.sort(halves, axis=1), axis=0)
     return pv.PolyData(points, lines=np.insert(halves, 0, 2, axis=1).ravel())
 
 
 def outline(mesh: TetMesh, points: Floats) -> pv.PolyData:
-    """Edges between CAD faces that meet at an angle, carried along with the points."""
+    """Return the sharp edges between CAD faces, displaced with the points."""
     halves = mesh.facets[:, [[0, 3], [3, 1], [1, 4], [4, 2], [2, 5], [5, 0]]].reshape(-1, 2)
     owner = np.repeat(np.arange(len(mesh.facets)), 6)
     order = np.lexsort(np.sort(halves, axis=1).T)
-    first, second = order[0::2], order[1::2]  # a closed surface: every half side occurs twice
+    first, second = order[0::2], order[1::2]  # in a closed surface every half side occurs twice
     corners = mesh.points[mesh.facets[:, :3]]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

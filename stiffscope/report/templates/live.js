@@ -32,7 +32,7 @@
   const robot = () => id("solids").querySelector(".robot-view");
   let last = null, marks = [];
   const take = {
-    progress: (text) => { if (text) say(`${text}; until then the last robot is shown`); },
+    progress: (text) => { if (text) say(`${text}; the previous robot is shown meanwhile`); },
     problem: (text) => { if (text) say(text, true); if (text) take.stale(true); },
     stale: (old) => id("tables").classList.toggle("stale", old),
     seconds: (seconds) => say(`computed in ${(1000 * seconds).toFixed(0)} ms`),
@@ -59,7 +59,7 @@
       for (const [name, value] of Object.entries(JSON.parse(event.data))) take[name]?.(value);
       document.body.dataset.answers = 1 + +(document.body.dataset.answers || 0);
     });
-    socket.addEventListener("close", () => { say("stiffscope live has ended; start it again, then open its new address", true); });
+    socket.addEventListener("close", () => { say("stiffscope live has stopped; restart it and open the new address", true); });
   }
   for (const each of inputs) each.input.addEventListener("input", () => { set(each, at(each.slider, each.input.value / 1000)); send(); });
   id("reset").addEventListener("click", () => { reset(); send(); });
