@@ -35,7 +35,7 @@ def link(_app: Sphinx, _env: BuildEnvironment, node: pending_xref, content: node
 
 
 def find_page(name: str) -> str | None:
-    """Return the address of a name's page in the documentation of its library; None if no listed library has it."""
+    """Return the address of a name's page in its library's documentation; None if unknown."""
     package, dot, rest = SHORT.get(name, name).partition(".")
     name = ALIASES.get(package, package) + dot + rest
     home = next((package for package in PAGES if name.startswith(package + ".")), None)

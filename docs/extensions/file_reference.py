@@ -1,4 +1,4 @@
-"""Pages made from the code: keys of robot files and campaigns, Python names, the gallery, robots that turn."""
+"""Pages generated from code: file keys, Python names, the gallery and rotatable robots."""
 
 from __future__ import annotations
 
@@ -42,29 +42,29 @@ if TYPE_CHECKING:
 
 
 class FileKeys(Directive):
-    """Tables of every key of a kind of file, with what is said of each section."""
+    """Tables of every key of a kind of file, with a description of each section."""
 
     required_arguments = 1
     sections: ClassVar[dict[str, Any]] = {"robot": TABLES, "study": SECTIONS, "job": JOB}
 
     def run(self) -> list[nodes.Node]:
-        """Return a section's paragraphs and tables."""
+        """Return the paragraphs and tables of all sections."""
         kind = self.arguments[0]
         lines, about = [], dict(self.sections[kind])
         for title, rows in all_keys()[kind].items():
             words = inspect.cleandoc(about[title].__doc__ or "") if title in about else ""
             lines += [f"### {title[0].upper()}{title[1:]}", "", words, ""]
-            lines += ["| key | means | takes | default |", "|---|---|---|---|"]
+            lines += ["| key | meaning | value | default |", "|---|---|---|---|"]
             lines += [f"| `{row.key}` | {row.means} | {row.takes} | {row.default} |" for row in rows]
             lines.append("")
         return parsed(self, lines)
 
 
 class CampaignKeys(Directive):
-    """Tables of every key of campaign.toml, of the quantities, and of the effects with their parameters."""
+    """Tables of all keys of campaign.toml, the quantities, and the effects with their parameters."""
 
     def run(self) -> list[nodes.Node]:
-        """Return the tables; what is described here and what the code reads must be the same."""
+        """Return the tables. Raise an error if described keys differ from those of the code."""
         described = [
             tuple(CAMPAIGN),
             tuple(FRAME),
@@ -76,12 +76,12 @@ class CampaignKeys(Directive):
         if [set(each) for each in described] != [
             set(each) for each in (KEYS, FRAME_KEYS, SENSOR_KEYS, LOAD_KEYS, firsts)
         ]:
-            raise self.error("campaign.toml has other keys than are described")
+            raise self.error("the keys of campaign.toml differ from those described")
         lines: list[str] = []
         for title, keys in CAMPAIGN_SECTIONS:
-            lines += [f"### {title}", "", "| key | takes |", "|---|---|"]
+            lines += [f"### {title}", "", "| key | value |", "|---|---|"]
             lines += [f"| `{key}` | {takes} |" for key, takes in keys.items()] + [""]
-        lines += ["### Quantities at M", "", "| quantity | is | unit |", "|---|---|---|"]
+        lines += ["### Quantities at M", "", "| quantity | meaning | unit |", "|---|---|---|"]
         lines += [f"| `{name}` | {words} | {unit} |" for name, (words, unit) in QUANTITIES_READ.items()]
         lines += ["", "### Effects", "", "| effect | parameters |", "|---|---|"]
         for effect, parameters in EFFECTS.items():
@@ -91,10 +91,10 @@ class CampaignKeys(Directive):
 
 
 class Gallery(Directive):
-    """Each script of examples/: what it says of itself, what it prints, its robot, which turns, and its code."""
+    """Scripts of examples/: docstring, printed output, rotatable robot and code of each."""
 
     def run(self) -> list[nodes.Node]:
-        """Run the scripts and return a section for each."""
+        """Run the scripts and return one section each."""
         folder = Path(__file__).parents[2] / "examples"
         return [self._shown(file) for file in sorted(folder.glob("*.py"))]
 
@@ -114,13 +114,13 @@ class Gallery(Directive):
 
 
 class TurningRobot(Directive):
-    """A robot of the library, by beam theory, that turns and bends; ``height`` in pixels, where it is to be less."""
+    """A rotatable, deforming robot of the library by beam theory; optional ``height`` in pixels."""
 
     required_arguments = 1
     option_spec: ClassVar[dict[str, Any]] = {"height": directives.nonnegative_int}
 
     def run(self) -> list[nodes.Node]:
-        """Return the view that a notebook shows."""
+        """Return the view shown by notebooks."""
         robot = stiffscope.load_robot(self.arguments[0])
         shown = stiffscope.view(stiffscope.assemble(robot, "beam"), robot)._repr_html_()
         height = self.options.get("height", HEIGHT)
@@ -128,7 +128,7 @@ class TurningRobot(Directive):
 
 
 class WaysIn(Directive):
-    """Pictures that the package draws, each a link to the guide that tells how."""
+    """Pictures drawn by the package, each with a link to its guide."""
 
     def run(self) -> list[nodes.Node]:
         """Return the cards."""
@@ -139,14 +139,14 @@ class WaysIn(Directive):
         measured = re.search(r'src="(data:image/svg[^"]*)"', gap)[1]
         return _cards(
             ("guides/robot", _png(stiffscope.stiffness_map(machine, robot.map.ranges()).png), "My design",
-             "stiffness over the workspace"),
-            ("guides/part", _png(part.png), "My part", "a part under each unit load"),
-            ("guides/measurements", measured, "My measurements", "the gap before and after"),
+             "stiffness map of the workspace"),
+            ("guides/part", _png(part.png), "My part", "a part under unit loads"),
+            ("guides/measurements", measured, "My measurements", "the gap before and after the diagnosis"),
         )  # fmt: skip
 
 
 class BundledRobots(Directive):
-    """A picture of each bundled robot at its first pose, with what its file says of it."""
+    """Pictures of the bundled robots at their first poses, with their descriptions."""
 
     def run(self) -> list[nodes.Node]:
         """Return the cards."""
@@ -164,7 +164,7 @@ class BundledRobots(Directive):
 
 
 def _cards(*cards: tuple[str, str, str, str]) -> list[nodes.Node]:
-    """Cards of page, picture, title and words."""
+    """Return cards made of page, picture, title and words."""
     shown = [
         f'<a href="{page}.html"><img src="{source}" alt=""><strong>{title}</strong><span>{words}</span></a>'
         for page, source, title, words in cards
@@ -177,10 +177,10 @@ def _png(png: bytes) -> str:
 
 
 class Facade(Directive):
-    """The names of ``import stiffscope`` under the headings of its docstring, each with its own documentation."""
+    """Documentation of the names of ``import stiffscope`` under the headings of its docstring."""
 
     def run(self) -> list[nodes.Node]:
-        """Hand every name to autodoc."""
+        """Return the documentation by autodoc."""
         lines: list[str] = []
         for line in inspect.cleandoc(stiffscope.__doc__ or "").splitlines()[3:]:
             name = line.split()[0] if line.startswith("    ") else ""
@@ -195,7 +195,7 @@ class Facade(Directive):
 
 
 def parsed(directive: Directive, lines: list[str]) -> list[nodes.Node]:
-    """Return what lines of Markdown become."""
+    """Parse lines of Markdown and return their nodes."""
     node = nodes.Element()
     directive.state.nested_parse(StringList(lines, source="from the code"), directive.content_offset, node, True)
     return node.children

@@ -1,4 +1,4 @@
-"""The fields of every command's JSON: what `json_fields` says, compared with what the commands write."""
+"""Fields of every command's JSON: `json_fields`, checked against the commands' output."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ MADE_UP = Outcome(
     robot="serial-arm", stated=((0.99, True),),
 )  # fmt: skip
 CAPITALS = ("DIR", "PART.", "ARM.", "STUDY.", "JOB.", "BEARING.", "ROBOT", "CAMPAIGN")
-"""Words of a command that stand for a file or folder."""
+"""Prefixes of words that stand for a file or folder."""
 URDF = """<robot name="arm">
   <link name="stand"/>
   <link name="arm"><inertial>
@@ -66,10 +66,10 @@ process = { milling = { material = "C45E", diameter = 0.01, teeth = 4, speed = "
 
 
 class Answers(Directive):
-    """For each command, a table of the fields of its JSON answer: what they hold, their unit, their form in a run."""
+    """Tables of the fields of each command's JSON: meaning, unit and form in a run."""
 
     def run(self) -> list[nodes.Node]:
-        """Run the commands and return the tables; raise where a field is not described, or described and not there."""
+        """Run the commands and return the tables. Raise an error if fields are not as described."""
         left = set(_commands(cli)) - set(ANSWERS)
         if left:
             raise self.error(f"no fields are described of {', '.join(sorted(left))}")
@@ -79,7 +79,7 @@ class Answers(Directive):
                 forms = self._forms(name, self._answer(words, place), fields)
                 shown = " ".join(f'"{word}"' if " " in word else word for word in words)
                 lines += [f"## {name}", "", f"`stiffscope {shown} --json FILE`:", ""]
-                lines += ["| field | is | unit | here |", "|---|---|---|---|"]
+                lines += ["| field | meaning | unit | form |", "|---|---|---|---|"]
                 lines += [
                     f"| `{path.rstrip('?') or ' '}` | {words} | {unit} | {forms.get(path.rstrip('?'), 'absent')} |"
                     for path, (words, unit) in fields.items()
@@ -87,7 +87,7 @@ class Answers(Directive):
         return parsed(self, lines)
 
     def _forms(self, name: str, answer: Any, fields: Mapping[str, tuple[str, str]]) -> dict[str, str]:
-        """The form of each described field. Raises where answer and description disagree."""
+        """Return the form of each field. Raise an error if answer and description disagree."""
         described = {path.rstrip("?"): path.endswith("?") for path in fields}
         forms: dict[str, str] = {}
         for path, value in _leaves(answer, "", set(described)):
@@ -100,8 +100,8 @@ class Answers(Directive):
         return forms
 
     def _answer(self, words: list[str], place: Path) -> Any:
-        """What a command writes; words in capitals are files and folders of the place."""
-        if words[0] == "blind":  # minutes of campaigns: its writer, of one that is made up
+        """Return a command's JSON; words in capitals are files and folders in ``place``."""
+        if words[0] == "blind":  # takes minutes: use its writer with a made-up outcome
             return json.loads(to_json(scores_json(score([MADE_UP]), 1, 1, 0.0)))
         target = place / "answer.json"
         filled = [str(place / word) if word.startswith(CAPITALS) else word for word in words]
@@ -116,7 +116,7 @@ class Answers(Directive):
 
 @contextlib.contextmanager
 def _place() -> Iterator[Path]:
-    """A folder with what the commands read; experiments are made in this process, so that CAD is imported once."""
+    """Yield a folder with the commands' inputs; experiments run here, to import CAD only once."""
     robot = load_robot("biglide")
     with tempfile.TemporaryDirectory() as folder, mock.patch("stiffscope.runtime.workshop.Processes", Here):
         place = Path(folder)
@@ -132,7 +132,7 @@ def _place() -> Iterator[Path]:
 
 
 def _commands(group: click.Group, before: str = "") -> Iterator[str]:
-    """Every command that has `--json`, by its words."""
+    """Yield the words of every command with `--json`."""
     context = click.Context(group)
     for name in group.list_commands(context):
         command = group.get_command(context, name)
@@ -143,7 +143,7 @@ def _commands(group: click.Group, before: str = "") -> Iterator[str]:
 
 
 def _leaves(value: Any, path: str, described: set[str]) -> Iterator[tuple[str, Any]]:
-    """What is described of a value: paths as `json_fields` writes them, and the value at each."""
+    """Yield paths in the notation of `json_fields`, and the value at each."""
     below = f"{path}." if path else ""
     if isinstance(value, dict) and any(each.startswith(below) and each != path for each in described):
         for name, inner in value.items():
@@ -164,7 +164,7 @@ def _any_name(below: str, described: set[str]) -> bool:
 
 
 def _form(value: Any) -> str:
-    """A value's form: 2 × 6 × 6 numbers."""
+    """Return a value's form, e.g. 2 × 6 × 6 numbers."""
     if isinstance(value, list):
         sizes, inner = [], value
         while isinstance(inner, list):

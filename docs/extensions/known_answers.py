@@ -1,4 +1,4 @@
-"""Figures of what is computed beside known answers, drawn when the pages are built; the tests assert the same."""
+"""Figures of computed and known results, drawn when the pages are built; tests assert the same."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from stiffscope.vjm.modes import modes
 from stiffscope.vjm.statics import stiffness
 
 ROOT = Path(__file__).parents[2]
-sys.path.insert(0, str(ROOT))  # the tests' exact solutions and independent models, which need none of the tests' tools
+sys.path.insert(0, str(ROOT))  # for the tests' exact solutions and independent models
 from tests.robots import cubic_hexapod, robot_of  # noqa: E402
 from tests.validation.parts import STEEL, bar, plate  # noqa: E402
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 def parts() -> tuple[Figure, str]:
-    """Exact compliances of bars and plates beside ours, with the error bars."""
+    """Compare computed compliances of bars and plates with exact ones, with error bars."""
     solids = {"bar": bar(), "tube": bar(bore=0.015, length=0.1), "steel bar": bar(material=STEEL), "plate": plate()}
     labels, off, bounds = [], [], []
     for name, (part, exact) in solids.items():
@@ -53,7 +53,7 @@ def parts() -> tuple[Figure, str]:
 
 
 def hexapod() -> tuple[Figure, str]:
-    """Closed form of the cubic Gough-Stewart platform over the height of the tool point."""
+    """Compare a cubic Gough-Stewart platform with its closed form over the tool point's height."""
     k, size, heights = 2.5e6, 0.3, np.linspace(0.0, 0.4, 41)
     ours = []
     for height in heights:
@@ -77,7 +77,7 @@ def hexapod() -> tuple[Figure, str]:
 
 
 def former() -> tuple[Figure, str]:
-    """The Biglide from its file beside its former closed-form assembler, over the workspace."""
+    """Compare the Biglide with its former closed-form assembler over the workspace."""
     held = np.load(ROOT / "tests" / "validation" / "former_assembler.npz")
     ours, theirs = (
         stiffness(robot_of(held["published_link"], held["published_slider"]), held["poses"]), held["published_K"],
@@ -92,7 +92,7 @@ def former() -> tuple[Figure, str]:
 
 
 def frequencies() -> tuple[Figure, str]:
-    """A clamped slender rod beside its textbook frequencies."""
+    """Compare a clamped slender rod with its textbook frequencies."""
     e, g, density, section = 211e9, 81e9, 7850.0, circle(0.002)
     dynamics = beam_dynamics([(0.4, section), (0.6, section)], e, g, density, 14)
     rod = member("rod", [0, 0, 0], [1, 0, 0], timoshenko(1.0, section, e, g), dynamics=dynamics)
@@ -119,10 +119,10 @@ SHOWN = {
 
 
 class KnownAnswers(Directive):
-    """A section for each: the figure, what it says, and the command that asserts it."""
+    """Sections with a figure, its statement, and the command that asserts it."""
 
     def run(self) -> list[nodes.Node]:
-        """Draw the figures."""
+        """Draw the figures and return their sections."""
         import matplotlib as mpl
 
         found: list[nodes.Node] = []
