@@ -1,10 +1,10 @@
-"""Fixtures that every room's tests may use."""
+"""Fixtures shared by all tests."""
 
 import os
 from contextlib import contextmanager
 from pathlib import Path
 
-if "PYTEST_XDIST_WORKER" in os.environ:  # before NumPy is imported: beside other workers its threads only spin
+if "PYTEST_XDIST_WORKER" in os.environ:  # before NumPy: its threads would only spin
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import numpy as np
@@ -28,7 +28,7 @@ SLOW = (
     "runtime/test_executor.py", "runtime/test_scheduler.py", "test_bad_day.py", "test_readme.py",
     "test_tutorials.py", "test_wheel.py", "validation/test_parts.py",
 )  # fmt: skip
-"""Folders and files whose tests mesh, build solids, start processes or diagnose at length: not of the fast half."""
+"""Folders and files with slow tests: meshing, CAD, processes or long diagnoses."""
 
 
 def _is_slow(path):
@@ -37,12 +37,12 @@ def _is_slow(path):
 
 
 def pytest_ignore_collect(collection_path, config):
-    """Import none of the slow files for the fast half: their libraries alone take seconds."""
+    """Skip slow files for the fast half, since importing their libraries takes seconds."""
     return True if config.getoption("markexpr").startswith("not slow") and _is_slow(collection_path) else None
 
 
 def pytest_collection_modifyitems(items):
-    """Mark what the default run leaves out, and what is not of the fast half."""
+    """Mark tests outside the default run as extended, and those outside the fast half as slow."""
     for item in items:
         further = EXTENDED.get(item.path.relative_to(Path(__file__).parent).as_posix(), ())
         if item.name in further or item.originalname in further:
@@ -56,7 +56,7 @@ def pytest_collection_modifyitems(items):
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """Half of the tests in their order for each of two workers, so that few fixtures are made twice; then steal."""
+    """Give each worker a contiguous block of tests, to share fixtures, with work stealing."""
     from xdist.scheduler import WorkStealingScheduling
 
     return WorkStealingScheduling(config, log) if config.getvalue("dist") == "load" else None
@@ -64,7 +64,7 @@ def pytest_xdist_make_scheduler(config, log):
 
 @pytest.fixture(scope="session", autouse=True)
 def _cache(tmp_path_factory):
-    """One cache for all tests of a session, whatever process runs them, and never the user's."""
+    """Use one cache for all tests and processes of a session, never the user's."""
     folder = tmp_path_factory.getbasetemp()
     shared = folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder
     with pytest.MonkeyPatch.context() as patch:
@@ -74,7 +74,7 @@ def _cache(tmp_path_factory):
 
 @pytest.fixture(scope="session", autouse=True)
 def _drawing():
-    """Processes that draw for all tests of a session, since each takes seconds to load what drawing needs."""
+    """Share drawing processes among all tests of a session, since each needs seconds to start."""
 
     @contextmanager
     def lend(_width):
@@ -88,7 +88,7 @@ def _drawing():
 
 @pytest.fixture
 def drawn_anew(monkeypatch):
-    """Processes of its own for a test that looks at those that draw."""
+    """Give a test of the drawing processes its own ones."""
     monkeypatch.setattr("stiffscope.report.pictures.Processes", Processes)
 
 
@@ -99,5 +99,5 @@ def rng():
 
 @pytest.fixture(scope="session")
 def robot():
-    """The paper's robot with Eqs. (28) and (29)."""
+    """Return the paper's robot with Eqs. (28) and (29)."""
     return published_robot()

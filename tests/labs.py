@@ -1,4 +1,4 @@
-"""The virtual lab as tests use it: sound machines by name, and campaigns that come back through their files."""
+"""Virtual lab for tests: healthy machines by name, and campaigns written to and read from files."""
 
 import tempfile
 from dataclasses import replace
@@ -23,18 +23,18 @@ FEA_SLIDER[2, 4] = FEA_SLIDER[4, 2] = -7.34478e-8
 
 
 def machine(name="biglide", *overrides, components=None):
-    """The sound machine of a robot that comes along; the Biglide has its published matrices."""
+    """Return the healthy machine of a bundled robot; the Biglide has its published matrices."""
     robot = load_robot(name, overrides)
     return machine_of(robot, part_matrices(robot, components or ("published" if name == "biglide" else "beam")))
 
 
 def biglide(*overrides):
-    """The paper's machine."""
+    """Return the paper's machine."""
     return machine("biglide", *overrides)
 
 
 def with_slider(machine, compliance):
-    """The Biglide with another matrix of its sliders."""
+    """Return the Biglide with another compliance of its sliders."""
     return machine.with_bodies(
         {n: replace(machine.bodies[n], compliance=compliance) for n in ("limb1.slider", "limb2.slider")}
     )
@@ -46,7 +46,7 @@ def _workspace(name):
 
 
 def default_plan(machine, rng, **options):
-    """A plan of the machine's robot."""
+    """Return a plan for the machine's robot."""
     return draw_plan(_workspace(machine.robot.name), rng, **options)[0]
 
 
@@ -54,7 +54,7 @@ _known = {}
 
 
 def located(machine, plan):
-    """Where the robot of a machine stands at the poses of a plan, found once."""
+    """Return the cached configurations of a machine's robot at the poses of a plan."""
     key = machine.robot.name, plan.poses.tobytes()
     if key not in _known:
         _known[key] = locate(machine, plan.poses)
@@ -62,7 +62,7 @@ def located(machine, plan):
 
 
 def measure(machine, plan, noise, rng, **header):
-    """The campaign of a machine, as its files have it."""
+    """Return the campaign of a machine, written to and read from files."""
     readings = measuring.measure(machine, plan, noise, rng, located(machine, plan))
     with tempfile.TemporaryDirectory() as folder:
         write_readings(readings, Path(folder), robot=machine.robot.name, pose=machine.pose, **header)
@@ -90,4 +90,4 @@ PLACES = {
     "displacement-scale": ("instrument",),
     "force-scale": ("instrument",),
 }
-"""Words of the first campaign format, with the places that the Biglide's file has as groups."""
+"""Effects of the first campaign format, with the places in the Biglide's file."""

@@ -1,4 +1,4 @@
-"""The paper's robot with published matrices, its kinematics in closed form, and random components."""
+"""The paper's robot with published matrices, its closed-form kinematics, and random components."""
 
 import tomllib
 from pathlib import Path
@@ -19,7 +19,7 @@ DRIVE = 1.27e7
 
 
 class Geometry(NamedTuple):
-    """Dimensions of Tables 1 to 3 in m, and the range of the carriages."""
+    """Dimensions of Tables 1 to 3, and the range of the carriages, m."""
 
     L: float = 0.5
     l: float = 0.075
@@ -35,12 +35,12 @@ GEOMETRY = Geometry()
 
 
 def pose_at(geometry, q, x=0.0, y=0.0):
-    """Tool point (3,) at the link angle q in rad."""
+    """Return the tool point (3,) at the link angle q in rad."""
     return np.array([x, y, geometry.l1 + geometry.l2 + geometry.L * np.sin(q)])
 
 
 def slides(geometry, poses):
-    """Positions (n, 3) of limb 1, limb 2 and the stage at tool points (n, 3); NaN where no link reaches."""
+    """Return positions (n, 3) of limbs 1, 2 and stage at tool points (n, 3); NaN if unreachable."""
     x, y, z = np.atleast_2d(poses).T
     sine = (z - geometry.l1 - geometry.l2) / geometry.L
     cosine = np.sqrt(np.where((sine > 0.0) & (sine < 1.0), 1.0 - sine**2, np.nan))
@@ -49,13 +49,13 @@ def slides(geometry, poses):
 
 
 def reachable(geometry, poses):
-    """Whether tool points (n, 3) are within reach (n,)."""
+    """Return whether tool points (n, 3) are within reach (n,)."""
     a = slides(geometry, poses)[:, :2]
     return ((a >= geometry.a_min) & (a <= geometry.a_max)).all(axis=1)
 
 
 def euler_bernoulli(length=0.5, radius=0.0125, e=211e9, g=81e9):
-    """Eq. (28)."""
+    """Return the compliance of Eq. (28)."""
     area, inertia = np.pi * radius**2, np.pi * radius**4 / 4
     c = np.diag([length / (e * area), *[length**3 / (3 * e * inertia)] * 2, length / (2 * g * inertia)] + [0.0] * 2)
     c[4, 4] = c[5, 5] = length / (e * inertia)
@@ -70,7 +70,7 @@ def published_slider():
 
 
 def random_compliance(rng, like):
-    """A full symmetric positive definite matrix of the size of ``like``."""
+    """Return a full symmetric positive definite matrix scaled like ``like``."""
     a = rng.normal(size=(6, 6))
     scale = np.sqrt(np.diagonal(like))
     return (a @ a.T / 6 + 0.1 * np.eye(6)) * np.outer(scale, scale)
@@ -84,24 +84,24 @@ def random_poses(rng, n, geometry=GEOMETRY):
 
 
 def nominal_robot(*overrides):
-    """The shipped Biglide with Eqs. (28) and (29), as a diagnosis takes it."""
+    """Return the bundled Biglide with Eqs. (28) and (29) for a diagnosis."""
     robot = load_robot("biglide", overrides)
     return NominalRobot(mechanism_of(robot, part_matrices(robot, "published")), robot)
 
 
 def published_robot():
-    """The shipped Biglide with Eqs. (28) and (29) as a mechanism."""
+    """Return the bundled Biglide with Eqs. (28) and (29) as a mechanism."""
     return nominal_robot().mechanism
 
 
 def robot_of(link, slider):
-    """The shipped Biglide with these matrices of link and slider."""
+    """Return the bundled Biglide with these matrices of link and slider."""
     robot = load_robot("biglide")
     return mechanism_of(robot, {"link": PartMatrix(link, mass=1.95), "slider": PartMatrix(slider)})
 
 
 def cubic_hexapod(size, strut, height):
-    """Six driven struts along edges of a cube on its corner, each ``size`` high; M at a height above its centre."""
+    """Return six driven struts, ``size`` high, on edges of a cube on its corner; M at ``height``."""
     corners = np.sqrt(3.0) * size * (np.array([[0, 0, 1], [0, 1, 1], [0, 1, 0], [1, 1, 0], [1, 0, 0], [1, 0, 1]]) - 0.5)
     x, y = np.array([1, -1, 0]) / np.sqrt(2), np.array([1, 1, -2]) / np.sqrt(6)
     points = corners @ np.stack([x, y, np.cross(x, y)]).T  # the cube's diagonal along z

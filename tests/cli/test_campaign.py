@@ -52,5 +52,5 @@ def test_a_filled_template_is_read(tmp_path, capsys):
     (folder / "readings.csv").write_text("\n".join([*lines, lines[1], lines[2]]))
     assert _guarded(["campaign", "check", str(folder)]) == 0
     said = capsys.readouterr().out
-    assert "2 readings repeat others to the last digit" in said
+    assert "2 readings repeat others exactly" in said
     assert f"readings.csv:{len(lines) + 1} is readings.csv:2" in " ".join(said.split())

@@ -50,7 +50,7 @@ def test_unusable_robot_is_shown_and_refused(tmp_path, capsys):
     path.write_text(text[: text.index("[map]")])
     assert run("check", path) == 2
     shown = capsys.readouterr()
-    assert "commands z, which the mechanism holds" in " ".join(shown.out.split())
+    assert "commands z, which the mechanism locks" in " ".join(shown.out.split())
     assert "can move in at home, got z" in shown.err
 
 

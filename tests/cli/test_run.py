@@ -96,4 +96,4 @@ def test_beam_theory_is_beside_the_own_shape_alone(tmp_path, capsys, solid):
     shown = capsys.readouterr().out
     assert f"{beam[3, 3]:.5g}" in shown
     assert ("Timoshenko" in shown) == own
-    assert ("No beam theory beside it" in shown) != own
+    assert ("No comparison with beam theory" in shown) != own

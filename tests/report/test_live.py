@@ -83,7 +83,7 @@ def test_load_and_next_words_follow_and_nonsense_is_one_line(delta):
     away = STILL | {"pose": [5.0, 0.0, -1.0]}
     orders = (STILL, "tables"), (loaded, "view"), (away, "problem"), ("{", "problem"), ("[1]", "problem")
     _, view, *problems = run(delta, lambda server: follow(server, *orders))
-    assert view["poses"][0]["cases"][0]["label"] == "load of the sliders"
+    assert view["poses"][0]["cases"][0]["label"] == "slider load"
     assert "loop" in problems[0]
     assert all("\n" not in problem for problem in problems)
     for wrong in ({}, STILL | {"pose": [1.0]}, STILL | {"load": [np.nan] * 6}, STILL | {"values": {"x": "a"}}):
