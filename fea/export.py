@@ -48,7 +48,18 @@ def write_vtu(experiment: Experiment, path: Path | str) -> Path:
 
 
 def write_fields(mesh: TetMesh, path: Path, fields: Mapping[str, np.ndarray]) -> None:
-    """Write a mesh with nodal fields (k, …) and the CAD faces of its boundary as VTU."""
+    """Write a mesh with nodal fields and the CAD faces of its boundary as VTU.
+
+    Parameters
+    ----------
+    mesh
+        Mesh of n nodes.
+    path
+        File to write.
+    fields : (n, ...)
+        Nodal values by name.
+
+    """
     cells: list[Any] = [("tetra10", mesh.cells), ("triangle6", mesh.facets)]
     faces = [np.full(len(mesh.cells), -1, dtype=np.int64), mesh.facet_face.astype(np.int64)]
     meshio.Mesh(mesh.points, cells, point_data=dict(fields), cell_data={"face": faces}).write(path, file_format="vtu")

@@ -37,7 +37,18 @@ TOLERANCE, LIMIT = 1e-11, 200
 
 
 def prepare(mesh: TetMesh, stiffness: csr_array, supports: Supports, name: str = "auto") -> Solver:
-    """Return a solver of the supported stiffness (3n, 3n): multigrid, direct, or auto, the faster.
+    """Return a solver of the supported stiffness (3n, 3n).
+
+    Parameters
+    ----------
+    mesh
+        Mesh of n nodes.
+    stiffness : (3n, 3n)
+        Stiffness without supports, N/m.
+    supports
+        Constraints of the clamp and of rigid faces.
+    name
+        "direct", "multigrid", or "auto", which chooses the faster by the number of unknowns.
 
     Raises
     ------

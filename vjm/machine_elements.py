@@ -242,7 +242,22 @@ def of_sheet(radial: float, axial: float, tilting: float, source: str) -> Machin
 
 
 def at_load(stiffness: float, known: float, load: float, exponent: float) -> float:
-    """Scale a stiffness to another load by the load ratio^(1 - 1/e) (1/3 balls, 1/10 rollers)."""
+    """Scale a stiffness to another load: k (F / F₀)^(1 - 1/e).
+
+    Parameters
+    ----------
+    stiffness
+        Stiffness k at the known load.
+    known, load
+        Known load F₀ and the other load F, N.
+    exponent
+        Exponent e of the load-deflection law: 3/2 for balls (Hertz), 10/9 for rollers (Palmgren).
+
+    Returns
+    -------
+    Stiffness at the other load, in the unit of k.
+
+    """
     return stiffness * (load / known) ** (1.0 - 1.0 / exponent)
 
 
