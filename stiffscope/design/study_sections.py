@@ -29,7 +29,7 @@ Number = Annotated[int, Reads(_read_count, says="a whole number above 0")]
 
 
 class StudySection(Section):
-    """The file's top level. `minimize` and `maximize` name responses; a sweep needs neither."""
+    """The top level of the file. `minimize` and `maximize` name responses; a sweep needs neither."""
 
     robot: Annotated[str, Says("a robot file, seen from the study's folder, or the name of a bundled robot")]
     components: Literal["fea", "beam", "published"] | None = None
@@ -46,7 +46,7 @@ class StudySection(Section):
 
 
 class RangeSection(Section):
-    """A parameter as a table: a range, with the points that a grid takes of it, or the values that it may have."""
+    """A parameter as a table: a range with its number of grid points, or a list of values."""
 
     range: Annotated[list[Any] | None, Says(RANGE)] = None
     steps: Number = 5
@@ -61,7 +61,7 @@ class RangeSection(Section):
 
 
 class ResponseSection(Section):
-    """A response as a table; as a text alone it is `of` that, worst over the named poses."""
+    """A response as a table; a text alone is its `of`, with the worst value over the named poses."""
 
     of: Annotated[str, Says('an expression over quantities such as "K_tx" or "K_tx/mass"')]
     at: Annotated[Any, Says('poses by name or numbers in a list, or "map": a grid of the robot file\'s [map]')] = None

@@ -66,7 +66,7 @@ Turned = Annotated[float, Reads(lambda value: q.to_si(value, q.ANGLE), says='an 
 
 
 class ForceSection(Section):
-    """A constant force on the tool: along the path, to its left seen from the spindle, along the tool's axis."""
+    """A constant force on the tool: along the path, to its left (seen from the spindle), along the tool's axis."""
 
     feed: Force = 0.0
     across: Force = 0.0
@@ -98,7 +98,7 @@ class _Cut(Section):
 
 
 class MillingSection(_Cut):
-    """A milling cutter that turns clockwise: its engagement, and radial and axial over tangential force."""
+    """A milling cutter that turns clockwise: engagement, and ratios of the radial and axial to the tangential force."""
 
     teeth: Positive
     depth: Length
@@ -129,7 +129,7 @@ class DrillingSection(_Cut):
 
 
 class ProcessSection(Section):
-    """Loads of the process; those that are given add up, with the wrench columns of the path."""
+    """Loads of the process; all that are given, and the path's wrench columns, are added."""
 
     force: ForceSection | None = None
     milling: MillingSection | None = None
@@ -142,14 +142,14 @@ class ProcessSection(Section):
 
 
 class PayloadSection(Section):
-    """A mass on the tool's body, at a place in home coordinates (default: M)."""
+    """A mass on the tool's body at a point in home coordinates (default: M)."""
 
     mass: Mass
     centre: Point | None = None
 
 
 class SlideSection(Section):
-    """A slide under the workpiece; a robot that moves on a rail by d sees the workpiece move by -d."""
+    """A slide under the workpiece; a robot that moves by d on a rail sees the workpiece move by -d."""
 
     axis: Direction
     range: Lengths
@@ -158,7 +158,7 @@ class SlideSection(Section):
 
 
 class TableSection(Section):
-    """A turntable under the workpiece: its axis through a point in base axes."""
+    """A turntable under the workpiece: its axis passes through a point, base axes."""
 
     axis: Direction = (0.0, 0.0, 1.0)
     at: Point
@@ -168,7 +168,7 @@ class TableSection(Section):
 
 
 class FreeSection(Section):
-    """Coordinates that the process leaves free, chosen along the path for least error."""
+    """Coordinates that the process leaves free; they are chosen along the path for least error."""
 
     spindle: Annotated[Angles | None, Says("turns about the tool's axis that are allowed")] = None
     table: TableSection | None = None
@@ -190,7 +190,7 @@ class FreeSection(Section):
 
 
 class JobSection(Section):
-    """The file's top level."""
+    """The top level of the file."""
 
     robot: Annotated[str, Says("a robot file, seen from the job's folder, or the name of a bundled robot")]
     components: Literal["fea", "beam", "published"] | None = None

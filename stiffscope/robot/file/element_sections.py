@@ -193,10 +193,10 @@ class RollerBearing(_Rotary):
 
 
 class LinearGuide(ElementSection):
-    """Carriages on rails: stiffnesses of one (`vertical` along `normal`, `lateral`, about its middle), or its balls.
+    """Carriages on rails, by the stiffness of one (`vertical` along `normal`, `lateral`, rotations) or its balls.
 
-    Four rows of `balls` loaded ones each, `width` and `height` apart, `length` long; `preload` presses upper rows
-    against lower ones. `normal` is the direction off the rails, base axes; by default z of the joint's axes.
+    Four rows of `balls` loaded ones each are `width` and `height` apart, and `length` long; `preload` presses the
+    upper rows against the lower ones. `normal` points away from the rails, base axes; by default z of the joint's axes.
     """
 
     sheet = ("vertical", "lateral", "roll", "tilt", "yaw")
@@ -253,10 +253,10 @@ class LinearGuide(ElementSection):
 
 
 class BallScrew(ElementSection):
-    """A screw along a driven slide, in series with its drive: shaft, `nut` and `support`; what is left out is rigid.
+    """A screw along a driven slide, in series with its drive: shaft, `nut` and `support`; omitted ones are rigid.
 
-    `diameter` of the shaft at its root, `length` from the support to the nut; with `both_ends` from one support to the
-    other, the nut in the middle. With a `lead` the shaft's twist yields too. Or the sheet's own `axial` stiffness.
+    `diameter` is the shaft's root diameter, `length` is from the support to the nut, or between the supports with
+    `both_ends` (nut in the middle). With a `lead` the shaft's torsion counts too. Or the sheet's `axial` stiffness.
     """
 
     sheet = ("axial",)

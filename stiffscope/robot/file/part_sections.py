@@ -52,9 +52,9 @@ MaterialName = Annotated[str, Says('a material such as "steel"')]
 
 
 class Mesh(Section):
-    """How finely a part is meshed; None ("auto" in the file) leaves a length to `fea`, and wants no tolerance.
+    """Mesh and solution of a part; "auto" lets the mesher choose a length; without a tolerance the mesh is not refined.
 
-    `modes`, or all below `highest_frequency`, are the fixed-interface modes of the part's condensed mass.
+    `modes`, or all modes below `highest_frequency`, are the fixed-interface modes of the part's condensed mass.
     """
 
     size: LengthOrAuto = None
@@ -117,9 +117,9 @@ Coupled = Literal["rigid", "distributed"]
 
 
 class NamedFaces(Section):
-    """A named interface of a STEP part: its faces; "distributed", it carries its loads evenly, "rigid" as one body.
+    """A named interface of a STEP part: "rigid" faces move as one body, "distributed" ones are loaded evenly.
 
-    A choice of faces, or a list of such, stands for a table of `faces` alone; `interface` may stand beside its keys.
+    A selection of faces, or a list of them, may replace a table of `faces` alone; `interface` may stand among its keys.
     """
 
     faces: Faces

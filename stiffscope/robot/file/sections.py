@@ -47,7 +47,7 @@ Name = Annotated[str, Says("a name")]
 
 
 class ElasticBody(Section):
-    """A body made of a part: clamped at its base, loaded at its tip; y gives the part's axes their turn about x."""
+    """A body made of a part, clamped at its base and loaded at its tip; y sets the rotation of its axes about x."""
 
     part: Name
     base: Point
@@ -65,7 +65,7 @@ class InterfaceBody(Section):
 
 
 class RigidBody(Section):
-    """A rigid body: mass in kg, its centre, its inertia about the centre in base axes; `mesh` is for pictures."""
+    """A rigid body: mass in kg, centre of mass, inertia about it in base axes; `mesh` is for pictures."""
 
     mass: Mass = 0.0
     centre: Point | None = None
@@ -109,7 +109,7 @@ def check_rising(value: tuple[float, float] | None) -> tuple[float, float] | Non
 
 
 class LinearDrive(_Drive):
-    """A spring along a slide, N/m, or a curve of forces, N, over deflections, m; its backlash and range, m."""
+    """A spring along a slide, N/m, or a curve of force, N, over deflection, m; backlash and range, m."""
 
     stiffness: Stiffness = 0.0
     range: Lengths | None = None
@@ -141,7 +141,7 @@ class Gear(Section):
 
 
 class RotaryDrive(_Drive):
-    """A spring about an axis, N·m/rad, or a curve of torques over deflections, or a gear; backlash and range, rad."""
+    """A spring about an axis, N·m/rad, a curve of torque over deflection, or a gear; backlash and range, rad."""
 
     stiffness: Torsion = 0.0
     range: Angles | None = None
@@ -151,7 +151,7 @@ class RotaryDrive(_Drive):
 
 
 class Bearing(Section):
-    """Compliance of a joint's bearing along and about what it holds: m/N, rad/(N·m)."""
+    """Compliance of a joint's bearing in the directions that the joint holds: m/N, rad/(N·m)."""
 
     radial: Compliance = 0.0
     axial: Compliance = 0.0
@@ -227,11 +227,11 @@ def _kinds(elements: Sequence[ElementSection]) -> str:
 
 
 class FixedJoint(JointSection):
-    """Holds everything; its axes are the base's."""
+    """Holds all motions; its axes are the base axes."""
 
 
 class RevoluteJoint(JointSection):
-    """Turns about its axis; without a drive a spring, N·m/rad, may resist that, unloaded at its rest (rad)."""
+    """Rotates about its axis; without a drive a spring (N·m/rad) may resist the rotation, unloaded at `rest` (rad)."""
 
     axis: Direction
     drive: RotaryDrive | None = None
@@ -240,7 +240,7 @@ class RevoluteJoint(JointSection):
 
 
 class PrismaticJoint(JointSection):
-    """Slides along its axis; without a drive a spring, N/m, may resist that, unloaded at its rest (m)."""
+    """Slides along its axis; without a drive a spring (N/m) may resist the motion, unloaded at `rest` (m)."""
 
     axis: Direction
     drive: LinearDrive | None = None
@@ -249,14 +249,14 @@ class PrismaticJoint(JointSection):
 
 
 class CylindricalJoint(JointSection):
-    """Slides along and turns about its axis; a drive acts along the slide."""
+    """Slides along its axis and rotates about it; a drive acts along the slide."""
 
     axis: Direction
     drive: LinearDrive | None = None
 
 
 class UniversalJoint(JointSection):
-    """Turns about `axis`, on the first body, and `axis2`, on the second; a spring (N·m/rad) resists each."""
+    """Rotates about `axis`, fixed in the first body, and `axis2`, in the second; a spring (N·m/rad) resists each."""
 
     axis: Direction
     axis2: Direction
@@ -264,14 +264,14 @@ class UniversalJoint(JointSection):
 
 
 class SphericalJoint(JointSection):
-    """Turns about every axis; `axis` says along which its bearing is axial; a spring (N·m/rad) resists all."""
+    """Rotates about all axes; `axis` is axial for its bearing; a spring (N·m/rad) resists all rotations."""
 
     axis: Direction | None = None
     spring: Torsion | None = None
 
 
 class PlanarJoint(JointSection):
-    """Slides in the plane across its axis and turns about it."""
+    """Slides in the plane normal to its axis and rotates about the axis."""
 
     axis: Direction
 
@@ -288,7 +288,7 @@ JOINTS: dict[str, type[JointSection]] = {
 
 
 class Copies(Section):
-    """A set of bodies and joints, copied, renamed and turned about an axis through the origin."""
+    """A copied set of bodies and joints, renamed and rotated about an axis through the origin."""
 
     of: Name
     as_: tuple[str, ...] = Field(alias="as")
@@ -305,7 +305,7 @@ class Copies(Section):
 
 
 class ToolSection(Section):
-    """The tool point M on its body, and the coordinates that command a pose."""
+    """The tool point M on its body, and the coordinates that define a pose."""
 
     body: Name
     at: Point
@@ -348,7 +348,7 @@ class MapSection(Section):
 
 
 class Effect(Section):
-    """An effect adopted from a diagnosis: the nominal robot carries it from then on."""
+    """An effect adopted from a diagnosis: the robot includes it from then on."""
 
     effect: Name
     place: Name
