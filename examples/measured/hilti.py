@@ -115,6 +115,11 @@ def main() -> None:
     parser.add_argument("--height", type=float, default=2.72, help="of the column, as the dataset names it, m")
     parser.add_argument("--out", type=Path, required=True)
     chosen = parser.parse_args()
+    grounds = sorted(file.stem for file in (chosen.data / "datasets").glob("*.yaml"))
+    if not grounds:
+        parser.error(f"{chosen.data}: expected the folder with datasets/GROUND.yaml, found none in it")
+    if chosen.ground not in grounds:
+        parser.error(f"--ground: expected one of {', '.join(grounds)}, got {chosen.ground}")
     count = convert(chosen.data, chosen.ground, chosen.height, chosen.out / chosen.ground)
     print(f"{count} postures at a column of {chosen.height} m")
 
