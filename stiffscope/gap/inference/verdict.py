@@ -111,7 +111,7 @@ def _judge_named(found: Findings, kept: Hypothesis, strange: Sequence[str], unse
         known = found.fit_effects(found.best.words)
         if not lack_of_fit(found, known) and _main(found, known) not in names:
             open_ones = ", ".join(c.name for c in known.words if c.name not in names)
-            text = f"certain: {', '.join(names)}; not settled: {open_ones}"
+            text = f"certain: {', '.join(names)}; uncertain: {open_ones}"
             return Judgement("ambiguous", known.words, known, (text, *unsettled))
     if rest or _pattern_beside(found, kept):
         verdict = "partly"
