@@ -165,3 +165,14 @@ def test_faults_of_the_robot_raise_no_doubts_of_its_instruments(cases, labs, tmp
                 raised += [(name, number, case.faults, r) for r in inspect_readings(campaign, predicted)]
     assert not [each for each in raised if each[3].doubt in {"unit", "sensor-sign", "constant", "copied"}]
     assert len(raised) <= 0.01 * seen, [(each[:3], each[3].text) for each in raised]
+
+
+def test_a_few_readings_that_the_fit_reproduces_leave_no_scatter(tmp_path):
+    bundled = Path(__file__).parents[2] / "data" / "campaigns" / "gauges"
+    for file in bundled.iterdir():
+        lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
+        (tmp_path / file.name).write_text("".join(lines[:13] if file.suffix == ".csv" else lines), encoding="utf-8")
+    case = open_case(str(tmp_path))
+    predicted = predict_roughly(case)
+    values = [case.campaign.value, predicted, 1e-9 * predicted + 1e-6]
+    assert not any(find_doubts(replace(case.campaign, value=value), predicted).steps for value in values)

@@ -285,10 +285,11 @@ def _scatter(c: Campaign, rows: Indices, value: Array, model: Array) -> Array:
     columns = columns / np.abs(columns).max(axis=0)
     weight = np.ones(len(rows))
     left = np.asarray(value, dtype=float)
+    rounding = max(1e-15 * float(np.abs(value).max()), 1e-300)
     for _ in range(30):
         fit: Any = np.linalg.lstsq(columns * weight[:, None], value * weight, rcond=1e-9)[0]  # pyright: ignore[reportUnknownVariableType]
         left = np.asarray(value - columns @ fit, dtype=float)
-        weight = np.sqrt(1.0 / (1.0 + (left / max(2.0 * _spread(left), 1e-300)) ** 2))
+        weight = np.sqrt(1.0 / (1.0 + (left / max(2.0 * _spread(left), rounding)) ** 2))
     return left
 
 
