@@ -32,6 +32,7 @@ POINT, LINE = 1.5, 10.0 / 9.0  # exponents of load over approach
 _PALMGREN = 3.84e-5  # mm: δ = 3.84e-5 Q^0.9 / l^0.8 (N, mm) between a steel roller and one race
 _STEPS = 200
 _SETTLED, _ACCEPTED = 1e-11, 1e-6  # allowed residual, of the load
+_TOUCHING = 1e-9  # least approach of a loaded element, of the greatest: less is rounding
 
 
 def hertz_constant(curvatures: Array, modulus: float) -> float:
@@ -115,7 +116,7 @@ class Contacts:
         size = np.linalg.norm(v, axis=1)
         along = v / size[:, None]
         pressed = size - self.reach if self.turning else start - self.reach + np.einsum("ki,ki->k", along, moved)
-        pressed = np.maximum(pressed, 0.0)
+        pressed = np.where(pressed > _TOUCHING * pressed.max(initial=0.0), pressed, 0.0)
         return along, pressed, self.constant * pressed**self.exponent, size
 
     def energy(self, twist: Array) -> float:
