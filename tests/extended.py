@@ -102,6 +102,10 @@ EXTENDED = {
         "test_the_same_answer_after_shuffling_rows_doubling_the_label_and_outliers",
         "test_what_would_widen_the_gap_is_not_named",
     ),
+    "gap/test_doubted_instruments.py": tuple(
+        f"test_an_instrument_at_fault_is_named[beside a soft drive-fault{i}-{style}]"
+        for i, style in enumerate(("gauges", "tool", "gauges", "tool", "gauges"))
+    ),
     "gap/test_interfaces.py": ("test_a_soft_head_is_found_adopted_and_found_no_more",),
     "gap/test_sanity.py": ("test_faults_of_the_robot_raise_no_doubts_of_its_instruments",),
     "report/test_live.py": ("test_new_rows_of_a_campaign_appear",),

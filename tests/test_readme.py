@@ -1,4 +1,7 @@
-"""What README and the documentation show works: their Python runs, and each of their commands."""
+"""What README and the documentation show works: their Python runs, and each of their commands.
+
+README's commands run by default; those that only the documentation shows are extended tests.
+"""
 
 import itertools
 import re
@@ -18,6 +21,7 @@ from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.executor import Here
 
 ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 TEXT = "\n".join(page.read_text(encoding="utf-8") for page in PAGES)
 COARSE = "--set slider.mesh.size=60mm"  # the same everywhere, so that its experiment is made once
@@ -99,7 +103,12 @@ MAKERS = {
 """The command that makes a file which another reads: it runs first, whatever process has run it before."""
 
 
-@pytest.mark.parametrize("line", COMMANDS)
+def _mark(line: str):
+    """Leave a command that only the documentation shows to the extended tests."""
+    return line if f"{line}\n" in README else pytest.param(line, marks=pytest.mark.extended)
+
+
+@pytest.mark.parametrize("line", [_mark(line) for line in COMMANDS])
 def test_commands(line, place, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(place)
     for option, file in itertools.pairwise(shlex.split(line)[1:]):

@@ -147,8 +147,9 @@ def test_a_roller_bearing_under_a_radial_load_is_the_textbooks(count, across, le
     """Along the load 1e9 N^0.9 l^0.8 F^0.1 (SI), across it a share (Friswell et al., Dynamics of Rotating Machines,
     2010, pp. 182-185; the rotordynamics library ROSS computes both so).
 
-    The share is the sum over rollers at angles a, Σ sin²a cos^(1/9)a / Σ cos^(19/9)a; one at 90° carries nothing, though
-    rounding would press it by 1e-17 of the others and so give it 1 % of their stiffness. The book's differ by up to 4 %.
+    The share is the sum over rollers at angles a, Σ sin²a cos^(1/9)a / Σ cos^(19/9)a. One at 90° carries nothing;
+    an approach of 1e-17 of the others', as rounding leaves it, would give it 1 % of their stiffness. The book's
+    shares differ by up to 4 %.
     """
     k = me.roller_bearing(count, length, 0.1, 0.0, np.array([0.0, load, 0.0])).stiffness
     assert k[1, 1] == pytest.approx(1e9 * count**0.9 * length**0.8 * load**0.1, rel=0.03)
