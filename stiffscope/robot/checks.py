@@ -60,16 +60,11 @@ def _check_part(robot: RobotFile, name: str) -> None:
     part = robot.parts[name]
     key = ("parts", name)
     _check_file_name(key, name)
-    try:
+    with blame(*key, "material", inner=True):  # "material: expected one of …"
         robot.material(name)
-    except InputError as error:  # the message is "material: expected one of ..."
-        raise FieldError((*key, "material"), str(error).partition(": ")[2]) from error
     if isinstance(part, ParametricPart):
-        try:
+        with blame(*key, inner=True):  # "link.bore: expected …"
             part.parameters()
-        except InputError as error:  # the message is "link.bore: expected ..."
-            field, _, message = str(error).partition(": ")
-            raise FieldError((*key, *field.split(".")[1:]), message) from error
 
 
 def _check_file_name(key: Key, name: str) -> None:
@@ -145,10 +140,8 @@ def _check_bearing(key: tuple[str, ...], joint: JointSection) -> None:
     if joint.bearing is not None:
         if joint.compliance is not None:
             raise FieldError((*key, "compliance"), "expected none beside a bearing, whose data give it, got one")
-        try:
+        with blame(*key, "bearing", inner=True):
             joint.yielding(np.eye(3))
-        except InputError as error:
-            raise FieldError((*key, "bearing"), str(error).removeprefix("bearing: ")) from error
     if getattr(joint, "drive", None) is None or joint.compliance is None:
         return
     along = DRIVEN[joint.type]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from stiffscope.design.path.cutting import cutting_materials, drill, mill
 from stiffscope.design.path.motions import Motion
@@ -15,7 +15,6 @@ from stiffscope.design.path.toolpath import MOST_LOAD, ToolPath, read_toolpath
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.description import RobotFile
 from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
-from stiffscope.robot.file.sections import check_rising
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import (
     Angles,
@@ -154,8 +153,6 @@ class SlideSection(Section):
     axis: Direction
     range: Lengths
 
-    _check_order = field_validator("range")(check_rising)
-
 
 class TableSection(Section):
     """A turntable under the workpiece: its axis passes through a point, base axes."""
@@ -163,8 +160,6 @@ class TableSection(Section):
     axis: Direction = (0.0, 0.0, 1.0)
     at: Point
     range: Angles
-
-    _check_order = field_validator("range")(check_rising)
 
 
 class FreeSection(Section):

@@ -12,22 +12,10 @@ from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file import values as v
 from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
-from stiffscope.robot.file.values import (
-    Angle,
-    Coordinate,
-    Direction,
-    Force,
-    Length,
-    LengthOrZero,
-    Preload,
-    Says,
-    Section,
-    Some,
-    Stiffness,
-    Torsion,
-)
+from stiffscope.robot.file.values import Says, Section
 from stiffscope.vjm import machine_elements as me
 from stiffscope.vjm.checks import axes_along
 from stiffscope.vjm.rolling import LINE, POINT
@@ -49,7 +37,7 @@ _THREE = 'three forces, along the axis first, such as ["0 N", "500 N", "0 N"]'
 Osculation = Annotated[
     tuple[float, float], BeforeValidator(_check_both), Says("a ratio such as 0.52, or inner and outer")
 ]
-Forces = Annotated[tuple[Force, Force, Force], Says(_THREE)]
+Forces = Annotated[tuple[v.Force, v.Force, v.Force], Says(_THREE)]
 
 
 class ElementSection(Section):
@@ -60,7 +48,7 @@ class ElementSection(Section):
     """Keys of data-sheet stiffnesses, and keys permitted beside them."""
 
     kind: Any
-    offset: Coordinate = 0.0
+    offset: v.Coordinate = 0.0
 
     def element(self) -> me.MachineElement:
         """Return the element, with stiffness at its load; raise InputError "KEY: expected ..."."""
@@ -107,11 +95,11 @@ class _Rotary(ElementSection):
     sheet = ("radial", "axial", "tilting")
     beside = ("at_load", "preload", "load")
 
-    radial: Stiffness | None = None
-    axial: Stiffness | None = None
-    tilting: Torsion | None = None
-    at_load: Preload | None = None
-    preload: Preload = 0.0
+    radial: v.Stiffness | None = None
+    axial: v.Stiffness | None = None
+    tilting: v.Torsion | None = None
+    at_load: v.Preload | None = None
+    preload: v.Preload = 0.0
     load: Forces = (0.0, 0.0, 0.0)
 
     def _of_sheet(self, exponent: float) -> me.MachineElement:
@@ -142,15 +130,15 @@ class BallBearing(_Rotary):
     """
 
     kind: Literal["deep-groove", "angular-contact"]
-    balls: Some | None = None
-    ball: Length | None = None
-    pitch: Length | None = None
-    angle: Angle | None = None
+    balls: v.Some | None = None
+    ball: v.Length | None = None
+    pitch: v.Length | None = None
+    angle: v.Angle | None = None
     osculation: Osculation = (0.52, 0.53)
-    clearance: Coordinate = 0.0
+    clearance: v.Coordinate = 0.0
     ball_material: Literal["steel", "ceramic"] = "steel"
     arrangement: Literal["single", "back-to-back", "face-to-face", "tandem"] = "single"
-    spacing: LengthOrZero = 0.0
+    spacing: v.LengthOrZero = 0.0
 
     def element(self) -> me.MachineElement:
         """See `ElementSection`."""
@@ -178,10 +166,10 @@ class RollerBearing(_Rotary):
     """
 
     kind: Literal["cylindrical-roller", "crossed-roller"]
-    rollers: Some | None = None
-    length: Length | None = None
-    pitch: Length | None = None
-    clearance: Coordinate = 0.0
+    rollers: v.Some | None = None
+    length: v.Length | None = None
+    pitch: v.Length | None = None
+    clearance: v.Coordinate = 0.0
 
     def element(self) -> me.MachineElement:
         """See `ElementSection`."""
@@ -203,25 +191,25 @@ class LinearGuide(ElementSection):
     beside = ("rails", "rail_spacing", "carriages", "carriage_spacing", "normal")
 
     kind: Literal["linear-guide"]
-    vertical: Stiffness | None = None
-    lateral: Stiffness | None = None
-    roll: Torsion | None = None
-    tilt: Torsion | None = None
-    yaw: Torsion | None = None
-    balls: Some | None = None
-    ball: Length | None = None
-    width: Length | None = None
-    height: Length | None = None
-    length: Length | None = None
-    angle: Angle = np.pi / 4
+    vertical: v.Stiffness | None = None
+    lateral: v.Stiffness | None = None
+    roll: v.Torsion | None = None
+    tilt: v.Torsion | None = None
+    yaw: v.Torsion | None = None
+    balls: v.Some | None = None
+    ball: v.Length | None = None
+    width: v.Length | None = None
+    height: v.Length | None = None
+    length: v.Length | None = None
+    angle: v.Angle = np.pi / 4
     osculation: Osculation = (0.52, 0.52)
-    preload: Preload | None = None
+    preload: v.Preload | None = None
     arrangement: Literal["back-to-back", "face-to-face"] = "back-to-back"
-    rails: Some = 1
-    rail_spacing: LengthOrZero = 0.0
-    carriages: Some = 1
-    carriage_spacing: LengthOrZero = 0.0
-    normal: Direction | None = None
+    rails: v.Some = 1
+    rail_spacing: v.LengthOrZero = 0.0
+    carriages: v.Some = 1
+    carriage_spacing: v.LengthOrZero = 0.0
+    normal: v.Direction | None = None
 
     def turn(self, axes: np.ndarray) -> np.ndarray:
         """See `ElementSection`."""
@@ -262,13 +250,13 @@ class BallScrew(ElementSection):
     sheet = ("axial",)
 
     kind: Literal["ball-screw"]
-    axial: Stiffness | None = None
-    diameter: Length | None = None
-    length: Length | None = None
-    nut: Stiffness | None = None
-    support: Stiffness | None = None
+    axial: v.Stiffness | None = None
+    diameter: v.Length | None = None
+    length: v.Length | None = None
+    nut: v.Stiffness | None = None
+    support: v.Stiffness | None = None
     both_ends: bool = False
-    lead: LengthOrZero = 0.0
+    lead: v.LengthOrZero = 0.0
 
     def element(self) -> me.MachineElement:
         """See `ElementSection`."""

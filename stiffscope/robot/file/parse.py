@@ -31,14 +31,21 @@ class FieldError(ValueError):
 
 
 @contextmanager
-def blame(*key: str | int) -> Iterator[None]:
-    """Convert a ValueError in the block to a FieldError of a key."""
+def blame(*key: str | int, inner: bool = False) -> Iterator[None]:
+    """Convert a ValueError in the block to a FieldError of a key, or of the key inside it that the message names."""
     try:
         yield
     except FieldError:
         raise
     except ValueError as error:
-        raise FieldError(key, str(error)) from error
+        within, message = split_place(str(error)) if inner else ((), str(error))
+        raise FieldError((*key, *within), message) from error
+
+
+def split_place(message: str) -> tuple[Key, str]:
+    """Return the keys inside a thing, and the rest, of a message such as "frame.x: expected …"."""
+    place, _, rest = message.partition(": ")
+    return tuple(place.split(".")[1:]), rest
 
 
 @dataclass

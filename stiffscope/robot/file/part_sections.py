@@ -20,29 +20,8 @@ from stiffscope.cad.slider import PADS, SliderParameters
 from stiffscope.cad.solid import Placement
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.values import (
-    Count,
-    Density,
-    Direction,
-    Duration,
-    Expansion,
-    Foundation,
-    Frequency,
-    Layers,
-    Length,
-    LengthOrAuto,
-    LengthOrZero,
-    MassOrCad,
-    Modulus,
-    OwnMass,
-    Point,
-    Positive,
-    Ratio,
-    Says,
-    Section,
-    Tolerance,
-    parse_whole,
-)
+from stiffscope.robot.file import values as v
+from stiffscope.robot.file.values import Says, Section
 from stiffscope.vjm.bodies import Body, superelement_body
 from stiffscope.vjm.checks import check_compliance
 
@@ -57,15 +36,15 @@ class Mesh(Section):
     `modes`, or all modes below `highest_frequency`, are the fixed-interface modes of the part's condensed mass.
     """
 
-    size: LengthOrAuto = None
-    envelope: LengthOrAuto = None
-    layers: Layers = 1
-    tolerance: Tolerance = None
-    most_unknowns: Positive = 2_000_000
-    time_limit: Duration = 300.0
+    size: v.LengthOrAuto = None
+    envelope: v.LengthOrAuto = None
+    layers: v.Layers = 1
+    tolerance: v.Tolerance = None
+    most_unknowns: v.Positive = 2_000_000
+    time_limit: v.Duration = 300.0
     solver: Literal["auto", "direct", "multigrid"] = "auto"
-    modes: Count | None = None
-    highest_frequency: Frequency | None = None
+    modes: v.Count | None = None
+    highest_frequency: v.Frequency | None = None
 
 
 def _position(value: Any) -> str | tuple[float, ...]:
@@ -78,7 +57,7 @@ def _position(value: Any) -> str | tuple[float, ...]:
 
 
 def _face_numbers(value: Any) -> tuple[int, ...]:
-    return tuple(parse_whole(item) for item in (value if isinstance(value, list) else [value]))
+    return tuple(v.parse_whole(item) for item in (value if isinstance(value, list) else [value]))
 
 
 class Face(Section):
@@ -89,11 +68,11 @@ class Face(Section):
     """
 
     kind: str | None = None
-    normal: Direction | None = None
+    normal: v.Direction | None = None
     position: Annotated[str | tuple[float, ...], BeforeValidator(_position)] | None = None
-    radius: Length | None = None
+    radius: v.Length | None = None
     index: Annotated[tuple[int, ...], BeforeValidator(_face_numbers)] | None = None
-    washer: Length | None = None
+    washer: v.Length | None = None
 
     def selector(self) -> FaceSelector:
         """Return the selector for cad."""
@@ -140,7 +119,7 @@ class PartSection(Section):
     """Common keys of parts: a shape, and a mass in kg ("cad": volume times density)."""
 
     shape: str
-    mass: MassOrCad = "cad"
+    mass: v.MassOrCad = "cad"
 
     @property
     def interface_names(self) -> tuple[str, ...]:
@@ -155,7 +134,7 @@ class SolidPart(PartSection):
     compliance: Source = "fea"
 
     interface: Coupled = "rigid"
-    foundation: Foundation = None
+    foundation: v.Foundation = None
     mesh: Mesh = Mesh()
 
 
@@ -186,12 +165,12 @@ class ParametricPart(SolidPart):
 
 def _with_shape(name: str, base: type[ParametricPart], parameters: type, *required: str) -> type[ParametricPart]:
     """Create a section with one key for each field of a part's parameters."""
-    kinds = {float: LengthOrZero, int: Count, str: str}
+    kinds = {float: v.LengthOrZero, int: v.Count, str: str}
     hints = typing.get_type_hints(parameters)
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(parameters):
         if field.name in required or field.default is dataclasses.MISSING:
-            fields[field.name] = (Length, ...)
+            fields[field.name] = (v.Length, ...)
         else:
             fields[field.name] = (kinds.get(hints[field.name], hints[field.name]), field.default)
     model = create_model(name, __base__=base, __doc__=base.__doc__, **fields)
@@ -247,10 +226,10 @@ class StepPart(SolidPart):
     clamped: Faces | None = None
     loaded: Faces | None = None
     interfaces: dict[str, Named] | None = None
-    origin: Point = (0.0, 0.0, 0.0)
-    x: Direction = (1.0, 0.0, 0.0)
-    z: Direction = (0.0, 0.0, 1.0)
-    reference_point: Point | None = None
+    origin: v.Point = (0.0, 0.0, 0.0)
+    x: v.Direction = (1.0, 0.0, 0.0)
+    z: v.Direction = (0.0, 0.0, 1.0)
+    reference_point: v.Point | None = None
 
     @field_validator("compliance")
     @classmethod
@@ -303,7 +282,7 @@ class MatrixPart(PartSection):
 
     matrix: Matrix
     error: Matrix | None = None
-    mass: OwnMass = 0.0  # pyright: ignore[reportIncompatibleVariableOverride]
+    mass: v.OwnMass = 0.0  # pyright: ignore[reportIncompatibleVariableOverride]
     material: str | None = None
 
     @field_validator("matrix")
@@ -338,12 +317,12 @@ class InterfacePart(PartSection):
     or Nastran's DMIG, as written by `stiffscope compliance --superelement`.
     """
 
-    interfaces: dict[str, Point]
+    interfaces: dict[str, v.Point]
     stiffness: Square
     mass_matrix: Square | None = None
     mode_squares: tuple[float, ...] = ()
     file: str | None = None
-    mass: OwnMass = 0.0  # pyright: ignore[reportIncompatibleVariableOverride]
+    mass: v.OwnMass = 0.0  # pyright: ignore[reportIncompatibleVariableOverride]
     material: str | None = None
 
     @model_validator(mode="after")
@@ -381,7 +360,7 @@ class MaterialSection(Section):
 
 def _material_section(name: str, law: type, doc: str) -> type[MaterialSection]:
     """A section with one key for each field of a material."""
-    kinds = {"modulus": Modulus, "poisson": Ratio, "density": Density, "expansion": Expansion, "source": str}
+    kinds = {"modulus": v.Modulus, "poisson": v.Ratio, "density": v.Density, "expansion": v.Expansion, "source": str}
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(law)[1:]:  # after the name
         default = ... if field.default is dataclasses.MISSING else field.default

@@ -3,44 +3,17 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
 
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file import values as v
 from stiffscope.robot.file.element_sections import Elements
-from stiffscope.robot.file.values import (
-    Acceleration,
-    Angle,
-    AngleOrZero,
-    Angles,
-    Compliance,
-    Coordinate,
-    Diagonal,
-    Direction,
-    Inertia,
-    LengthOrZero,
-    Lengths,
-    LinearCurve,
-    Mass,
-    MomentAbove,
-    Point,
-    Ratio,
-    RotaryCurve,
-    Says,
-    Section,
-    Stiffness,
-    Tilting,
-    Torsion,
-)
+from stiffscope.robot.file.values import Says, Section
 from stiffscope.vjm.joints import DRIVEN, FREE
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from stiffscope.robot.file.element_sections import ElementSection
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 Name = Annotated[str, Says("a name")]
@@ -50,26 +23,26 @@ class ElasticBody(Section):
     """A body made of a part, clamped at its base and loaded at its tip; y sets the rotation of its axes about x."""
 
     part: Name
-    base: Point
-    tip: Point
-    y: Direction | None = None
+    base: v.Point
+    tip: v.Point
+    y: v.Direction | None = None
 
 
 class InterfaceBody(Section):
     """A body made of a part with named interfaces, its ends NAME.INTERFACE: part origin, axes."""
 
     part: Name
-    at: Point = (0.0, 0.0, 0.0)
-    x: Direction = (1.0, 0.0, 0.0)
-    y: Direction = (0.0, 1.0, 0.0)
+    at: v.Point = (0.0, 0.0, 0.0)
+    x: v.Direction = (1.0, 0.0, 0.0)
+    y: v.Direction = (0.0, 1.0, 0.0)
 
 
 class RigidBody(Section):
     """A rigid body: mass in kg, centre of mass, inertia about it in base axes; `mesh` is for pictures."""
 
-    mass: Mass = 0.0
-    centre: Point | None = None
-    inertia: Inertia | None = None
+    mass: v.Mass = 0.0
+    centre: v.Point | None = None
+    inertia: v.Inertia | None = None
     mesh: str | None = None
 
 
@@ -77,11 +50,6 @@ BodySection = ElasticBody | InterfaceBody | RigidBody
 
 
 class _Drive(Section):
-    @field_validator("range", check_fields=False)
-    @classmethod
-    def _check_order(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
-        return check_rising(value)
-
     @model_validator(mode="after")
     def _one_law(self) -> _Drive:
         given = [key for key in ("stiffness", "curve", "gear") if getattr(self, key, None)]
@@ -101,30 +69,23 @@ class _Drive(Section):
         return gear.curve if gear is not None else getattr(self, "curve", None)
 
 
-def check_rising(value: tuple[float, float] | None) -> tuple[float, float] | None:
-    """Return a range; raise ValueError unless its values increase."""
-    if value is not None and not value[0] < value[1]:
-        raise ValueError(f"expected a lower and a higher value, got {value[0]:g} and {value[1]:g}")
-    return value
-
-
 class LinearDrive(_Drive):
     """A spring along a slide, N/m, or a curve of force, N, over deflection, m; backlash and range, m."""
 
-    stiffness: Stiffness = 0.0
-    range: Lengths | None = None
-    curve: LinearCurve | None = None
-    backlash: LengthOrZero = 0.0
+    stiffness: v.Stiffness = 0.0
+    range: v.Lengths | None = None
+    curve: v.LinearCurve | None = None
+    backlash: v.LengthOrZero = 0.0
 
 
 class Gear(Section):
     """A strain-wave gear as its data sheet has it: stiffness k1 up to the torque t1, k2 up to t2, k3 beyond."""
 
-    k1: Torsion
-    k2: Torsion
-    k3: Torsion
-    t1: MomentAbove
-    t2: MomentAbove
+    k1: v.Torsion
+    k2: v.Torsion
+    k3: v.Torsion
+    t1: v.MomentAbove
+    t2: v.MomentAbove
 
     @model_validator(mode="after")
     def _check_rising(self) -> Gear:
@@ -143,50 +104,45 @@ class Gear(Section):
 class RotaryDrive(_Drive):
     """A spring about an axis, N·m/rad, a curve of torque over deflection, or a gear; backlash and range, rad."""
 
-    stiffness: Torsion = 0.0
-    range: Angles | None = None
-    curve: RotaryCurve | None = None
+    stiffness: v.Torsion = 0.0
+    range: v.Angles | None = None
+    curve: v.RotaryCurve | None = None
     gear: Gear | None = None
-    backlash: AngleOrZero = 0.0
+    backlash: v.AngleOrZero = 0.0
 
 
 class Bearing(Section):
     """Compliance of a joint's bearing in the directions that the joint holds: m/N, rad/(N·m)."""
 
-    radial: Compliance = 0.0
-    axial: Compliance = 0.0
-    tilting: Tilting = 0.0
-
-
-def _kind_of_bearing(value: Any) -> str:
-    return "tagged-table" if isinstance(value, dict | Bearing) else "tagged-six"
+    radial: v.Compliance = 0.0
+    axial: v.Compliance = 0.0
+    tilting: v.Tilting = 0.0
 
 
 AnyBearing = Annotated[
-    Annotated[Bearing, Tag("tagged-table")] | Annotated[Diagonal, Tag("tagged-six")], Discriminator(_kind_of_bearing)
+    Annotated[Bearing, Tag("tagged-table")] | Annotated[v.Diagonal, Tag("tagged-six")],
+    Discriminator(lambda value: "tagged-table" if isinstance(value, dict | Bearing) else "tagged-six"),
 ]
-
-
 Bearings = Elements | None
+
+_BETWEEN = 'two bodies or ends such as ["ground", "arm.base"]'
+
+
+def _two_names(value: Any) -> Any:
+    if not isinstance(value, list | tuple) or [type(name) for name in value] != [str, str]:
+        what = 'two bodies or ends of bodies such as ["ground", "arm.base"]'
+        raise ValueError(f"expected {what}, got {q.show_value(value)}")
+    return value
 
 
 class JointSection(Section):
     """A joint between two bodies or ends of bodies; x along `axis`."""
 
-    between: Annotated[tuple[str, str], Says('two bodies or ends such as ["ground", "arm.base"]')]
+    between: Annotated[tuple[str, str], BeforeValidator(_two_names), Says(_BETWEEN)]
     type: str
-    at: Point
+    at: v.Point
     compliance: AnyBearing | None = None
     bearing: Bearings = None
-
-    @field_validator("between", mode="before")
-    @classmethod
-    def _two(cls, value: Any) -> Any:
-        if not isinstance(value, list | tuple) or len(value) != 2 or not all(isinstance(name, str) for name in value):
-            raise ValueError(
-                f'expected two bodies or ends of bodies such as ["ground", "arm.base"], got {q.show_value(value)}'
-            )
-        return value
 
     def yielding(self, axes: np.ndarray) -> np.ndarray:
         """Return the compliance (6, 6) of its bearing in the joint's axes; zero in free directions.
@@ -194,22 +150,18 @@ class JointSection(Section):
         ``axes`` (3, 3): the joint's axes as columns, in base axes as written. Raises InputError if
         the bearings do not constrain the same directions as the joint.
         """
-        return np.diag(self._diagonal()) if self.bearing is None else self._invert_bearings(axes)
-
-    def _invert_bearings(self, axes: np.ndarray) -> np.ndarray:
-        """Invert the sum of its bearings' stiffnesses on the constrained directions."""
-        given = self.bearing or ()
-        total = sum((each.stiffness(axes) for each in given), np.zeros((6, 6)))
+        if self.bearing is None:
+            return np.diag(self._diagonal())
+        total = sum((each.stiffness(axes) for each in self.bearing), np.zeros((6, 6)))
         size = np.sqrt(np.diagonal(total).clip(min=0.0))
         driven = DRIVEN[self.type] if getattr(self, "drive", None) is not None else None
-        wanted = set(range(6)) - set(FREE[self.type])
-        loose = [AXES[i] for i in sorted(wanted) if size[i] == 0.0]
         held = [i for i in range(6) if size[i] > 0.0]
-        stuck = [AXES[i] for i in held if i not in wanted | {driven}]
-        if loose:
-            raise InputError(f"bearing: expected bearings that hold {', '.join(loose)} too, got {_kinds(given)}")
-        if stuck:
-            raise InputError(f"bearing: expected bearings that leave {', '.join(stuck)} free, got {_kinds(given)}")
+        loose = [AXES[i] for i in range(6) if i not in {*held, *FREE[self.type]}]
+        stuck = [AXES[i] for i in held if i in FREE[self.type] and i != driven]
+        if loose or stuck:
+            wanted = f"hold {', '.join(loose)} too" if loose else f"leave {', '.join(stuck)} free"
+            kinds = ", ".join(each.kind for each in self.bearing)
+            raise InputError(f"bearing: expected bearings that {wanted}, got {kinds}")
         out, unit = np.zeros((6, 6)), np.outer(size, size)[np.ix_(held, held)]
         out[np.ix_(held, held)] = np.linalg.inv(total[np.ix_(held, held)] / unit) / unit
         return 0.5 * (out + out.T)
@@ -222,10 +174,6 @@ class JointSection(Section):
         return tuple(0.0 if i in FREE[self.type] else value for i, value in enumerate(given))
 
 
-def _kinds(elements: Sequence[ElementSection]) -> str:
-    return ", ".join(each.kind for each in elements)
-
-
 class FixedJoint(JointSection):
     """Holds all motions; its axes are the base axes."""
 
@@ -233,47 +181,47 @@ class FixedJoint(JointSection):
 class RevoluteJoint(JointSection):
     """Rotates about its axis; without a drive a spring (N·m/rad) may resist the rotation, unloaded at `rest` (rad)."""
 
-    axis: Direction
+    axis: v.Direction
     drive: RotaryDrive | None = None
-    spring: Torsion | None = None
-    rest: Angle = 0.0
+    spring: v.Torsion | None = None
+    rest: v.Angle = 0.0
 
 
 class PrismaticJoint(JointSection):
     """Slides along its axis; without a drive a spring (N/m) may resist the motion, unloaded at `rest` (m)."""
 
-    axis: Direction
+    axis: v.Direction
     drive: LinearDrive | None = None
-    spring: Stiffness | None = None
-    rest: Coordinate = 0.0
+    spring: v.Stiffness | None = None
+    rest: v.Coordinate = 0.0
 
 
 class CylindricalJoint(JointSection):
     """Slides along its axis and rotates about it; a drive acts along the slide."""
 
-    axis: Direction
+    axis: v.Direction
     drive: LinearDrive | None = None
 
 
 class UniversalJoint(JointSection):
     """Rotates about `axis`, fixed in the first body, and `axis2`, in the second; a spring (N·m/rad) resists each."""
 
-    axis: Direction
-    axis2: Direction
-    spring: Torsion | None = None
+    axis: v.Direction
+    axis2: v.Direction
+    spring: v.Torsion | None = None
 
 
 class SphericalJoint(JointSection):
     """Rotates about all axes; `axis` is axial for its bearing; a spring (N·m/rad) resists all rotations."""
 
-    axis: Direction | None = None
-    spring: Torsion | None = None
+    axis: v.Direction | None = None
+    spring: v.Torsion | None = None
 
 
 class PlanarJoint(JointSection):
     """Slides in the plane normal to its axis and rotates about the axis."""
 
-    axis: Direction
+    axis: v.Direction
 
 
 JOINTS: dict[str, type[JointSection]] = {
@@ -292,8 +240,8 @@ class Copies(Section):
 
     of: Name
     as_: tuple[str, ...] = Field(alias="as")
-    axis: Direction
-    angles: tuple[Angle, ...]
+    axis: v.Direction
+    angles: tuple[v.Angle, ...]
 
     @field_validator("as_", "angles", mode="before")
     @classmethod
@@ -308,7 +256,7 @@ class ToolSection(Section):
     """The tool point M on its body, and the coordinates that define a pose."""
 
     body: Name
-    at: Point
+    at: v.Point
     pose: tuple[Literal["x", "y", "z", "rx", "ry", "rz"], ...]
 
     @field_validator("pose")
@@ -322,25 +270,20 @@ class ToolSection(Section):
 class GravitySection(Section):
     """The gravity field of the robot; no direction is assumed."""
 
-    acceleration: Acceleration = 9.81
-    direction: Direction
+    acceleration: v.Acceleration = 9.81
+    direction: v.Direction
 
 
 class MapSection(Section):
     """Two pose coordinates swept by `stiffscope map`; `at`, by default home, sets the others."""
 
-    x: Lengths | None = None
-    y: Lengths | None = None
-    z: Lengths | None = None
-    rx: Angles | None = None
-    ry: Angles | None = None
-    rz: Angles | None = None
+    x: v.Lengths | None = None
+    y: v.Lengths | None = None
+    z: v.Lengths | None = None
+    rx: v.Angles | None = None
+    ry: v.Angles | None = None
+    rz: v.Angles | None = None
     at: tuple[Any, ...] | None = None
-
-    @field_validator(*AXES)
-    @classmethod
-    def _check_order(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
-        return check_rising(value)
 
     def ranges(self) -> dict[str, tuple[float, float]]:
         """Return the swept coordinates, in the order of a pose."""
@@ -352,5 +295,5 @@ class Effect(Section):
 
     effect: Name
     place: Name
-    parameters: dict[str, Ratio] = Field(default_factory=dict)
+    parameters: dict[str, v.Ratio] = Field(default_factory=dict)
     provenance: dict[str, Any] = Field(default_factory=dict)

@@ -9,7 +9,7 @@ from pydantic import BaseModel, ValidationError
 
 from stiffscope.errors import InputError, meant
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.parse import FieldError
+from stiffscope.robot.file.parse import FieldError, split_place
 from stiffscope.robot.file.values import Reads, Says
 
 if TYPE_CHECKING:
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.positions import Key
 
 Model = TypeVar("Model", bound=BaseModel)
+_EXPECTED = {
+    "dict_type": "a table", "tuple_type": "a list", "list_type": "a list", "string_type": "a text in quotes",
+}  # fmt: skip
 
 
 def read_table(model: type[Model], value: Any, key: Key) -> Model:
@@ -33,8 +36,6 @@ def read_table(model: type[Model], value: Any, key: Key) -> Model:
         Key of the value: keys of its tables, outermost first.
 
     """
-    if not isinstance(value, dict):
-        raise FieldError(key, f"expected a table of {', '.join(keys_of(model))}, got {q.show_value(value)}")
     try:
         return model.model_validate(value)
     except ValidationError as error:
@@ -76,26 +77,22 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
     """Return key and message of the first error; unknown keys take precedence over missing ones."""
     errors = error.errors(include_url=False)
     item = next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
-    key: Key = tuple(part for part in item["loc"] if not str(part).startswith(("function-", "tagged-")))
-    value, place = item.get("input"), tuple(item["loc"])
-    plain = {
-        "missing": lambda: f"expected {_describe_missing(_model_at(model, place[:-1]), str(key[-1]))}, got nothing",
-        "extra_forbidden": lambda: unknown_key(str(key[-1]), keys_of(_model_at(model, place[:-1]))),
-        "literal_error": lambda: f"expected {item.get('ctx', {}).get('expected')}, got {q.show_value(value)}",
-        "model_type": lambda: (
-            f"expected a table of {', '.join(keys_of(_model_at(model, key)))}, got {q.show_value(value)}"
-        ),
-        "dict_type": lambda: f"expected a table, got {q.show_value(value)}",
-        "tuple_type": lambda: f"expected a list, got {q.show_value(value)}",
-        "list_type": lambda: f"expected a list, got {q.show_value(value)}",
-        "string_type": lambda: f"expected a text in quotes, got {q.show_value(value)}",
-    }
-    if item["type"] in plain:
-        return key, plain[item["type"]]()
-    named, message = "", item["msg"].removeprefix("Value error, ")
-    if isinstance(item.get("ctx", {}).get("error"), InputError):  # e.g. "frame.x: ..."
-        named, _, message = message.partition(": ")
-    return (*key, *named.split(".")[1:]), message
+    kind, place, context = item["type"], tuple(item["loc"]), item.get("ctx", {})
+    key: Key = tuple(part for part in place if not str(part).startswith(("function-", "tagged-")))
+    if kind == "extra_forbidden":
+        return key, unknown_key(str(key[-1]), keys_of(_model_at(model, place[:-1])))
+    if kind == "missing":
+        said = _describe_missing(_model_at(model, place[:-1]), str(key[-1]))
+        return key, f"expected {said}, got nothing"
+    expected = context.get("expected") if kind == "literal_error" else _EXPECTED.get(kind)
+    if kind == "model_type":
+        expected = f"a table of {', '.join(keys_of(_model_at(model, key)))}"
+    if expected:
+        return key, f"expected {expected}, got {q.show_value(item['input'])}"
+    inner, message = (), item["msg"].removeprefix("Value error, ")
+    if isinstance(context.get("error"), InputError):
+        inner, message = split_place(message)
+    return (*key, *inner), message
 
 
 def _describe_missing(model: type[BaseModel], key: str) -> str:

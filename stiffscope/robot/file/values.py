@@ -6,11 +6,12 @@ Importing this module imports pydantic; the reader imports it on use.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
 
 from stiffscope.fea.settings import MOST_LAYERS
 from stiffscope.robot.file import quantities as q
@@ -47,15 +48,14 @@ def read_any(text: str) -> tuple[float, q.Dimension]:
 
 def _any(value: Any) -> tuple[float, q.Dimension]:
     for dimension in (q.NUMBER, q.TORSION, *q.NAMED):
-        try:
+        with suppress(ValueError):
             return q.to_si(value, dimension, sign="any"), dimension
-        except ValueError:
-            continue
     try:
         return q.to_si(value, q.LENGTH, sign="any"), q.LENGTH
     except ValueError as error:
         why = str(error).partition(", got ")[2]
-        raise ValueError(f'expected a quantity such as "220 mm" or "25 deg", or an expression, got {why}') from error
+        what = 'a quantity such as "220 mm" or "25 deg", or an expression'
+        raise ValueError(f"expected {what}, got {why}") from error
 
 
 def unit_of(value: Any) -> str:
@@ -90,7 +90,7 @@ def parse_whole(value: Any) -> int:
 MOST_ELEMENTS = 1000  # rolling elements of a row, carriages, rails
 
 
-def _whole(expected: str, most: float = math.inf) -> Callable[[Any], int]:
+def _whole(expected: str, most: float = math.inf, says: str = "a whole number above 0") -> Reads:
     """What reads a whole number from 1 on."""
 
     def read(value: Any) -> int:
@@ -98,16 +98,7 @@ def _whole(expected: str, most: float = math.inf) -> Callable[[Any], int]:
             raise ValueError(f"expected {expected}, got {q.show_value(value)}")
         return parse_whole(value)
 
-    return read
-
-
-def _mass_or_cad(value: Any) -> float | str:
-    if value == "cad":
-        return "cad"
-    try:
-        return q.to_si(value, q.MASS, sign="non-negative")
-    except ValueError as error:
-        raise ValueError(f'{error} (or "cad": the volume of the solid times its density)') from error
+    return Reads(read, says=says)
 
 
 def _own_mass(value: Any) -> float:
@@ -116,26 +107,25 @@ def _own_mass(value: Any) -> float:
     return q.to_si(value, q.MASS, sign="non-negative")
 
 
-def _or_word(read: Callable[[Any], float], word: str, meaning: str, said: str) -> Reads:
-    """Return a reader that applies `read` to a value, and returns None for a word or no value."""
+def _or_word(read: Callable[[Any], float], word: str, meaning: str, said: str, stays: str | None = None) -> Reads:
+    """Return a reader that applies `read` to a value, and returns ``stays`` for a word or no value."""
 
-    def read_or_none(value: Any) -> float | None:
+    def read_or_word(value: Any) -> float | str | None:
         if value is None or value == word:
-            return None
+            return stays
         try:
             return read(value)
         except ValueError as error:
             raise ValueError(f'{error} (or "{word}": {meaning})') from error
 
-    return Reads(read_or_none, says=f'{said}, or "{word}": {meaning}')
+    return Reads(read_or_word, says=f'{said}, or "{word}": {meaning}')
 
 
 def _tolerance(value: Any) -> float:
     share = q.to_si(value, q.SHARE)
     if not 1e-6 <= share < 1:  # below 1e-6 rounding dominates
-        raise ValueError(
-            f'expected a share from 1e-6 to below 1 such as "{q.SHARE.example}", got {q.show_value(value)}'
-        )
+        what = f'a share from 1e-6 to below 1 such as "{q.SHARE.example}"'
+        raise ValueError(f"expected {what}, got {q.show_value(value)}")
     return share
 
 
@@ -148,6 +138,12 @@ def _list_of(count: int, what: str) -> BeforeValidator:
         return value
 
     return BeforeValidator(check)
+
+
+def _rising(value: tuple[float, float]) -> tuple[float, float]:
+    if not value[0] < value[1]:
+        raise ValueError(f"expected a lower and a higher value, got {value[0]:g} and {value[1]:g}")
+    return value
 
 
 _POINT = 'three lengths such as ["180 mm", 0, "35 mm"]'
@@ -203,22 +199,24 @@ RotaryCurve = Annotated[
     tuple[Annotated[tuple[AngleAbove, MomentAbove], _list_of(2, "a deflection and a torque")], ...],
     Says('deflections and torques such as [["0.1 mrad", "1 N*m"], ["0.5 mrad", "9 N*m"]]'),
 ]
-Lengths = Annotated[tuple[Coordinate, Coordinate], _list_of(2, 'two lengths such as ["-150 mm", "150 mm"]')]
-Angles = Annotated[tuple[Angle, Angle], _list_of(2, 'two angles such as ["-60 deg", "80 deg"]')]
+_LENGTHS, _ANGLES = 'two lengths such as ["-150 mm", "150 mm"]', 'two angles such as ["-60 deg", "80 deg"]'
+Lengths = Annotated[tuple[Coordinate, Coordinate], _list_of(2, _LENGTHS), AfterValidator(_rising)]
+Angles = Annotated[tuple[Angle, Angle], _list_of(2, _ANGLES), AfterValidator(_rising)]
 
 LengthOrAuto = Annotated[
-    float | None, _or_word(lambda value: q.to_si(value, q.LENGTH), "auto", "a size that suits the part", "a length")
+    float | None, _or_word(_quantity(q.LENGTH).func, "auto", "a size that suits the part", "a length")
 ]
 Foundation = Annotated[
-    float | None, _or_word(lambda value: q.to_si(value, q.FOUNDATION), "rigid", "a clamp that does not give", "N/m³")
+    float | None, _or_word(_quantity(q.FOUNDATION).func, "rigid", "a clamp that does not give", "N/m³")
 ]
 Tolerance = Annotated[float | None, _or_word(_tolerance, "auto", "whatever one mesh reaches", "a share")]
 Count = Annotated[int, Reads(parse_whole, says="a whole number")]
-Layers = Annotated[int, Reads(_whole(f"1 to {MOST_LAYERS} layers", MOST_LAYERS), says=f"1 to {MOST_LAYERS}")]
-Some = Annotated[int, Reads(_whole(f"1 to {MOST_ELEMENTS}", MOST_ELEMENTS), says="a whole number above 0")]
-Positive = Annotated[int, Reads(_whole("a positive whole number such as 2000000"), says="a whole number above 0")]
+Layers = Annotated[int, _whole(f"1 to {MOST_LAYERS} layers", MOST_LAYERS, f"1 to {MOST_LAYERS}")]
+Some = Annotated[int, _whole(f"1 to {MOST_ELEMENTS}", MOST_ELEMENTS)]
+Positive = Annotated[int, _whole("a positive whole number such as 2000000")]
 OwnMass = Annotated[float, Reads(_own_mass, says='a mass such as "1.95 kg"')]
-MassOrCad = Annotated[float | Literal["cad"], Reads(_mass_or_cad, says='a mass, or "cad": volume times density')]
+_BY_CAD = _or_word(Mass.__metadata__[0].func, "cad", "the volume of the solid times its density", "a mass", "cad")
+MassOrCad = Annotated[float | Literal["cad"], _BY_CAD]
 
 
 class Section(BaseModel):
