@@ -65,26 +65,26 @@ class ElementSection(Section):
         carry = shift([self.offset, 0.0, 0.0])
         return carry.T @ turn @ self.element().stiffness @ turn.T @ carry
 
-    def _need(self, *keys: str) -> None:
+    def _need(self, *keys: str) -> list[Any]:
+        """Return the values of keys; raise InputError if one is missing."""
         for key in keys:
             if getattr(self, key) is None:
                 raise InputError(f"{key}: expected a value beside the others, got nothing")
+        return [getattr(self, key) for key in keys]
 
     @property
-    def _by_sheet(self) -> bool:
-        return any(getattr(self, key) is not None for key in self.sheet)
-
-    def _check_one_source(self) -> None:
-        allowed = {"kind", "offset", *self.sheet, *self.beside}
-        given = [key for key in type(self).model_fields if key in self.model_fields_set - allowed]
-        if self._by_sheet and given:
-            own = next(key for key in self.sheet if getattr(self, key) is not None)
-            raise InputError(f"{given[0]}: expected none beside the sheet's own {own}, got one")
+    def _by_sheet(self) -> str:
+        """First key given of the data sheet's own stiffnesses, or an empty text."""
+        return next((key for key in self.sheet if getattr(self, key) is not None), "")
 
     @model_validator(mode="after")
     def _possible(self) -> ElementSection:
+        beside = self.model_fields_set - {"kind", "offset", *self.sheet, *self.beside}
+        for key in type(self).model_fields if self._by_sheet else ():
+            if key in beside:
+                own = self._by_sheet
+                raise InputError(f"bearing.{key}: expected none beside the sheet's own {own}, got one")
         try:
-            self._check_one_source()
             _ = self.element().compliance
         except InputError as error:
             raise InputError(f"bearing.{error}") from error
@@ -144,17 +144,14 @@ class BallBearing(_Rotary):
         """See `ElementSection`."""
         if self._by_sheet:
             return self._of_sheet(POINT)
-        self._need("balls", "ball", "pitch", *(["angle"] if self.kind == "angular-contact" else []))
-        if self.kind == "angular-contact" and self._force[0] < 0.0:
-            raise InputError(
-                f"load: expected a thrust along the pressed side of an angular-contact bearing, "
-                f"got {self._force[0]:g} N"
-            )
+        angular = self.kind == "angular-contact"
+        balls, ball, pitch, *_ = self._need("balls", "ball", "pitch", *(["angle"] if angular else []))
+        if angular and self._force[0] < 0.0:
+            what = "a thrust along the pressed side of an angular-contact bearing"
+            raise InputError(f"load: expected {what}, got {self._force[0]:g} N")
         modulus = me.reduced_modulus({"steel": me.STEEL, "ceramic": me.CERAMIC}[self.ball_material])
-        contacts = me.ball_contacts(
-            self.balls or 0, self.ball or 0.0, self.pitch or 0.0, self.angle or 0.0, self.osculation, modulus,
-            self.clearance,
-        )  # fmt: skip
+        angle, groove = self.angle or 0.0, self.osculation
+        contacts = me.ball_contacts(balls, ball, pitch, angle, groove, modulus, self.clearance)
         return me.ball_bearing(contacts, self._force, self.arrangement, self.spacing)
 
 
@@ -175,9 +172,9 @@ class RollerBearing(_Rotary):
         """See `ElementSection`."""
         if self._by_sheet:
             return self._of_sheet(LINE)
-        self._need("rollers", "length", "pitch")
+        rollers, length, pitch = self._need("rollers", "length", "pitch")
         make = me.roller_bearing if self.kind == "cylindrical-roller" else me.crossed_roller
-        return make(self.rollers or 0, self.length or 0.0, self.pitch or 0.0, self.clearance, self._force)
+        return make(rollers, length, pitch, self.clearance, self._force)
 
 
 class LinearGuide(ElementSection):
@@ -231,12 +228,11 @@ class LinearGuide(ElementSection):
                 if not getattr(self, key) and getattr(self, others) == 1:
                     raise InputError(f"{key}: expected a carriage's own beside one of {others}, got nothing")
             return me.guide_of_sheet(each, rails, carriages, "the sheet's own stiffness of one carriage")
-        self._need("ball", "width", "height", "length", "preload")
+        ball, *sizes = self._need("ball", "width", "height", "length", "preload")
+        groove, inward = self.osculation[0], self.arrangement == "face-to-face"
         contacts = me.carriage_contacts(
-            self.balls, self.ball or 0.0, self.osculation[0], self.angle, self.width or 0.0, self.height or 0.0,
-            self.length or 0.0, self.preload or 0.0, me.reduced_modulus(),
-            face_to_face=self.arrangement == "face-to-face",
-        )  # fmt: skip
+            self.balls, ball, groove, self.angle, *sizes, me.reduced_modulus(), face_to_face=inward
+        )
         return me.guide_of_balls(contacts, rails, carriages)
 
 
@@ -262,11 +258,8 @@ class BallScrew(ElementSection):
         """See `ElementSection`."""
         if self.axial is not None:
             return me.of_sheet(0.0, self.axial, 0.0, "the sheet's own stiffness")
-        self._need("diameter", "length")
-        return me.ball_screw(
-            self.diameter or 0.0, self.length or 0.0, self.nut or np.inf, self.support or np.inf,
-            both_ends=self.both_ends, lead=self.lead,
-        )  # fmt: skip
+        sizes, (nut, support) = self._need("diameter", "length"), (self.nut or np.inf, self.support or np.inf)
+        return me.ball_screw(*sizes, nut, support, both_ends=self.both_ends, lead=self.lead)
 
 
 ELEMENTS: dict[str, type[ElementSection]] = {
@@ -289,16 +282,13 @@ def _some(value: Any) -> Any:
     return tuple(several)
 
 
-def _kind(value: Any) -> str:
-    return f"tagged-{ELEMENTS[value['kind'] if isinstance(value, dict) else value.kind].__name__}"
-
-
 _Ball = Annotated[BallBearing, Tag("tagged-BallBearing")]
 _Roller = Annotated[RollerBearing, Tag("tagged-RollerBearing")]
 _Guide = Annotated[LinearGuide, Tag("tagged-LinearGuide")]
 _Screw = Annotated[BallScrew, Tag("tagged-BallScrew")]
 _EXAMPLE = 'a table such as { kind = "deep-groove", … }'
-AnyElement = Annotated[_Ball | _Roller | _Guide | _Screw, Discriminator(_kind)]
+_KIND = Discriminator(lambda value: f"tagged-{ELEMENTS[dict(value)['kind']].__name__}")
+AnyElement = Annotated[_Ball | _Roller | _Guide | _Screw, _KIND]
 Elements = Annotated[tuple[AnyElement, ...], BeforeValidator(_some), Says(_EXAMPLE)]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from contextlib import suppress
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, Any
 
@@ -57,9 +58,12 @@ def evaluate(data: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float], di
     try:
         values = _parameter_values(data)
         return evaluate_value(rest, values), values, tolerances
-    except FieldError:
+    except FieldError:  # if a value's own field refuses it, so, before the expression that uses it
         for key, value, field in _list_given(data).values():
-            _check_field(field, key, value)
+            given = field is not None and value is not None and not is_expression(value)
+            for reads in field.metadata if given else ():
+                with blame(*key):
+                    reads.func(value) if isinstance(reads, Reads) else None
         raise
 
 
@@ -127,8 +131,9 @@ def _parameter_values(data: Mapping[str, Any]) -> dict[str, float]:
         elif key[0] == "parameters":
             with blame(*key):
                 values[name] = measured_quantity(value)
-        elif (number := _number(value)) is not None:
-            values[name] = number
+        else:
+            with suppress(ValueError):  # whether it measures what it should is checked later
+                values[name] = measured_quantity(value)
     order = TopologicalSorter({name: expression.names for name, expression in expressions.items()})
     try:
         ordered = list(order.static_order())
@@ -160,22 +165,6 @@ def _list_given(data: Mapping[str, Any]) -> dict[str, tuple[Key, Any, FieldInfo 
         for key, value in {**defaults, **(section if isinstance(section, dict) else {})}.items():
             found[normalize(f"{part}.{key}")] = (("parts", part, key), value, fields.get(key))
     return found
-
-
-def _check_field(field: FieldInfo | None, key: Key, value: Any) -> None:
-    """Raise FieldError if a value's own field refuses it, before an expression using it fails."""
-    for reads in field.metadata if field and value is not None else ():
-        if isinstance(reads, Reads) and not (isinstance(value, str) and is_expression(value)):
-            with blame(*key):
-                reads.func(value)  # type: ignore[call-arg]
-
-
-def _number(value: Any) -> float | None:
-    """A part's number, or None for what is none; whether it measures what it should is checked later."""
-    try:
-        return measured_quantity(value)
-    except ValueError:
-        return None
 
 
 def _parse(key: Key, text: str, known: Mapping[str, Any]) -> Expression:

@@ -126,7 +126,7 @@ def _names(node: ast.expr, text: str) -> Iterator[str]:
         name = _join_dotted(node, text)
         if name not in CONSTANTS:
             yield name
-    elif not _is_number(node):
+    elif not (isinstance(node, ast.Constant) and type(node.value) in {int, float}):
         for each in _operation(node, text)[1]:
             yield from _names(each, text)
 
@@ -192,10 +192,6 @@ def _operation(node: ast.expr, text: str) -> tuple[Operation, list[ast.expr]]:
             return function, args
     hint = "; a power is **" if any(isinstance(each, ast.BitXor) for each in ast.walk(node)) else ""
     raise ValueError(f"expected only {_WHAT}, got {_piece(node, text)}{hint}")
-
-
-def _is_number(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant) and type(node.value) in {int, float}
 
 
 def _join_dotted(node: ast.expr, text: str) -> str:

@@ -56,8 +56,7 @@ def _position(value: Any) -> str | tuple[float, ...]:
     raise ValueError(f'expected one of {", ".join(ENDS)} or a point such as ["85 mm", 0, 0], got {q.show_value(value)}')
 
 
-def _face_numbers(value: Any) -> tuple[int, ...]:
-    return tuple(v.parse_whole(item) for item in (value if isinstance(value, list) else [value]))
+_NUMBERS = BeforeValidator(lambda value: tuple(map(v.parse_whole, value if isinstance(value, list) else [value])))
 
 
 class Face(Section):
@@ -71,7 +70,7 @@ class Face(Section):
     normal: v.Direction | None = None
     position: Annotated[str | tuple[float, ...], BeforeValidator(_position)] | None = None
     radius: v.Length | None = None
-    index: Annotated[tuple[int, ...], BeforeValidator(_face_numbers)] | None = None
+    index: Annotated[tuple[int, ...], _NUMBERS] | None = None
     washer: v.Length | None = None
 
     def selector(self) -> FaceSelector:
@@ -141,11 +140,11 @@ class SolidPart(PartSection):
 class ParametricPart(SolidPart):
     """A solid that the file describes by lengths and counts."""
 
-    build: ClassVar[type]
+    made: ClassVar[type]
 
     def dimensions(self) -> dict[str, float | int | str]:
         """Return the parameters of the part's shape, SI."""
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self.build)}
+        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self.made)}
 
     def lengths(self) -> dict[str, float]:
         """Return the lengths among the parameters, m."""
@@ -160,21 +159,21 @@ class ParametricPart(SolidPart):
 
     def parameters(self) -> Dimensions:
         """Return the shape for cad; its InputError names the parameter: "link.bore: …"."""
-        return self.build(**self.dimensions())
+        return self.made(**self.dimensions())
 
 
-def _with_shape(name: str, base: type[ParametricPart], parameters: type, *required: str) -> type[ParametricPart]:
-    """Create a section with one key for each field of a part's parameters."""
-    kinds = {float: v.LengthOrZero, int: v.Count, str: str}
-    hints = typing.get_type_hints(parameters)
-    fields: dict[str, Any] = {}
-    for field in dataclasses.fields(parameters):
-        if field.name in required or field.default is dataclasses.MISSING:
-            fields[field.name] = (v.Length, ...)
-        else:
-            fields[field.name] = (kinds.get(hints[field.name], hints[field.name]), field.default)
-    model = create_model(name, __base__=base, __doc__=base.__doc__, **fields)
-    model.build = parameters
+def _section_of(name: str, base: Any, made: type, required: tuple[str, ...] = (), doc: str = "", omit: int = 0) -> Any:
+    """Create a section with one key for each field of what is ``made`` of it, but for the first ``omit``."""
+    constants = {"modulus": v.Modulus, "poisson": v.Ratio, "density": v.Density, "expansion": v.Expansion}
+    kinds = {float: v.LengthOrZero, int: v.Count}
+    hints, fields = typing.get_type_hints(made), dict[str, Any]()
+    for field in dataclasses.fields(made)[omit:]:
+        needed = field.name in required or field.default is dataclasses.MISSING
+        hint = hints[field.name]
+        kind = constants.get(field.name.rpartition("_")[2]) or (v.Length if needed else kinds.get(hint, hint))
+        fields[field.name] = (kind, ... if needed else field.default)
+    model = create_model(name, __base__=base, __doc__=doc or base.__doc__, **fields)
+    model.made = made
     return model
 
 
@@ -194,17 +193,13 @@ class _Plate(ParametricPart):
         return ("clamped", *PADS) if size["pads"] == "apart" and size["pad_height"] else ()
 
 
-RodPart = _with_shape("RodPart", _Rod, LinkParameters, "length", "radius")
-PlatePart = _with_shape("PlatePart", _Plate, SliderParameters, "depth", "width", "thickness")
-
-
-def _beam_part(shape: str, parameters: type[BeamParameters]) -> type[ParametricPart]:
-    part = _with_shape(f"{shape.capitalize()}Part", ParametricPart, parameters)
-    part.__doc__ = f"{parameters.__doc__} Axes: x along it from the clamped end, from the section's centroid."
-    return part
-
-
-BEAM_PARTS = {shape: _beam_part(shape, parameters) for shape, parameters in BEAMS.items()}
+RodPart = _section_of("RodPart", _Rod, LinkParameters, ("length", "radius"))
+PlatePart = _section_of("PlatePart", _Plate, SliderParameters, ("depth", "width", "thickness"))
+_FROM = "Axes: x along it from the clamped end, from the section's centroid."
+BEAM_PARTS: dict[str, type[ParametricPart]] = {
+    shape: _section_of(f"{shape.capitalize()}Part", ParametricPart, beam, doc=f"{beam.__doc__} {_FROM}")
+    for shape, beam in BEAMS.items()
+}
 
 
 def solid_length(part: PartSection) -> float | None:
@@ -351,26 +346,14 @@ PARTS: dict[str, type[PartSection]] = {
 class MaterialSection(Section):
     """An elastic material, of one of the laws that cad knows."""
 
-    law: ClassVar[type]
+    made: ClassVar[type]
 
     def build(self, name: str) -> AnyMaterial:
         """Return the material for CAD and FEA."""
-        return self.law(name, **self.model_dump())
+        return self.made(name, **self.model_dump())
 
 
-def _material_section(name: str, law: type, doc: str) -> type[MaterialSection]:
-    """A section with one key for each field of a material."""
-    kinds = {"modulus": v.Modulus, "poisson": v.Ratio, "density": v.Density, "expansion": v.Expansion, "source": str}
-    fields: dict[str, Any] = {}
-    for field in dataclasses.fields(law)[1:]:  # after the name
-        default = ... if field.default is dataclasses.MISSING else field.default
-        fields[field.name] = (kinds[field.name.rpartition("_")[2]], default)
-    model = create_model(name, __base__=MaterialSection, __doc__=doc, **fields)
-    model.law = law
-    return model
-
-
-Isotropic = _material_section("Isotropic", Material, "An isotropic elastic material.")
-Fibrous = _material_section(
-    "Fibrous", TransverselyIsotropic, "A transversely isotropic material, fibres along the part's x."
-)
+_BULK = "An isotropic elastic material."
+_ALONG = "A transversely isotropic material, fibres along the part's x."
+Isotropic = _section_of("Isotropic", MaterialSection, Material, doc=_BULK, omit=1)  # its name
+Fibrous = _section_of("Fibrous", MaterialSection, TransverselyIsotropic, doc=_ALONG, omit=1)

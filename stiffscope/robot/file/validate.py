@@ -8,22 +8,10 @@ from typing import TYPE_CHECKING, Any
 from stiffscope.errors import InputError
 from stiffscope.fea.superelement_files import read_superelement
 from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file import sections
 from stiffscope.robot.file.description import RobotFile, find_element
 from stiffscope.robot.file.parse import FieldError, blame
 from stiffscope.robot.file.part_sections import PARTS, Fibrous, InterfacePart, Isotropic, MatrixPart, ParametricPart
-from stiffscope.robot.file.sections import (
-    AXES,
-    JOINTS,
-    BodySection,
-    Effect,
-    ElasticBody,
-    GravitySection,
-    InterfaceBody,
-    JointSection,
-    MapSection,
-    RigidBody,
-    ToolSection,
-)
 from stiffscope.robot.file.tables import keys_of, one_of, read_table, unknown_key
 
 if TYPE_CHECKING:
@@ -48,11 +36,10 @@ def check_top(data: Mapping[str, Any]) -> None:
     for key in data:
         if key not in TOP:
             raise FieldError((key,), unknown_key(key, TOP))
-    for key in TOP:
-        if key in LISTS and not isinstance(data.get(key, []), list):
-            raise FieldError((key,), f"expected [[{key}]], a list of tables, got {q.show_value(data[key])}")
-        if key not in {*LISTS, "name"} and not isinstance(data.get(key, {}), dict):
-            raise FieldError((key,), f"expected a table, got {q.show_value(data[key])}")
+    for key in {**data, "name": {}}:
+        kind, what = (list, f"[[{key}]], a list of tables") if key in LISTS else (dict, "a table")
+        if key != "name" and not isinstance(data[key], kind):
+            raise FieldError((key,), f"expected {what}, got {q.show_value(data[key])}")
 
 
 def validate(
@@ -90,40 +77,35 @@ def validate(
     def read(key: str, function: Callable[[str, Any], Any]) -> Mapping[str, Any]:
         return MappingProxyType({name: function(name, table) for name, table in data.get(key, {}).items()})
 
-    parts, joints = (
-        read("parts", lambda name, table: _read_part(name, table, source.path.parent)),
-        read("joints", _read_joint),
-    )
+    parts = read("parts", lambda name, table: _read_part(name, table, source.path.parent))
+    joints = read("joints", _read_joint)
     bodies = read("bodies", lambda name, table: _read_body(name, table, parts))
     shared = {name: f"joints.{name}" for name in joints if name in bodies}
     joints = MappingProxyType({shared.get(name, name): joint for name, joint in joints.items()})
     copied = copied | {joint: copied[name] for name, joint in shared.items() if name in copied}
-    if "tool" not in data:
-        raise FieldError(("tool",), "expected a table of body, at, pose, got nothing")
-    tool = read_table(ToolSection, data["tool"], ("tool",))
+    tool = read_table(sections.ToolSection, data.get("tool"), ("tool",))
+    gravity = "gravity" in data and read_table(sections.GravitySection, data["gravity"], ("gravity",))
+    effects = enumerate(data.get("effects", []))
+    name = data.get("name", source.path.stem)
+    if not isinstance(name, str) or not name.strip() or not name.isprintable():
+        raise FieldError(("name",), f"expected a name in quotes, one printable line, got {q.show_value(name)}")
     return RobotFile(
-        name=_read_name(data.get("name", source.path.stem)),
+        name=name,
         parts=parts,
         bodies=bodies,
         joints=joints,
         tool=tool,
         parameters=MappingProxyType({name: value for name, value in values.items() if "." not in name}),
         groups=MappingProxyType(_read_groups(data.get("groups", {}), bodies, joints)),
-        gravity=read_table(GravitySection, data["gravity"], ("gravity",)) if "gravity" in data else None,
+        gravity=gravity or None,
         poses=read("poses", lambda name, pose: read_pose(pose, tool, ("poses", name))),
         map=_read_map(data["map"], tool) if "map" in data else None,
         materials=read("materials", _read_material),
-        effects=tuple(read_table(Effect, each, ("effects", i)) for i, each in enumerate(data.get("effects", []))),
+        effects=tuple(read_table(sections.Effect, each, ("effects", i)) for i, each in effects),
         copied=MappingProxyType(copied),
         tolerances=MappingProxyType(tolerances),
         source=source,
     )
-
-
-def _read_name(name: Any) -> str:
-    if not isinstance(name, str) or not name.strip() or not name.isprintable():
-        raise FieldError(("name",), f"expected a name in quotes, one printable line, got {q.show_value(name)}")
-    return name
 
 
 def _read_part(name: str, table: Any, folder: Path) -> PartSection:
@@ -175,34 +157,34 @@ def _choose(table: Any, word: str, valid: Iterable[str], key: tuple[str, ...], w
         return one_of(table[word], valid, what)
 
 
-def _read_body(name: str, table: Any, parts: Mapping[str, PartSection]) -> BodySection:
+def _read_body(name: str, table: Any, parts: Mapping[str, PartSection]) -> sections.BodySection:
     """Read a body: with interfaces if its part has them, elastic if part or ends, else rigid."""
     key = ("bodies", name)
     if isinstance(table, dict):
         part = parts.get(str(table.get("part")))
         bare = isinstance(part, ParametricPart) and {"base", "tip"} & table.keys()
         if part is not None and part.interface_names and not bare:
-            return read_table(InterfaceBody, table, key)
-        elastic = [each for each in table if each in keys_of(ElasticBody)]
-        rigid = [each for each in table if each in keys_of(RigidBody)]
+            return read_table(sections.InterfaceBody, table, key)
+        elastic = [each for each in table if each in keys_of(sections.ElasticBody)]
+        rigid = [each for each in table if each in keys_of(sections.RigidBody)]
         if "part" in elastic and rigid:
             got = q.show_value(table[rigid[0]])
             message = f"expected no {rigid[0]} of a body with a part, which has its part's, got {got}"
             raise FieldError((*key, rigid[0]), message)
         if elastic and not rigid:
-            return read_table(ElasticBody, table, key)
+            return read_table(sections.ElasticBody, table, key)
         if elastic:
             raise FieldError((*key, elastic[0]), f"expected no {elastic[0]} of a rigid body, which has no part")
-    return read_table(RigidBody, table, key)
+    return read_table(sections.RigidBody, table, key)
 
 
-def _read_joint(name: str, table: Any) -> JointSection:
+def _read_joint(name: str, table: Any) -> sections.JointSection:
     key = ("joints", name)
-    kind = _choose(table, "type", JOINTS, key, "a type")
-    if "drive" in table and "drive" not in JOINTS[kind].model_fields:
-        driven = ", ".join(each for each, model in JOINTS.items() if "drive" in model.model_fields)
+    kind = _choose(table, "type", sections.JOINTS, key, "a type")
+    if "drive" in table and "drive" not in sections.JOINTS[kind].model_fields:
+        driven = ", ".join(each for each, model in sections.JOINTS.items() if "drive" in model.model_fields)
         raise FieldError((*key, "drive"), f"expected a joint that a drive can move ({driven}), got a {kind} one")
-    return read_table(JOINTS[kind], table, key)
+    return read_table(sections.JOINTS[kind], table, key)
 
 
 def _read_material(name: str, table: Any) -> AnyMaterial:
@@ -211,7 +193,7 @@ def _read_material(name: str, table: Any) -> AnyMaterial:
     made = read_table(model, table, key)
     try:
         return made.build(name)
-    except InputError as error:  # the message is "materials.steel.density: expected ..."
+    except InputError as error:  # "materials.NAME.density: expected …"
         where, _, message = str(error).removeprefix(f"materials.{name}.").partition(": ")
         raise FieldError((*key, where), message) from error
 
@@ -242,7 +224,7 @@ def _read_groups(
     return {name: tuple(dict.fromkeys(members(name, ()))) for name in table}
 
 
-def read_pose(value: Any, tool: ToolSection, key: Key) -> tuple[float, ...]:
+def read_pose(value: Any, tool: sections.ToolSection, key: Key) -> tuple[float, ...]:
     """Read a tool pose: a number for each coordinate in `[tool] pose`; FieldError if invalid.
 
     Parameters
@@ -256,21 +238,21 @@ def read_pose(value: Any, tool: ToolSection, key: Key) -> tuple[float, ...]:
 
     """
     if not isinstance(value, list | tuple) or len(value) != len(tool.pose):
-        raise FieldError(key, f"expected a pose of {len(tool.pose)}, {' '.join(tool.pose)}, got {q.show_value(value)}")
+        what = f"a pose of {len(tool.pose)}, {' '.join(tool.pose)}"
+        raise FieldError(key, f"expected {what}, got {q.show_value(value)}")
     found = []
     for number, (name, each) in enumerate(zip(tool.pose, value, strict=True)):
         with blame(*key, number):
-            found.append(q.to_si(each, q.LENGTH if name in AXES[:3] else q.ANGLE, sign="any"))
+            found.append(q.to_si(each, q.LENGTH if name in sections.AXES[:3] else q.ANGLE, sign="any"))
     return tuple(found)
 
 
-def _read_map(table: Any, tool: ToolSection) -> MapSection:
-    found = read_table(MapSection, table, ("map",))
+def _read_map(table: Any, tool: sections.ToolSection) -> sections.MapSection:
+    found = read_table(sections.MapSection, table, ("map",))
     for name in found.ranges():
         if name not in tool.pose:
             raise FieldError(("map", name), f"expected coordinates of the pose ({' '.join(tool.pose)}), got {name}")
     if len(found.ranges()) != min(2, len(tool.pose)):
         raise FieldError(("map",), f"expected two coordinates to sweep, got {' '.join(found.ranges()) or 'none'}")
-    if found.at is None:
-        return found
-    return found.model_copy(update={"at": read_pose(found.at, tool, ("map", "at"))})
+    at = None if found.at is None else read_pose(found.at, tool, ("map", "at"))
+    return found.model_copy(update={"at": at})
