@@ -21,7 +21,7 @@ from stiffscope.report.kept_pictures import draw_named_poses
 from stiffscope.report.run_report import write_map_report
 from stiffscope.report.volumes import write_volume
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.inspection import configured_poses, rigid_mechanism
+from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.robot.reader import load_robot
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from stiffscope.errors import InputError, meant
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.inspection import configured_poses, rigid_mechanism
+from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.vjm.kinematics import configure_drives, start_note
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from stiffscope.robot.file.expressions import parse
 from stiffscope.robot.file.parse import FieldError, Source, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import Section, any_quantity, unit_of
-from stiffscope.robot.inspection import configured_poses, rigid_mechanism
+from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.robot.parameters import parameters
 from stiffscope.robot.reader import load_robot_of, pose_of, read_robot
 from stiffscope.runtime import reading

@@ -15,8 +15,7 @@ from stiffscope.experiments.experiments import describe_solid, solve_parts
 from stiffscope.experiments.orders import build_part, name_lines, order_part
 from stiffscope.robot.checks import SAME_LENGTH
 from stiffscope.robot.file.part_sections import StepPart
-from stiffscope.robot.inspection import configured_poses, rigid_mechanism
-from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.mechanism_of import configured_poses, mechanism_of, rigid_mechanism
 from stiffscope.robot.part_matrices import needed_experiments, part_matrices, part_sources, used_parts
 from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm import statics

@@ -21,9 +21,8 @@ from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.robot.file.quantities import show_value
-from stiffscope.robot.inspection import rigid_mechanism
 from stiffscope.robot.library import find_robot, robot_names
-from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.mechanism_of import mechanism_of, rigid_mechanism
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import PartMatrix, needed_experiments, part_matrices, part_sources, rigid_part
 from stiffscope.robot.reader import load_robot

@@ -24,7 +24,7 @@ from stiffscope.report.robot_scene import scene
 from stiffscope.report.robot_view import robot_view, unit_wrenches, wrench_cases
 from stiffscope.report.run_report import ENERGY, GEOMETRY, turn_robot
 from stiffscope.report.terminal import record_shown, show_line, show_table
-from stiffscope.robot.inspection import rigid_mechanism
+from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.parameters import parameters
 from stiffscope.runtime.output import scratch_folder

@@ -16,8 +16,7 @@ from stiffscope.robot.file.parse import FieldError, blame
 from stiffscope.robot.file.part_sections import ParametricPart, solid_length
 from stiffscope.robot.file.sections import Bearing, ElasticBody, RigidBody
 from stiffscope.robot.file.tables import one_of
-from stiffscope.robot.mechanism_of import mechanism_of
-from stiffscope.robot.part_matrices import rigid_part
+from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.vjm.joints import DRIVEN
 
 if TYPE_CHECKING:
@@ -170,9 +169,8 @@ def _check_node(key: Key, name: str, known: Mapping[str, str], robot: RobotFile)
 
 def _check_mechanism(robot: RobotFile) -> None:
     """Raise FieldError for errors of the rigid mechanism: duplicate names, unconnected bodies."""
-    rigid = {name: rigid_part(robot, name) for name in robot.parts}
     try:
-        mechanism_of(robot, rigid)
+        rigid_mechanism(robot)
     except InputError as error:
         path = _PATH.match(str(error))
         if path is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,8 +13,8 @@ from stiffscope.errors import InputError
 from stiffscope.robot.file.part_sections import InterfacePart, MatrixPart, solid_length
 from stiffscope.robot.file.sections import ElasticBody, InterfaceBody, RigidBody
 from stiffscope.robot.imports.import_record import parts_folder, read_record
-from stiffscope.robot.mechanism_of import mechanism_of
-from stiffscope.robot.part_matrices import known_mass, rigid_part, source_of, used_parts
+from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
+from stiffscope.robot.part_matrices import known_mass, source_of, used_parts
 from stiffscope.vjm.checks import list_names
 from stiffscope.vjm.continuation import find_solver
 from stiffscope.vjm.kinematics import configure, start_note
@@ -25,10 +25,10 @@ from stiffscope.vjm.reach import reach
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from numpy.typing import ArrayLike
-
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.file.sections import MapSection
     from stiffscope.robot.imports.doubts import Doubt
+    from stiffscope.runtime.types import Array
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.mobility import Mobility
@@ -89,13 +89,13 @@ class Inspection:
     residual: float
     parts: tuple[Part, ...]
     masses: Mapping[str, float | None]
-    reach: tuple[Reach, ...]
-    poses: tuple[Pose, ...]
-    configurations: Configurations | None
-    mapped: float | None
-    remarks: tuple[str, ...]
     doubts: tuple[Doubt, ...]
-    error: str
+    reach: tuple[Reach, ...] = ()
+    poses: tuple[Pose, ...] = ()
+    configurations: Configurations | None = None
+    mapped: float | None = None
+    remarks: tuple[str, ...] = ()
+    error: str = ""
     """Reason why the robot cannot be used; empty if it can."""
 
 
@@ -103,22 +103,25 @@ def inspect_robot(robot: RobotFile) -> Inspection:
     """Inspect a robot at home and at its named poses, with all bodies rigid."""
     mechanism = rigid_mechanism(robot)
     found = mobility(mechanism)
-    residual = _residual(mechanism)
+    linkage = Linkage(mechanism, "tool")
+    errors = linkage.place_links(np.zeros((linkage.size, 1))).errors
+    residual = linkage.length * float(np.abs(errors).max(initial=0.0))
     parts = tuple(_part(robot, name) for name in used_parts(robot))
-    masses = {name: _mass(robot, mechanism, name) for name in robot.bodies}
+    masses = {
+        name: mechanism.body(name).mass if isinstance(body, RigidBody) else known_mass(robot, body.part)
+        for name, body in robot.bodies.items()
+    }
     named = _named_poses(robot, mechanism)
     record = read_record(parts_folder(robot.path))
     doubts = () if record is None else tuple(record.doubts)
+    inspection = Inspection(robot, mechanism, found, residual, parts, masses, doubts)
     try:
         configurations = configured_poses(robot, mechanism, list(named.values()))
         ways = reach(mechanism)
     except InputError as error:
-        remarks = tuple(_of_mobility(found))
-        return Inspection(
-            robot, mechanism, found, residual, parts, masses, (), (), None, None, remarks, doubts, str(error)
-        )
+        return replace(inspection, remarks=tuple(_of_mobility(found)), error=str(error))
     poses = tuple(_pose(configurations, k, name, tool) for k, (name, tool) in enumerate(named.items()))
-    mapped = None if robot.map is None else _map_reach(robot, mechanism)
+    mapped = None if robot.map is None else _map_reach(robot.map, mechanism)
     remarks = (
         *_of_mobility(found, start_note(mechanism)),
         *_of_choice(found, mechanism),
@@ -129,36 +132,8 @@ def inspect_robot(robot: RobotFile) -> Inspection:
         *_of_places(robot, mechanism),
         *_of_masses(robot, masses),
     )
-    return Inspection(
-        robot, mechanism, found, residual, parts, masses, ways, poses, configurations, mapped, remarks, doubts, ""
-    )
-
-
-def rigid_mechanism(robot: RobotFile) -> Mechanism:
-    """Return the mechanism with rigid parts, for kinematics only; masses are zero if unknown."""
-    return mechanism_of(robot, {name: rigid_part(robot, name) for name in robot.parts})
-
-
-def configured_poses(robot: RobotFile, mechanism: Mechanism, poses: ArrayLike) -> Configurations:
-    """Return configurations at poses (n, k); InputError at `[tool] pose` if it cannot be commanded.
-
-    Parameters
-    ----------
-    robot
-        Robot file.
-    mechanism
-        Bodies, joints, tool and gravity of the robot.
-    poses
-        Tool poses (n, k), SI.
-
-    """
-    try:
-        return configure(mechanism, poses)
-    except InputError as error:
-        where, _, message = str(error).partition("tool.pose: ")
-        if where or not message:
-            raise
-        raise robot.refuse(("tool", "pose"), message) from error
+    made = {"configurations": configurations, "mapped": mapped, "remarks": remarks}
+    return replace(inspection, reach=ways, poses=poses, **made)
 
 
 def _named_poses(robot: RobotFile, mechanism: Mechanism) -> dict[str, tuple[float, ...]]:
@@ -177,11 +152,6 @@ def _part(robot: RobotFile, name: str) -> Part:
     return Part(name, part.shape, source_of(part), length, known_mass(robot, name), bodies)
 
 
-def _mass(robot: RobotFile, mechanism: Mechanism, name: str) -> float | None:
-    body = robot.bodies[name]
-    return mechanism.body(name).mass if isinstance(body, RigidBody) else known_mass(robot, body.part)
-
-
 def _pose(configurations: Configurations, k: int, name: str, tool: tuple[float, ...]) -> Pose:
     valid = bool(configurations.valid[k])
     conditioning = mobility(configurations.mechanism, configurations, k).conditioning if valid else None
@@ -189,22 +159,12 @@ def _pose(configurations: Configurations, k: int, name: str, tool: tuple[float, 
     return Pose(name, tuple(map(float, tool)), configurations.reason(k), drives, conditioning)
 
 
-def _residual(mechanism: Mechanism) -> float:
-    """Return the largest loop closure error at home, m (angles times characteristic length)."""
-    linkage = Linkage(mechanism, "tool")
-    errors = linkage.place_links(np.zeros((linkage.size, 1))).errors
-    return linkage.length * float(np.abs(errors).max(initial=0.0))
-
-
-def _map_reach(robot: RobotFile, mechanism: Mechanism) -> float:
+def _map_reach(swept: MapSection, mechanism: Mechanism) -> float:
     """Return the reachable fraction of the map, on a coarse grid."""
-    swept = robot.map
-    if swept is None:
-        return 1.0
     lines = [np.linspace(*ends, _GRID) for ends in swept.ranges().values()]
     grid = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, len(lines))
     points = np.tile(mechanism.tool.home if swept.at is None else np.array(swept.at, dtype=float), (len(grid), 1))
-    points[:, [robot.tool.pose.index(name) for name in swept.ranges()]] = grid
+    points[:, [mechanism.tool.pose.index(name) for name in swept.ranges()]] = grid
     return float(configure(mechanism, points).valid.mean())
 
 
@@ -300,13 +260,13 @@ def _of_matrices(robot: RobotFile) -> Iterator[str]:
 def _of_places(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:
     """Yield remarks on rotary joints that are apart from an end that they alone hold."""
     held = Counter(node for joint in mechanism.joints for node in (joint.first, joint.second))
-    ends = {
-        node: place
-        for body in mechanism.bodies
-        if body.elastic is not None and _knows_places(robot, body.name)
-        for node, place in zip(body.nodes, body.elastic.places, strict=True)
-        if held[node] == 1
-    }
+    ends = dict[str, "Array"]()
+    for body in mechanism.bodies:
+        section = robot.bodies[body.name]
+        if isinstance(section, InterfaceBody) and not isinstance(robot.parts[section.part], InterfacePart):
+            continue  # whose places only CAD knows
+        places = body.elastic.places if body.elastic is not None else ()
+        ends |= {node: at for node, at in zip(body.nodes, places, strict=False) if held[node] == 1}
     for joint in mechanism.joints:
         if joint.name in robot.copied or joint.kind not in {"revolute", "universal", "spherical", "cylindrical"}:
             continue
@@ -317,12 +277,6 @@ def _of_places(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:
                 away = away - (away @ axis) * axis
             if (distance := float(np.linalg.norm(away))) > _APART:
                 yield f"joint {joint.name} is {mm(distance)} from {node}: a rigid arm is assumed"
-
-
-def _knows_places(robot: RobotFile, body: str) -> bool:
-    """Return whether the file itself gives the ends of an elastic body."""
-    section = robot.bodies[body]
-    return not isinstance(section, InterfaceBody) or isinstance(robot.parts[section.part], InterfacePart)
 
 
 def _of_masses(robot: RobotFile, masses: Mapping[str, float | None]) -> Iterator[str]:
@@ -376,13 +330,13 @@ def inspection_json(found: Inspection) -> dict[str, Any]:
         "conditioning": m.conditioning,
         "constraint_margin": m.constraint_margin,
         "residual": found.residual,
-        "mass": _total(found.masses),
+        "mass": None if None in found.masses.values() else sum(mass or 0.0 for mass in found.masses.values()),
         "parts": {
             p.name: {"shape": p.shape, "source": p.source, "length": p.length, "mass": p.mass, "bodies": p.bodies}
             for p in found.parts
         },
         "reach": {
-            w.coordinate: {"low": w.low, "high": w.high, "at_low": w.at_low, "at_high": w.at_high} for w in found.reach
+            w.coordinate: {key: getattr(w, key) for key in ("low", "high", "at_low", "at_high")} for w in found.reach
         },
         "poses": {
             p.name: {"pose": p.tool, "reached": p.is_reached, "reason": p.reason, "drives": p.drives,
@@ -391,8 +345,3 @@ def inspection_json(found: Inspection) -> dict[str, Any]:
         },
         "map_reached": found.mapped,
     }  # fmt: skip
-
-
-def _total(masses: Mapping[str, float | None]) -> float | None:
-    known = [mass for mass in masses.values() if mass is not None]
-    return sum(known) if len(known) == len(masses) else None

@@ -6,19 +6,25 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.errors import InputError
 from stiffscope.robot.file.copies import tensor
 from stiffscope.robot.file.sections import ElasticBody, RigidBody
+from stiffscope.robot.part_matrices import rigid_part
 from stiffscope.vjm.bodies import Body, Elastic
 from stiffscope.vjm.checks import axes_along, spell_name
 from stiffscope.vjm.joints import Drive, Joint, Law
+from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.mechanism import Mechanism, Tool
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from numpy.typing import ArrayLike
+
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.robot.file.sections import BodySection, JointSection, LinearDrive, RotaryDrive
+    from stiffscope.robot.file.sections import BodySection, JointSection
     from stiffscope.robot.part_matrices import PartMatrix
+    from stiffscope.vjm.kinematics import Configurations
 
 
 def mechanism_of(robot: RobotFile, matrices: Mapping[str, PartMatrix]) -> Mechanism:
@@ -40,15 +46,38 @@ def mechanism_of(robot: RobotFile, matrices: Mapping[str, PartMatrix]) -> Mechan
     bodies = tuple(_body(robot, name, body, matrices) for name, body in robot.bodies.items())
     joints = tuple(_joint(robot, name, joint) for name, joint in robot.joints.items())
     tool = Tool(robot.tool.body, np.array(robot.tool.at), robot.tool.pose)
-    return Mechanism(bodies, joints, tool, gravity_of(robot))
+    gravity = np.zeros(3)
+    if robot.gravity is not None:
+        direction = np.array(robot.gravity.direction)
+        gravity = robot.gravity.acceleration * direction / np.linalg.norm(direction)
+    return Mechanism(bodies, joints, tool, gravity)
 
 
-def gravity_of(robot: RobotFile) -> np.ndarray:
-    """Return the gravitational acceleration (3,), m/s², base axes; zero without `[gravity]`."""
-    if robot.gravity is None:
-        return np.zeros(3)
-    direction = np.array(robot.gravity.direction)
-    return robot.gravity.acceleration * direction / np.linalg.norm(direction)
+def rigid_mechanism(robot: RobotFile) -> Mechanism:
+    """Return the mechanism with rigid parts, for kinematics only; masses are zero if unknown."""
+    return mechanism_of(robot, {name: rigid_part(robot, name) for name in robot.parts})
+
+
+def configured_poses(robot: RobotFile, mechanism: Mechanism, poses: ArrayLike) -> Configurations:
+    """Return configurations at poses (n, k); InputError at `[tool] pose` if it cannot be commanded.
+
+    Parameters
+    ----------
+    robot
+        Robot file.
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    poses
+        Tool poses (n, k), SI.
+
+    """
+    try:
+        return configure(mechanism, poses)
+    except InputError as error:
+        where, _, message = str(error).partition("tool.pose: ")
+        if where or not message:
+            raise
+        raise robot.refuse(("tool", "pose"), message) from error
 
 
 def _body(robot: RobotFile, name: str, body: BodySection, matrices: Mapping[str, PartMatrix]) -> Body:
@@ -71,29 +100,17 @@ def _body(robot: RobotFile, name: str, body: BodySection, matrices: Mapping[str,
 
 
 def _joint(robot: RobotFile, name: str, joint: JointSection) -> Joint:
-    axis, axis2 = getattr(joint, "axis", None), getattr(joint, "axis2", None)
-    drive = getattr(joint, "drive", None)
-    driven = None if drive is None else _drive(drive)
-    return Joint(
-        name,
-        *joint.between,
-        joint.type,
-        np.array(joint.at),
-        None if axis is None else np.array(axis),
-        None if axis2 is None else np.array(axis2),
-        driven,
-        _bearing(robot, name, joint),
-        spring=getattr(joint, "spring", None),
-        rest=getattr(joint, "rest", 0.0),
-    )
-
-
-def _drive(drive: LinearDrive | RotaryDrive) -> Drive:
-    law = None
-    if drive.points is not None or drive.backlash:
-        law = Law.from_curve(drive.points or ((1.0, drive.stiffness),), drive.backlash)
-    stiffness = drive.stiffness if law is None else float(law.slopes[0])
-    return Drive(stiffness, *(drive.range or (-np.inf, np.inf)), law)
+    given, driven, law = getattr(joint, "drive", None), None, None
+    if given is not None:
+        if given.points is not None or given.backlash:
+            law = Law.from_curve(given.points or ((1.0, given.stiffness),), given.backlash)
+        stiffness = given.stiffness if law is None else float(law.slopes[0])
+        driven = Drive(stiffness, *(given.range or (-np.inf, np.inf)), law)
+    axes = (getattr(joint, key, None) for key in ("axis", "axis2"))
+    places = (each if each is None else np.array(each) for each in (joint.at, *axes))
+    spring, rest = getattr(joint, "spring", None), getattr(joint, "rest", 0.0)
+    bearing = _bearing(robot, name, joint)
+    return Joint(name, *joint.between, joint.type, *places, driven, bearing, spring=spring, rest=rest)
 
 
 def _bearing(robot: RobotFile, name: str, joint: JointSection) -> np.ndarray | None:

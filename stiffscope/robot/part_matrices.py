@@ -13,15 +13,7 @@ from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.fea.beam import box, channel, circle, euler_bernoulli, i_section, rectangle, timoshenko
 from stiffscope.robot.beam_dynamics import beam_dynamics
-from stiffscope.robot.file.part_sections import (
-    InterfacePart,
-    MatrixPart,
-    ParametricPart,
-    PartSection,
-    SolidPart,
-    Source,
-    StepPart,
-)  # fmt: skip
+from stiffscope.robot.file.part_sections import InterfacePart, MatrixPart, ParametricPart, SolidPart, Source, StepPart
 from stiffscope.vjm.checks import check_compliance
 from stiffscope.vjm.dynamics import Dynamics
 from stiffscope.vjm.screws import shift
@@ -33,6 +25,7 @@ if TYPE_CHECKING:
 
     from stiffscope.fea.beam import Section
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.file.part_sections import PartSection
 
     Theory = Callable[[float, Section, float, float], np.ndarray]
     Components = str | Mapping[str, str | ArrayLike] | None
@@ -123,18 +116,17 @@ def part_sources(robot: RobotFile, components: Components = None) -> dict[str, s
     for each in (word, *given.values()):
         if isinstance(each, str) and each not in get_args(Source):
             raise InputError(f"components: expected {', '.join(get_args(Source))} or a matrix, got {each!r}")
-    return {name: _source(robot.parts[name], name, given.get(name), word) for name in used}
-
-
-def _source(part: PartSection, name: str, given: str | ArrayLike | None, word: str | None) -> str | np.ndarray:
-    if given is None:
-        return source_of(part, word)
-    if not isinstance(given, str):
-        return check_compliance(given, f"components: {name}", semidefinite=True)
-    if isinstance(part, ParametricPart) or (isinstance(part, StepPart) and given == "fea"):
-        return source_of(part, given)
-    able = "fea or a matrix" if isinstance(part, StepPart) else "a matrix"
-    raise InputError(f"components: expected {able} for {name}, a {part.shape} part, got {given!r}")
+    sources: dict[str, str | np.ndarray] = {}
+    for name in used:
+        part, own = robot.parts[name], given.get(name)
+        if own is not None and not isinstance(own, str):
+            sources[name] = check_compliance(own, f"components: {name}", semidefinite=True)
+        elif not own or isinstance(part, ParametricPart) or (isinstance(part, StepPart) and own == "fea"):
+            sources[name] = source_of(part, own or word)
+        else:
+            able = "fea or a matrix" if isinstance(part, StepPart) else "a matrix"
+            raise InputError(f"components: expected {able} for {name}, a {part.shape} part, got {own!r}")
+    return sources
 
 
 def needed_experiments(robot: RobotFile, components: Components = None) -> tuple[str, ...]:
@@ -172,65 +164,39 @@ def part_matrices(
 
     """
     experiments = experiments or {}
-    found = {}
-    for name, source in part_sources(robot, components).items():
-        part, mass = robot.parts[name], known_mass(robot, name)
-        instead = experiments.get(name)
-        if isinstance(part, InterfacePart):
-            found[name] = _given_on_interfaces(part)
-            continue
-        if isinstance(instead, PartMatrix) and isinstance(source, str) and _is_tested(source):
-            found[name] = instead
-            continue
-        mass = experiments[name].mass if mass is None else mass
-        compliance, error = _matrix(robot, name, source, experiments)
-        dynamics, places = _dynamics(robot, name, source, experiments, mass)
-        found[name] = PartMatrix(compliance, error, mass, dynamics, places)
-    return found
+    sources = part_sources(robot, components)
+    return {name: _matrix(robot, name, source, experiments.get(name)) for name, source in sources.items()}
 
 
-def _given_on_interfaces(part: InterfacePart) -> PartMatrix:
-    body = part.build("part")
-    if body.elastic is None:
-        raise TypeError(f"{body.name} is rigid")
-    return PartMatrix(body.elastic.compliance, None, body.mass, body.elastic.dynamics, body.elastic.places)
-
-
-def _dynamics(
-    robot: RobotFile, name: str, source: str | np.ndarray, experiments: Mapping[str, Experiment], mass: float
-) -> tuple[Dynamics | None, np.ndarray | None]:
-    """Return a part's condensed mass, scaled to its mass, and its ends' places; None if unknown."""
-    if isinstance(source, str) and _is_tested(source):
-        experiment = experiments[name].experiment
-        places = np.vstack([experiment.clamp_point, experiment.reference_points])
-        if not mass:
-            return None, places
-        found = Dynamics(experiment.condensed_mass, experiment.mode_squares, experiment.mode_squares_error)
-    elif not isinstance(source, str) or not mass:
-        return None, None
-    elif source == "beam":
-        material, segments = robot.material(name), beam_segments(robot, name)
-        if material is None:
-            return None, None
-        found = beam_dynamics(segments, material.youngs_modulus, material.shear_modulus, material.density)
-        places = np.array([[-sum(length for length, _ in segments), 0.0, 0.0], np.zeros(3)])
-    else:
-        return None, None
-    return found.scale_density(mass / found.total), places
-
-
-def _matrix(
-    robot: RobotFile, name: str, source: str | np.ndarray, experiments: Mapping[str, Experiment]
-) -> tuple[np.ndarray, np.ndarray | None]:
-    """Return a part's compliance (6, 6), and bounds (6, 6) or None."""
+def _matrix(robot: RobotFile, name: str, source: str | np.ndarray, tested: Any) -> PartMatrix:
+    """Return a part's matrix from its source, ``tested``: its experiment or a matrix in place of it, if it has one."""
     part = robot.parts[name]
+    if isinstance(part, InterfacePart):
+        body = part.build("part")
+        elastic: Any = body.elastic
+        return PartMatrix(elastic.compliance, None, body.mass, elastic.dynamics, elastic.places)
+    if isinstance(tested, PartMatrix) and _is_tested(source):
+        return tested
+    mass = known_mass(robot, name)
+    mass = tested.mass if mass is None else mass
     if not isinstance(source, str):
-        return source, None
-    if _is_tested(source):
-        return experiments[name].compliance, experiments[name].error
+        return PartMatrix(source, None, mass)
     if isinstance(part, MatrixPart):
-        return np.array(part.matrix), None if part.error is None else np.array(part.error)
-    return (beam_compliance if source == "beam" else published_compliance)(robot, name), None
+        return PartMatrix(np.array(part.matrix), None if part.error is None else np.array(part.error), mass)
+    if source == "published":
+        return PartMatrix(published_compliance(robot, name), None, mass)
+    if source == "beam":
+        compliance, error = beam_compliance(robot, name), None
+        material, segments = robot.material(name), beam_segments(robot, name)
+        places = np.array([[-sum(length for length, _ in segments), 0.0, 0.0], np.zeros(3)])
+        own = (material.youngs_modulus, material.shear_modulus, material.density)
+        dynamics = beam_dynamics(segments, *own) if mass else None
+    else:
+        compliance, error, made = tested.compliance, tested.error, tested.experiment
+        places = np.vstack([made.clamp_point, made.reference_points])
+        dynamics = Dynamics(made.condensed_mass, made.mode_squares, made.mode_squares_error) if mass else None
+    dynamics = dynamics and dynamics.scale_density(mass / dynamics.total)
+    return PartMatrix(compliance, error, mass, dynamics, places)
 
 
 def known_mass(robot: RobotFile, name: str) -> float | None:
@@ -257,9 +223,8 @@ def beam_segments(robot: RobotFile, name: str) -> list[tuple[float, Section]]:
     poisson = getattr(robot.material(name), "poisson", 0.3)
     part = robot.parts[name]
     if not isinstance(part, ParametricPart):
-        raise robot.refuse(
-            ("parts", name, "shape"), f'expected a rod, plate or section for beam theory, got "{part.shape}"'
-        )
+        what = f'expected a rod, plate or section for beam theory, got "{part.shape}"'
+        raise robot.refuse(("parts", name, "shape"), what)
     size = part.lengths()
     if part.shape == "plate":
         return [(size["depth"], rectangle(size["width"], size["thickness"], poisson))]

@@ -9,7 +9,7 @@ from examples.measured import hilti
 from examples.measured.motoman import ARMS, JOINTS, convert
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.forward.placing import align_points
-from stiffscope.robot.inspection import rigid_mechanism
+from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.kinematics import configure_drives
 from stiffscope.vjm.screws import rotation_of

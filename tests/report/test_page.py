@@ -16,7 +16,7 @@ from stiffscope.report.page import Chart, RobotView, Section, Series
 from stiffscope.report.robot_scene import deform_nodes, moves, scene
 from stiffscope.report.robot_view import Case, robot_view, unit_wrenches
 from stiffscope.report.terminal import Shown, record_shown, show_line, show_table
-from stiffscope.robot.inspection import rigid_mechanism
+from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.yielding import deflection

@@ -17,7 +17,7 @@ from stiffscope.report.drawing.solids import solids_of
 from stiffscope.report.pictures import PictureError, draw, open_drawing
 from stiffscope.report.robot_scene import deform_nodes, exaggeration, moves, picture, scene
 from stiffscope.report.text import shares
-from stiffscope.robot.inspection import rigid_mechanism
+from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.reader import load_robot, read_robot
 from stiffscope.vjm.kinematics import configure
 from tests.report.test_terminal import diagnosed
