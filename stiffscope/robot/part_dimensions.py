@@ -15,11 +15,8 @@ from stiffscope.robot.part_matrices import beam_compliance
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
     from stiffscope.robot.file.description import RobotFile
-
-    Array = NDArray[np.floating[Any]]
+    from stiffscope.runtime.types import Array
 
 FOUNDATION = "foundation"
 _FAR = 4.0  # validity of a polynomial through three values, times the distance of the outermost

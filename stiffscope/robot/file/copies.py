@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 MOST = 2_000  # bodies and joints of a robot: repeated copies multiply them beyond any memory
+SIX = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)  # rows and columns of an inertia: Ixx Iyy Izz Ixy Ixz Iyz
 _VECTORS = {
     **dict.fromkeys(("base", "tip", "centre", "at"), q.LENGTH),
     **dict.fromkeys(("x", "y", "axis", "axis2"), q.NUMBER),
@@ -142,7 +143,7 @@ def _turn(table: Any, of: str, new: str, turn: np.ndarray) -> Any:
             if key in _VECTORS:
                 made[key] = (turn @ _numbers(made[key], _VECTORS[key], 3)).tolist()
             elif key == "inertia":
-                made[key] = _six(turn @ tensor(_numbers(table[key], q.INERTIA, 6)) @ turn.T)
+                made[key] = (turn @ tensor(_numbers(table[key], q.INERTIA, 6)) @ turn.T)[SIX].tolist()
             elif key == "between":
                 made[key] = [rename(name, of, new) for name in table[key]]
         except (TypeError, ValueError, AttributeError):
@@ -160,7 +161,3 @@ def tensor(six: Sequence[float] | np.ndarray) -> np.ndarray:
     """Return the inertia tensor (3, 3) from its entries Ixx Iyy Izz Ixy Ixz Iyz."""
     xx, yy, zz, xy, xz, yz = six
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-def _six(matrix: np.ndarray) -> list[float]:
-    return [float(matrix[i, j]) for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]

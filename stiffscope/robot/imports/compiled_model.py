@@ -19,9 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.floating[Any]]
+    from stiffscope.runtime.types import Array
 
 GROUND = "ground"
 CLOSED = 1e-10  # m, rad: largest error of a closed loop

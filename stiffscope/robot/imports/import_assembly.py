@@ -16,32 +16,17 @@ from stiffscope.cad.assembly import read_assembly
 from stiffscope.cad.contacts import find_contacts
 from stiffscope.cad.materials import MATERIALS
 from stiffscope.errors import InputError
-from stiffscope.robot.imports.assembly_parts import (
-    PartFile,
-    choose_materials,
-    interface_names,
-    part_lines,
-    part_name,
-)
+from stiffscope.robot.imports.assembly_parts import PartFile, choose_materials, interface_names, part_lines, part_name
 from stiffscope.robot.imports.compiled_model import GROUND, print_safely
 from stiffscope.robot.imports.contact_joints import find_joints, measure_size
 from stiffscope.robot.imports.doubts import Doubt, doubt_twins, gather_alike
 from stiffscope.robot.imports.hardware import find_hardware
-from stiffscope.robot.imports.import_model import driven, robot_text
-from stiffscope.robot.imports.import_record import (
-    RECORD,
-    ImportRecord,
-    check_place,
-    make_record,
-    parts_folder,
-    read_record,
-    tell_changes,
-)
+from stiffscope.robot.imports.import_model import check_text, driven, robot_text
+from stiffscope.robot.imports.import_record import RECORD, check_place, make_record, parts_folder, tell_changes
 from stiffscope.robot.imports.model_tool import choose_coordinates
 from stiffscope.robot.imports.part_motions import Freedom, tool_motions
 from stiffscope.robot.imports.said import Said, as_said, match_solids, place_of, said_beside, said_of
-from stiffscope.robot.imports.simulator_model import ModelBody, ModelJoint, SimulatorModel
-from stiffscope.robot.reader import read_robot
+from stiffscope.robot.imports.simulator_model import ModelBody, ModelJoint, SimulatorModel, find_distances
 from stiffscope.runtime.output import scratch_folder, write_bytes
 from stiffscope.runtime.reading import show_path
 
@@ -52,6 +37,7 @@ if TYPE_CHECKING:
     from stiffscope.cad.built_assembly import BuiltJoint
     from stiffscope.cad.contacts import Contact
     from stiffscope.robot.imports.hardware import Hardware
+    from stiffscope.robot.imports.import_record import ImportRecord
     from stiffscope.runtime.types import Progress
 
 _GROUND = re.compile(r"ground|base|bed|frame|foot|gestell|grund|rahmen|sockel|bett", re.IGNORECASE)
@@ -109,7 +95,7 @@ def import_assembly(
 
     """
     path, out = Path(path), Path(out)
-    earlier = _check_place(out)
+    earlier = check_place(out)
     said = said_beside(path, said or Said())
     left_out = list[str]()
     solids = read_assembly(path, left_out=left_out)
@@ -149,18 +135,11 @@ def from_assembly(assembly: Any, out: str | Path | None = None, **said: Any) -> 
 
     label = print_safely(str(getattr(assembly, "label", "") or "assembly")).replace("/", "_")
     out = Path(f"{label}.toml" if out is None else out)
-    earlier = _check_place(out)
+    earlier = check_place(out)
     words = said_beside(out, said_of(said))
     left_out = list[str]()
     solids, built = read_built(assembly, label, left_out)
     return _import(Path(label), out, words, solids, built, left_out, earlier)
-
-
-def _check_place(out: Path) -> ImportRecord | None:
-    """Return the record of an earlier import to a file; refuse to overwrite any other file."""
-    earlier = read_record(parts_folder(out))
-    check_place(out, parts_folder(out), earlier)
-    return earlier
 
 
 def _import(
@@ -180,7 +159,7 @@ def _import(
     doubts = [doubt for doubt in doubts if {*doubt.solids} not in named]
     found = _Found(solids, tuple(contacts), hardware, tuple(joints))
     ground = _choose_ground(found, said.ground)
-    reached = _find_distances(found.joints, ground)
+    reached = find_distances(found.joints, ground)
     loose = {each for joint in found.joints for each in (joint.first, joint.second)} - reached.keys()
     doubts += [Doubt((path.name,), text) for text in left_out] + doubt_twins(solids)
     doubts += [
@@ -189,7 +168,7 @@ def _import(
     ]
     doubts = gather_alike(doubts, solids)
     found = replace(found, joints=tuple(joint for joint in found.joints if joint.first in reached))
-    tool = _choose_tool(found, ground, said.tool)
+    tool = _choose_tool(found, ground, said.tool, reached)
     model, parts = _model(path, found, ground, tool, said)
     head = _HEAD if not doubts else _HEAD + "#\n# Review these; other interpretations are possible:\n" + "".join(
         f"#   - {', '.join(doubt.solids)}: {doubt.text}\n".replace("{", "{{").replace("}", "}}") for doubt in doubts
@@ -233,19 +212,8 @@ def _choose_ground(found: _Found, wanted: str | None) -> int:
     return max(named, key=lambda n: (found.solids[n].product.volume, -n))
 
 
-def _find_distances(joints: Sequence[Freedom], ground: int) -> dict[int, int]:
-    """Return each connected part's distance from the ground, in joints."""
-    distances, new = {ground: 0}, {ground}
-    while new:
-        ends = ((a, b) for j in joints for a, b in ((j.first, j.second), (j.second, j.first)))
-        new = {b for a, b in ends if a in new} - distances.keys()
-        distances |= dict.fromkeys(new, max(distances.values()) + 1)
-    return distances
-
-
-def _choose_tool(found: _Found, ground: int, wanted: str | None) -> int:
+def _choose_tool(found: _Found, ground: int, wanted: str | None, distance: Mapping[int, int]) -> int:
     """Return the tool part: as given, else by a usual name, else the farthest from the ground."""
-    distance = _find_distances(found.joints, ground)
     able = [n for n in distance if n != ground]
     if wanted is not None:
         named = sorted(match_solids(found.solids, (wanted,), "--tool") & set(able))
@@ -361,11 +329,7 @@ def _write(path: Path, out: Path, text: str, parts: Sequence[PartFile], record: 
         trial.mkdir()
         for part in parts:
             cad.kernel_files.write_step(part.solid.product.solid, trial / f"{part.name}.step")
-        try:
-            read_robot(scratch / out.name, text)
-        except InputError as error:
-            what = re.sub(rf"^{re.escape(str(scratch / out.name))}:\d+: ", "", str(error))
-            raise InputError(f"{show_path(path)}: expected an assembly of a robot, got one with {what}") from error
+        check_text(path, scratch / out.name, text, "an assembly")
         content = text.encode()
         files = [f"{part.name}.step" for part in parts]
         record = replace(record, files=files, robot=hashlib.sha256(content).hexdigest())

@@ -12,6 +12,7 @@ import numpy as np
 
 from stiffscope.errors import InputError, meant
 from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.copies import SIX
 from stiffscope.robot.file.values import any_quantity
 from stiffscope.robot.imports.compiled_model import print_safely
 from stiffscope.robot.imports.simulator_model import read_model
@@ -71,13 +72,18 @@ def import_model(
     check_new(out)
     model = read_model(path, tool, _positions(home))
     text = robot_text(model, print_safely(Path(path).name), driven(model, drives))
-    try:
-        read_robot(Path(out), text)
-    except InputError as error:
-        what = re.sub(rf"^{re.escape(str(out))}:\d+: ", "", str(error))
-        raise InputError(f"{show_path(path)}: expected the model of a robot, got one with {what}") from error
+    check_text(path, Path(out), text, "the model")
     write_new(Path(out), text.encode())
     return model
+
+
+def check_text(path: str | Path, out: Path, text: str, what: str) -> None:
+    """Raise InputError, at the source's ``path``, unless a robot can be read from the text of its file."""
+    try:
+        read_robot(out, text)
+    except InputError as error:
+        why = re.sub(rf"^{re.escape(str(out))}:\d+: ", "", str(error))
+        raise InputError(f"{show_path(path)}: expected {what} of a robot, got one with {why}") from error
 
 
 def _positions(texts: Sequence[str]) -> dict[str, float]:
@@ -159,20 +165,12 @@ def robot_text(
         lines += [*_body_lines(body, model.joints), ""]
     for joint in model.joints:
         lines += [*_joint_lines(joint, drives), ""]
-    lines += [
-        "[tool]",
-        f"body = {to_toml(model.tool_body)}",
-        f"at = {vector_text(model.tool_at)}",
-        f"pose = {to_toml(list(model.pose))}",
-    ]
+    lines += ["[tool]", f"body = {to_toml(model.tool_body)}", f"at = {vector_text(model.tool_at)}"]
+    lines.append(f"pose = {to_toml(list(model.pose))}")
     size = float(np.linalg.norm(model.gravity))
     if size > 0:
-        lines += [
-            "",
-            "[gravity]",
-            f"acceleration = {_number(size)}",
-            f"direction = {vector_text(model.gravity / size)}",
-        ]
+        direction = vector_text(model.gravity / size)
+        lines += ["", "[gravity]", f"acceleration = {_number(size)}", f"direction = {direction}"]
     place = dict(zip("xyz", map(float, model.tool_at), strict=True))
     at_home = [_number(place.get(coordinate, 0.0)) for coordinate in model.pose]
     lines += ["", "[poses]", f"home = [{', '.join(at_home)}]", ""]
@@ -190,9 +188,8 @@ def _body_lines(body: ModelBody, joints: Iterable[ModelJoint]) -> Iterator[str]:
     if body.mass:
         yield f"mass = {_number(body.mass)}"
         yield f"centre = {vector_text(body.centre)}"
-        i = body.inertia
-        if np.abs(i).max() > 1e-14:
-            yield f"inertia = {vector_text(np.array([i[0, 0], i[1, 1], i[2, 2], i[0, 1], i[0, 2], i[1, 2]]))}"
+        if np.abs(body.inertia).max() > 1e-14:
+            yield f"inertia = {vector_text(body.inertia[SIX])}"
     for joint in joints:
         if body.name in {joint.first, joint.second}:
             yield f"# {joint.name} stands at {vector_text(joint.at)}"

@@ -77,8 +77,10 @@ def read_record(folder: Path) -> ImportRecord | None:
         return None
 
 
-def check_place(out: Path, folder: Path, earlier: ImportRecord | None) -> None:
-    """Refuse to overwrite a robot file changed since its import, or files not written by it."""
+def check_place(out: Path) -> ImportRecord | None:
+    """Return the record of an earlier import; refuse to overwrite a file changed since, or files not written by it."""
+    folder = parts_folder(out)
+    earlier = read_record(folder)
     if not out.exists() or not (earlier or is_forced()):
         check_new(out)
     elif earlier and not is_forced() and file_digest(out) != earlier.robot:
@@ -89,6 +91,7 @@ def check_place(out: Path, folder: Path, earlier: ImportRecord | None) -> None:
     for name in () if is_forced() else sorted(each.name for each in folder.glob("*.step")):
         if earlier is None or name not in earlier.files:
             check_new(folder / name)
+    return earlier
 
 
 def tell_changes(earlier: ImportRecord, now: ImportRecord) -> list[str]:

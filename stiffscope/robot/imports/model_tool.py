@@ -10,11 +10,8 @@ from stiffscope.errors import InputError
 from stiffscope.robot.imports.compiled_model import GROUND
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from stiffscope.robot.imports.compiled_model import CompiledModel
-
-    Array = NDArray[np.floating[Any]]
+    from stiffscope.runtime.types import Array
 
 _SITES = ("attachment_site", "tcp", "tool", "tool0", "ee", "ee_site", "end_effector", "pinch", "grip_site")
 

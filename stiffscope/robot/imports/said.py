@@ -153,14 +153,11 @@ def _as_kind(kind: str, here: Sequence[Freedom | Contact], scale: float) -> Free
     """Return a joint of a kind between two solids, at the joint found or at the largest contact."""
     joint = next((each for each in here if isinstance(each, Freedom)), None)
     touching = [each for each in here if not isinstance(each, Freedom)]
-    best = max(touching, key=lambda c: (c.kind != "plane", c.size), default=None)
-    if best is not None and joint is None:
-        first, second = (tuple(sorted({c.face_of(n) for c in touching})) for n in (best.first, best.second))
-        none = np.zeros((6, 0))
-        joint = Freedom(best.first, best.second, kind, best.point, best.axis, None, "", (first, second), none)
-    elif best is not None and joint is not None and joint.axis is None:
-        joint = replace(joint, at=best.point, axis=best.axis)
-    if joint is None:
-        raise ValueError("expected a joint or a contact, got none")
+    if touching and (joint is None or joint.axis is None):
+        best = max(touching, key=lambda c: (c.kind != "plane", c.size))
+        ends = best.first, best.second
+        faces = [tuple(sorted({c.face_of(n) for c in touching})) for n in ends]
+        new = Freedom(*ends, kind, best.point, best.axis, None, "", (faces[0], faces[1]), np.zeros((6, 0)))
+        joint = replace(joint or new, at=best.point, axis=best.axis)
     free = joint_freedom(kind, joint.at / scale, joint.axis, joint.axis2)
     return replace(joint, kind=kind, reason="as said", freedom=free)

@@ -18,11 +18,8 @@ from stiffscope.robot.imports.model_tool import find_tool, movable_coordinates
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from numpy.typing import NDArray
-
     from stiffscope.robot.imports.compiled_model import CompiledModel
-
-    Array = NDArray[np.floating[Any]]
+    from stiffscope.runtime.types import Array
 
 _LEAST_MASS = 1e-8  # kg; less is the minimum that MuJoCo assigns to massless bodies
 _SAME_POINT, _SQUARE = 1e-9, 1e-6
@@ -109,14 +106,13 @@ def read_model(path: str | Path, tool: str | None = None, home: Mapping[str, flo
     bodies = [_merge(source, number, name) for number, name in source.movers.items() if number]
     ends = {name for joint in joints for name in (joint.first, joint.second)}
     between = sorted(ends - {body.name for body in bodies} - {GROUND})  # between two joints of one body
-    reached = _find_reached(joints)
+    reached = find_distances(joints, GROUND)
     for number, name in source.movers.items():
         if name not in reached:
             joints.append(ModelJoint(f"{name}.held", GROUND, name, "fixed", source.data.xpos[number].copy()))
             source.notes.append(f'"{name}" floats in the source; it is fixed to the ground here')
     bodies += [ModelBody(name, 0.0, np.zeros(3), np.zeros((3, 3))) for name in between]
-    _note_ground_mass(source)
-    _note_dynamics(source, joints)
+    _note_omissions(source, joints)
     body, at, where = find_tool(source, tool)
     pose = movable_coordinates(source, body, at)
     source.notes.append(f"tool: {where}; check body and point")
@@ -140,15 +136,12 @@ def _merge(source: CompiledModel, mover: int, name: str) -> ModelBody:
     return ModelBody(name, mass, centre, inertia)
 
 
-def _note_ground_mass(source: CompiledModel) -> None:
+def _note_omissions(source: CompiledModel, joints: Iterable[ModelJoint]) -> None:
     m = source.model
     fixed = [b for b in range(1, m.nbody) if m.body_weldid[b] == 0 and m.body_mass[b] > _LEAST_MASS]
     if fixed:
         listed = ", ".join(f"{source.label('body', b)} {m.body_mass[b]:.4g} kg" for b in fixed)
         source.notes.append(f"bodies fixed to the ground have no mass here: {listed}")
-
-
-def _note_dynamics(source: CompiledModel, joints: Iterable[ModelJoint]) -> None:
     for word in ("stiffness", "damping", "armature"):
         names = [joint.name for joint in joints if joint.dynamics.get(word)]
         if names:
@@ -183,7 +176,7 @@ def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
     kind = next((each for word, each in words.items() if source.is_a(m.jnt_type[number], "mjtJoint", word)), None)
     if kind is None:
         return None
-    axis, limits = None, None
+    axis, limits, name = None, None, source.label("joint", number)
     if kind != "spherical":
         axis = d.xaxis[number].copy()
         if m.jnt_limited[number]:
@@ -191,22 +184,14 @@ def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
             low, high = (float(each) - here for each in m.jnt_range[number])
             limits = low, high
             if not low <= 0.0 <= high:
-                source.notes.append(
-                    f"home of {source.label('joint', number)} is beyond its range; choose another with --home"
-                )
+                source.notes.append(f"home of {name} is beyond its range; choose another with --home")
         elif m.jnt_range[number, 0] > m.jnt_range[number, 1]:
-            source.notes.append(f"limits of {source.label('joint', number)} are left out: the lower is above the upper")
+            source.notes.append(f"limits of {name} are left out: the lower is above the upper")
     note, gain = _actuator(source, number)
-    dof = int(m.jnt_dofadr[number])
-    dynamics = {
-        "stiffness": np.ravel(m.jnt_stiffness[number])[0],
-        "damping": np.ravel(m.dof_damping[dof])[0],
-        "armature": np.ravel(m.dof_armature[dof])[0],
-    }
-    return ModelJoint(
-        source.label("joint", number), "", "", kind, d.xanchor[number].copy(), axis, range=limits, note=note, gain=gain,
-        dynamics={word: float(value) for word, value in dynamics.items() if value},
-    )  # fmt: skip
+    dof, at = int(m.jnt_dofadr[number]), d.xanchor[number].copy()
+    sizes = {"stiffness": m.jnt_stiffness[number], "damping": m.dof_damping[dof], "armature": m.dof_armature[dof]}
+    dynamics = {word: float(np.ravel(size)[0]) for word, size in sizes.items() if np.ravel(size)[0]}
+    return ModelJoint(name, "", "", kind, at, axis, range=limits, note=note, gain=gain, dynamics=dynamics)
 
 
 def _actuator(source: CompiledModel, joint: int) -> tuple[str, float]:
@@ -276,15 +261,14 @@ def _name_apart(joints: Iterable[ModelJoint]) -> list[ModelJoint]:
     return found
 
 
-def _find_reached(joints: Iterable[ModelJoint]) -> set[str]:
-    """Return the bodies connected to the ground by joints."""
-    pairs = [{joint.first, joint.second} for joint in joints]
-    reached, grown = {GROUND}, True
-    while grown:
-        more = set().union(*(pair for pair in pairs if pair & reached)) - reached
-        reached |= more
-        grown = bool(more)
-    return reached
+def find_distances(joints: Iterable[Any], ground: Any) -> dict[Any, int]:
+    """Return the distance from the ground, in joints, of everything that joints connect to it."""
+    ends = [(a, b) for j in joints for a, b in ((j.first, j.second), (j.second, j.first))]
+    distances, new = {ground: 0}, {ground}
+    while new:
+        new = {b for a, b in ends if a in new} - distances.keys()
+        distances |= dict.fromkeys(new, max(distances.values()) + 1)
+    return distances
 
 
 def _universals(joints: list[ModelJoint]) -> list[ModelJoint]:
