@@ -10,21 +10,31 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeAlias
+from itertools import combinations
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.linkage import FEW
-from stiffscope.vjm.order import Eliminate, Fold, Stiffen, fit_free_motions, form_stiffness, stack_columns
+from stiffscope.vjm.loading import HELD, CondensedLoads, chain_loads
+from stiffscope.vjm.order import (
+    Connection,
+    fit_free_motions,
+    form_stiffness,
+    stack_columns,
+    stack_rows,
+)
 from stiffscope.vjm.screws import Frame
 from stiffscope.vjm.semidefinite import half_inverse
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
+    from stiffscope.vjm.loading import ChainLoads, Loads, Response
     from stiffscope.vjm.network import Places
-    from stiffscope.vjm.order import Connection, Order
+    from stiffscope.vjm.order import Fold, Order
     from stiffscope.vjm.screws import Array
 
 
@@ -47,35 +57,131 @@ class Stiff:
         free = self.connection.flexible(self.where)[1]
         return fit_free_motions(free, self.length) if free.shape[2] else None
 
+    def find_rates(self, free: Array) -> Array:
+        """Return rates (n, k, c) of the free motions from the twist (n, 6, c) without strain."""
+        return np.zeros((1, 0, free.shape[2])) if self.fit is None else self.fit @ free
 
-@dataclass(eq=False)
-class Eliminated:
-    """Eliminated node: ``half`` W, WᵀW an inverse of ``own``; ``reach`` W G of each neighbour."""
+    def carry(self, load: CondensedLoads) -> tuple[ChainLoads, Array]:
+        """Carry loads to its ends; return them, and the wrench (n, 6, c) that holds the end."""
+        along = chain_loads(self.where, load, self.connection)
+        preload: Array = np.zeros((1, 6, load.loads.cases))
+        if along.offset.any():
+            preload = preload - self.stiffness @ along.offset
+        if along.loaded:
+            preload = preload + self._hold_end(along, load.loads.balanced)
+        load.add(self.connection.end, -preload)
+        load.add(self.connection.start, preload + along.carried[0])
+        return along, preload
 
-    step: Eliminate
-    own: Array
-    half: Array
-    reach: list[Array]
+    def _hold_end(self, along: ChainLoads, balanced: float) -> Array:
+        """Return the wrench (n, 6, c) that holds the end under loads on inner nodes.
+
+        ``w = w₀ - K (τ + C w₀)`` with Nᵀ w₀ = -ν, the loads along the free directions.
+        """
+        members, where = self.connection.members, self.where
+        hold: Array = np.zeros((1, 6, 1))
+        if self.fit is not None:
+            work = stack_rows(along.project()[len(members) :])
+            hold = -self.fit.mT @ work
+            if balanced < HELD:
+                left = np.abs(self.connection.flexible(where)[1].mT @ hold + work)
+                if (left > balanced * np.abs(work).max(axis=(1, 2), keepdims=True)).any():
+                    _refuse([e.name for e, _ in members])
+        tau: Array = np.zeros((1, 6, 1))
+        for (e, _), wrench in zip(members, along.carried, strict=True):
+            factor = where.columns(e)[0]
+            if factor.shape[2]:
+                tau = tau + factor @ (factor.mT @ (wrench + hold))
+        return hold - self.stiffness @ tau
+
+    def recover(self, kept: tuple[ChainLoads, Array], out: Response) -> None:
+        """Recover its members and inner nodes from its ends."""
+        along, preload = kept
+        span = out.nodes[self.connection.end] - out.nodes[self.connection.start]
+        along.follow(out, self.stiffness @ span + preload, span, self.find_rates)
+
+    def stresses(self, kept: tuple[ChainLoads, Array]) -> Iterator[Array]:
+        """Yield strains (n, k, c) with its ends fixed, whose squares are twice the energy."""
+        along, preload = kept
+        for (e, _), carried in zip(self.connection.members, along.carried, strict=True):
+            factor = self.where.columns(e)[0]
+            if along.loaded and factor.shape[2]:
+                yield factor.mT @ (preload + carried)
 
 
 @dataclass(eq=False)
 class Folded:
-    """A folded node: coordinates ``y = share · force``, twist from the start ``columns · y``.
+    """An eliminated node, moved from the start of its connection by ``columns · y``.
 
     ``half`` W with WᵀW an inverse of the coordinates' stiffness ``core``; ``around``: stiffness to
-    each neighbour; ``own``: their sum.
+    each neighbour, ``own`` their sum; ``reach``: W columnsᵀ times those of all except the start.
+    Without a connection the node is free: y is its twist.
     """
 
     step: Fold
-    columns: Array
+    where: Places
+    columns: Array | None
     core: Array
     half: Array
-    share: Array
     around: dict[str, Array]
     own: Array
+    reach: dict[str, Array]
 
+    @property
+    def start(self) -> str:
+        """The node that it moves from."""
+        return GROUND if self.step.connection is None else self.step.connection.start
 
-Gone: TypeAlias = "Stiff | Eliminated | Folded"
+    def carry(self, load: CondensedLoads) -> tuple[ChainLoads | None, Array, Array] | None:
+        """Carry loads to its neighbours; return them, W times those on y, and that on the node."""
+        force, connection, along = load.force(self.step.node), self.step.connection, None
+        names: Sequence[str] = (self.step.node,)
+        drive = force
+        if connection is None or self.columns is None:
+            if self.step.node not in load.forces:
+                return None
+        else:
+            names = [e.name for e, _ in connection.members]
+            along = chain_loads(self.where, load, connection)
+            load.add(self.start, force + along.carried[0])
+            if along.offset.any():
+                drive = drive - self.own @ along.offset
+            drive = self.columns.mT @ drive
+            if along.loaded:
+                drive = drive + stack_rows(along.project())
+        push = self.half @ drive
+        moved = self.half.mT @ push
+        _check_balance(names, self.half, drive - self.core @ moved, drive, load.loads.balanced)
+        if along is not None:
+            moved = along.offset + self.columns @ moved
+        for c, stiffness in self.around.items():
+            share = stiffness.mT @ moved
+            load.add(c, share)
+            if along is not None:
+                load.add(self.start, -share)
+        return along, push, force
+
+    def recover(self, kept: tuple[ChainLoads | None, Array, Array] | None, out: Response) -> None:
+        """Recover the node, and its connection, from its neighbours."""
+        along, y, wrench = kept or (None, np.zeros((1, 1, 1)), None)
+        start = out.nodes[self.start]
+        for c, reach in self.reach.items():
+            y = y + reach @ (out.nodes[c] if along is None else out.nodes[c] - start)
+        moved = self.half.mT @ y
+        if along is None:
+            out.nodes[self.step.node] = moved
+            return
+        span = self.columns @ moved + along.offset
+        node = out.nodes[self.step.node] = start + span
+        for c, stiffness in self.around.items():
+            wrench = wrench + stiffness @ (out.nodes[c] - node)
+        count = sum(e.factor.shape[1] for e, _ in along.connection.members)
+        along.follow(out, wrench, span, moved[:, count:])
+
+    def stresses(self, kept: tuple[ChainLoads | None, Array, Array] | None) -> Iterator[Array]:
+        """Yield numbers (n, k, c) whose squares are twice the energy with its neighbours fixed."""
+        if kept is not None:
+            yield kept[1]
 
 
 @dataclass(eq=False)
@@ -85,26 +191,15 @@ class Condensed:
     order: Order
     where: Places
     pairs: dict[tuple[str, str], Array] = field(default_factory=dict[Any, Any])
-    gone: list[Gone] = field(default_factory=list[Any])
+    gone: list[Any] = field(default_factory=list[Any])
+    """Stiffened connections (``Stiff``) and eliminated nodes (``Folded``), in order."""
 
     def pair(self, a: str, b: str) -> Array:
         """Return G (n or 1, 6, 6) between two nodes: G times b's twist is a force on a."""
-        if (a, b) in self.pairs:
-            return self.pairs[a, b]
-        return self.pairs[b, a].mT
+        return self.pairs[a, b] if (a, b) in self.pairs else self.pairs[b, a].mT
 
     def add(self, a: str, b: str, stiffness: Array) -> None:
-        """Add a stiffness between two nodes.
-
-        Parameters
-        ----------
-        a
-            One node.
-        b
-            The other node.
-        stiffness
-            Stiffness, SI.
-        """
+        """Add a stiffness (n or 1, 6, 6) between two nodes."""
         if (b, a) in self.pairs:
             self.pairs[b, a] = self.pairs[b, a] + stiffness.mT
         elif (a, b) in self.pairs:
@@ -112,26 +207,41 @@ class Condensed:
         else:
             self.pairs[a, b] = stiffness
 
-    def drop(self, node: str, neighbours: tuple[str, ...]) -> None:
-        """Remove the stiffnesses at an eliminated node."""
-        for c in neighbours:
-            self.pairs.pop((node, c), None)
-            self.pairs.pop((c, node), None)
-
 
 def condense_network(order: Order, where: Places) -> Condensed:
     """Condense a network. Raises InfiniteStiffnessError if a connection is infinitely stiff."""
     state = Condensed(order, where)
     ready = iter(_carry_constants(order, where) if where.rigid else ())
     for step in order.steps:
-        match step:
-            case Stiffen():
-                state.gone.append(_stiffen(state, step.connection, ready))
-            case Eliminate():
-                state.gone.append(_eliminate(state, step))
-            case Fold():
-                state.gone.append(_fold(state, step))
+        if isinstance(step, Connection):
+            state.gone.append(_stiffen(state, step, ready))
+        else:
+            state.gone.append(_fold(state, step))
     return state
+
+
+def condense_loads(state: Condensed, loads: Loads) -> CondensedLoads:
+    """Carry loads through all condensation steps."""
+    out = CondensedLoads(loads, {node: w for node, w in loads.nodes.items() if node != GROUND})
+    for gone in state.gone:
+        out.kept.append(gone.carry(out))
+    return out
+
+
+def recover_response(state: Condensed, load: CondensedLoads, out: Response) -> Response:
+    """Recover all nodes and elements from the remaining ones, in place."""
+    for gone, kept in zip(reversed(state.gone), reversed(load.kept), strict=True):
+        gone.recover(kept, out)
+    return out
+
+
+def store_energy(state: Condensed, load: CondensedLoads) -> Array:
+    """Return twice the energy (n or 1, c, c) of loads, not offsets, with remaining nodes fixed."""
+    out: Array = np.zeros((1, load.loads.cases, load.loads.cases))
+    for gone, kept in zip(state.gone, load.kept, strict=True):
+        for stress in gone.stresses(kept):
+            out = out + stress.mT @ stress
+    return out
 
 
 def _carry_constants(order: Order, where: Places) -> Iterator[Array]:
@@ -146,7 +256,8 @@ def _carry_constants(order: Order, where: Places) -> Iterator[Array]:
         return
     rotation = np.array(turned)  # batched: for few poses call overhead dominates
     origins = np.array([c.origin for c, _ in order.constant])[:, None, :, None]
-    back = Frame(rotation, (rotation @ origins)[..., 0] + moved - where.tool).inverse_adjoint()
+    place = Frame(rotation, (rotation @ origins)[..., 0] + moved - where.tool)
+    back = place.inverse_adjoint()
     yield from back.mT @ np.array([constant for _, constant in order.constant]) @ back
 
 
@@ -154,45 +265,49 @@ def _stiffen(state: Condensed, connection: Connection, ready: Iterator[Array]) -
     if connection.constant is not None and state.where.rigid:
         stiffness = next(ready)
     else:
-        stiffness, finite = form_stiffness(*connection.flexible(state.where), state.order.length)
+        columns = connection.flexible(state.where)
+        stiffness, finite = form_stiffness(*columns, state.order.length)
         if not finite:
             names = ", ".join(e.name for e, _ in connection.members)
-            raise InfiniteStiffnessError(
-                f"{names}: infinite stiffness in a constrained direction; expected a compliance there"
-            )
+            fault = "infinite stiffness in a constrained direction; expected a compliance there"
+            raise InfiniteStiffnessError(f"{names}: {fault}")
     state.add(connection.start, connection.end, stiffness)
     return Stiff(connection, state.where, state.order.length, stiffness)
 
 
-def _eliminate(state: Condensed, step: Eliminate) -> Eliminated:
-    around = [state.pair(step.node, c) for c in step.neighbours]
-    own = sum(around, np.zeros((1, 6, 6)))
-    half = half_inverse(own)
-    reach: list[Array] = [half @ g for g in around]
-    for i, a in enumerate(step.neighbours):
-        for j in range(i):
-            state.add(a, step.neighbours[j], reach[i].mT @ reach[j])
-    state.drop(step.node, step.neighbours)
-    return Eliminated(step, own, half, reach)
-
-
 def _fold(state: Condensed, step: Fold) -> Folded:
-    connection, start = step.connection, step.connection.start
-    factor, free = connection.flexible(state.where)
-    columns = stack_columns([factor, free])
+    """Eliminate a node's twist, or its coordinates from the start of its connection."""
+    connection, columns, start = step.connection, None, None
     around = {c: state.pair(step.node, c) for c in step.neighbours}
-    own = sum(around.values(), np.zeros((1, 6, 6)))
-    core = columns.mT @ own @ columns
-    np.einsum("nii->ni", core)[:, : factor.shape[2]] += 1.0  # unit springs
+    core = own = sum(around.values(), np.zeros((1, 6, 6)))
+    if connection is not None:
+        start = connection.start
+        factor, free = connection.flexible(state.where)
+        columns = stack_columns([factor, free])
+        core = columns.mT @ own @ columns
+        np.einsum("nii->ni", core)[:, : factor.shape[2]] += 1.0  # unit springs
     half = half_inverse(core)
-    pull = half @ columns.mT  # (n, m, 6)
-    reach = {c: pull @ around[c] for c in step.neighbours if c != start}
-    everything = sum(reach.values(), np.zeros((1, pull.shape[-2], 6)))
-    others = list(reach)
-    for i, c in enumerate(others):
-        back = reach[c].mT
-        state.add(c, start, around[c].mT - back @ everything)
-        for other in others[:i]:
-            state.add(c, other, back @ reach[other])
-    state.drop(step.node, step.neighbours)
-    return Folded(step, columns, core, half, half.mT @ pull, around, own)
+    pull = half if columns is None else half @ columns.mT  # (n, m, 6)
+    reach = {c: pull @ stiffness for c, stiffness in around.items() if c != start}
+    if start is not None:
+        everything = sum(reach.values(), np.zeros((1, pull.shape[-2], 6)))
+        for c, mine in reach.items():
+            state.add(c, start, around[c].mT - mine.mT @ everything)
+    for other, c in combinations(reach, 2):
+        state.add(c, other, reach[c].mT @ reach[other])
+    for c in step.neighbours:
+        state.pairs.pop((step.node, c), None)
+        state.pairs.pop((c, step.node), None)
+    return Folded(step, state.where, columns, core, half, around, own, reach)
+
+
+def _check_balance(names: Sequence[str], half: Array, left: Array, load: Array, balanced: float) -> None:
+    """Refuse a load along a direction that a generalized inverse dropped."""
+    if balanced >= HELD or not (np.einsum("nii->ni", half) == 0.0).any():
+        return
+    if (np.abs(left) > balanced * np.abs(load).max(axis=(1, 2), keepdims=True) + 1e-300).any():
+        _refuse(names)
+
+
+def _refuse(names: Sequence[str]) -> None:
+    raise InputError(f"{', '.join(names)}: moves freely under its load, there is no equilibrium")

@@ -13,23 +13,31 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND
-from stiffscope.vjm.condensation import InfiniteStiffnessError, condense_network
+from stiffscope.vjm.condensation import (
+    InfiniteStiffnessError,
+    condense_loads,
+    condense_network,
+    recover_response,
+)
 from stiffscope.vjm.joints import DRIVEN
 from stiffscope.vjm.laws import find_laws, find_segments, linearize, settle, without_laws
-from stiffscope.vjm.loading import ElementState, Loads, Response, condense_loads, recover_response, solve_tool
+from stiffscope.vjm.loading import Loads, Response
 from stiffscope.vjm.network import END
 from stiffscope.vjm.order import find_order
-from stiffscope.vjm.saddle import saddle_held, saddle_response, saddle_stiffness
+from stiffscope.vjm.saddle import saddle_stiffness, solve_saddle
+from stiffscope.vjm.semidefinite import pivot
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from stiffscope.vjm.condensation import Condensed
-    from stiffscope.vjm.loading import CondensedLoads
+    from stiffscope.vjm.loading import ElementState
     from stiffscope.vjm.network import Places
     from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
 
+_FREE = 1e-12  # relative pivot of the tool's stiffness taken as rounding
+_BALANCED = 1e-6  # of a load: tolerance along a free motion of the tool
 _ROUNDING = 1e-12  # of a drive's wrench: a force taken as zero
 
 
@@ -108,11 +116,11 @@ def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
     elements: dict[str, ElementState] = {}
     for name, e in found.elements.items():
         strained = None if e.strained is None else mix(e.strained)
-        elements[name] = ElementState(e.element, where, mix(e.carried), mix(e.across), mix(e.rates), strained)
+        mixed = {key: mix(getattr(e, key)) for key in ("carried", "across", "rates")}
+        elements[name] = replace(e, **mixed, strained=strained)
     for k, (name, law) in enumerate(laws.items()):
         elements[name] = replace(elements[name], deflection=deflection[:, k], law=law)
-    moved = {node: mix(twist) for node, twist in found.nodes.items()}
-    return Response(where, mix(found.twist), moved, elements)
+    return Response(where, {node: mix(twist) for node, twist in found.nodes.items()}, elements)
 
 
 def _force_along(wrench: Array, component: int, length: float) -> Array:
@@ -172,23 +180,28 @@ def _pad(cases: Array, more: int) -> Array:
     return np.pad(cases, ((0, 0), (0, 0), (0, more)))
 
 
-def solve_condensed(state: Condensed, loads: Loads) -> Response:
-    """``solve_loads`` of a network that was condensed before."""
+def solve_condensed(state: Condensed, loads: Loads, tool: Array | None = None) -> Response:
+    """``solve_loads`` of a condensed network; the tool is free, or held at a twist (n or 1, 6, c)."""
     load = condense_loads(state, loads)
     if state.order.left:
-        return recover_response(state, load, *saddle_response(state, load))
-    return recover_response(state, load, _hold_tool(load, solve_tool(tool_stiffness(state), load.force(END))))
+        return recover_response(state, load, solve_saddle(state, load, tool))
+    if tool is None:
+        tool = _solve_tool(tool_stiffness(state), load.force(END))
+    ends = {GROUND: np.zeros((1, 6, loads.cases)), END: tool}
+    return recover_response(state, load, Response(state.where, ends))
 
 
-def solve_held(state: Condensed, loads: Loads, twist: Array | None = None) -> Response:
-    """Equilibrium under loads with the tool held, at rest or at a twist (n or 1, 6, c)."""
-    load = condense_loads(state, loads)
-    at = np.zeros((1, 6, loads.cases)) if twist is None else twist
-    if state.order.left:
-        return recover_response(state, load, *saddle_held(state, load, at))
-    return recover_response(state, load, _hold_tool(load, at))
+def _solve_tool(stiffness: Array, wrench: Array) -> Array:
+    """Return the twist (n, 6, c) of a stiffness (n or 1, 6, 6) under wrenches (n or 1, 6, c).
 
-
-def _hold_tool(load: CondensedLoads, twist: Array) -> dict[str, Array]:
-    """Twists of the ground and the tool."""
-    return {GROUND: np.zeros((1, 6, load.loads.cases)), END: twist}
+    Raises InputError if a wrench acts along a free direction.
+    """
+    half, pivots = pivot(stiffness, _FREE)
+    twist = half.mT @ (half @ wrench)
+    if (pivots <= _FREE).any():
+        left = np.abs(stiffness @ twist - wrench)
+        if (left > _BALANCED * np.abs(wrench).max(axis=1, keepdims=True)).any():
+            count = int((pivots <= _FREE).sum(axis=1).max())
+            what = "ask for its mobility, not for its deflection"
+            raise InputError(f"the tool moves freely in {count} direction(s): {what}")
+    return twist

@@ -82,34 +82,19 @@ class Connection:
 
 
 @dataclass(frozen=True, eq=False)
-class Stiffen:
-    """Step that turns a connection into a stiffness between its nodes."""
+class Fold:
+    """Step that eliminates a node with stiffnesses to ``neighbours``.
 
-    connection: Connection
-
-
-@dataclass(frozen=True, eq=False)
-class Eliminate:
-    """Step that eliminates a node that only has stiffnesses."""
+    It moves as its flexible ``connection``, if it has one, lets it; without one it is free.
+    """
 
     node: str
     neighbours: tuple[str, ...]
+    connection: Connection | None = None
 
 
-@dataclass(frozen=True, eq=False)
-class Fold:
-    """Step that folds a node with one flexible connection; all its others are stiffnesses."""
-
-    connection: Connection
-    neighbours: tuple[str, ...]
-
-    @property
-    def node(self) -> str:
-        """The node to fold."""
-        return self.connection.end
-
-
-Step: TypeAlias = "Stiffen | Eliminate | Fold"
+Step: TypeAlias = "Connection | Fold"
+"""A connection is stiffened: turned into a stiffness between its nodes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +117,7 @@ class Order:
     @cached_property
     def constant(self) -> list[tuple[Connection, Array]]:
         """Stiffened connections with constant stiffness, and that stiffness in their axes."""
-        stiff = [step.connection for step in self.steps if isinstance(step, Stiffen)]
+        stiff = [step for step in self.steps if isinstance(step, Connection)]
         return [(c, c.constant) for c in stiff if c.constant is not None]
 
     @cached_property
@@ -182,7 +167,7 @@ class _Planner:
             tried = [c if c.formable is not None else self._try_connection(c) for c in self.flexible]
             self.flexible = [c for c in tried if not c.formable]
             for c in (c for c in tried if c.formable):
-                self.steps.append(Stiffen(c))
+                self.steps.append(c)
                 self.stiff[frozenset((c.start, c.end))] = None
             if not self._take_out():
                 break
@@ -234,17 +219,14 @@ class _Planner:
 
     def _take(self, node: str) -> None:
         """Eliminate or fold a node with at most one flexible connection."""
-        neighbours = self._neighbours(node)
+        around, connection = self._neighbours(node), None
         here = self._find_connections(node)
-        around = neighbours
+        self.flexible = [c for c in self.flexible if c not in here]
         if here:
-            (c,) = here
-            c = c if c.end == node else c.reverse()
-            self.steps.append(Fold(c, tuple(neighbours)))
-            self.flexible = [f for f in self.flexible if f not in here]
-            around = list(dict.fromkeys([*around, c.start])) if neighbours else []
-        else:
-            self.steps.append(Eliminate(node, tuple(neighbours)))
+            connection = here[0] if here[0].end == node else here[0].reverse()
+        self.steps.append(Fold(node, tuple(around), connection))
+        if connection and around:
+            around = list(dict.fromkeys([*around, connection.start]))
         left = [pair for pair in self.stiff if node not in pair]
         self.stiff = dict.fromkeys([*left, *(frozenset(pair) for pair in combinations(around, 2))])
         self.nodes.remove(node)

@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.vjm.checks import GROUND
-from stiffscope.vjm.condensation import condense_network
-from stiffscope.vjm.equilibrium import solve_condensed, solve_held, solve_loads, tool_stiffness
-from stiffscope.vjm.loading import HELD, Loads, condense_loads, store_energy
+from stiffscope.vjm.condensation import condense_loads, condense_network, store_energy
+from stiffscope.vjm.equilibrium import solve_condensed, solve_loads, tool_stiffness
+from stiffscope.vjm.loading import HELD, Loads
 from stiffscope.vjm.network import END, Places, free_directions, lump_masses
 from stiffscope.vjm.order import stack_columns, stack_rows
 from stiffscope.vjm.screws import rotation_of, skew
@@ -44,6 +44,7 @@ if TYPE_CHECKING:
 _SMALL = 1e-4  # rad or relative length: displacement beyond which equilibrium is refined
 _SETTLED = 1e-7
 _STEPS = 12
+_STILL = np.zeros((1, 6, 6))  # six cases with the tool at rest
 _SLOW = 3e-4  # of the motions, as root energy; less changes the stiffness by below 1e-10
 
 
@@ -117,7 +118,8 @@ def _tangent(order: Order, there: Places, rest: Places, *, thorough: bool = Fals
     """
     state = condense_network(order, there)
     work = SecondOrder(solve_condensed(state, _remaining_loads(order, there, rest)), order.mechanism)
-    unit, stiffness = Motion.of(solve_held(state, Loads(6, balanced=HELD), np.eye(6)[None])), tool_stiffness(state)
+    unit = Motion.of(solve_condensed(state, Loads(6, balanced=HELD), np.eye(6)[None]))
+    stiffness = tool_stiffness(state)
     change, slack = _relax(state, work, unit, stiffness, thorough=thorough)
     n = len(there.tool)
     return np.array(np.broadcast_to(stiffness + change, (n, 6, 6))), np.broadcast_to(slack, n)
@@ -149,13 +151,13 @@ def _relax(
     whose relative energy bounds the rest, and by ``Xᵀ H (X + δ)`` for the last.
     """
     if thorough:
-        relaxed = _settle_motions(work, unit, lambda loads: solve_held(state, loads))
+        relaxed = _settle_motions(work, unit, lambda loads: solve_condensed(state, loads, _STILL))
         change = work.differentiate(unit.plus(relaxed, 0.5))[0] - 0.25 * work.differentiate(relaxed)[0]
         return change, np.zeros(1, dtype=bool)
     square, wrenches = work.differentiate(unit)
     loads = Loads(6, wrenches, balanced=HELD)
     if state.order.left:
-        held = solve_held(state, loads)
+        held = solve_condensed(state, loads, _STILL)
         stored = sum((wrench.mT @ held.nodes[node] for node, wrench in wrenches.items()), np.zeros((1, 6, 6)))
     else:
         stored = store_energy(state, condense_loads(state, loads))
