@@ -151,8 +151,8 @@ class Folded:
                 drive = drive + stack_rows(along.project())
         push = self.half @ drive
         moved = self.half.mT @ push
-        _check_balance(names, self.half, drive - self.core @ moved, drive, load.loads.balanced)
-        if along is not None:
+        self._check_balance(names, moved, drive, load.loads.balanced)
+        if along is not None and self.columns is not None:
             moved = along.offset + self.columns @ moved
         for c, stiffness in self.around.items():
             share = stiffness.mT @ moved
@@ -161,14 +161,22 @@ class Folded:
                 load.add(self.start, -share)
         return along, push, force
 
+    def _check_balance(self, names: Sequence[str], moved: Array, load: Array, balanced: float) -> None:
+        """Refuse a load (n, m, c) along a direction that the generalized inverse dropped."""
+        if balanced >= HELD or not (np.einsum("nii->ni", self.half) == 0.0).any():
+            return
+        left = np.abs(load - self.core @ moved)
+        if (left > balanced * np.abs(load).max(axis=(1, 2), keepdims=True) + 1e-300).any():
+            _refuse(names)
+
     def recover(self, kept: tuple[ChainLoads | None, Array, Array] | None, out: Response) -> None:
         """Recover the node, and its connection, from its neighbours."""
-        along, y, wrench = kept or (None, np.zeros((1, 1, 1)), None)
+        along, y, wrench = kept or (None, np.zeros((1, 1, 1)), np.zeros((1, 6, 1)))
         start = out.nodes[self.start]
         for c, reach in self.reach.items():
             y = y + reach @ (out.nodes[c] if along is None else out.nodes[c] - start)
         moved = self.half.mT @ y
-        if along is None:
+        if along is None or self.columns is None:
             out.nodes[self.step.node] = moved
             return
         span = self.columns @ moved + along.offset
@@ -211,6 +219,8 @@ class Condensed:
 def condense_network(order: Order, where: Places) -> Condensed:
     """Condense a network. Raises InfiniteStiffnessError if a connection is infinitely stiff."""
     state = Condensed(order, where)
+    if len(where.tool) <= FEW:
+        where.look_at(order.moving if where.rigid else order.elements)
     ready = iter(_carry_constants(order, where) if where.rigid else ())
     for step in order.steps:
         if isinstance(step, Connection):
@@ -299,14 +309,6 @@ def _fold(state: Condensed, step: Fold) -> Folded:
         state.pairs.pop((step.node, c), None)
         state.pairs.pop((c, step.node), None)
     return Folded(step, state.where, columns, core, half, around, own, reach)
-
-
-def _check_balance(names: Sequence[str], half: Array, left: Array, load: Array, balanced: float) -> None:
-    """Refuse a load along a direction that a generalized inverse dropped."""
-    if balanced >= HELD or not (np.einsum("nii->ni", half) == 0.0).any():
-        return
-    if (np.abs(left) > balanced * np.abs(load).max(axis=(1, 2), keepdims=True) + 1e-300).any():
-        _refuse(names)
 
 
 def _refuse(names: Sequence[str]) -> None:

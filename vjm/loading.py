@@ -192,7 +192,8 @@ class ChainLoads:
             at += free.shape[2]
             if free.shape[2]:
                 across = across + free @ rate
-            out.elements[e.name] = ElementState(e, out.where, sign * w, sign * across, sign * rate)
+            state = (w, across, rate) if sign > 0.0 else (-w, -across, -rate)
+            out.elements[e.name] = ElementState(e, out.where, *state)
             if end is not None:
                 node = out.nodes[end] = node + across
 

@@ -19,7 +19,7 @@ from stiffscope.vjm.linkage import rotation_vector
 from stiffscope.vjm.screws import Frame, rotation, rotation_of, shift
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 FOOT = "<base>"  # node on the base
 END = "<tool>"  # node at M
 _NOTHING = np.zeros((1, 6, 0))
+_SEVERAL = 5  # elements from which it is faster to find their adjoints at once
 
 
 def _none() -> Array:
@@ -126,6 +127,19 @@ class Places:
         if element.name not in self.known:
             self.known[element.name] = self.frame(element).adjoint()
         return self.known[element.name]
+
+    def look_at(self, elements: Sequence[Element]) -> None:
+        """Find the adjoints of elements at once: for few poses call overhead dominates."""
+        n, new = len(self.tool), [e for e in elements if e.name not in self.known]
+        nodes = {node for e in new for node in (e.carrier, e.second)}
+        if len(new) < _SEVERAL or any(len(self.rotation[node]) < n for node in nodes):
+            return
+        turns = {node: self.rotation[node] for node in nodes}
+        axes, at = np.array([e.axes for e in new]), np.array([e.at for e in new])
+        rotation = np.array([turns[e.carrier] for e in new]) @ axes[:, None]
+        ends = np.array([turns[e.second] for e in new]) @ at[:, None, :, None]
+        place = ends[..., 0] + [self.position[e.second] for e in new] - self.tool
+        self.known.update(zip((e.name for e in new), Frame(rotation, place).adjoint(), strict=True))
 
     def columns(self, element: Element) -> tuple[Array, Array]:
         """Return factor (n or 1, 6, r) and free directions (n or 1, 6, k) at M in base axes."""

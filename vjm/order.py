@@ -121,6 +121,13 @@ class Order:
         return [(c, c.constant) for c in stiff if c.constant is not None]
 
     @cached_property
+    def moving(self) -> list[Element]:
+        """Elements of all connections but those with constant stiffness."""
+        steps = [s if isinstance(s, Connection) else s.connection for s in self.steps]
+        some = [c for c in (*steps, *self.left) if c is not None and c.constant is None]
+        return [e for c in some for e, _ in c.members]
+
+    @cached_property
     def unstiffened_order(self) -> Order:
         """Order without stiffening, for networks with an infinite stiffness."""
         return _Planner(self.mechanism, self.linkage).order(stiffen=False)

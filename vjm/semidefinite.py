@@ -64,6 +64,11 @@ def projector(directions: Array, tolerance: float = DROPPED) -> tuple[Array, Arr
     Gram-Schmidt, each column twice; columns that depend on earlier ones are dropped.
     """
     n, d, k = directions.shape
+    if n <= _FEW and k <= d:
+        size = np.linalg.norm(directions, axis=1, keepdims=True)
+        q, r = np.linalg.qr(directions / np.where(size > 0.0, size, 1.0))
+        if (np.abs(np.einsum("nii->ni", r)) > tolerance).all():
+            return np.eye(d) - q @ q.mT, np.full(n, float(k))
     columns = np.ascontiguousarray(directions.transpose(2, 1, 0))
     basis: list[Array] = []
     rank = np.zeros(n)
