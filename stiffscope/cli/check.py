@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import click
@@ -15,6 +15,7 @@ from stiffscope.experiments.assembly import check_solids
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.report.check_tables import show_check
 from stiffscope.report.kept_pictures import draw_inspection
+from stiffscope.report.pictures import open_drawing
 from stiffscope.report.run_report import write_check_report
 from stiffscope.robot.inspection import inspect_robot, inspection_json
 from stiffscope.robot.reader import load_robot
@@ -37,15 +38,16 @@ def check(name: str, *, overrides: tuple[str, ...], output: Output) -> None:
     it cannot move as its poses command.
     """
     robot = load_robot(name, overrides)
-    found, parts = inspect_robot(robot), {}
-    try:
-        parts = check_solids(robot)
-    except InputError as error:
-        found = dataclasses.replace(found, error=found.error or str(error))
-    emit(
-        output, inspection_json(found), lambda: show_check(found), manifest=manifest_of(robot),
-        fill=lambda folder: draw_inspection(found, folder, parts),
-        page=lambda folder, shown: write_check_report(folder, found, shown), kept="check.json",
-    )  # fmt: skip
+    with open_drawing(ahead=output.folder is not None) as draw_now:
+        found, parts = inspect_robot(robot), {}
+        try:
+            parts = check_solids(robot)
+        except InputError as error:
+            found = replace(found, error=found.error or str(error))
+        emit(
+            output, inspection_json(found), lambda: show_check(found), manifest=manifest_of(robot),
+            fill=lambda folder: draw_inspection(found, folder, parts, draw_now),
+            page=lambda folder, shown: write_check_report(folder, found, shown), kept="check.json",
+        )  # fmt: skip
     if found.error:
         raise InputError(found.error)

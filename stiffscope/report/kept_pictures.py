@@ -188,25 +188,25 @@ def draw_named_poses(assembled: Assembled, folder: Path) -> None:
         _draw_poses(assembled, folder)
 
 
-def draw_inspection(found: Inspection, folder: Path, parts: Mapping[str, Part]) -> None:
+def draw_inspection(found: Inspection, folder: Path, parts: Mapping[str, Part], draw_now: Callable[..., None]) -> None:
     """Draw the rigid robot at home and at every reachable named pose, if drawing is possible.
 
-    ``parts``: parts from STEP files, drawn transparent around the joints.
+    ``parts``: parts from STEP files, drawn transparent; ``draw_now``: from `open_drawing`.
     """
-    if found.configurations is None:
+    mechanism, configurations, pictures = found.mechanism, found.configurations, []
+    if configurations is None:
         return
-    pictures = []
     for k, pose in enumerate(found.poses):
         if pose.is_reached:
-            title = f"{found.robot.name} at {pose.name}: {pose_text(found.mechanism, pose.tool)}"
-            shown = picture(f"robot_{pose.name}.png", title, moves(found.mechanism, found.configurations, k))
+            title = f"{found.robot.name} at {pose.name}: {pose_text(mechanism, pose.tool)}"
+            shown = picture(f"robot_{pose.name}.png", title, moves(mechanism, configurations, k))
             pictures.append(shown | {"kinds": True})
     if pictures:
         with optional_pictures():
-            drawn = scene(found.robot, found.mechanism)
+            drawn = scene(found.robot, mechanism)
             add_solids(drawn["bodies"], found.robot, parts)
             drawn["joints"] = mark_doubts(drawn["joints"], found)
-            draw("robot", folder, pictures=pictures, geometry=GEOMETRY, **drawn)
+            draw_now("robot", folder, pictures=pictures, geometry=GEOMETRY, **drawn)
 
 
 def draw_deflection(

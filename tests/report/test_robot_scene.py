@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from examples.delta import delta as hanging_delta
 from stiffscope.gap.inference.diagnosis import Where
-from stiffscope.report.drawing.robot import frame_picture, key_of
+from stiffscope.report.drawing.robot import ABOVE, frame_picture, key_of
 from stiffscope.report.drawing.solids import solids_of
 from stiffscope.report.pictures import PictureError, draw, open_drawing
 from stiffscope.report.robot_scene import deform_nodes, exaggeration, moves, picture, scene
@@ -52,6 +52,14 @@ def test_a_title_is_within_its_picture(length):
     figure = frame_picture(np.ones((80, 1200, 3)), SimpleNamespace(size=(1200, 80)), title)
     drawn = FigureCanvasAgg(figure).get_renderer()
     assert figure.texts[0].get_window_extent(drawn).x1 < figure.bbox.width
+
+
+def test_the_pixels_of_a_picture_are_the_cameras(rng):
+    image = rng.integers(0, 256, (80, 1200, 3), dtype=np.uint8)
+    figure = frame_picture(image, SimpleNamespace(size=(1200, 80)), "")
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    assert (np.asarray(canvas.buffer_rgba())[ABOVE : ABOVE + 80, :, :3] == image).all()
 
 
 def test_a_robot_made_in_python_stands_upright():

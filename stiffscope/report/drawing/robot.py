@@ -318,9 +318,7 @@ def frame_picture(image: Floats, view: View, title: str) -> Figure:
     width, height = view.size
     total = height + ABOVE + BELOW
     figure = Figure(figsize=(width / 100, total / 100), facecolor="white")
-    axes = figure.add_axes((0, BELOW / total, 1, height / total))
-    axes.imshow(image, interpolation="none")
-    axes.set_axis_off()
+    figure.figimage(image, 0, BELOW)  # pixel by pixel; axes would resample
     size = min(15.0, LONG / max(len(title), 1)) * min(1.0, 0.25 + 0.75 * width / WIDTH)
     figure.text(
         12 / width, 1 - 12 / total, title, fontsize=size, va="top", fontweight="bold", parse_math=False, color="#14181c"
