@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
 from stiffscope.robot.file.parse import parse_text
-from stiffscope.robot.file.sections import RigidBody
 from stiffscope.runtime.reading import file_digest
 
 if TYPE_CHECKING:
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
 
 PERIOD = 0.05  # s, polling interval
+GONE = 1.0  # s for which editors may leave a file missing or empty while they save it
 HEAVY = (
     "build123d",
     "stiffscope.cad.step",
@@ -36,41 +36,39 @@ def sources(robot: RobotFile) -> list[Path]:
     """Return the paths of the robot file and of its STEP files and meshes."""
     beside = robot.path.parent
     parts = [beside / file for part in robot.parts.values() if (file := getattr(part, "file", None))]
-    bodies = [body for body in robot.bodies.values() if isinstance(body, RigidBody)]
-    meshes = [beside / mesh for body in bodies if isinstance(mesh := getattr(body, "mesh", None), str)]
+    meshes = [beside / mesh for body in robot.bodies.values() if (mesh := getattr(body, "mesh", None))]
     return list(dict.fromkeys([robot.path, *parts, *meshes]))
 
 
 def changes(files: Sequence[Path]) -> Iterator[None]:
-    """Yield at once, and then whenever the content of a file changes; the list itself may change.
+    """Yield at once, and then whenever the content of a file has changed; the list itself may change.
 
-    A file that is briefly missing, e.g. while an editor saves it, has not changed.
+    A file that is missing or empty only while an editor saves it has not changed.
     """
-    held: dict[Path, tuple[Any, str]] = {}
-    first = True
+    held: dict[Path, str] = {}  # contents at the last yield
+    read: dict[Path, tuple[Any, str]] = {}
+    found, since = {}, 0.0
     while True:
-        changed = first
-        while [path for path in files if _has_changed(path, held)]:  # until writing is complete
-            changed = True
-            time.sleep(PERIOD)
-        if changed:
-            first = False
+        former, found = found, {path: _content(path, read) for path in files}
+        if found != former:
+            since = time.monotonic()
+        known, held = held, {**found, **held}
+        settled = time.monotonic() - since >= (PERIOD if all(found.values()) else GONE)
+        if not known or (settled and found != {path: held[path] for path in found}):
+            held |= found
             yield
         time.sleep(PERIOD)
 
 
-def _has_changed(path: Path, held: dict[Path, tuple[Any, str]]) -> bool:
-    """Return whether a known file's content has changed; update the held stamp and content."""
+def _content(path: Path, read: dict[Path, tuple[Any, str]]) -> str:
+    """Return a file's checksum, "" if it is missing or empty; ``read`` keeps those of unchanged files."""
     with suppress(OSError, InputError):
         status = path.stat()
         stamp = (status.st_mtime_ns, status.st_size, status.st_ino)
-        if path in held and held[path][0] == stamp:
-            return False
-        content = file_digest(path)
-        former = held.get(path)
-        held[path] = (stamp, content)
-        return former is not None and former[1] != content
-    return False
+        if status.st_size and (path not in read or read[path][0] != stamp):
+            read[path] = (stamp, file_digest(path))
+        return read[path][1] if status.st_size else ""
+    return ""
 
 
 @functools.cache

@@ -1,5 +1,6 @@
 """`stiffscope run --watch`: a saved file is run again, a bad one is told, and the page says which run it shows."""
 
+import itertools
 import re
 import shutil
 import threading
@@ -28,9 +29,30 @@ def test_content_decides_what_has_changed(tmp_path):
     (tmp_path / "aside").rename(two)  # as editors save
     time.sleep(0.3)
     assert thread.is_alive()
+    one.write_text("")  # as editors begin to write
+    time.sleep(0.3)
+    one.write_text("a")
+    time.sleep(0.3)
+    assert thread.is_alive()
     one.write_text("c")
     thread.join(5)
     assert found == [None]
+
+
+def test_a_file_that_stays_away_has_changed_and_so_has_it_when_it_is_back(tmp_path, monkeypatch):
+    monkeypatch.setattr("stiffscope.experiments.watching.GONE", 0.2)
+    solid = tmp_path / "bar.step"
+    solid.write_text("a solid")
+    watch, seen = changes([solid]), []
+    next(watch)
+    thread = threading.Thread(target=lambda: seen.extend(solid.exists() for _ in itertools.islice(watch, 2)))
+    thread.start()
+    solid.unlink()
+    time.sleep(1.0)
+    assert seen == [False]
+    solid.write_text("a solid")
+    thread.join(5)
+    assert seen == [False, True]
 
 
 def test_sources_and_differences(tmp_path):
