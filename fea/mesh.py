@@ -8,11 +8,12 @@ from __future__ import annotations
 import logging
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.fea.worker import run_ftetwild
 from stiffscope.runtime.executor import LateError, WorkerError, do_alone
 from stiffscope.runtime.processors import processors
 
@@ -266,7 +267,7 @@ def tetrahedralize(
         energy,
     )
     try:  # a crash or an endless loop stays in the child
-        points, cells = do_alone(_run_ftetwild, *work, name="mesh", limit=time_limit)
+        points, cells = do_alone(run_ftetwild, *work, name="mesh", limit=time_limit)
     except LateError:
         raise MeshError(
             f"mesh: not finished within {time_limit:.3g} s; choose a larger size or envelope, or a longer limit"
@@ -330,13 +331,6 @@ def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
     first = np.column_stack([ends[:, 0], ends[:, 1], low[:, 1]])
     second = np.column_stack([ends[:, 0], low[:, 0], low[:, 1]])
     return np.vstack([vertices, foot]), np.vstack([triangles, first, second])
-
-
-def _run_ftetwild(*work: Any) -> tuple[Floats, Ints]:
-    """Import the mesher in the worker process only."""
-    from stiffscope.fea.worker import run_ftetwild
-
-    return run_ftetwild(*work)
 
 
 def _checked_tets(points: Floats, cells: Ints, volume: float) -> tuple[Floats, Ints]:

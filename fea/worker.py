@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pytetwild
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -33,6 +32,8 @@ def run_ftetwild(
         Largest distortion energy of an element.
 
     """
+    import pytetwild
+
     points, cells = pytetwild.tetrahedralize(  # pyright: ignore[reportPrivateImportUsage]
         vertices, triangles.astype(np.int32), edge_length_abs=size, epsilon=envelope, num_threads=threads,
         stop_energy=energy, vtk_ordering=True,
