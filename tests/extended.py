@@ -126,6 +126,7 @@ EXTENDED = {
     ),
     "runtime/test_scheduler.py": ("test_jobs_survive_the_kills_of_their_workers_and_one_that_kills_them_is_named",),
     "test_bad_day.py": (
+        "test_a_kill_loses_and_leaves_nothing",
         "test_a_command_that_is_stopped_leaves_no_child_and_says_one_line[blind-9]",
         "test_a_command_that_is_stopped_leaves_no_child_and_says_one_line[compliance-15]",
         "test_a_command_that_is_stopped_leaves_no_child_and_says_one_line[compliance-2]",

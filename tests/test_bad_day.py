@@ -6,9 +6,7 @@ import math
 import os
 import random
 import re
-import shutil
 import signal
-import subprocess
 import sys
 import time
 import warnings
@@ -26,6 +24,7 @@ from stiffscope.errors import InputError
 from stiffscope.gap.campaigns import configure_case, open_case
 from stiffscope.robot.reader import read_robot
 from stiffscope.runtime.executor import LateError, WorkerError
+from tests.kills import BLIND, COMMANDS, COMPLIANCE, HEADER, READINGS, Bench, in_session, left_alive, stiffscope
 
 ROBOTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((FOLDER / "robots").glob("*.toml"))}
 HOSTILE = (
@@ -94,33 +93,6 @@ def test_thousands_of_mutated_robot_files(text):
     obeys(text)
 
 
-HEADER = """\
-robot = "biglide"
-modelled = ["gravity"]
-components = "published"
-readings = "readings.csv"
-ignore = ["note"]
-units = { value = "um", z = "mm" }
-
-[sensors.gauge]
-measures = "displacement"
-body = "platform"
-at = ["75 mm", 0, 0.33]
-direction = [0, 0, 1]
-against = "ground"
-zero = "session"
-
-[loads.hook]
-body = "platform"
-at = [0, 0, 0.35]
-"""
-READINGS = """\
-x,y,z,load,fx,fz,sensor,quantity,value,sigma,session,note
-0,0,350,,100,0,,dx,4.2,1,a,first
-0,0,350,hook,0,-100,gauge,,-3.5,1,a,
-0.01,0,400,,0,0,,ez,11,,b,
-0.01,0,400,,,,gauge,,0.5,2,b,last
-"""
 CELLS = (
     "", " ", "nan", "inf", "-1e308", "1e308", "1e-308", "9" * 5000, "0x10", "1_0", "1,5", '"', "hook", "gauge", "dx",
     "\0", "\u202e", "x" * 3000, "=1+1", "350 mm", "-0", "\t", ";", "\ud800",
@@ -204,168 +176,30 @@ def test_a_file_is_read_in_time_that_grows_with_its_size(text):
     assert time.perf_counter() - begun < 30  # under a second; far more where it grows faster than the file
 
 
-def stiffscope(*words: str, folder: Path, **more) -> subprocess.Popen:
-    environment = {**os.environ, "STIFFSCOPE_CACHE": str(folder / "cache"), "TMPDIR": str(folder / "tmp")}
-    (folder / "tmp").mkdir(exist_ok=True)
-    command = [sys.executable, "-m", "stiffscope", *words]
-    return subprocess.Popen(
-        command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        start_new_session=True, **more,
-    )  # fmt: skip
-
-
-def in_session(leader: int) -> list[str]:
-    """Command lines of the living processes of a session."""
-    found = []
-    for place in Path("/proc").glob("[0-9]*"):
-        try:
-            state, _, _, session = (place / "stat").read_text().rpartition(")")[2].split()[:4]
-            if int(session) == leader and state != "Z":
-                found.append((place / "cmdline").read_text().replace("\0", " "))
-        except OSError:
-            continue
-    return found
-
-
-def killed_at_random(folder: Path, words: tuple[str, ...], latest: float, chance: random.Random) -> float | None:
-    """Kill a command at a random moment: nothing of it lives two seconds later. Seconds that it took if it ended."""
-    begun = time.monotonic()
-    process = stiffscope(*words, folder=folder)
-    took = None
-    try:
-        process.wait(chance.uniform(0.2, latest))
-        took = time.monotonic() - begun
-    except subprocess.TimeoutExpired:
-        process.send_signal(chance.choice((signal.SIGKILL, signal.SIGTERM)))
-    process.communicate(timeout=60)
-    ends = time.monotonic() + 2
-    while (left := in_session(process.pid)) and time.monotonic() < ends:
-        time.sleep(0.1)
-    assert not left
-    return took
-
-
-_POSE = ("--at", "0,0,350 mm", "--components", "published", "--out", "out", "--quiet")
-BLIND = ("blind", "five-bar", "--components", "beam", "--campaigns", "2", "--out", "out", "--quiet")
-COMMANDS = (
-    ("run", "biglide", "--components", "published", "--out", "out", "--quiet"),
-    ("check", "delta", "--out", "out", "--quiet"),
-    ("map", "biglide", "--components", "published", "--points", "5", "--out", "out", "--quiet"),
-    ("compliance", "biglide", "--part", "link", "--superelement", "out", "--json", "a.json", "--quiet"),
-    ("modes", "biglide", *_POSE),
-    ("frf", "biglide", "--from", "platform:0,0,0:z", "--to", "platform:0,0,0:z", *_POSE),
-    ("deflection", "biglide", "--wrench", "0,0,100,0,0,0", *_POSE),
-    ("stiffness", "delta", "--json", "a.json", "--quiet"),
-    ("sensitivity", "biglide", *_POSE),
-    ("study", "study.toml", "--out", "out", "--quiet"),
-    ("path", "job.toml", "--out", "out", "--compensate", "--quiet"),
-    ("interfaces", "biglide", "--part", "link", "--out", "out", "--quiet"),
-    ("campaign", "check", "c", "--out", "out", "--quiet"),
-    ("campaign", "new", "biglide", "--out", "new", "--quiet"),
-    ("diagnose", "c", "--out", "out", "--quiet"),
-    ("diagnose", "known", "--adopt", "new.toml", "--out", "out", "--quiet"),
-    BLIND,
-    ("audit", "--json", "a.json", "--quiet"),
-    ("compare", "biglide", "--part", "link", "--json", "a.json", "--quiet"),
-    ("new", "delta", "new.toml", "--quiet"),
-    ("import", "arm.urdf", "--out", "new.toml", "--quiet"),
-)
-STUDY = """\
-robot = "five-bar"
-method = "grid"
-components = "beam"
-[parameters]
-"inner.radius" = { range = ["16 mm", "18 mm"], steps = 3 }
-[responses]
-stiffness = "K_tx"
-"""
-JOB = 'robot = "biglide"\ncomponents = "beam"\npath = "path.csv"\nstep = "5 mm"\n'
-PATH = "x,y,z,fz\n0,0,0.35,-100\n0.02,0,0.35,-50\n"
-ARM = """\
-<robot name="arm"><link name="base"/><link name="tool"><inertial><mass value="1"/><origin xyz="0 0 0.1"/>
-<inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="j" type="revolute"><parent link="base"/><child link="tool"/><axis xyz="0 0 1"/>
-<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>
-"""
 KILLS = 6  # of each command
-
-
-ENDS = {".png": b"IEND\xaeB`\x82", ".gif": b";", ".html": b"</html>"}  # of a whole file
-
-
-def results_in(folder: Path) -> dict[str, str]:
-    """Every file of an output folder but pictures, which a busy machine leaves out; the text of those without times.
-
-    Pictures and pages are whole.
-    """
-    texts: dict[str, str] = {}
-    for path in sorted(folder.rglob("*")):
-        if path.suffix in ENDS:
-            assert path.read_bytes().rstrip().endswith(ENDS[path.suffix]), path
-        if path.is_file() and path.suffix not in {".png", ".gif"}:
-            plain = path.suffix in {".csv", ".json"} and path.name not in {"manifest.json", "scores.json"}
-            texts[path.relative_to(folder).as_posix()] = path.read_text(encoding="utf-8") if plain else ""
-    return texts
-
-
-NUMBER = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.])")
-
-
-def same(ours: dict[str, str], theirs: dict[str, str], close: float) -> None:
-    """Assert the same files with the same words and, but for rounding or another mesh, the same numbers."""
-    assert set(ours) == set(theirs)
-    for name, text in ours.items():
-        assert NUMBER.sub("#", text) == NUMBER.sub("#", theirs[name]), name
-        one, other = (np.array(NUMBER.findall(each), dtype=float) for each in (text, theirs[name]))
-        assert np.allclose(one, other, rtol=close, atol=close * np.abs(other).max(initial=0)), name
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.long
+@pytest.mark.parametrize("name", COMMANDS)
+def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, name):
+    bench = Bench(tmp_path / "clean", COMMANDS[name])
+    cases = [bench.kill(seed, "main") for seed in range(KILLS)]
+    assert [case for case in cases if case[1]] == []
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize(
-    "words", COMMANDS, ids=lambda words: "-".join(words[: 1 + (words[0] in {"campaign", "diagnose"})])
+    ("name", "whom"),
+    [("run", "main"), ("run", "mesher"), ("study", "child"), ("check", "child"), ("diagnose", "main")],
 )
-def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, words):
-    chance = random.Random(7)  # noqa: S311
-    clean, spoilt = tmp_path / "clean", tmp_path / "spoilt"
-    for folder in (clean, spoilt):
-        (folder / "c").mkdir(parents=True)
-        (folder / "c" / "campaign.toml").write_text(HEADER)
-        (folder / "c" / "readings.csv").write_text(READINGS)
-        shutil.copytree(FOLDER / "withheld" / "campaign-001", folder / "known")
-        (folder / "study.toml").write_text(STUDY)
-        (folder / "job.toml").write_text(JOB)
-        (folder / "path.csv").write_text(PATH)
-        (folder / "arm.urdf").write_text(ARM)
-        (folder / "notes.txt").write_text("mine")
-    begun = time.monotonic()
-    first = stiffscope(*words, folder=clean)
-    _, errors = first.communicate(timeout=900)
-    assert first.returncode == 0, errors
-    latest, killed = time.monotonic() - begun, 0
-    while killed < KILLS:  # what ends before its kill is the quicker by what its forerunners left in the cache
-        took = killed_at_random(spoilt, words, latest, chance)
-        latest, killed = (latest, killed + 1) if took is None else (max(took, 0.3), killed)
-        for path in (spoilt / "new.toml", spoilt / "new"):  # these are whole or absent, and never replaced
-            if path.is_dir():
-                same(results_in(path), results_in(clean / "new"), 0.0)
-                shutil.rmtree(path)
-            elif path.exists():
-                assert path.read_bytes() == (clean / "new.toml").read_bytes()
-                path.unlink()
-    done = stiffscope(*words, folder=spoilt)
-    _, errors = done.communicate(timeout=900)
-    assert done.returncode == 0, errors
-    assert (spoilt / "notes.txt").read_text() == "mine"
-    assert {each.name for each in spoilt.iterdir()} == {each.name for each in clean.iterdir()}
-    assert not [each.name for each in (spoilt / "tmp").iterdir()]
-    close = 0.1 if words[0] == "interfaces" else 1e-9  # other meshes have other numbers of elements, too
-    same(results_in(spoilt / "out"), results_in(clean / "out"), close)
+def test_a_kill_loses_and_leaves_nothing(tmp_path, name, whom):
+    assert Bench(tmp_path / "clean", COMMANDS[name]).kill(3, whom)[1] == []
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize("words", [COMMANDS[3], BLIND], ids=lambda words: words[0])
+@pytest.mark.parametrize("words", [COMPLIANCE, BLIND], ids=lambda words: words[0])
 def test_a_command_that_is_stopped_leaves_no_child_and_says_one_line(tmp_path, words, how):
     process = stiffscope(*words, folder=tmp_path)
     ends = time.monotonic() + 60
@@ -373,10 +207,7 @@ def test_a_command_that_is_stopped_leaves_no_child_and_says_one_line(tmp_path, w
         time.sleep(0.001)
     (os.killpg if how == signal.SIGINT else os.kill)(process.pid, how)  # Ctrl-C reaches the whole group
     _, errors = process.communicate(timeout=60)
-    ends = time.monotonic() + 20  # 2 s on a machine that has nothing else to do
-    while (left := in_session(process.pid)) and time.monotonic() < ends:
-        time.sleep(0.05)
-    assert not left
+    assert not left_alive(process.pid, 20.0)  # 2 s on a machine that has nothing else to do
     if how == signal.SIGKILL:
         assert b"Warning" not in errors
     else:

@@ -22,6 +22,8 @@ from stiffscope.runtime.signals import STOPS
 
 _FOR_DEVELOPERS = {"py.warnings", "asyncio"}  # shown only with --debug, e.g. a stopped event loop
 MOST_CHARACTERS = 100_000  # per argument of the command line
+STOPPED = "stopped; nothing half-written is left"
+_stopped: list[int] = []  # signals that asked this process to end
 
 
 class Stopped(BaseException):
@@ -134,7 +136,7 @@ def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one return per way 
         _show_usage(error)
         return 2
     except (KeyboardInterrupt, click.Abort, Stopped) as error:
-        _say(str(error) or "stopped; nothing half-written is left")
+        _say(str(error) or STOPPED)
         return 1
     except BrokenPipeError:
         _drop_output()  # the reader has closed the pipe
@@ -159,6 +161,8 @@ def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one return per way 
 
 
 def _describe_error(error: Exception) -> str:
+    if _stopped:  # a library may turn a stop into an error of its own, e.g. ImportError
+        return STOPPED
     if isinstance(error, MemoryError):
         return "not enough memory; choose a larger mesh.size, or a machine with more"
     known = isinstance(error, StiffscopeError)
@@ -198,6 +202,7 @@ def _show_usage(error: click.UsageError) -> None:
 
 def _listen() -> None:
     """Handle stop signals, and show each warning once, in one line."""
+    _stopped.clear()
     for name in STOPS:
         with contextlib.suppress(AttributeError, ValueError):  # not on every system or thread
             signal.signal(getattr(signal, name), _stop)
@@ -224,6 +229,7 @@ class _Once(logging.Filter):
 
 
 def _stop(number: int, _frame: Any) -> NoReturn:
+    _stopped.append(number)
     for name in STOPS:  # ignore further signals during cleanup
         with contextlib.suppress(AttributeError):
             signal.signal(getattr(signal, name), signal.SIG_IGN)

@@ -272,3 +272,22 @@ def test_what_a_published_matrix_does_not_follow_is_said(caplog):
     assert _guarded([*words, "--set", "slider.thickness=25mm"]) == 0
     said = "--set slider.thickness=25mm: changes nothing of the compliance of slider, which is as published"
     assert caplog.messages == [said]
+
+
+def test_a_stop_that_a_library_turns_into_its_own_error_is_a_stop(monkeypatch, capsys):
+    """As NumPy's compiled modules do while they are imported."""
+
+    def load(_name):
+        try:
+            signal.raise_signal(signal.SIGTERM)
+        except BaseException as stop:
+            raise ImportError("initialization failed") from stop
+
+    former = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    monkeypatch.setattr("stiffscope.cli.main.import_module", load)
+    try:
+        assert _guarded(["check", "delta"]) == 1
+    finally:
+        for number, handler in former.items():
+            signal.signal(number, handler)
+    assert capsys.readouterr().err == "stiffscope: stopped; nothing half-written is left\n"
