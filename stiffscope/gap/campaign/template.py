@@ -10,7 +10,7 @@ import numpy as np
 
 from stiffscope.gap.campaign.campaign import LoadPoint, Sensor
 from stiffscope.gap.campaign.quantities import WRENCH
-from stiffscope.gap.campaign.writing import write_campaign
+from stiffscope.gap.campaign.writing import describe_sensor, write_campaign
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import rigid_part, used_parts
 from stiffscope.runtime import output
@@ -47,16 +47,19 @@ class Plan:
         chosen: list[list[int]] = sorted(self.settings[list(rows)].tolist())
         poses, pulls, sensors = (sorted({row[k] for row in chosen}) for k in range(3))
         hooks = sorted({self.pulls[k][0] for k in pulls} - {-1})
+        places = {hook: place for place, hook in enumerate(hooks)} | {-1: -1}
         return Plan(
             self.poses[poses],
             tuple(self.sensors[k] for k in sensors),
             tuple(self.hooks[k] for k in hooks),
-            tuple((hooks.index(h) if h >= 0 else -1, force) for h, force in (self.pulls[k] for k in pulls)),
+            tuple((places[hook], force) for hook, force in map(self.pulls.__getitem__, pulls)),
             np.array([[poses.index(p), pulls.index(k), sensors.index(s)] for p, k, s in chosen]),
         )
 
 
-def write_template(robot: RobotFile, name: str, folder: Path, plan: Plan | None = None) -> tuple[int, int]:
+def write_template(
+    robot: RobotFile, name: str, folder: Path, plan: Plan | None = None
+) -> tuple[int, int]:  # fmt: skip
     """Write a campaign folder to be filled in.
 
     Parameters
@@ -90,26 +93,29 @@ def write_template(robot: RobotFile, name: str, folder: Path, plan: Plan | None 
 def write_plan(robot: RobotFile, name: str, folder: Path, plan: Plan) -> None:
     """Write the files of a plan into a folder; see `write_template`."""
     header: dict[str, Any] = {
-        "robot": name,
-        "modelled": ["gravity"] if robot.gravity else [],
-        "components": "fea",
+        "robot": name, "modelled": ["gravity"] if robot.gravity else [], "components": "fea",
         "ignore": ["remark"],
-        "sensors": {sensor.name: _section(sensor) for sensor in plan.sensors},
+        "sensors": {
+            s.name: describe_sensor(
+                s.measures, s.body, s.at, s.direction, against=s.against, zero=s.zero)
+            for s in plan.sensors
+        },
         "loads": {hook.name: {"body": hook.body, "at": list(hook.at)} for hook in plan.hooks},
-    }
+    }  # fmt: skip
     write_campaign(folder, header, _columns(robot, plan), comment=_advice(robot))
 
 
 def example_plan(robot: RobotFile) -> Plan:
     """Return all example sensors, with a load along each axis and unloaded, at planned poses."""
-    sensors, hook = example_sensors(robot), LoadPoint("hook", robot.tool.body, _tuple(robot.tool.at))
+    hook = LoadPoint("hook", robot.tool.body, _tuple(robot.tool.at))
     pulls = (*((0, FORCE * axis) for axis in np.eye(3)), (-1, np.zeros(3)))
-    return cross_plan(planned_poses(robot), sensors, (hook,), pulls)
+    return cross_plan(planned_poses(robot), example_sensors(robot), (hook,), pulls)
 
 
 def cross_plan(
-    poses: Array, sensors: Sequence[Sensor], hooks: Sequence[LoadPoint], pulls: Sequence[tuple[int, Array]]
-) -> Plan:
+    poses: Array, sensors: Sequence[Sensor], hooks: Sequence[LoadPoint],
+    pulls: Sequence[tuple[int, Array]],
+) -> Plan:  # fmt: skip
     """Return a plan of every sensor under every pull at every pose."""
     settings = np.array([*product(range(len(poses)), range(len(pulls)), range(len(sensors)))])
     return Plan(poses, tuple(sensors), tuple(hooks), tuple(pulls), settings)
@@ -124,7 +130,8 @@ def example_sensors(robot: RobotFile) -> tuple[Sensor, ...]:
 def place_gauges(name: str, body: str, at: object) -> tuple[Sensor, ...]:
     """Return a dial gauge along each axis at a point (3,) of a body."""
     axes = zip("xyz", np.eye(3), strict=True)
-    return tuple(Sensor(f"{name}_{axis}", body, _tuple(direction), _tuple(at)) for axis, direction in axes)
+    place = _tuple(at)
+    return tuple(Sensor(f"{name}_{axis}", body, _tuple(along), place) for axis, along in axes)
 
 
 def planned_poses(robot: RobotFile) -> Array:
@@ -139,7 +146,8 @@ def planned_poses(robot: RobotFile) -> Array:
     for k, coordinate in enumerate(mechanism.tool.pose):
         reach = _SPREAD if coordinate.startswith("r") else _SPREAD * size
         low[k], high[k] = ranges.get(coordinate, (home[k] - reach, home[k] + reach))
-    others = low + np.asarray(qmc.Halton(len(home), scramble=False).random(6 * POSES)[1:]) * (high - low)
+    shares = np.asarray(qmc.Halton(len(home), scramble=False).random(6 * POSES)[1:])
+    others = low + shares * (high - low)
     named = np.array(list(robot.poses.values()) or [home])
     others = np.round(others[configure(mechanism, others).valid], 4)
     return np.vstack([named, others])[: max(POSES, len(named))]
@@ -147,31 +155,18 @@ def planned_poses(robot: RobotFile) -> Array:
 
 def _columns(robot: RobotFile, plan: Plan) -> dict[str, list[str]]:
     """Return the columns of readings.csv as text."""
-    out: dict[str, list[str]] = {
-        name: []
-        for name in (*robot.tool.pose, "load", *WRENCH[:3], "sensor", "kind", "value", "sigma", "session", "remark")
-    }
+    last = ("sensor", "kind", "value", "sigma", "session", "remark")
     settings: list[list[int]] = plan.settings.tolist()
+    rows: list[list[str]] = []
     for pose, pull, which in settings:
         (hook, force), sensor = plan.pulls[pull], plan.sensors[which]
-        for name, value in zip(robot.tool.pose, plan.poses[pose], strict=True):
-            out[name].append(f"{value:.10g}")
-        out["load"].append(plan.hooks[hook].name if hook >= 0 else "")
-        for name, value in zip(WRENCH[:3], force, strict=True):
-            out[name].append(f"{value:g}" if hook >= 0 else "")
-        out["sensor"].append(sensor.name)
-        out["kind"].append("deflection" if hook >= 0 else "deviation")
-        out["sigma"].append("1e-06" if not sensor.rotates else "5e-06")
-        out["session"].append("first")
-        out["value"].append("")
-        out["remark"].append("")
-    return out
-
-
-def _section(sensor: Sensor) -> dict[str, Any]:
-    at = {} if sensor.rotates else {"at": list(sensor.at)}
-    rest = {"direction": list(sensor.direction), "against": sensor.against, "zero": sensor.zero}
-    return {"measures": sensor.measures, "body": sensor.body, **at, **rest}
+        load = [plan.hooks[hook].name, *(f"{each:g}" for each in force)] if hook >= 0 else [""] * 4
+        kind = "deflection" if hook >= 0 else "deviation"
+        sigma = "5e-06" if sensor.rotates else "1e-06"
+        place = (f"{value:.10g}" for value in plan.poses[pose])
+        rows.append([*place, *load, sensor.name, kind, "", sigma, "first", ""])
+    names = (*robot.tool.pose, "load", *WRENCH[:3], *last)
+    return dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
 
 
 def _advice(robot: RobotFile) -> str:

@@ -7,6 +7,7 @@ import io
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import tomlkit
 
 if TYPE_CHECKING:
@@ -15,8 +16,9 @@ if TYPE_CHECKING:
 
 
 def write_campaign(
-    folder: Path, header: Mapping[str, Any], columns: Mapping[str, Sequence[str]], *, comment: str = ""
-) -> None:
+    folder: Path, header: Mapping[str, Any], columns: Mapping[str, Sequence[str]], *,
+    comment: str = "",
+) -> None:  # fmt: skip
     """Write a campaign as campaign.toml and readings.csv.
 
     Parameters
@@ -33,15 +35,37 @@ def write_campaign(
     """
     folder.mkdir(parents=True, exist_ok=True)
     lines = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
-    plain = {key: value for key, value in header.items() if not isinstance(value, Mapping)}
-    sections: dict[str, Any] = {key: value for key, value in header.items() if isinstance(value, Mapping) and value}
-    text = tomlkit.dumps({**plain, "readings": "readings.csv", **sections})
+    parts: tuple[dict[str, Any], dict[str, Any]] = {}, {}  # plain keys, and sections
+    for key, value in header.items():
+        if value or not isinstance(value, Mapping):
+            parts[isinstance(value, Mapping)][key] = value
+    text = tomlkit.dumps({**parts[0], "readings": "readings.csv", **parts[1]})
     (folder / "campaign.toml").write_text(lines + text, encoding="utf-8", newline="")
     out = io.StringIO(newline="")
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(columns)
     writer.writerows(zip(*columns.values(), strict=True))
     (folder / "readings.csv").write_text(out.getvalue(), encoding="utf-8", newline="")
+
+
+def describe_sensor(
+    measures: str, body: str, at: Any, direction: Any, **more: str,
+) -> dict[str, Any]:  # fmt: skip
+    """Return the section of a sensor in campaign.toml; a rotation has no point.
+
+    Parameters
+    ----------
+    measures, body
+        Kind of reading, and the body of the sensor.
+    at, direction
+        Point (3,), m, and direction (3,).
+    more
+        Further keys, `against` and `zero`.
+
+    """
+    place = {} if measures == "rotation" else {"at": np.asarray(at).tolist()}
+    axis = np.asarray(direction).tolist()
+    return {"measures": measures, "body": body, **place, "direction": axis, **more}
 
 
 def number_cells(values: Iterable[float]) -> list[str]:
