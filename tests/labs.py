@@ -12,6 +12,7 @@ from stiffscope.gap.lab import measuring
 from stiffscope.gap.lab.closure import locate
 from stiffscope.gap.lab.machine import machine_of
 from stiffscope.gap.lab.plans import draw_plan, workspace
+from stiffscope.gap.lab.response import respond, tool_spot
 from stiffscope.gap.lab.writing import write_readings
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
@@ -28,6 +29,19 @@ def machine(name="biglide", *overrides, components=None):
     return machine_of(robot, part_matrices(robot, components or ("published" if name == "biglide" else "beam")))
 
 
+def stiffness(machine, poses):
+    """Return the stiffness (n, 6, 6) at M, base axes, without loads or instrument."""
+    tool = tool_spot(machine)
+    return np.linalg.inv(respond(machine, poses, [tool]).find_twists(tool)[:, :, :6])
+
+
+def sag(machine, poses):
+    """Return the twist (n, 6) of M under the weights."""
+    tool = tool_spot(machine)
+    response = respond(machine, poses, [tool])
+    return response.find_twists(tool)[:, :, response.dead]
+
+
 def biglide(*overrides):
     """Return the paper's machine."""
     return machine("biglide", *overrides)
@@ -35,7 +49,7 @@ def biglide(*overrides):
 
 def with_slider(machine, compliance):
     """Return the Biglide with another compliance of its sliders."""
-    return machine.with_bodies(
+    return machine.change(
         {n: replace(machine.bodies[n], compliance=compliance) for n in ("limb1.slider", "limb2.slider")}
     )
 

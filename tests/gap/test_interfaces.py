@@ -42,7 +42,7 @@ def space(path):
 def weigh(machine, name, factor):
     """The machine with a body of another density."""
     body = machine.bodies[name]
-    return machine.with_bodies({name: replace(body, mass=factor * body.mass, ends=factor * body.ends)})
+    return machine.change({name: replace(body, mass=factor * body.mass, ends=factor * body.ends)})
 
 
 def campaign(robot, *faults, **noise):

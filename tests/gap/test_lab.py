@@ -14,13 +14,25 @@ from stiffscope.gap.lab.faults import KNOWN, OUTSIDE, beam, inject, section_of
 from stiffscope.gap.lab.machine import Slot
 from stiffscope.gap.lab.measuring import Noise, Plan, Sensor, true_readings
 from stiffscope.gap.lab.nonlinear import settle
-from stiffscope.gap.lab.response import Spot, respond, sag, stiffness, tool_spot
+from stiffscope.gap.lab.response import Spot, respond, tool_spot
 from stiffscope.gap.lab.rotations import rates_of_vector, turn, vector_of
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm import statics
-from tests.labs import FEA_SLIDER, LINKS, PLACES, biglide, default_plan, located, machine, measure, with_slider
+from tests.labs import (
+    FEA_SLIDER,
+    LINKS,
+    PLACES,
+    biglide,
+    default_plan,
+    located,
+    machine,
+    measure,
+    sag,
+    stiffness,
+    with_slider,
+)
 
 ROBOTS = ("biglide", "delta", "five-bar", "orthoglide", "serial-arm", "stewart")
 SOUND = biglide()

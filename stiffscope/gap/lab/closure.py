@@ -8,11 +8,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.gap.lab.machine import DRIVEN, FREE, GROUND
-from stiffscope.gap.lab.rotations import about_x, lever, rates_of_vector, transform_to, turn, vector_of
+from stiffscope.gap.lab.rotations import lever, rates_of_vector, transform_to, turn, vector_of
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from stiffscope.gap.lab.machine import Joint, Machine
@@ -40,9 +38,8 @@ class Frames:
 
     def some(self, mask: Any) -> Frames:
         """Return the selected poses."""
-        return Frames(
-            {name: r[mask] for name, r in self.rotation.items()}, {name: p[mask] for name, p in self.position.items()}
-        )
+        both = ({n: x[mask] for n, x in known.items()} for known in (self.rotation, self.position))
+        return Frames(*both)
 
     def move(self, twists: dict[str, Array]) -> Frames:
         """Return the frames after twists (n, 6) of some of them about the origin."""
@@ -52,12 +49,6 @@ class Frames:
             rotation[name] = r @ rotation[name]
             position[name] = (r @ position[name][..., None])[..., 0] + t[:, :3]
         return Frames(rotation, position)
-
-
-def frames_at_home(names: Sequence[str], count: int) -> Frames:
-    """Return the frames of nodes at home, `count` times."""
-    rotation = {name: np.broadcast_to(np.eye(3), (count, 3, 3)).copy() for name in (*names, GROUND)}
-    return Frames(rotation, {name: np.zeros((count, 3)) for name in (*names, GROUND)})
 
 
 @dataclass(frozen=True)
@@ -74,7 +65,9 @@ class JointState:
     """Displacement (n,) from home along the first free direction, that of a drive."""
 
 
-def joint_state(joint: Joint, frames: Frames, first: str, second: str, commanded: Array | float = 0.0) -> JointState:
+def joint_state(
+    joint: Joint, frames: Frames, first: str, second: str, commanded: Array | float = 0.0
+) -> JointState:  # fmt: skip
     """Return the state of a joint between two nodes.
 
     Parameters
@@ -102,8 +95,9 @@ def joint_state(joint: Joint, frames: Frames, first: str, second: str, commanded
     if joint.kind in {"fixed", "prismatic"}:
         around = vector_of(relative)
     elif joint.kind in {"revolute", "cylindrical", "planar"}:
-        angle = np.arctan2(relative[:, 2, 1] - relative[:, 1, 2], relative[:, 1, 1] + relative[:, 2, 2])
-        around = vector_of(relative @ about_x(-angle))
+        sine, cosine = relative[:, 2, 1] - relative[:, 1, 2], relative[:, 1, 1] + relative[:, 2, 2]
+        angle = np.arctan2(sine, cosine)
+        around = vector_of(relative @ turn(-angle[:, None] * np.eye(3)[0]))
         if joint.kind == "revolute":
             displacement = commanded + (angle - commanded + np.pi) % (2.0 * np.pi) - np.pi
             around[:, 0] = 0.0
@@ -133,20 +127,20 @@ def spring_state(joint: Joint, frames: Frames, first: str, second: str) -> tuple
 
     Returns
     -------
-    Free motions (n, k, 6) as rows, and the displacement (n, 6) from rest; in the joint's axes at its point.
+    Free motions (n, k, 6) as rows, and the displacement (n, 6) from rest; in the joint's axes at
+    its point.
 
     """
-    state = joint_state(joint, frames, first, second)
-    axes = frames.rotation[first] @ joint.axes
-    back = np.swapaxes(axes, -1, -2)
+    back = np.swapaxes(frames.rotation[first] @ joint.axes, -1, -2)
     relative = back @ frames.rotation[second] @ joint.axes
-    n = len(relative)
+    n, free = len(relative), list(FREE[joint.kind])
     away = np.zeros((n, 6))
-    rows = np.broadcast_to(np.eye(6)[list(FREE[joint.kind])], (n, len(FREE[joint.kind]), 6))
+    rows = np.broadcast_to(np.eye(6)[free], (n, len(free), 6))
     if joint.kind == "spherical":
         away[:, 3:] = vector_of(relative)
     elif joint.kind == "universal":  # about x, then axis2, in axes of the first body
-        home, other = joint.axes.T @ joint.axis2, (back @ frames.rotation[second] @ joint.axis2[:, None])[..., 0]
+        home = joint.axes.T @ joint.axis2
+        other = (back @ frames.rotation[second] @ joint.axis2[:, None])[..., 0]
         about = np.arctan2(other[:, 2], other[:, 1]) - np.arctan2(home[2], home[1])
         image = np.swapaxes(relative, -1, -2) @ np.eye(3)[0]  # axis 1 in the second body
         side = np.cross(home, np.eye(3)[0])
@@ -155,7 +149,8 @@ def spring_state(joint: Joint, frames: Frames, first: str, second: str) -> tuple
         rows[:, 1, 3:] = other
         away[:, 3:] = about[:, None] * np.eye(3)[0] + turned[:, None] * other
     else:
-        away[:, DRIVEN[joint.kind]] = state.displacement - joint.rest
+        moved = joint_state(joint, frames, first, second).displacement
+        away[:, DRIVEN[joint.kind]] = moved - joint.rest
     return rows, away
 
 
@@ -177,21 +172,26 @@ class Located:
 
 def home_of(machine: Machine) -> Array:
     """Return the commanded coordinates (k,) of M at home."""
-    return np.concatenate([machine.at, np.zeros(3)])[[COORDINATES.index(name) for name in machine.pose]]
+    home = dict(zip(COORDINATES, (*machine.at, 0.0, 0.0, 0.0), strict=True))
+    return np.array([home[name] for name in machine.pose])
 
 
 def locate(machine: Machine, poses: Array) -> Located:
     """Return the poses of the rigid bodies, as drawn, with M at poses (n, k) reached from home."""
-    n = len(poses)
+    n, names = len(poses), (*machine.bodies, GROUND)
     home = home_of(machine)
-    frames = frames_at_home(tuple(machine.bodies), n)
+    frames = Frames(
+        {name: np.broadcast_to(np.eye(3), (n, 3, 3)) for name in names},
+        {name: np.zeros((n, 3)) for name in names},
+    )
     residual = np.full(n, np.inf)
     for share in np.arange(1, _STEPS + 1) / _STEPS:
         target = home + share * (poses - home)
         for _ in range(_WALK if share < 1.0 else _END):
             rows, errors = _equations(machine, frames, target)
             before, residual = residual, np.abs(errors).max(axis=1)
-            if ((residual < 1e-2 * CLOSED) | (share == 1.0) & (residual < CLOSED) & (residual >= 0.5 * before)).all():
+            stalled = (residual < CLOSED) & (residual >= 0.5 * before)
+            if ((residual < 1e-2 * CLOSED) | (share == 1.0) & stalled).all():
                 break
             frames = frames.move(_step(machine, rows, errors))
     drives: dict[str, Array] = {}
@@ -213,9 +213,9 @@ def _equations(machine: Machine, frames: Frames, target: Array) -> tuple[Array, 
     for joint in machine.joints.values():
         first, second = machine.carrier(joint.first), machine.carrier(joint.second)
         state = joint_state(joint.drawn_joint, frames, first, second)
-        driven = joint.drive is not None
-        keep = [i for i in range(state.held.shape[1]) if not (driven and state.held[0, i, DRIVEN[joint.kind]])]
-        held = state.held[:, keep]
+        held = state.held
+        if joint.drive is not None:  # its direction is free here
+            held = held[:, held[0, :, DRIVEN[joint.kind]] == 0.0]
         line = np.zeros((n, held.shape[1], columns))
         for name, sign in ((second, 1.0), (first, -1.0)):
             if name != GROUND:
@@ -242,5 +242,6 @@ def _step(machine: Machine, rows: Array, errors: Array) -> dict[str, Array]:
     square[:, range(size), range(size)] += _DAMPING * np.abs(square).max(axis=(1, 2))[:, None]
     right = np.swapaxes(rows, -1, -2) @ errors[..., None]
     back = -np.linalg.solve(square, right)[..., 0]
-    back *= np.minimum(1.0, 0.5 / np.maximum(np.abs(back).max(axis=1), 1e-300))[:, None]  # at most 0.5 rad
+    largest = np.maximum(np.abs(back).max(axis=1), 1e-300)
+    back *= np.minimum(1.0, 0.5 / largest)[:, None]  # at most 0.5 rad
     return {name: back[:, 6 * k : 6 * k + 6] for k, name in enumerate(machine.bodies)}

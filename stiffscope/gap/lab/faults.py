@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,10 +14,9 @@ from stiffscope.gap.lab.instrument_faults import (
     ROTATIONS,
     change_instrument,
     leak_channel,
-    multiply_numbers,
+    multiply,
     name_parameters,
     read_pair,
-    scale_instrument,
     slip_channel,
     turn_instrument,
 )
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.rotations import Array
 
 Injector = Callable[["Machine", str, "Parameters"], "Machine"]
+Find = Callable[["Machine", str], Mapping[str, Any]]
 
 ENTRIES = tuple(f"c{i}{j}" for i in range(1, 7) for j in range(i, 7))
 _COUPLED = ("rxry", "rxrz", "ryrz")
@@ -37,21 +37,43 @@ _YIELDING = (*COORDINATES, *_COUPLED)
 _UNIFORM = 0.01  # relative tolerance on the entries of a uniform beam
 
 
-def _drives(machine: Machine, place: str) -> dict[str, Joint]:
-    return {n: machine.joints[n] for n in machine.members(place) if n in machine.joints and machine.joints[n].drive}
-
-
 def _joints(machine: Machine, place: str) -> dict[str, Joint]:
     return {n: machine.joints[n] for n in machine.members(place) if n in machine.joints}
 
 
+def _drives(machine: Machine, place: str) -> dict[str, Joint]:
+    return {name: joint for name, joint in _joints(machine, place).items() if joint.drive}
+
+
 def _find_elastic(machine: Machine, place: str) -> dict[str, Body]:
-    bodies = machine.bodies
-    return {n: bodies[n] for n in machine.members(place) if n in bodies and len(bodies[n].nodes) > 1}
+    bodies = [machine.bodies[n] for n in machine.members(place) if n in machine.bodies]
+    return {body.name: body for body in bodies if len(body.nodes) > 1}
 
 
 def _find_links(machine: Machine, place: str) -> dict[str, Body]:
     return {name: body for name, body in _find_elastic(machine, place).items() if body.is_link}
+
+
+def _find_rigid(machine: Machine, place: str) -> dict[str, Body]:
+    body = machine.bodies.get(place)
+    return {place: body} if body is not None and len(body.nodes) == 1 else {}
+
+
+def _every(find: Find, change: Callable[[Any, Parameters], Any]) -> Injector:
+    """Return an injector that changes every joint or body that `find` gives for a place."""
+    return lambda machine, place, parameters: machine.change(
+        {name: change(each, parameters) for name, each in find(machine, place).items()}
+    )
+
+
+def _driven(change: Callable[[Any, float], Any], parameter: str) -> Injector:
+    """Return an injector that changes every drive of a place."""
+    return _every(_drives, lambda j, v: replace(j, drive=change(j.drive, v[parameter])))
+
+
+def _bodies(change: Callable[[Body, Parameters], Body]) -> Injector:
+    """Return an injector that changes every elastic body of a place."""
+    return _every(_find_elastic, change)
 
 
 def _support(parameters: Parameters) -> Array:
@@ -61,18 +83,6 @@ def _support(parameters: Parameters) -> Array:
         i, j = COORDINATES.index(name[:2]), COORDINATES.index(name[2:])
         out[i, j] = out[j, i] = parameters[name]
     return out
-
-
-def _every_joint(change: Callable[[Joint, Parameters], Joint]) -> Injector:
-    """Return an injector that changes every joint of a place."""
-    return lambda machine, place, parameters: machine.with_joints(
-        {name: change(joint, parameters) for name, joint in _joints(machine, place).items()}
-    )
-
-
-def _driven(change: Callable[[Any, float], Any], parameter: str) -> Injector:
-    """Return an injector that changes every drive of a place."""
-    return _every_joint(lambda j, v: replace(j, drive=change(j.drive, v[parameter])) if j.drive else j)
 
 
 def _soften_bearing(joint: Joint, diagonal: Sequence[float] | Array) -> Joint:
@@ -85,30 +95,25 @@ def _soften_bearing(joint: Joint, diagonal: Sequence[float] | Array) -> Joint:
 
 def bearing_words(joints: Sequence[Joint]) -> tuple[str, ...]:
     """Return the parameters of `joint-compliance` that apply to any of these joints."""
+    held = {(i, joint.directed) for joint in joints for i in joint.held_directions}
     words = {
-        "radial": any(i < 3 and (i > 0 or not joint.directed) for joint in joints for i in joint.held_directions),
-        "axial": any(0 in joint.held_directions and joint.directed for joint in joints),
-        "tilting": any(i > 2 for joint in joints for i in joint.held_directions),
+        "radial": any(i < 3 and (i > 0 or not directed) for i, directed in held),
+        "axial": (0, True) in held,
+        "tilting": any(i > 2 for i, _ in held),
     }
     return tuple(word for word, means in words.items() if means)
 
 
 def _joint_compliance(joint: Joint, parameters: Parameters) -> Joint:
     radial, axial, tilting = name_parameters(parameters, "radial", "axial", "tilting")
-    return _soften_bearing(joint, [axial if joint.directed else radial, radial, radial, *[tilting] * 3])
+    first = axial if joint.directed else radial
+    return _soften_bearing(joint, [first, radial, radial, *[tilting] * 3])
 
 
 def _guide_compliance(joint: Joint, parameters: Parameters) -> Joint:
     diagonal = name_parameters(parameters, "", "lateral", "vertical", "roll", "pitch", "yaw")
     diagonal[3:] += parameters.get("angular", 0.0)
     return _soften_bearing(joint, diagonal) if joint.kind == "prismatic" else joint
-
-
-def _bodies(change: Callable[[Body, Parameters], Body]) -> Injector:
-    """Return an injector that changes every elastic body of a place."""
-    return lambda machine, place, parameters: machine.with_bodies(
-        {name: change(body, parameters) for name, body in _find_elastic(machine, place).items()}
-    )
 
 
 def beam(length: float, section: Array) -> Array:
@@ -133,15 +138,17 @@ def is_uniform(body: Body) -> bool:
     """Return whether a body's compliance is that of a uniform beam of its length."""
     size = np.sqrt(np.diag(body.compliance))
     section = section_of(body.compliance, body.length)
-    other = np.abs(body.compliance - beam(body.length, section)) > _UNIFORM * np.outer(size, size)
-    return not other.any() and bool((section * body.length >= -_UNIFORM * size**2).all())
+    off = np.abs(body.compliance - beam(body.length, section))
+    uniform = (off <= _UNIFORM * np.outer(size, size)).all()
+    return bool(uniform and (section * body.length >= -_UNIFORM * size**2).all())
 
 
 def _rigid_ends(body: Body, parameters: Parameters) -> Body:
     """Return a body of the same section that bends only between rigid ends, at its tip."""
     clamped, length = parameters["length"], body.length
     if not 0 <= clamped < length / 2:
-        raise InputError(f"rigid-ends, length: expected 0 to {length / 2:g} m, got {clamped:g}")
+        limit = f"0 to {length / 2:g} m"
+        raise InputError(f"rigid-ends, length: expected {limit}, got {clamped:g}")
     section = section_of(body.compliance, length)
     carry = lever(np.array([clamped, 0.0, 0.0]))
     short = carry @ beam(length - 2 * clamped, section) @ carry.T
@@ -152,7 +159,8 @@ def _part_compliance(body: Body, parameters: Parameters) -> Body:
     if "factor" in parameters:
         return replace(body, compliance=body.compliance * parameters["factor"])
     if len(body.nodes) > 2:
-        raise InputError(f"part-compliance: expected a factor for a body of {len(body.nodes)} ends, {body.name}")
+        what = f"a factor for a body of {len(body.nodes)} ends, {body.name}"
+        raise InputError(f"part-compliance: expected {what}")
     full = np.zeros((6, 6))
     for name, value in parameters.items():
         i, j = int(name[1]) - 1, int(name[2]) - 1
@@ -174,33 +182,22 @@ def _payload(machine: Machine, place: str, parameters: Parameters) -> Machine:
     return replace(machine, payloads=(*machine.payloads, load))
 
 
-def _on_drives(law: str, parameter: str) -> Injector:
-    """Return an injector of a force law for every drive of a place."""
-
-    def injector(machine: Machine, place: str, parameters: Parameters) -> Machine:
-        found = _drives(machine, place).items()
-        return machine.with_slots(
-            Slot(name, DRIVEN[joint.kind], law, parameters[parameter], joint.drive.stiffness)
-            for name, joint in found
-            if joint.drive is not None
-        )
-
-    return injector
-
-
-_ALIKE = ("revolute", "prismatic", "universal", "spherical")
-
-
 def _joint_stiffness(joint: Joint, parameters: Parameters) -> Joint:
     """Scale the spring of a passive joint, or add a stiffness."""
-    if joint.drive is not None or joint.kind not in _ALIKE:
+    if joint.drive or joint.kind not in {"revolute", "prismatic", "universal", "spherical"}:
         return joint
-    return replace(joint, spring=joint.spring * parameters.get("factor", 1.0) + parameters.get("stiffness", 0.0))
+    spring = joint.spring * parameters.get("factor", 1.0) + parameters.get("stiffness", 0.0)
+    return replace(joint, spring=spring)
+
+
+def _find_driven(joint: Joint) -> tuple[int, ...]:
+    """Return the direction of a joint's drive."""
+    return (DRIVEN[joint.kind],) if joint.drive else ()
 
 
 def _held_across(joint: Joint) -> tuple[int, ...]:
     """Return the translations constrained across a joint's axis; all for a spherical joint."""
-    return tuple(i for i in range(3) if i in joint.held_directions and (i > 0 or not joint.directed))
+    return tuple(i for i in joint.held_directions if i < 3 and (i > 0 or not joint.directed))
 
 
 def _find_opening(joint: Joint) -> tuple[int, ...]:
@@ -208,16 +205,19 @@ def _find_opening(joint: Joint) -> tuple[int, ...]:
     return tuple(i for i in joint.held_directions[:1] if i < 3)
 
 
-def _in_joints(law: str, parameter: str, directions: Callable[[Joint], tuple[int, ...]]) -> Injector:
+def _yield_by(law: str, parameter: str, directions: Callable[[Joint], tuple[int, ...]]) -> Injector:
     """Return an injector of a force law for every joint of a place in some directions."""
 
     def injector(machine: Machine, place: str, parameters: Parameters) -> Machine:
-        knee = parameters.get("knee", np.inf)
-        return machine.with_slots(
-            Slot(name, i, law, parameters[parameter], knee=knee)
-            for name, joint in _joints(machine, place).items()
-            for i in directions(joint)
-        )
+        size, knee = parameters[parameter], parameters.get("knee", np.inf)
+        more: list[Slot] = []
+        for name, joint in _joints(machine, place).items():
+            driven = joint.drive.stiffness if joint.drive else np.inf
+            more += [
+                Slot(name, i, law, size, driven if i == DRIVEN.get(joint.kind) else np.inf, knee)
+                for i in directions(joint)
+            ]
+        return replace(machine, slots=(*machine.slots, *more))
 
     return injector
 
@@ -225,30 +225,28 @@ def _in_joints(law: str, parameter: str, directions: Callable[[Joint], tuple[int
 def _bow(body: Body, parameters: Parameters) -> Body:
     """Bend a body by a uniform curvature, 1/m: its tip rises by κL²/2 and turns by κL."""
     kappa, length = parameters["curvature"], body.length
-    return replace(body, offset=body.offset + kappa * np.array([0, 0, length**2 / 2, 0, -length, 0]))
+    bent = kappa * np.array([0, 0, length**2 / 2, 0, -length, 0])
+    return replace(body, offset=body.offset + bent)
 
 
 def _larger_body(machine: Machine, place: str, parameters: Parameters) -> Machine:
     """Enlarge a rigid body: the points of its joints move away from its centre."""
-    body = machine.bodies[place]
+    centre, strain = machine.bodies[place].centre, parameters["relative"]
     grown: dict[str, Joint] = {}
     for name, joint in machine.joints.items():
         first, second = (
-            at + parameters["relative"] * (at - body.centre) if node == place else at
+            at + strain * (at - centre) if node == place else at
             for node, at in ((joint.first, joint.at_first), (joint.second, joint.at_second))
         )
         grown[name] = replace(joint, at_first=first, at_second=second)
-    return machine.with_joints(grown)
+    return machine.change(grown)
 
 
 def _mislay_axis(joint: Joint, parameters: Parameters) -> Joint:
     """Displace a joint's axis perpendicular to the drawn one; that of a slide is only rotated."""
-    twist = name_parameters(parameters, "", *(("", "") if joint.kind == "prismatic" else "yz"), "", "ry", "rz")
+    across = ("", "") if joint.kind == "prismatic" else ("y", "z")
+    twist = name_parameters(parameters, "", *across, "", "ry", "rz")
     return replace(joint, astray=joint.astray + twist) if joint.kind in DRIVEN else joint
-
-
-def _is_rigid(machine: Machine, place: str) -> bool:
-    return place in machine.bodies and len(machine.bodies[place].nodes) == 1
 
 
 def _allow_only(*places: str) -> Callable[[Machine, str], bool]:
@@ -270,81 +268,86 @@ class Word:
 
 KNOWN: dict[str, Word] = {
     "gravity": Word((), lambda m, _, _v: replace(m, weighted=True), _allow_only("robot")),
-    "payload": Word(("mass", "x", "y", "z"), _payload, lambda m, place: place == "tool" or _is_rigid(m, place)),
+    "payload": Word(
+        ("mass", "x", "y", "z"), _payload, lambda m, at: at == "tool" or _find_rigid(m, at)),
     "actuator-stiffness": Word(
-        ("factor",), _driven(lambda d, v: replace(d, stiffness=d.stiffness * v), "factor"), _drives
-    ),
+        ("factor",), _driven(lambda d, v: replace(d, stiffness=d.stiffness * v), "factor"),
+        _drives),
     "joint-stiffness": Word(
-        ("factor", "stiffness"), _every_joint(_joint_stiffness), _any_joint(lambda joint: joint.spring)
-    ),
-    "backlash": Word(("half_width",), _on_drives("play", "half_width"), _drives),
-    "encoder-offset": Word(("offset",), _driven(lambda d, v: replace(d, offset=d.offset + v), "offset"), _drives),
-    "joint-compliance": Word(("radial", "axial", "tilting"), _every_joint(_joint_compliance), _joints),
+        ("factor", "stiffness"), _every(_joints, _joint_stiffness), _any_joint(lambda j: j.spring)),
+    "backlash": Word(("half_width",), _yield_by("play", "half_width", _find_driven), _drives),
+    "encoder-offset": Word(
+        ("offset",), _driven(lambda d, v: replace(d, offset=d.offset + v), "offset"), _drives),
+    "joint-compliance": Word(
+        ("radial", "axial", "tilting"), _every(_joints, _joint_compliance), _joints),
     "guide-compliance": Word(
         ("lateral", "vertical", "angular", "roll", "pitch", "yaw"),
-        _every_joint(_guide_compliance),
-        _any_joint(lambda joint: joint.kind == "prismatic"),
-    ),
+        _every(_joints, _guide_compliance), _any_joint(lambda j: j.kind == "prismatic")),
     "joint-axis": Word(
-        ("y", "z", "ry", "rz"), _every_joint(_mislay_axis), _any_joint(lambda joint: joint.kind in DRIVEN)
-    ),
+        ("y", "z", "ry", "rz"), _every(_joints, _mislay_axis),
+        _any_joint(lambda j: j.kind in DRIVEN)),
     "mass": Word(
-        ("factor",),
-        lambda m, place, v: m.with_bodies({place: replace(m.bodies[place], mass=m.bodies[place].mass * v["factor"])}),
-        lambda m, place: m.gravity.any() and _is_rigid(m, place) and m.bodies[place].mass,
-    ),
+        ("factor",), _every(_find_rigid, lambda b, v: replace(b, mass=b.mass * v["factor"])),
+        lambda m, at: m.gravity.any() and any(b.mass for b in _find_rigid(m, at).values())),
     "link-stiffness": Word(
-        ("factor",), _bodies(lambda b, v: replace(b, compliance=b.compliance / v["factor"])), _find_elastic
-    ),
+        ("factor",), _bodies(lambda b, v: replace(b, compliance=b.compliance / v["factor"])),
+        _find_elastic),
     "part-compliance": Word(("factor", *ENTRIES), _bodies(_part_compliance), _find_elastic),
     "part-dimension": Word(
-        ENTRIES, _bodies(_part_compliance), lambda m, place: _find_elastic(m, place.rsplit(".", 1)[0])
-    ),
+        ENTRIES, _bodies(_part_compliance), lambda m, at: _find_elastic(m, at.rsplit(".", 1)[0])),
     "rigid-ends": Word(("length",), _bodies(_rigid_ends), _find_links),
-    "link-length": Word(("error",), _bodies(lambda b, v: _grow(b, v["error"] / b.length)), _find_links),
-    "thermal": Word(("temperature",), _bodies(lambda b, v: _grow(b, b.expansion * v["temperature"])), _find_elastic),
-    "base-compliance": Word(_YIELDING, lambda m, _, v: replace(m, base=m.base + _support(v)), _allow_only("base")),
+    "link-length": Word(
+        ("error",), _bodies(lambda b, v: _grow(b, v["error"] / b.length)), _find_links),
+    "thermal": Word(
+        ("temperature",), _bodies(lambda b, v: _grow(b, b.expansion * v["temperature"])),
+        _find_elastic),
+    "base-compliance": Word(
+        _YIELDING, lambda m, _, v: replace(m, base=m.base + _support(v)), _allow_only("base")),
     "platform-compliance": Word(
-        _YIELDING, lambda m, _, v: replace(m, platform=m.platform + _support(v)), _allow_only("tool", "platform")
-    ),
+        _YIELDING, lambda m, _, v: replace(m, platform=m.platform + _support(v)),
+        _allow_only("tool", "platform")),
     "instrument-misalignment": Word(ROTATIONS, turn_instrument),
-    "displacement-scale": Word(("factor",), scale_instrument),
-    "unit": Word(("factor",), lambda m, place, v: multiply_numbers(m, place, v["factor"])),
-    "sensor-sign": Word((), lambda m, place, _: multiply_numbers(m, place, -1.0)),
+    "displacement-scale": Word(
+        ("factor",), lambda m, at, v: multiply(m, at, v["factor"], "scales")),
+    "unit": Word(("factor",), lambda m, at, v: multiply(m, at, v["factor"])),
+    "sensor-sign": Word((), lambda m, at, _: multiply(m, at, -1.0)),
     "sensor-step": Word(("jump", "row"), slip_channel),
     "force-scale": Word(
-        ("factor",),
-        lambda m, _, v: change_instrument(m, force=m.instrument.force * v["factor"]),
-        _allow_only("instrument"),
-    ),
-}
+        ("factor",), lambda m, _, v: change_instrument(m, force=m.instrument.force * v["factor"]),
+        _allow_only("instrument")),
+}  # fmt: skip
 """Known effects except `geometry`; a part's dimension is given as the entries of its new 6x6."""
 
 OUTSIDE: dict[str, Word] = {
-    "hardening-drive": Word(("cubic",), _on_drives("hardening", "cubic"), _drives),
-    "drive-friction": Word(("force",), _on_drives("friction", "force"), _drives),
+    "hardening-drive": Word(("cubic",), _yield_by("hardening", "cubic", _find_driven), _drives),
+    "drive-friction": Word(("force",), _yield_by("friction", "force", _find_driven), _drives),
     "stiffening-joint": Word(
-        ("radial", "knee"), _in_joints("stiffening", "radial", _held_across), _any_joint(_held_across)
-    ),
-    "joint-play": Word(("radial",), _in_joints("play", "radial", _held_across), _any_joint(_held_across)),
-    "loose-bolt": Word(("opening",), _in_joints("one-sided", "opening", _find_opening), _joints),
+        ("radial", "knee"), _yield_by("stiffening", "radial", _held_across),
+        _any_joint(_held_across)),
+    "joint-play": Word(
+        ("radial",), _yield_by("play", "radial", _held_across), _any_joint(_held_across)),
+    "loose-bolt": Word(("opening",), _yield_by("one-sided", "opening", _find_opening), _joints),
     "cable-chain": Word(
         ("x", "y", "z"),
         lambda m, _, v: replace(m, cable=m.cable + name_parameters(v, "x", "y", "z")),
-        _allow_only("tool"),
-    ),
-    "screw-pitch": Word(("relative",), _driven(lambda d, v: replace(d, pitch=d.pitch + v), "relative"), _drives),
-    "larger-body": Word(("relative",), _larger_body, _is_rigid),
+        _allow_only("tool")),
+    "screw-pitch": Word(
+        ("relative",), _driven(lambda d, v: replace(d, pitch=d.pitch + v), "relative"), _drives),
+    "larger-body": Word(("relative",), _larger_body, _find_rigid),
     "bowed-link": Word(("curvature",), _bodies(_bow), _find_links),
-    "drifting-sensor": Word(("displacement", "rotation"), lambda m, _, v: change_instrument(m, drift=read_pair(v))),
-    "gain-drift": Word(("relative",), lambda m, _, v: change_instrument(m, gain_drift=v["relative"])),
+    "drifting-sensor": Word(
+        ("displacement", "rotation"), lambda m, _, v: change_instrument(m, drift=read_pair(v))),
+    "gain-drift": Word(
+        ("relative",), lambda m, _, v: change_instrument(m, gain_drift=v["relative"])),
     "cross-talk": Word(("share",), leak_channel),
-    "coarse-converter": Word(("displacement", "rotation"), lambda m, _, v: change_instrument(m, quantum=read_pair(v))),
+    "coarse-converter": Word(
+        ("displacement", "rotation"), lambda m, _, v: change_instrument(m, quantum=read_pair(v))),
     "wrench-off-centre": Word(
-        ("x", "y", "z"), lambda m, _, v: change_instrument(m, application=name_parameters(v, "x", "y", "z"))
-    ),
-    "bad-session": Word(("relative",), lambda m, _, v: change_instrument(m, bad_session=v["relative"])),
-}
+        ("x", "y", "z"),
+        lambda m, _, v: change_instrument(m, application=name_parameters(v, "x", "y", "z"))),
+    "bad-session": Word(
+        ("relative",), lambda m, _, v: change_instrument(m, bad_session=v["relative"])),
+}  # fmt: skip
 """Faults that are not in the vocabulary."""
 
 
@@ -387,13 +390,17 @@ def inject(machine: Machine, effect: str, place: str, parameters: Parameters) ->
         raise InputError(f"effect: expected one of {', '.join(words)}, got {effect!r}")
     word = words[effect]
     if not word.acts_on(machine, place):
-        raise InputError(f"{effect}, place: expected what it can act on in {machine.robot.name}, got {place!r}")
+        what = f"what it can act on in {machine.robot.name}"
+        raise InputError(f"{effect}, place: expected {what}, got {place!r}")
     strange = [name for name in parameters if name not in word.names]
     if strange:
-        raise InputError(f"{effect}, {strange[0]}: expected one of {', '.join(word.names) or 'no parameters'}")
+        valid = ", ".join(word.names) or "no parameters"
+        raise InputError(f"{effect}, {strange[0]}: expected one of {valid}")
     if len(word.names) == 1 and word.names[0] not in parameters:
         raise InputError(f"{effect}, {word.names[0]}: expected this parameter")
     bad = [name for name, value in parameters.items() if not np.isfinite(value)]
     if bad or parameters.get("factor", 1.0) <= 0:
-        raise InputError(f"{effect}, {(bad or ['factor'])[0]}: expected a finite number, a factor above 0")
-    return word.inject(machine, place.rsplit(".", 1)[0] if effect == "part-dimension" else place, parameters)
+        name = (bad or ["factor"])[0]
+        raise InputError(f"{effect}, {name}: expected a finite number, a factor above 0")
+    part = place.rsplit(".", 1)[0] if effect == "part-dimension" else place
+    return word.inject(machine, part, parameters)

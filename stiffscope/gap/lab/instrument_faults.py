@@ -27,25 +27,28 @@ def change_instrument(machine: Machine, **changes: Any) -> Machine:
     return replace(machine, instrument=replace(machine.instrument, **changes))
 
 
-def scale_instrument(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    """Scale the readings of the whole instrument or of one channel."""
-    if place == "instrument":
-        return change_instrument(machine, scale=machine.instrument.scale * parameters["factor"])
-    return change_instrument(machine, scales={**machine.instrument.scales, place: parameters["factor"]})
-
-
 def turn_instrument(machine: Machine, place: str, parameters: Parameters) -> Machine:
     """Rotate the whole instrument or one channel by small angles."""
-    rotation = name_parameters(parameters, *ROTATIONS)
-    if place == "instrument":
-        return change_instrument(machine, rotation=machine.instrument.rotation + rotation)
-    return change_instrument(machine, rotations={**machine.instrument.rotations, place: rotation})
+    known = machine.instrument.rotations
+    rotation = known.get(place, 0.0) + name_parameters(parameters, *ROTATIONS)
+    return change_instrument(machine, rotations={**known, place: rotation})
 
 
-def multiply_numbers(machine: Machine, place: str, factor: float) -> Machine:
-    """Multiply recorded numbers, for a wrong unit or a reversed sign."""
-    known = machine.instrument.factors
-    return change_instrument(machine, factors={**known, place: factor * known.get(place, 1.0)})
+def multiply(machine: Machine, place: str, factor: float, what: str = "factors") -> Machine:
+    """Multiply recorded numbers of the instrument or a channel, or scale its motions.
+
+    Parameters
+    ----------
+    machine, place
+        The machine so far, and "instrument" or a channel.
+    factor
+        Factor besides the present one.
+    what
+        "factors" on the recorded numbers, for a wrong unit or sign; or "scales" of motions.
+
+    """
+    known = getattr(machine.instrument, what)
+    return change_instrument(machine, **{what: {**known, place: factor * known.get(place, 1.0)}})
 
 
 def slip_channel(machine: Machine, place: str, parameters: Parameters) -> Machine:
@@ -57,7 +60,8 @@ def slip_channel(machine: Machine, place: str, parameters: Parameters) -> Machin
 def leak_channel(machine: Machine, place: str, parameters: Parameters) -> Machine:
     """Add a share of one channel to another."""
     source, sink = place.split("->")
-    return change_instrument(machine, crosstalk=(*machine.instrument.crosstalk, (source, sink, parameters["share"])))
+    leak = (source, sink, parameters["share"])
+    return change_instrument(machine, crosstalk=(*machine.instrument.crosstalk, leak))
 
 
 def read_pair(parameters: Parameters) -> tuple[float, float]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.lab.rotations import Array
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.robot.file.sections import JointSection, LinearDrive, RigidBody, RotaryDrive
+    from stiffscope.robot.file.sections import JointSection, LinearDrive, RotaryDrive
 
 GROUND = "ground"
 BASE, TOOL = "<base>", "<tool>"
@@ -69,7 +69,8 @@ class Body:
     @property
     def is_link(self) -> bool:
         """Whether it has two ends, connected by its x axis."""
-        return len(self.places) == 2 and bool(np.allclose(self.away[0, 1:], 0.0, atol=_ALONG * self.length))
+        aside = np.abs(self.away[:, 1:])
+        return len(self.places) == 2 and bool((aside <= _ALONG * self.length).all())
 
 
 @dataclass(frozen=True)
@@ -116,7 +117,10 @@ class Joint:
         """The joint with its real axis."""
         off = self.axes @ self.astray[:3]
         return replace(
-            self, at_first=self.at_first + off, at_second=self.at_second + off, axes=self.axes @ turn(self.astray[3:])
+            self,
+            at_first=self.at_first + off,
+            at_second=self.at_second + off,
+            axes=self.axes @ turn(self.astray[3:]),
         )
 
     @property
@@ -171,8 +175,6 @@ class Payload:
 class Instrument:
     """The measuring chain between the machine and a number in a file."""
 
-    rotation: Array = field(default_factory=lambda: _zeros(3))
-    scale: float = 1.0
     force: float = 1.0
     """Ratio of true to stated wrench."""
     crosstalk: tuple[tuple[str, str, float], ...] = ()
@@ -189,10 +191,10 @@ class Instrument:
     """Relative gain error of the last session."""
     rotations: Mapping[str, Array] = field(default_factory=dict[str, "Array"])
     scales: Mapping[str, float] = field(default_factory=dict[str, float])
-    """Scales of single sensors."""
+    """Rotations (3,) and scales of channels, or of the whole "instrument"."""
     factors: Mapping[str, float] = field(default_factory=dict[str, float])
-    """Factor on the recorded numbers of a channel, or of all."""
-    steps: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, "tuple[float, float]"])
+    """Factor on the recorded numbers of a channel, or of the "instrument"."""
+    steps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     """First row of the table after a slip, and its size, m or rad, by channel."""
 
 
@@ -224,60 +226,22 @@ class Machine:
     def members(self, place: str) -> tuple[str, ...]:
         """Return the bodies and joints of a place; `robot` means all that expand thermally."""
         if place == "robot":
-            return tuple(name for name, body in self.bodies.items() if len(body.nodes) > 1 and body.expansion)
+            elastic = [body for body in self.bodies.values() if len(body.nodes) > 1]
+            return tuple(body.name for body in elastic if body.expansion)
         return self.robot.members(place)
 
     def carrier(self, node: str) -> str:
         """Return the name of a node's body; the ground's is its own."""
         return node if node in self.bodies or node == GROUND else node.rsplit(".", 1)[0]
 
-    def with_bodies(self, changed: Mapping[str, Body]) -> Machine:
-        """Return the machine with some bodies replaced."""
-        return replace(self, bodies={**self.bodies, **changed})
-
-    def with_joints(self, changed: Mapping[str, Joint]) -> Machine:
-        """Return the machine with some joints replaced."""
-        return replace(self, joints={**self.joints, **changed})
-
-    def with_slots(self, more: Iterable[Slot]) -> Machine:
-        """Return the machine with nonlinear faults added."""
-        return replace(self, slots=(*self.slots, *more))
+    def change(self, changed: Mapping[str, Body] | Mapping[str, Joint]) -> Machine:
+        """Return the machine with some bodies and joints replaced."""
+        bodies: Any = {name: changed.get(name, body) for name, body in self.bodies.items()}
+        joints: Any = {name: changed.get(name, joint) for name, joint in self.joints.items()}
+        return replace(self, bodies=bodies, joints=joints)
 
 
-class PartData(Protocol):
-    """Data of a part: compliance in its own axes, mass, and condensed mass if available."""
-
-    @property
-    def compliance(self) -> Array:
-        """Compliance (6m, 6m) of all ends except the first."""
-        ...
-
-    @property
-    def mass(self) -> float:
-        """Mass, kg."""
-        ...
-
-    @property
-    def dynamics(self) -> CondensedMass | None:
-        """Mass condensed to its ends."""
-        ...
-
-    @property
-    def places(self) -> Array | None:
-        """Reference points (n, 3) of its ends."""
-        ...
-
-
-class CondensedMass(Protocol):
-    """Mass matrix of a part for the twists of its ends."""
-
-    @property
-    def mass(self) -> Array:
-        """Mass matrix (6n + k, 6n + k)."""
-        ...
-
-
-def machine_of(robot: RobotFile, parts: Mapping[str, PartData]) -> Machine:
+def machine_of(robot: RobotFile, parts: Mapping[str, Any]) -> Machine:
     """Return the sound machine described by a robot file.
 
     Parameters
@@ -285,7 +249,7 @@ def machine_of(robot: RobotFile, parts: Mapping[str, PartData]) -> Machine:
     robot
         The robot file; its adopted effects are not applied.
     parts
-        Compliance and mass of every part used, by name.
+        Compliance, mass, condensed mass and places of the ends of every part used, by name.
 
     """
     bodies: dict[str, Body] = {}
@@ -293,14 +257,15 @@ def machine_of(robot: RobotFile, parts: Mapping[str, PartData]) -> Machine:
         if isinstance(section, ElasticBody | InterfaceBody):
             bodies[name] = _make_elastic(robot, name, section, parts[section.part])
         else:
-            bodies[name] = _make_rigid(name, section)
+            centre = np.array(section.centre or (0.0, 0.0, 0.0))
+            bodies[name] = Body(name, (name,), section.mass, centre)
     joints = {name: _joint(robot, name, section) for name, section in robot.joints.items()}
     gravity = np.zeros(3)
     if robot.gravity is not None:
         direction = np.array(robot.gravity.direction)
         gravity = robot.gravity.acceleration * direction / np.linalg.norm(direction)
-    tool, slots = robot.tool, tuple(_find_slots(robot))
-    return Machine(robot, bodies, joints, tool.body, np.array(tool.at), tuple(tool.pose), gravity, slots=slots)
+    tool, at, pose = robot.tool.body, np.array(robot.tool.at), tuple(robot.tool.pose)
+    return Machine(robot, bodies, joints, tool, at, pose, gravity, slots=tuple(_find_slots(robot)))
 
 
 def _find_slots(robot: RobotFile) -> Iterable[Slot]:
@@ -316,11 +281,9 @@ def _find_slots(robot: RobotFile) -> Iterable[Slot]:
             yield Slot(name, along, "play", 0.5 * drive.backlash, first)
 
 
-def _make_rigid(name: str, section: RigidBody) -> Body:
-    return Body(name, (name,), section.mass, np.array(section.centre or (0.0, 0.0, 0.0)))
-
-
-def _make_elastic(robot: RobotFile, name: str, section: ElasticBody | InterfaceBody, part: PartData) -> Body:
+def _make_elastic(
+    robot: RobotFile, name: str, section: ElasticBody | InterfaceBody, part: Any
+) -> Body:  # fmt: skip
     y = None if section.y is None else np.array(section.y)
     if isinstance(section, ElasticBody):
         places = np.array([section.base, section.tip])
@@ -343,7 +306,7 @@ def _make_elastic(robot: RobotFile, name: str, section: ElasticBody | InterfaceB
     )
 
 
-def _ends(part: PartData, places: Array) -> Array:
+def _ends(part: Any, places: Array) -> Array:
     """Return wrenches (n, 6, 3) at n ends for unit accelerations: equal shares or condensed mass.
 
     places: positions (n, 3) of the ends relative to the last, part axes.
@@ -361,10 +324,12 @@ def _ends(part: PartData, places: Array) -> Array:
 
 
 def _joint(robot: RobotFile, name: str, section: JointSection) -> Joint:
-    axis, axis2 = (None if a is None else np.array(a) for a in (getattr(section, k, None) for k in ("axis", "axis2")))
+    given = (getattr(section, key, None) for key in ("axis", "axis2"))
+    axis, axis2 = (None if each is None else np.array(each) for each in given)
     at = np.array(section.at)
     drive = getattr(section, "drive", None)
-    spring = None if drive is None else Drive(_first_slope(drive), *(drive.range or (-np.inf, np.inf)))
+    ends = (drive and drive.range) or (-np.inf, np.inf)
+    spring = None if drive is None else Drive(_first_slope(drive), *ends)
     axes = _axes(axis, axis2, np.eye(3))
     second = np.zeros(3) if axis2 is None else axis2 / np.linalg.norm(axis2)
     rotation = np.asarray(robot.copied[name].rotation) if name in robot.copied else np.eye(3)
@@ -373,8 +338,10 @@ def _joint(robot: RobotFile, name: str, section: JointSection) -> Joint:
     if name in robot.copied:  # copied from the original, rotated with it
         relative = np.kron(np.eye(2), axes.T @ rotation @ written)
         bearing = relative @ bearing @ relative.T
-    return Joint(name, *section.between, section.type, at, at, at, axes, second, bearing, spring,
-                 getattr(section, "spring", None) or 0.0, getattr(section, "rest", 0.0), axis is not None)  # fmt: skip
+    return Joint(
+        name, *section.between, section.type, at, at, at, axes, second, bearing, spring,
+        getattr(section, "spring", None) or 0.0, getattr(section, "rest", 0.0), axis is not None,
+    )  # fmt: skip
 
 
 def _first_slope(drive: LinearDrive | RotaryDrive) -> float:

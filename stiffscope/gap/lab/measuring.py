@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import product
 from typing import TYPE_CHECKING, Literal
 
@@ -25,8 +26,10 @@ if TYPE_CHECKING:
 
     Codes = NDArray[np.int64]
     Kind = Literal["deflection", "deviation", "stiffness"]
+    Measures = Literal["displacement", "rotation"]
 
 KINDS: tuple[Kind, ...] = ("deflection", "deviation", "stiffness")
+MEASURES: tuple[Measures, ...] = ("displacement", "rotation")
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,7 @@ class Sensor:
     """A sensor at a point (3,) of a node, home coordinates, with its direction in base axes."""
 
     name: str
-    measures: Literal["displacement", "rotation"]
+    measures: Measures
     node: str
     at: Array
     direction: Array
@@ -64,10 +67,9 @@ class Plan:
         """Return the sensors, or those equivalent to the tool's pose."""
         if self.sensors:
             return self.sensors
-        return tuple(
-            Sensor(name, "displacement" if i < 3 else "rotation", TOOL, machine.at, np.eye(3)[i % 3])
-            for i, name in enumerate(COORDINATES)
-        )
+        axes = dict(zip("xyz", np.eye(3), strict=True))
+        move, turn = (partial(Sensor, measures=what, node=TOOL, at=machine.at) for what in MEASURES)
+        return tuple((turn if n[0] == "r" else move)(n, direction=axes[n[-1]]) for n in COORDINATES)
 
 
 @dataclass(frozen=True)
@@ -110,10 +112,19 @@ class Readings:
 
     def some(self, rows: Codes) -> Readings:
         """Return the selected readings, in the given order."""
-        return replace(
-            self, pose=self.pose[rows], load=self.load[rows], kind=self.kind[rows], channel=self.channel[rows],
-            value=self.value[rows], sigma=self.sigma[rows], session=self.session[rows],
-        )  # fmt: skip
+        names = ("pose", "load", "kind", "channel", "value", "sigma", "session")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+    @property
+    def turns(self) -> Codes:
+        """1 for readings (n,) of rotations, else 0."""
+        each = np.array([sensor.measures == "rotation" for sensor in self.channels], dtype=np.int64)
+        return each[self.channel]
+
+    def shows(self, place: str) -> NDArray[np.bool_]:
+        """Return flags (n,) of a channel's readings; of "instrument" all but stiffnesses."""
+        named = np.array([place in {"instrument", sensor.name} for sensor in self.channels])
+        return named[self.channel] & (self.kind != 2)
 
 
 def true_readings(machine: Machine, plan: Plan, located: Located | None = None) -> Readings:
@@ -135,8 +146,10 @@ def true_readings(machine: Machine, plan: Plan, located: Located | None = None) 
     spots = [tool, *plan.hooks.values()]
     response = respond(machine, plan.poses if located is None else located, spots)
     seen = _gains(machine, response, channels)
-    p, m, c = len(plan.poses), len(plan.loads), len(channels)
-    blocks: list[tuple[int, Array]] = [(0, _deflections(machine, plan, response, seen))] if m else []
+    p, c = len(plan.poses), len(channels)
+    blocks: list[tuple[int, Array]] = []
+    if plan.loads:
+        blocks.append((0, _deflections(machine, plan, response, seen)))
     if plan.deviations:
         blocks.append((1, _deviations(machine, response, channels, seen)[:, None]))
     if plan.stiffness:
@@ -152,9 +165,13 @@ def true_readings(machine: Machine, plan: Plan, located: Located | None = None) 
     order = np.tile(np.argsort(pose, kind="stable"), plan.repeats)
     session = (np.arange(len(order)) * plan.sessions) // len(order)
     unknown = np.full(len(value), np.nan)
-    rows = Readings(plan, channels, pose, load, kinds, channel, value, unknown, np.zeros_like(pose)).some(order)
-    value = _slip(machine.instrument, rows, _drift(machine.instrument, rows, session))
-    return replace(rows, value=_find_factors(machine.instrument, rows) * value, session=session)
+    codes = (pose, load, kinds, channel, value, unknown)
+    rows = Readings(plan, channels, *codes, np.zeros_like(pose)).some(order)
+    rows = replace(rows, session=session)
+    value = _drift(machine.instrument, rows)
+    for name, (line, jump) in machine.instrument.steps.items():  # the first readings are on line 2
+        value = value + jump * (rows.shows(name) & (np.arange(len(value)) + 2 >= line))
+    return replace(rows, value=_find_factors(machine.instrument, rows) * value)
 
 
 def _gains(machine: Machine, response: Response, channels: tuple[Sensor, ...]) -> Array:
@@ -169,11 +186,12 @@ def _gains(machine: Machine, response: Response, channels: tuple[Sensor, ...]) -
 
 def _read_channel(instrument: Instrument, sensor: Sensor, twist: Array) -> Array:
     """Return the readings (n, …) of a sensor for twists (n, 6, …) at its point."""
-    rotation = instrument.rotation + instrument.rotations.get(sensor.name, np.zeros(3))
-    scale = instrument.scale * instrument.scales.get(sensor.name, 1.0)
     part = twist[:, :3] if sensor.measures == "displacement" else twist[:, 3:]
-    along = sensor.direction @ (np.eye(3) + skew(rotation))
-    return scale * np.einsum("i,ni...->n...", along, part)
+    along = sensor.direction
+    for place in ("instrument", sensor.name):
+        turned = np.eye(3) + skew(instrument.rotations.get(place, np.zeros(3)))
+        along = instrument.scales.get(place, 1.0) * along @ turned
+    return np.einsum("i,ni...->n...", along, part)
 
 
 def _make_mixing(instrument: Instrument, channels: tuple[Sensor, ...]) -> Array:
@@ -204,26 +222,30 @@ def _deflections(machine: Machine, plan: Plan, response: Response, seen: Array) 
         lost = response.dead + 1
         force = np.einsum("nsc,nmc->nms", response.force, cases)
         dead = np.broadcast_to(response.force[:, None, :, response.dead], force.shape)
-        coupling = np.broadcast_to(response.force[:, None, :, lost:], (*force.shape, force.shape[2]))
+        each = (*force.shape, force.shape[2])
+        coupling = np.broadcast_to(response.force[:, None, :, lost:], each)
         flat = (p * m, force.shape[2])
-        force, dead, coupling = force.reshape(flat), dead.reshape(flat), coupling.reshape(*flat, flat[1])
-        slots = machine.slots
-        moved = settle(slots, coupling, force + dead, gaps=False) - settle(slots, coupling, dead, gaps=False)
-        gap = settle(slots, coupling, force, gaps=True) - settle(slots, coupling, force, gaps=False)
-        cases[:, :, lost:] = (moved + gap).reshape(p, m, -1)
+        force, dead = force.reshape(flat), dead.reshape(flat)
+        moved = partial(settle, machine.slots, coupling.reshape(*flat, flat[1]))
+        smooth = moved(force + dead, gaps=False) - moved(dead, gaps=False)
+        gap = moved(force, gaps=True) - moved(force, gaps=False)
+        cases[:, :, lost:] = (smooth + gap).reshape(p, m, -1)
     return np.einsum("nkc,nmc->nmk", seen, cases)
 
 
-def _deviations(machine: Machine, response: Response, channels: tuple[Sensor, ...], seen: Array) -> Array:
+def _deviations(
+    machine: Machine, response: Response, channels: tuple[Sensor, ...], seen: Array,
+) -> Array:  # fmt: skip
     """Return deviations (p, c) of the unloaded machine from its commands."""
     cases = np.zeros((len(seen), seen.shape[2]))
     cases[:, response.dead] = 1.0
     coupling = response.force[:, :, response.dead + 1 :]
-    cases[:, response.dead + 1 :] = settle(machine.slots, coupling, response.force[:, :, response.dead], gaps=True)
-    rigid = [
-        _read_channel(machine.instrument, s, response.shift(Spot(s.node, s.at)) - response.shift(Spot(s.against, s.at)))
-        for s in channels
-    ]
+    dead = response.force[:, :, response.dead]
+    cases[:, response.dead + 1 :] = settle(machine.slots, coupling, dead, gaps=True)
+    rigid: list[Array] = []
+    for s in channels:
+        moved = response.shift(Spot(s.node, s.at)) - response.shift(Spot(s.against, s.at))
+        rigid.append(_read_channel(machine.instrument, s, moved))
     shift = np.stack(rigid, axis=1) @ _make_mixing(machine.instrument, channels).T
     return shift + np.einsum("nkc,nc->nk", seen, cases)
 
@@ -236,69 +258,33 @@ def _stiffnesses(machine: Machine, plan: Plan, seen: Array) -> Array:
     return np.einsum("nii->ni", np.linalg.inv(shown))
 
 
-def _is_rotation(readings: Readings) -> NDArray[np.bool_]:
-    """Return flags (n,) of readings of rotations."""
-    return np.array([sensor.measures == "rotation" for sensor in readings.channels])[readings.channel]
-
-
-def _drift(instrument: Instrument, rows: Readings, session: Codes) -> Array:
+def _drift(instrument: Instrument, rows: Readings) -> Array:
     """Return the values (n,) read with an instrument that drifts during the campaign."""
     time = np.linspace(0.0, 1.0, len(rows.value))
-    gain = (1 + instrument.gain_drift * time) * np.where(session == session.max(), 1 + instrument.bad_session, 1.0)
-    drift = np.array(instrument.drift)[_is_rotation(rows).astype(int)]
+    last = rows.session == rows.session.max()
+    gain = (1 + instrument.gain_drift * time) * np.where(last, 1 + instrument.bad_session, 1.0)
+    drift = np.array(instrument.drift)[rows.turns]
     return np.where(rows.kind == 2, rows.value / gain, rows.value * gain + drift * time)
-
-
-def _shows(rows: Readings, place: str) -> NDArray[np.bool_]:
-    """Return flags (n,) of a channel's readings; for the whole instrument all but stiffnesses."""
-    named = np.array([place in {"instrument", sensor.name} for sensor in rows.channels])
-    return named[rows.channel] & (rows.kind != 2)
-
-
-def _slip(instrument: Instrument, rows: Readings, value: Array) -> Array:
-    """Return values (n,) with slips of channels; the first readings are on line 2 of the table."""
-    for name, (line, jump) in instrument.steps.items():
-        value = value + jump * (_shows(rows, name) & (np.arange(len(value)) + 2 >= line))
-    return value
 
 
 def _find_factors(instrument: Instrument, rows: Readings) -> Array:
     """Return the factors (n,) on the recorded numbers."""
     out = np.ones(len(rows.value))
     for name, factor in instrument.factors.items():
-        out = np.where(_shows(rows, name), factor * out, out)
+        out = np.where(rows.shows(name), factor * out, out)
     return out
 
 
 def sigma_of(rows: Readings, noise: Noise) -> Array:
     """Return the standard deviations (n,) of the readings."""
-    sigma = np.where(_is_rotation(rows), noise.rotation, noise.displacement)
+    sigma = np.array([noise.displacement, noise.rotation])[rows.turns]
     return np.where(rows.kind == 2, noise.stiffness * np.abs(rows.value), sigma)
 
 
-def _with_noise(rows: Readings, instrument: Instrument, noise: Noise, rng: np.random.Generator) -> Readings:
-    """Return the readings with noise, as a lab would deliver them."""
-    n = len(rows.value)
-    sigma = (
-        sigma_of(rows, noise) * np.abs(_find_factors(instrument, rows)) * np.exp(noise.spread * rng.standard_normal(n))
-    )
-    value = rows.value + sigma * rng.standard_normal(n)
-    step = np.array(instrument.quantum)[_is_rotation(rows).astype(int)]
-    coarse = (step > 0) & (rows.kind != 2)
-    value = np.where(coarse, np.round(value / np.where(coarse, step, 1.0)) * step, value)
-    wild = rng.random(n) < noise.outliers
-    value = value + np.where(wild, sigma * rng.uniform(20, 100, n) * rng.choice([-1, 1], n), 0.0)
-    value = np.where(rows.kind == 2, np.maximum(np.abs(value), 1.0), value)
-    stated = np.full(n, np.nan) if noise.stated is None else noise.stated * sigma
-    kept = np.flatnonzero(rng.random(n) >= noise.missing)
-    if noise.shuffle:
-        kept = rng.permutation(kept)
-    return replace(rows, value=value, sigma=stated).some(kept)
-
-
 def measure(
-    machine: Machine, plan: Plan, noise: Noise, rng: np.random.Generator, located: Located | None = None
-) -> Readings:
+    machine: Machine, plan: Plan, noise: Noise, rng: np.random.Generator,
+    located: Located | None = None,
+) -> Readings:  # fmt: skip
     """Return the readings of a machine, with noise, as a lab would deliver them.
 
     Raises InputError for poses that the machine cannot reach.
@@ -313,4 +299,19 @@ def measure(
         Random generator of the noise.
 
     """
-    return _with_noise(true_readings(machine, plan, located), machine.instrument, noise, rng)
+    rows, instrument = true_readings(machine, plan, located), machine.instrument
+    n = len(rows.value)
+    sigma = sigma_of(rows, noise) * np.abs(_find_factors(instrument, rows))
+    sigma = sigma * np.exp(noise.spread * rng.standard_normal(n))
+    value = rows.value + sigma * rng.standard_normal(n)
+    step = np.array(instrument.quantum)[rows.turns]
+    coarse = (step > 0) & (rows.kind != 2)
+    value = np.where(coarse, np.round(value / np.where(coarse, step, 1.0)) * step, value)
+    wild = rng.random(n) < noise.outliers
+    value = value + np.where(wild, sigma * rng.uniform(20, 100, n) * rng.choice([-1, 1], n), 0.0)
+    value = np.where(rows.kind == 2, np.maximum(np.abs(value), 1.0), value)
+    stated = np.full(n, np.nan) if noise.stated is None else noise.stated * sigma
+    kept = np.flatnonzero(rng.random(n) >= noise.missing)
+    if noise.shuffle:
+        kept = rng.permutation(kept)
+    return replace(rows, value=value, sigma=stated).some(kept)

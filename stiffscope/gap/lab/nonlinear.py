@@ -94,7 +94,8 @@ def lost_motion(slot: Slot, force: Array) -> tuple[Array, Array]:
         case "stiffening":
             e = np.cbrt(slot.size * force * slot.knee**2)
             for _ in range(60):
-                e = e - (e * (1 + (e / slot.knee) ** 2) - slot.size * force) / (1 + 3 * (e / slot.knee) ** 2)
+                square = (e / slot.knee) ** 2
+                e = e - (e * (1 + square) - slot.size * force) / (1 + 3 * square)
             return e, slot.size / (1 + 3 * (e / slot.knee) ** 2)
         case _:
             return np.zeros_like(force), np.zeros_like(force)

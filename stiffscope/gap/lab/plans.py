@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -13,8 +13,6 @@ from stiffscope.gap.lab.measuring import Plan, Sensor
 from stiffscope.gap.lab.response import Spot, respond, tool_spot
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from stiffscope.gap.lab.closure import Located
     from stiffscope.gap.lab.machine import Machine
     from stiffscope.gap.lab.rotations import Array
@@ -41,25 +39,24 @@ class Scale:
     @property
     def force(self) -> float:
         """Force that a lab applies, N."""
-        return min(FORCE * max(1.0, _round(_STIFF[0] / self.linear)), _round(_DEFLECTION[0] / self.linear))
+        return _choose_load(FORCE, self.linear, _STIFF[0], _DEFLECTION[0])
 
     @property
     def moment(self) -> float:
         """Moment that a lab applies, N·m."""
-        return min(MOMENT * max(1.0, _round(_STIFF[1] / self.angular)), _round(_DEFLECTION[1] / self.angular))
+        return _choose_load(MOMENT, self.angular, _STIFF[1], _DEFLECTION[1])
 
 
-def _round(value: float) -> float:
-    """Round to two digits."""
-    digits = int(np.floor(np.log10(value))) - 1
-    return float(np.round(value, -digits))
+def _choose_load(usual: float, compliance: float, stiff: float, deflection: float) -> float:
+    """Return the usual load, larger for stiff robots, and at most that for a deflection."""
+    growth, most = (float(f"{size / compliance:.1e}") for size in (stiff, deflection))
+    return min(usual * max(1.0, growth), most)
 
 
-def scale_of(machine: Machine) -> Scale:
-    """Return the median compliances of a robot at home."""
+def diagonal_at(machine: Machine, poses: Array | Located) -> Array:
+    """Return the diagonal (n, 6) of the compliance at M, at poses (n, k)."""
     tool = tool_spot(machine)
-    c = np.diagonal(respond(machine, home_of(machine)[None], [tool]).find_twists(tool)[0, :, :6])
-    return Scale(float(np.median(c[:3])), float(np.median(c[3:])))
+    return np.einsum("nii->ni", respond(machine, poses, [tool]).find_twists(tool)[:, :, :6])
 
 
 def ranges(machine: Machine) -> Array:
@@ -88,32 +85,27 @@ class Workspace:
     located: Located
     """Configuration of its bodies at the poses."""
 
-    def some(self, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
-        """Return the indices (count,) of some random poses."""
-        return rng.permutation(len(self.poses))[:count]
-
 
 def workspace(machine: Machine, count: int, rng: np.random.Generator) -> Workspace:
     """Return reachable poses throughout the workspace of a sound machine, away from singularities.
 
     Raises InputError if hardly any pose is reachable.
     """
-    tool, box = tool_spot(machine), ranges(machine)
-    limit = _SOFT * respond(machine, home_of(machine)[None], [tool]).find_twists(tool)[0, :, :6].diagonal()
-    limit = limit.reshape(2, 3).max(axis=1).repeat(3)
+    box, yields = ranges(machine), diagonal_at(machine, home_of(machine)[None])[0].reshape(2, 3)
+    limit = _SOFT * yields.max(axis=1).repeat(3)
+    scale = Scale(*np.median(yields, axis=1).tolist())
     found = np.empty((0, len(box)))
     for _ in range(_GIVEN_UP):
         trial = np.round(rng.uniform(box[:, 0], box[:, 1], (count, len(box))), 4)
         located = locate(machine, trial)
         if located.closed.any():
-            yields = respond(machine, located.some(located.closed), [tool]).find_twists(tool)[:, :, :6]
-            soft = (np.abs(np.einsum("nii->ni", yields)) > limit).any(axis=1)
-            found = np.concatenate([found, trial[located.closed][~soft]])[:count]
+            there = np.abs(diagonal_at(machine, located.some(located.closed)))
+            firm = (there <= limit).all(axis=1)
+            found = np.concatenate([found, trial[located.closed][firm]])[:count]
         if len(found) == count:
-            return Workspace(machine, scale_of(machine), found, locate(machine, found))
-    raise InputError(
-        f"{machine.robot.name}: expected a [map] within reach, got poses of which hardly any can be reached"
-    )
+            return Workspace(machine, scale, found, locate(machine, found))
+    message = "expected a [map] within reach, got poses of which hardly any can be reached"
+    raise InputError(f"{machine.robot.name}: {message}")
 
 
 def draw_plan(
@@ -148,31 +140,34 @@ def draw_plan(
 
     """
     machine, scale = where.machine, where.scale
-    chosen = where.some(poses if style != "sag" else 3 * poses, rng)
-    places, located = where.poses[chosen], where.located.some(chosen)
-    if style == "sag":
-        return Plan(places, (), stiffness=stiffness, sessions=sessions), located
-    size = np.array([scale.force] * 3 + [scale.moment] * 3)
+    chosen = rng.permutation(len(where.poses))[: poses if style != "sag" else 3 * poses]
+    plan = Plan(where.poses[chosen], (), stiffness=stiffness, sessions=sessions)
     if style == "tool":
+        size = np.array([scale.force] * 3 + [scale.moment] * 3)
         mixed = rng.uniform(-1, 1, (max(wrenches - 6, 0), 6)) * size
         loads = np.round(np.vstack([np.diag(size), mixed])[:wrenches], 3)
-        return Plan(places, tuple(("", w) for w in loads), stiffness=stiffness, sessions=sessions), located
-    reach = float(
-        np.clip(np.sqrt(scale.linear / scale.angular), 0.03, 0.15)
-    )  # m: lever at which forces rotate as much as they translate
-    hook = Spot(machine.tool, np.round(machine.at + rng.uniform(-1, 1, 3) * reach, 4))
-    pulls = np.vstack([np.eye(3), -np.eye(3)[2:], rng.uniform(-1, 1, (max(wrenches - 4, 0), 3))])[:wrenches]
-    loads = [("hook", np.round(np.concatenate([scale.force * pull, np.zeros(3)]), 3)) for pull in pulls]
-    gauges = _gauges(machine, reach, rng)
-    return Plan(places, tuple(loads), {"hook": hook}, gauges, stiffness=stiffness, sessions=sessions), located
+        plan = replace(plan, loads=tuple(("", wrench) for wrench in loads))
+    elif style == "gauges":  # with the lever at which forces rotate as much as they translate
+        reach = float(np.clip(np.sqrt(scale.linear / scale.angular), 0.03, 0.15))
+        hook = Spot(machine.tool, np.round(machine.at + rng.uniform(-1, 1, 3) * reach, 4))
+        mixed = rng.uniform(-1, 1, (max(wrenches - 4, 0), 3))
+        pulls = scale.force * np.vstack([np.eye(3), -np.eye(3)[2:], mixed])[:wrenches]
+        loads = np.round(np.pad(pulls, ((0, 0), (0, 3))), 3)
+        plan = replace(
+            plan,
+            loads=tuple(("hook", wrench) for wrench in loads),
+            hooks={"hook": hook},
+            sensors=_draw_gauges(machine, reach, rng),
+        )
+    return plan, where.located.some(chosen)
 
 
-def _gauges(machine: Machine, reach: float, rng: np.random.Generator) -> tuple[Sensor, ...]:
+def _draw_gauges(machine: Machine, reach: float, rng: np.random.Generator) -> tuple[Sensor, ...]:
     """Return five dial gauges around the tool's body: three vertical and two horizontal."""
     directions = np.eye(3)[[2, 2, 2, 0, 1]]
     feet = np.array([[1.0, 0, 0], [-0.5, 0.9, 0], [-0.5, -0.9, 0], [0, 0.7, 0.4], [0.7, 0, -0.4]])
     points = np.round(machine.at + reach * (feet + rng.uniform(-0.2, 0.2, feet.shape)), 4)
     return tuple(
-        Sensor(f"gauge{k + 1}", "displacement", machine.tool, point, direction)
-        for k, (point, direction) in enumerate(zip(points, directions, strict=True))
+        Sensor(f"gauge{k}", "displacement", machine.tool, point, direction)
+        for k, (point, direction) in enumerate(zip(points, directions, strict=True), 1)
     )

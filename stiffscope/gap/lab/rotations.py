@@ -5,40 +5,27 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
 
-_PARALLEL = 1e-9
-
 
 def skew(r: Array) -> Array:
     """Return S(r) (..., 3, 3) with S(r) a = r × a."""
-    out = np.zeros((*r.shape, 3))
-    x, y, z = r[..., 0], r[..., 1], r[..., 2]
-    out[..., 0, 1], out[..., 0, 2] = -z, y
-    out[..., 1, 0], out[..., 1, 2] = z, -x
-    out[..., 2, 0], out[..., 2, 1] = -y, x
-    return out
+    return np.swapaxes(np.cross(r[..., None, :], np.eye(3)), -1, -2)
 
 
 def turn(vector: Array) -> Array:
     """Return the rotation (..., 3, 3) of a rotation vector (..., 3)."""
-    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
-    s = skew(vector)
-    near = np.maximum(angle, 1e-12)
-    return np.eye(3) + np.sinc(angle / np.pi) * s + 2.0 * (np.sin(near / 2.0) / near) ** 2 * (s @ s)
+    return Rotation.from_rotvec(vector).as_matrix()
 
 
 def vector_of(rotation: Array) -> Array:
     """Return the rotation vectors (..., 3) of rotations by less than π."""
-    half = 0.5 * (rotation - np.swapaxes(rotation, -1, -2))
-    s = np.stack([half[..., 2, 1], half[..., 0, 2], half[..., 1, 0]], axis=-1)
-    sine = np.linalg.norm(s, axis=-1)
-    angle = np.arctan2(sine, 0.5 * (np.trace(rotation, axis1=-2, axis2=-1) - 1.0))
-    return s * np.where(sine > _PARALLEL, angle / np.where(sine > _PARALLEL, sine, 1.0), 1.0)[..., None]
+    return Rotation.from_matrix(rotation).as_rotvec()
 
 
 def rates_of_vector(vector: Array) -> Array:
@@ -47,7 +34,8 @@ def rates_of_vector(vector: Array) -> Array:
     s = skew(vector)
     large = np.where(angle < 1e-3, 1.0, angle)
     exact = 1.0 / large**2 - (1.0 + np.cos(large)) / (2.0 * large * np.sin(large))
-    return np.eye(3) - 0.5 * s + np.where(angle < 1e-3, 1.0 / 12.0 + angle**2 / 720.0, exact) * (s @ s)
+    square = np.where(angle < 1e-3, 1.0 / 12.0 + angle**2 / 720.0, exact)
+    return np.eye(3) - 0.5 * s + square * (s @ s)
 
 
 def lever(points: Array) -> Array:
@@ -67,11 +55,6 @@ def both_parts(rotation: Array) -> Array:
     out = np.zeros((*rotation.shape[:-2], 6, 6))
     out[..., :3, :3] = out[..., 3:, 3:] = rotation
     return out
-
-
-def about_x(angle: Array) -> Array:
-    """Return rotations (..., 3, 3) about x by angles (...)."""
-    return turn(angle[..., None] * np.eye(3)[0])
 
 
 def axes_along(x: Array, y: Array | None = None) -> Array:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from itertools import combinations
-from typing import TYPE_CHECKING, cast
+from itertools import combinations, combinations_with_replacement
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,23 +15,28 @@ from stiffscope.gap.lab.response import Spot, respond, tool_spot
 from stiffscope.gap.lab.rotations import turn
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping
 
     from stiffscope.gap.lab.closure import Located
     from stiffscope.gap.lab.machine import Joint, Machine
     from stiffscope.gap.lab.measuring import Noise, Plan, Readings
     from stiffscope.gap.lab.rotations import Array
 
-_JOINT = ([0.0, 1, 1, 0, 0, 0], [1.0, 0, 0, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])  # radial, axial, tilting
-_GUIDE = ([0.0, 1, 0, 0, 0, 0], [0.0, 0, 1, 0, 0, 0], [0.0, 0, 0, 1, 1, 1])
-_ENTRIES = [(i, j) for i in range(6) for j in range(i, 6)]
+_SHAPES = {
+    "joint-compliance": np.array([[0.0, 1, 1, 0, 0, 0], [1, 0, 0, 0, 0, 0], [0, 0, 0, 1, 1, 1]]),
+    "guide-compliance": np.array([[0.0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 1, 1]]),
+}  # fmt: skip
+"""Diagonals of a unit of each parameter: radial, axial, tilting; lateral, vertical, angular."""
+_SUPPORTS = {"base-compliance": BASE, "platform-compliance": TOOL}
 _DEPENDENT = 1e-9  # relative singular value of linearly dependent columns
 
 
 class Signatures:
     """Derivatives of a plan's readings by fault parameters, divided by the noise."""
 
-    def __init__(self, machine: Machine, plan: Plan, located: Located, rows: Readings, noise: Noise) -> None:
+    def __init__(
+        self, machine: Machine, plan: Plan, located: Located, rows: Readings, noise: Noise,
+    ) -> None:  # fmt: skip
         self._machine, self._plan, self._rows, self._located = machine, plan, rows, located
         self._found: dict[tuple[str, str], Array | None] = {}
         self.sigma = sigma_of(rows, noise)
@@ -62,66 +67,53 @@ class Signatures:
         softer: compliance added to each body by a parameter step, for effects that change parts.
         """
         members = self._machine.members(place)
-        joints, bodies = self._machine.joints, self._machine.bodies
-        shapes = {"joint-compliance": _JOINT, "guide-compliance": _GUIDE}
-        added = {"base-compliance": BASE, "platform-compliance": TOOL}
-        of_drives = {"actuator-stiffness": self._soften, "encoder-offset": self._move, "backlash": self._lose_motion}
-        if effect in of_drives:
-            return of_drives[effect]({name: np.eye(6)[DRIVEN[joints[name].kind]] for name in members})
-        if effect == "part-compliance":
-            return self._entries(members)
-        if effect == "joint-axis":
-            return self._mislay({name: joints[name] for name in members})
-        if effect in added or effect in shapes:
-            held = {} if effect in added else {
-                n: [self._hold_diagonal(n, np.array(shape)) for shape in shapes[effect]] for n in members
-            }  # fmt: skip
-            return self._add_compliance(held or {added[effect]: list(np.eye(6))})
+        joints = {n: self._machine.joints[n] for n in members if n in self._machine.joints}
+        bodies = {n: self._machine.bodies[n] for n in members if n in self._machine.bodies}
+        spread: list[Mapping[str, Array]] = [softer] if softer else []
+        if effect in {"encoder-offset", "backlash"}:
+            along = {name: np.eye(6)[DRIVEN[joint.kind]] for name, joint in joints.items()}
+            return self._move(along) if effect == "encoder-offset" else self._lose_motion(along)
         if effect in {"link-length", "thermal"}:
-            grown = {n: bodies[n].expansion if effect == "thermal" else 1.0 / bodies[n].length for n in members}
-            return self._move({n: np.pad(size * bodies[n].away, ((0, 0), (0, 3))).ravel() for n, size in grown.items()})
-        return self._spread(softer) if softer else None
+            warm = effect == "thermal"
+            sizes = {n: b.expansion if warm else 1.0 / b.length for n, b in bodies.items()}
+            away = {n: np.pad(b.away * sizes[n], ((0, 0), (0, 3))) for n, b in bodies.items()}
+            return self._move({name: twist.ravel() for name, twist in away.items()})
+        if effect == "joint-axis":
+            return self._mislay(joints)
+        if effect == "actuator-stiffness":
+            spread = [{n: np.diag(np.eye(6)[DRIVEN[joint.kind]]) for n, joint in joints.items()}]
+        elif effect == "part-compliance":
+            units = (np.outer(a, b) for a, b in combinations_with_replacement(np.eye(6), 2))
+            spread = [dict.fromkeys(members, np.maximum(unit, unit.T)) for unit in units]
+        elif effect in _SUPPORTS:
+            spread = [{_SUPPORTS[effect]: np.diag(axis)} for axis in np.eye(6)]
+        elif effect in _SHAPES:
+            units = _SHAPES[effect]
+            spread = [{n: _hold(joint, unit) for n, joint in joints.items()} for unit in units]
+        return np.hstack([self._spread(each) for each in spread]) if spread else None
 
-    def _entries(self, members: Sequence[str]) -> Array:
-        """Return the columns (r, 21) of compliance entries common to these bodies."""
-        columns: list[Array] = []
-        for i, j in _ENTRIES:
-            entry = np.zeros((6, 6))
-            entry[i, j] = entry[j, i] = 1.0
-            columns.append(self._spread(dict.fromkeys(members, entry)))
-        return np.hstack(columns)
-
-    def _hold_diagonal(self, name: str, diagonal: Array) -> Array:
-        joint = self._machine.joints[name]
-        if not joint.directed:  # equal in all directions
-            diagonal = np.array([diagonal[1], *diagonal[1:]])
-        free = () if joint.kind == "universal" else FREE[joint.kind]
-        return np.array([0.0 if i in free else value for i, value in enumerate(diagonal)])
-
-    def _add_compliance(self, diagonals: Mapping[str, list[Array]]) -> Array:
-        """Return the columns of diagonal compliances (6,), one for each in the list."""
-        count = len(next(iter(diagonals.values())))
-        return np.hstack([self._spread({n: np.diag(d[k]) for n, d in diagonals.items()}) for k in range(count)])
-
-    def _soften(self, along: Mapping[str, Array]) -> Array:
-        """Return the column (r, 1) of elements compliant in one direction (6,) each."""
-        return self._add_compliance({name: [direction] for name, direction in along.items()})
+    def _carry(self, name: str) -> tuple[Array, Array]:
+        """Return wrenches in an element, its axes: n poses by units of channels and by loads."""
+        carried = self._response.wrench(name)[:, :, : self._looks.shape[1]]
+        return np.swapaxes(carried @ self._looks.T, 1, 2), carried @ self._pulls.T
 
     def _spread(self, compliances: Mapping[str, Array]) -> Array:
-        out = np.zeros((len(self._plan.poses), len(self._looks), len(self._pulls)))
+        """Return the column (r, 1) of compliance (6, 6) added to elements."""
+        out = self._nothing
         for name, compliance in compliances.items():
-            carried = self._response.wrench(name)[:, :, : self._looks.shape[1]]
-            pulls = carried @ self._pulls.T
+            looks, pulls = self._carry(name)
             if name == TOOL:
                 pulls[:, :, -1] = 0.0  # it does not carry the machine's weight
-            out += np.swapaxes(carried @ self._looks.T, 1, 2) @ compliance @ pulls
+            out += looks @ compliance @ pulls
         return self._column(out)
 
     def _move(self, offsets: Mapping[str, Array]) -> Array:
-        out = np.zeros((len(self._plan.poses), len(self._looks), len(self._pulls)))
+        """Return the column (r, 1) of twists (6,) or (n, 6) of unloaded elements."""
+        out = self._nothing
         for name, twist in offsets.items():
-            carried = self._response.wrench(name)[:, :, : self._looks.shape[1]]
-            out[:, :, -1] += np.einsum("nic,kc,ni->nk", carried, self._looks, np.broadcast_to(twist, carried.shape[:2]))
+            looks, _ = self._carry(name)
+            each = np.broadcast_to(twist, looks[:, 0].shape)
+            out[:, :, -1] += np.einsum("nki,ni->nk", looks, each)
         return self._column(out)
 
     def _mislay(self, joints: Mapping[str, Joint]) -> Array:
@@ -132,30 +124,43 @@ class Signatures:
             for name, joint in joints.items():
                 ends = self._machine.carrier(joint.first), self._machine.carrier(joint.second)
                 way = joint_state(joint.drawn_joint, self._located.frames, *ends).displacement
-                astray = np.eye(6)[k].reshape(2, 3)
+                astray, along = np.eye(6)[k].reshape(2, 3), way[:, None] * np.eye(3)[0]
                 if joint.kind == "prismatic":  # a rotated slide changes direction
-                    moved[name] = np.hstack([way[:, None] * np.cross(astray[1], np.eye(3)[0]), np.zeros((len(way), 3))])
+                    moved[name] = np.pad(np.cross(astray[1], along), ((0, 0), (0, 3)))
                 else:
-                    moved[name] = np.hstack([a - turn(way[:, None] * np.eye(3)[0]) @ a for a in astray])
+                    moved[name] = np.hstack([a - turn(along) @ a for a in astray])
             columns.append(self._move(moved))
         return np.hstack(columns)
 
     def _lose_motion(self, along: Mapping[str, Array]) -> Array:
         """Return the column (r, 1) of play: elements shift along (6,) towards their force."""
-        out = np.zeros((len(self._plan.poses), len(self._looks), len(self._pulls)))
+        out = self._nothing
         for name, direction in along.items():
-            carried = direction @ self._response.wrench(name)[:, :, : self._looks.shape[1]]
-            force = carried @ self._pulls.T
+            looks, pulls = self._carry(name)
+            force = direction @ pulls
             for kind in (slice(0, -1), slice(-1, None)):  # rounding by loads or weights
                 none = rounding_force(force[:, kind])
                 sign = np.where(np.abs(force[:, kind]) > none, np.sign(force[:, kind]), 0.0)
-                out[:, :, kind] += (carried @ self._looks.T)[:, :, None] * sign[:, None]
+                out[:, :, kind] += (looks @ direction)[:, :, None] * sign[:, None]
         return self._column(out)
+
+    @property
+    def _nothing(self) -> Array:
+        return np.zeros((len(self._plan.poses), len(self._looks), len(self._pulls)))
 
     def _column(self, shown: Array) -> Array:
         """Return readings (r, 1) over their noise from channel values (n, c, loads)."""
-        rows = self._rows
-        return (shown[rows.pose, rows.channel, rows.load] / self.sigma)[:, None]  # load -1: the last
+        rows = self._rows  # load -1: the last
+        return (shown[rows.pose, rows.channel, rows.load] / self.sigma)[:, None]
+
+
+def _hold(joint: Joint, diagonal: Array) -> Array:
+    """Return the compliance (6, 6) of a diagonal in a joint's constrained directions."""
+    first = diagonal[0 if joint.directed else 1]  # without an axis equal in all directions
+    out = np.diag([first, *diagonal[1:]])
+    if joint.kind != "universal":
+        out[FREE[joint.kind], FREE[joint.kind]] = 0.0
+    return out
 
 
 def orthonormal_basis(columns: Array) -> Array:
@@ -176,9 +181,8 @@ def fit_residual(signature: Array, columns: Array, most: int) -> float:
     unit = columns[:, size > 0.0] / size[size > 0.0]
     gram, pull, whole = unit.T @ unit, unit.T @ signature, float(signature @ signature)
     best = whole
-    count = len(pull)
-    for some in cast("Iterable[tuple[int, ...]]", combinations(range(count), min(most, count))):
-        part = cast("Array", pull[list(some)])
-        inverse = cast("Array", np.linalg.pinv(gram[np.ix_(some, some)], rcond=_DEPENDENT, hermitian=True))
+    for some in combinations(range(len(pull)), min(most, len(pull))):
+        part: Array = pull[list(some)]
+        inverse = np.linalg.pinv(gram[np.ix_(some, some)], rcond=_DEPENDENT, hermitian=True)
         best = min(best, whole - float(part @ inverse @ part))
     return float(np.sqrt(max(best, 0.0)))

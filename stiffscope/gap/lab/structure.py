@@ -87,9 +87,9 @@ class Structure:
     def _scales(self, elements: Sequence[Element], size: int) -> Array:
         """Return scales (size,) that normalize twists, wrenches and compliances."""
         soft = np.concatenate([np.diag(e.compliance).reshape(-1, 6) for e in elements])
-        forces, moments = soft[:, :3].ravel(), soft[:, 3:].ravel()
-        linear = float(np.median(forces[forces > 0.0])) if (forces > 0.0).any() else 1e-8
-        angular = float(np.median(moments[moments > 0.0])) if (moments > 0.0).any() else 10.0 * linear
+        forces, moments = soft[:, :3], soft[:, 3:]
+        linear = float(np.median(forces[forces > 0.0])) if forces.any() else 1e-8
+        angular = float(np.median(moments[moments > 0.0])) if moments.any() else 10.0 * linear
         out = np.ones(size)
         one = np.concatenate([np.full(3, np.sqrt(linear)), np.full(3, np.sqrt(angular))])
         out[: self._dofs] = np.tile(one, self._dofs // 6)
@@ -113,7 +113,8 @@ class Structure:
         """Return the right-hand side (n, size) of a rest twist (6m,) or (n, 6m), own axes."""
         e = self._elements[name]
         out = np.zeros(self.size)
-        out[:, self._rows[name]] = (e.held @ np.broadcast_to(twist, (len(out), e.held.shape[2]))[..., None])[..., 0]
+        twists = np.broadcast_to(twist, (len(out), e.held.shape[2]))
+        out[:, self._rows[name]] = np.einsum("nij,nj->ni", e.held, twists)
         return out
 
     def misfits(self) -> Array:
@@ -139,7 +140,8 @@ class Structure:
             if (np.abs(left) < _MET * size).all():
                 break
         if not (np.abs(left) < _LOOSE * size).all():
-            raise InputError("pose: expected a machine that holds its tool there, got one that moves freely")
+            message = "expected a machine that holds its tool there, got one that moves freely"
+            raise InputError(f"pose: {message}")
         return self._scale[:, None] * out
 
     def twist(self, solution: Array, node: int) -> Array:

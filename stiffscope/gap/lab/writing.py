@@ -7,16 +7,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.gap.campaign.quantities import DEVIATION, WRENCH
-from stiffscope.gap.campaign.writing import number_cells, write_campaign
+from stiffscope.gap.campaign.writing import describe_sensor, number_cells, write_campaign
 from stiffscope.gap.lab.measuring import KINDS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from stiffscope.gap.lab.measuring import Readings, Sensor
-
-_LETTER = ("d", "e")  # quantities at M of deflections and deviations
+    from stiffscope.gap.lab.measuring import Readings
 
 
 def write_readings(
@@ -44,8 +42,12 @@ def write_readings(
     """
     plan = readings.plan
     header: dict[str, Any] = {"robot": robot, "modelled": list(modelled), "components": components}
-    header["sensors"] = {sensor.name: _section(sensor) for sensor in plan.sensors}
-    header["loads"] = {n: {"body": spot.node, "at": spot.at.tolist()} for n, spot in plan.hooks.items()}
+    header["sensors"] = {
+        s.name: describe_sensor(s.measures, s.node, s.at, s.direction, against=s.against)
+        for s in plan.sensors
+    }  # fmt: skip
+    hooks = plan.hooks.items()
+    header["loads"] = {name: {"body": spot.node, "at": spot.at.tolist()} for name, spot in hooks}
     columns = {name: number_cells(plan.poses[readings.pose, k]) for k, name in enumerate(pose)}
     if plan.hooks:
         columns["load"] = [plan.loads[k][0] if k >= 0 else "" for k in readings.load.tolist()]
@@ -59,16 +61,10 @@ def write_readings(
         columns["sensor"] = [names[k] for k in readings.channel.tolist()]
         columns["kind"] = [KINDS[k] for k in readings.kind.tolist()]
     else:
-        letters = (*_LETTER, plan.stiffness)
+        letters = ("d", "e", plan.stiffness)  # of deflections, deviations, stiffnesses at M
         codes = zip(readings.kind.tolist(), readings.channel.tolist(), strict=True)
         columns["quantity"] = [letters[kind] + names[channel] for kind, channel in codes]
     columns |= {"value": number_cells(readings.value), "sigma": number_cells(readings.sigma)}
     if plan.sessions > 1:
         columns["session"] = [f"day {k + 1}" for k in readings.session.tolist()]
     write_campaign(folder, header, columns)
-
-
-def _section(sensor: Sensor) -> dict[str, Any]:
-    at = {} if sensor.measures == "rotation" else {"at": sensor.at.tolist()}
-    rest = {"direction": sensor.direction.tolist(), "against": sensor.against}
-    return {"measures": sensor.measures, "body": sensor.node, **at, **rest}
