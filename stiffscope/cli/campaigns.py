@@ -24,7 +24,7 @@ from stiffscope.experiments.orders import order_part
 from stiffscope.gap.adoption import adopt as adopt_effects
 from stiffscope.gap.adoption import check_target
 from stiffscope.gap.blind.check import case_files, check_cases, run_blind
-from stiffscope.gap.blind.robots import blind_robots
+from stiffscope.gap.blind.laboratory import blind_robots
 from stiffscope.gap.campaign.campaign_header import load_header
 from stiffscope.gap.campaign.sanity import inspect_readings
 from stiffscope.gap.campaign.template import write_template

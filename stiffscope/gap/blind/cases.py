@@ -63,8 +63,10 @@ def unseal(folder: Path) -> list[BlindCase]:
             zlib.decompress(base64.b85decode((folder / SEAL).read_bytes().strip()))
         )
     except (OSError, ValueError, zlib.error) as error:
-        raise InputError(f"{folder / SEAL}: expected the seal that `stiffscope blind` wrote ({error})") from error
+        message = f"expected the seal that `stiffscope blind` wrote ({error})"
+        raise InputError(f"{folder / SEAL}: {message}") from error
+    faults = [tuple(Fault(*planted) for planted in case["planted"]) for case in content]
     return [
-        BlindCase(c["kind"], c["seed"], tuple(Fault(*p) for p in c["planted"]), c.get("measured", "tool"))
-        for c in content
+        BlindCase(case["kind"], case["seed"], planted, case.get("measured", "tool"))
+        for case, planted in zip(content, faults, strict=True)
     ]

@@ -89,7 +89,11 @@ def run_blind(
 
     """
     check = _check(robots, seed)
-    _open(folder, check)
+    check_cases(folder)
+    file = folder / _RUN
+    if os.path.lexists(file) and read_text(file, "a list of the cases of a check") != check:
+        expected = f"{folder}: expected the cases of this check"
+        raise InputError(f"{expected}, got those of another; delete them to start anew")
     tasks = [Task(robot.name, number, seed) for robot in robots for number in range(campaigns)]
     left = [task for task in tasks if not os.path.lexists(folder / task.folder)]
     for task in set(tasks).difference(left):  # before any work
@@ -113,35 +117,19 @@ def _check(robots: Sequence[BlindRobot], seed: int) -> str:
     return _text(check)
 
 
-def _open(folder: Path, check: str) -> None:
-    """Raise InputError if a folder contains another check or other files."""
-    check_cases(folder)
-    file = folder / _RUN
-    if os.path.lexists(file) and read_text(file, "a list of the cases of a check") != check:
-        raise InputError(f"{folder}: expected the cases of this check, got those of another; delete them to start anew")
-
-
-def _begin(folder: Path, check: str) -> None:
-    """Record in a folder which check it contains."""
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        write_bytes(folder / _RUN, check.encode())
-    except InputError:
-        with contextlib.suppress(OSError):  # a folder that is not empty is kept
-            folder.rmdir()
-        raise
-
-
 def _text(content: Any) -> str:
     return json.dumps(content, indent=1)
 
 
 def check_cases(folder: Path) -> None:
     """Raise InputError if a folder for the cases of a check contains other files."""
+    got = ""
     if os.path.lexists(folder) and not folder.is_dir():
-        raise InputError(f"{folder}: expected a folder for finished cases, got a file; move it away")
-    if folder.is_dir() and not (folder / _RUN).is_file() and any(folder.iterdir()):
-        raise InputError(f"{folder}: expected a folder for finished cases, got one with other files; move it away")
+        got = "a file"
+    elif folder.is_dir() and not (folder / _RUN).is_file() and any(folder.iterdir()):
+        got = "one with other files"
+    if got:
+        raise InputError(f"{folder}: expected a folder for finished cases, got {got}; move it away")
 
 
 def case_files(folder: Path, robots: Sequence[BlindRobot], campaigns: int, seed: int) -> list[str]:
@@ -154,11 +142,17 @@ def case_files(folder: Path, robots: Sequence[BlindRobot], campaigns: int, seed:
 
 
 def _work(
-    folder: Path, robots: Sequence[BlindRobot], tasks: list[Task], check: str, progress: Progress | None,
-    count: int, scheduler: str | None,
+    folder: Path, robots: Sequence[BlindRobot], tasks: list[Task], check: str,
+    progress: Progress | None, count: int, scheduler: str | None,
 ) -> None:  # fmt: skip
     with workers(scheduler, min(count, len(tasks))) as executor:
-        _begin(folder, check)
+        folder.mkdir(parents=True, exist_ok=True)
+        try:
+            write_bytes(folder / _RUN, check.encode())
+        except InputError:
+            with contextlib.suppress(OSError):  # a folder that is not empty is kept
+                folder.rmdir()
+            raise
         known = {robot.name: Shared(robot) for robot in robots}
         jobs = ((task, (known[task.robot], task)) for task in tasks)
         for done, (task, future) in enumerate(work_through(executor, _solve, jobs), 1):
@@ -179,27 +173,22 @@ def _store(folder: Path, task: Task, files: Files) -> None:
                 (aside / name).write_text(text, encoding="utf-8", newline="")
             aside.rename(goal)
     except OSError as error:
-        raise InputError(f"{goal}: the case cannot be kept ({why(error, goal)}); finished ones are") from error
+        reason = why(error, goal)
+        message = f"the case cannot be kept ({reason}); finished ones are"
+        raise InputError(f"{goal}: {message}") from error
 
 
 def _read_stored(folder: Path) -> list[Outcome]:
     """Return the stored outcomes of a finished case. Raises InputError if they are invalid."""
+    from pydantic import TypeAdapter
+
     file = folder / OUTCOME
-    out: list[Outcome] = []
+    text = read_text(file, "the outcome of a case")
     try:
-        listed: list[dict[str, Any]] = json.loads(read_text(file, "the outcome of a case"))
-        for o in listed:
-            groups = tuple(tuple(group) for group in o["groups"])
-            stated = tuple((p, true) for p, true in o["stated"])
-            lists = {name: tuple(o[name]) for name in ("truth", "named", "gap", "covered")}
-            fields: dict[str, Any] = {**o, **lists, "groups": groups, "stated": stated}
-            out.append(Outcome(**fields))
-    except InputError:
-        raise
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
-        message = "expected the outcome of a case, got something else; delete its folder to work it out anew"
-        raise InputError(f"{file}: {message}") from error
-    return out
+        return TypeAdapter(list[Outcome]).validate_json(text)
+    except ValueError as error:
+        message = "expected the outcome of a case, got something else"
+        raise InputError(f"{file}: {message}; delete its folder to work it out anew") from error
 
 
 def _solve(robot: Shared, task: Task) -> Files:
@@ -218,12 +207,14 @@ def solve(robot: BlindRobot, task: Task) -> Files:
         if case.kind == "single":
             effect = case.faults[0].effect
             found[effect] = _diagnose(robot, folder, effect)
-        same = lab.canonical
         alike = case.kind == "outside" and is_imitated(case, task.number, lab)
         outcomes = [
-            outcome_of(task.number, case, data, same, left_out=effect, robot=robot.name, imitated=alike)
+            outcome_of(
+                task.number, case, data, lab.canonical,
+                left_out=effect, robot=robot.name, imitated=alike,
+            )
             for effect, data in found.items()
-        ]
+        ]  # fmt: skip
         seal(folder, [case])
         files = {file.name: file.read_text(encoding="utf-8") for file in sorted(folder.iterdir())}
     for effect, data in found.items():

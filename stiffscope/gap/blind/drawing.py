@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.measuring import Plan
     from stiffscope.gap.lab.plans import Style
 
-KINDS = ("single", "single", "single", "pair", "pair", "triple", "triple", "none", "outside", "outside")
+KINDS = (*["single"] * 3, *["pair"] * 2, *["triple"] * 2, "none", *["outside"] * 2)
 """Kinds of cases in turn, with a fixed share of each in every ten."""
 STYLES: tuple[Style, ...] = ("tool", "gauges", "tool", "gauges", "tool", "sag")
 """Styles of measurement in turn, ten campaigns each."""
@@ -59,7 +59,9 @@ def draw_case(number: int, seed: int, lab: Lab) -> BlindCase:
     return BlindCase(_BY_COUNT[len(faults)], seed, faults, style)
 
 
-def _draw_faults(count: int, turn: int, rng: np.random.Generator, judge: Judge) -> tuple[Fault, ...]:
+def _draw_faults(
+    count: int, turn: int, rng: np.random.Generator, judge: Judge
+) -> tuple[Fault, ...]:  # fmt: skip
     """Draw up to `count` identifiable faults of different effects; a single one by its turn."""
     lab = judge.lab
     words = lab.words()
@@ -92,7 +94,9 @@ def _judge_of(case: BlindCase, number: int, lab: Lab) -> Judge:
     return Judge(lab, plan, located)
 
 
-def prepare_case(case: BlindCase, number: int, lab: Lab) -> tuple[Machine, Plan, Located, np.random.Generator]:
+def prepare_case(
+    case: BlindCase, number: int, lab: Lab
+) -> tuple[Machine, Plan, Located, np.random.Generator]:  # fmt: skip
     """Return the true machine of a case, its plan and configuration, and the noise generator."""
     rng = np.random.default_rng([case.seed, number, 1])
     sessions = 3 if any(fault.effect == "bad-session" for fault in case.faults) else 1
@@ -104,5 +108,5 @@ def write_case(folder: Path, number: int, case: BlindCase, lab: Lab) -> None:
     """Write the campaign of a case into a folder, without its faults."""
     machine, plan, located, rng = prepare_case(case, number, lab)
     readings = measure(machine, plan, Noise(), rng, located)
-    robot = lab.robot
-    write_readings(readings, folder, robot=robot.reference, pose=machine.pose, components=robot.components)
+    robot, components = lab.robot.reference, lab.robot.components
+    write_readings(readings, folder, robot=robot, pose=machine.pose, components=components)

@@ -64,25 +64,24 @@ class Judge:
         if columns is not None:
             return np.hstack([columns, self._signature(fault)[:, None]])
         if fault.name not in self._spans:
-            kept = {n: v for n, v in fault.parameters.items() if n in _KEPT}
-            each = [replace(fault, parameters=kept | {n: v}) for n, v in fault.parameters.items() if n != "row"]
-            each = each or [fault]
-            self._spans[fault.name] = np.stack([self._signature(one) for one in each], axis=1)
+            given = fault.parameters
+            kept = {n: v for n, v in given.items() if n in _KEPT}
+            each = [replace(fault, parameters=kept | {n: given[n]}) for n in given if n != "row"]
+            self._spans[fault.name] = np.stack(list(map(self._signature, each or [fault])), axis=1)
         return self._spans[fault.name]
 
     def _isolate_fault(self, effect: str, place: str) -> Array | None:
         if effect in _BY_STEPS:
-            return np.stack([self._signature(Fault(effect, place, step)) for step in _BY_STEPS[effect]], axis=1)
+            steps = (Fault(effect, place, step) for step in _BY_STEPS[effect])
+            return np.stack([self._signature(step) for step in steps], axis=1)
         return self._elements.find_columns(effect, place, self.lab.softer(effect, place))
 
     @cached_property
     def _all_columns(self) -> dict[str, Array]:
         """Columns (r, k) of all known effects that have some, at all places."""
-        found: dict[str, Array] = {}
-        for name, (effect, place) in self.lab.everywhere(self.sensors).items():
-            if (columns := self._isolate_fault(effect, place)) is not None:
-                found[name] = columns
-        return found
+        everywhere = self.lab.everywhere(self.sensors).items()
+        found = {name: self._isolate_fault(*each) for name, each in everywhere}
+        return {name: columns for name, columns in found.items() if columns is not None}
 
     def can_decide(self, faults: Sequence[Fault]) -> bool:
         """Return whether every fault is identifiable beside the others; see `draw_case`."""
@@ -93,7 +92,8 @@ class Judge:
             others = [self._columns(other) for other in faults if other is not fault]
             beside = orthonormal_basis(np.hstack([np.zeros((len(signature), 0)), *others]))
             left = project_out(signature[:, None], beside)[:, 0]
-            if np.linalg.norm(left) < VISIBLE or len(self._find_alike(fault, left, beside)) > _TWINS:
+            seen = np.linalg.norm(left) >= VISIBLE
+            if not seen or len(self._find_alike(fault, left, beside)) > _TWINS:
                 return False
         return True
 
@@ -128,13 +128,10 @@ class Judge:
         left: its signature (r,) with the campaign's other faults projected out; beside: orthonormal
         basis (r, k) of these.
         """
-        found: set[str] = set()
-        own = self.lab.canonical(fault.name)
-        for name, columns in self._all_columns.items():
-            if name == own:
-                continue
-            if word_of(name) == "part-compliance" and fault.effect != "part-compliance":  # flexible
-                continue
-            if fit_residual(left, project_out(columns, beside), len(fault.parameters)) < _ALIKE:
-                found.add(name)
-        return found
+        others = dict(self._all_columns)
+        others.pop(self.lab.canonical(fault.name), None)
+        if fault.effect != "part-compliance":  # too flexible
+            others = {n: each for n, each in others.items() if word_of(n) != "part-compliance"}
+        most = len(fault.parameters)
+        rest = {n: project_out(columns, beside) for n, columns in others.items()}
+        return {n for n, columns in rest.items() if fit_residual(left, columns, most) < _ALIKE}

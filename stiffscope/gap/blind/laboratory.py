@@ -9,12 +9,14 @@ import numpy as np
 
 from stiffscope.effects.vocabulary import word_of
 from stiffscope.errors import InputError
+from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.gap.blind.cases import Fault
 from stiffscope.gap.lab.closure import COORDINATES
 from stiffscope.gap.lab.faults import ENTRIES, KNOWN, acts_on, inject, is_uniform
 from stiffscope.gap.lab.machine import machine_of
 from stiffscope.gap.lab.plans import Workspace, workspace
 from stiffscope.robot.library import robot_names
+from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_dimensions import find_vanishing, part_parameters, with_parameter
 from stiffscope.robot.part_matrices import part_matrices, part_sources
 from stiffscope.robot.reader import load_robot
@@ -24,7 +26,8 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.lab.machine import Machine
     from stiffscope.gap.lab.rotations import Array
-    from stiffscope.robot.nominal import NominalRobot
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.runtime.workshop import Workshop
 
 _POOL = 72  # poses of a robot from which campaigns are drawn
 _SEED = 20  # seed of that pool
@@ -58,7 +61,33 @@ class BlindRobot:
     def reference(self) -> str:
         """Name in a campaign: that of a bundled robot, or the path of its file."""
         path = self.nominal.robot.path
-        return path.stem if path.stem in robot_names() and load_robot(path.stem).path == path else str(path.resolve())
+        bundled = path.stem in robot_names() and load_robot(path.stem).path == path
+        return path.stem if bundled else str(path.resolve())
+
+
+def blind_robots(
+    robots: Sequence[RobotFile], components: str | None, shop: Workshop,
+) -> list[BlindRobot]:  # fmt: skip
+    """Return the robots with their parts' matrices.
+
+    Parameters
+    ----------
+    robots
+        Robot files.
+    components
+        Source of the matrices of rods and plates; None: published if a part names a published
+        matrix, else beam theory, neither of which needs a virtual experiment.
+    shop
+        Workshop that runs experiments if needed.
+
+    """
+    out: list[BlindRobot] = []
+    for robot in robots:
+        published = any(getattr(part, "published", None) for part in robot.parts.values())
+        source = components or ("published" if published else "beam")
+        made = assemble_robots({robot.name: robot}, source, shop)[robot.name]
+        out.append(BlindRobot(NominalRobot(made.mechanism, robot), made.matrices, source))
+    return out
 
 
 class Lab:
@@ -89,14 +118,14 @@ class Lab:
         """Return the entries of a part's compliance with another value of a dimension."""
         part, key = place.rsplit(".", 1)
         other = with_parameter(self.robot.nominal.robot, part, key, value)
-        compliance = part_matrices(other, self.robot.components)[part].compliance
-        return entries_of(compliance)
+        return entries_of(part_matrices(other, self.robot.components)[part].compliance)
 
     def places(self, effect: str, sensors: Sequence[str] = ()) -> tuple[str, ...]:
         """Return the places of an effect: elements and distinct sets, or instrument and sensors."""
         file, machine = self.robot.nominal.robot, self.sound
         fixed = {
-            "base-compliance": ("base",), "platform-compliance": ("tool",), "cable-chain": ("tool",),
+            "base-compliance": ("base",), "platform-compliance": ("tool",),
+            "cable-chain": ("tool",),
             "force-scale": (INSTRUMENT,), **dict.fromkeys(_OF_SENSORS, (INSTRUMENT, *sensors)),
             **dict.fromkeys(_OF_CHANNELS, (INSTRUMENT, *(sensors or COORDINATES))),
             "sensor-step": tuple(sensors or COORDINATES),
@@ -116,11 +145,11 @@ class Lab:
             if members and all(self._takes(effect, name) for name in members):
                 found.setdefault(frozenset(members), place)
         places = tuple(found.values())
-        if effect == "part-compliance":  # one matrix (6, 6) for bodies of one part
-            made_of = {p: {(machine.bodies[n].part, len(machine.bodies[n].nodes)) for n in machine.members(p)}
-                       for p in places}  # fmt: skip
-            places = tuple(p for p, parts in made_of.items() if len(parts) == 1 and next(iter(parts))[1] == 2)
-        return places
+        if effect != "part-compliance":
+            return places
+        bodies = {place: [machine.bodies[n] for n in machine.members(place)] for place in places}
+        parts = {p: {(body.part, len(body.nodes)) for body in each} for p, each in bodies.items()}
+        return tuple(p for p, made in parts.items() if len(made) == 1 and {n for _, n in made} == {2})
 
     def _takes(self, effect: str, name: str) -> bool:
         """Return whether an effect may act on an element."""
@@ -141,12 +170,8 @@ class Lab:
         """Return the dimensions and material constants of parts computed by beam theory."""
         file = self.robot.nominal.robot
         sources = part_sources(file, self.robot.components)
-        return tuple(
-            f"{part}.{key}"
-            for part, source in sources.items()
-            if isinstance(source, str) and source == "beam"
-            for key in part_parameters(file, part)
-        )
+        parts = [n for n, source in sources.items() if isinstance(source, str) and source == "beam"]
+        return tuple(f"{part}.{key}" for part in parts for key in part_parameters(file, part))
 
     def words(self) -> tuple[str, ...]:
         """Return the known effects that this robot can have."""
@@ -156,29 +181,27 @@ class Lab:
     def everywhere(self, sensors: tuple[str, ...] = ()) -> dict[str, tuple[str, str]]:
         """Return all known effects at all their places, by canonical name."""
         if sensors not in self._words:
-            listed = [(effect, place) for effect in self.words() for place in self.places(effect, sensors)]
-            self._words[sensors] = {self.canonical(f"{effect} @ {place}"): (effect, place) for effect, place in listed}
+            listed = [(e, place) for e in self.words() for place in self.places(e, sensors)]
+            self._words[sensors] = {self.canonical(f"{e} @ {p}"): (e, p) for e, p in listed}
         return self._words[sensors]
 
     def softer(self, effect: str, place: str) -> dict[str, Array]:
         """Return the compliance added to each body at a place by a small parameter step."""
-        if effect not in {"part-dimension", "link-stiffness", "rigid-ends"}:
-            return {}
-        name = f"{effect} @ {place}"
+        name, sound = f"{effect} @ {place}", self.sound.bodies
         if name not in self._steps:
-            members = self.sound.members(place.rsplit(".", 1)[0] if effect == "part-dimension" else place)
-            step = {
-                "part-dimension": lambda: {"value": other_dimension(self, place, 0.1)},
-                "link-stiffness": lambda: {"factor": 0.99},
-                "rigid-ends": lambda: {"length": 0.01 * self._shortest(members)},
-            }[effect]()
+            members = self.sound.members(place)
+            if effect == "part-dimension":
+                members = self.sound.members(place.rsplit(".", 1)[0])
+                step = {"value": other_dimension(self, place, 0.1)}
+            elif effect == "link-stiffness":
+                step = {"factor": 0.99}
+            elif effect == "rigid-ends":
+                step = {"length": 0.01 * min(sound[member].length for member in members)}
+            else:
+                return {}
             changed = self.with_faults([Fault(effect, place, step)]).bodies
-            sound = self.sound.bodies
             self._steps[name] = {n: changed[n].compliance - sound[n].compliance for n in members}
         return self._steps[name]
-
-    def _shortest(self, members: Sequence[str]) -> float:
-        return min(self.sound.bodies[name].length for name in members)
 
     def canonical(self, name: str) -> str:
         """Return the canonical name of an effect at a place; different names may mean one set."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -79,8 +80,8 @@ def _match_effects(truth: set[str], named: list[tuple[str, tuple[str, ...]]]) ->
 
 
 def outcome_of(
-    number: int, case: BlindCase, found: dict[str, Any], same: Same, *, left_out: str = "", robot: str = "",
-    imitated: bool = False,
+    number: int, case: BlindCase, found: dict[str, Any], same: Same, *,
+    left_out: str = "", robot: str = "", imitated: bool = False,
 ) -> Outcome:  # fmt: skip
     """Return the outcome of a campaign.
 
@@ -96,55 +97,41 @@ def outcome_of(
         See `Outcome`.
 
     """
-    named = tuple(same(f"{e['effect']} @ {e['place']}") for e in found["effects"])
-    confused = [dict.fromkeys(same(n) for n in e["confused_with"]) for e in found["effects"]]
-    groups = tuple(tuple(n for n in each if n != own) for own, each in zip(named, confused, strict=True))
-    gap = [
-        float("nan") if found["gap"][k] is None else found["gap"][k]
-        for k in ("nominal", "explained", "held_out", "noise")
-    ]
-    truth = tuple(same(fault.name) for fault in case.faults)
-    return Outcome(
-        number,
-        case.kind,
-        truth,
-        found["verdict"],
-        named,
-        groups,
-        float(found.get("evidence") or 0.0),
-        (gap[0], gap[1], gap[2], gap[3]),
-        () if left_out else _check_covered(case, found, same),
-        left_out,
-        robot,
-        case.style,
-        () if left_out or case.kind == "outside" else _collect_stated(set(truth), found, same),
-        imitated,
-    )
-
-
-def _collect_stated(truth: set[str], found: dict[str, Any], same: Same) -> tuple[tuple[float, bool], ...]:
-    """Return the probabilities of named and possible effects, and whether each is true."""
-    listed = [*found["effects"], *found.get("possible", ())]
-    return tuple((float(e["probability"]), same(f"{e['effect']} @ {e['place']}") in truth) for e in listed)
-
-
-def _check_covered(case: BlindCase, found: dict[str, Any], same: Same) -> tuple[bool, ...]:
-    """Return whether the 95 % interval of each parameter of right effects contains the truth."""
-    if found["verdict"] == "unexplained" or len(found["effects"]) != len(case.faults):
-        return ()
     truth = {same(fault.name): fault.parameters for fault in case.faults}
+    listed = [*found["effects"], *found.get("possible", ())]
+    names = [same(f"{e['effect']} @ {e['place']}") for e in listed]
+    named = tuple(names[: len(found["effects"])])
+    confused = [dict.fromkeys(map(same, e["confused_with"])) for e in found["effects"]]
+    sizes = (found["gap"][k] for k in ("nominal", "explained", "held_out", "noise"))
+    a, b, c, d = (float("nan") if size is None else size for size in sizes)
+    stated = [(float(e["probability"]), n in truth) for e, n in zip(listed, names, strict=True)]
+    return Outcome(
+        number=number, kind=case.kind, truth=tuple(truth), verdict=found["verdict"], named=named,
+        groups=tuple(
+            tuple(n for n in each if n != own) for own, each in zip(named, confused, strict=True)
+        ),
+        evidence=float(found.get("evidence") or 0.0), gap=(a, b, c, d),
+        covered=() if left_out else _check_covered(truth, named, found),
+        left_out=left_out, robot=robot, style=case.style,
+        stated=() if left_out or case.kind == "outside" else tuple(stated), imitated=imitated,
+    )  # fmt: skip
+
+
+def _check_covered(
+    truth: dict[str, dict[str, float]], named: Sequence[str], found: dict[str, Any]
+) -> tuple[bool, ...]:  # fmt: skip
+    """Return whether the 95 % interval of each parameter of right effects contains the truth."""
+    if found["verdict"] == "unexplained" or sorted(named) != sorted(truth):
+        return ()
     out: list[bool] = []
-    for effect in found["effects"]:
-        planted = truth.get(same(f"{effect['effect']} @ {effect['place']}"))
-        if planted is None:
-            return ()
-        for name, fit in effect["parameters"].items():
-            if fit["sigma"] and name in planted and not (effect["effect"] == "payload" and name == "z"):
-                low, high = fit.get("interval") or (
-                    fit["value"] - 1.96 * fit["sigma"],
-                    fit["value"] + 1.96 * fit["sigma"],
-                )
-                out.append(low <= planted[name] <= high)
+    for name, effect in zip(named, found["effects"], strict=True):
+        for parameter, fit in effect["parameters"].items():
+            if effect["effect"] == "payload" and parameter == "z":
+                continue
+            if fit["sigma"] and parameter in truth[name]:
+                reach = 1.96 * fit["sigma"]
+                ends = fit.get("interval") or (fit["value"] - reach, fit["value"] + reach)
+                out.append(ends[0] <= truth[name][parameter] <= ends[1])
     return tuple(out)
 
 
@@ -175,10 +162,8 @@ class Scores:
         alone = [o for o in self.outcomes if len(o.truth) <= 1 and not o.left_out]
         rows = sorted({_word(o.truth) for o in alone})
         columns = sorted({_summarize_answer(o) for o in alone})
-        table = tuple(
-            tuple(sum(_word(o.truth) == row and _summarize_answer(o) == column for o in alone) for column in columns)
-            for row in rows
-        )
+        counts = Counter((_word(o.truth), _summarize_answer(o)) for o in alone)
+        table = tuple(tuple(counts[row, column] for column in columns) for row in rows)
         return tuple(rows), tuple(columns), table
 
     def calibration(self) -> tuple[tuple[float, float, int], ...]:

@@ -34,7 +34,9 @@ def _draw_size(rng: np.random.Generator, low: float, high: float) -> float:
     return low * (high / low) ** rng.random()
 
 
-def draw_known(effect: str, rng: np.random.Generator, lab: Lab, sensors: Sequence[str], *, alone: bool = True) -> Fault:
+def draw_known(
+    effect: str, rng: np.random.Generator, lab: Lab, sensors: Sequence[str], *, alone: bool = True
+) -> Fault:  # fmt: skip
     """Draw a known fault.
 
     Parameters
@@ -71,8 +73,10 @@ def draw_known(effect: str, rng: np.random.Generator, lab: Lab, sensors: Sequenc
         own = [_draw_size(rng, *_OWN[alone]) * unit for unit in (scale.linear, scale.angular)]
         names = _YIELDING[effect] or bearing_words([lab.sound.joints[name] for name in members])
         parameters = {name: own[name in _TURNING] * float(rng.uniform(0.2, 1.0)) for name in names}
-    elif effect in _OF_NUMBERS:
-        parameters = _draw_of_numbers(effect, rng, sign * size)
+    elif effect == "unit":
+        parameters = {"factor": _UNITS[int(rng.integers(0, len(_UNITS)))]}
+    elif effect == "sensor-step":
+        parameters = {"jump": 2e-4 * sign * size, "row": float(rng.integers(*_LINES))}
     elif effect == "part-compliance":
         parameters = _draw_matrix(lab, members[0], size, rng)
     elif effect == "part-dimension":
@@ -91,34 +95,22 @@ _YIELDING: dict[str, tuple[str, ...]] = {
     "joint-compliance": (), "guide-compliance": ("lateral", "vertical", "roll", "pitch", "yaw"),
     "base-compliance": COORDINATES, "platform-compliance": COORDINATES,
 }  # fmt: skip
-_OF_NUMBERS = {"unit", "sensor-sign", "sensor-step"}
 _UNITS = (1e3, 1e-3)
 _LINES = (100, 500)  # range of rows at which a gauge slips
 
 
-def _draw_of_numbers(effect: str, rng: np.random.Generator, size: float) -> dict[str, float]:
-    if effect == "unit":
-        return {"factor": _UNITS[int(rng.integers(0, len(_UNITS)))]}
-    return {"jump": 2e-4 * size, "row": float(rng.integers(*_LINES))} if effect == "sensor-step" else {}
-
-
 def _sizes_of_one(effect: str, lab: Lab, members: Sequence[str], sign: float) -> dict[str, float]:
     """Return the parameters of an effect of unit size."""
-    if effect == "joint-stiffness":
-        return {"factor": 3.0}
-    if effect == "rigid-ends":
-        return {"length": 0.04 * float(np.mean([lab.sound.bodies[n].length for n in members]))}
-    lever = max((lab.drive_lever(name) for name in members), default=1.0) if effect in _OF_DRIVES else 1.0
-    turns: dict[str, float] = dict.fromkeys(COORDINATES[3:], 0.015)
+    lengths = [lab.sound.bodies[name].length for name in members if name in lab.sound.bodies]
+    lever = max((lab.drive_lever(n) for n in members if n in lab.sound.joints), default=1.0)
     return {
+        "joint-stiffness": {"factor": 3.0}, "sensor-sign": {},
+        "rigid-ends": {"length": 0.04 * float(np.mean(lengths or [0.0]))},
         "joint-axis": {"y": 1e-4, "z": sign * 1e-4, "ry": 3e-4, "rz": sign * 3e-4},
         "backlash": {"half_width": 8e-6 / lever}, "encoder-offset": {"offset": sign * 5e-5 / lever},
         "link-length": {"error": sign * 3e-5}, "thermal": {"temperature": sign * 4.0},
-        "instrument-misalignment": turns,
+        "instrument-misalignment": dict.fromkeys(COORDINATES[3:], 0.015),
     }[effect]  # fmt: skip
-
-
-_OF_DRIVES = {"backlash", "encoder-offset"}
 
 
 def _draw_matrix(lab: Lab, body: str, size: float, rng: np.random.Generator) -> dict[str, float]:
@@ -127,7 +119,9 @@ def _draw_matrix(lab: Lab, body: str, size: float, rng: np.random.Generator) -> 
     return entries_of(stretch @ lab.sound.bodies[body].compliance @ stretch)
 
 
-_OF_INSTRUMENT = {"drifting-sensor", "gain-drift", "coarse-converter", "wrench-off-centre", "bad-session"}
+_OF_INSTRUMENT = {
+    "drifting-sensor", "gain-drift", "coarse-converter", "wrench-off-centre", "bad-session",
+}  # fmt: skip
 
 
 def _outside_places(lab: Lab, effect: str, channels: Sequence[str]) -> tuple[str, ...]:
@@ -173,10 +167,11 @@ def draw_outside(effect: str, rng: np.random.Generator, lab: Lab, style: Style) 
     stiffest = max((drive.stiffness for n in members if (drive := joints[n].drive)), default=1.0)
     lever = max((lab.drive_lever(name) for name in members), default=1.0)
     bearing = 1e-8 * soft
+    force = scale.force * lever
     one = {
         # under a lab's force a hardening drive loses a tenth of its deflection, as at 3e16 N/m³
-        "hardening-drive": {"cubic": 2.4 * size * stiffest**3 / (10.0 * (scale.force * lever) ** 2)},
-        "drive-friction": {"force": 0.08 * size * scale.force * lever},
+        "hardening-drive": {"cubic": 2.4 * size * stiffest**3 / (10.0 * force**2)},
+        "drive-friction": {"force": 0.08 * size * force},
         "stiffening-joint": {"radial": bearing * size, "knee": 0.2 * bearing * size * scale.force},
         "joint-play": {"radial": 4e-6 * size}, "loose-bolt": {"opening": bearing * size},
         "screw-pitch": {"relative": 1e-4 * size}, "larger-body": {"relative": 1e-3 * size},
@@ -187,5 +182,6 @@ def draw_outside(effect: str, rng: np.random.Generator, lab: Lab, style: Style) 
     }  # fmt: skip
     if effect in one:
         return Fault(effect, place, one[effect])
-    largest = {"cable-chain": 3e4 / soft, "wrench-off-centre": 0.004}[effect]
-    return Fault(effect, place, {n: float(rng.uniform(0.3, 1.0)) * size * largest for n in COORDINATES[:3]})
+    largest = size * {"cable-chain": 3e4 / soft, "wrench-off-centre": 0.004}[effect]
+    shares = {name: float(rng.uniform(0.3, 1.0)) for name in COORDINATES[:3]}
+    return Fault(effect, place, {name: share * largest for name, share in shares.items()})
