@@ -16,20 +16,16 @@ from stiffscope.gap.campaign.quantities import (
     QUANTITIES,
     STIFFNESS,
     kind_of,
-)
+)  # fmt: skip
 
 if TYPE_CHECKING:
     from stiffscope.robot.file.parse import Source
     from stiffscope.runtime.types import Array, Flags, Indices
 
 
+_CODES = ("quantity", "session", "file", "line", "sensor", "load")
 AT_TOOL = -1
 """Code for no sensor (a quantity at M), and for no load point (a wrench at M)."""
-
-
-def _read_only(array: Any) -> Any:
-    array.setflags(write=False)
-    return array
 
 
 def _no_codes() -> Indices:
@@ -150,12 +146,14 @@ class Campaign:
         for name, known in (("sensor", self.sensors), ("load", self.loads)):
             if not known:
                 object.__setattr__(self, name, np.full(len(self.value), AT_TOOL))
-        for name in ("poses", "wrench", "value", "sigma"):
-            object.__setattr__(self, name, _read_only(np.array(getattr(self, name), dtype=np.float64)))
-        for name in ("pose", "quantity", "session", "file", "line", "sensor", "load"):
-            object.__setattr__(self, name, _read_only(np.array(getattr(self, name), dtype=np.int64)))
-        models = {name: _read_only(np.array(values)) for name, values in self.predictions.items()}
-        object.__setattr__(self, "predictions", models)
+        numbers, codes = ("poses", "wrench", "value", "sigma"), ("pose", *_CODES)
+        arrays: dict[str, Any] = {n: np.array(getattr(self, n), dtype=float) for n in numbers}
+        arrays |= {n: np.array(getattr(self, n), dtype=np.int64) for n in codes}
+        models = {name: np.array(values) for name, values in self.predictions.items()}
+        for array in (*arrays.values(), *models.values()):
+            array.setflags(write=False)
+        for name, value in {**arrays, "predictions": models}.items():
+            object.__setattr__(self, name, value)
 
     def __len__(self) -> int:
         """Return the number of readings."""
@@ -163,7 +161,7 @@ class Campaign:
 
     def select(self, rows: Indices) -> Campaign:
         """Return the campaign with some of its readings (r,)."""
-        each = ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line", "sensor", "load")
+        each = ("pose", *_CODES, "wrench", "value", "sigma")
         predictions = {name: values[rows] for name, values in self.predictions.items()}
         expected = None if self.expected is None else self.expected[rows]
         chosen = {name: getattr(self, name)[rows] for name in each}

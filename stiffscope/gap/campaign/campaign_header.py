@@ -24,9 +24,9 @@ NAME = "campaign.toml"
 COMPONENTS = ("fea", "beam", "published")
 MEASURES = ("displacement", "rotation", "position", "distance")
 KEYS = (
-    *("robot", "modelled", "components", "readings", "predictions"),
-    *("units", "ignore", "frames", "sensors", "loads"),
-)
+    "robot", "modelled", "components", "readings", "predictions",
+    "units", "ignore", "frames", "sensors", "loads",
+)  # fmt: skip
 ZEROS = ("none", "session")
 SENSOR_KEYS = ("measures", "body", "at", "at_sigma", "direction", "against", "frame", "zero")
 FRAME_KEYS = ("pose", "sigma", "per")
@@ -64,11 +64,10 @@ def load_header(folder: Path) -> Header:
     top.check_keys(KEYS)
     robot, predictions = top.text("robot"), top.text("predictions")
     if (robot is None) == (predictions is None):
-        key, message = "predictions" if robot else "robot", "expected either robot or predictions, one of the two"
-        raise top.refuse(key, message)
+        key = "predictions" if robot else "robot"
+        raise top.refuse(key, "expected either robot or predictions, one of the two")
     modelled = top.texts("modelled", ())
-    strange = [name for name in modelled if name not in EFFECTS]
-    if strange:
+    if strange := [name for name in modelled if name not in EFFECTS]:
         message = f"expected effects among {', '.join(EFFECTS)}, got {show_value(strange[0])}"
         raise top.refuse("modelled", message)
     readings = top.texts("readings")
@@ -80,20 +79,23 @@ def load_header(folder: Path) -> Header:
     units = top.table("units")
     frames = tuple(_read_frame(name, section) for name, section in top.sections("frames"))
     known = tuple(frame.name for frame in frames)
-    channels = [_read_sensor(name, section, known) for name, section in top.sections("sensors")]
+    sensors: list[Sensor] = []
+    for name, section in top.sections("sensors"):
+        sensors += _read_sensor(name, section, known)
+    names = [sensor.name for sensor in sensors]
+    for sensor in sensors:
+        if names.count(sensor.name) > 1:
+            message = f"expected another name than {sensor.name}"
+            raise top.table("sensors").refuse(sensor.target or sensor.name, message)
+    loads: list[LoadPoint] = []
+    for name, section in top.sections("loads"):
+        section.check_keys(LOAD_KEYS)
+        loads.append(LoadPoint(name, section.body(), section.point("at")))
     return Header(
-        robot=robot,
-        modelled=modelled,
-        components=top.choice("components", COMPONENTS, "fea"),
-        readings=readings,
-        predictions=predictions,
-        source=source,
-        units={column: unit for column in units.data if (unit := units.text(column))},
-        ignore=ignore,
-        frames=frames,
-        sensors=_check_names(top, [channel for each in channels for channel in each]),
-        loads=tuple(_read_load(name, section) for name, section in top.sections("loads")),
-    )
+        robot, modelled, top.choice("components", COMPONENTS, "fea"), readings, predictions, source,
+        {column: unit for column in units.data if (unit := units.text(column))}, ignore, frames,
+        tuple(sensors), tuple(loads),
+    )  # fmt: skip
 
 
 def _read_frame(name: str, section: _Table) -> InstrumentFrame:
@@ -104,10 +106,10 @@ def _read_frame(name: str, section: _Table) -> InstrumentFrame:
             raise section.refuse("sigma", "expected none for a pose that is unknown")
         return InstrumentFrame(name, per=per)
     example = 'expected "unknown" or six values such as ["2 m", 0, "1 m", 0, 0, "90 deg"]'
-    pose = section.values("pose", _POSE, example)
-    sigma = None
+    pose, sigma = section.values("pose", _POSE, example), None
     if "sigma" in section.data:
-        sigma = section.values("sigma", _POSE, "expected six standard uncertainties", sign="non-negative")
+        example = "expected six standard uncertainties"
+        sigma = section.values("sigma", _POSE, example, sign="non-negative")
     return InstrumentFrame(name, pose, sigma, per)
 
 
@@ -121,16 +123,20 @@ def _read_sensor(name: str, section: _Table, frames: tuple[str, ...]) -> tuple[S
     body, direction = section.body(), section.direction("direction")
     against = section.text("against") or "ground"
     zero = section.choice("zero", ZEROS, "none")
+    at = (0.0, 0.0, 0.0)
     if measures == "rotation":
-        section.refuse_others(("at",), "expected no point for a rotation, which is the whole body's")
-        return (Sensor(name, body, direction, measures=measures, against=against, zero=zero),)
-    return (Sensor(name, body, direction, section.point("at"), measures, against, zero),)
+        message = "expected no point for a rotation, which is the whole body's"
+        section.refuse_others(("at",), message)
+    else:
+        at = section.point("at")
+    return (Sensor(name, body, direction, at, measures, against, zero),)
 
 
 def _read_target(name: str, section: _Table, frames: tuple[str, ...]) -> tuple[Sensor, ...]:
     """Return the channels of a target."""
     measures = section.text("measures") or ""
-    section.refuse_others(("direction", "against"), f"expected none for a {measures}, which a frame sees")
+    message = f"expected none for a {measures}, which a frame sees"
+    section.refuse_others(("direction", "against"), message)
     sigma = 0.0
     if "at_sigma" in section.data:
         try:
@@ -139,26 +145,13 @@ def _read_target(name: str, section: _Table, frames: tuple[str, ...]) -> tuple[S
             raise section.refuse("at_sigma", str(error)) from None
     body, at, frame = section.body(), section.point("at"), section.choice("frame", frames)
     zero = section.choice("zero", ZEROS, "none")
-    along = ("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0)), ("z", (0.0, 0.0, 1.0))
-    listed = [(name, along[0][1])] if measures == "distance" else [(f"{name}.{axis}", way) for axis, way in along]
+    along = {f"{name}.x": (1.0, 0.0, 0.0), f"{name}.y": (0.0, 1.0, 0.0), f"{name}.z": (0.0, 0.0, 1.0)}
+    if measures == "distance":
+        along = {name: (1.0, 0.0, 0.0)}
     return tuple(
-        Sensor(channel, body, way, at, measures, zero=zero, frame=frame, target=name, at_sigma=sigma)
-        for channel, way in listed
-    )
-
-
-def _check_names(top: _Table, sensors: list[Sensor]) -> tuple[Sensor, ...]:
-    """Return the channels. Raises InputError for duplicate names."""
-    names = [sensor.name for sensor in sensors]
-    for sensor in sensors:
-        if names.count(sensor.name) > 1:
-            raise top.table("sensors").refuse(sensor.target or sensor.name, f"expected another name than {sensor.name}")
-    return tuple(sensors)
-
-
-def _read_load(name: str, section: _Table) -> LoadPoint:
-    section.check_keys(LOAD_KEYS)
-    return LoadPoint(name, section.body(), section.point("at"))
+        Sensor(channel, body, way, at, measures, "ground", zero, frame, name, sigma)
+        for channel, way in along.items()
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -203,7 +196,8 @@ class _Table:
         value = self.text(key) if key in self.data or default is None else default
         if value is None or value not in choices:
             listed = ", ".join(choices) or f"a name of [{key}s], of which there are none"
-            raise self.refuse(key, f"expected one of {listed}, got {'nothing' if value is None else show_value(value)}")
+            got = "nothing" if value is None else show_value(value)
+            raise self.refuse(key, f"expected one of {listed}, got {got}")
         return value
 
     def body(self) -> str:
@@ -234,10 +228,11 @@ class _Table:
     def direction(self, key: str) -> tuple[float, float, float]:
         """Return a unit vector."""
         value: Any = self.data.get(key)
+        example = "expected three numbers such as [0, 0, 1]"
         given = cast("list[Any]", value) if isinstance(value, list) else []
-        if len(given) != 3 or not all(isinstance(v, int | float) for v in given):
-            raise self.refuse(key, f"expected three numbers such as [0, 0, 1], got {show_value(value)}")
-        along = np.array(self.values(key, (NUMBER,) * 3, ""))
+        if not all(isinstance(v, int | float) for v in given):
+            raise self.refuse(key, f"{example}, got {show_value(value)}")
+        along = np.array(self.values(key, (NUMBER,) * 3, example))
         size = float(np.linalg.norm(along))
         if not size > 0.0:
             raise self.refuse(key, f"expected a direction, got {show_value(value)}")

@@ -1,4 +1,4 @@
-"""Key columns of a table: the commanded pose, applied load and measured quantity of each row."""
+"""Columns of a campaign's table: poses, loads and quantities of rows; numbers in SI with limits."""
 
 from __future__ import annotations
 
@@ -7,23 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import (
-    AXES,
-    DEFLECTION,
-    DEVIATION,
-    FIRST_POSITION,
-    FREQUENCIES,
-    FREQUENCY,
-    JOINT,
-    KINDS,
-    POSITION,
-    QUANTITIES,
-    STIFFNESS,
-    WRENCH,
-    kind_of,
-)
-from stiffscope.gap.campaign.units import component, coordinate
-from stiffscope.runtime.table import check_columns
+from stiffscope.errors import InputError
+from stiffscope.gap.campaign import quantities as of
+from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, DEVIATION, KINDS, WRENCH, kind_of
+from stiffscope.robot.file.quantities import FORCE, LENGTH, MOMENT, NUMBER, Dimension, show_value, to_si
+from stiffscope.runtime.table import check_columns, numbers
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -35,7 +23,32 @@ if TYPE_CHECKING:
 OPTIONAL = ("session", "sensor", "quantity", "load", "kind")
 LABEL = ("pose",)
 """Coordinates of named poses."""
-_SHOWN_QUANTITIES = " ".join((*QUANTITIES[: QUANTITIES.index("f1")], "f1", "...", FREQUENCIES[-1]))
+_SHOWN_QUANTITIES = " ".join((*of.QUANTITIES[: of.FIRST_FREQUENCY + 1], "...", of.FREQUENCIES[-1]))
+
+
+# `least` is the smallest standard uncertainty of any instrument.
+MOVED = Dimension("a displacement", "m", "um", 1e-14, 10.0)
+_TURNED = Dimension("a rotation", "rad", "urad", 1e-14, 10)
+_STIFF = (
+    Dimension("a stiffness", "N/m", "N/um", 1e-6, 1e18),
+    Dimension("a rotational stiffness", "N*m/rad", "N*m/mrad", 1e-6, 1e18),
+)
+_OFTEN = Dimension("a frequency", "Hz", "Hz", 1e-9, 1e12)
+_THERE = Dimension("a position", "m", "mm", 1e-14, LENGTH.most)
+_MEASURED = {  # by kind: translation, rotation
+    DEFLECTION: (MOVED, _TURNED),
+    DEVIATION: (MOVED, _TURNED),
+    of.STIFFNESS: _STIFF,
+    of.PUSH: _STIFF,
+    of.FREQUENCY: (_OFTEN, _OFTEN),
+    of.POSITION: (_THERE, _THERE),
+}
+_PLACE = Dimension("a length", "m", "mm", most=LENGTH.most)
+_TURN = Dimension("an angle", "rad", "deg", most=1e4)
+_WRENCH = (
+    Dimension("a force", "N", "N", most=FORCE.most),
+    Dimension("a moment", "N*m", "N*mm", most=MOMENT.most),
+)
 
 
 @dataclass(frozen=True)
@@ -64,10 +77,11 @@ class Keys:
 
 def coordinates_of(columns: Collection[str], *, bare: bool) -> tuple[str, ...]:
     """Return a table's pose columns, by default those of a position; ``bare``: or names."""
-    places = [name for name in columns if name in AXES or name.startswith(JOINT)]
+    places = [name for name in columns if name in AXES or name.startswith(of.JOINT)]
     if "pose" in columns and (bare or not places):
         return LABEL
-    return tuple(sorted(places, key=lambda n: AXES.index(n) if n in AXES else len(AXES))) or AXES[:3]
+    places.sort(key=(*AXES, *places).index)
+    return tuple(places) or AXES[:3]
 
 
 def check_readings_columns(name: str, columns: list[str], *, bare: bool) -> None:
@@ -104,8 +118,8 @@ def read_keys(table: Table, header: Header, *, bare: bool) -> Keys:
     applied = _read_applied(table, header)
     quantity, sensor = _read_measured(table, header, applied)
     names = [load.name for load in header.loads]
-    expected = f"one of campaign.toml's [loads] {' '.join(names) or '(none)'}, or an empty cell for M"
-    load = table.codes("load", names, expected)
+    listed = f"one of campaign.toml's [loads] {' '.join(names) or '(none)'}"
+    load = table.codes("load", names, f"{listed}, or an empty cell for M")
     wrench = _check_wrench(table, applied, quantity, sensor, load)
     if coordinates == LABEL:
         cells = table.columns["pose"]
@@ -113,17 +127,17 @@ def read_keys(table: Table, header: Header, *, bare: bool) -> Keys:
             raise table.fail(cells.index(""), "pose", "the label of a pose")
         place: tuple[tuple[Any, ...], ...] = tuple((cell,) for cell in cells)
     else:
-        place = tuple(zip(*(coordinate(table, header, name).tolist() for name in coordinates), strict=True))
+        values = (coordinate(table, header, name).tolist() for name in coordinates)
+        place = tuple(zip(*values, strict=True))
     return Keys(table, coordinates, place, wrench, quantity, sensor, load, table.column("session"))
 
 
 def _read_applied(table: Table, header: Header) -> Array:
     """Return wrenches (n, 6) from the cells; zero for missing columns, NaN for empty cells."""
     given = [name in table.columns for name in WRENCH]
-    columns = [
-        component(table, header, name) if name in table.columns else np.zeros(len(table.lines)) for name in WRENCH
-    ]
-    out = np.column_stack(columns)
+    out = np.zeros((len(table.lines), 6))
+    for k in np.flatnonzero(given):
+        out[:, k] = component(table, header, WRENCH[k])
     out[np.isnan(out[:, given]).all(axis=1)] = np.nan  # also if there are no columns
     return out
 
@@ -133,14 +147,15 @@ def _read_measured(table: Table, header: Header, applied: Array) -> tuple[Indice
     names = [sensor.name for sensor in header.sensors]
     shown = f"one of {_SHOWN_QUANTITIES}"
     listed = f"one of campaign.toml's [sensors] {' '.join(names) or '(none)'}"
-    quantity = table.codes("quantity", QUANTITIES, shown)
+    quantity = table.codes("quantity", of.QUANTITIES, shown)
     sensor = table.codes("sensor", names, listed)
     at_tool, by_sensor = quantity >= 0, sensor >= 0
     both = "an empty cell beside a quantity: one of the two a row"
     table.refuse_where(at_tool & by_sensor, "sensor", both)
     column = "quantity" if "quantity" in table.columns else "sensor"
     table.refuse_where(~at_tool & ~by_sensor, column, listed if names else shown)
-    absolute = np.array([s.absolute for s in header.sensors] or [False])[np.maximum(sensor, 0)] & by_sensor
+    every = np.maximum(sensor, 0)
+    absolute = np.array([s.absolute for s in header.sensors] or [False])[every] & by_sensor
     kind = table.codes("kind", KINDS[:2], "deflection or deviation")
     wrong = (kind >= 0) & at_tool & (kind != quantity // 6)
     table.refuse_where(wrong, "kind", "an empty cell beside a quantity, which says its kind")
@@ -148,31 +163,148 @@ def _read_measured(table: Table, header: Header, applied: Array) -> tuple[Indice
     table.refuse_where((kind >= 0) & absolute, "kind", message)
     loaded = (np.nan_to_num(applied) != 0.0).any(axis=1)
     kind = np.where(kind >= 0, kind, np.where(loaded, DEFLECTION, DEVIATION))
-    axis = np.array([s.axis for s in header.sensors] or [0])[np.maximum(sensor, 0)]
-    seen = np.where(absolute, FIRST_POSITION + axis, 6 * kind + axis)
+    axis = np.array([s.axis for s in header.sensors] or [0])[every]
+    seen = np.where(absolute, of.FIRST_POSITION + axis, 6 * kind + axis)
     return np.where(by_sensor, seen, quantity), sensor
 
 
-def _check_wrench(table: Table, applied: Array, quantity: Indices, sensor: Indices, load: Indices) -> Array:
+def _check_wrench(
+    table: Table, applied: Array, quantity: Indices, sensor: Indices, load: Indices
+) -> Array:  # fmt: skip
     """Return wrenches (n, 6): NaN for stiffnesses and frequencies, zero if nothing is applied."""
     kind = kind_of(quantity)
     nothing = (np.nan_to_num(applied) == 0.0).all(axis=1)
     at_tool = (kind == DEFLECTION) & (sensor < 0)
     if not any(name in table.columns for name in WRENCH):
         table.refuse_where(at_tool, "fx", "a wrench for a deflection (columns fx fy fz mx my mz)")
-    stiff = (kind >= STIFFNESS) & (kind <= FREQUENCY)
+    stiff = (kind >= of.STIFFNESS) & (kind <= of.FREQUENCY)
     for k, name in enumerate(WRENCH):
         if name in table.columns:
             empty = np.isnan(applied[:, k])
             message = "a finite number: a deflection needs its wrench"
             table.refuse_where(at_tool & nothing & empty, name, message)
-            if (stiff & ~empty).any():
-                which = KINDS[int(kind[int(np.argmax(stiff & ~empty))])].replace("push", "stiffness")
-                table.refuse_where(stiff & ~empty, name, f"an empty cell: a {which} reading has no wrench")
+            row = int(np.argmax(stiff & ~empty))  # the first wrong one, if any
+            which = KINDS[int(kind[row])].replace("push", "stiffness")
+            message = f"an empty cell: a {which} reading has no wrench"
+            table.refuse_where(stiff & ~empty, name, message)
             moved = (kind == DEVIATION) & ~empty & (applied[:, k] != 0)
             table.refuse_where(moved, name, "0: a deviation is read on the unloaded platform")
-    loaded = (kind == DEFLECTION) | (kind == POSITION) | ((kind == DEVIATION) & nothing)
+    loaded = (kind == DEFLECTION) | (kind == of.POSITION) | ((kind == DEVIATION) & nothing)
     table.refuse_where((load >= 0) & ~loaded, "load", "an empty cell: only a deflection has a load")
     out = np.nan_to_num(applied)
     out[stiff] = np.nan
     return out
+
+
+def check_units(header: Header, table: Table) -> None:
+    """Raise InputError for units of unknown or missing columns."""
+    known = {*AXES, *WRENCH, "value", "sigma"}
+    for column in header.units:
+        if column not in known and not column.startswith(of.JOINT):
+            valid = ", ".join((*AXES, *WRENCH, "value", "sigma", "q:of.JOINT"))
+            raise header.source.refuse(("units", column), f"expected a column among {valid}")
+        if column not in table.columns and column in {"value", "sigma"}:
+            raise InputError(f"{table.name}:1: {column}: expected this column, got none")
+
+
+def coordinate(table: Table, header: Header, name: str) -> Array:
+    """Return a commanded coordinate (n,) in SI."""
+    dimensions = (_PLACE,) if name in AXES[:3] else (_TURN,) if name in AXES else (_PLACE, _TURN)
+    unit = " or ".join({"m": "metres", "rad": "radians"}[each.unit] for each in dimensions)
+    values = numbers(table, name, expected=f"a finite number of {unit}")
+    values = values * _factor(header, name, *dimensions)
+    _check_most(table, name, values, dimensions[0])
+    return np.round(values, 12)
+
+
+def component(table: Table, header: Header, name: str) -> Array:
+    """Return a component of the wrench (n,) in SI; NaN for empty cells."""
+    dimension = _WRENCH[WRENCH.index(name) // 3]
+    values = numbers(table, name, empty=True, expected="a finite number or an empty cell")
+    values = values * _factor(header, name, dimension)
+    _check_most(table, name, values, dimension)
+    return values
+
+
+def _factor(header: Header, column: str, *dimensions: Dimension) -> float:
+    """Return the SI value of a column's unit. Raises InputError if it fits no dimension."""
+    unit = header.units.get(column)
+    if unit is None:
+        return 1.0
+    for dimension in dimensions:
+        try:
+            return to_si(f"1 {unit}", dimension)
+        except ValueError:
+            continue
+    expected = " or ".join(f'{d.noun} such as "{d.example}"' for d in dimensions)
+    message = f"expected a unit of {expected}, got {show_value(unit)}"
+    raise header.source.refuse(("units", column), message)
+
+
+def readings_in_si(
+    table: Table, header: Header, column: str, values: Array, quantity: Indices, *,
+    unit_of: str = "",
+) -> Array:  # fmt: skip
+    """Convert readings to SI.
+
+    Parameters
+    ----------
+    table, header
+        Table and header of the campaign.
+    column
+        Column of the values.
+    values
+        Values (n,) as written; NaN is kept.
+    quantity
+        Quantity codes (n,) of the rows.
+    unit_of
+        Column whose unit applies; by default their own.
+
+    Raises
+    ------
+    InputError
+        The unit does not fit a row's quantity, or a value is implausibly large or fine.
+
+    """
+    unit_of = unit_of or column
+    unit = header.units.get(unit_of)
+    out = np.array(values)
+    kinds, turns = kind_of(quantity), quantity % 6 // 3
+    for kind, turn in {(int(k), int(t)) for k, t in zip(kinds, turns, strict=True)}:
+        mine = (kinds == kind) & (turns == turn)
+        dimension = _MEASURED[kind][turn]
+        try:
+            with np.errstate(over="ignore"):  # overflow is refused below
+                out[mine] *= to_si(f"1 {unit}", dimension) if unit else 1.0
+        except ValueError:
+            _check_unit(header, str(unit), unit_of)
+            row = int(np.argmax(mine))
+            measured = "quantity" if table.column("quantity")[row] else "sensor"
+            stated = f"measured in {unit}, as campaign.toml says of {unit_of}"
+            message = f"a reading that is {stated}, not {dimension.noun}"
+            raise table.fail(row, measured, message) from None
+        _check_most(table, column, np.where(mine, out, 0.0), dimension)
+        fine = mine & (out < dimension.least) & (out > 0.0)
+        if column == "sigma":
+            message = f"an uncertainty of at least {dimension.least:g} {dimension.unit}"
+            table.refuse_where(fine, column, message)
+    return out
+
+
+def _check_most(table: Table, column: str, values: Array, dimension: Dimension) -> None:
+    """Raise InputError for values (n,), SI, beyond those of any robot."""
+    limit = f"{dimension.noun} of at most {dimension.most:g} {dimension.unit}"
+    unit = f'units = {{ {column} = "{dimension.example}" }}'
+    message = f"{limit} (another unit than SI is named in campaign.toml: {unit})"
+    table.refuse_where(np.abs(values) > dimension.most, column, message)
+
+
+def _check_unit(header: Header, unit: str, column: str) -> None:
+    for dimension in (*(each for pair in _MEASURED.values() for each in pair), NUMBER):
+        try:
+            to_si(f"1 {unit}", dimension)
+        except ValueError:
+            continue
+        return
+    message = f'expected a unit such as "um", "urad" or "N/um", got {show_value(unit)}'
+    raise header.source.refuse(("units", column), message)

@@ -31,21 +31,17 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
     """
     _check_bodies(campaign, robot)
     if len(campaign.poses) > MOST_POSES:
-        row = int(np.argmax(campaign.pose >= MOST_POSES))
-        raise InputError(
-            f"{campaign.where(row)}: {campaign.coordinates[0]}: expected at most {MOST_POSES:,} different poses, "
-            "got more; leave some out, a few dozen tell as much"
-        )
-    return _look_up(campaign, robot) if np.isnan(campaign.poses).any() else _order_columns(campaign, robot)
-
-
-def _look_up(campaign: Campaign, robot: RobotFile) -> Campaign:
-    """Replace named poses by coordinates."""
-    for k, name in enumerate(campaign.pose_names):
+        where = campaign.where(int(np.argmax(campaign.pose >= MOST_POSES)))
+        most = f"expected at most {MOST_POSES:,} different poses"
+        got = "got more; leave some out, a few dozen tell as much"
+        raise InputError(f"{where}: {campaign.coordinates[0]}: {most}, {got}")
+    if not np.isnan(campaign.poses).any():
+        return _order_columns(campaign, robot)
+    for k, name in enumerate(campaign.pose_names):  # named poses
         if name not in robot.poses:
             where = campaign.where(int(np.argmax(campaign.pose == k)))
-            known = ", ".join(robot.poses) or "(none)"
-            raise InputError(f"{where}: pose: expected one of {robot.name}'s [poses] {known}, got {name!r}")
+            known = f"{robot.name}'s [poses] {', '.join(robot.poses) or '(none)'}"
+            raise InputError(f"{where}: pose: expected one of {known}, got {name!r}")
     poses = np.array([robot.poses[name] for name in campaign.pose_names])
     return replace(campaign, poses=poses, coordinates=tuple(robot.tool.pose))
 
@@ -59,12 +55,12 @@ def _order_columns(campaign: Campaign, robot: RobotFile) -> Campaign:
         strange = [name for name in given if name not in {*pose, *joints}]
         valid = joints if given[0].startswith(JOINT) else pose
         lacking = [*strange, *(name for name in valid if name not in given)]
-        raise InputError(
-            f"{campaign.files[0]}:1: {lacking[0]}: expected the coordinates that command {robot.name}: "
-            f"{' '.join(pose)}, or {' '.join(joints)}, got {' '.join(given)}"
-        )
+        expected = f"{' '.join(pose)}, or {' '.join(joints)}, got {' '.join(given)}"
+        where = f"{campaign.files[0]}:1: {lacking[0]}"
+        command = f"the coordinates that command {robot.name}"
+        raise InputError(f"{where}: expected {command}: {expected}")
     order = [given.index(name) for name in wanted]
-    return campaign if given == wanted else replace(campaign, poses=campaign.poses[:, order], coordinates=wanted)
+    return replace(campaign, poses=campaign.poses[:, order], coordinates=wanted)
 
 
 def _check_bodies(campaign: Campaign, robot: RobotFile) -> None:
@@ -74,7 +70,8 @@ def _check_bodies(campaign: Campaign, robot: RobotFile) -> None:
     def check(name: str, *key: str, moves: bool) -> None:
         if name not in known or (moves and name == GROUND):
             valid = ", ".join(node for node in known if not (moves and node == GROUND))
-            raise campaign.refuse(key, f"expected a body or an end of one ({valid}), got {show_value(name)}")
+            expected = f"expected a body or an end of one ({valid})"
+            raise campaign.refuse(key, f"{expected}, got {show_value(name)}")
 
     for sensor in campaign.sensors:
         section = sensor.target or sensor.name

@@ -9,19 +9,20 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.gap.campaign import keys as of_rows
 from stiffscope.gap.campaign.campaign import Campaign
 from stiffscope.gap.campaign.campaign_header import load_header
-from stiffscope.gap.campaign.keys import (
-    LABEL,
-    OPTIONAL,
-    check_predictions_columns,
-    check_readings_columns,
-    coordinates_of,
-    read_keys,
-)
+from stiffscope.gap.campaign.keys import LABEL, MOVED, OPTIONAL, coordinates_of, readings_in_si
 from stiffscope.gap.campaign.on_robot import match_robot
-from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, FREQUENCY, STIFFNESS, WRENCH, kind_of, label_pose
-from stiffscope.gap.campaign.units import MOVED, check_units, readings_in_si
+from stiffscope.gap.campaign.quantities import (
+    AXES,
+    DEFLECTION,
+    FREQUENCY,
+    STIFFNESS,
+    WRENCH,
+    kind_of,
+    label_pose,
+)  # fmt: skip
 from stiffscope.runtime.reading import open_file
 from stiffscope.runtime.reading import show_path as shown_path
 from stiffscope.runtime.table import numbers, read_table
@@ -37,7 +38,9 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
-def load_campaign(folder: Path, robot: RobotFile | None = None, *, planned: bool = False) -> Campaign:
+def load_campaign(
+    folder: Path, robot: RobotFile | None = None, *, planned: bool = False
+) -> Campaign:  # fmt: skip
     """Load the campaign in a folder.
 
     Parameters
@@ -122,19 +125,20 @@ def _check_some(c: Campaign) -> None:
     """Raise InputError if all readings are zero (no gap in percent), or no deflection is loaded."""
     moved = c.kind == DEFLECTION
     if c.robot is not None and moved.any() and not c.wrench[moved].any():
-        where, count = c.where(int(np.argmax(moved))), int(moved.sum())
-        raise InputError(f"{where}: fx: expected a wrench other than zero, got none in {count:,} deflections")
+        where, got = c.where(int(np.argmax(moved))), f"none in {int(moved.sum()):,} deflections"
+        raise InputError(f"{where}: fx: expected a wrench other than zero, got {got}")
     none = (np.abs(c.value) < MOVED.least) & ~c.relative
     if len(c) and none.all():
-        raise InputError(f"{c.where(0)}: value: expected readings other than zero, got none in {len(c):,} rows")
+        got = f"none in {len(c):,} rows"
+        raise InputError(f"{c.where(0)}: value: expected readings other than zero, got {got}")
 
 
 def _read_readings(path: Path, header: Header, *, planned: bool) -> tuple[Keys, Array, Array]:
     """Return the keys, values and uncertainties (n,) of a table."""
     bare = header.predictions is not None
-    table = read_table(path, partial(check_readings_columns, bare=bare), header.ignore)
-    check_units(header, table)
-    keys = read_keys(table, header, bare=bare)
+    table = read_table(path, partial(of_rows.check_readings_columns, bare=bare), header.ignore)
+    of_rows.check_units(header, table)
+    keys = of_rows.read_keys(table, header, bare=bare)
     value = numbers(table, "value", empty=planned, expected="a finite reading in SI")
     value = readings_in_si(table, header, "value", value, keys.quantity)
     kind = kind_of(keys.quantity)
@@ -160,25 +164,26 @@ def _number_poses(parts: list[Keys]) -> tuple[tuple[str, ...], list[int], list[l
 
 def _read_predictions(path: Path, header: Header, parts: list[Keys]) -> dict[str, Array]:
     """Return the predicted values (n,) of all readings by each model of a table."""
-    table = read_table(path, check_predictions_columns, header.ignore)
+    table = read_table(path, of_rows.check_predictions_columns, header.ignore)
     expected = parts[0].coordinates
     if coordinates_of(table.columns, bare=True) != expected:
-        raise InputError(f"{table.name}:1: expected the readings' own key columns ({' '.join(expected)})")
+        listed = " ".join(expected)
+        raise InputError(f"{table.name}:1: expected the readings' own key columns ({listed})")
     if "sigma" in table.columns:
         raise InputError(f"{table.name}:1: sigma: expected predictions, which have no sigma")
-    keys = read_keys(table, header, bare=True)
+    keys = of_rows.read_keys(table, header, bare=True)
     models = [n for n in table.columns if n not in {*expected, *WRENCH, *OPTIONAL, *AXES}]
-    found = [numbers(table, name, expected="a finite predicted value in SI") for name in models]
-    pairs = zip(models, found, strict=True)
-    values = np.stack(
-        [readings_in_si(table, header, name, v, keys.quantity, unit_of="value") for name, v in pairs], axis=1
-    )
+    read = partial(numbers, table, expected="a finite predicted value in SI")
+    convert = partial(readings_in_si, table, header, quantity=keys.quantity, unit_of="value")
+    found = {name: read(name) for name in models}
+    values = np.stack([convert(name, each) for name, each in found.items()], axis=1)
     by_session = "session" in table.columns
     row_of: dict[tuple[Any, ...], int] = {}
     for row, key in enumerate(keys.identities(sessions=by_session)):
         first = row_of.setdefault(key, row)
         if np.any(values[first] != values[row]):
-            raise table.fail(row, "value", f"the prediction already given on line {table.lines[first]}")
+            line = table.lines[first]
+            raise table.fail(row, "value", f"the prediction already given on line {line}")
     picked: list[int] = []
     for part in parts:
         for row, key in enumerate(part.identities(sessions=by_session)):

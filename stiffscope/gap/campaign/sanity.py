@@ -41,7 +41,8 @@ class ReadingRemark:
     """A doubt about the readings of one instrument."""
 
     doubt: str
-    """"unit", "sensor-sign", "sensor-step", "constant", "copied", "outlier", "contradiction", "no-load" or "few"."""
+    """"unit", "sensor-sign", "sensor-step", "constant", "copied", "outlier", "contradiction",
+    "no-load" or "few"."""
     instrument: str
     """Name of the instrument or load; empty if all are meant."""
     where: tuple[str, ...]
@@ -160,7 +161,9 @@ class _Look:
     """Fraction of its readings with the opposite sign."""
 
 
-def _look_at_all(c: Campaign, channels: Iterable[tuple[str, Indices]], predicted: Array) -> list[_Look | None]:
+def _look_at_all(
+    c: Campaign, channels: Iterable[tuple[str, Indices]], predicted: Array
+) -> list[_Look | None]:  # fmt: skip
     """Return unit and sign of each channel; for the sign, deflections precede deviations."""
     out: list[_Look | None] = []
     signed: set[int] = set()
@@ -194,18 +197,17 @@ def _look_at(c: Campaign, rows: Indices, value: Array, model: Array) -> _Look | 
     ratio = float(np.median(np.abs(value[sized] / model[sized])))
     within = 1.0 / UNIT < ratio < UNIT
     same = 1.0 / _SAME < ratio < _SAME
-    alike = abs(agree) > _AGREE and (kind == DEFLECTION or (same and _varies_as_much(value, model)))
+    size = float(np.linalg.norm(value) * np.linalg.norm(model))
+    varies = len(value) >= 2 * LEAST and abs(float(value @ model)) > _AGREE * size
+    alike = abs(agree) > _AGREE and (kind == DEFLECTION or (same and varies))
     factor = np.nan
     if (kind >= STIFFNESS or alike) and ratio > 0.0:
         turns = bool(c.direction[rows[0]] >= 3) and kind <= DEVIATION
-        factor = 1.0 if within else _nearest_factor(ratio, turns=turns)
+        known = [10.0 ** round(np.log10(ratio)), *([DEGREES, 1.0 / DEGREES] if turns else [])]
+        nearest = min(known, key=lambda each: abs(np.log(ratio / each)))
+        factor = 1.0 if within else nearest
     sign = float(np.sign(agree)) if alike and kind <= DEVIATION else 0.0
     return _Look(factor, ratio, sign, float(np.mean(value[sized] * model[sized] < 0)))
-
-
-def _nearest_factor(ratio: float, *, turns: bool) -> float:
-    known = [10.0 ** round(np.log10(ratio)), *([DEGREES, 1.0 / DEGREES] if turns else [])]
-    return min(known, key=lambda factor: abs(np.log(ratio / factor)))
 
 
 def _compare(c: Campaign, name: str, rows: Indices, look: _Look) -> Iterator[ReadingRemark]:
@@ -250,15 +252,10 @@ def find_doubts(campaign: Campaign, predicted: Array) -> Doubts:
         if step is not None:
             row, usual = int(rows[step[0]]), float(np.sqrt(np.mean(model**2)))
             steps.setdefault(name, ((int(c.file[row]), int(c.line[row])), usual, turning[name]))
-    at_tool = {name for name in turning if name not in {sensor.name for sensor in c.sensors}}
-    family = at_tool or set(turning)
-    families = {
-        INSTRUMENT: family,
-        TRANSLATION: {name for name in family if not turning[name]},
-        ROTATION: {name for name in family if turning[name]},
-    }
-    units = _gather(factors, families)
-    return Doubts(units, tuple(_gather(signs, families)), steps)
+    family = set(turning) - {sensor.name for sensor in c.sensors} or set(turning)
+    rotations = {name for name in family if turning[name]}
+    families = {INSTRUMENT: family, TRANSLATION: family - rotations, ROTATION: rotations}
+    return Doubts(_gather(factors, families), tuple(_gather(signs, families)), steps)
 
 
 def _gather(seen: Mapping[str, float], families: Mapping[str, set[str]]) -> dict[str, float]:
@@ -270,12 +267,6 @@ def _gather(seen: Mapping[str, float], families: Mapping[str, set[str]]) -> dict
             out[family] = values.pop()
             left = {name: value for name, value in left.items() if name not in members}
     return out | {name: value for name, value in left.items() if value != 1.0}
-
-
-def _varies_as_much(value: Array, model: Array) -> bool:
-    """Return whether values (n,) without median correlate with the model's, with either sign."""
-    size = np.linalg.norm(value) * np.linalg.norm(model)
-    return len(value) >= 2 * LEAST and bool(abs(float(value @ model)) > _AGREE * size)
 
 
 def _scatter(c: Campaign, rows: Indices, value: Array, model: Array) -> Array:
@@ -316,24 +307,17 @@ def _find_breaks(c: Campaign, name: str, rows: Indices, left: Array) -> Iterator
 
 def _find_jump(left: Array) -> tuple[int, float] | None:
     """Return the index and size of a jump of a scatter (r,); None if there is none."""
-    place = _find_step(left)
-    if not place:
-        return None
-    jump = float(np.median(left[place:]) - np.median(left[:place]))
-    after = _spread(np.where(np.arange(len(left)) >= place, left - jump, left))
-    return (place, jump) if abs(jump) > _JUMP * after and _spread(left) > _CLEARED * after else None
-
-
-def _find_step(values: Array) -> int:
-    """Return the index that best splits values (n,) into two levels; 0 if there are too few."""
-    count = len(values)
+    count, spread = len(left), _spread(left)
     if count < 2 * (_SIDE + 1):
-        return 0
-    clipped = np.clip(_centre(values), -10 * _spread(values), 10 * _spread(values))
+        return None
+    clipped = np.clip(_centre(left), -10 * spread, 10 * spread)
     total = np.cumsum(clipped)[_SIDE - 1 : count - _SIDE]
     before = np.arange(_SIDE, count - _SIDE + 1)
     gain = total**2 / before + (clipped.sum() - total) ** 2 / (count - before)
-    return int(before[np.argmax(gain)])
+    place = int(before[np.argmax(gain)])  # which splits them best into two levels
+    jump = float(np.median(left[place:]) - np.median(left[:place]))
+    after = _spread(np.where(np.arange(count) >= place, left - jump, left))
+    return (place, jump) if abs(jump) > _JUMP * after and spread > _CLEARED * after else None
 
 
 def _name_outliers(c: Campaign, name: str, rows: Indices, left: Array) -> Iterator[ReadingRemark]:
