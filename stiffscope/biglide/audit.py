@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _EXPLAINED = 5e-3  # relative; the reading explains K_ty, K_tz and K_rz to 0.3 %
 _LAST_DIGIT = 500.0  # N/m, N·m/rad: half the last printed digit of stiffnesses (K_tz: times 1e3)
 _LAST_COMPLIANCE_DIGIT = 5e-13  # half the last printed digit of compliances
+_ROWS = ("without_gravity", "with_gravity", "experiment")
 
 
 @dataclass(frozen=True)
@@ -57,28 +58,26 @@ def findings_on_paper(robot: RobotFile, solid: np.ndarray | None) -> list[Findin
     """
     matrices = part_matrices(robot, "published")
     model = published_model(mechanism_of(robot, matrices), robot.parameters)
-    beam = beam_compliance(robot, "slider", lambda length, plate, *e: euler_bernoulli(length, polar(plate), *e))
+    beam = beam_compliance(robot, "slider", lambda n, plate, *e: euler_bernoulli(n, polar(plate), *e))
     found = compliance_findings("Eq. (29)", matrices["slider"].compliance, beam, solid)
     printed = read_published("stiffness")
     for source, point in (("Eq. (30a)", "P1"), ("Eq. (30b)", "P2")):
         matrix = np.array(printed[point]["stiffness"]) * printed["unit"]
         found += matrix_findings(model, source, math.radians(printed[point]["q_deg"]), matrix)
     principal = read_published("principal_stiffness")
-    rows = {point: _rows(principal, point) for point in ("Q1", "Q2")}
+    rms: list[Finding] = []
     for source, point in (("Table 5", "Q1"), ("Table 6", "Q2")):
-        found += principal_findings(model, source, math.radians(principal[point]["q_deg"]), rows[point])
-    for point in ("Q1", "Q2"):
+        table = principal[point]
+        rows = {row: [value * principal["unit"] for value in table[row]] for row in _ROWS}
+        found += principal_findings(model, source, math.radians(table["q_deg"]), rows)
         percent = {row: values[point] for row, values in principal["rms_percent"].items()}
-        found += rms_findings(point, percent, rows[point])
-    return found
+        rms += rms_findings(point, percent, rows)
+    return found + rms
 
 
-def _rows(principal: dict[str, Any], point: str) -> dict[str, Sequence[float]]:
-    rows = ("without_gravity", "with_gravity", "experiment")
-    return {row: [value * principal["unit"] for value in principal[point][row]] for row in rows}
-
-
-def principal_findings(model: PublishedModel, source: str, q: float, rows: dict[str, Sequence[float]]) -> list[Finding]:
+def principal_findings(
+    model: PublishedModel, source: str, q: float, rows: dict[str, Sequence[float]]
+) -> list[Finding]:  # fmt: skip
     """Judge Tables 5 and 6: six principal stiffnesses, SI, by row, at a link angle ``q`` in rad.
 
     The rows are ``without_gravity``, ``with_gravity`` and ``experiment``. The printed change due to
@@ -93,21 +92,25 @@ def principal_findings(model: PublishedModel, source: str, q: float, rows: dict[
     for row, values in rows.items():
         correct = plain if row == "without_gravity" else loaded
         for k, name in enumerate(DIAGONAL):
-            printed = _Printed(source, f"{name} {row}", values[k], _LAST_DIGIT * (1e3 if name == "K_tz" else 1.0))
+            rounding = _LAST_DIGIT * (1e3 if name == "K_tz" else 1.0)
+            printed = _Printed(source, f"{name} {row}", values[k], rounding)
+            reading, note = None, "a measurement"
             if row == "without_gravity":
-                findings.append(printed.judge(recomputed[k], correct[k], bounds[k]))
+                reading, note = recomputed[k], None
             elif row == "with_gravity":
                 change = values[k] / rows["without_gravity"][k] - 1.0
-                note = f"weight changes it by {change:+.2%} in print, {loaded[k] / plain[k] - 1.0:+.4%} correctly"
-                findings.append(printed.judge(None, correct[k], bounds[k], note))
-            else:
-                findings.append(printed.judge(None, correct[k], bounds[k], "a measurement"))
+                right = f"{loaded[k] / plain[k] - 1.0:+.4%} correctly"
+                note = f"weight changes it by {change:+.2%} in print, {right}"
+            findings.append(printed.judge(reading, correct[k], bounds[k], note))
         twisting = _Printed(source, f"K_rx + K_rz {row}", values[3] + values[5], 2.0 * _LAST_DIGIT)
-        findings.append(twisting.judge(None, correct[3] + correct[5], model.rotational_bound, "a sum"))
+        both = correct[3] + correct[5]
+        findings.append(twisting.judge(None, both, model.rotational_bound, "a sum"))
     return findings
 
 
-def matrix_findings(model: PublishedModel, source: str, q: float, published: np.ndarray) -> list[Finding]:
+def matrix_findings(
+    model: PublishedModel, source: str, q: float, published: np.ndarray
+) -> list[Finding]:  # fmt: skip
     """Judge printed stiffnesses on and above the diagonal, except entries that are rightly zero."""
     recomputed = model.reading_r1(q)
     correct = stiffness(model.mechanism, model.dimensions.tool_point(q), gravity="exact")[0]
@@ -115,11 +118,10 @@ def matrix_findings(model: PublishedModel, source: str, q: float, published: np.
     correct = np.where(np.abs(correct) < 1e-6 * size, 0.0, correct)
     bounds = model.bounds(q)[0]
     findings: list[Finding] = []
-    for i, j in zip(*np.triu_indices(6), strict=True):
-        if published[i, j] or correct[i, j]:
-            printed = _Printed(source, f"K{i + 1}{j + 1}", float(published[i, j]), _LAST_DIGIT)
-            bound = float(bounds[i]) if i == j else None
-            findings.append(printed.judge(float(recomputed[i, j]), float(correct[i, j]), bound))
+    for i, j in np.argwhere(np.triu((published != 0.0) | (correct != 0.0))).tolist():
+        printed = _Printed(source, f"K{i + 1}{j + 1}", float(published[i, j]), _LAST_DIGIT)
+        bound = float(bounds[i]) if i == j else None
+        findings.append(printed.judge(float(recomputed[i, j]), float(correct[i, j]), bound))
     return findings
 
 
@@ -128,20 +130,23 @@ def compliance_findings(
 ) -> list[Finding]:
     """Judge the printed compliance by Euler-Bernoulli theory (torsion: I_y + I_z) and a solid's."""
     findings: list[Finding] = []
-    for i, j in zip(*np.triu_indices(6), strict=True):
-        if not published[i, j]:
-            continue
+    for i, j in np.argwhere(np.triu(published)).tolist():
         printed, theory = float(published[i, j]), float(beam[i, j])
         correct = float(solid[i, j]) if solid is not None else float("nan")
         is_beam = abs(printed - theory) <= max(_LAST_COMPLIANCE_DIGIT, _EXPLAINED * abs(theory))
-        verdict = "a beam formula, to its last digit, not FEA" if is_beam else "no beam formula gives it"
+        verdict = "no beam formula gives it"
+        if is_beam:
+            verdict = "a beam formula, to its last digit, not FEA"
         if solid is not None:
             verdict += f"; the solid's is {correct / printed:.3g} x"
-        findings.append(Finding(source, f"C{i + 1}{j + 1}", printed, theory, correct, None, verdict))
+        entry = f"C{i + 1}{j + 1}"
+        findings.append(Finding(source, entry, printed, theory, correct, None, verdict))
     return findings
 
 
-def rms_findings(point: str, printed: dict[str, float], rows: dict[str, Sequence[float]]) -> list[Finding]:
+def rms_findings(
+    point: str, printed: dict[str, float], rows: dict[str, Sequence[float]]
+) -> list[Finding]:  # fmt: skip
     """Compare printed RMS figures in % with ``sqrt(Σe²)/6`` and the true RMS ``sqrt(Σe²/6)``."""
     measured = np.array(rows["experiment"])
     findings: list[Finding] = []
@@ -155,7 +160,8 @@ def rms_findings(point: str, printed: dict[str, float], rows: dict[str, Sequence
             verdict = f"sqrt(Σe²)/6, not the root mean square, which is {rms:.3g} %"
         else:
             verdict = "not explained"
-        findings.append(Finding("text", f"RMS {row} at {point} (%)", value, sixth, float(rms), None, verdict))
+        entry = f"RMS {row} at {point} (%)"
+        findings.append(Finding("text", entry, value, sixth, float(rms), None, verdict))
     return findings
 
 
@@ -169,8 +175,9 @@ class _Printed:
     rounding: float
 
     def judge(
-        self, as_published: float | None, correct: float, bound: float | None, note: str | None = None
-    ) -> Finding:
+        self, as_published: float | None, correct: float, bound: float | None,
+        note: str | None = None,
+    ) -> Finding:  # fmt: skip
         """Return the finding; a ``note`` is appended to its verdict."""
         notes: list[str] = []
         if bound is not None and self.value - self.rounding > bound:
@@ -181,26 +188,22 @@ class _Printed:
             notes.append(f"correct, to {_percent(_off(self.value, correct))}")
         else:
             if as_published is not None and self._is(as_published):
-                notes.append(
-                    "reading R1, to its last digit"
-                    if self._rounds(as_published)
-                    else self._compare_reading(as_published)
-                )
+                digits = "its last digit"
+                if abs(self.value - as_published) > self.rounding:
+                    digits = _percent(_off(self.value, as_published))
+                notes.append(f"reading R1, to {digits}")
             elif as_published is not None:
                 notes.append("no reading explains it")
-            notes.append(f"{self.value / correct:.3g} x the correct value" if correct else "correctly zero")
+            times = f"{self.value / correct:.3g} x the correct value" if correct else ""
+            notes.append(times or "correctly zero")
         if note:
             notes.append(note)
-        return Finding(self.source, self.entry, self.value, as_published, correct, bound, "; ".join(notes))
-
-    def _rounds(self, reference: float) -> bool:
-        return abs(self.value - reference) <= self.rounding
+        verdict = "; ".join(notes)
+        return Finding(self.source, self.entry, self.value, as_published, correct, bound, verdict)
 
     def _is(self, reference: float) -> bool:
-        return self._rounds(reference) or _off(self.value, reference) < _EXPLAINED
-
-    def _compare_reading(self, reference: float) -> str:
-        return f"reading R1, to {_percent(_off(self.value, reference))}"
+        within = abs(self.value - reference) <= self.rounding
+        return within or _off(self.value, reference) < _EXPLAINED
 
 
 def _off(value: float, reference: float) -> float:

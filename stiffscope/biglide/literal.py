@@ -1,6 +1,7 @@
 """Published ``K_θ - K_G`` (docs/theory.md 5.3): each elastic body softened separately by its loads.
 
-It serves the audit only; ``stiffscope.vjm.prestress`` models a loaded mechanism correctly.
+It serves the audit and `--gravity literal` of the Biglide only; ``stiffscope.vjm.prestress`` models
+a loaded mechanism correctly.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.errors import InputError
 from stiffscope.vjm.condensation import condense_network
 from stiffscope.vjm.equilibrium import tool_stiffness
 from stiffscope.vjm.kinematics import configure
@@ -25,6 +27,9 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 
+LIMBS = {f"limb{i}": tuple(f"limb{i}.link{j}" for j in (1, 2, 3)) for i in (1, 2)}
+
+
 @dataclass(frozen=True, eq=False)
 class Behind:
     """Force (3,) in N, base axes, on an elastic body, at point ``at`` (3,) of a node at home."""
@@ -34,7 +39,38 @@ class Behind:
     at: Array
 
 
-def literal_stiffness(mechanism: Mechanism, poses: ArrayLike, behind: Mapping[str, Sequence[Behind]]) -> Array:
+def literal_gravity(mechanism: Mechanism, poses: ArrayLike) -> Array:
+    """Return the Biglide's published stiffness (n, 6, 6) at M under gravity (docs/theory.md 5.3).
+
+    Each link carries a sixth of the platform's weight at M; each slider carries half of it, and its
+    links' weights at their middles. Raises InputError for another robot or a pose out of reach.
+    """
+    require_biglide(mechanism)
+    bodies, tool = {body.name: body for body in mechanism.bodies}, mechanism.tool
+    platform = mechanism.gravity * bodies["platform"].mass
+    behind: dict[str, list[Behind]] = {}
+    for limb, links in LIMBS.items():
+        carried = behind[f"{limb}.slider"] = [Behind(platform / 2.0, tool.body, tool.at)]
+        for link in (bodies[name] for name in links):
+            behind[link.name] = [Behind(platform / 6.0, tool.body, tool.at)]
+            ends = () if link.elastic is None else link.elastic.places
+            weight = link.mass * mechanism.gravity
+            carried.append(Behind(weight, link.nodes[0], np.mean(ends, axis=0)))
+    return literal_stiffness(mechanism, poses, behind)
+
+
+def require_biglide(mechanism: Mechanism) -> None:
+    """Raise InputError if a mechanism lacks a body of the published equations."""
+    elastic = {body.name for body in mechanism.bodies if body.elastic is not None}
+    needed = {*(f"{limb}.slider" for limb in LIMBS), *(n for links in LIMBS.values() for n in links)}
+    if not needed <= elastic or "platform" not in {body.name for body in mechanism.bodies}:
+        expected = "expected the Biglide, whose paper has it"
+        raise InputError(f"--gravity literal: {expected}; none or exact serve any robot")
+
+
+def literal_stiffness(
+    mechanism: Mechanism, poses: ArrayLike, behind: Mapping[str, Sequence[Behind]]
+) -> Array:  # fmt: skip
     """Return the stiffness (n, 6, 6) at M with ``K_θ - K_G`` for each elastic body in ``behind``.
 
     Raises InputError for a pose out of reach.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,11 +20,10 @@ from stiffscope.vjm.statics import stiffness
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
+    from stiffscope.runtime.types import Array
     from stiffscope.vjm.mechanism import Mechanism
-
-    Array = NDArray[np.floating[Any]]
 
 SIDES = {1: 1.0, 2: -1.0}  # x₁ = +1, x₂ = -1; limb 1 is the left limb
 _LENGTHS = ("l", "l1", "l2", "h", "d", "a_min", "a_max")
@@ -115,7 +114,8 @@ class PublishedModel:
         q = np.atleast_1d(np.asarray(q, dtype=float))
         link, drive = self.link, self.drive
         axial = 3.0 / link[0, 0]
-        sideways = 1.0 / (link[1, 1] - link[1, 5] ** 2 / link[5, 5])  # 12 E I / L³: the end held against rotation
+        # 12 E I / L³: the end held against rotation
+        sideways = 1.0 / (link[1, 1] - link[1, 5] ** 2 / link[5, 5])
         out = np.empty((len(q), 6))
         out[:, 0] = 2.0 * drive
         out[:, 1] = 1.0 / (1.0 / (6.0 * sideways) + 1.0 / drive)
@@ -129,14 +129,15 @@ class PublishedModel:
         """Upper bound on ``K_rx + K_rz``, N·m/rad: its maximum in reach with rigid sliders."""
         g = self.dimensions
         most, least = (min(max(a - g.l, 0.0) / g.L, 1.0) for a in (g.a_max, g.a_min))
-        angles = np.arccos(np.linspace(most, least, 200)).clip(_NEAR_SINGULAR, np.pi / 2.0 - _NEAR_SINGULAR)
-        matrix = self._with_rigid_sliders(angles)
+        angles = np.arccos(np.linspace(most, least, 200))
+        inside = angles.clip(_NEAR_SINGULAR, np.pi / 2.0 - _NEAR_SINGULAR)
+        matrix = self._with_rigid_sliders(inside)
         return float((matrix[:, 3, 3] + matrix[:, 5, 5]).max())
 
     def _with_rigid_sliders(self, q: Array) -> Array:
-        sliders = [f"limb{i}.slider" for i in SIDES]
-        rigid = self.mechanism.change_elements({name: Change(-_read_elastic(self.mechanism, name)) for name in sliders})
-        return stiffness(rigid, self.dimensions.tool_point(q))
+        machine, sliders = self.mechanism, [f"limb{i}.slider" for i in SIDES]
+        rigid = {name: Change(-_read_elastic(machine, name)) for name in sliders}
+        return stiffness(machine.change_elements(rigid), self.dimensions.tool_point(q))
 
 
 def published_model(mechanism: Mechanism, parameters: Mapping[str, float]) -> PublishedModel:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from stiffscope.biglide.literal_gravity import literal_gravity, require_biglide
+from stiffscope.biglide.literal import literal_gravity, require_biglide
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit, open_workshop, warn_of_robot
