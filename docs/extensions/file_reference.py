@@ -17,7 +17,7 @@ from docutils.parsers.rst import Directive, directives
 from docutils.statemachine import StringList
 
 import stiffscope
-from stiffscope.design.study_sections import SECTIONS
+from stiffscope.design.study_reading import SECTIONS
 from stiffscope.effects.vocabulary import EFFECTS
 from stiffscope.gap.campaign.campaign_header import FRAME_KEYS, KEYS, LOAD_KEYS, SENSOR_KEYS
 from stiffscope.gap.campaign.quantities import DEFLECTIONS, DEVIATIONS, FREQUENCIES, PUSHES, STIFFNESSES

@@ -13,7 +13,7 @@ from stiffscope.cli.output import emit
 from stiffscope.cli.poses import find_poses
 from stiffscope.cli.robots import assemble
 from stiffscope.design import maps as evaluated
-from stiffscope.design.map_quantities import PRINCIPAL, Wanted
+from stiffscope.design.maps import PRINCIPAL, Wanted
 from stiffscope.errors import InputError
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.report import maps

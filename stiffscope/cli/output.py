@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.experiments.assembly import Assembled
+    from stiffscope.experiments.experiments import PartResult
     from stiffscope.experiments.manifest import Manifest
-    from stiffscope.experiments.results import PartResult
     from stiffscope.report.terminal import Shown
     from stiffscope.runtime.workshop import Workshop
 

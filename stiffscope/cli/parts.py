@@ -16,11 +16,10 @@ from stiffscope.cli.output import emit, open_workshop, warn_of_parts, warn_of_ro
 from stiffscope.design.comparison import compare_robots
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import check_one_interface
-from stiffscope.experiments.experiments import solve_parts
+from stiffscope.experiments.experiments import compliance_json, solve_parts
 from stiffscope.experiments.interfaces import compare_interfaces, interfaces_csv, interfaces_json
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.experiments.orders import name_lines, order_part
-from stiffscope.experiments.results import compliance_json
 from stiffscope.experiments.superelements import write_part
 from stiffscope.report import compare as comparison
 from stiffscope.report import interface_figure, part_tables, robot_comparison, tables

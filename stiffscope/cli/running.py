@@ -22,8 +22,8 @@ from stiffscope.experiments.assembly import (
     stiffness_bars,
     stiffness_json,
 )
+from stiffscope.experiments.experiments import EXPERIMENT, FIELDS, compliance_json
 from stiffscope.experiments.manifest import manifest_of
-from stiffscope.experiments.results import EXPERIMENT, FIELDS, compliance_json
 from stiffscope.experiments.watching import changes, differences, digest_sources, keep_meshed, keep_warm, sources
 from stiffscope.report import part_tables, tables
 from stiffscope.report.kept_pictures import plain_robot, write_run_pictures
@@ -41,8 +41,8 @@ if TYPE_CHECKING:
 
     from stiffscope.cli.output import Output
     from stiffscope.experiments.assembly import Assembled
+    from stiffscope.experiments.experiments import PartResult
     from stiffscope.experiments.manifest import Manifest
-    from stiffscope.experiments.results import PartResult
     from stiffscope.report.terminal import Shown
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.workshop import Workshop

@@ -11,8 +11,7 @@ from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit
 from stiffscope.cli.robots import assemble
-from stiffscope.design.path.along import along, respond_at_worst
-from stiffscope.design.path.compensate import compensate
+from stiffscope.design.path.along import along, compensate, respond_at_worst
 from stiffscope.design.path.job import load_job
 from stiffscope.design.path.stress import find_stresses
 from stiffscope.experiments.manifest import manifest_of

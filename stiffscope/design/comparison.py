@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -86,21 +87,15 @@ def compare_robots(first: RobotFile, second: RobotFile, components: Components, 
         raise InputError("compare: expected a named pose that both robots reach, got none")
     both = [analyse(each.mechanism, values[reached], gravity="exact") for each in made.values()]
     plain = [analyse(each.mechanism, values[reached]) for each in made.values()]
+    change = None
+    if first.map is not None and second.map is not None:
+        one = map_robot(first, made["first"].mechanism, POINTS, "none")
+        sweep = replace(second, map=first.map)
+        with suppress(InputError):
+            other = map_robot(sweep, made["second"].mechanism, POINTS, "none")
+            change = replace(one, loaded=other.stiffness)
     return RobotComparison(
         names, tuple(name for name, ok in zip(poses, reached, strict=True) if ok),
         np.array([each.matrix for each in plain]), np.array([each.sag for each in both]),
-        _map_change(first, second, made), made, tuple(map(tuple, values[reached].tolist())),
+        change, made, tuple(map(tuple, values[reached].tolist())),
     )  # fmt: skip
-
-
-def _map_change(first: RobotFile, second: RobotFile, made: dict[str, Assembled]) -> StiffnessMap | None:
-    """Return the map of the first robot with the stiffness of the second as the loaded one."""
-    if first.map is None or second.map is None:
-        return None
-    one = map_robot(first, made["first"].mechanism, POINTS, "none")
-    sweep = replace(second, map=first.map)
-    try:
-        other = map_robot(sweep, made["second"].mechanism, POINTS, "none")
-    except InputError:
-        return None
-    return replace(one, loaded=other.stiffness)

@@ -24,11 +24,9 @@ from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
-    from concurrent.futures import Future
 
     from stiffscope.design.path.job import Job
     from stiffscope.design.study_file import StudyFile, Values
-    from stiffscope.experiments.assembly import Assembled
 
     Row = tuple[int, Values]
 
@@ -47,14 +45,17 @@ class Makers:
 @contextmanager
 def open_makers(file: StudyFile, count: int, scheduler: str | None) -> Iterator[Makers]:
     """Yield makers: ``count`` local processes, workers of a scheduler or, for 0, this process."""
-    known = Shared(file)
+    known, nothing = Shared(file), (math.nan,) * len(file.responses)
     here = not count and scheduler is None
     with Here() if here else workers(scheduler, min(count, file.designs)) as executor:
 
         def make(rows: Iterable[Row]) -> Iterator[tuple[int, Design]]:
             jobs = ((row, (known, row[1])) for row in rows)
             for (row, values), future in work_through(executor, _make_shared, jobs):
-                yield row, _take_answer(values, future, len(file.responses))
+                if isinstance(future.exception(), WorkerError):
+                    yield row, Design(values, nothing, _ENDED, again=True)
+                else:
+                    yield row, future.result()
 
         yield Makers(make, executor.end)
 
@@ -63,28 +64,20 @@ def _make_shared(file: Shared, values: Values) -> Design:
     return make_design(file.value, values)
 
 
-def _take_answer(values: Values, future: Future[Design], count: int) -> Design:
-    error = future.exception()
-    if error is None:
-        return future.result()
-    if isinstance(error, WorkerError):
-        return Design(values, (math.nan,) * count, _ENDED, again=True)
-    raise error
-
-
 def make_design(file: StudyFile, values: Values) -> Design:
     """Compute a design: read the robot, test its parts, evaluate its responses.
 
     Runs on any machine. Any error becomes the design's reason, so that it does not end the study.
     """
-    begun, again = time.perf_counter(), False
+    begun, again, reason = time.perf_counter(), False, ""
+    found = (math.nan,) * len(file.responses)
     with _alone, threadpool_limits(1):  # the same order of summation on any machine
         try:
-            found, reason = _respond(file, values), ""
+            found = _respond(file, values)
         except InputError as error:
-            found, reason = (math.nan,) * len(file.responses), str(error)
+            reason = str(error)
         except Exception as error:  # noqa: BLE001
-            found, reason, again = (math.nan,) * len(file.responses), f"{type(error).__name__}: {error}", True
+            again, reason = True, f"{type(error).__name__}: {error}"
     return Design(values, found, " ".join(reason.split()), time.perf_counter() - begun, again)
 
 
@@ -95,23 +88,16 @@ def _respond(file: StudyFile, values: Values) -> tuple[float, ...]:
         whole = any(of_modes(name) for name in names)
         assembled = assemble_robots({"design": robot}, file.components, shop, whole=whole)["design"]
         mass = mass_of_solids(robot, file.components, assembled.results) if "mass" in names else 0.0
-    jobs = {r.job for r in file.responses if r.job is not None}
-    known: dict[Job | None, dict[str, np.ndarray]] = {
-        job: _go_along(replace(job, robot=robot), assembled) for job in jobs
-    }
+    known: dict[Job | None, dict[str, np.ndarray]] = {}
+    for job in {r.job for r in file.responses if r.job is not None}:
+        state = along(replace(job, robot=robot), assembled)
+        known[job] = {"error": state.size, **state.parts}  # `ALONG_PATH`
     if names:
         found = configure(assembled.mechanism, file.poses_of(robot)).require_valid()
         known[None] = quantities(names, assembled.mechanism, found, assembled.matrices, mass)
     answers = tuple(response.value(known[response.job]) for response in file.responses)
     for response, value in zip(file.responses, answers, strict=True):
         if not np.isfinite(value):
-            raise InputError(
-                f"{response.name}: expected a finite value, got none: the tool moves freely, or has no mode"
-            )
+            message = "expected a finite value, got none: the tool moves freely, or has no mode"
+            raise InputError(f"{response.name}: {message}")
     return answers
-
-
-def _go_along(job: Job, assembled: Assembled) -> dict[str, np.ndarray]:
-    """Return the quantities (n,) of `ALONG_PATH` at the points of a job's path."""
-    state = along(job, assembled)
-    return {"error": state.size, **state.parts}

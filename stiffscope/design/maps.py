@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from stiffscope.design.map_quantities import Scalar, Wanted
 from stiffscope.errors import InputError
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.mechanism import COORDINATES, DIAGONAL
@@ -22,12 +21,65 @@ if TYPE_CHECKING:
 
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.file.sections import MapSection
+    from stiffscope.runtime.types import Array
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.statics import Gravity
 
     Ranges = Mapping[str, tuple[float, float]]
 
 IN_PLANE = 1e-6  # m or rad; tolerance for marking a pose on the map
+PRINCIPAL = {
+    "worst": ("N m-1", "stiffness along the softest direction"),
+    "best": ("N m-1", "stiffness along the stiffest direction"),
+    "condition": ("1", "stiffest over softest direction"),
+}
+
+
+class Scalar(NamedTuple):
+    """A quantity over poses, ``values`` of any shape, with its SI unit and name in words."""
+
+    values: Array
+    unit: str
+    words: str
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Quantities of a map besides the diagonal of K.
+
+    Attributes
+    ----------
+    principal
+        Keys of `PRINCIPAL`, for translations with free rotation of the tool.
+    direction
+        Direction (3,) in base axes for the stiffness against a force along it.
+    wrench
+        Wrench (6,) at M in base axes, N and N·m, for the size of the translation under it.
+    """
+
+    principal: tuple[str, ...] = ()
+    direction: tuple[float, ...] | None = None
+    wrench: tuple[float, ...] | None = None
+
+    def evaluate(self, compliance: Array) -> dict[str, Scalar]:
+        """Return the quantities (n,) of compliances (n, 6, 6); NaN if these are NaN."""
+        translation = compliance[:, :3, :3]
+        known = np.isfinite(translation).all(axis=(1, 2))
+        yields = np.full((len(compliance), 3), np.nan)
+        yields[known] = np.linalg.eigvalsh(translation[known])
+        softest, stiffest = yields[:, 2], np.where(yields[:, 0] > 1e-12 * yields[:, 2], yields[:, 0], np.nan)
+        each = {"worst": 1.0 / softest, "best": 1.0 / stiffest, "condition": softest / stiffest}
+        out = {name: Scalar(each[name], *PRINCIPAL[name]) for name in self.principal}
+        if self.direction is not None:
+            unit = np.array(self.direction) / np.linalg.norm(self.direction)
+            words = "stiffness along " + ", ".join(f"{x:.3g}" for x in self.direction)
+            out["along"] = Scalar(1.0 / np.einsum("i,nij,j->n", unit, translation, unit), "N m-1", words)
+        if self.wrench is not None:
+            moved = compliance[:, :3] @ np.array(self.wrench)
+            force, moment = (", ".join(f"{x:.4g}" for x in each) for each in (self.wrench[:3], self.wrench[3:]))
+            words = f"error under ({force}) N" + (f", ({moment}) N·m" if any(self.wrench[3:]) else "")
+            out["error"] = Scalar(np.linalg.norm(moved, axis=1), "m", words)
+        return out
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +133,8 @@ def require_map(robot: RobotFile) -> MapSection:
     """Return `[map]` of a robot file. Raise InputError if it is missing."""
     if robot.map is None:
         example = 'such as x = ["-150 mm", "150 mm"] and z = ["380 mm", "520 mm"]'
-        raise InputError(f"{robot.path}: map: expected a table of two coordinates to sweep, {example}, got none")
+        expected = f"expected a table of two coordinates to sweep, {example}"
+        raise InputError(f"{robot.path}: map: {expected}, got none")
     return robot.map
 
 
@@ -120,13 +173,20 @@ def map_stiffness(
         The ranges are not two coordinates of the tool, or no pose is reachable.
 
     """
-    (found,) = _sweep(mechanism, ranges, points, gravity, at, frequencies, wanted or Wanted())
-    return found
+    if len(ranges) != 2:
+        raise _refuse_ranges("two", mechanism, ranges)
+    options = {"gravity": gravity, "at": at, "frequencies": frequencies, "wanted": wanted}
+    return map_volume(mechanism, ranges, points, **options).maps[0]
+
+
+def _refuse_ranges(count: str, mechanism: Mechanism, ranges: Ranges) -> InputError:
+    names, got = ", ".join(mechanism.tool.pose), ", ".join(ranges) or "none"
+    return InputError(f"map: expected {count} of {names}, got {got}")
 
 
 @dataclass(frozen=True, eq=False)
 class StiffnessVolume:
-    """Maps over two coordinates at values (m,) of a third, ``through``."""
+    """Maps over two coordinates at values (m,) of a third, ``through`` ("" if there is none)."""
 
     through: str
     values: np.ndarray
@@ -134,8 +194,8 @@ class StiffnessVolume:
 
 
 def map_volume(
-    mechanism: Mechanism, ranges: Ranges, points: int, *, gravity: Gravity = "none", at: Sequence[float] | None = None,
-    frequencies: int = 0, wanted: Wanted | None = None,
+    mechanism: Mechanism, ranges: Ranges, points: int, *, gravity: Gravity = "none",
+    at: Sequence[float] | None = None, frequencies: int = 0, wanted: Wanted | None = None,
 ) -> StiffnessVolume:  # fmt: skip
     """Evaluate the stiffness over three coordinates of the tool as maps at values of the last one.
 
@@ -144,44 +204,34 @@ def map_volume(
     mechanism, points, gravity, frequencies, wanted
         As in `map_stiffness`.
     ranges
-        Three coordinates of `mechanism.tool.pose` with their ends, m and rad.
+        Three coordinates of `mechanism.tool.pose` with their ends, m and rad; or two.
     at : (k,)
         Pose that fixes the other coordinates, by default home.
 
     Raises
     ------
     InputError
-        The ranges are not three coordinates of the tool, or no pose is reachable.
+        The ranges are not such coordinates, or no pose is reachable.
 
     """
-    (through, ends), plane = list(ranges.items())[-1], dict(list(ranges.items())[:-1])
-    maps = _sweep(mechanism, plane, points, gravity, at, frequencies, wanted or Wanted(), {through: ends})
-    return StiffnessVolume(through, np.linspace(*ends, points), maps)
-
-
-def _sweep(
-    mechanism: Mechanism, ranges: Ranges, points: int, gravity: Gravity, at: Sequence[float] | None, frequencies: int,
-    wanted: Wanted, through: Ranges | None = None,
-) -> tuple[StiffnessMap, ...]:  # fmt: skip
-    """Return maps over two coordinates, one per value of a third coordinate if given."""
-    through = through or {}
     pose = mechanism.tool.pose
-    count = 2 + len(through)
-    if len(ranges) != 2 or not {*ranges, *through} <= set(pose):
-        words = {2: "two", 3: "three"}[count]
-        raise InputError(f"map: expected {words} of {', '.join(pose)}, got {', '.join([*ranges, *through]) or 'none'}")
-    (across, columns), (up, rows) = ((name, np.linspace(*ends, points)) for name, ends in ranges.items())
+    if len(ranges) not in {2, 3} or not set(ranges) <= set(pose):
+        raise _refuse_ranges("two" if len(ranges) == 2 else "three", mechanism, ranges)
+    values = {name: np.linspace(*ends, points) for name, ends in ranges.items()}
+    (across, columns), (up, rows), *third = values.items()
+    through, heights = third[0] if third else ("", np.zeros(1))
     fixed = np.array(mechanism.tool.home if at is None else at, dtype=float)
-    layers = [fixed]
-    for name, ends in through.items():
-        layers = [np.where(np.array(pose) == name, value, fixed) for value in np.linspace(*ends, points)]
-    grids = np.repeat(np.array(layers)[:, None], points * points, axis=1)
-    grids[..., pose.index(across)], grids[..., pose.index(up)] = np.tile(columns, points), np.repeat(rows, points)
+    layers = np.tile(fixed, (len(heights), 1))
+    layers[:, np.array(pose) == through] = heights[:, None]
+    grids = np.repeat(layers[:, None], points * points, axis=1)
+    grids[..., pose.index(across)] = np.tile(columns, points)
+    grids[..., pose.index(up)] = np.repeat(rows, points)
     every = [configure(mechanism, each) for each in grids]
     if not any(found.valid.any() for found in every):
         raise InputError(f"map: no pose is within reach; the first is not: {every[0].reason(0)}")
     weight = mechanism.gravity[COORDINATES.index(up)] if up in COORDINATES[:3] else 0.0
-    out: list[StiffnessMap] = []
+    size, wanted = (points, points), wanted or Wanted()
+    maps: list[StiffnessMap] = []
     for found, layer in zip(every, layers, strict=True):
         state = analyse(mechanism, found)
         plain = loaded = state.finite
@@ -191,21 +241,19 @@ def _sweep(
             state = analyse(mechanism, found, gravity="exact")
             sag = state.sag
             lost = np.isnan(sag)[:, :1, None]
-            loaded, compliance = np.where(lost, np.nan, state.finite), np.where(lost, np.nan, state.compliance)
+            loaded, compliance = (np.where(lost, np.nan, k) for k in (state.finite, state.compliance))
         diagonals = (np.diagonal(matrix, axis1=1, axis2=2) for matrix in (plain, loaded))
-        values = (value.reshape(points, points, 6) for value in (*diagonals, sag))
-        others = {name: float(v) for name, v in zip(pose, layer, strict=True) if name not in ranges}
-        more = {
-            name: scalar._replace(values=scalar.values.reshape(points, points))
-            for name, scalar in wanted.evaluate(compliance).items()
-        }
-        sounds = None
-        if frequencies:
-            sounds = frequencies_at(mechanism, found, frequencies).reshape(points, points, frequencies)
-        down = bool(weight > 0.0)
-        about = StiffnessMap(across, up, columns, rows, others, *values, down=down, frequencies=sounds, more=more)
-        out.append(about)
-    return tuple(out)
+        more = wanted.evaluate(compliance).items()
+        sounds = frequencies_at(mechanism, found, frequencies) if frequencies else None
+        maps.append(StiffnessMap(
+            across, up, columns, rows,
+            {n: float(v) for n, v in zip(pose, layer, strict=True) if n not in {across, up}},
+            *(value.reshape(*size, 6) for value in (*diagonals, sag)),
+            down=bool(weight > 0.0),
+            frequencies=None if sounds is None else sounds.reshape(*size, frequencies),
+            more={n: scalar._replace(values=scalar.values.reshape(size)) for n, scalar in more},
+        ))  # fmt: skip
+    return StiffnessVolume(through, heights, tuple(maps))
 
 
 def write_map(found: StiffnessMap, folder: Path, title: str = "") -> None:
@@ -226,18 +274,20 @@ def write_rows(found: StiffnessMap | StiffnessVolume, file: Path) -> None:
     slices = [found] if isinstance(found, StiffnessMap) else found.maps
     third = [] if isinstance(found, StiffnessMap) else [found.through]
     words = [name.lower().replace("_", "") for name in DIAGONAL]
-    names = [slices[0].across, slices[0].up, *third, *words]
-    names += [*(f"{word}_loaded" for word in words), *(f"sag_{axis}" for axis in COORDINATES)]
-    sounds = slices[0].frequencies
-    names += [] if sounds is None else [f"f{k + 1}" for k in range(sounds.shape[2])]
-    names += slices[0].more
+    first, sags = slices[0], [f"sag_{axis}" for axis in COORDINATES]
+    count = 0 if first.frequencies is None else first.frequencies.shape[2]
+    names = [first.across, first.up, *third, *words, *(f"{word}_loaded" for word in words), *sags]
+    names += [*(f"f{k + 1}" for k in range(count)), *first.more]
     with file.open("w") as stream:
         stream.write(",".join(names) + "\n")
         for each in slices:
-            at = np.column_stack([np.tile(each.columns, len(each.rows)), np.repeat(each.rows, len(each.columns))])
-            held = np.tile([each.at[name] for name in third], (len(at), 1))
-            rows = np.column_stack([at, held, *(values.reshape(len(at), -1) for values in _fields(each).values())])
-            np.savetxt(stream, rows[np.isfinite(each.stiffness[..., 0]).ravel()], delimiter=",", fmt="%.9g")
+            n = len(each.rows) * len(each.columns)
+            across, up = np.meshgrid(each.columns, each.rows)
+            held = [np.full(n, each.at[name]) for name in third]
+            fields = (values.reshape(n, -1) for values in _fields(each).values())
+            rows = np.column_stack([across.ravel(), up.ravel(), *held, *fields])
+            known = np.isfinite(each.stiffness[..., 0]).ravel()
+            np.savetxt(stream, rows[known], delimiter=",", fmt="%.9g")
 
 
 def _fields(found: StiffnessMap) -> dict[str, np.ndarray]:
@@ -255,30 +305,32 @@ def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
     import xarray as xr
 
     forces, lengths = ("N m-1",) * 3 + ("N m rad-1",) * 3, ("m",) * 3 + ("rad",) * 3
-    sags = [f"sag_{axis}" for axis in COORDINATES]
     kinds = (
-        (DIAGONAL, found.stiffness, forces, "stiffness at M without gravity"),
-        ([f"{name}_loaded" for name in DIAGONAL], found.loaded, forces, "stiffness at M with the robot's own weight"),
-        (sags, found.sag, lengths, "twist of the tool under the robot's own weight"),
+        ("{0}", found.stiffness, forces, "stiffness at M without gravity"),
+        ("{0}_loaded", found.loaded, forces, "stiffness at M with the robot's own weight"),
+        ("sag_{1}", found.sag, lengths, "twist of the tool under the robot's own weight"),
     )
-    variables = {
-        name: ((found.up, found.across), values[..., k], {"units": units[k], "long_name": f"{words}, {COORDINATES[k]}"})
-        for names, values, units, words in kinds
-        for k, name in enumerate(names)
+    scalars = {
+        name.format(DIAGONAL[k], axis): Scalar(values[..., k], units[k], f"{words}, {axis}")
+        for name, values, units, words in kinds
+        for k, axis in enumerate(COORDINATES)
     }
     sounds = np.zeros((0, 0, 0)) if found.frequencies is None else found.frequencies
-    for k in range(sounds.shape[2]):
-        about = {"units": "Hz", "long_name": f"natural frequency {k + 1}, drives held"}
-        variables[f"f{k + 1}"] = ((found.up, found.across), sounds[..., k], about)
-    for name, (values, unit, words) in found.more.items():
-        variables[name] = ((found.up, found.across), values, {"units": unit, "long_name": words})
-    swept = {found.across: (found.across, found.columns), found.up: (found.up, found.rows)}
-    places: dict[str, Any] = {
-        name: (*value, {"units": lengths[COORDINATES.index(name)], "long_name": _long_name(name)})
-        for name, value in (swept | {name: ((), value) for name, value in found.at.items()}).items()
+    for k in range(1, sounds.shape[2] + 1):
+        words = f"natural frequency {k}, drives held"
+        scalars[f"f{k}"] = Scalar(sounds[..., k - 1], "Hz", words)
+    variables = {
+        name: ((found.up, found.across), values, {"units": unit, "long_name": words})
+        for name, (values, unit, words) in (scalars | found.more).items()
     }
-    if found.down:
-        places[found.up][2]["positive"] = "down"
+    swept = {found.across: (found.across, found.columns), found.up: (found.up, found.rows)}
+    places: dict[str, Any] = {}
+    for name, value in (swept | {name: ((), value) for name, value in found.at.items()}).items():
+        words = f"tool point M, {name}"
+        if name.startswith("r"):
+            words = f"rotation vector of the tool from home, {name[-1]}"
+        about = {"units": lengths[COORDINATES.index(name)], "long_name": words}
+        places[name] = (*value, about | ({"positive": "down"} if found.down and name == found.up else {}))
     about = {"title": title or "stiffness map", "Conventions": "CF-1.8", "source": "stiffscope"}
     return xr.Dataset(variables, places, about)
 
@@ -289,9 +341,5 @@ def volume_dataset(found: StiffnessMap | StiffnessVolume, title: str = "") -> xr
         return to_dataset(found, title)
     import xarray as xr
 
-    return xr.concat([to_dataset(each, title) for each in found.maps], dim=found.through, combine_attrs="override")
-
-
-def _long_name(coordinate: str) -> str:
-    turned = f"rotation vector of the tool from home, {coordinate[-1]}"
-    return turned if coordinate.startswith("r") else f"tool point M, {coordinate}"
+    maps = [to_dataset(each, title) for each in found.maps]
+    return xr.concat(maps, dim=found.through, combine_attrs="override")

@@ -16,7 +16,7 @@ from stiffscope.vjm import statics
 from stiffscope.vjm.modes import frequencies
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping
+    from collections.abc import Callable, Collection, Mapping
 
     from stiffscope.design.path.job import Job
     from stiffscope.robot.file.description import RobotFile
@@ -61,12 +61,10 @@ class Response:
 
     def value(self, known: Mapping[str, np.ndarray]) -> float:
         """Return the value from quantities (n,) at all poses. Raise InputError if undefined."""
-        some = {name: known[name][list(self.poses)] for name in self.expression.names}
+        names = self.expression.names
+        rows = ({name: float(known[name][k]) for name in names} for k in self.poses)
         try:
-            each = [
-                self.expression.value({name: float(values[k]) for name, values in some.items()})
-                for k in range(len(self.poses))
-            ]
+            each = [self.expression.value(row) for row in rows]
         except ValueError as error:
             raise InputError(f"{self.name}: {error}") from error
         return float(_TAKE[self.take](np.array(each)))
@@ -138,19 +136,19 @@ def quantities(
     matrices = {"K": statics.stiffness, "C": statics.compliance}
     tool = {kind: matrices[kind](mechanism, found) for kind in wanted}
     sag = statics.sag(mechanism, found) if any(name.startswith("sag") for name in names) else None
-    modes = real_frequencies(mechanism, found) if any(map(of_modes, names)) else None
+    modes = None
+    if any(map(of_modes, names)):
+        each = frequencies(mechanism, found, MOST_MODES)
+        modes = np.sort(np.where(each > FREE, each, np.nan), axis=1)  # NaN last
     for name in names:
         part, _, entry = name.rpartition(".")
-        if part and entry == "mass":
-            out[name] = np.full(n, parts[part].mass)
+        kind, i, j, _ = ENTRIES.get(entry, ("", 0, 0, ""))
+        if entry == "mass":
+            out[name] = np.full(n, parts[part].mass if part else mass)
         elif part:
-            _, i, j, _ = ENTRIES[entry]
             out[name] = np.full(n, parts[part].compliance[i, j])
-        elif name in ENTRIES:
-            kind, i, j, _ = ENTRIES[name]
+        elif kind:
             out[name] = tool[kind][:, i, j]
-        elif name == "mass":
-            out[name] = np.full(n, mass)
         elif sag is not None and name.startswith("sag"):
             out[name] = np.linalg.norm(sag[:, :3], axis=1) if name == "sag" else sag[:, "xyz".index(name[-1])]
         elif modes is not None:
@@ -158,24 +156,15 @@ def quantities(
     return out
 
 
-def real_frequencies(mechanism: Mechanism, found: Configurations) -> np.ndarray:
-    """Return ascending nonzero natural frequencies (n, c), Hz, drives held, padded with NaN."""
-    each = frequencies(mechanism, found, MOST_MODES)
-    return np.sort(np.where(each > FREE, each, np.nan), axis=1)  # NaN last
-
-
 def mass_of_solids(robot: RobotFile, components: Components, experiments: Mapping[str, Any]) -> float:
     """Return the mass of solids and rigid bodies, kg; masses of parts in the file are ignored."""
     rigid = sum(body.mass for body in robot.bodies.values() if isinstance(body, RigidBody))
-    names: Iterable[str] = part_sources(robot, components)
-    return rigid + sum(len(robot.bodies_of(name)) * _solid_mass(robot, name, experiments) for name in names)
-
-
-def _solid_mass(robot: RobotFile, name: str, experiments: Mapping[str, Any]) -> float:
-    """Return the mass of a part, kg, from its solid or simple shape; else from the file."""
-    part, material = robot.parts[name], robot.material(name)
-    if name in experiments:
-        return experiments[name].mass
-    if isinstance(part, ParametricPart) and material is not None:
-        return material.density * sum(length * section.area for length, section in beam_segments(robot, name))
-    return known_mass(robot, name) or 0.0
+    for name in part_sources(robot, components):
+        material, mass = robot.material(name), known_mass(robot, name) or 0.0
+        if name in experiments:
+            mass = experiments[name].mass
+        elif isinstance(robot.parts[name], ParametricPart) and material is not None:
+            segments = beam_segments(robot, name)
+            mass = material.density * sum(length * section.area for length, section in segments)
+        rigid += len(robot.bodies_of(name)) * mass
+    return rigid

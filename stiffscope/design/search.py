@@ -12,6 +12,7 @@ import math
 import warnings
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -75,16 +76,19 @@ def search(study: StudyFile, evaluate: Evaluate, part: tuple[int, int] = (1, 1))
 
 
 def _draw_grid(study: StudyFile) -> Iterator[Point]:
-    shares = [[(k + 0.5) / len(v.levels) if v.low is None else k / max(1, len(v.levels) - 1)
-               for k in range(len(v.levels))] for v in study.variables]  # fmt: skip
+    shares: list[list[float]] = []
+    for v in study.variables:
+        n = len(v.levels)
+        middles = [(k + 0.5) / n for k in range(n)]
+        shares.append(middles if v.low is None else [k / max(1, n - 1) for k in range(n)])
     return itertools.product(*shares)
 
 
 def _draw_hypercube(study: StudyFile) -> Iterator[Point]:
     from scipy.stats import qmc
 
-    sample = qmc.LatinHypercube(len(study.variables), rng=np.random.default_rng(study.seed)).random(study.designs)
-    return (tuple(row.tolist()) for row in sample)
+    cube = qmc.LatinHypercube(len(study.variables), rng=np.random.default_rng(study.seed))
+    return map(tuple, cube.random(study.designs).tolist())
 
 
 def _draw_sobol(study: StudyFile, count: int = 0) -> Iterator[Point]:
@@ -118,18 +122,23 @@ def _find_optimum(study: StudyFile, evaluate: Evaluate) -> Ending:
     if not moved or not starts:
         return Ending()
     if left < least:
-        return Ending(False, (f"{left} designs for each local search are too few, which takes {least} at least",))
+        takes = f"which takes {least} at least"
+        return Ending(False, (f"{left} designs for each local search are too few, {takes}",))
     scale = float(np.nanmedian(np.abs(outcomes.objectives[:, 0]))) or 1.0
 
     def refine(number: int, k: int) -> tuple[tuple[float, float], bool, str]:
         name = f"local search {number}"
-        best, converged, count = _refine(points[k], moved, scale, left, lambda point: evaluate([point], name))
-        how = f"its steps fell below {LAST_STEP:g} of the ranges" if converged else "its steps were still larger"
+        make = partial(evaluate, origin=name)
+        best, converged, count = _refine(points[k], moved, scale, left, lambda x: make([x]))
+        how = "its steps were still larger"
+        if converged:
+            how = f"its steps fell below {LAST_STEP:g} of the ranges"
         return best, converged, f"{name}: {how} after {count} designs"
 
     pool = ThreadPoolExecutor(len(starts))
     try:
-        ends = [each.result() for each in [pool.submit(refine, n, k) for n, k in enumerate(starts, 1)]]
+        tasks = [pool.submit(refine, n, k) for n, k in enumerate(starts, 1)]
+        ends = [each.result() for each in tasks]
     except BaseException:
         evaluate.end()
         raise
@@ -138,15 +147,15 @@ def _find_optimum(study: StudyFile, evaluate: Evaluate) -> Ending:
     return Ending(min(ends)[1], tuple(how for *_, how in ends))
 
 
-def _choose_starts(points: list[Point], outcomes: Outcomes, variables: Sequence[Variable]) -> list[int]:
+def _choose_starts(
+    points: list[Point], outcomes: Outcomes, variables: Sequence[Variable]
+) -> list[int]:  # fmt: skip
     """Return the best points far from each other; different choices always count as far."""
 
     def far(i: int, k: int) -> bool:
-        other = any(
-            v.low is None and v.find_value(a) != v.find_value(b)
-            for v, a, b in zip(variables, points[i], points[k], strict=True)
-        )
-        return other or max(abs(a - b) for a, b in zip(points[i], points[k], strict=True)) > APART
+        pairs = list(zip(variables, points[i], points[k], strict=True))
+        other = (v.find_level(a) != v.find_level(b) for v, a, b in pairs if v.low is None)
+        return any(other) or max(abs(a - b) for _, a, b in pairs) > APART
 
     chosen: list[int] = []
     excess = np.where(outcomes.feasible, 0.0, outcomes.excess)
@@ -176,21 +185,17 @@ def _refine(
         return found
 
     begin = np.array([start[k] for k in moved])
-    limits = evaluate(begin).violations.shape[1]
-    constraints: list[Any] = []
-    if limits:
-        constraints.append(NonlinearConstraint(lambda x: evaluate(x).violations[0], -math.inf, 0.0))
+    limits: Any = NonlinearConstraint(lambda x: evaluate(x).violations[0], -math.inf, 0.0)
+    constraints = [limits] if evaluate(begin).violations.size else []
     options = {
-        "maxfev": most,
-        "initial_tr_radius": FIRST_STEP,
-        "final_tr_radius": LAST_STEP,
+        "maxfev": most, "initial_tr_radius": FIRST_STEP, "final_tr_radius": LAST_STEP,
         "feasibility_tol": FEASIBLE,
-    }
+    }  # fmt: skip
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a start at a bound, designs that failed
         found = minimize(
-            lambda x: evaluate(x).objectives[0, 0] / scale, begin, method="COBYQA", bounds=Bounds(0.0, 1.0),
-            constraints=constraints, options=options,
+            lambda x: evaluate(x).objectives[0, 0] / scale, begin, method="COBYQA",
+            bounds=Bounds(0.0, 1.0), constraints=constraints, options=options,
         )  # fmt: skip
     return best, found.status == 0, int(found.nfev)
 
@@ -201,23 +206,23 @@ def _find_front(study: StudyFile, evaluate: Evaluate) -> Ending:
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
     size = min(max(study.designs // 10, POPULATION[0]), POPULATION[1], study.designs)
-    kinds: dict[str, Any] = {
-        v.name: optuna.distributions.FloatDistribution(0.0, 1.0)
-        if v.low is not None
-        else optuna.distributions.IntDistribution(0, len(v.levels) - 1)
-        for v in study.variables
-    }
+    kinds: dict[str, Any] = {}
+    for v in study.variables:
+        kinds[v.name] = optuna.distributions.FloatDistribution(0.0, 1.0)
+        if v.low is None:
+            kinds[v.name] = optuna.distributions.IntDistribution(0, len(v.levels) - 1)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)  # since 2022
         crossover = optuna.samplers.nsgaii.SBXCrossover()
-    sampler = optuna.samplers.NSGAIISampler(population_size=size, crossover=crossover, seed=study.seed)
-    least: Any = ["minimize"] * len(study.goals)
-    asked = optuna.create_study(directions=least, sampler=sampler)
+    sampler = optuna.samplers.NSGAIISampler(
+        population_size=size, crossover=crossover, seed=study.seed,
+    )  # fmt: skip
+    asked = optuna.create_study(directions=["minimize"] * len(study.goals), sampler=sampler)
     for point in _draw_sobol(study, size):
-        asked.enqueue_trial(
-            {v.name: share if v.low is not None else min(int(share * len(v.levels)), len(v.levels) - 1)
-             for v, share in zip(study.variables, point, strict=True)}
-        )  # fmt: skip
+        shares = zip(study.variables, point, strict=True)
+        asked.enqueue_trial({
+            v.name: share if v.low is not None else v.find_level(share) for v, share in shares
+        })  # fmt: skip
     for generation, begin in enumerate(range(0, study.designs, size), 1):
         trials = [asked.ask(kinds) for _ in range(min(size, study.designs - begin))]
         points = [
@@ -232,10 +237,11 @@ def _find_front(study: StudyFile, evaluate: Evaluate) -> Ending:
             if outcomes.failed[k]:
                 asked.tell(trial, state=optuna.trial.TrialState.FAIL)
             else:
-                for limit, violation in zip(study.limits, outcomes.violations[k].tolist(), strict=True):
+                violations = outcomes.violations[k].tolist()
+                for limit, violation in zip(study.limits, violations, strict=True):
                     trial.set_constraint(limit.text, violation - FEASIBLE)
                 asked.tell(trial, outcomes.objectives[k].tolist())
     return Ending()
 
 
-_SEARCHES: dict[str, Callable[[StudyFile, Evaluate], Ending]] = {"optimum": _find_optimum, "pareto": _find_front}
+_SEARCHES = {"optimum": _find_optimum, "pareto": _find_front}

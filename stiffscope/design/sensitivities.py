@@ -6,22 +6,21 @@ import dataclasses
 import json
 import time
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stiffscope.design.sensitivity import poses_of, robot_sensitivity
 from stiffscope.experiments.assembly import check_one_interface
-from stiffscope.experiments.experiments import solve_parts
+from stiffscope.experiments.experiments import EXPERIMENT, solve_parts
 from stiffscope.experiments.orders import order_part
-from stiffscope.experiments.results import EXPERIMENT
 from stiffscope.fea.derivatives import Derivative, PartSensitivity
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.robot.part_matrices import needed_experiments
 from stiffscope.runtime.workshop import workshop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
     from pathlib import Path
 
     from stiffscope.cad.part import Part
@@ -30,9 +29,8 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.part_matrices import Components
     from stiffscope.runtime.cache import Cache
+    from stiffscope.runtime.types import Progress
     from stiffscope.runtime.workshop import Workshop
-
-    Report = Callable[[str, float], None]
 
 KIND, FILE = "sensitivity", "sensitivity.json"
 
@@ -53,7 +51,8 @@ def part_sensitivities(orders: Sequence[PartOrder], shop: Workshop) -> list[Part
         A part cannot be built, meshed or clamped as requested.
 
     """
-    held = {order: shop.cache.load([KIND], order.key(), read_sensitivity) for order in dict.fromkeys(orders)}
+    load = partial(shop.cache.load, [KIND], read=read_sensitivity)
+    held = {order: load(key=order.key()) for order in dict.fromkeys(orders)}
     missing = [order for order, found in held.items() if found is None]
     if missing:
         solved = {result.order: result.folder for result in solve_parts(missing, shop)}
@@ -63,20 +62,29 @@ def part_sensitivities(orders: Sequence[PartOrder], shop: Workshop) -> list[Part
     return [found for order in orders if (found := held[order]) is not None]
 
 
-def _make_sensitivity(order: PartOrder, experiment: Path, cache: Cache, report: Report) -> Path:
+def _make_sensitivity(
+    order: PartOrder, experiment: Path, cache: Cache, report: Progress
+) -> Path:  # fmt: skip
     """Compute and cache the derivatives of a part; return their folder. Runs in any process."""
     from stiffscope.fea.sensitivity import part_sensitivity
 
     begun = time.perf_counter()
     report("cad", 0.05)
     part = order.build()
-    lengths: dict[str, float] = {} if order.step else order.solid.lengths()  # pyright: ignore[reportAttributeAccessIssue]
+    lengths: dict[str, float] = {}
+    if not order.step:
+        lengths = order.solid.lengths()  # pyright: ignore[reportAttributeAccessIssue]
     dimensions = {name: (value, partial(_built, order, name)) for name, value in lengths.items()}
     built = time.perf_counter() - begun
     report("derivatives", 0.2)
     found = part_sensitivity(load_experiment(experiment / EXPERIMENT), part, order.settings, dimensions)
     found = dataclasses.replace(found, seconds={"cad": built, **found.seconds})
-    folder = cache.put(KIND, order.key(), lambda aside: (aside / FILE).write_text(_to_json(found)))
+    text = json.dumps({
+        "part": found.part,
+        "derivatives": {name: vars(each) for name, each in found.derivatives.items()},
+        "notes": found.notes, "seconds": found.seconds,
+    }, default=np.ndarray.tolist)  # fmt: skip
+    folder = cache.put(KIND, order.key(), lambda aside: (aside / FILE).write_text(text))
     report("done", 1.0)
     return folder
 
@@ -86,25 +94,13 @@ def _built(order: PartOrder, name: str, value: float) -> Part:
     return dataclasses.replace(order, solid=dataclasses.replace(order.solid, **{name: value})).build()
 
 
-def _to_json(found: PartSensitivity) -> str:
-    def to_plain(value: Any) -> Any:
-        return value.tolist() if isinstance(value, np.ndarray) else value
-
-    fields = {
-        name: {key: to_plain(value) for key, value in vars(derivative).items()}
-        for name, derivative in found.derivatives.items()
-    }
-    return json.dumps({"part": found.part, "derivatives": fields, "notes": found.notes, "seconds": found.seconds})
-
-
-def _arrays(fields: dict[str, Any]) -> dict[str, Any]:
-    return {key: np.array(value) if isinstance(value, list) else value for key, value in fields.items()}
-
-
 def read_sensitivity(folder: Path) -> PartSensitivity:
     """Read the derivatives from a folder of the cache."""
     held = json.loads((folder / FILE).read_text())
-    derivatives = {name: Derivative(**_arrays(fields)) for name, fields in held["derivatives"].items()}
+    derivatives: dict[str, Derivative] = {}
+    for name, fields in held["derivatives"].items():
+        arrays = {key: np.array(value) for key, value in fields.items() if isinstance(value, list)}
+        derivatives[name] = Derivative(**fields | arrays)
     return PartSensitivity(held["part"], derivatives, held["notes"], held["seconds"])
 
 
@@ -131,8 +127,9 @@ def sensitivity(
     Returns
     -------
     PartSensitivity or Sensitivity
-        ``derivatives[NAME].compliance`` (6, 6) of a part, with ``error``, ``mass``, …; ``rows`` of a robot with
-        ``by.stiffness`` (n, 6, 6), ``by.sag``, ``by.frequency``; SI, per SI unit of the parameter.
+        ``derivatives[NAME].compliance`` (6, 6) of a part, with ``error``, ``mass``, …; ``rows`` of
+        a robot with ``by.stiffness`` (n, 6, 6), ``by.sag``, ``by.frequency``; SI, per SI unit of the
+        parameter.
 
     Raises
     ------
@@ -146,7 +143,9 @@ def sensitivity(
         return robot_sensitivities(robot, poses_of(robot, poses), components, shop)
 
 
-def robot_sensitivities(robot: RobotFile, poses: np.ndarray, components: Components, shop: Workshop) -> Sensitivity:
+def robot_sensitivities(
+    robot: RobotFile, poses: np.ndarray, components: Components, shop: Workshop
+) -> Sensitivity:  # fmt: skip
     """Return derivatives of a robot at commanded poses (n, k), parts as jobs; see `sensitivity`."""
     names = needed_experiments(robot, components)
     for name in names:

@@ -92,10 +92,9 @@ class Sensitivity:
         given = [row for row in self.rows if row.parameter.tolerance]
         if not given:
             return None
-        squares = [
-            sum((getattr(row.by, f.name) * row.parameter.tolerance) ** 2 for row in given) for f in fields(Responses)
-        ]
-        return Responses(*(np.sqrt(each) for each in squares))
+        names, size = [f.name for f in fields(Responses)], lambda row: row.parameter.tolerance
+        squares = (sum((getattr(r.by, name) * size(r)) ** 2 for r in given) for name in names)
+        return Responses(*map(np.sqrt, squares))
 
 
 def robot_sensitivity(
@@ -188,18 +187,18 @@ class _Model:
 
     def _vary_parts(self, robot: RobotFile) -> dict[str, Any]:
         """Return the experiments extrapolated to this robot, with bounds of the difference only."""
-        return {name: self._one(name, robot) for name in self.experiments}
+        return {name: self._vary_part(name, robot) for name in self.experiments}
 
-    def _one(self, name: str, robot: RobotFile) -> Any:
+    def _vary_part(self, name: str, robot: RobotFile) -> Any:
         held, changes = self.experiments[name], _changes(self.robot, robot, name)
         known = self.derivatives.get(name, {})
-        for key in changes:
-            if key not in known:
-                raise InputError(f"{name}.{key}: expected a parameter with a derivative of the part's matrix, got none")
-        sums = {
-            field: sum(change * getattr(known[key], field) for key, change in changes.items())
-            for field in ("full_compliance", "mass", "condensed_mass", "reference_points", "clamp_point")
-        }
+        if unknown := [key for key in changes if key not in known]:
+            expected = "expected a parameter with a derivative of the part's matrix"
+            raise InputError(f"{name}.{unknown[0]}: {expected}, got none")
+
+        def change(field: str) -> Any:
+            return sum(step * getattr(known[key], field) for key, step in changes.items())
+
         bounds = sum(abs(change) * known[key].full_error for key, change in changes.items())
         one = held.experiment
         condensed, squares = np.array(one.condensed_mass), np.array(one.mode_squares)
@@ -208,29 +207,26 @@ class _Model:
         ends = len(condensed) - len(squares)
         condensed[ends:, :ends] *= np.sqrt(denser)
         condensed[:ends, ends:] *= np.sqrt(denser)
-        condensed[:ends, :ends] += sums["condensed_mass"]
+        condensed[:ends, :ends] += change("condensed_mass")
         return SimpleNamespace(
-            compliance=held.compliance + sums["full_compliance"],
-            error=np.zeros_like(held.compliance) + bounds,
-            mass=held.mass + sums["mass"],
+            compliance=held.compliance + change("full_compliance"),
+            error=np.zeros_like(held.compliance) + bounds, mass=held.mass + change("mass"),
             experiment=SimpleNamespace(
-                condensed_mass=condensed,
-                mode_squares=squares / denser,
-                mode_squares_error=None,
-                clamp_point=one.clamp_point + sums["clamp_point"],
-                reference_points=one.reference_points + sums["reference_points"],
+                condensed_mass=condensed, mode_squares=squares / denser, mode_squares_error=None,
+                clamp_point=one.clamp_point + change("clamp_point"),
+                reference_points=one.reference_points + change("reference_points"),
             ),
-        )
+        )  # fmt: skip
 
 
 def _check_lengths(before: RobotFile, after: RobotFile, components: Components) -> None:
     """Raise InputError if a change alters the length required of a STEP file's solid."""
     for name, source in part_sources(before, components).items():
-        for body in before.bodies_of(name) if source == "step" and not before.parts[name].interface_names else ():
-            own, other = (
-                np.linalg.norm(np.subtract(each.elastic_bodies()[body].tip, each.elastic_bodies()[body].base))
-                for each in (before, after)
-            )
+        if source != "step" or before.parts[name].interface_names:
+            continue
+        for body in before.bodies_of(name):
+            both = (robot.elastic_bodies()[body] for robot in (before, after))
+            own, other = (np.linalg.norm(np.subtract(each.tip, each.base)) for each in both)
             if abs(own - other) > 1e-9 * own:
                 file = getattr(before.parts[name], "file", name)
                 raise before.refuse(("bodies", body, "tip"), f"expected the length of {file}, got another")
@@ -240,19 +236,17 @@ def _changes(before: RobotFile, after: RobotFile, name: str) -> dict[str, float]
     """Return the nonzero changes of a part's lengths, material constants and foundation."""
 
     def numbers(robot: RobotFile) -> dict[str, Any]:
-        part, material = robot.parts[name], robot.material(name)
-        shape = robot.dimensions(name).present() if isinstance(part, ParametricPart) else None
-        constants = {} if material is None else {k: v for k, v in vars(material).items() if k not in ("name", "source")}
-        constants = {key: value for key, value in constants.items() if not key.endswith("expansion")}
-        return {
-            **({} if shape is None else vars(shape)),
-            **constants,
-            "foundation": getattr(part, "foundation", None) or 0.0,
-        }
+        part, found = robot.parts[name], dict[str, Any]()
+        if isinstance(part, ParametricPart):
+            found |= vars(robot.dimensions(name).present())
+        for key, value in vars(robot.material(name) or SimpleNamespace()).items():
+            if key not in {"name", "source"} and not key.endswith("expansion"):
+                found[key] = value
+        return found | {"foundation": getattr(part, "foundation", None) or 0.0}
 
     one, two = numbers(before), numbers(after)
     changed = {key: value for key, value in two.items() if value != one.get(key)}
-    return {key: value - one[key] if isinstance(value, float) else np.nan for key, value in changed.items()}
+    return {k: v - one[k] if isinstance(v, float) else np.nan for k, v in changed.items()}
 
 
 def _first(frequencies: np.ndarray, values: np.ndarray | None = None) -> np.ndarray:

@@ -58,7 +58,8 @@ class Designs(Sequence[Design]):
 
     def __getitem__(self, index: Any) -> Any:
         """Return a design."""
-        return Design(self.values[index], tuple(self.responses[index].tolist()), self.reasons.get(index, ""))
+        responses = tuple(self.responses[index].tolist())
+        return Design(self.values[index], responses, self.reasons.get(index, ""))
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,11 +89,8 @@ class Study:
         import pandas as pd
 
         designs, count = self.designs, len(self.designs)
-        columns: dict[str, Any] = {
-            "design": range(1, count + 1),
-            "from": designs.origins,
-            "state": self.outcomes.states,
-        }
+        columns: dict[str, Any] = {"design": range(1, count + 1), "from": designs.origins}
+        columns["state"] = self.outcomes.states
         for k, v in enumerate(self.file.variables):
             columns[v.column] = [values[k] for values in designs.values]
         for k, response in enumerate(self.file.responses):
@@ -146,8 +144,8 @@ def study(
 
 
 def run_study(
-    file: StudyFile, folder: Path | None, report: Progress | None = None, *, workers: int, scheduler: str | None = None,
-    part: tuple[int, int] = WHOLE,
+    file: StudyFile, folder: Path | None, report: Progress | None = None, *,
+    workers: int, scheduler: str | None = None, part: tuple[int, int] = WHOLE,
 ) -> Study:  # fmt: skip
     """Run a study whose file was already read; see `study`.
 
@@ -186,22 +184,21 @@ def merge_study(file: StudyFile, folders: Sequence[Path]) -> Study:
 
     """
     if file.method not in SWEEPS:
-        raise InputError(f"{file.path}: expected a sweep ({', '.join(SWEEPS)}), which has shares, got {file.method}")
+        sweep = f"a sweep ({', '.join(SWEEPS)}), which has shares"
+        raise InputError(f"{file.path}: expected {sweep}, got {file.method}")
     journals = [Journal(file, folder) for folder in folders]
     for journal in journals:
         if not journal.path.is_file():
-            raise InputError(
-                f"{journal.path.parent}: expected designs of {file.path} as it and its robot are now, made by this "
-                "version of stiffscope; got none"
-            )
+            now = f"designs of {file.path} as it and its robot are now"
+            made = "made by this version of stiffscope"
+            raise InputError(f"{journal.path.parent}: expected {now}, {made}; got none")
 
     def refuse(rows: Iterable[Any]) -> Iterator[Any]:
         missing = sum(1 for _ in rows)
         if missing:
-            raise InputError(
-                f"{file.path}: expected shares with all its {file.designs} designs, got none with {missing} of them; "
-                "is a share missing, or not finished?"
-            )
+            every = f"shares with all its {file.designs} designs"
+            got = f"none with {missing} of them; is a share missing, or not finished?"
+            raise InputError(f"{file.path}: expected {every}, got {got}")
         yield from ()
 
     desk = _Desk(file, Makers(refuse, lambda: None), journals, None, None, WHOLE)
@@ -211,29 +208,30 @@ def merge_study(file: StudyFile, folders: Sequence[Path]) -> Study:
 def check_part(file: StudyFile, part: tuple[int, int]) -> None:
     """Raise InputError for an invalid share, or for shares of a method that is not a sweep."""
     number, count = part
+    message = ""
     if not 1 <= number <= count:
-        raise InputError(f"--part: expected I/N with I from 1 to N such as 3/20, got {number}/{count}")
-    if count > file.designs:
-        raise InputError(f"--part: expected at most as many shares as designs, {file.designs}, got {count}")
-    if count > 1 and file.method not in SWEEPS:
-        raise InputError(
-            f"--part: expected a sweep ({', '.join(SWEEPS)}), got {file.path} with {file.method}, "
-            "which looks at all designs before the next; --scheduler has its designs made on several machines"
-        )
+        message = f"I/N with I from 1 to N such as 3/20, got {number}/{count}"
+    elif count > file.designs:
+        message = f"at most as many shares as designs, {file.designs}, got {count}"
+    elif count > 1 and file.method not in SWEEPS:
+        got = f"{file.path} with {file.method}, which looks at all designs before the next"
+        cure = "--scheduler has its designs made on several machines"
+        message = f"a sweep ({', '.join(SWEEPS)}), got {got}; {cure}"
+    if message:
+        raise InputError(f"--part: expected {message}")
 
 
 def find_study(folders: Sequence[Path]) -> Path:
     """Return the study file that is named in the journals of folders of designs."""
     for folder in folders:
         if not folder.is_dir():
-            raise InputError(f"{folder.parent}: expected the output folder of a share, got none with {folder.name}")
-        named = [name_study(each) for each in sorted(folder.glob(f"*{SUFFIX}"))]
-        for path in filter(None, named):
+            got = f"none with {folder.name}"
+            raise InputError(f"{folder.parent}: expected the output folder of a share, got {got}")
+        for path in filter(None, map(name_study, sorted(folder.glob(f"*{SUFFIX}")))):
             if Path(path).is_file():
                 return Path(path)
-    raise InputError(
-        "expected the study's file where it was when its shares were made; give it: study merge STUDY.toml DIR..."
-    )
+    expected = "expected the study's file where it was when its shares were made"
+    raise InputError(f"{expected}; give it: study merge STUDY.toml DIR...")
 
 
 class _Desk:
@@ -265,7 +263,8 @@ class _Desk:
             for point in points:
                 if self.ended:
                     raise CancelledError
-                values = tuple(v.find_value(share) for v, share in zip(self.file.variables, point, strict=True))
+                shares = zip(self.file.variables, point, strict=True)
+                values = tuple(v.find_value(share) for v, share in shares)
                 with self.lock:
                     row = self._find_row(values)
                     self.asked[origin].append(row)
@@ -305,37 +304,35 @@ class _Desk:
     def _count(self) -> None:
         self.done += 1
         if self.report is not None:
-            self.report(f"designs, {min(self.done, self.total)} of {self.total}", self.done / self.total)
+            done = min(self.done, self.total)
+            self.report(f"designs, {done} of {self.total}", self.done / self.total)
 
     def _judge(self, rows: Indices) -> Outcomes:
         found = self._responses(rows)
-        names = [response.name for response in self.file.responses]
+        by_name = {r.name: found[:, k] for k, r in enumerate(self.file.responses)}
         failed = np.array([int(row) in self.reasons for row in rows], dtype=bool)
-        goals = [goal.sign * found[:, names.index(goal.response)] for goal in self.file.goals]
-        limits = [limit.violation(found[:, names.index(limit.response)]) for limit in self.file.limits]
+        goals = [goal.sign * by_name[goal.response] for goal in self.file.goals]
+        limits = [limit.violation(by_name[limit.response]) for limit in self.file.limits]
         none = np.zeros((len(rows), 0))
         return Outcomes(np.column_stack([none, *goals]), np.column_stack([none, *limits]), failed)
 
     def _responses(self, rows: Indices) -> Array:
         count = len(self.file.responses)
+        if not len(rows):
+            return np.zeros((0, count))
         with self.lock:  # an array cannot grow during a view
-            return np.frombuffer(self.found).reshape(-1, count)[rows] if len(rows) else np.zeros((0, count))
+            return np.frombuffer(self.found).reshape(-1, count)[rows]
 
     def finish(self, ending: Ending) -> Study:
         """Return the finished study with the designs in the method's order."""
-        asked = sorted(self.asked.items(), key=lambda each: _rank_origin(each[0]))
-        words = [origin for origin, _ in asked]
-        every = np.concatenate([np.zeros(0, dtype=np.int64), *(np.array(rows, dtype=np.int64) for _, rows in asked)])
-        codes = np.repeat(np.arange(len(asked)), [len(rows) for _, rows in asked])
-        first = np.sort(np.unique(every, return_index=True)[1])
-        rows = every[first]
-        values = list(self.rows)
-        designs = Designs(
-            [values[row] for row in rows],
-            self._responses(rows),
-            {k: self.reasons[row] for k, row in enumerate(rows.tolist()) if row in self.reasons},
-            [words[code] for code in codes[first]],
-        )
+        asked: dict[int, str] = {}  # the first origin of each row
+        for origin in sorted(self.asked, key=_rank_origin):
+            for row in self.asked[origin]:
+                asked.setdefault(row, origin)
+        values, rows = list(self.rows), np.array(list(asked), dtype=np.int64)
+        reasons = {k: self.reasons[row] for k, row in enumerate(asked) if row in self.reasons}
+        chosen = [values[row] for row in asked]
+        designs = Designs(chosen, self._responses(rows), reasons, list(asked.values()))
         outcomes = self._judge(rows)
         return Study(self.file, designs, outcomes, tuple(find_front(outcomes).tolist()), ending)
 

@@ -40,13 +40,18 @@ class Variable:
     @property
     def column(self) -> str:
         """Name, with the unit if it is a number."""
-        return f"{self.name} [{self.unit}]" if all(not isinstance(each, str) for each in self.levels) else self.name
+        words = any(isinstance(each, str) for each in self.levels)
+        return self.name if words else f"{self.name} [{self.unit}]"
 
     def find_value(self, share: float) -> Value:
         """Return the value at a fraction from 0 to 1 of the range or of the values."""
         if self.low is None or self.high is None:
-            return self.levels[min(int(share * len(self.levels)), len(self.levels) - 1)]
+            return self.levels[self.find_level(share)]
         return round_off(self.low + share * (self.high - self.low))
+
+    def find_level(self, share: float) -> int:
+        """Return the index of the value at a fraction from 0 to 1 of the values."""
+        return min(int(share * len(self.levels)), len(self.levels) - 1)
 
     def overrides(self, value: Value) -> tuple[str, ...]:
         """Return the overrides for `--set`."""
@@ -60,7 +65,8 @@ def round_off(value: float) -> float:
 
 def write_override(name: str, value: Any) -> str:
     """Return an override for `--set`."""
-    return f"{name}={json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)}"
+    text = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
+    return f"{name}={text}"
 
 
 @dataclass(frozen=True)
@@ -108,10 +114,10 @@ class StudyFile:
 
     def poses_of(self, robot: RobotFile) -> np.ndarray:
         """Return all poses (n, k) of a design, m and rad."""
-        return np.array([robot.poses[each] if isinstance(each, str) else each for each in self.poses])
+        return np.array([robot.poses[p] if isinstance(p, str) else p for p in self.poses])
 
     def design(self, values: Iterable[Value]) -> RobotFile:
         """Return the robot with these values. Raise InputError if they are invalid."""
-        changes = [text for v, value in zip(self.variables, values, strict=True) for text in v.overrides(value)]
-        source = self.robot.source
+        pairs, source = zip(self.variables, values, strict=True), self.robot.source
+        changes = [text for v, value in pairs for text in v.overrides(value)]
         return read_robot(source.path, source.text, [*source.overrides, *changes], self.tolerance)

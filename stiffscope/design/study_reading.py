@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import re
 from contextlib import suppress
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
+from pydantic import field_validator
 
 from stiffscope.design.path.job import load_job
 from stiffscope.design.responses import ALONG_PATH, Response, known_units, worst_of
 from stiffscope.design.study_file import Goal, Limit, StudyFile, Variable, round_off, write_override
-from stiffscope.design.study_sections import DESIGNS, MOST_DESIGNS, RANGE, RangeSection, ResponseSection, StudySection
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.expressions import parse
 from stiffscope.robot.file.parse import FieldError, Source, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
-from stiffscope.robot.file.values import Section, any_quantity, unit_of
+from stiffscope.robot.file.values import Reads, Says, Section, any_quantity, parse_whole, unit_of
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.robot.parameters import parameters
 from stiffscope.robot.reader import load_robot_of, pose_of, read_robot
@@ -32,6 +33,75 @@ if TYPE_CHECKING:
     from stiffscope.design.study_file import Pose, Value
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.file.positions import Key
+
+Method = Literal["grid", "latin-hypercube", "sobol", "optimum", "pareto"]
+DESIGNS = {"latin-hypercube": 64, "sobol": 64, "optimum": 120, "pareto": 400}
+MOST_DESIGNS = 1_000_000
+RANGE = 'a range such as ["15 mm", "40 mm"]'
+
+
+def _list_texts(value: Any) -> Any:
+    return [value] if isinstance(value, str) else value
+
+
+def _read_count(value: Any) -> int:
+    if not 1 <= parse_whole(value) <= MOST_DESIGNS:
+        raise ValueError(f"expected 1 to {MOST_DESIGNS}, got {value}")
+    return parse_whole(value)
+
+
+Texts = Annotated[tuple[str, ...], Reads(_list_texts, says="texts in a list")]
+Number = Annotated[int, Reads(_read_count, says="a whole number above 0")]
+
+
+class StudySection(Section):
+    """The top level of the file. `minimize` and `maximize` name responses; a sweep needs neither."""
+
+    robot: Annotated[str, Says("a robot file, seen from the study's folder, or the name of a bundled robot")]
+    components: Literal["fea", "beam", "published"] | None = None
+    set: Texts = ()
+    tolerance: Annotated[str | None, Says("error bar of the parts' matrices, as `--tolerance` takes it")] = None
+    method: Method
+    designs: Annotated[int | None, Reads(lambda value: value and _read_count(value), says="how many at most")] = None
+    seed: Annotated[int, Reads(parse_whole, says="a whole number")] = 1
+    parameters: Annotated[dict[str, Any], Says('a table such as "slider.thickness" = ["15 mm", "40 mm"]')]
+    responses: Annotated[dict[str, Any], Says('a table such as stiffness = "K_tx"')]
+    constraints: Annotated[Texts, Says('texts such as "mass <= 3 kg"')] = ()
+    minimize: Texts = ()
+    maximize: Texts = ()
+
+
+class RangeSection(Section):
+    """A parameter as a table: a range with its number of grid points, or a list of values."""
+
+    range: Annotated[list[Any] | None, Says(RANGE)] = None
+    steps: Number = 5
+    values: Annotated[list[Any] | None, Says('values such as [0, 2, 4] or ["steel", "titanium"]')] = None
+
+    @field_validator("values")
+    @classmethod
+    def _some(cls, value: list[Any] | None) -> list[Any] | None:
+        if value is not None and not value:
+            raise ValueError("expected one value at least, got []")
+        return value
+
+
+class ResponseSection(Section):
+    """A response as a table; a text alone is its `of`, with the worst value over the named poses."""
+
+    of: Annotated[str, Says('an expression over quantities such as "K_tx" or "K_tx/mass"')]
+    at: Annotated[Any, Says('poses by name or numbers in a list, or "map": a grid of the robot file\'s [map]')] = None
+    points: Annotated[Number, Says("points of that grid along either coordinate")] = 5
+    path: Annotated[str | None, Says("a job of `stiffscope path`; `of`: error, normal, along, binormal")] = None
+    take: Literal["least", "greatest", "mean", "worst", "rms"] | None = None
+    unit: Annotated[str | None, Says('SI unit, for expressions of several quantities: "N/m/kg"')] = None
+
+
+SECTIONS = (
+    ("the top level", StudySection),
+    ("[parameters], NAME.KEY = a range, or a table", RangeSection),
+    ("[responses], NAME = an expression, or a table", ResponseSection),
+)
 
 _NAME = re.compile(r"[^\W\d]\w*")
 _LIMIT = re.compile(r"\s*([^\W\d]\w*)\s*(<=|>=)\s*(.+?)\s*")
@@ -133,11 +203,11 @@ def _read_value(value: Any, key: Key) -> Value:
     if isinstance(value, int) and not isinstance(value, bool):
         return value
     try:
-        return float(any_quantity(value))
-    except ValueError as error:
+        return _read_number(value, key)
+    except FieldError:
         if isinstance(value, str):
             return value
-        raise FieldError(key, str(error)) from error
+        raise
 
 
 def _check_takes(name: str, texts: list[Any], robot: RobotFile, also: tuple[str, ...], key: Key) -> None:
@@ -243,14 +313,13 @@ def _read_limit(text: str, number: int, units: dict[str, str]) -> Limit:
         raise FieldError(key, f'expected RESPONSE <= VALUE or RESPONSE >= VALUE such as "mass <= 3 kg", got "{text}"')
     name, relation, value = match.groups()
     _check_response(name, units, key)
-    try:
-        bare = float(value)
-    except ValueError:
-        bare = None
     unit = units[name]
+    dimension = q.Dimension(f"a value of {name}", "" if unit == "1" else unit, f"3 {unit}")
+    given: Any = value
+    with suppress(ValueError):
+        given = float(value)
     try:
-        dimension = q.Dimension(f"a value of {name}", "" if unit == "1" else unit, f"3 {unit}")
-        si = q.to_si(value if bare is None else bare, dimension, sign="any")
+        si = q.to_si(given, dimension, sign="any")
     except ValueError as error:
         raise FieldError(key, str(error)) from error
     return Limit(name, relation == "<=", si, text)
@@ -281,9 +350,7 @@ def _count_designs(top: StudySection, variables: tuple[Variable, ...]) -> int:
         return top.designs or DESIGNS[top.method]
     if top.designs is not None:
         raise FieldError(("designs",), "expected none for a grid, whose ranges have steps and values")
-    count = 1
-    for variable in variables:
-        count *= len(variable.levels)
+    count = math.prod(len(variable.levels) for variable in variables)
     if count > MOST_DESIGNS:
         raise FieldError(("method",), f"expected a grid of at most {MOST_DESIGNS} designs, got {count}")
     return count

@@ -60,14 +60,14 @@ def find_bounds(study: Study) -> list[AtBound]:
     """Return the parameters of best designs that lie at an end of their range."""
     if not study.file.goals:
         return []
-    found = []
+    found: list[AtBound] = []
     for k, v in enumerate(study.file.variables):
         if v.low is None or v.high is None:
             continue
         values = np.array([study.designs.values[index][k] for index in study.best], dtype=float)
         near = AT_END * (v.high - v.low)
-        ends = {"lower": int((values <= v.low + near).sum()), "upper": int((values >= v.high - near).sum())}
-        found += [AtBound(v, end, count) for end, count in ends.items() if count]
+        ends = {"lower": values <= v.low + near, "upper": values >= v.high - near}
+        found += [AtBound(v, end, int(at.sum())) for end, at in ends.items() if at.any()]
     return found
 
 
@@ -89,4 +89,5 @@ def judge_convergence(study: Study) -> tuple[bool | None, tuple[str, ...]]:
     scale = np.where(spread > 0, spread, 1.0)
     steps = [float(((former - point) / scale).max(axis=1).min()) for point in final]
     moved = max(0.0, *steps)
-    return moved <= SETTLED, (f"the last quarter of the designs moved the front by {100 * moved:.2g} % of its spread",)
+    share = f"{100 * moved:.2g} % of its spread"
+    return moved <= SETTLED, (f"the last quarter of the designs moved the front by {share}",)

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from stiffscope.cad.part import Part
+    from stiffscope.experiments.experiments import PartResult
     from stiffscope.experiments.orders import PartOrder
-    from stiffscope.experiments.results import PartResult
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.part_matrices import Components, PartMatrix
     from stiffscope.runtime.workshop import Workshop
@@ -110,28 +110,26 @@ def assemble_robots(
 
     """
     orders: dict[tuple[str, str], PartOrder] = {}
-    for i, (label, robot) in enumerate(robots.items()):
+    for label, robot in robots.items():
         for name in needed_experiments(robot, components):
             check_one_interface(robot, name)
-            order = order_part(robot, name)
-            orders[label, name] = order if i == 0 else dataclasses.replace(order, label=f"{name} ({label})")
+            words = name if label == next(iter(robots)) else f"{name} ({label})"
+            orders[label, name] = order_part(robot, name, label=words)
     with name_lines(next(iter(robots.values()))):
-        solved = dict(zip(orders, solve_parts(list(orders.values()), shop, whole=whole, near=near), strict=True))
-    return {
-        label: _assemble(robot, components, {name: solved[at, name] for at, name in solved if at == label})
-        for label, robot in robots.items()
-    }
+        made = solve_parts(list(orders.values()), shop, whole=whole, near=near)
+    results: dict[str, dict[str, PartResult]] = {label: {} for label in robots}
+    for (label, name), result in zip(orders, made, strict=True):
+        results[label][name] = result
+    return {n: _assemble(robot, components, results[n]) for n, robot in robots.items()}
 
 
 def check_one_interface(robot: RobotFile, name: str) -> None:
     """Raise InputError if a part of a two-ended body has several loaded interfaces."""
     two_ended = any(body.part == name for body in robot.elastic_bodies().values())
     if getattr(robot.part(name), "pads", None) == "apart" and two_ended:
-        raise robot.refuse(
-            ("parts", name, "pads"),
-            'expected "together" for bodies between a base and a tip, got "apart", whose three interfaces stand apart '
-            "(a body with `at` instead of base and tip has them as ends)",
-        )
+        expected = 'expected "together" for bodies between a base and a tip'
+        got = 'got "apart", whose three interfaces stand apart (a body with `at` instead of base and tip'
+        raise robot.refuse(("parts", name, "pads"), f"{expected}, {got} has them as ends)")
 
 
 def check_reach(robot: RobotFile, poses: Mapping[str, Sequence[float]]) -> None:
@@ -142,19 +140,23 @@ def check_reach(robot: RobotFile, poses: Mapping[str, Sequence[float]]) -> None:
     for index, name in enumerate(poses):
         if not found.valid[index]:
             reason = found.reason(index)
-            raise robot.refuse(("poses", name), reason) if name in robot.poses else InputError(f"{name}: {reason}")
+            if name in robot.poses:
+                raise robot.refuse(("poses", name), reason)
+            raise InputError(f"{name}: {reason}")
 
 
-def _assemble(robot: RobotFile, components: Components, results: dict[str, PartResult]) -> Assembled:
-    sources = {
-        name: source if isinstance(source, str) else "given" for name, source in part_sources(robot, components).items()
-    }
+def _assemble(
+    robot: RobotFile, components: Components, results: dict[str, PartResult]
+) -> Assembled:  # fmt: skip
+    given = part_sources(robot, components).items()
+    sources = {name: source if isinstance(source, str) else "given" for name, source in given}
     for name, source in sources.items():
         if source == "step" and not robot.parts[name].interface_names:
             _check_length(robot, name, results[name].length)
     matrices = part_matrices(robot, components, results)
     bare = mechanism_of(robot, matrices)
-    return Assembled(robot, sources, results, matrices, apply_effects(bare, robot) if robot.effects else bare, bare)
+    mechanism = apply_effects(bare, robot) if robot.effects else bare
+    return Assembled(robot, sources, results, matrices, mechanism, bare)
 
 
 def check_solids(robot: RobotFile) -> dict[str, Part]:
@@ -173,14 +175,13 @@ def check_solids(robot: RobotFile) -> dict[str, Part]:
 def _check_length(robot: RobotFile, name: str, length: float) -> None:
     """Raise InputError if a body's length differs from that of its STEP file's solid."""
     for body in robot.bodies_of(name):
-        given = float(np.linalg.norm(np.subtract(robot.elastic_bodies()[body].tip, robot.elastic_bodies()[body].base)))
+        ends = robot.elastic_bodies()[body]
+        given = float(np.linalg.norm(np.subtract(ends.tip, ends.base)))
         if abs(length - given) > SAME_LENGTH * given:
-            part = robot.part(name)
-            file = part.file if isinstance(part, StepPart) else ""
+            file = getattr(robot.part(name), "file", "")
             what = f"as the reference point of {file} is from its clamped faces along x"
-            raise robot.refuse(
-                ("bodies", body, "tip"), f"expected a tip {mm(length)} from the base, {what}, got {mm(given)}"
-            )
+            message = f"expected a tip {mm(length)} from the base, {what}, got {mm(given)}"
+            raise robot.refuse(("bodies", body, "tip"), message)
 
 
 def at_named_poses(assembled: Assembled, poses: Mapping[str, Sequence[float]]) -> Stiffness:
@@ -211,9 +212,9 @@ def deflection_bars(assembled: Assembled, poses: Any, twist: np.ndarray) -> np.n
 def stiffness_json(state: Stiffness, error: np.ndarray | None = None) -> dict[str, Any]:
     """Return the robot's stiffness, sag and mobility as JSON data."""
     bars = {} if error is None else {"error": error}
-    known = np.asarray(np.isfinite(state.matrix).all(axis=(1, 2)))
-    matrices = [k if ok else None for k, ok in zip(state.matrix, known.tolist(), strict=True)]
     return {
-        "poses": state.poses, "tool": state.tool, "stiffness": matrices, "compliance": state.compliance,
-        "rigid": state.rigid, "sag": state.sag, "mobility": state.mobility, **bars, "convention": CONVENTION,
+        "poses": state.poses, "tool": state.tool,
+        "stiffness": [k if np.isfinite(k).all() else None for k in state.matrix],
+        "compliance": state.compliance, "rigid": state.rigid, "sag": state.sag,
+        "mobility": state.mobility, **bars, "convention": CONVENTION,
     }  # fmt: skip

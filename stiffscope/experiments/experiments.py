@@ -1,12 +1,11 @@
-"""Virtual experiments as jobs: read from the cache, or run in parallel and cached."""
+"""Virtual experiments as jobs, read from the cache or run in parallel, and their results."""
 
 from __future__ import annotations
 
 import json
 import logging
 import time
-from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -16,28 +15,134 @@ from stiffscope.cad.faces import face_geometries
 from stiffscope.cad.part import mass_properties
 from stiffscope.cad.step import write_step, write_stl
 from stiffscope.errors import InputError
-from stiffscope.experiments.results import EXPERIMENT, FIELDS, SOLID, PartResult
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.fea.export import write_vtu
 from stiffscope.fea.mesh import MeshError
+from stiffscope.robot.part_matrices import beam_compliance
 from stiffscope.runtime.executor import LateError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from stiffscope.cad.part import Part
     from stiffscope.experiments.orders import PartOrder
     from stiffscope.fea.experiment import Experiment
+    from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.cache import Cache
+    from stiffscope.runtime.types import Progress
     from stiffscope.runtime.workshop import Workshop
-
-    Report = Callable[[str, float], None]
 
 log = logging.getLogger(__name__)
 
 AFTER_REFINEMENT = 1.5  # times the limit, to allow for the modes of the last mesh
 WHOLE, CONDENSED, MOVED = "experiment", "condensed", "moved"  # kinds of results in the cache
+DYNAMICS = (
+    "self_weight", "self_weight_error", "frequencies", "frequency_error",
+    "mode_squares", "mode_squares_error", "condensed_mass",
+)  # fmt: skip
+EXPERIMENT, SOLID, FIELDS = "experiment.npz", "solid.json", "fields.vtu"
+_AT = "; twist (v, omega) and wrench (f, m) at the"
+AXES = {
+    "rod": f"x along the rod from its clamped end{_AT} centre of the loaded end",
+    "plate": "x away from the clamped face, y across, z through the plate, to the side of its ribs"
+    f"{_AT} centre of the loaded face",
+    "step": f"those of the STEP file, or of the frame chosen in it{_AT} loaded faces' reference point",
+}
+
+
+@dataclass(frozen=True)
+class PartResult:
+    """A part's virtual experiment and its cached files.
+
+    Attributes
+    ----------
+    order, key : order of the experiment, and its cache key.
+    folder : its files: experiment (npz) and, if whole, fields (vtu) and solid (STEP, STL).
+    experiment : response to unit wrenches; no fields and modes if only the compliance was computed.
+    solid : CAD properties: mass in kg, mass_centre in m, inertia in kg·m², clamped_centre (of the
+        clamped faces) in m, face numbers.
+    reused, seconds : whether it was cached, and the time it took now.
+    """
+
+    order: PartOrder
+    key: str
+    folder: Path
+    experiment: Experiment
+    solid: dict[str, Any]
+    reused: bool
+    seconds: float
+
+    @property
+    def name(self) -> str:
+        """Name of the part."""
+        return self.order.name
+
+    @property
+    def compliance(self) -> np.ndarray:
+        """Compliance (6m, 6m) of the m loaded ends at their reference points, part axes."""
+        return self.experiment.full_compliance
+
+    @property
+    def error(self) -> np.ndarray:
+        """95 % bounds (6m, 6m) on the compliance."""
+        return self.experiment.full_error
+
+    @property
+    def note(self) -> str:
+        """One line on why a requested tolerance was not met; empty if met or not requested."""
+        return self.experiment.note
+
+    @property
+    def accuracy(self) -> dict[str, Any]:
+        """Requested tolerance, largest bound, reason if it exceeds the tolerance, and mesh size."""
+        mesh = self.experiment.mesh
+        return {
+            "tolerance": self.order.settings.tolerance,
+            "relative_bound": self.experiment.relative_bound,
+            "note": self.note,
+            "mesh": {"nodes": len(mesh.points), "tetrahedra": len(mesh.cells), "order": 2},
+        }
+
+    @property
+    def own_shape(self) -> bool:
+        """Whether the solid is the robot file's parametric shape, not a STEP file's."""
+        return self.order.step is None
+
+    @property
+    def mass(self) -> float:
+        """Mass of the solid, kg."""
+        return self.solid["mass"]
+
+    @property
+    def length(self) -> float:
+        """Distance from the clamped faces to the reference point along the part's x, m."""
+        return float(self.experiment.reference_point[0] - self.solid["clamped_centre"][0])
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Results of a whole experiment except its fields, as plain numbers, SI."""
+        experiment, order = self.experiment, self.order
+
+        def read(*names: str) -> dict[str, Any]:
+            return {name: getattr(experiment, name) for name in names}
+
+        together: dict[str, Any] = {}
+        if len(experiment.reference_points) > 1:
+            together = {
+                "interfaces": list(experiment.interfaces), **read("places", "reference_points"),
+                "flexibility": experiment.full_compliance,
+                "flexibility_error": experiment.full_error, **read("stiffness", "stiffness_error"),
+            }  # fmt: skip
+        return {
+            "part": self.name, **read("compliance", "error", "reference_point"), **together,
+            **read("interface"), "foundation": order.settings.foundation, **self.accuracy,
+            "axes": AXES[order.shape],
+            "solid": order.step.path.name if order.step else "parametric",
+            **read("volume", "cad_volume"),
+            **{name: self.solid[name] for name in ("mass", "mass_centre", "inertia")},
+            **read(*DYNAMICS, "seconds"),
+        }  # fmt: skip
 
 
 def solve_parts(
@@ -90,29 +195,33 @@ def solve_parts(
         make = partial(_make_part, whole=whole, near=near or {}, skip=skip)
         for order, (folder, seconds) in _make_missing(missing, shop, make).items():
             if folder is not None:
-                found[order] = replace(_read(order, folder, whole=whole, reused=False), seconds=seconds)
+                made = _read(order, folder, whole=whole, reused=False)
+                found[order] = replace(made, seconds=seconds)
     return [found[order] for order in orders if order in found]
 
 
-def _make_missing(missing: Sequence[PartOrder], shop: Workshop, make: Callable[..., Any]) -> dict[PartOrder, Any]:
+def _make_missing(
+    missing: Sequence[PartOrder], shop: Workshop, make: Callable[..., Any]
+) -> dict[PartOrder, Any]:  # fmt: skip
     jobs = {order.label: (order, shop.cache) for order in missing}
     if len(jobs) < len(missing):
         raise ValueError("experiments that differ have the same label")
-    limits = {  # refinement checks its own time, and modes follow it
-        each.label: each.settings.time_limit * (1.0 if each.settings.tolerance is None else AFTER_REFINEMENT)
-        for each in missing
-    }
+    limits = {order.label: order.settings.time_limit for order in missing}
+    for order in missing:  # refinement checks its own time, and modes follow it
+        limits[order.label] *= 1.0 if order.settings.tolerance is None else AFTER_REFINEMENT
     try:
         made = shop.work(make, jobs, limits)
     except LateError as late:
+        message = str(late).partition(": ")[2]
         cure = "choose a larger mesh.size, or a longer mesh.time_limit"
-        raise InputError(f"{late.job}.mesh.time_limit: {str(late).partition(': ')[2]}; {cure}") from late
+        raise InputError(f"{late.job}.mesh.time_limit: {message}; {cure}") from late
     return {order: made[order.label] for order in missing}
 
 
 def _read(order: PartOrder, folder: Path, *, whole: bool, reused: bool) -> PartResult:
     solid = json.loads((folder / SOLID).read_text())
-    for name, shape in {"mass": (), "mass_centre": (3,), "clamped_centre": (3,), "inertia": (3, 3)}.items():
+    shapes = {"mass": (), "mass_centre": (3,), "clamped_centre": (3,), "inertia": (3, 3)}
+    for name, shape in shapes.items():
         if np.shape(solid[name]) != shape or not np.isfinite(solid[name]).all():
             raise ValueError(f"expected finite numbers of {name}")
     experiment = load_experiment(folder / EXPERIMENT, fields=whole)
@@ -120,35 +229,30 @@ def _read(order: PartOrder, folder: Path, *, whole: bool, reused: bool) -> PartR
 
 
 def _make_part(
-    order: PartOrder, cache: Cache, report: Report, *, whole: bool, near: Mapping[str, PartResult], skip: bool
-) -> tuple[Path | None, float]:
+    order: PartOrder, cache: Cache, report: Progress, *,
+    whole: bool, near: Mapping[str, PartResult], skip: bool,
+) -> tuple[Path | None, float]:  # fmt: skip
     """Run and cache an experiment, perhaps in a child process; return its folder and seconds."""
     begun = time.perf_counter()
+    folder = None
     try:
-        with _name_refusals(order):
-            part, experiment = _test(order, cache, report, whole=whole, near=near.get(order.label))
-            kind = WHOLE if whole else MOVED if experiment.moved else CONDENSED
-            folder = cache.put(kind, order.key(), lambda aside: _write(part, experiment, aside, whole=whole))
+        part, experiment = _test(order, cache, report, whole=whole, near=near.get(order.label))
+        kind = WHOLE if whole else MOVED if experiment.moved else CONDENSED
+        write = partial(_write, part, experiment, whole=whole)
+        folder = cache.put(kind, order.key(), write)
     except InputError as error:
         if not skip:
+            if isinstance(error, MeshError):  # named like errors of fields
+                name = f"{order.label}."
+                raise MeshError(name + str(error).removeprefix(name)) from error
             raise
         log.debug("left out: %s", error)
-        folder = None
     report("done", 1.0)
     return folder, time.perf_counter() - begun
 
 
-@contextmanager
-def _name_refusals(order: PartOrder) -> Iterator[None]:
-    """Prefix mesh and solver errors with the part's name, like errors of fields."""
-    try:
-        yield
-    except MeshError as error:
-        raise MeshError(f"{order.label}.{str(error).removeprefix(f'{order.label}.')}") from error
-
-
 def _test(
-    order: PartOrder, cache: Cache, report: Report, *, whole: bool, near: PartResult | None
+    order: PartOrder, cache: Cache, report: Progress, *, whole: bool, near: PartResult | None
 ) -> tuple[Part, Experiment]:
     from stiffscope.fea.run import run_experiment
 
@@ -157,15 +261,15 @@ def _test(
     part = order.build()
     built = time.perf_counter() - begun
     kinds = [CONDENSED] if whole else []
-    former = cache.load(kinds, order.key(), lambda held: load_experiment(held / EXPERIMENT, fields=False))
+    former = cache.load(
+        kinds, order.key(), lambda held: load_experiment(held / EXPERIMENT, fields=False)
+    )  # fmt: skip
+    moved = near is not None and order.moves_from(near.order)
     experiment = run_experiment(
-        part,
-        order.settings,
-        lambda stage, fraction: report(stage, 0.1 + 0.85 * fraction),
-        former=former,
-        near=(near.order.build(), near.experiment.mesh) if near and order.moves_from(near.order) else None,
+        part, order.settings, lambda stage, fraction: report(stage, 0.1 + 0.85 * fraction),
+        former=former, near=(near.order.build(), near.experiment.mesh) if near and moved else None,
         whole=whole,
-    )
+    )  # fmt: skip
     experiment.seconds["cad"] += built
     report("files", 0.97)
     return part, experiment
@@ -183,15 +287,22 @@ def _write(part: Part, experiment: Experiment, folder: Path, *, whole: bool) -> 
 
 def describe_solid(part: Part) -> dict[str, Any]:
     """Return a CAD solid's properties, SI: mass, inertia, clamped faces and their centre."""
-    solid = mass_properties(part)
-    held = [face for face in face_geometries(part.solid) if face.index in set(map(int, part.clamped))]
+    solid, clamped = mass_properties(part), sorted(map(int, part.clamped))
+    held = [face for face in face_geometries(part.solid) if face.index in clamped]
+    areas, centres = [face.area for face in held], [face.centroid for face in held]
     return {
         "mass": solid.mass,
         "mass_centre": list(map(float, solid.centre)),
         "inertia": [list(map(float, row)) for row in solid.inertia],
-        "clamped_centre": np.average([f.centroid for f in held], axis=0, weights=[f.area for f in held]).tolist(),
+        "clamped_centre": np.average(centres, axis=0, weights=areas).tolist(),
         "faces": {
-            "clamped": sorted(int(face) for face in part.clamped),
+            "clamped": clamped,
             "loaded": sorted(int(face) for port in part.loaded for face in port.faces),
         },
     }
+
+
+def compliance_json(robot: RobotFile, result: PartResult) -> dict[str, Any]:
+    """Return a part's results as JSON data; beam theory only applies to parametric shapes."""
+    beam = beam_compliance(robot, result.name) if result.own_shape else None
+    return {**result.facts, "beam": beam, "cached": result.reused}

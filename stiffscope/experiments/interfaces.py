@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -26,8 +27,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from stiffscope.cad.slider import SliderParameters
+    from stiffscope.experiments.experiments import PartResult
     from stiffscope.experiments.orders import PartOrder
-    from stiffscope.experiments.results import PartResult
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.workshop import Workshop
 
@@ -190,16 +191,10 @@ def _format_value(key: str, value: Any) -> str:
 def _hole_count(slider: SliderParameters) -> int:
     """Return the hole count for a pitch of four thicknesses, or the nearest clear of the ribs."""
     wanted = max(2, round(slider.width / (HOLE_PITCH * slider.thickness)))
-    near = sorted(range(2, 2 * wanted + 3), key=lambda count: abs(count - wanted))
-    return next((count for count in near if _fits(slider, count)), wanted)
-
-
-def _fits(slider: SliderParameters, count: int) -> bool:
-    try:
-        dataclasses.replace(slider, hole_count=count)
-    except InputError:
-        return False
-    return True
+    for count in sorted(range(2, 2 * wanted + 3), key=lambda count: abs(count - wanted)):
+        with suppress(InputError):
+            return dataclasses.replace(slider, hole_count=count).hole_count
+    return wanted
 
 
 def _orders(robot: RobotFile, part: str, own: PartOrder) -> tuple[dict[Choice, PartOrder], list[str], list[str]]:
@@ -224,21 +219,17 @@ def _orders(robot: RobotFile, part: str, own: PartOrder) -> tuple[dict[Choice, P
 
 def _compare_choices(part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]) -> Comparison:
     points = next(iter(found.values())).experiment.reference_points
-    own, *others = (Tested(choice, result, *_shift_to(result, points)) for choice, result in found.items())
+    tested: list[Tested] = []
+    for choice, result in found.items():  # at the same reference points, since pads protrude
+        carry = np.asarray(block_diag(*shift(points - result.experiment.reference_points)))
+        error = np.abs(carry) @ result.error @ np.abs(carry.T)
+        tested.append(Tested(choice, result, carry @ result.compliance @ carry.T, error))
+    own, *others = tested
     scale = np.sqrt(np.diag(own.compliance))
     notable = np.abs(own.compliance) > SIGNIFICANT * np.outer(scale, scale)
-    several = len(points) > 1
-    shown = [
-        (i, j) for i in range(len(scale)) for j in range(i, len(scale)) if notable[i, j] and (i == j or not several)
-    ]
-    entries = [_entry(own, others, i, j) for i, j in shown]
+    shown = np.argwhere(np.triu(notable) if len(points) == 1 else np.diag(np.diag(notable)))
+    entries = [_entry(own, others, i, j) for i, j in shown.tolist()]
     return Comparison(part, own, tuple(others), tuple(entries), tuple(left_out))
-
-
-def _shift_to(result: PartResult, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Shift compliance and bounds (6n, 6n) to other reference points, since pads protrude."""
-    carry: np.ndarray = np.asarray(block_diag(*shift(points - result.experiment.reference_points)), dtype=float)
-    return carry @ result.compliance @ carry.T, np.abs(carry) @ result.error @ np.abs(carry.T)
 
 
 def _entry(own: Tested, others: Sequence[Tested], i: int, j: int) -> Entry:
@@ -274,14 +265,10 @@ def interfaces_json(compared: Comparison) -> dict[str, Any]:
         "reference_point": compared.own.result.experiment.reference_point,
         "choices": [
             {
-                "name": t.choice.name,
-                "words": t.choice.words,
-                "set": list(t.choice.overrides),
-                "compliance": t.compliance,
-                "error": t.error,
-                **t.result.accuracy,
+                "name": t.choice.name, "words": t.choice.words, "set": list(t.choice.overrides),
+                "compliance": t.compliance, "error": t.error, **t.result.accuracy,
             }
             for t in (compared.own, *compared.others)
         ],
         "left_out": list(compared.left_out),
-    }
+    }  # fmt: skip

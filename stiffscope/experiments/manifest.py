@@ -9,6 +9,7 @@ import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from stiffscope.experiments import orders
 from stiffscope.runtime import output
 from stiffscope.runtime.cache import library_version
 from stiffscope.runtime.json_text import to_json
@@ -19,10 +20,7 @@ if TYPE_CHECKING:
 
     from stiffscope.robot.file.description import RobotFile
 
-LIBRARIES = (
-    *("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy"),
-    *("pyvista", "vtk", "matplotlib", "pydantic", "pint"),
-)
+LIBRARIES = (*orders.LIBRARIES, "pyvista", "vtk", "matplotlib", "pydantic", "pint")
 
 
 @dataclass
@@ -45,19 +43,16 @@ class Manifest:
 
     def write(self, folder: Path) -> None:
         """Write manifest.json to a folder; the list of files is added when the folder is staged."""
+        seconds = {**self.seconds, "total": self.measure_elapsed()}
+        versions = {name: library_version(name) for name in LIBRARIES}
         content = {
-            "made_by": output.MAKER,
-            "version": library_version("stiffscope"),
-            "command": sys.argv[1:],
-            "started": self.started.isoformat(timespec="seconds"),
-            "seconds": {
-                name: round(value, 3) for name, value in {**self.seconds, "total": self.measure_elapsed()}.items()
-            },
-            **self.sources,
-            "results": self.results,
-            "versions": {"python": sys.version.split()[0], **{name: library_version(name) for name in LIBRARIES}},
+            "made_by": output.MAKER, "version": library_version("stiffscope"),
+            "command": sys.argv[1:], "started": self.started.isoformat(timespec="seconds"),
+            "seconds": {name: round(value, 3) for name, value in seconds.items()},
+            **self.sources, "results": self.results,
+            "versions": {"python": sys.version.split()[0], **versions},
             "machine": {"system": platform.system(), "processor": platform.machine()},
-        }
+        }  # fmt: skip
         (folder / output.MANIFEST).write_text(to_json(content), encoding="utf-8")
 
 
@@ -65,8 +60,8 @@ def manifest_of(robot: RobotFile | None, *inputs: Path) -> Manifest:
     """Start a manifest of a robot and further input files, named relative to a common folder."""
     sources: dict[str, Any] = {}
     if robot is not None:
-        changed = list(robot.source.overrides)
-        sources["robot"] = {"file": str(robot.path), "sha256": file_digest(robot.path), "set": changed}
+        changed, sha256 = list(robot.source.overrides), file_digest(robot.path)
+        sources["robot"] = {"file": str(robot.path), "sha256": sha256, "set": changed}
     if inputs:
         whole = [path.absolute() for path in inputs]
         folder = os.path.commonpath([path.parent for path in whole])

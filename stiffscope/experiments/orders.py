@@ -6,7 +6,7 @@ import dataclasses
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from stiffscope.cad.solid import GREATEST_X, LEAST_X, build
 from stiffscope.cad.step import read_step
@@ -17,7 +17,7 @@ from stiffscope.runtime.cache import code_version, digest
 from stiffscope.runtime.reading import MOST_BYTES, file_digest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from stiffscope.cad.faces import FaceSelector
     from stiffscope.cad.materials import AnyMaterial
@@ -69,47 +69,42 @@ class PartOrder:
 
     def key(self) -> str:
         """Return the cache key: hash of shape, material, settings, STEP file's content and code."""
-        solid = dataclasses.replace(self.solid, path=Path()) if isinstance(self.solid, StepOrder) else self.solid
-        return digest(
-            {
-                "name": self.name,
-                "shape": self.shape,
-                "solid": dataclasses.asdict(solid),
-                "material": dataclasses.asdict(self.material),
-                "settings": dataclasses.asdict(self.settings),
-                "code": code_version(("stiffscope.cad", "stiffscope.fea"), LIBRARIES),
-                "form": FORM,
-            }
-        )
+        solid = dataclasses.replace(self.step, path=Path()) if self.step else self.solid
+        plain = {"solid": solid, "material": self.material, "settings": self.settings}
+        return digest({
+            "name": self.name, "shape": self.shape, "form": FORM,
+            **{name: dataclasses.asdict(each) for name, each in plain.items()},
+            "code": code_version(("stiffscope.cad", "stiffscope.fea"), LIBRARIES),
+        })  # fmt: skip
 
     def moves_from(self, other: PartOrder) -> bool:
         """Return whether another order's mesh can be morphed: same shape and mesh settings."""
-        supports = {"foundation": None}
-        return (
-            self.step is None
-            and self.shape == other.shape
-            and dataclasses.replace(self.settings, **supports) == dataclasses.replace(other.settings, **supports)
-        )
+        one, two = (dataclasses.replace(o.settings, foundation=None) for o in (self, other))
+        return self.step is None and self.shape == other.shape and one == two
 
     def build(self) -> Part:
         """Build the part: its parametric shape, or the solid of a STEP file."""
-        if isinstance(self.solid, StepOrder):
-            return read_step(
-                self.solid.path, name=self.name, material=self.material, clamped=self.solid.clamped,
-                loaded=self.solid.loaded, interfaces=dict(self.solid.interfaces) or None,
-                couplings=dict(self.solid.couplings),
-                placement=self.solid.placement, reference_point=self.solid.reference_point,
-            )  # fmt: skip
-        return build(self.solid, self.material, self.name)
+        if not isinstance(self.solid, StepOrder):
+            return build(self.solid, self.material, self.name)
+        step = self.solid
+        return read_step(
+            step.path, name=self.name, material=self.material, clamped=step.clamped,
+            loaded=step.loaded, interfaces=dict(step.interfaces) or None,
+            couplings=dict(step.couplings), placement=step.placement,
+            reference_point=step.reference_point,
+        )  # fmt: skip
 
 
-def order_part(robot: RobotFile, name: str, step: str | Path | None = None, *, label: str = "") -> PartOrder:
+def order_part(
+    robot: RobotFile, name: str, step: str | Path | None = None, *, label: str = ""
+) -> PartOrder:  # fmt: skip
     """Return the experiment of a part as set in the robot file, on its own shape or a STEP file.
 
     Raises InputError if the part does not exist, has no solid, or its solid is infeasible.
     """
     if name not in robot.parts:
-        raise InputError(f"part: expected one of {', '.join(robot.parts) or '(none)'}, got {name!r}")
+        known = ", ".join(robot.parts) or "(none)"
+        raise InputError(f"part: expected one of {known}, got {name!r}")
     part = robot.part(name)
     solid = _step_order(robot, name, step) or _dimensions(robot, name)
     material = robot.material(name)
@@ -128,7 +123,7 @@ def name_lines(robot: RobotFile) -> Iterator[None]:
         yield
     except InputError as error:
         where, _, message = str(error).partition(": ")
-        name = next((each for each in sorted(robot.parts, key=len)[::-1] if where.startswith(f"{each}.")), None)
+        name = max((n for n in robot.parts if where.startswith(f"{n}.")), key=len, default=None)
         if name is None:
             raise
         key = where[len(name) + 1 :]
@@ -170,9 +165,8 @@ def _dimensions(robot: RobotFile, name: str) -> Dimensions:
     """Return the shape of a parametric part, without parameters of absent features."""
     part = robot.part(name)
     if not isinstance(part, ParametricPart):
-        raise robot.refuse(
-            ("parts", name, "shape"), f'expected a shape that is a solid, such as "rod" or "step", got "{part.shape}"'
-        )
+        expected = 'expected a shape that is a solid, such as "rod" or "step"'
+        raise robot.refuse(("parts", name, "shape"), f'{expected}, got "{part.shape}"')
     try:
         return robot.dimensions(name).present()
     except InputError as error:  # the message begins with the parameter: "link.bore: expected ..."
@@ -184,11 +178,14 @@ def _step_order(robot: RobotFile, name: str, given: str | Path | None) -> StepOr
     """Return the order of a given STEP file, with the robot file's faces, or of the part's own."""
     part = robot.part(name)
     section = part if isinstance(part, StepPart) else None
-    if given is None and section is None:
-        return None
     if given is not None and not str(given):
         raise InputError("--step: expected a STEP file, got no name")
-    path = Path(given) if given is not None else robot.path.parent / section.file  # type: ignore[union-attr]
+    if given is not None:
+        path = Path(given)
+    elif section is not None:
+        path = robot.path.parent / section.file
+    else:
+        return None
     try:
         content = file_digest(path, "a STEP file", MOST_BYTES)
     except InputError as error:
@@ -198,11 +195,17 @@ def _step_order(robot: RobotFile, name: str, given: str | Path | None) -> StepOr
         raise robot.refuse(("parts", name, "file"), f"{message} ({path})") from error
     if section is None:
         return StepOrder(path.absolute(), content)
-    tagged = ("clamped", section.clamped), ("loaded", section.loaded)
-    chosen = {tag: tuple(face.selector() for face in faces) for tag, faces in tagged if faces is not None}
-    interfaces = (section.interfaces or {}).items()
+    given_faces = {"clamped": section.clamped, "loaded": section.loaded}
+    chosen = {tag: _select(faces) for tag, faces in given_faces.items() if faces is not None}
+    ends = (section.interfaces or {}).items()
     return StepOrder(
-        path.absolute(), content, **chosen, placement=section.placement(), reference_point=section.reference_point,
-        interfaces=tuple((end, tuple(face.selector() for face in chosen.faces)) for end, chosen in interfaces),
-        couplings=tuple((end, chosen.interface) for end, chosen in interfaces if chosen.interface),
+        path.absolute(), content, **chosen, placement=section.placement(),
+        reference_point=section.reference_point,
+        interfaces=tuple((end, _select(each.faces)) for end, each in ends),
+        couplings=tuple((end, each.interface) for end, each in ends if each.interface),
     )  # fmt: skip
+
+
+def _select(faces: Iterable[Any]) -> tuple[FaceSelector, ...]:
+    """Return the selectors of faces as written in a robot file."""
+    return tuple(face.selector() for face in faces)

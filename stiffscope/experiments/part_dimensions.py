@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,14 +26,11 @@ from stiffscope.robot.part_dimensions import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
     from stiffscope.cad.materials import AnyMaterial
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.experiments.orders import PartOrder
+    from stiffscope.runtime.types import Array
     from stiffscope.runtime.workshop import Workshop
-
-    Array = NDArray[np.floating[Any]]
 
 STEP = 0.1  # relative step of a length, or of the remaining wall, either way
 MODULUS_STEP = 0.06
@@ -43,7 +40,9 @@ FOUNDATIONS = tuple(10.0 ** (k / 2) for k in range(26, 19, -1))  # N/m³, if the
 SOFTER = (4.0, 0.25)  # times a given foundation's stiffness; a rigid one is tested too
 
 
-def tested_dimensions(nominal: Assembled, shop: Workshop) -> dict[str, Callable[[], tuple[PartDimension, ...]]]:
+def tested_dimensions(
+    nominal: Assembled, shop: Workshop
+) -> dict[str, Callable[[], tuple[PartDimension, ...]]]:  # fmt: skip
     """Return, by part with source "fea", a function that runs experiments on its parameters."""
     return {
         name: partial(_dimensions, nominal, name, shop)
@@ -56,25 +55,21 @@ def _dimensions(nominal: Assembled, name: str, shop: Workshop) -> tuple[PartDime
     robot, here = nominal.robot, nominal.matrices[name].compliance
     known = part_parameters(robot, name)
     limits = {key: find_vanishing(robot, name, key) for key in known}
-    shares = {key: _shares(robot.material(name), key) for key in known}
-    others = {
-        key: tuple(limits[key] + (value - limits[key]) * share for share in shares[key])
-        for key, (value, _) in known.items()
-    }
-    foundation = getattr(robot.parts[name], FOUNDATION, None)
-    others[FOUNDATION] = FOUNDATIONS if foundation is None else (np.inf, *(foundation * times for times in SOFTER))
+    material, foundation = robot.material(name), getattr(robot.parts[name], FOUNDATION, None)
+    others: dict[str, tuple[float, ...]] = {}
+    for key, (value, _) in known.items():
+        away = value - limits[key]
+        others[key] = tuple(limits[key] + away * share for share in _shares(material, key))
+    others[FOUNDATION] = FOUNDATIONS
+    if foundation is not None:
+        others[FOUNDATION] = (np.inf, *(foundation * times for times in SOFTER))
     tried = _try_values(nominal, name, others, shop)
-    out = [
-        PartDimension(
-            name, key, value, unit,
-            interpolate_between(
-                (value, *tried[key]), (here, *tried[key].values()), limits[key], _legal(robot.material(name), key)
-            ),
-            limits[key],
-        )
-        for key, (value, unit) in known.items()
-        if tried[key]
-    ]  # fmt: skip
+    out: list[PartDimension] = []
+    for key, (value, unit) in known.items():
+        if found := tried[key]:
+            points, limit = ((value, *found), (here, *found.values())), limits[key]
+            compliance = interpolate_between(*points, limit, _legal(material, key))
+            out.append(PartDimension(name, key, value, unit, compliance, limit))
     yields = {foundation or np.inf: here, **tried[FOUNDATION]}
     rigid = yields.pop(np.inf, None)
     if rigid is not None and yields:
@@ -114,16 +109,15 @@ def _try_values(
     cannot be built or solved (e.g. a much too soft foundation) are omitted.
     """
     orders: dict[tuple[str, float], PartOrder] = {}
-    for key, some in values.items():
-        for value in some:
-            with suppress(InputError):
-                changed = with_parameter(nominal.robot, name, key, value)
-                orders[key, value] = order_part(changed, name, label=f"{name}, {key} {value:.9g}")
+    for key, value in ((key, value) for key, some in values.items() for value in some):
+        with suppress(InputError):
+            changed = with_parameter(nominal.robot, name, key, value)
+            orders[key, value] = order_part(changed, name, label=f"{name}, {key} {value:.9g}")
     near = {order.label: nominal.results[name] for order in orders.values()}
     made = solve_parts(list(orders.values()), shop, whole=False, near=near, skip=True)
-    results = {result.order: result for result in made}
+    results = {result.order: result.compliance for result in made}
     found: dict[str, dict[float, Array]] = {key: {} for key in values}
     for (key, value), order in orders.items():
         if order in results:
-            found[key][value] = results[order].compliance
+            found[key][value] = results[order]
     return found

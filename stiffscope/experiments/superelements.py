@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.experiments.assembly import Assembled
+    from stiffscope.experiments.experiments import PartResult
     from stiffscope.experiments.manifest import Manifest
-    from stiffscope.experiments.results import PartResult
     from stiffscope.vjm.kinematics import Configurations
 
 ROBOT_HELP = """\

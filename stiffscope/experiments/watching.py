@@ -17,26 +17,23 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from stiffscope.experiments.results import PartResult
+    from stiffscope.experiments.experiments import PartResult
     from stiffscope.robot.file.description import RobotFile
 
 PERIOD = 0.05  # s, polling interval
 GONE = 1.0  # s for which editors may leave a file missing or empty while they save it
 HEAVY = (
-    "build123d",
-    "stiffscope.cad.step",
-    "stiffscope.fea.run",
-    "stiffscope.fea.adapt",
-    "stiffscope.fea.design_velocity",
-    "stiffscope.fea.dynamics",
-)
+    "build123d", "stiffscope.cad.step", "stiffscope.fea.run", "stiffscope.fea.adapt",
+    "stiffscope.fea.design_velocity", "stiffscope.fea.dynamics",
+)  # fmt: skip
 
 
 def sources(robot: RobotFile) -> list[Path]:
     """Return the paths of the robot file and of its STEP files and meshes."""
     beside = robot.path.parent
     parts = [beside / file for part in robot.parts.values() if (file := getattr(part, "file", None))]
-    meshes = [beside / mesh for body in robot.bodies.values() if (mesh := getattr(body, "mesh", None))]
+    drawn = (getattr(body, "mesh", None) for body in robot.bodies.values())
+    meshes = [beside / mesh for mesh in drawn if mesh]
     return list(dict.fromkeys([robot.path, *parts, *meshes]))
 
 
@@ -108,18 +105,22 @@ def differences(
         Checksums of its files before and after, from `digest_sources`.
 
     """
-    files = [f"content of {name}" for name, now in (present or {}).items() if (former or {}).get(name, now) != now]
+    known, now = former or {}, present or {}
+    files = [f"content of {name}" for name in now if known.get(name, now[name]) != now[name]]
     old, new = (_leaves(parse_text(robot.path, robot.source.text)) for robot in (before, after))
     names = [name for name in dict.fromkeys([*new, *old]) if old.get(name) != new.get(name)]
-    shown = [f"{name} {_word(old.get(name))} → {_word(new.get(name))}" for name in names[:4]]
+    words = [" → ".join(_word(each.get(name)) for each in (old, new)) for name in names[:4]]
+    shown = [f"{name} {word}" for name, word in zip(names, words, strict=False)]
     return files + ([*shown, f"{len(names) - 4} more"] if len(names) > 4 else shown)
 
 
 def _leaves(value: Any, name: str = "") -> dict[str, Any]:
-    items = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else None
-    if items is None:
+    if not isinstance(value, dict | list):
         return {name.removeprefix("parts.").removeprefix("joints.").removeprefix("bodies."): value}
-    return {k: v for key, each in items for k, v in _leaves(each, f"{name}.{key}" if name else str(key)).items()}
+    found: dict[str, Any] = {}
+    for key, each in value.items() if isinstance(value, dict) else enumerate(value):
+        found |= _leaves(each, f"{name}.{key}" if name else str(key))
+    return found
 
 
 def _word(value: Any) -> str:

@@ -16,7 +16,7 @@ from stiffscope.robot.file.part_sections import ParametricPart
 
 if TYPE_CHECKING:
     from stiffscope.cad.materials import AnyMaterial
-    from stiffscope.experiments.results import PartResult
+    from stiffscope.experiments.experiments import PartResult
     from stiffscope.fea.beam import Section
     from stiffscope.fea.experiment import Experiment
     from stiffscope.robot.file.description import RobotFile

@@ -16,7 +16,7 @@ import numpy as np
 from pydantic_core import to_jsonable_python
 
 from stiffscope.design.maps import map_robot, write_map
-from stiffscope.experiments.results import EXPERIMENT
+from stiffscope.experiments.experiments import EXPERIMENT
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.report import maps
 from stiffscope.report.gap_figures import draw_figures
@@ -43,8 +43,8 @@ if TYPE_CHECKING:
 
     from stiffscope.cad.part import Part
     from stiffscope.experiments.assembly import Assembled
+    from stiffscope.experiments.experiments import PartResult
     from stiffscope.experiments.manifest import Manifest
-    from stiffscope.experiments.results import PartResult
     from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.report.robot_view import Case
     from stiffscope.robot.file.description import RobotFile

@@ -14,7 +14,7 @@ from pydantic_core import PydanticUndefined
 
 from stiffscope.cad.materials import MATERIALS
 from stiffscope.design.path import job
-from stiffscope.design.study_sections import SECTIONS
+from stiffscope.design.study_reading import SECTIONS
 from stiffscope.effects.vocabulary import EFFECTS
 from stiffscope.errors import InputError, meant
 from stiffscope.report.terminal import show_line, show_table

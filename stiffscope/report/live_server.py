@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from stiffscope.experiments.assembly import Assembled
-    from stiffscope.experiments.results import PartResult
+    from stiffscope.experiments.experiments import PartResult
     from stiffscope.report.live import Setting
     from stiffscope.robot.file.description import RobotFile
 

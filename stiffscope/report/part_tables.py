@@ -24,8 +24,8 @@ from stiffscope.report.terminal import show_line, show_table
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from stiffscope.experiments.experiments import PartResult
     from stiffscope.experiments.interfaces import Comparison as Interfaces
-    from stiffscope.experiments.results import PartResult
     from stiffscope.fea.experiment import Experiment
     from stiffscope.report.compare import Comparison
     from stiffscope.robot.file.description import RobotFile

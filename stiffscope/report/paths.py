@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.csv
 
 from stiffscope.design.path.course import BLOCK
-from stiffscope.experiments.results import EXPERIMENT
+from stiffscope.experiments.experiments import EXPERIMENT
 from stiffscope.fea.export import write_fields
 from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, new_figure, save_figures
@@ -23,8 +23,7 @@ if TYPE_CHECKING:
 
     from matplotlib.figure import Figure
 
-    from stiffscope.design.path.along import Along
-    from stiffscope.design.path.compensate import Compensated
+    from stiffscope.design.path.along import Along, Compensated
     from stiffscope.design.path.stress import PartStress
     from stiffscope.report.robot_view import Case
     from stiffscope.report.terminal import Shown

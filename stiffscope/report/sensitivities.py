@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from stiffscope.design.sensitivity import Row, Sensitivity
-    from stiffscope.experiments.results import PartResult
+    from stiffscope.experiments.experiments import PartResult
     from stiffscope.fea.derivatives import Derivative, PartSensitivity
     from stiffscope.report.terminal import Shown
 

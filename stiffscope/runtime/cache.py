@@ -28,7 +28,7 @@ from stiffscope.runtime.output import scratch_folder
 from stiffscope.runtime.reading import file_digest, read_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 
 log = logging.getLogger(__name__)
 _Result = TypeVar("_Result")
@@ -75,8 +75,10 @@ class Cache:
         self._discard(folder)
         return None
 
-    def load(self, kinds: Iterable[str], key: str, read: Callable[[Path], _Result]) -> _Result | None:
-        """What `read(folder)` makes of the first entry of some kinds; one that it refuses counts as absent too."""
+    def load(
+        self, kinds: Iterable[str], key: str, read: Callable[[Path], _Result]
+    ) -> _Result | None:  # fmt: skip
+        """What `read(folder)` makes of the first entry of some kinds; a refused one is absent."""
         for kind in kinds:
             folder = self.get(kind, key)
             try:
@@ -132,12 +134,12 @@ class Cache:
         """Copy a result aside, add checksums, move it into place; None if this is impossible."""
         folder = self.root / kind / key
         try:
-            (self.root / "aside").mkdir(parents=True, exist_ok=True)
-            with scratch_folder(self.root / "aside") as scratch:
+            with self._open_aside() as scratch:
                 aside = scratch / key
                 shutil.copytree(made, aside)
                 files = {name: file_digest(aside / name) for name in sorted(kept_files(aside))}
-                (aside / _INDEX).write_text(json.dumps({"format": FORMAT, "kind": kind, "key": key, "files": files}))
+                index = {"format": FORMAT, "kind": kind, "key": key, "files": files}
+                (aside / _INDEX).write_text(json.dumps(index))
                 folder.parent.mkdir(parents=True, exist_ok=True)
                 for _ in range(3):
                     try:
@@ -147,15 +149,20 @@ class Cache:
                         if self.get(kind, key) is not None:
                             return folder
         except (OSError, shutil.Error) as error:
-            log.warning("results are not kept: the cache %s cannot be written (%s)", self.root, _reason(error))
+            message = "results are not kept: the cache %s cannot be written (%s)"
+            log.warning(message, self.root, _reason(error))
         return None
 
     def _discard(self, folder: Path) -> None:
         """Remove a damaged entry, moved away first so that no process sees it half deleted."""
-        with contextlib.suppress(OSError):
-            (self.root / "aside").mkdir(parents=True, exist_ok=True)
-            with scratch_folder(self.root / "aside") as scratch:
-                folder.rename(scratch / folder.name)
+        with contextlib.suppress(OSError), self._open_aside() as scratch:
+            folder.rename(scratch / folder.name)
+
+    @contextlib.contextmanager
+    def _open_aside(self) -> Iterator[Path]:
+        (self.root / "aside").mkdir(parents=True, exist_ok=True)
+        with scratch_folder(self.root / "aside") as scratch:
+            yield scratch
 
 
 def _reason(error: OSError) -> str:
@@ -176,7 +183,9 @@ def cache_folder() -> Path:
 
 def digest(determined_by: Mapping[str, Any]) -> str:
     """Return the key of a result: SHA-256 of everything that determines it, with exact numbers."""
-    canonical = json.dumps(determined_by, sort_keys=True, separators=(",", ":"), allow_nan=False, default=_to_plain)
+    canonical = json.dumps(
+        determined_by, sort_keys=True, separators=(",", ":"), allow_nan=False, default=_to_plain,
+    )  # fmt: skip
     return hashlib.sha256(canonical.encode()).hexdigest()
 
 
@@ -214,11 +223,10 @@ def _to_plain(value: Any) -> Any:
 
 def totals(entries: Iterable[Entry]) -> dict[str, tuple[int, int]]:
     """Return number and size in bytes of entries by kind."""
-    found: dict[str, tuple[int, int]] = {}
+    sizes: dict[str, list[int]] = {}
     for entry in entries:
-        count, size = found.get(entry.kind, (0, 0))
-        found[entry.kind] = count + 1, size + entry.bytes
-    return found
+        sizes.setdefault(entry.kind, []).append(entry.bytes)
+    return {kind: (len(each), sum(each)) for kind, each in sizes.items()}
 
 
 def _entry(folder: Path) -> Entry | None:
@@ -226,7 +234,8 @@ def _entry(folder: Path) -> Entry | None:
     kind, key = folder.parent.name, folder.name
     try:
         index = json.loads(read_bytes(folder / _INDEX))
-        if (index["kind"], index["key"]) != (kind, key) or folder.is_symlink() or folder.parent.is_symlink():
+        linked = folder.is_symlink() or folder.parent.is_symlink()
+        if (index["kind"], index["key"]) != (kind, key) or linked:
             return None
         size = sum(path.lstat().st_size for path in folder.rglob("*") if path.is_file())
         return Entry(kind, key, size, (folder / _INDEX).stat().st_mtime)

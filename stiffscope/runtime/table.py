@@ -8,6 +8,7 @@ import math
 import re
 import zipfile
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,15 +18,11 @@ from stiffscope.errors import InputError
 from stiffscope.runtime.reading import open_file, read_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Sequence
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
     from pathlib import Path
     from typing import BinaryIO
 
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Codes = NDArray[np.int64]
-    Flags = NDArray[np.bool_]
+    from stiffscope.runtime.types import Array, Flags, Indices
 
 
 MOST_ROWS = 200_000  # of one table
@@ -39,29 +36,32 @@ MOST_BYTES = 1 << 26  # of an unpacked table: 200,000 rows of 20 numbers
 
 @dataclass(frozen=True)
 class Table:
-    """Columns of text of equal length."""
+    """Columns of text, or all of finite numbers (n,), of equal length."""
 
     name: str
-    columns: dict[str, tuple[str, ...]]
-    lines: tuple[int, ...]
+    columns: Mapping[str, Sequence[str] | Array]
+    lines: Sequence[int]
     """Line number of each row in the file."""
 
     def fail(self, row: int, column: str, expected: str) -> InputError:
         """Return the error for a cell."""
         found = self.columns[column][row] if column in self.columns else ""
-        shown = "an empty cell" if not found.strip() else repr(found[:40])
-        return InputError(f"{self.name}:{self.lines[row]}: {column}: expected {expected}, got {shown}")
+        text = found if isinstance(found, str) else f"{found:g}"
+        shown = "an empty cell" if not text.strip() else repr(text[:40])
+        where = f"{self.name}:{self.lines[row]}: {column}"
+        return InputError(f"{where}: expected {expected}, got {shown}")
 
     def column(self, name: str) -> tuple[str, ...]:
         """Return the cells of a column; empty cells if the column is missing."""
-        return self.columns.get(name) or ("",) * len(self.lines)
+        cells = self.columns.get(name)
+        return ("",) * len(self.lines) if cells is None else tuple(map(str, cells))
 
     def refuse_where(self, wrong: Flags, column: str, expected: str) -> None:
         """Raise the error for the first wrong row of flags (n,), if any."""
         if wrong.any():
             raise self.fail(int(np.argmax(wrong)), column, expected)
 
-    def codes(self, column: str, known: Sequence[str], expected: str) -> Codes:
+    def codes(self, column: str, known: Sequence[str], expected: str) -> Indices:
         """Return indices (n,) of cells in known names; -1 if empty. Raise InputError if unknown."""
         code = {"": -1, **{name: k for k, name in enumerate(known)}}
         out = np.array([code.get(cell, -2) for cell in self.column(column)], dtype=np.int64)
@@ -70,8 +70,9 @@ class Table:
 
 
 def read_table(
-    path: Path, check: Callable[[str, list[str]], None], ignore: Collection[str] = (), most: int | None = None
-) -> Table:
+    path: Path, check: Callable[[str, list[str]], None], ignore: Collection[str] = (),
+    most: int | None = None,
+) -> Table:  # fmt: skip
     """Return a table's columns without surrounding blanks; blank lines are skipped.
 
     The header determines the separator of text files: comma, semicolon or tab. With the latter two,
@@ -108,13 +109,11 @@ def read_table(
     _check_lengths(path.name, header, rows, lines)
     if len(rows) == 1:
         raise InputError(f"{path.name}:{lines[0] + 1}: expected at least one row under the header")
-    cells = zip(*rows[1:], strict=True)
-    columns = {
-        name: tuple(map(str.strip, column)) for name, column in zip(header, cells, strict=True) if name not in ignore
-    }
+    cells = zip(header, zip(*rows[1:], strict=True), strict=True)
+    columns = {name: tuple(map(str.strip, column)) for name, column in cells if name not in ignore}
     if decimal_comma:
-        for name, column in columns.items():
-            columns[name] = tuple(c.replace(",", ".") if _DECIMAL_COMMA.fullmatch(c) else c for c in column)
+        swap = partial(_DECIMAL_COMMA.sub, r"\1.\2")
+        columns = {name: tuple(map(swap, column)) for name, column in columns.items()}
     return Table(path.name, columns, tuple(lines[1:]))
 
 
@@ -191,8 +190,9 @@ def _check_formulas(path: Path, stream: BinaryIO, known: Any) -> None:
     for cells, values in zip(written.iter_rows(), known.iter_rows(values_only=True), strict=False):
         for cell, value in zip(cells, values, strict=False):
             if value is None and cell.data_type == "f":
-                message = "expected a formula with its value, got none; open the workbook in a spreadsheet and save it"
-                raise InputError(f"{path.name}:{cell.row}: column {cell.column}: {message}")
+                where = f"{path.name}:{cell.row}: column {cell.column}"
+                got = "got none; open the workbook in a spreadsheet and save it"
+                raise InputError(f"{where}: expected a formula with its value, {got}")
 
 
 def _check_unpacked(path: Path, stream: BinaryIO) -> None:
@@ -210,7 +210,7 @@ def _cell(value: object) -> str:
     return "" if value is None else repr(value) if isinstance(value, float) else str(value).strip()
 
 
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+([eE][+-]?\d+)?)\Z")
 
 
 def _header(name: str, row: list[str], line: int) -> list[str]:
@@ -233,7 +233,8 @@ def _check_lengths(name: str, header: list[str], rows: list[list[str]], lines: l
     for row, line in zip(rows, lines, strict=True):
         if len(row) != count:
             short = len(row) < count
-            at, why = (header[len(row)], ": the row ends early") if short else (f"column {count + 1}", "")
+            at = header[len(row)] if short else f"column {count + 1}"
+            why = ": the row ends early" if short else ""
             raise InputError(f"{name}:{line}: {at}: expected {count} cells, got {len(row)}{why}")
 
 
@@ -250,6 +251,8 @@ def check_columns(name: str, header: list[str], required: Collection[str], valid
 def numbers(table: Table, column: str, *, empty: bool = False, expected: str = "a finite number") -> Array:
     """Return a column as floats (n,); `empty` allows NaN for empty cells. Raise InputError."""
     cells = table.columns[column]
+    if isinstance(cells, np.ndarray):
+        return cells
     values = np.array([_number(cell) for cell in cells], dtype=np.float64)
     bad = ~np.isfinite(values)
     table.refuse_where(bad & [bool(cell) for cell in cells] if empty else bad, column, expected)

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from stiffscope.cli.main import _guarded
+from stiffscope.experiments.experiments import PartResult, compliance_json
 from stiffscope.experiments.orders import order_part
-from stiffscope.experiments.results import PartResult, compliance_json
 from stiffscope.fea.experiment import Experiment
 from stiffscope.report.part_tables import show_compliance
 from stiffscope.robot.part_matrices import beam_compliance

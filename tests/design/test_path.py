@@ -12,11 +12,9 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from stiffscope.cli.main import cli
-from stiffscope.design.path.along import along, respond_at_worst
-from stiffscope.design.path.compensate import compensate
+from stiffscope.design.path.along import along, compensate, respond_at_worst
 from stiffscope.design.path.cutting import mill
-from stiffscope.design.path.job import load_job
-from stiffscope.design.path.motions import Motion
+from stiffscope.design.path.job import Motion, load_job
 from stiffscope.design.path.stress import find_stresses
 from stiffscope.design.studies import study
 from stiffscope.errors import InputError

@@ -8,9 +8,8 @@ import pytest
 
 from stiffscope.cad.link import LinkParameters
 from stiffscope.errors import InputError
-from stiffscope.experiments.experiments import solve_parts
+from stiffscope.experiments.experiments import compliance_json, solve_parts
 from stiffscope.experiments.orders import build_part, order_part
-from stiffscope.experiments.results import compliance_json
 from stiffscope.experiments.watching import keep_meshed
 from stiffscope.robot.part_matrices import beam_compliance
 from stiffscope.robot.reader import load_robot

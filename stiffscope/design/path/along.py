@@ -1,4 +1,4 @@
-"""Prediction along a path: tool error under weight and process, its bound, drive loads, causes."""
+"""Prediction along a path: tool error under weight and process, drive loads; compensation."""
 
 from __future__ import annotations
 
@@ -7,8 +7,16 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
-from stiffscope.design.path.course import Course, configure_path, plan_course, respond_under, tool_error
+from stiffscope.design.path.course import (
+    BLOCK,
+    Course,
+    configure_path,
+    plan_course,
+    respond_under,
+    tool_error,
+)
 from stiffscope.design.path.free import choose_free
 from stiffscope.design.path.job import Job, load_job
 from stiffscope.errors import InputError
@@ -29,6 +37,8 @@ if TYPE_CHECKING:
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.loading import Response
 
+ROUNDS = 6  # most steps of a compensation
+_SETTLED = 1e-11  # m, rad
 _MOST_KEPT = 200_000  # most points whose configurations are kept instead of solved twice
 _STATIONS = 9  # points of the path at which the first frequency is computed
 
@@ -195,3 +205,67 @@ def _first_frequencies(job: Job, assembled: Assembled, path: ToolPath, stations:
         return frequencies(assembled.mechanism, found, 1)[:, 0]
     except InputError:
         return np.full(len(stations), np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class Compensated:
+    """Compensated commands, the prediction with them, and the remaining error.
+
+    ``left`` (n, c): error of the commanded coordinates, m and rad. ``refused``: line and reason of
+    points whose command would exceed the reach or a drive's range; they keep their own command.
+    """
+
+    path: ToolPath
+    after: Along
+    left: Array
+    refused: tuple[tuple[int, str], ...]
+
+
+def compensate(assembled: Assembled, before: Along, progress: Progress | None = None) -> Compensated:
+    """Find commands that cancel the tool's error by fixed-point steps, compliance updated at each.
+
+    Parameters
+    ----------
+    assembled
+        Assembled robot, as in `along`.
+    before
+        Prediction by `along` for the job's own commands.
+    progress
+        Progress callback.
+
+    Returns
+    -------
+    Compensated
+        New commands and the remaining error predicted with them. Coordinates that are not commanded
+        remain uncompensated.
+
+    """
+    pose = [COORDINATES.index(name) for name in before.job.robot.tool.pose]
+    refused, state = dict[int, str](), before
+    for number in range(ROUNDS):
+        wanted = _undo(state)[:, pose]
+        drives = np.empty((len(wanted), len(before.drives)))
+        for start in range(0, len(wanted), BLOCK):
+            some = slice(start, start + BLOCK)
+            found = configure(assembled.mechanism, wanted[some])
+            refused |= {start + int(k): found.reason(int(k)) for k in np.flatnonzero(~found.valid)}
+            drives[some] = found.drives
+        commands = wanted
+        if before.path.by_joints:
+            order = [before.drives.index(name.removeprefix("q:")) for name in before.path.columns]
+            commands = drives[:, order]
+        commands[list(refused)] = before.path.values[list(refused)]
+        new = predict(before, assembled, before.path.command(commands))
+        if progress is not None:
+            progress("compensation", (number + 1) / ROUNDS)
+        last, state = np.abs(state.error[:, pose]).max(), new
+        if np.abs(new.error[:, pose]).max() < max(_SETTLED, 1e-9 * last):
+            break
+    lines = tuple((int(before.path.lines[k]), why) for k, why in sorted(refused.items()))
+    return Compensated(state.path, state, state.error[:, pose], lines)
+
+
+def _undo(state: Along) -> Array:
+    """Return the commanded tool poses (n, 6) shifted by the negative error."""
+    back = Rotation.from_rotvec(-state.error[:, 3:]) * Rotation.from_rotvec(state.commanded[:, 3:])
+    return np.concatenate([state.commanded[:, :3] - state.error[:, :3], back.as_rotvec()], axis=1)

@@ -82,22 +82,18 @@ def plan_course(job: Job, assembled: Assembled, known: Sequence[Configurations] 
 
     """
     if job.section.free is None:
-        tool = np.concatenate([found.tool for found in known or configure_path(job, assembled, job.path)])
-    else:
-        tool = _wanted(job)
+        every = known or configure_path(job, assembled, job.path)
+        tool = np.concatenate([found.tool for found in every])
+    elif job.path.by_joints:
+        expected = "expected a path of poses, since [free] chooses some"
+        raise InputError(f"{job.path_file.name}:1: {expected}, got drives")
+    else:  # the wanted poses before the choice of free coordinates
+        tool = np.tile([*job.robot.tool.at, 0.0, 0.0, 0.0], (len(job.path), 1))
+        tool[:, [COORDINATES.index(name) for name in job.path.columns]] = job.path.values
     axes = find_axes(job, tool)
     length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(tool[:, :3], axis=0), axis=1))])
     wrench, cutting = process_wrench(job, axes, length)
     return Course(job, length, _times(job.path, length), tool, axes, wrench, cutting)
-
-
-def _wanted(job: Job) -> Array:
-    """Return the wanted poses (n, 6) of a path before the choice of free coordinates."""
-    if job.path.by_joints:
-        raise InputError(f"{job.path_file.name}:1: expected a path of poses, since [free] chooses some, got drives")
-    tool = np.tile([*job.robot.tool.at, 0.0, 0.0, 0.0], (len(job.path), 1))
-    tool[:, [COORDINATES.index(name) for name in job.path.columns]] = job.path.values
-    return tool
 
 
 def tool_error(target: Array, commanded: Array, twist: Array) -> Array:
@@ -109,10 +105,15 @@ def tool_error(target: Array, commanded: Array, twist: Array) -> Array:
 
 def respond_under(job: Job, assembled: Assembled, found: Configurations, wrench: Array) -> Response:
     """Return the response at n configurations to weight, payload and process wrenches (n, 6)."""
-    return respond(
-        assembled.mechanism, found, wrench[:, :, None], loads=_payload(job, assembled),
-        gravity=float(job.section.gravity != "none"), misfit=1.0,
-    )  # fmt: skip
+    payload, mechanism = job.section.payload, assembled.mechanism
+    loads: tuple[Load, ...] = ()
+    if payload is not None:
+        tool = mechanism.tool
+        at = np.array(tool.at if payload.centre is None else payload.centre, dtype=float)
+        weight = payload.mass * np.asarray(mechanism.gravity, dtype=float)
+        loads = (Load(tool.body, np.concatenate([weight, np.zeros(3)]), at),)
+    gravity = float(job.section.gravity != "none")
+    return respond(mechanism, found, wrench[:, :, None], loads=loads, gravity=gravity, misfit=1.0)
 
 
 def configure_path(job: Job, assembled: Assembled, path: ToolPath) -> Iterator[Configurations]:
@@ -179,9 +180,10 @@ def process_wrench(job: Job, axes: Axes, length: Array) -> tuple[Array, CuttingF
         cutting = cut.forces(float(np.mean(feeds)))
         values, which = np.unique(feeds, return_inverse=True)
         found = [cut.forces(float(feed)) for feed in values]
-        feed, across, axial, torque = np.array([(f.feed, f.across, f.axial, f.torque) for f in found])[which].T
-        out[acting, :3] += feed[:, None] * along_ + across[:, None] * normal + axial[:, None] * spindle
-        out[acting, 3:] += torque[:, None] * spindle
+        parts = np.array([(f.feed, f.across, f.axial, f.torque) for f in found])[which]
+        feed, across, axial, torque = parts.T[..., None]
+        out[acting, :3] += feed * along_ + across * normal + axial * spindle
+        out[acting, 3:] += torque * spindle
     return out, cutting
 
 
@@ -207,13 +209,3 @@ def _times(path: ToolPath, length: Array) -> Array | None:
     if path.feed is None or np.isnan(path.feed[1:]).any() or path.rapid[1:].any():
         return None
     return np.concatenate([[0.0], np.cumsum(np.diff(length) / path.feed[1:])])
-
-
-def _payload(job: Job, assembled: Assembled) -> tuple[Load, ...]:
-    payload = job.section.payload
-    if payload is None:
-        return ()
-    tool = assembled.mechanism.tool
-    at = np.array(tool.at if payload.centre is None else payload.centre, dtype=float)
-    weight = payload.mass * np.asarray(assembled.mechanism.gravity, dtype=float)
-    return (Load(tool.body, np.concatenate([weight, np.zeros(3)]), at),)

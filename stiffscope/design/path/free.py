@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from stiffscope.design.path.course import Course
-    from stiffscope.design.path.job import Job
-    from stiffscope.design.path.motions import Motion
+    from stiffscope.design.path.job import Job, Motion
     from stiffscope.design.path.toolpath import ToolPath
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.runtime.types import Array, Flags, Indices
@@ -81,10 +80,11 @@ class _Problem:
         for motion, value in zip(self.motions, values.T, strict=True):
             tool, more = motion.place(tool, value)
             turned = more @ turned
-        axes = Axes(*(_turn(turned, each[some]) for each in (at.along, at.normal, at.binormal, at.spindle)))
-        wrench = self.course.wrench[some]
-        wrench = np.concatenate([_turn(turned, wrench[:, :3]), _turn(turned, wrench[:, 3:])], axis=1)
-        return replace(self.course, tool=tool, axes=axes, wrench=wrench)
+        wrench = self.course.wrench[some].reshape(-1, 2, 3)
+        both = np.einsum("nij,nkj->nki", turned, wrench).reshape(-1, 6)
+        directions = (at.along, at.normal, at.binormal, at.spindle)
+        axes = Axes(*(np.einsum("nij,nj->ni", turned, each[some]) for each in directions))
+        return replace(self.course, tool=tool, axes=axes, wrench=both)
 
     def commands(self, course: Course) -> Array:
         """Return the commanded poses (m, k). Raise InputError if the robot lacks coordinates."""
@@ -93,7 +93,8 @@ class _Problem:
         missing = [k for k in range(6) if k not in pose and np.ptp(course.tool[:, k] - home[k]) > 1e-9]
         if missing:
             names = ", ".join(COORDINATES[k] for k in missing)
-            raise InputError(f"{self.job.file.name}: free: expected a robot whose pose commands {names} too")
+            expected = f"expected a robot whose pose commands {names} too"
+            raise InputError(f"{self.job.file.name}: free: {expected}")
         return course.tool[:, pose]
 
     def evaluate(self, values: Array, some: Indices) -> tuple[Array, Array]:
@@ -111,14 +112,12 @@ class _Problem:
             twist = respond_under(self.job, self.assembled, found, course.wrench[good]).twist[..., 0]
             off = tool_error(course.tool[good], found.tool, twist)[:, :3]
             least = self.job.section.free.least  # type: ignore[union-attr]
-            axes = None if least == "size" else getattr(course.axes, least)[good]
-            error[start + good] = np.linalg.norm(off, axis=1) if axes is None else np.einsum("ni,ni->n", off, axes)
+            error[start + good] = np.linalg.norm(off, axis=1)
+            if least != "size":
+                axes = getattr(course.axes, least)[good]
+                error[start + good] = np.einsum("ni,ni->n", off, axes)
             drives[start + good] = found.drives
         return error, drives
-
-
-def _turn(rotation: Array, vectors: Array) -> Array:
-    return np.einsum("nij,nj->ni", rotation, vectors)
 
 
 def choose_free(course: Course, assembled: Assembled) -> Freed:
@@ -157,44 +156,49 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
     spread = np.column_stack([rng.uniform(*motion.ends, _LEARNT) for motion in motions])
     poses = problem.commands(problem.place(spread, rng.choice(n, _LEARNT)))
     problem = replace(problem, configure=learn_configurations(assembled.mechanism, poses))
-    grids = [_scan(problem, values, k, stations, acting, fix=True) for k in range(len(motions))]
+    grids: list[tuple[Array, Array]] = []
+    for k in range(len(motions)):  # the best constant values
+        error, drives = _scan(problem, values, k, stations)
+        counts = acting[stations, None] | ~np.isfinite(error)
+        values[:, k] = _best_single(problem, values[0], k, np.where(counts, error, 0.0), acting)
+        grids.append((error, drives))
     fixed = dict(zip((motion.name for motion in motions), values[0].tolist(), strict=True))
     every = np.arange(n)
     single = np.tile(values[0], (n, 1))
     before, _ = problem.evaluate(single, every)
     if not np.isfinite(before).all():
         line = job.path.lines[int(np.argmin(np.isfinite(before)))]
-        raise InputError(f"{job.path_file.name}:{line}: expected a path that one value of the free coordinates reaches")
+        expected = "expected a path that one value of the free coordinates reaches"
+        raise InputError(f"{job.path_file.name}:{line}: {expected}")
     limit = np.where(acting, np.abs(before), np.inf)
     for k in range(len(motions)):
-        error, drives = _scan(problem, values, k, stations, acting) if len(motions) > 1 else grids[k]
-        values[:, k] = _follow_valley(problem, k, stations, error, drives, limit[stations], values[:, k])
+        found = _scan(problem, values, k, stations) if len(motions) > 1 else grids[k]
+        valley = _follow_valley(problem, k, stations, *found, limit[stations], values[:, k])
+        values[:, k] = valley
     chosen = _settle(problem, values, stations, limit, single)
     error, _ = problem.evaluate(chosen, every)
     placed = problem.place(chosen, every)
     named = {motion.name: chosen[:, k] for k, motion in enumerate(motions)}
-    path = replace(job.path, columns=tuple(job.robot.tool.pose), values=problem.commands(placed), program=None)
-    return Freed(placed, replace(path, free=named), named, fixed, np.abs(error), np.abs(before))
+    path = replace(
+        job.path, columns=tuple(job.robot.tool.pose), values=problem.commands(placed),
+        program=None, free=named,
+    )  # fmt: skip
+    return Freed(placed, path, named, fixed, np.abs(error), np.abs(before))
 
 
-def _scan(
-    problem: _Problem, values: Array, k: int, stations: Indices, acting: Flags, *, fix: bool = False
-) -> tuple[Array, Array]:
-    """Return errors (m, g) and drives (m, g, d) on a grid; ``fix`` also sets the best constant."""
+def _scan(problem: _Problem, values: Array, k: int, stations: Indices) -> tuple[Array, Array]:
+    """Return errors (m, g) and drives (m, g, d) on the grid of a coordinate."""
     grid = problem.motions[k].grid(FIXED)
     m, g = len(stations), len(grid)
     tried = np.repeat(values, g, axis=0)
     tried[:, k] = np.tile(grid, m)
     error, drives = problem.evaluate(tried, np.repeat(stations, g))
-    error, drives = np.abs(error).reshape(m, g), drives.reshape(m, g, -1)
-    if fix:
-        values[:, k] = _best_single(
-            problem, values[0], k, np.where(acting[stations, None] | ~np.isfinite(error), error, 0.0), acting
-        )
-    return error, drives
+    return np.abs(error).reshape(m, g), drives.reshape(m, g, -1)
 
 
-def _best_single(problem: _Problem, values: Array, k: int, error: Array, acting: Flags) -> float:
+def _best_single(
+    problem: _Problem, values: Array, k: int, error: Array, acting: Flags
+) -> float:  # fmt: skip
     """Return the grid value with the smallest maximum error; ``error`` (m, g) is at stations."""
     grid, every = problem.motions[k].grid(FIXED), np.arange(len(acting))
     best, found, least = (True, np.inf), float(values[k]), error.max(axis=0)
@@ -212,21 +216,23 @@ def _best_single(problem: _Problem, values: Array, k: int, error: Array, acting:
 
 
 def _follow_valley(
-    problem: _Problem, k: int, stations: Indices, error: Array, drives: Array, limit: Array, single: Array
-) -> Array:
+    problem: _Problem, k: int, stations: Indices, error: Array, drives: Array, limit: Array,
+    single: Array,
+) -> Array:  # fmt: skip
     """Return grid values (m,) with the least sum of squared errors and bounded steps."""
     motion, course = problem.motions[k], problem.course
     grid = motion.grid(FIXED)
     step, (m, g) = float(grid[1] - grid[0]), error.shape
-    allowed = np.where(np.isfinite(limit)[:, None], error <= limit[:, None] * (1.0 + 1e-9), np.isfinite(error))
-    scale = float(np.mean(limit[np.isfinite(limit)] ** 2))
     acts = np.isfinite(limit)[:, None]
-    cost = np.where(allowed, np.where(acts & allowed, error, 0.0) ** 2 / max(scale, 1e-300), np.inf)
+    allowed = np.where(acts, error <= limit[:, None] * (1.0 + 1e-9), np.isfinite(error))
+    scale = max(float(np.mean(limit[acts[:, 0]] ** 2)), 1e-300)
+    cost = np.where(allowed, np.where(acts & allowed, error, 0.0) ** 2 / scale, np.inf)
     total, origin = cost[0], np.zeros((m, g), dtype=int)
     reach = np.maximum(1, np.diff(course.length[stations]) * motion.rate / step).astype(int)
     for i in range(1, m):
         best, source = np.full(g, np.inf), np.zeros(g, dtype=int)
-        for shift in range(-min(reach[i - 1], g - 1), min(reach[i - 1], g - 1) + 1):
+        most = min(reach[i - 1], g - 1)
+        for shift in range(-most, most + 1):
             to = np.arange(max(0, shift), min(g, g + shift))
             moved = np.abs(drives[i, to] - drives[i - 1, to - shift]).max(axis=1, initial=0.0)
             tried = np.where(moved < _JUMP, total[to - shift] + _BEND * shift**2, np.inf)
@@ -273,9 +279,7 @@ def _descend(problem: _Problem, values: Array, k: int, stations: Indices, acts: 
     small = 1e-3 * step
     if m < 3:
         return values
-    bends = np.zeros((m - 2, m))
-    for j, part in enumerate((1.0, -2.0, 1.0)):
-        bends[np.arange(m - 2), np.arange(m - 2) + j] = part / step
+    bends = np.diff(np.eye(m), 2, axis=0) / step
     stiff = 10.0 * _BEND * bends.T @ bends
     banded = np.array([np.pad(np.diagonal(stiff, d), (max(d, 0), max(-d, 0))) for d in (2, 1, 0, -1, -2)])
 
@@ -292,7 +296,8 @@ def _descend(problem: _Problem, values: Array, k: int, stations: Indices, acts: 
         slope = (cost(other)[1] - error) / (other[:, k] - values[:, k])
         slope = np.where(np.isfinite(slope), slope, 0.0)
         downhill = -(slope * error / scale + stiff @ values[:, k])
-        low, high = (values[:, k] <= motion.ends[0]) & (downhill < 0), (values[:, k] >= motion.ends[1]) & (downhill > 0)
+        low = (values[:, k] <= motion.ends[0]) & (downhill < 0)
+        high = (values[:, k] >= motion.ends[1]) & (downhill > 0)
         matrix = banded.copy()
         matrix[2] += slope**2 / scale + np.where(low | high, 1e9, 1e-6) / step**2
         change = solve_banded((2, 2), matrix, downhill)

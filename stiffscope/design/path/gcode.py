@@ -15,7 +15,7 @@ from stiffscope.errors import InputError
 from stiffscope.runtime.reading import read_text
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator
     from pathlib import Path
 
     from stiffscope.runtime.types import Array, Flags, Indices
@@ -25,6 +25,10 @@ MOST_POINTS = 1_000_000
 INCH = 25.4e-3
 _WORD = re.compile(r"([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
 _COMMENT = re.compile(r"\([^)]*\)|;.*")
+_MODES = re.compile(
+    r"(?i)(?<![A-Z(])(G\s*(0?[0-3]|1[789]|2[01]|9[01])(?![\d.])|F\s*[\d.]+)\s*"
+)  # fmt: skip
+"""Feeds, units and modes, which the points of a written program set."""
 _PLANES = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}
 _MOVES = (0, 1, 2, 3)
 _KNOWN = {*_MOVES, *_PLANES, 4, 20, 21, 28, 30, 40, 43, 49, 53, 54, 61, 64, 80, 90, 91, 94}
@@ -76,24 +80,20 @@ def read_program(path: Path, step: float) -> Program:
 
     """
     text = tuple(read_text(path, "a program in G-code", MOST_BYTES).splitlines())
-    state, moving = _State(), set[int]()
+    state = _State()
     rows: list[tuple[Array, bool, float, int]] = []
     for number, line in enumerate(text):
         for point in _read_line(state, line, f"{path.name}:{number + 1}", step):
             rows.append((point, state.move == 0, state.feed, number))
-            moving.add(number)
             if len(rows) > MOST_POINTS:
-                raise InputError(
-                    f"{path.name}:{number + 1}: expected at most {MOST_POINTS:,} points (one at least every "
-                    f"{1e3 * step:g} mm: step), got more"
-                )
+                often = f"one at least every {1e3 * step:g} mm: step"
+                most = f"expected at most {MOST_POINTS:,} points ({often})"
+                raise InputError(f"{path.name}:{number + 1}: {most}, got more")
     if not rows:
-        raise InputError(f"{path.name}: expected lines that move the tool (G0 to G3 with X, Y or Z), got none")
-    points = np.array([row[0] for row in rows])
-    return Program(
-        points, np.array([row[1] for row in rows]), np.array([row[2] for row in rows]),
-        np.array([row[3] for row in rows]), text, frozenset(moving),
-    )  # fmt: skip
+        expected = "lines that move the tool (G0 to G3 with X, Y or Z)"
+        raise InputError(f"{path.name}: expected {expected}, got none")
+    points, rapid, feed, line = map(np.array, zip(*rows, strict=True))
+    return Program(points, rapid, feed, line, text, frozenset(line.tolist()))
 
 
 def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Array]:
@@ -106,7 +106,8 @@ def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Arr
     if rest:
         raise InputError(f"{here}: expected words such as G1 X10.5 F200, got {rest[:20]!r}")
     values = {letter: float(number) for letter, number in words if letter not in "GMNTSOH"}
-    _set_modes(state, words, here)
+    for letter, number in words:
+        _set_mode(state, letter, float(number), here)
     if "F" in values:
         state.feed = values["F"] * state.unit / 60.0
     if ("G", 4.0) in ((letter, float(number)) for letter, number in words):
@@ -114,9 +115,8 @@ def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Arr
     axes = [letter for letter in "XYZ" if letter in values]
     turned = [letter for letter in "ABCUVW" if values.get(letter)]
     if turned:
-        raise InputError(
-            f"{here}: {turned[0]}: expected moves in X, Y and Z alone, got {turned[0]}{values[turned[0]]:g}"
-        )
+        word = f"{turned[0]}{values[turned[0]]:g}"
+        raise InputError(f"{here}: {turned[0]}: expected moves in X, Y and Z alone, got {word}")
     if not axes and not (state.move > 1 and {"I", "J", "K"} & set(values)):
         return
     end = state.at.copy()
@@ -130,21 +130,19 @@ def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Arr
     state.at = end
 
 
-def _set_modes(state: _State, words: Sequence[tuple[str, str]], here: str) -> None:
-    """Set the modes of a line; raise InputError for unsupported motion and subprogram calls."""
-    for letter, number in words:
-        if letter == "G":
-            _set_mode(state, float(number), here)
-        elif letter == "M" and float(number) in _CALLS:
-            raise InputError(f"{here}: M{float(number):g}: expected a program without calls of others, got one")
-
-
-def _set_mode(state: _State, code: float, here: str) -> None:
+def _set_mode(state: _State, letter: str, code: float, here: str) -> None:
+    """Set a mode by its G code; raise InputError for unsupported motion and subprogram calls."""
     known = int(code)
+    if letter == "M" and code in _CALLS:
+        expected = "expected a program without calls of others"
+        raise InputError(f"{here}: M{code:g}: {expected}, got one")
+    if letter != "G":
+        return
     if known not in _KNOWN or (code != known and code not in _POINTS):
         raise InputError(f"{here}: G{code:g}: {_REFUSED}, got G{code:g}")
     if known in {28, 30, 53}:
-        raise InputError(f"{here}: G{code:g}: expected moves in the program's own axes, got one in the machine's")
+        axes = "expected moves in the program's own axes, got one in the machine's"
+        raise InputError(f"{here}: G{code:g}: {axes}")
     if known in _MOVES:
         state.move = known
     elif known in _PLANES:
@@ -156,50 +154,51 @@ def _set_mode(state: _State, code: float, here: str) -> None:
 
 
 def _divide(start: Array, end: Array, step: float) -> Iterator[Array]:
-    count = max(1, int(np.ceil(float(np.linalg.norm(end - start)) / step - 1e-9))) if np.isfinite(step) else 1
+    count = max(1, int(np.ceil(float(np.linalg.norm(end - start)) / step - 1e-9)))
     for k in range(1, count):
         yield start + (end - start) * (k / count)
     yield end
 
 
-def _arc(state: _State, end: Array, values: dict[str, float], here: str, step: float) -> Iterator[Array]:
+def _arc(
+    state: _State, end: Array, values: dict[str, float], here: str, step: float
+) -> Iterator[Array]:  # fmt: skip
     """Yield the points of an arc or helix: G2 clockwise, G3 counter-clockwise about the normal."""
     a, b, c = _PLANES[state.plane]
     start = state.at
     sense = -1.0 if state.move == 2 else 1.0
     if "R" in values:
-        centre = _centre_of(start, end, values["R"] * state.unit, (a, b), sense, here)
+        radius = values["R"] * state.unit
+        centre = _centre_of(start[[a, b]], end[[a, b]], radius, sense, here)
     else:
         offset = np.array([values.get(letter, 0.0) * state.unit for letter in "IJK"])
         centre = (start + offset)[[a, b]]
     one, two = start[[a, b]] - centre, end[[a, b]] - centre
     radius = float(np.linalg.norm(one))
-    if radius < 1e-9 or abs(radius - np.linalg.norm(two)) > max(1e-5, 2e-3 * radius):
-        raise InputError(f"{here}: expected an arc whose ends are as far from its centre, got {1e3 * radius:g} mm and "
-                         f"{1e3 * float(np.linalg.norm(two)):g} mm")  # fmt: skip
+    other = float(np.linalg.norm(two))
+    if radius < 1e-9 or abs(radius - other) > max(1e-5, 2e-3 * radius):
+        got = f"{1e3 * radius:g} mm and {1e3 * other:g} mm"
+        raise InputError(f"{here}: expected an arc whose ends are as far from its centre, got {got}")
     begin = np.arctan2(one[1], one[0])
     turn = sense * float(np.mod(sense * (np.arctan2(two[1], two[0]) - begin), 2.0 * np.pi))
     if abs(turn) < 1e-9:
         turn = sense * 2.0 * np.pi
     length = float(np.hypot(radius * turn, end[c] - start[c]))
-    count = max(int(np.ceil(length / step - 1e-9)), int(np.ceil(abs(turn) / np.deg2rad(10.0))), 1)
+    count = max(int(np.ceil(max(length / step - 1e-9, abs(turn) / np.deg2rad(10.0)))), 1)
     for k in range(1, count):
-        point, angle = np.empty(3), begin + turn * k / count
+        point, angle = start + (end - start) * k / count, begin + turn * k / count
         point[[a, b]] = centre + radius * np.array([np.cos(angle), np.sin(angle)])
-        point[c] = start[c] + (end[c] - start[c]) * k / count
         yield point
     yield end
 
 
-def _centre_of(start: Array, end: Array, radius: float, axes: tuple[int, int], sense: float, here: str) -> Array:
+def _centre_of(one: Array, two: Array, radius: float, sense: float, here: str) -> Array:
     """Return the centre (2,) of an arc from its radius; if negative, of the longer arc."""
-    one, two = start[list(axes)], end[list(axes)]
     chord = two - one
     half = 0.5 * float(np.linalg.norm(chord))
     if not 0.0 < half <= abs(radius) * (1.0 + 1e-6):
-        raise InputError(
-            f"{here}: R: expected a radius of at least half of the chord, {1e3 * half:g} mm, got {1e3 * radius:g} mm"
-        )
+        least = f"a radius of at least half of the chord, {1e3 * half:g} mm"
+        raise InputError(f"{here}: R: expected {least}, got {1e3 * radius:g} mm")
     rise = np.sqrt(max(radius**2 - half**2, 0.0)) * np.sign(radius) * sense
     return 0.5 * (one + two) + rise * np.array([-chord[1], chord[0]]) / (2.0 * half)
 
@@ -226,21 +225,16 @@ def program_text(program: Program, points: Array) -> str:
     out, feed = ["G21 G90"], np.nan
     for number, text in enumerate(program.text):
         if number not in by_line:
-            out.append(_without_modes(text))
+            out.append(_MODES.sub("", text))
             continue
-        other = " ".join(f"{a}{b}" for a, b in _WORD.findall(_COMMENT.sub("", text).upper()) if a in "MST")
-        if other:
+        words = _WORD.findall(_COMMENT.sub("", text).upper())
+        if other := " ".join(f"{a}{b}" for a, b in words if a in "MST"):
             out.append(other)
         for k in by_line[number]:
-            words = " ".join(f"{axis}{1e3 * value + 0.0:.12g}" for axis, value in zip("XYZ", points[k], strict=True))
-            speed = (
-                f" F{6e4 * program.feed[k]:.15g}" if program.feed[k] != feed and np.isfinite(program.feed[k]) else ""
-            )
-            out.append(f"G{0 if program.rapid[k] else 1} {words}{speed}")
+            place = zip("XYZ", 1e3 * points[k] + 0.0, strict=True)
+            words = [f"{axis}{value:.12g}" for axis, value in place]
+            if program.feed[k] != feed and np.isfinite(program.feed[k]):
+                words.append(f"F{6e4 * program.feed[k]:.15g}")
+            out.append(" ".join([f"G{0 if program.rapid[k] else 1}", *words]))
             feed = program.feed[k]
     return "\n".join(out) + "\n"
-
-
-def _without_modes(text: str) -> str:
-    """Return a line without motion, stripped of feeds, units and modes, which the points set."""
-    return re.sub(r"(?i)(?<![A-Z(])(G\s*(0?[0-3]|1[789]|2[01]|9[01])(?![\d.])|F\s*[\d.]+)\s*", "", text)

@@ -8,31 +8,22 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
+from scipy.spatial.transform import Rotation
 
 from stiffscope.design.path.cutting import cutting_materials, drill, mill
-from stiffscope.design.path.motions import Motion
 from stiffscope.design.path.toolpath import MOST_LOAD, ToolPath, read_toolpath
 from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file import values as v
 from stiffscope.robot.file.description import RobotFile
 from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
-from stiffscope.robot.file.values import (
-    Angles,
-    Direction,
-    Length,
-    Lengths,
-    Mass,
-    Point,
-    Positive,
-    Reads,
-    Says,
-    Section,
-)
+from stiffscope.robot.file.values import Direction, Length, Point, Positive, Reads, Says, Section
 from stiffscope.robot.reader import load_robot, load_robot_of
 from stiffscope.runtime import reading
 
 if TYPE_CHECKING:
     from stiffscope.design.path.cutting import CuttingForces
+    from stiffscope.runtime.types import Array
 
 _FORCE = q.Dimension("a force of a process", "N", "100 N", most=MOST_LOAD)
 _MOST_EXPONENT = 1.0  # above it, thicker chips would need less force
@@ -51,17 +42,22 @@ def _speed(value: Any) -> float:
         return q.to_si(value, _TURNS)
     number, _, unit = value.strip().partition(" ")
     if unit.strip() not in _A_SECOND:
-        raise ValueError(f'expected a rotational speed such as "9000 rpm" ({", ".join(_A_SECOND)}), got "{value}"')
+        units = ", ".join(_A_SECOND)
+        raise ValueError(f'expected a rotational speed such as "9000 rpm" ({units}), got "{value}"')
     return q.to_si(float(number) / _A_SECOND[unit.strip()], _TURNS)
 
 
-Force = Annotated[float, Reads(lambda value: q.to_si(value, _FORCE, sign="any"), says='a force such as "100 N"')]
-Feed = Annotated[float, Reads(lambda value: q.to_si(value, _SPEED), says='a speed such as "600 mm/min"')]
+def _reads(dimension: q.Dimension, says: str, sign: str = "positive") -> Reads:
+    return Reads(lambda value: q.to_si(value, dimension, sign=sign), says=says)
+
+
+Force = Annotated[float, _reads(_FORCE, 'a force such as "100 N"', "any")]
+Feed = Annotated[float, _reads(_SPEED, 'a speed such as "600 mm/min"')]
 Turns = Annotated[float, Reads(_speed, says='a rotational speed such as "9000 rpm"')]
-Stress = Annotated[float, Reads(lambda value: q.to_si(value, _STRESS), says='such as "2220 N/mm^2"')]
-Strength = Annotated[float, Reads(lambda value: q.to_si(value, _STRENGTH), says='a strength such as "355 MPa"')]
-Share = Annotated[float, Reads(lambda value: q.to_si(value, q.NUMBER, sign="non-negative"), says="a number")]
-Turned = Annotated[float, Reads(lambda value: q.to_si(value, q.ANGLE), says='an angle such as "90 deg"')]
+Stress = Annotated[float, _reads(_STRESS, 'such as "2220 N/mm^2"')]
+Strength = Annotated[float, _reads(_STRENGTH, 'a strength such as "355 MPa"')]
+Share = Annotated[float, _reads(q.NUMBER, "a number", "non-negative")]
+Turned = Annotated[float, _reads(q.ANGLE, 'an angle such as "90 deg"')]
 
 
 class ForceSection(Section):
@@ -86,14 +82,17 @@ class _Cut(Section):
         """Return specific cutting force, Pa, and exponent. Raise ValueError if inconsistent."""
         own = [name for name in ("kc1", "mc") if getattr(self, name) is not None]
         if self.material is not None and own:
-            raise ValueError(f"expected a material, or kc1 and mc, got a material and {' and '.join(own)}")
+            got = f"a material and {' and '.join(own)}"
+            raise ValueError(f"expected a material, or kc1 and mc, got {got}")
         if self.kc1 is not None and self.mc is not None:
             if self.mc >= _MOST_EXPONENT:
                 raise ValueError(f"mc: expected less than {_MOST_EXPONENT:g}, got {self.mc:g}")
             return self.kc1, self.mc
         if self.material is None:
-            raise ValueError(f"expected a material, or kc1 and mc, got {own[0] if own else 'neither'}")
-        return cutting_materials()[one_of(self.material, cutting_materials(), "a material, or kc1 and mc")]
+            got = own[0] if own else "neither"
+            raise ValueError(f"expected a material, or kc1 and mc, got {got}")
+        known = cutting_materials()
+        return known[one_of(self.material, known, "a material, or kc1 and mc")]
 
 
 class MillingSection(_Cut):
@@ -111,10 +110,8 @@ class MillingSection(_Cut):
         """Return the mean forces at a feed in m/s."""
         if self.width > self.diameter:
             raise ValueError("expected a width of at most the diameter")
-        return mill(
-            *self.law(), diameter=self.diameter, teeth=self.teeth, speed=self.speed, feed=feed, depth=self.depth,
-            width=self.width, climb=self.climb, lead=self.lead, radial=self.radial, axial=self.axial,
-        )  # fmt: skip
+        own = self.model_dump(exclude={"material", "kc1", "mc", "feed"})
+        return mill(*self.law(), feed=feed, **own)
 
 
 class DrillingSection(_Cut):
@@ -124,7 +121,8 @@ class DrillingSection(_Cut):
 
     def forces(self, feed: float) -> CuttingForces:
         """Return thrust and torque at a feed in m/s."""
-        return drill(*self.law(), diameter=self.diameter, speed=self.speed, feed=feed, point=self.point)
+        own = self.model_dump(exclude={"material", "kc1", "mc", "feed"})
+        return drill(*self.law(), feed=feed, **own)
 
 
 class ProcessSection(Section):
@@ -143,15 +141,65 @@ class ProcessSection(Section):
 class PayloadSection(Section):
     """A mass on the tool's body at a point in home coordinates (default: M)."""
 
-    mass: Mass
+    mass: v.Mass
     centre: Point | None = None
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A free coordinate, rad or m.
+
+    Attributes
+    ----------
+    axis
+        Axis in base axes, for a spindle at home.
+    at
+        Point of a turntable's axis, m.
+    ends
+        Smallest and largest value.
+    rate
+        Largest change per metre of path.
+    """
+
+    name: Literal["spindle", "table", "slide"]
+    axis: tuple[float, ...]
+    at: tuple[float, ...]
+    ends: tuple[float, float]
+    rate: float
+
+    @property
+    def start(self) -> float:
+        """Allowed value nearest to 0."""
+        return float(np.clip(0.0, *self.ends))
+
+    def grid(self, turns: int) -> Array:
+        """Return values over the range: ``turns`` per full turn, or for a slide in total."""
+        low, high = self.ends
+        share = 1.0 if self.name == "slide" else min(1.0, (high - low) / (2.0 * np.pi))
+        whole = self.name != "slide" and high - low >= 2.0 * np.pi - 1e-9
+        return np.linspace(low, high, max(2, round(share * turns) + 1))[: -1 if whole else None]
+
+    def place(self, tool: Array, values: Array) -> tuple[Array, Array]:
+        """Return tool poses (n, 6) and workpiece rotations (n, 3, 3) for values (n,)."""
+        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        out, still = tool.copy(), np.broadcast_to(np.eye(3), (len(tool), 3, 3))
+        if self.name == "slide":
+            out[:, :3] += values[:, None] * axis
+            return out, still
+        turn, turned = Rotation.from_rotvec(values[:, None] * axis), Rotation.from_rotvec(tool[:, 3:])
+        if self.name == "spindle":
+            out[:, 3:] = (turned * turn).as_rotvec()
+            return out, still
+        out[:, :3] = self.at + turn.apply(tool[:, :3] - self.at)
+        out[:, 3:] = (turn * turned).as_rotvec()
+        return out, turn.as_matrix()
 
 
 class SlideSection(Section):
     """A slide under the workpiece; a robot that moves by d on a rail sees the workpiece move by -d."""
 
     axis: Direction
-    range: Lengths
+    range: v.Lengths
 
 
 class TableSection(Section):
@@ -159,13 +207,15 @@ class TableSection(Section):
 
     axis: Direction = (0.0, 0.0, 1.0)
     at: Point
-    range: Angles
+    range: v.Angles
 
 
 class FreeSection(Section):
     """Coordinates that the process leaves free; they are chosen along the path for least error."""
 
-    spindle: Annotated[Angles | None, Says("turns about the tool's axis that are allowed")] = None
+    spindle: Annotated[
+        v.Angles | None, Says("turns about the tool's axis that are allowed")
+    ] = None  # fmt: skip
     table: TableSection | None = None
     slide: SlideSection | None = None
     least: Annotated[Literal["normal", "along", "binormal", "size"], Says("which error")] = "normal"
@@ -173,14 +223,13 @@ class FreeSection(Section):
 
     def motions(self, axis: tuple[float, ...]) -> tuple[Motion, ...]:
         """Return the free motions; ``axis``: axis of the tool."""
-        rate = np.deg2rad(self.turn) * 1e3
-        found = []
+        rate, origin, found = np.deg2rad(self.turn) * 1e3, (0.0, 0.0, 0.0), list[Motion]()
         if self.table is not None:
             found.append(Motion("table", self.table.axis, self.table.at, self.table.range, rate))
         if self.slide is not None:
-            found.append(Motion("slide", self.slide.axis, (0.0, 0.0, 0.0), self.slide.range, 1.0))
+            found.append(Motion("slide", self.slide.axis, origin, self.slide.range, 1.0))
         if self.spindle is not None:
-            found.append(Motion("spindle", axis, (0.0, 0.0, 0.0), self.spindle, rate))
+            found.append(Motion("spindle", axis, origin, self.spindle, rate))
         return tuple(found)
 
 
@@ -235,11 +284,18 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
     source = Source(path, reading.read_text(path, "a job's file in TOML"))
     try:
         top = read_table(JobSection, parse_text(path, source.text, "a job's file"), ())
-        _check_process(top)
+        for name in ("milling", "drilling"):
+            cut = getattr(top.process, name)
+            try:
+                _ = cut and cut.forces(1e-3)
+            except ValueError as error:
+                raise FieldError(("process", name), str(error)) from error
         if isinstance(instead, RobotFile):
             robot = instead
+        elif instead is None:
+            robot = load_robot_of(path, top.robot, top.set)
         else:
-            robot = load_robot_of(path, top.robot, top.set) if instead is None else load_robot(instead, top.set)
+            robot = load_robot(instead, top.set)
         file = path.parent / top.path
         with blame("path"):
             reading.open_file(file, "a table in CSV or a program in G-code").close()
@@ -247,16 +303,6 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
     except FieldError as error:
         raise source.refuse(error.key, str(error)) from error
     return Job(path, file, top, robot, found)
-
-
-def _check_process(top: JobSection) -> None:
-    for name in ("milling", "drilling"):
-        cut = getattr(top.process, name)
-        if cut is not None:
-            try:
-                cut.forces(1e-3)
-            except ValueError as error:
-                raise FieldError(("process", name), str(error)) from error
 
 
 def _axes(top: JobSection) -> np.ndarray:

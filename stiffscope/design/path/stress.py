@@ -12,7 +12,7 @@ from stiffscope.fea.elasticity import nodal_stresses, von_mises
 if TYPE_CHECKING:
     from stiffscope.design.path.along import Along
     from stiffscope.experiments.assembly import Assembled
-    from stiffscope.experiments.results import PartResult
+    from stiffscope.experiments.experiments import PartResult
     from stiffscope.runtime.types import Array, Flags
     from stiffscope.vjm.loading import Response
 

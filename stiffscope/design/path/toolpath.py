@@ -10,14 +10,13 @@ import numpy as np
 from stiffscope.design.path.gcode import MOST_POINTS, Program, program_text, read_program
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
-from stiffscope.runtime.table import check_columns, numbers, read_table
+from stiffscope.runtime.table import Table, check_columns, numbers, read_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.runtime.table import Table
     from stiffscope.runtime.types import Array, Flags
 
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -96,8 +95,9 @@ class ToolPath:
 
 
 def read_toolpath(
-    path: Path, robot: RobotFile, units: Mapping[str, str], *, step: float, at: Sequence[float], axes: Array
-) -> ToolPath:
+    path: Path, robot: RobotFile, units: Mapping[str, str], *,
+    step: float, at: Sequence[float], axes: Array,
+) -> ToolPath:  # fmt: skip
     """Read a path.
 
     Parameters
@@ -126,53 +126,41 @@ def read_toolpath(
 
     def check(name: str, header: list[str]) -> None:
         joints = [column for column in header if column.startswith(JOINT)]
-        check_columns(name, header, joints or pose, dict.fromkeys((*(joints or pose), *WRENCH, "feed", "t")))
+        place = joints or pose
+        check_columns(name, header, place, dict.fromkeys((*place, *WRENCH, "feed", "t")))
         if {"feed", "t"} <= set(header):
-            raise InputError(f"{name}:1: expected a column feed or a column t, from which the feed follows, got both")
+            expected = "a column feed or a column t, from which the feed follows"
+            raise InputError(f"{name}:1: expected {expected}, got both")
 
     table = _read_plain(path, check) or read_table(path, check, most=MOST_POINTS)
     columns = tuple(name for name in table.columns if name.startswith(JOINT)) or pose
     factors = {name: _factor(path, name, units.get(name)) for name in table.columns}
-    values = np.column_stack([_column(table, name, factors) for name in columns])
+    found = {name: numbers(table, name) * factor for name, factor in factors.items()}
+    values = np.column_stack([found[name] for name in columns])
     wrench = None
-    if any(name in table.columns for name in WRENCH):
+    if any(name in found for name in WRENCH):
         zero = np.zeros(len(values))
-        wrench = np.column_stack([_column(table, n, factors) if n in table.columns else zero for n in WRENCH])
+        wrench = np.column_stack([found.get(name, zero) for name in WRENCH])
         if (np.abs(wrench) > MOST_LOAD).any():
             row, k = np.argwhere(np.abs(wrench) > MOST_LOAD)[0].tolist()
             raise table.fail(row, WRENCH[k], f"at most {MOST_LOAD:g} N or N·m")
-    feed, time = (_column(table, name, factors) if name in table.columns else None for name in ("feed", "t"))
-    if time is not None and (np.diff(time) <= 0.0).any():
-        raise table.fail(int(np.argmax(np.diff(time) <= 0.0)) + 1, "t", "a later time than the row above")
-    if feed is not None and (feed <= 0.0).any():
-        raise table.fail(int(np.argmax(feed <= 0.0)), "feed", "a speed above 0")
-    return ToolPath(columns, values, feed, time, wrench, np.zeros(len(values), dtype=bool), table.lines, factors)
+    feed, time = found.get("feed"), found.get("t")
+    if time is not None:
+        late = np.concatenate([[False], np.diff(time) <= 0.0])
+        table.refuse_where(late, "t", "a later time than the row above")
+    if feed is not None:
+        table.refuse_where(feed <= 0.0, "feed", "a speed above 0")
+    rapid = np.zeros(len(values), dtype=bool)
+    return ToolPath(columns, values, feed, time, wrench, rapid, table.lines, factors)
 
 
-def _column(table: Table | _Numbers, name: str, factors: Mapping[str, float]) -> Array:
-    return (table.columns[name] if isinstance(table, _Numbers) else numbers(table, name)) * factors[name]
-
-
-@dataclass(frozen=True, eq=False)
-class _Numbers:
-    """Columns (n,) of a table with only finite numbers, and the line numbers of its rows."""
-
-    name: str
-    columns: dict[str, Array]
-    lines: Sequence[int]
-
-    def fail(self, row: int, column: str, expected: str) -> InputError:
-        """Return the error for a cell."""
-        found = self.columns[column][row]
-        return InputError(f"{self.name}:{self.lines[row]}: {column}: expected {expected}, got '{found:g}'")
-
-
-def _read_plain(path: Path, check: Callable[[str, list[str]], None]) -> _Numbers | None:
+def _read_plain(path: Path, check: Callable[[str, list[str]], None]) -> Table | None:
     """Read a CSV table with only finite numbers quickly; None for others, left to `read_table`."""
     import pyarrow as pa
     from pyarrow import csv
 
-    if path.suffix.lower() != ".csv" or not path.is_file() or path.stat().st_size > MOST_POINTS * _MOST_ROW:
+    text = path.suffix.lower() == ".csv" and path.is_file()
+    if not text or path.stat().st_size > MOST_POINTS * _MOST_ROW:
         return None
     parsing = csv.ParseOptions(ignore_empty_lines=False)
     try:
@@ -183,11 +171,12 @@ def _read_plain(path: Path, check: Callable[[str, list[str]], None]) -> _Numbers
     except (pa.ArrowInvalid, OSError, UnicodeDecodeError):
         return None
     columns = {name: found[name].to_numpy() for name in dict.fromkeys(names)}
-    plain = len(columns) == found.num_columns and all(np.isfinite(each).all() for each in columns.values())
-    if not plain or not 0 < found.num_rows <= MOST_POINTS or any(name != name.strip() for name in names):
+    plain = len(columns) == found.num_columns and all(name == name.strip() for name in names)
+    finite = plain and all(np.isfinite(each).all() for each in columns.values())
+    if not finite or not 0 < found.num_rows <= MOST_POINTS:
         return None
     check(path.name, names)
-    return _Numbers(path.name, columns, range(2, found.num_rows + 2))
+    return Table(path.name, columns, range(2, found.num_rows + 2))
 
 
 def _factor(path: Path, column: str, unit: str | None) -> float:
@@ -210,19 +199,18 @@ def _of_program(path: Path, robot: RobotFile, step: float, at: Array, axes: Arra
     pose = tuple(robot.tool.pose)
     home = dict(zip(_AXES, (*robot.tool.at, 0.0, 0.0, 0.0), strict=True))
     world = at + program.points @ axes.T
-    values = np.column_stack(
-        [world[:, _AXES.index(n)] if n in _AXES[:3] else np.full(len(world), home[n]) for n in pose]
-    )
+    places = np.tile(list(home.values()), (len(world), 1))
+    places[:, :3] = world
+    values = places[:, [_AXES.index(name) for name in pose]]
     for k, name in enumerate(_AXES[:3]):
         moved = np.abs(world[:, k] - home[name]) > 1e-9
         if name not in pose and moved.any():
-            line = int(program.line[int(np.argmax(moved))]) + 1
-            raise InputError(
-                f"{path.name}:{line}: expected points that the robot reaches, whose {name} is {1e3 * home[name]:g} mm, "
-                f"got {1e3 * world[int(np.argmax(moved)), k]:g} mm (at, x and y place the program)"
-            )
+            row = int(np.argmax(moved))
+            expected = f"points that the robot reaches, whose {name} is {1e3 * home[name]:g} mm"
+            got = f"{1e3 * world[row, k]:g} mm (at, x and y place the program)"
+            raise InputError(f"{path.name}:{program.line[row] + 1}: expected {expected}, got {got}")
     feed = program.feed if np.isfinite(program.feed[~program.rapid]).any() else None
-    factors: dict[str, float] = {name: 1.0 for name in pose}  # noqa: C420 (its type)
+    lines, factors = (program.line + 1).tolist(), dict.fromkeys(pose, 1.0)
     return ToolPath(
-        pose, values, feed, None, None, program.rapid, (program.line + 1).tolist(), factors, program, (at, axes)
-    )
+        pose, values, feed, None, None, program.rapid, lines, factors, program, (at, axes)
+    )  # fmt: skip
