@@ -8,6 +8,7 @@ import numpy as np
 
 from stiffscope.report import page
 from stiffscope.report.figures import new_figure
+from stiffscope.report.numbers import SHOWN_IN
 from stiffscope.report.page import Section
 from stiffscope.report.run_report import write_report
 from stiffscope.report.terminal import show_line, show_table
@@ -205,10 +206,16 @@ def _show_notes(notes: dict[str, str]) -> None:
     show_line("")
 
 
+_SCALES = {"m": (1e-3, "mm"), "Pa": (1e9, "GPa"), "1": (1.0, "")} | {
+    each: SHOWN_IN[each][0] for each in ("N/m", "N·m/rad")
+}
+
+
 def quantity(value: float, unit: str) -> str:
-    """Return a value as shown in tables: lengths in mm, moduli in GPa."""
-    factor, shown = {"m": (1e3, "mm"), "Pa": (1e-9, "GPa"), "1": (1.0, "")}.get(unit, (1.0, unit))
-    return f"{value * factor:.6g} {shown}".strip()
+    """Return a value as shown in tables: lengths in mm, stiffnesses in N/µm, moduli in GPa."""
+    unit = unit.replace("*", "·")
+    factor, shown = _SCALES.get(unit, (1.0, unit))
+    return f"{value / factor:.6g} {shown}".strip()
 
 
 def _share(value: float, bound: float = 0.0) -> str:

@@ -64,7 +64,7 @@ def write_study_page(study: Study, folder: Path, shown: Sequence[Shown]) -> None
     stem = "pareto" if len(study.file.goals) > 1 else "progress"
     still = next(iter(page.figures(folder, {f"{stem}.png": (CAPTIONS[stem], CAPTIONS[stem])})), None)
     figures = page.figures(folder, {"parallel.png": (CAPTIONS["parallel"], CAPTIONS["parallel"])})
-    facts = [f"method {study.file.method}", f"{len(study.designs)} designs", "SI units"]
+    facts = [f"method {study.file.method}", f"{len(study.designs)} designs", "files in SI units"]
     title = f"{study.file.path.stem}: a study of {study.file.robot.name}"
     files = f"{TABLE}.csv", f"{TABLE}.parquet"
     write_report(
