@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +14,7 @@ from stiffscope.fea.refine import bisect
 from stiffscope.fea.significance import largest_relative_bound
 from stiffscope.fea.singular import singular_edges
 from stiffscope.fea.solution import solve_specimen
-from stiffscope.fea.specimen import GRADING_RATIO, mesh_specimen
+from stiffscope.fea.specimen import GRADING_RATIO, PATIENCE, mesh_specimen
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,7 +28,7 @@ logger = logging.getLogger(__name__)
 
 SHAPE_SHARE = 0.5  # of the tolerance: beyond, a geometric error requires a finer mesh
 FINER = 0.6  # ratio of new to old mesh size
-REMAINS = 0.15  # of an element's error after refinement: 0.25^(2λ) = 0.14 at a singular edge, less elsewhere
+REMAINS = 0.15  # of an element's error after refinement: 0.25^(2λ) = 0.14 at singular edges
 AIM = 0.9  # of the tolerance
 LEAST_LEFT = 0.05  # share of the error that unrefined elements may always keep
 WITH_MODES = 2.0  # ratio of total time with natural frequencies to that of the solution alone
@@ -56,21 +57,23 @@ def solve_within(
     """
 
     def stop_at(limit: str, why: str) -> tuple[TetMesh, Solution, str]:
-        return mesh, solution, _shortfall(specimen, mesh, solution, settings, limit, why)
+        return mesh, solution, _shortfall(solution, settings, limit, why)
 
     begun = time.perf_counter()
-    solution = solve_on(specimen, mesh, settings)
-    if settings.tolerance is None:
+    solution, tolerance = solve_on(specimen, mesh, settings), settings.tolerance
+    if tolerance is None:
         return mesh, solution, ""
     size, rounds, spent = settings.size or edge_length(mesh), 0, time.perf_counter() - begun
-    while (bound := largest_relative_bound(solution.compliance, solution.error)[0]) > settings.tolerance:
+    while (bound := largest_relative_bound(solution.compliance, solution.error)[0]) > tolerance:
         rounds += 1
-        progress("refine", min(1.0, settings.tolerance / bound))
+        progress("refine", min(1.0, tolerance / bound))
         shape = largest_relative_bound(solution.compliance, solution.extrapolated.geometry)[0]
-        if shape > SHAPE_SHARE * settings.tolerance:
+        if shape > SHAPE_SHARE * tolerance:
             size, why = size * FINER, f"the mesh's shape alone leaves {100 * shape:.2g} %"
             try:
-                finer = _finer_mesh(specimen, settings, size, left - (time.perf_counter() - begun))
+                rest = left - (time.perf_counter() - begun)
+                again = replace(settings, size=size, envelope=None)
+                finer = make_mesh(specimen, again, rest, rest / 4)
             except MeshError as error:
                 return stop_at("the mesher's limit", f"{why}; {str(error).partition(';')[0]}")
         else:
@@ -87,7 +90,8 @@ def solve_within(
         except MeshError as error:
             return stop_at("the last mesh that could be solved", str(error))
         spent = time.perf_counter() - started
-        logger.info("%s: round %d, %d tetrahedra, bound was %.3g", specimen.name, rounds, len(mesh.cells), bound)
+        told = specimen.name, rounds, len(mesh.cells), bound
+        logger.info("%s: round %d, %d tetrahedra, bound was %.3g", *told)
     return mesh, solution, ""
 
 
@@ -98,23 +102,31 @@ def solve_on(specimen: Specimen, mesh: TetMesh, settings: Settings) -> Solution:
     return solve_specimen(specimen, mesh, settings.interface, solver, settings.foundation)
 
 
-def _finer_mesh(specimen: Specimen, settings: Settings, size: float, left: float) -> TetMesh:
+def make_mesh(specimen: Specimen, settings: Settings, left: float, patience: float = PATIENCE) -> TetMesh:
+    """Mesh a specimen with its settings.
+
+    Parameters
+    ----------
+    left : seconds left of the settings' time limit.
+    patience : seconds after which no further attempt at a better geometry starts.
+    """
     return mesh_specimen(
         specimen,
-        size=size,
+        size=settings.size,
+        envelope=settings.envelope,
         layers=settings.layers,
         rigid=settings.interface == "rigid",
         time_limit=max(left, 1.0),
         threads=settings.threads,
-        patience=left / 4,
+        patience=patience,
+        tolerance=settings.tolerance,
     )
 
 
 def _on_singular_edges(specimen: Specimen, mesh: TetMesh, settings: Settings) -> np.ndarray:
     """Return which vertices lie on singular edges, (nodes,)."""
-    on_chain: np.ndarray = np.zeros(len(mesh.points), dtype=bool)
-    on_chain[singular_edges(mesh, specimen.list_fixed(rigid=settings.interface == "rigid"))[0]] = True
-    return on_chain
+    edges, _ = singular_edges(mesh, specimen.list_fixed(rigid=settings.interface == "rigid"))
+    return np.isin(np.arange(len(mesh.points)), edges)
 
 
 def refine_mesh(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: Settings, bound: float) -> TetMesh:
@@ -134,7 +146,6 @@ def refine_mesh(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: 
         Mesh, interface and solver settings.
     bound
         Relative bound of the present solution.
-
     """
     left = (AIM * (settings.tolerance or bound) / bound - REMAINS) / (1 - REMAINS)
     order = np.argsort(-indicator)
@@ -149,20 +160,21 @@ def refine_mesh(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: 
     leaving = leaving[on_chain[leaving].sum(axis=1) == 1]
     leaving = np.where(on_chain[leaving[:, :1]], leaving, leaving[:, ::-1])
     length = np.linalg.norm(mesh.points[pairs[..., 0]] - mesh.points[pairs[..., 1]], axis=2)
-    longest = length.max(axis=1, keepdims=True)
-    halved = pairs[(length > 0.6 * longest) & np.logical_not(touching)[:, None]]
+    is_long = length > 0.6 * length.max(axis=1, keepdims=True)
+    halved = pairs[is_long & np.logical_not(touching)[:, None]]
     halved = halved[on_chain[halved].sum(axis=1) != 1]
     marked = np.unique(np.vstack([leaving, np.sort(halved, axis=1)]), axis=0)
     at = np.where(on_chain[marked].sum(axis=1) == 1, GRADING_RATIO, 0.5)
     return bisect(mesh, marked, at)
 
 
-def _shortfall(specimen: Specimen, mesh: TetMesh, solution: Solution, settings: Settings, limit: str, why: str) -> str:
+def _shortfall(solution: Solution, settings: Settings, limit: str, why: str) -> str:
     """Return the bound reached, the limit and the reason; by default the error's location."""
     bound, (i, j) = largest_relative_bound(solution.compliance, solution.error)
     if not why:
-        near = _on_singular_edges(specimen, mesh, settings)[mesh.cells].any(axis=1)
-        share = solution.indicator[near].sum() / solution.indicator.sum()
+        mesh, indicator = solution.system.mesh, solution.indicator
+        near = _on_singular_edges(solution.system.specimen, mesh, settings)[mesh.cells].any(axis=1)
+        share = indicator[near].sum() / indicator.sum()
         why = f"{share:.0%} of the estimated error is at borders of fixed faces and re-entrant edges"
     reached = f"the bound of C{i + 1}{j + 1} reached {bound:.3g} at {limit}"
     return f"tolerance {settings.tolerance:.3g} not met: {reached}; {why}"

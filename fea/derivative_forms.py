@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from stiffscope.fea.experiment import Experiment
     from stiffscope.fea.mesh import Floats
     from stiffscope.fea.settings import Settings
-    from stiffscope.fea.solution import TwoLevel
+    from stiffscope.fea.solution import Solution
 
 STILL = 1e-9  # velocity of nodes taken as fixed relative to their reference point
 SURFACE_STEP = 1e-4  # of the part's size per unit velocity: central differences of face integrals
@@ -54,7 +54,7 @@ class Move:
 class Forms:
     """Derivatives of a solved part; its loads are w unit wrenches and 3 accelerations, k in all."""
 
-    levels: TwoLevel
+    levels: Solution
     experiment: Experiment
     settings: Settings
     moves: tuple[Move, ...]

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     from stiffscope.fea.mesh import Floats
     from stiffscope.fea.settings import Settings
-    from stiffscope.fea.solution import System, TwoLevel
+    from stiffscope.fea.solution import Solution, System
     from stiffscope.fea.solvers import Solve
 
 FREQUENCIES = 6  # of the clamped part
@@ -68,8 +68,7 @@ class _Vibration:
     constraint: Floats
 
     def stiffness(self, motion: Floats) -> Floats:
-        supports = self.system.supports
-        return supports.restrict(self.system.stiffness @ supports.expand(motion))
+        return self.system.apply(motion)
 
     def inertia(self, motion: Floats) -> Floats:
         supports = self.system.supports
@@ -112,18 +111,18 @@ class _Vibration:
         return lowest_modes(self.stiffness, self.inertia, precondition, start, FREQUENCIES, EXACT, exact=self.exact)
 
 
-def vibration_of(levels: TwoLevel) -> _Vibration:
+def vibration_of(levels: Solution) -> _Vibration:
     """Return the eigenproblem of a system solved for its unit wrenches."""
     loads = levels.force[: len(levels.quadratic)]
     return _Vibration(levels.system, loads, levels.quadratic @ np.linalg.inv(loads.T @ levels.quadratic))
 
 
-def compute_dynamics(levels: TwoLevel, settings: Settings) -> Dynamics:
+def compute_dynamics(levels: Solution, settings: Settings) -> Dynamics:
     """Compute modes, self-weight deflection and the mass condensed on interfaces and modes.
 
     Parameters
     ----------
-    levels : both solutions of the part for its unit wrenches.
+    levels : solution of the part for its unit wrenches.
 
     Raises
     ------
@@ -205,13 +204,17 @@ def _gain_on_cubics(vibration: _Vibration, squares: Floats, modes: Floats) -> Fl
     return np.einsum("ij,ij->j", residual, cubic.precondition(residual)) / squares
 
 
-def condense_mass(levels: TwoLevel, fixed: Floats | None = None) -> Floats:
+def clamp_point(system: System) -> Floats:
+    """Return the centroid (3,), m, of the clamped area on a system's mesh."""
+    return centroid(system.mesh.points[system.mesh.facets_of(system.specimen.clamped)])
+
+
+def condense_mass(levels: Solution, fixed: Floats | None = None) -> Floats:
     """Return the mass (6(1+n)+k, 6(1+n)+k) on clamp and interface twists, and on modes (c, k)."""
     system = levels.system
-    mesh, specimen = system.mesh, system.specimen
-    clamp = centroid(mesh.points[mesh.facets_of(specimen.clamped)])
-    whole = rigid_modes(mesh.points, clamp).reshape(-1, 6)
-    moved = rigid_twists(np.array([point for _, point in specimen.loaded]), clamp)
+    clamp = clamp_point(system)
+    whole = rigid_modes(system.mesh.points, clamp).reshape(-1, 6)
+    moved = rigid_twists(np.array([point for _, point in system.specimen.loaded]), clamp)
     twists = levels.force.T @ levels.motion
     loaded = levels.displacement @ np.linalg.inv(twists)
     modes = [] if fixed is None else [system.supports.expand(fixed)]
@@ -220,7 +223,7 @@ def condense_mass(levels: TwoLevel, fixed: Floats | None = None) -> Floats:
     return (condensed + condensed.T) / 2
 
 
-def _extrapolate_modes(levels: TwoLevel, modes: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _extrapolate_modes(levels: Solution, modes: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Return ``self_weight`` and ``frequencies``, each with its error, from clamped modes (c, 6)."""
     system, mass = levels.system, levels.system.mass
     nodes, count = system.cubic.space.base, modes.shape[1]

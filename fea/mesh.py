@@ -7,10 +7,12 @@ from __future__ import annotations
 
 import logging
 from dataclasses import dataclass, replace
+from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stiffscope.errors import InputError
 from stiffscope.fea.worker import run_ftetwild
@@ -18,17 +20,16 @@ from stiffscope.runtime.executor import LateError, WorkerError, do_alone
 from stiffscope.runtime.processors import processors
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Collection
 
-    from numpy.typing import NDArray
     from skfem import MeshTet2
 
     from stiffscope.cad.faces import FaceGeometry
     from stiffscope.cad.part import Surface
 
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
-    Project = Callable[[int, Floats], Floats]
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+Project = Callable[[int, Floats], Floats]
 
 logger = logging.getLogger(__name__)
 

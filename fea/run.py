@@ -11,16 +11,16 @@ from threadpoolctl import threadpool_limits
 
 from stiffscope import cad
 from stiffscope.cad.part import Part, mass_properties, project, surface
-from stiffscope.fea.adapt import solve_on, solve_within
+from stiffscope.fea.adapt import make_mesh, solve_on, solve_within
 from stiffscope.fea.design_velocity import moved_along
-from stiffscope.fea.dynamics import compute_dynamics, condense_mass
+from stiffscope.fea.dynamics import clamp_point, compute_dynamics, condense_mass
 from stiffscope.fea.experiment import Experiment
-from stiffscope.fea.geometry import centroid, volume
+from stiffscope.fea.geometry import volume
 from stiffscope.fea.mass import rigid_mass
 from stiffscope.fea.mesh import check_lengths, check_time, default_size, flatness_of
 from stiffscope.fea.rigid import relative_twists
 from stiffscope.fea.settings import Settings
-from stiffscope.fea.specimen import GOOD_SHAPE, Specimen, cure_of, mesh_specimen, shape_error
+from stiffscope.fea.specimen import GOOD_SHAPE, Specimen, cure_of, shape_error
 from stiffscope.runtime.progress import LISTENERS
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 # A coarse tessellation suffices, as nodes are projected on the solid afterwards, and a fine one is
 # expensive: 16 sides per circle instead of 12 take four times the elements and twice the time.
-CHORD, TURN = 0.15, 1.1  # distance to the surface in element sizes, angle between adjacent triangles in rad
+CHORD, TURN = 0.15, 1.1  # distance to the surface in element sizes, angle between triangles in rad
 
 
 def run_experiment(
@@ -80,11 +80,17 @@ def run_experiment(
     progress = progress or LISTENERS.open_line(part.name)
     progress("cad", 0.0)
     specimen = part if isinstance(part, Specimen) else specimen_of(part, settings)
-    moved = _moved_mesh(specimen, part, *near) if near and isinstance(part, Part) else None
+    moved = None
+    if near and isinstance(part, Part):
+        moved = moved_along(near[1], near[0], part)
+        moved = moved if moved and shape_error(specimen, moved) < GOOD_SHAPE else None
     seconds = {"cad": time.perf_counter() - started}
     progress("mesh", 0.05)
-    mesh = former.mesh if former else moved or _mesh(specimen, settings, settings.time_limit - seconds["cad"])
-    seconds["mesh"] = former.seconds["mesh"] if former else time.perf_counter() - started - seconds["cad"]
+    if former:
+        mesh, seconds["mesh"] = former.mesh, former.seconds["mesh"]
+    else:
+        mesh = moved or make_mesh(specimen, settings, settings.time_limit - seconds["cad"])
+        seconds["mesh"] = time.perf_counter() - started - seconds["cad"]
     solving = time.perf_counter()
     progress("solve", 0.5)
     if former:
@@ -92,10 +98,13 @@ def run_experiment(
     else:
         left = max(settings.time_limit - (solving - started), 1.0)
         check_time(len(mesh.cells), left, cure_of(specimen, settings.size), meshed=True)
-        mesh, solution, note = solve_within(
-            specimen, mesh, settings, lambda stage, done: progress(stage, 0.5 + 0.35 * done), left, modes=whole
-        )
-    experiment = replace(_statics(specimen, settings, mesh, solution), note=note, moved=moved is not None)
+
+        def refining(stage: str, done: float) -> None:
+            progress(stage, 0.5 + 0.35 * done)
+
+        mesh, solution, note = solve_within(specimen, mesh, settings, refining, left, modes=whole)
+    statics = _statics(specimen, settings, mesh, solution)
+    experiment = replace(statics, note=note, moved=moved is not None)
     if whole:
         progress("modes", 0.85)
         experiment = _with_fields(experiment, solution, settings)
@@ -112,9 +121,11 @@ def specimen_of(part: Part, settings: Settings) -> Specimen:
     MeshError : if a length of the settings is out of range for this part.
     """
     solid = mass_properties(part).volume
-    check_lengths(part.name, (solid, cad.kernel.diagonal(part.solid) * 1e-3), settings.size, settings.envelope)
+    bounds = solid, cad.kernel.diagonal(part.solid) * 1e-3
+    check_lengths(part.name, bounds, settings.size, settings.envelope)
     area, flatness = sum(face.area for face in part.faces), flatness_of(solid, part.faces)
     size = settings.size or default_size(solid, area, flatness)
+    loaded = ((face.faces, np.asarray(face.reference_point, dtype=float)) for face in part.loaded)
     return Specimen(
         name=part.name,
         names=part.names,
@@ -122,37 +133,16 @@ def specimen_of(part: Part, settings: Settings) -> Specimen:
         project=lambda place, points: project(part, place, points),
         elasticity=part.material.elasticity(),
         clamped=part.clamped,
-        loaded=tuple((face.faces, np.asarray(face.reference_point, dtype=float)) for face in part.loaded),
+        loaded=tuple(loaded),
         couplings=tuple(face.coupling for face in part.loaded),
         volume=float(solid),
         density=float(part.material.density),
     )
 
 
-def _moved_mesh(specimen: Specimen, part: Part, former: Part, mesh: TetMesh) -> TetMesh | None:
-    """Return a former part's mesh moved to this part; None if its shape does not match."""
-    moved = moved_along(mesh, former, part)
-    return moved if moved and shape_error(specimen, moved) < GOOD_SHAPE else None
-
-
-def _mesh(specimen: Specimen, settings: Settings, left: float) -> TetMesh:
-    return mesh_specimen(
-        specimen,
-        size=settings.size,
-        envelope=settings.envelope,
-        layers=settings.layers,
-        rigid=settings.interface == "rigid",
-        time_limit=max(left, 1.0),
-        threads=settings.threads,
-        tolerance=settings.tolerance,
-    )
-
-
 @threadpool_limits.wrap(limits=1)
 def _statics(specimen: Specimen, settings: Settings, mesh: TetMesh, solution: Solution) -> Experiment:
-    rigid = rigid_mass(mesh.points, solution.levels.system.mass.nodes)
-    places, clamp = np.array([point for _, point in specimen.loaded]), mesh.facets_of(specimen.clamped)
-    clamp_point = centroid(mesh.points[clamp])
+    places, clamp = np.array([point for _, point in specimen.loaded]), clamp_point(solution.system)
     return Experiment(
         part=specimen.name,
         interface=settings.interface,
@@ -160,32 +150,23 @@ def _statics(specimen: Specimen, settings: Settings, mesh: TetMesh, solution: So
         full_compliance=solution.compliance,
         full_error=solution.error,
         reference_points=places,
-        clamp_point=clamp_point,
-        stiffness_error=solution.stiffness_error(relative_twists(places, clamp_point)),
+        clamp_point=clamp,
+        stiffness_error=solution.stiffness_error(relative_twists(places, clamp)),
         mesh=mesh,
         imbalance=solution.imbalance,
         volume=volume(mesh.points, mesh.cells),
         cad_volume=specimen.volume,
         unknowns=solution.unknowns,
-        mass=rigid.mass,
-        centre=rigid.centre,
-        inertia=rigid.inertia,
-        condensed_mass=condense_mass(solution.levels),
+        condensed_mass=condense_mass(solution),
+        **vars(rigid_mass(mesh.points, solution.system.mass.nodes)),
     )
 
 
 @threadpool_limits.wrap(limits=1)
 def _with_fields(experiment: Experiment, solution: Solution, settings: Settings) -> Experiment:
-    found = compute_dynamics(solution.levels, settings)
     return replace(
         experiment,
-        condensed_mass=found.condensed_mass,
-        mode_squares=found.mode_squares,
-        mode_squares_error=found.mode_squares_error,
-        self_weight=found.self_weight,
-        self_weight_error=found.self_weight_error,
-        frequencies=found.frequencies,
-        frequency_error=found.frequency_error,
-        displacement=solution.displacement,
-        von_mises=solution.von_mises,
+        **vars(compute_dynamics(solution, settings)),
+        displacement=solution.displacement.T.reshape(len(solution.cubic), -1, 3),
+        von_mises=solution.von_mises.T,
     )

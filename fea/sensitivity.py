@@ -25,7 +25,7 @@ from stiffscope.fea.derivative_forms import Forms, Move
 from stiffscope.fea.derivatives import Derivative, PartSensitivity
 from stiffscope.fea.design_velocity import DesignVelocity
 from stiffscope.fea.run import specimen_of
-from stiffscope.fea.solution import accelerate, solve_two_levels
+from stiffscope.fea.solution import accelerate, solve_specimen
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from stiffscope.fea.experiment import Experiment
     from stiffscope.fea.mesh import Floats, TetMesh
     from stiffscope.fea.settings import Settings
-    from stiffscope.fea.solution import TwoLevel
+    from stiffscope.fea.solution import Solution
 
     Build = Callable[[float], Part]
 
@@ -74,10 +74,10 @@ def part_sensitivity(
     return PartSensitivity(part.name, found, notes, seconds)
 
 
-def _solve_levels(experiment: Experiment, part: Part, settings: Settings) -> TwoLevel:
+def _solve_levels(experiment: Experiment, part: Part, settings: Settings) -> Solution:
     """Return both levels for the unit wrenches, then for self-weight along x, y, z."""
     specimen, mesh = specimen_of(part, settings), experiment.mesh
-    levels = solve_two_levels(specimen, mesh, settings.interface, settings.solver, settings.foundation)
+    levels = solve_specimen(specimen, mesh, settings.interface, settings.solver, settings.foundation)
     return accelerate(levels, np.tile(np.eye(3), (len(mesh.points), 1)))
 
 

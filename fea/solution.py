@@ -11,7 +11,14 @@ from threadpoolctl import threadpool_limits
 
 from stiffscope.errors import InputError
 from stiffscope.fea.couplings import Coupling, dofs_of, imbalance, support, unit_loads
-from stiffscope.fea.cubic import cubic_loads, cubic_problem, element_energies, solve_cubic, weigh_energies, work
+from stiffscope.fea.cubic import (
+    cubic_loads,
+    cubic_problem,
+    element_energies,
+    solve_cubic,
+    weigh_energies,
+    work,
+)
 from stiffscope.fea.cubic_space import enrich
 from stiffscope.fea.elasticity import assemble, nodal_stresses, von_mises
 from stiffscope.fea.foundation import on_nodes, springs
@@ -54,70 +61,13 @@ class Extrapolated:
 
 
 @dataclass(frozen=True)
-class Solution:
-    """Extrapolated response of a meshed specimen to unit wrenches; fields are computed on access.
-
-    Attributes
-    ----------
-    levels : solutions from which it is extrapolated.
-    extrapolated : compliance, bound, and the bound's part due to the mesh's shape.
-    """
-
-    levels: TwoLevel
-    extrapolated: Extrapolated
-
-    @property
-    def compliance(self) -> Floats:
-        """Compliance (6n, 6n) of all n loaded interfaces."""
-        return self.extrapolated.compliance
-
-    @property
-    def error(self) -> Floats:
-        """95 % bound (6n, 6n) of ``compliance``."""
-        return self.extrapolated.error
-
-    def stiffness_error(self, free: Floats) -> Floats:
-        """Return 95 % bounds (m, m) of the stiffness ``freeᵀ C⁻¹ free``, with free (6n, m)."""
-        return self.levels.extrapolate(loads=np.asarray(np.linalg.solve(self.compliance, free), dtype=np.float64)).error
-
-    @property
-    def unknowns(self) -> int:
-        """Degrees of freedom of the cubic solution."""
-        return int(3 * self.levels.system.cubic.space.count)
-
-    @property
-    def indicator(self) -> Floats:
-        """Contribution (m,) of each element to the relative bounds of the diagonal entries."""
-        weights = SPREAD_AT_EDGES * self.levels.system.edge_weights + SPREAD_ELSEWHERE
-        return (self.levels.energies / self.levels.cubic.diagonal()).sum(axis=1) * weights
-
-    @property
-    def displacement(self) -> Floats:
-        """Displacements (6n, nodes, 3), m per unit wrench."""
-        return self.levels.displacement.T.reshape(len(self.compliance), -1, 3)
-
-    @property
-    def von_mises(self) -> Floats:
-        """Von Mises stresses (6n, nodes), Pa per unit wrench."""
-        system = self.levels.system
-        return von_mises(nodal_stresses(system.mesh, self.levels.displacement, system.specimen.elasticity)).T
-
-    @property
-    def imbalance(self) -> float:
-        """Relative residual of the equilibrium between clamp and wrenches."""
-        system = self.levels.system
-        nodal, clamped = system.supports.expand(self.levels.quadratic), system.mesh.nodes_of(system.specimen.clamped)
-        return imbalance(system.mesh.points, system.bare, nodal, clamped, system.couplings)
-
-
-@dataclass(frozen=True)
 class System:
     """A supported mesh with the solvers of its quadratic and cubic problem, of one factorization.
 
     Attributes
     ----------
     bare, stiffness : (3n, 3n) N/m, without and with the elastic foundation.
-    edge_weights : (m,) factors of gained element energy in ``TwoLevel.at_edges``; 0 off edges.
+    edge_weights : (m,) factors of gained element energy in ``Solution.at_edges``; 0 off edges.
     """
 
     specimen: Specimen
@@ -135,6 +85,10 @@ class System:
         """Consistent mass of the mesh."""
         return Mass(self.mesh, self.specimen.density)
 
+    def apply(self, motion: Floats) -> Floats:
+        """Return generalized forces (c, k) of the quadratic stiffness for coordinates (c, k)."""
+        return self.supports.restrict(self.stiffness @ self.supports.expand(motion))
+
     @property
     def cubic_rows(self) -> Ints:
         """Degrees of freedom (3w,) of the unconstrained cubics among all cubics'."""
@@ -142,7 +96,7 @@ class System:
 
 
 @dataclass(frozen=True)
-class TwoLevel:
+class Solution:
     """Quadratic and cubic solution of a system for k loads, in the c + 3w cubic coordinates.
 
     Attributes
@@ -161,40 +115,89 @@ class TwoLevel:
     gain: Floats
     at_edges: Floats
 
+    @cached_property
+    def extrapolated(self) -> Extrapolated:
+        """Compliance, 95 % bound, and the bound's part due to the mesh's shape."""
+        return self.extrapolate()
+
     @property
-    def energies(self) -> Floats:
-        """Twice the strain energy (m, k) of the solutions' difference in each element."""
-        gained = self.motion.copy()
-        gained[: len(self.quadratic)] -= self.quadratic
-        return element_energies(self.system.cubic, gained)
+    def compliance(self) -> Floats:
+        """Extrapolated compliance (k, k)."""
+        return self.extrapolated.compliance
+
+    @property
+    def error(self) -> Floats:
+        """95 % bound (k, k) of ``compliance``."""
+        return self.extrapolated.error
+
+    def stiffness_error(self, free: Floats) -> Floats:
+        """Return 95 % bounds (m, m) of the stiffness ``freeᵀ C⁻¹ free``, with free (k, m)."""
+        loads = np.asarray(np.linalg.solve(self.compliance, free), dtype=np.float64)
+        return self.extrapolate(loads=loads).error
+
+    @property
+    def unknowns(self) -> int:
+        """Degrees of freedom of the cubic solution."""
+        return int(3 * self.system.cubic.space.count)
+
+    @property
+    def indicator(self) -> Floats:
+        """Contribution (m,) of each element to the relative bounds of the diagonal entries."""
+        energies = element_energies(self.system.cubic, _gained(self.motion, self.quadratic))
+        weights = SPREAD_AT_EDGES * self.system.edge_weights + SPREAD_ELSEWHERE
+        return (energies / self.cubic.diagonal()).sum(axis=1) * weights
 
     @property
     def displacement(self) -> Floats:
         """Displacements (3 nodes, k), m, of the cubic solution."""
         return self.system.supports.expand(self.motion[: len(self.quadratic)])
 
-    def extrapolate(self, elsewhere: float = ELSEWHERE, loads: Floats | None = None) -> Extrapolated:
-        """Return the compliance with the remaining discretization error extrapolated, and its bounds.
+    @property
+    def von_mises(self) -> Floats:
+        """Von Mises stresses (nodes, k), Pa."""
+        elasticity = self.system.specimen.elasticity
+        return von_mises(nodal_stresses(self.system.mesh, self.displacement, elasticity))
+
+    @property
+    def imbalance(self) -> float:
+        """Relative residual of the equilibrium between clamp and unit wrenches."""
+        system = self.system
+        nodal = system.supports.expand(self.quadratic)
+        clamped = system.mesh.nodes_of(system.specimen.clamped)
+        return imbalance(system.mesh.points, system.bare, nodal, clamped, system.couplings)
+
+    def extrapolate(self, other: float = ELSEWHERE, loads: Floats | None = None) -> Extrapolated:
+        """Return the compliance with the remaining discretization error extrapolated; bounds.
 
         Parameters
         ----------
-        elsewhere : error of the cubic solution over the gain, away from singular edges.
+        other : error of the cubic solution over the gain, away from singular edges.
         loads : (k, m) combinations that replace the loads.
         """
         combine = np.eye(len(self.cubic)) if loads is None else loads
-        cubic, gain, at_edges = (combine.T @ each @ combine for each in (self.cubic, self.gain, self.at_edges))
-        remaining = AT_EDGES * at_edges + elsewhere * gain
+        matrices = self.cubic, self.gain, self.at_edges
+        cubic, gain, at_edges = (combine.T @ each @ combine for each in matrices)
+        specimen, mesh = self.system.specimen, self.system.mesh
+        remaining = AT_EDGES * at_edges + other * gain
         spread = SPREAD_AT_EDGES * np.abs(at_edges) + SPREAD_ELSEWHERE * np.abs(gain)
-        spread *= self.system.specimen.flatness_on(
-            self.system.mesh
-        )  # the factors were fitted to elements no larger than walls
+        spread *= specimen.flatness_on(mesh)  # fitted to elements no larger than walls
+        energies = np.sqrt(np.maximum(remaining.diagonal(), 0))
+        cross = CROSS_TERMS * (np.outer(energies, energies) - np.diag(energies**2))
         compliance = cubic + remaining
-        geometry = _geometry_bound(self.system.specimen, self.system.mesh, compliance)
+        geometry = _geometry_bound(specimen, mesh, compliance)
         scale = np.abs(combine).T @ np.sqrt(self.cubic.diagonal())
-        rounding = rounding_of(self.system.specimen) * np.outer(scale, scale)
-        return Extrapolated(compliance, spread + _cross_terms(remaining) + rounding + geometry, geometry)
+        rounding = rounding_of(specimen) * np.outer(scale, scale)
+        return Extrapolated(compliance, spread + cross + rounding + geometry, geometry)
 
 
+def _gained(motion: Floats, quadratic: Floats) -> Floats:
+    """Return the difference (c + 3w, k) of the cubic and the quadratic solution."""
+    gained = motion.copy()
+    gained[: len(quadratic)] -= quadratic
+    return gained
+
+
+@threadpool_limits.wrap(limits=1)  # BLAS threads are slower on small matrices; see ``on_all_cores``
 def solve_specimen(
     specimen: Specimen, mesh: TetMesh, interface: str, solver: str, foundation: float | None = None
 ) -> Solution:
@@ -211,55 +214,35 @@ def solve_specimen(
     InputError : if interfaces overlap, the foundation is too soft, or the solver is unknown.
     MeshError : if the compliance is not positive definite or the cubic solution does not converge.
     """
-    levels = solve_two_levels(specimen, mesh, interface, solver, foundation)
-    return Solution(levels, levels.extrapolate())
-
-
-def solve_two_levels(
-    specimen: Specimen, mesh: TetMesh, interface: str, solver: str, foundation: float | None = None
-) -> TwoLevel:
-    """Return the quadratic and cubic solution for the unit wrenches.
-
-    Parameters
-    ----------
-    specimen
-        Part with its clamped and loaded faces.
-    mesh
-        Its quadratic mesh.
-    interface, solver, foundation
-        See ``solve_specimen``.
-    """
-    with threadpool_limits(1):  # BLAS threads are slower on small matrices; see ``on_all_cores``
-        system = _system_of(specimen, mesh, interface, solver, foundation)
-        loads = unit_loads(mesh, system.supports, system.couplings)
-        tractions = cubic_loads(mesh, system.cubic.space, system.couplings)[system.cubic.free]
-        return respond(system, np.vstack([loads, tractions.reshape(-1, loads.shape[1])]), system.solver.solve(loads))
-
-
-def _system_of(
-    specimen: Specimen, mesh: TetMesh, interface: str, solver: str, foundation: float | None = None
-) -> System:
-    """Return the supported mesh with its stiffness and solvers; see ``solve_specimen``."""
     kinds = specimen.list_couplings(interface)
-    couplings = tuple(Coupling(*loaded, kind) for loaded, kind in zip(specimen.loaded, kinds, strict=True))
-    clamped = mesh.nodes_of(specimen.clamped)
+    loaded = zip(specimen.loaded, kinds, strict=True)
+    couplings = tuple(Coupling(*each, kind) for each, kind in loaded)
+    clamped, bedding = mesh.nodes_of(specimen.clamped), None
     if foundation is not None:
         _check_foundation(specimen, foundation)
-    supports = support(mesh, clamped if foundation is None else clamped[:0], couplings)
+        clamped = clamped[:0]
+    supports = support(mesh, clamped, couplings)
     bare = stiffness = assemble(mesh, specimen.elasticity)
-    space, bedding = enrich(mesh, specimen.elasticity), None
+    space = enrich(mesh, specimen.elasticity)
     if foundation is not None:
         bedding = springs(mesh, specimen.clamped, foundation)
         stiffness = bare + on_nodes(bedding, space.base)
     prepared = prepare(mesh, stiffness, supports, solver)
     cubic = cubic_problem(mesh, space, supports, prepared, stiffness, bedding)
     weights = _edge_weights(specimen, mesh, interface, foundation)
-    return System(specimen, mesh, couplings, supports, bare, stiffness, prepared, cubic, weights)
+    system = System(specimen, mesh, couplings, supports, bare, stiffness, prepared, cubic, weights)
+    loads = unit_loads(mesh, supports, couplings)
+    tractions = cubic_loads(mesh, space, couplings)[cubic.free].reshape(-1, loads.shape[1])
+    return respond(system, np.vstack([loads, tractions]), prepared.solve(loads))
 
 
 def respond(
-    system: System, force: Floats, quadratic: Floats, solved: TwoLevel | None = None, tolerance: float = 1e-2
-) -> TwoLevel:
+    system: System,
+    force: Floats,
+    quadratic: Floats,
+    solved: Solution | None = None,
+    tolerance: float = 1e-2,
+) -> Solution:
     """Return both solutions for additional loads, after those of the loads already solved.
 
     Parameters
@@ -278,24 +261,22 @@ def respond(
         force, motion, quadratic = (np.hstack(pair) for pair in zip(former, new, strict=True))
     split = len(quadratic)
     cubic = work(system.cubic.apply, force, motion)
-    supports = system.supports
-    nodal = work(lambda x: supports.restrict(system.stiffness @ supports.expand(x)), force[:split], quadratic)
-    gain = cubic - nodal
+    gain = cubic - work(system.apply, force[:split], quadratic)
     scale = np.sqrt(np.outer(cubic.diagonal(), cubic.diagonal()))
     rounding = rounding_of(system.specimen)
     broken = not (gain.diagonal() > -rounding * cubic.diagonal()).all()
     if solved is None:  # added loads may nearly depend on it, within the tolerance
         broken = broken or not (np.linalg.eigvalsh(cubic / scale) > -rounding).all()
     if broken:
-        raise MeshError(f"solve: the compliance of {system.specimen.name} is not positive definite; the mesh is broken")
-    gained = motion.copy()
-    gained[:split] -= quadratic
+        what = f"the compliance of {system.specimen.name} is not positive definite"
+        raise MeshError(f"solve: {what}; the mesh is broken")
+    gained = _gained(motion, quadratic)
     at_edges = weigh_energies(system.cubic, gained, system.edge_weights)
-    return TwoLevel(system, force, motion, quadratic, cubic, gain, at_edges)
+    return Solution(system, force, motion, quadratic, cubic, gain, at_edges)
 
 
-def accelerate(levels: TwoLevel, motion: Floats) -> TwoLevel:
-    """Return the solutions with additional loads: inertia forces of accelerations (3n, k), m/s²."""
+def accelerate(levels: Solution, motion: Floats) -> Solution:
+    """Return the solution with additional loads: inertia forces of accelerations (3n, k), m/s²."""
     system, mass = levels.system, levels.system.mass
     nodal = system.supports.restrict(times(mass.nodes, motion))
     force = np.vstack([nodal, times(mass.cubics, motion)[system.cubic_rows]])
@@ -312,23 +293,20 @@ def _check_foundation(specimen: Specimen, foundation: float) -> None:
     least = SOFTEST * float(specimen.elasticity[0, 0]) / specimen.volume ** (1 / 3)
     if foundation < least:
         raise InputError(
-            f"foundation: {foundation:g} N/m³ is too soft to hold {specimen.name}; expected at least {least:.2g} N/m³"
-            " (bolted contacts have some 1e12 to 1e13; a number without a unit is N/m³)"
+            f"foundation: {foundation:g} N/m³ is too soft to hold {specimen.name}; expected at "
+            f"least {least:.2g} N/m³ (bolted contacts have some 1e12 to 1e13; "
+            "a number without a unit is N/m³)"
         )
 
 
 def _edge_weights(specimen: Specimen, mesh: TetMesh, interface: str, foundation: float | None) -> Floats:
     """Return ``remaining_at_edges`` (m,); a foundation softer than the part acts as traction."""
     fixed = specimen.list_fixed(rigid=interface == "rigid")
-    if foundation is not None and foundation * specimen.volume ** (1 / 3) < specimen.elasticity[0, 0]:
+    size = specimen.volume ** (1 / 3)
+    if foundation is not None and foundation * size < specimen.elasticity[0, 0]:
         fixed = fixed[1:]
-    return remaining_at_edges(mesh, fixed, [faces for faces in specimen.interfaces if faces not in fixed])
-
-
-def _cross_terms(remaining: Floats) -> Floats:
-    """Return bounds (6n, 6n) of errors between two loads, whose estimates may cancel."""
-    energies = np.sqrt(np.maximum(remaining.diagonal(), 0))
-    return CROSS_TERMS * (np.outer(energies, energies) - np.diag(energies**2))
+    loaded = [faces for faces in specimen.interfaces if faces not in fixed]
+    return remaining_at_edges(mesh, fixed, loaded)
 
 
 def _geometry_bound(specimen: Specimen, mesh: TetMesh, compliance: Floats) -> Floats:
@@ -336,7 +314,8 @@ def _geometry_bound(specimen: Specimen, mesh: TetMesh, compliance: Floats) -> Fl
 
     Misplaced interfaces couple entries that symmetry decouples, far more than a wrong volume.
     """
-    size, scale = np.abs(compliance), np.sqrt(np.outer(compliance.diagonal(), compliance.diagonal()))
+    own = compliance.diagonal()
+    size, scale = np.abs(compliance), np.sqrt(np.outer(own, own))
     area, shift = interface_error(specimen, mesh)
     body = (geometric_error(specimen, mesh) + area) * np.maximum(size, 1e-3 * scale)
     return 3 * (body + shift * np.maximum(size, 0.3 * scale))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
@@ -12,16 +13,13 @@ import numpy as np
 from scipy.sparse import csr_array
 from scipy.sparse.linalg import splu
 
+from stiffscope.fea.mesh import Floats
 from stiffscope.runtime.processors import processors
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable
+    from collections.abc import Iterable
 
-    from stiffscope.fea.mesh import Floats
-
-    Solve = Callable[[Floats], Floats]
-
-
+Solve = Callable[[Floats], Floats]
 LEFT = 0.3  # of a tolerance: safety margin of the stopping criterion
 
 

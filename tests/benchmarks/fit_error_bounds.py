@@ -43,7 +43,7 @@ def errors(number):
             ours = run_experiment(part, Settings(interface=interface))
             wanted = max(ours.relative_bound / FINER, 2e-5)
             finer = run_experiment(part, Settings(interface=interface, tolerance=wanted)).compliance
-            found = solution.solve_two_levels(specimen_of(part, Settings()), ours.mesh, interface, "auto")
+            found = solution.solve_specimen(specimen_of(part, Settings()), ours.mesh, interface, "auto")
         except MeshError:
             continue
         scale = np.sqrt(np.outer(finer.diagonal(), finer.diagonal()))

@@ -20,7 +20,7 @@ from stiffscope.fea.modes import lowest_modes, ritz
 from stiffscope.fea.rigid import rigid_twists
 from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
-from stiffscope.fea.solution import respond, solve_two_levels
+from stiffscope.fea.solution import respond, solve_specimen
 from stiffscope.fea.solvers import factorize_matrix
 from stiffscope.fea.spaces import ElementTetCubic, cell_bases
 from tests.fea.shapes import DENSITY, box, cylinder
@@ -45,7 +45,7 @@ def clamped_frequencies(experiment, modes=None):
 
 
 def levels_of(stub, kind="rigid", solver="direct"):
-    return solve_two_levels(*stub, kind, solver)
+    return solve_specimen(*stub, kind, solver)
 
 
 def test_mass_properties_of_a_box_are_exact_and_those_of_a_bar_the_cylinders(plate, link):
@@ -283,7 +283,7 @@ def test_the_mass_of_turned_axes_is_turned(stub, rng):
 def test_loads_that_depend_on_those_solved_before(stub):
     """A long part's own weight is almost a force on its end: not a sign of a broken mesh."""
     specimen, mesh = stub
-    levels = solve_two_levels(specimen, mesh, "rigid", "direct")
+    levels = solve_specimen(specimen, mesh, "rigid", "direct")
     split = len(levels.quadratic)
     again = levels.force @ np.linspace(-1.0, 1.0, 30).reshape(6, 5)
     both = respond(levels.system, again, levels.system.solver.solve(again[:split]), levels)
