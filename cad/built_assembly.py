@@ -56,7 +56,6 @@ def read_built(assembly: Any, shown: str, left_out: list[str]) -> tuple[tuple[In
     ------
     InputError
         If it is not an assembly, or contains no closed solid.
-
     """
     if getattr(assembly, "wrapped", None) is None or not hasattr(assembly, "leaves"):
         got = type(assembly).__name__

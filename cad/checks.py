@@ -9,13 +9,9 @@ from stiffscope.errors import InputError
 
 # m: a length outside this range probably has the wrong unit, and the mesher's tolerances fail
 SMALLEST, LARGEST = 1e-5, 20.0
-
 GAP = 5e-4  # m: smallest wall between features; thinner walls take minutes to mesh
-
 FINEST = 1e-4  # m: smallest fillet radius; smaller ones are below kernel and mesher tolerances
-
 FARTHEST = 1e3  # m: a farther point probably has the wrong unit, and costs precision
-
 POINT = f"a point of three numbers in m, within {FARTHEST:g} m"
 
 
@@ -37,7 +33,6 @@ def require(valid: bool, field: str, expected: str, got: object) -> None:
         Expected value for the message.
     got
         Given value for the message.
-
     """
     if not valid:
         raise InputError(f"{field}: expected {expected}, got {got}")
@@ -83,7 +78,6 @@ def count(field: str, value: object, largest: int = 100) -> int:
         Value to check.
     largest
         Largest valid number.
-
     """
     if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) <= largest:
         raise InputError(f"{field}: expected a whole number from 0 to {largest}, got {value!r}")
@@ -101,7 +95,6 @@ def choice(field: str, value: object, valid: tuple[str, ...]) -> None:
         Value to check.
     valid
         Valid values.
-
     """
     require(value in valid, field, "one of " + ", ".join(map(repr, valid)), repr(value))
 

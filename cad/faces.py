@@ -112,6 +112,11 @@ def _sizes(kind: str, form: Any) -> dict[str, Any]:
     return {}
 
 
+def centroid_of(faces: Sequence[FaceGeometry]) -> NDArray[np.float64]:
+    """Return the common centroid (3,), m, of faces."""
+    return np.average([face.centroid for face in faces], axis=0, weights=[face.area for face in faces])
+
+
 @dataclass(frozen=True)
 class FaceSelector:
     """Selection of faces by geometry: selected faces meet all given conditions.

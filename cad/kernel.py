@@ -146,7 +146,6 @@ def imprint_circle(solid: Solid, face: Face, centre: Floats, normal: Floats, rad
     Returns
     -------
     The solid, and the pieces of the face in it.
-
     """
     circle = gp_Circ(gp_Ax2(gp_Pnt(*centre), gp_Dir(*normal)), radius)
     split = BRepFeat_SplitShape(solid)
@@ -286,7 +285,6 @@ def in_axes(solid: Solid, origin: Floats, x: Floats, z: Floats) -> Solid:
     Returns
     -------
     The same solid, its coordinates in the new axes.
-
     """
     change = gp_Trsf()
     change.SetTransformation(gp_Ax3(gp_Pnt(*origin), gp_Dir(*z), gp_Dir(*x)))
@@ -361,7 +359,6 @@ def triangulate(shape: Shape, deflection: float, angle: float) -> list[tuple[Flo
     Returns
     -------
     Nodes (n, 3) and outward triangles (t, 3) of each face.
-
     """
     BRepTools.Clean_s(shape)
     BRepMesh_IncrementalMesh(shape, deflection, False, angle, False)

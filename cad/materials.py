@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.cad.checks import number, require
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,20 +17,14 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-def _check_finite(material: Material | TransverselyIsotropic) -> None:
+def _check(material: Material | TransverselyIsotropic, *positive: str) -> None:
+    """Raise InputError unless all values are finite numbers, and some of them positive."""
     for field in fields(material):
-        value = getattr(material, field.name)
-        if field.name not in {"name", "source"} and (
-            isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value)
-        ):
-            raise InputError(f"materials.{material.name}.{field.name}: expected a finite number, got {value!r}")
-
-
-def _check_positive(material: Material | TransverselyIsotropic, *names: str) -> None:
-    for name in names:
+        if field.name not in {"name", "source"}:
+            number(f"materials.{material.name}.{field.name}", getattr(material, field.name))
+    for name in positive:
         value = getattr(material, name)
-        if value <= 0:
-            raise InputError(f"materials.{material.name}.{name}: expected more than 0, got {value:g}")
+        require(value > 0, f"materials.{material.name}.{name}", "more than 0", f"{value:g}")
 
 
 @dataclass(frozen=True)
@@ -64,15 +59,12 @@ class Material:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        _check_finite(self)
-        _check_positive(self, "youngs_modulus", "shear_modulus", "density")
-        if not -1 < self.poisson < 0.5:
-            low, high = self.youngs_modulus / 3, self.youngs_modulus
-            raise InputError(
-                f"materials.{self.name}.shear_modulus: expected more than {low / 1e9:.4g} GPa "
-                f"(Poisson's ratio, here {self.poisson:.3g}, is in (-1, 0.5); typically {high / 2.6e9:.3g} GPa), "
-                f"got {self.shear_modulus / 1e9:.4g} GPa"
-            )
+        _check(self, "youngs_modulus", "shear_modulus", "density")
+        ratio, typical = self.poisson, f"{self.youngs_modulus / 2.6e9:.3g} GPa"
+        valid = f"more than {self.youngs_modulus / 3 / 1e9:.4g} GPa (Poisson's ratio, here {ratio:.3g},"
+        valid += f" is in (-1, 0.5); typically {typical})"
+        field = f"materials.{self.name}.shear_modulus"
+        require(-1 < ratio < 0.5, field, valid, f"{self.shear_modulus / 1e9:.4g} GPa")
 
     @property
     def poisson(self) -> float:
@@ -131,20 +123,15 @@ class TransverselyIsotropic:
 
     def __post_init__(self) -> None:
         """Check the values."""
-        _check_finite(self)
-        _check_positive(self, "axial_modulus", "transverse_modulus", "axial_shear_modulus", "density")
-        if not -1 < self.transverse_poisson < 1:
-            raise InputError(
-                f"materials.{self.name}.transverse_poisson: expected a number between -1 and 1, "
-                f"got {self.transverse_poisson:g}"
-            )
-        ratio = self.axial_modulus / self.transverse_modulus
-        largest = math.sqrt(ratio * (1 - self.transverse_poisson) / 2)
-        if not abs(self.axial_poisson) < largest:
-            raise InputError(
-                f"materials.{self.name}.axial_poisson: expected a number between {-largest:.4g} and "
-                f"{largest:.4g} (else the elasticity matrix is not positive definite), got {self.axial_poisson:g}"
-            )
+        _check(self, "axial_modulus", "transverse_modulus", "axial_shear_modulus", "density")
+        field, across = f"materials.{self.name}", self.transverse_poisson
+        between = "a number between -1 and 1"
+        require(-1 < across < 1, f"{field}.transverse_poisson", between, f"{across:g}")
+        along = self.axial_poisson
+        largest = math.sqrt(self.axial_modulus / self.transverse_modulus * (1 - across) / 2)
+        between = f"a number between {-largest:.4g} and {largest:.4g}"
+        between += " (else the elasticity matrix is not positive definite)"
+        require(abs(along) < largest, f"{field}.axial_poisson", between, f"{along:g}")
 
     @property
     def youngs_modulus(self) -> float:

@@ -27,7 +27,6 @@ def project_points(solid: "Solid", face: FaceGeometry, points: Floats) -> Floats
         Face on the surface.
     points
         Points (n, 3), m.
-
     """
     if face.kind == "plane":
         return points - np.outer((points - face.origin) @ face.axis, face.axis)

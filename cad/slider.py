@@ -140,11 +140,51 @@ class SliderParameters(SolidParameters):
 
     def draw(self) -> Any:
         """See `SolidParameters`. Raises InputError if the CAD kernel cannot make the fillet."""
-        return _draw(self)
+        from build123d import Align, Box, Cylinder, Pos, fillet
+
+        depth, width, thickness = (1e3 * v for v in (self.depth, self.width, self.thickness))
+        outwards = (Align.MIN, Align.CENTER, Align.CENTER)
+        below = (Align.MIN, Align.CENTER, Align.MIN)
+        centred = (Align.CENTER, Align.CENTER, Align.MIN)
+        solid = Box(depth, width, thickness, align=outwards)
+        pad = 1e3 * self.pad_height, 1e3 * self.pad_width, thickness
+        for y in self.pad_positions:
+            solid += Pos(depth, 1e3 * y, 0) * Box(*pad, align=outwards)
+        length, bar, height = (1e3 * v for v in (self.rib_length, self.rib_thickness, self.rib_height))
+        for y in self.rib_positions:
+            nose = Pos(length - bar / 2, 0, 0) * Cylinder(bar / 2, height, align=centred)
+            rib = Box(length - bar / 2, bar, height, align=below) + nose
+            solid += Pos(0, 1e3 * y, thickness / 2) * rib
+        if self.fillet:
+            roots = [edge for edge in solid.edges() if _is_root(edge, depth, width, thickness)]
+            try:
+                solid = fillet(roots, 1e3 * self.fillet)
+            except ValueError as error:
+                got = f"got {mm(self.fillet)}; {error}"
+                raise InputError(f"slider.fillet: expected a smaller radius, {got}") from error
+        for y in self.hole_positions:
+            hole = Cylinder(500 * self.hole_diameter, 2 * thickness)
+            solid -= Pos(1e3 * self.hole_offset, 1e3 * y, 0) * hole
+        return solid
 
     def select_ends(self, solid: "Solid") -> tuple[frozenset[int], tuple[Interface, ...]]:
         """Return the face x = 0 or the hole walls, and interface ``joints``, or one per pad."""
-        return _select_clamped(self, solid), _select_loaded(self, solid)
+        axes = [(self.hole_offset, y) for y in self.hole_positions]
+        walls = frozenset(
+            face.index
+            for face in face_geometries(solid)
+            if face.kind == "cylinder" and any(np.allclose(face.origin[:2], axis, atol=1e-6) for axis in axes)
+        )
+        clamped = select(solid, LEAST_X) if self.clamp == "face" else walls
+        outer = self.depth + self.pad_height
+        if self.pads == "together":
+            faces = select(solid, GREATEST_X)
+            return clamped, (Interface("joints", faces, np.array([outer, 0.0, 0.0])),)
+        pads = []
+        for name, y in zip(PADS, self.pad_positions, strict=True):
+            place = FaceSelector(normal=(1, 0, 0), position=(outer, y, 0.0))
+            pads.append(Interface(name, select(solid, [place]), np.array([outer, y, 0.0])))
+        return clamped, tuple(pads)
 
 
 def _row(number: int, pitch: float, width: float) -> tuple[float, ...]:
@@ -215,57 +255,8 @@ def _check_pads(slider: SliderParameters) -> None:
     require(slider.pad_width <= widest, "slider.pad_width", range_, mm(slider.pad_width))
 
 
-def _draw(slider: SliderParameters) -> Any:
-    """Draw the solid in mm: plate, pads and ribs fused, roots filleted, holes cut."""
-    from build123d import Align, Box, Cylinder, Pos, fillet
-
-    depth, width, thickness = (1e3 * v for v in (slider.depth, slider.width, slider.thickness))
-    outwards = (Align.MIN, Align.CENTER, Align.CENTER)
-    below = (Align.MIN, Align.CENTER, Align.MIN)
-    solid = Box(depth, width, thickness, align=outwards)
-    pad_height, pad_width = 1e3 * slider.pad_height, 1e3 * slider.pad_width
-    for y in slider.pad_positions:
-        solid += Pos(depth, 1e3 * y, 0) * Box(pad_height, pad_width, thickness, align=outwards)
-    length, bar, height = (1e3 * v for v in (slider.rib_length, slider.rib_thickness, slider.rib_height))
-    for y in slider.rib_positions:
-        nose = Pos(length - bar / 2, 0, 0) * Cylinder(bar / 2, height, align=(Align.CENTER, Align.CENTER, Align.MIN))
-        solid += Pos(0, 1e3 * y, thickness / 2) * (Box(length - bar / 2, bar, height, align=below) + nose)
-    if slider.fillet:
-        roots = [e for e in solid.edges() if _is_root(e, depth, width, thickness)]
-        try:
-            solid = fillet(roots, 1e3 * slider.fillet)
-        except ValueError as error:
-            raise InputError(f"slider.fillet: expected a smaller radius, got {mm(slider.fillet)}; {error}") from error
-    for y in slider.hole_positions:
-        solid -= Pos(1e3 * slider.hole_offset, 1e3 * y, 0) * Cylinder(500 * slider.hole_diameter, 2 * thickness)
-    return solid
-
-
 def _is_root(edge: "Edge", depth: float, width: float, thickness: float) -> bool:
     """Return whether an edge is inside the outline on the plate's underside: at a rib's root."""
     middle = edge.position_at(0.5)
     inside = _TOLERANCE < middle.X < depth - _TOLERANCE and abs(middle.Y) < width / 2 - _TOLERANCE
     return abs(middle.Z - thickness / 2) < _TOLERANCE and inside
-
-
-def _select_clamped(slider: SliderParameters, solid: "Solid") -> frozenset[int]:
-    if slider.clamp == "face":
-        return select(solid, LEAST_X)
-    axes = [(slider.hole_offset, y) for y in slider.hole_positions]
-    return frozenset(
-        face.index
-        for face in face_geometries(solid)
-        if face.kind == "cylinder" and any(np.allclose(face.origin[:2], axis, atol=1e-6) for axis in axes)
-    )
-
-
-def _select_loaded(slider: SliderParameters, solid: "Solid") -> tuple[Interface, ...]:
-    outer = slider.depth + slider.pad_height
-    if slider.pads == "together":
-        faces = select(solid, GREATEST_X)
-        return (Interface("joints", faces, np.array([outer, 0.0, 0.0])),)
-    points = [np.array([outer, y, 0.0]) for y in slider.pad_positions]
-    return tuple(
-        Interface(name, select(solid, [FaceSelector(normal=(1, 0, 0), position=tuple(point))]), point)
-        for name, point in zip(PADS, points, strict=True)
-    )

@@ -9,7 +9,7 @@ import numpy as np
 
 from stiffscope import cad
 from stiffscope.cad.checks import POINT, direction, is_point, require
-from stiffscope.cad.faces import FaceGeometry, FaceSelector, face_geometries, select
+from stiffscope.cad.faces import FaceSelector, centroid_of, face_geometries, select
 from stiffscope.cad.materials import STEEL, AnyMaterial
 from stiffscope.cad.part import Interface, Part
 from stiffscope.cad.washers import select_interfaces
@@ -120,7 +120,7 @@ def part_of(
         Interface(
             key,
             faces,
-            _centroid([geometries[index] for index in sorted(faces)]) if point is None else point,
+            centroid_of([geometries[index] for index in sorted(faces)]) if point is None else point,
             (couplings or {}).get(key, ""),
         )
         for key, faces in selected.items()
@@ -181,7 +181,3 @@ def _axes(x: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Return unit vectors along x, y, z as rows (3, 3)."""
     x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
     return np.stack([x, np.cross(z, x), z])
-
-
-def _centroid(faces: Sequence[FaceGeometry]) -> np.ndarray:
-    return np.average([face.centroid for face in faces], axis=0, weights=[face.area for face in faces])

@@ -158,7 +158,6 @@ def write_stl(part: Part, path: str | Path, deflection: float = 5e-5, angle: flo
         Largest distance of a triangle from the surface, m; larger is coarser.
     angle
         Largest angle between neighbouring triangles, rad; larger is coarser.
-
     """
     vertices, triangles, _ = tessellate(part.solid, deflection, angle)
     meshio.Mesh(vertices * 1e3, [("triangle", triangles)]).write(path, file_format="stl", binary=True)

@@ -9,20 +9,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.fea.mesh import EDGES, MeshError, edge_length
+from stiffscope.fea.mesh import EDGES, Floats, MeshError, TetMesh, edge_length
 from stiffscope.fea.refine import bisect
 from stiffscope.fea.significance import largest_relative_bound
 from stiffscope.fea.singular import singular_edges
-from stiffscope.fea.solution import solve_specimen
-from stiffscope.fea.specimen import GRADING_RATIO, PATIENCE, mesh_specimen
+from stiffscope.fea.solution import Solution, solve_specimen
+from stiffscope.fea.specimen import GRADING_RATIO, PATIENCE, Specimen, mesh_specimen
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from stiffscope.fea.mesh import Floats, TetMesh
     from stiffscope.fea.settings import Settings
-    from stiffscope.fea.solution import Solution
-    from stiffscope.fea.specimen import Specimen
 
 logger = logging.getLogger(__name__)
 

@@ -59,7 +59,6 @@ def circle(radius: float, bore: float = 0.0, poisson: float = 0.3) -> Section:
     Raises
     ------
     InputError : unless 0 <= bore < radius.
-
     """
     if not 0 <= bore < radius < np.inf:
         raise InputError(f"section: expected 0 <= bore < radius, got bore {bore} m and radius {radius} m")
@@ -85,7 +84,6 @@ def rectangle(width: float, height: float, poisson: float = 0.3) -> Section:
     Raises
     ------
     InputError : if a side is not positive.
-
     """
     if not (0 < width < np.inf and 0 < height < np.inf):
         raise InputError(f"section: expected positive sides, got width {width} m and height {height} m")
@@ -117,7 +115,6 @@ def box(width: float, height: float, wall: float, poisson: float = 0.3) -> Secti
     Raises
     ------
     InputError : if the walls leave no hole.
-
     """
     _check_walls(min(width, height) / 2, wall)
     inner_width, inner_height = width - 2 * wall, height - 2 * wall
@@ -156,7 +153,6 @@ def i_section(width: float, height: float, flange: float, web: float, poisson: f
     Raises
     ------
     InputError : if a flange or the web leaves no room.
-
     """
     _check_walls(height / 2, flange)
     _check_walls(width, web)
@@ -198,7 +194,6 @@ def channel(width: float, height: float, flange: float, web: float) -> Section:
     Raises
     ------
     InputError : if a flange or the web leaves no room.
-
     """
     _check_walls(height / 2, flange)
     _check_walls(width, web)
@@ -278,7 +273,6 @@ def euler_bernoulli(
     Raises
     ------
     InputError : if the length or a modulus is not positive.
-
     """
     for name, value in (("length", length), ("Young's modulus", youngs_modulus), ("shear modulus", shear_modulus)):
         if not 0 < value < np.inf:
@@ -315,7 +309,6 @@ def timoshenko(length: float, section: Section, youngs_modulus: float, shear_mod
     Raises
     ------
     InputError : if the length or a modulus is not positive.
-
     """
     compliance = euler_bernoulli(length, section, youngs_modulus, shear_modulus)
     compliance[1, 1] += length / (section.shear_y * shear_modulus * section.area)

@@ -20,7 +20,7 @@ from skfem.helpers import dot
 
 from stiffscope.errors import InputError
 from stiffscope.fea.rigid import rigid_modes
-from stiffscope.fea.solvers import factorize_matrix
+from stiffscope.fea.solvers import Solve, factorize_matrix
 from stiffscope.fea.spaces import face_basis
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from skfem.element import ElementH1
 
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
-    from stiffscope.fea.solvers import Solve
 
 ORDER = 4  # of quadrature on faces
 _WORK = LinearForm(lambda v, w: dot(w["mode"], v))
@@ -143,7 +142,6 @@ def traction_work(mesh: TetMesh, coupling: Coupling, element: ElementH1) -> Floa
         Loaded face with its reference point.
     element
         Element with the functions that carry the traction.
-
     """
     modes = rigid_modes(mesh.points, coupling.reference_point).reshape(-1, 6)
     nodal = face_basis(mesh, ElementVector(ElementTetP2()), coupling.faces, ORDER)
@@ -189,7 +187,6 @@ def imbalance(
         Indices of the clamped nodes.
     couplings
         Loaded faces with their reference points.
-
     """
     reaction = stiffness[dofs_of(clamped)] @ motion  # (3c, 6n)
     worst = 0.0

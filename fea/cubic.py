@@ -21,10 +21,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.fea.couplings import traction_work
+from stiffscope.fea.couplings import Coupling, Supports, traction_work
 from stiffscope.fea.cubic_products import apply_by_blocks, apply_by_elements, element_forces, expand, invert_blocks
-from stiffscope.fea.mesh import MeshError
-from stiffscope.fea.solvers import conjugate_gradients
+from stiffscope.fea.mesh import Floats, Ints, MeshError, TetMesh
+from stiffscope.fea.solvers import Solve, Solver, conjugate_gradients
 from stiffscope.fea.spaces import ElementTetCubic
 
 if TYPE_CHECKING:
@@ -32,10 +32,7 @@ if TYPE_CHECKING:
 
     from scipy.sparse import bsr_array, csr_array
 
-    from stiffscope.fea.couplings import Coupling, Supports
     from stiffscope.fea.cubic_space import Cubic
-    from stiffscope.fea.mesh import Floats, Ints, TetMesh
-    from stiffscope.fea.solvers import Solve, Solver
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.sparse import bsr_array, csr_array
 
-from stiffscope.fea.couplings import dofs_of
-from stiffscope.fea.solvers import on_all_cores
+from stiffscope.fea.couplings import Supports, dofs_of
+from stiffscope.fea.solvers import Solve, on_all_cores
 
 if TYPE_CHECKING:
-    from stiffscope.fea.couplings import Supports
     from stiffscope.fea.cubic_space import Cubic, Group
     from stiffscope.fea.mesh import Floats, Ints
-    from stiffscope.fea.solvers import Solve
 
 
 def apply_by_elements(space: Cubic, supports: Supports, free: Ints, springs: csr_array | None) -> Solve:
@@ -140,7 +138,6 @@ def expand(space: Cubic, supports: Supports, free: Ints, coordinates: Floats) ->
         Indices of the unconstrained functions.
     coordinates
         Unconstrained coordinates (c + 3w, loads).
-
     """
     split = 3 * len(supports.free) + supports.tie.shape[1]
     motion = np.zeros((3 * space.count, coordinates.shape[1]))
@@ -160,7 +157,6 @@ def element_forces(space: Cubic, batch: list[Group], motion: Floats) -> Floats:
         Groups of m elements.
     motion
         Coefficients (count, 3, loads) of all functions.
-
     """
     loads = motion.shape[2]
     starts = np.cumsum([0, *(len(chunk.elements) for chunk in batch)])

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.fea.configurational import integrals, products
+from stiffscope.fea.configurational import Integrals, integrals, products
 from stiffscope.fea.couplings import unit_loads
 from stiffscope.fea.cubic import cubic_loads
 from stiffscope.fea.cubic_products import expand
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from scipy.sparse import csr_array
 
-    from stiffscope.fea.configurational import Integrals
     from stiffscope.fea.experiment import Experiment
     from stiffscope.fea.mesh import Floats
     from stiffscope.fea.settings import Settings

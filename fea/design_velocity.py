@@ -19,18 +19,15 @@ import numpy as np
 from scipy.sparse import coo_array, csr_array, eye_array
 
 from stiffscope import cad
-from stiffscope.cad.part import project
+from stiffscope.cad.part import Part, project
 from stiffscope.errors import InputError
 from stiffscope.fea.geometry import jacobian_range
-from stiffscope.fea.mesh import EDGES, sides_between
+from stiffscope.fea.mesh import EDGES, Floats, Ints, TetMesh, sides_between
 from stiffscope.fea.snap import FLATTEST, ROUNDS, Target, alternate, places_of
 from stiffscope.fea.solvers import factorize_matrix
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from stiffscope.cad.part import Part
-    from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
 MOST_STRAIN = 1.3  # largest stretch of an element of a moved mesh
 FARTHEST = 100.0  # steps that a face centroid may move; beyond, it is another face

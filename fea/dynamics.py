@@ -21,15 +21,13 @@ from stiffscope.fea.geometry import centroid
 from stiffscope.fea.mass import times
 from stiffscope.fea.modes import lowest_modes, ritz
 from stiffscope.fea.rigid import rigid_modes, rigid_twists
-from stiffscope.fea.settings import MOST_MODES
-from stiffscope.fea.solution import accelerate
+from stiffscope.fea.settings import MOST_MODES, Settings
+from stiffscope.fea.solution import Solution, System, accelerate
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from stiffscope.fea.mesh import Floats
-    from stiffscope.fea.settings import Settings
-    from stiffscope.fea.solution import Solution, System
     from stiffscope.fea.solvers import Solve
 
 FREQUENCIES = 6  # of the clamped part

@@ -25,15 +25,6 @@ STRAIGHT_ORDER, CURVED_ORDER = 2, 4  # quadrature; exact on straight sides
 CHUNK = 2048  # elements per chunk
 
 
-def isotropic(youngs_modulus: float, shear_modulus: float) -> Floats:
-    """Return the (6, 6) elasticity matrix (Pa) of an isotropic solid, Voigt order, engineering shear strains."""
-    lame = shear_modulus * (youngs_modulus - 2 * shear_modulus) / (3 * shear_modulus - youngs_modulus)
-    stiffness = np.zeros((6, 6))
-    stiffness[:3, :3] = lame
-    stiffness[range(6), range(6)] += [2 * shear_modulus] * 3 + [shear_modulus] * 3
-    return stiffness
-
-
 def tensor(elasticity: Floats) -> Floats:
     """Return the (3, 3, 3, 3) elasticity tensor C_ikjl (Pa) of a (6, 6) matrix in Voigt order."""
     return elasticity[VOIGT[:, :, None, None], VOIGT[None, None]]

@@ -6,18 +6,15 @@ import zipfile
 import zlib
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.fea.mesh import TetMesh
+from stiffscope.fea.mesh import Floats, TetMesh
 from stiffscope.fea.rigid import relative_twists
 from stiffscope.fea.significance import largest_relative_bound
 from stiffscope.runtime.brief import describe_briefly
-
-if TYPE_CHECKING:
-    from stiffscope.fea.mesh import Floats
 
 FIELDS = ("displacement", "von_mises")  # used for pictures only: nearly all of a file
 

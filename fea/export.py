@@ -58,7 +58,6 @@ def write_fields(mesh: TetMesh, path: Path, fields: Mapping[str, np.ndarray]) ->
         File to write.
     fields : (n, ...)
         Nodal values by name.
-
     """
     cells: list[Any] = [("tetra10", mesh.cells), ("triangle6", mesh.facets)]
     faces = [np.full(len(mesh.cells), -1, dtype=np.int64), mesh.facet_face.astype(np.int64)]

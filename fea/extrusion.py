@@ -15,7 +15,10 @@ from scipy.sparse.csgraph import connected_components
 
 from stiffscope.fea.mesh import (
     PLANE,
+    Floats,
+    Ints,
     MeshError,
+    Project,
     boundary_facets,
     diagonal,
     sides_between,
@@ -32,7 +35,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from stiffscope.cad.part import Surface
-    from stiffscope.fea.mesh import Floats, Ints, Project
 
 SHEET, NEEDLE = 0.01, 0.002  # height of a sheet, radius of gyration of a needle, over the diagonal
 PARALLEL = 1e-5  # sine

@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -117,7 +117,6 @@ def default_size(volume: float, area: float, flatness: float = 1.0) -> float:
         Area of its surface, m².
     flatness
         Allowed aspect ratio of elements; 1 is regular.
-
     """
     return max(2.0 * volume / area, (volume / 2000) ** (1 / 3) * flatness)
 
@@ -154,7 +153,6 @@ def expected_elements(surface: Surface, volume: float, size: float) -> float:
         Volume of the solid, m³.
     size
         Edge length of the elements, m; smaller is more accurate and slower.
-
     """
     a, b, c = np.moveaxis(surface.vertices[surface.triangles], 1, 0)
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
@@ -290,7 +288,6 @@ def check_surface(surface: Surface, size: float, envelope: float) -> None:
         Edge length of the elements, m; smaller is more accurate and slower.
     envelope
         Largest distance of the mesh from the surface, m.
-
     """
     if not (np.isfinite(size) and size > 0 and np.isfinite(envelope) and envelope > 0):
         raise MeshError(f"mesh: size and envelope must be positive lengths, got {size} m and {envelope} m")

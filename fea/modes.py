@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.linalg import eigh
 
-from stiffscope.fea.mesh import MeshError
+from stiffscope.fea.mesh import Floats, MeshError
 
 if TYPE_CHECKING:
-    from stiffscope.fea.mesh import Floats
     from stiffscope.fea.solvers import Solve
 
 DEPENDENT = 1e-10  # relative squared length below which a direction is dependent

@@ -19,14 +19,12 @@ from scipy.sparse import bsr_array, coo_array, csr_array, eye_array, kron, vstac
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 from stiffscope.errors import InputError
-from stiffscope.fea.couplings import factorize
+from stiffscope.fea.couplings import Supports, factorize
 from stiffscope.fea.settings import SOLVERS
-from stiffscope.fea.solvers import Solver, conjugate_gradients, product
+from stiffscope.fea.solvers import Solve, Solver, conjugate_gradients, product
 
 if TYPE_CHECKING:
-    from stiffscope.fea.couplings import Supports
     from stiffscope.fea.mesh import Floats, TetMesh
-    from stiffscope.fea.solvers import Solve
 
 logger = logging.getLogger(__name__)
 

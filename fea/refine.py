@@ -13,12 +13,10 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from stiffscope.fea.geometry import shapes
-from stiffscope.fea.mesh import EDGES, FACE_MIDS, FACES, TetMesh, boundary_facets, compact, unique_edges
+from stiffscope.fea.mesh import EDGES, FACE_MIDS, FACES, Floats, Ints, TetMesh, boundary_facets, compact, unique_edges
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from stiffscope.fea.mesh import Floats, Ints
 
 OPPOSITE = [3, 2, 0, 1]  # vertex opposite to each of FACES
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])

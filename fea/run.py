@@ -17,7 +17,7 @@ from stiffscope.fea.dynamics import clamp_point, compute_dynamics, condense_mass
 from stiffscope.fea.experiment import Experiment
 from stiffscope.fea.geometry import volume
 from stiffscope.fea.mass import rigid_mass
-from stiffscope.fea.mesh import check_lengths, check_time, default_size, flatness_of
+from stiffscope.fea.mesh import TetMesh, check_lengths, check_time, default_size, flatness_of
 from stiffscope.fea.rigid import relative_twists
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.specimen import GOOD_SHAPE, Specimen, cure_of, shape_error
@@ -26,7 +26,6 @@ from stiffscope.runtime.progress import LISTENERS
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from stiffscope.fea.mesh import TetMesh
     from stiffscope.fea.solution import Solution
 
     Progress = Callable[[str, float], None]

@@ -7,14 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
-from stiffscope.fea.mesh import MeshError
+from stiffscope.fea.mesh import Floats, Ints, MeshError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
-
-    from stiffscope.fea.mesh import Floats, Ints
 
 GROWTH = 0.5  # growth of the size with distance from the finer border
 ROUNDS = 12
@@ -45,7 +43,6 @@ def fill_section(
     ------
     MeshError
         If the section is too fine or cannot be filled.
-
     """
     outline = corners[borders[walls]]
     points, borders, seeds = _cut_borders(corners, borders, sizes, coarse)

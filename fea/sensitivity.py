@@ -20,12 +20,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from threadpoolctl import threadpool_limits
 
+from stiffscope.cad.faces import centroid_of
 from stiffscope.errors import InputError
 from stiffscope.fea.derivative_forms import Forms, Move
 from stiffscope.fea.derivatives import Derivative, PartSensitivity
 from stiffscope.fea.design_velocity import DesignVelocity
 from stiffscope.fea.run import specimen_of
-from stiffscope.fea.solution import accelerate, solve_specimen
+from stiffscope.fea.solution import Solution, accelerate, solve_specimen
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from stiffscope.fea.experiment import Experiment
     from stiffscope.fea.mesh import Floats, TetMesh
     from stiffscope.fea.settings import Settings
-    from stiffscope.fea.solution import Solution
 
     Build = Callable[[float], Part]
 
@@ -110,8 +110,7 @@ def _points(part: Part, changed: Part, step: float) -> tuple[Floats, Floats]:
     """Return velocities of the reference points (n, 3) and of the clamped area's centroid (3,)."""
 
     def locate_faces(one: Part) -> tuple[Floats, Floats]:
-        held = [one.faces[index] for index in sorted(one.clamped)]
-        centre = np.average([face.centroid for face in held], axis=0, weights=[face.area for face in held])
+        centre = centroid_of([one.faces[index] for index in sorted(one.clamped)])
         return np.array([face.reference_point for face in one.loaded]), centre
 
     (points, centre), (moved, other) = locate_faces(part), locate_faces(changed)

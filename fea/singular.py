@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.fea.mesh import sides_between
+from stiffscope.fea.mesh import Floats, Ints, TetMesh, sides_between
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
 SHARP = 0.35  # rad beyond the straight angle above which an edge is re-entrant
 KOLOSOV = 3 - 4 * 0.3  # plane strain; at a right angle λ is 0.76 to 0.64 for ν from 0.2 to 0.45

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.fea.geometry import jacobian_range, quadrature, shapes
-from stiffscope.fea.mesh import FACE_MIDS, FACES, TetMesh, boundary_facets, compact, unique_edges
+from stiffscope.fea.mesh import FACE_MIDS, FACES, Floats, Ints, Project, TetMesh, boundary_facets, compact, unique_edges
 from stiffscope.fea.tags import smooth_tags, tag_facets
 
 if TYPE_CHECKING:
     from stiffscope.cad.part import Surface
-    from stiffscope.fea.mesh import Floats, Ints, Project
 
 logger = logging.getLogger(__name__)
 

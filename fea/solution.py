@@ -10,8 +10,9 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from stiffscope.errors import InputError
-from stiffscope.fea.couplings import Coupling, dofs_of, imbalance, support, unit_loads
+from stiffscope.fea.couplings import Coupling, Supports, dofs_of, imbalance, support, unit_loads
 from stiffscope.fea.cubic import (
+    CubicProblem,
     cubic_loads,
     cubic_problem,
     element_energies,
@@ -23,19 +24,15 @@ from stiffscope.fea.cubic_space import enrich
 from stiffscope.fea.elasticity import assemble, nodal_stresses, von_mises
 from stiffscope.fea.foundation import on_nodes, springs
 from stiffscope.fea.mass import Mass, times
-from stiffscope.fea.mesh import MeshError
+from stiffscope.fea.mesh import Floats, Ints, MeshError, TetMesh
 from stiffscope.fea.multigrid import prepare
 from stiffscope.fea.singular import remaining_at_edges
-from stiffscope.fea.specimen import geometric_error, interface_error
+from stiffscope.fea.specimen import Specimen, geometric_error, interface_error
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-    from stiffscope.fea.couplings import Supports
-    from stiffscope.fea.cubic import CubicProblem
-    from stiffscope.fea.mesh import Floats, Ints, TetMesh
     from stiffscope.fea.solvers import Solver
-    from stiffscope.fea.specimen import Specimen
 
 # Calibrated extrapolation factors and their 95 % spread, fitted and printed by
 # tests/benchmarks/fit_error_bounds.py. The remaining error of the cubic solution is AT_EDGES times

@@ -85,7 +85,6 @@ def conjugate_gradients(
     -------
     tuple
         The solution (n, c), and whether it converged within ``limit`` steps.
-
     """
     motion = motion.copy()
     residual = force - apply(motion)

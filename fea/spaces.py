@@ -8,16 +8,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from skfem import Basis, FacetBasis
+from skfem import Basis, FacetBasis, MeshTet2
 from skfem.element import DiscreteField, Element, ElementH1
-from skfem.mapping import MappingAffine, MappingIsoparametric
+from skfem.mapping import Mapping, MappingAffine, MappingIsoparametric
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet, RefTri
 
 if TYPE_CHECKING:
-    from skfem import MeshTet2
-    from skfem.mapping import Mapping
-
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
 GRADIENTS = np.vstack([-np.ones(3), np.eye(3)])  # of barycentric coordinates

@@ -10,11 +10,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.fea.extrusion import find_extrusion, has_thin_walls, mesh_extrusion
+from stiffscope.fea.extrusion import Extrusion, find_extrusion, has_thin_walls, mesh_extrusion
 from stiffscope.fea.geometry import area_elements, centroid, jacobian_range, volume
 from stiffscope.fea.mesh import (
     ENERGY,
+    Floats,
     MeshError,
+    Project,
+    TetMesh,
     check_time,
     default_envelope,
     default_size,
@@ -30,8 +33,6 @@ from stiffscope.fea.snap import snap
 
 if TYPE_CHECKING:
     from stiffscope.cad.part import Surface
-    from stiffscope.fea.extrusion import Extrusion
-    from stiffscope.fea.mesh import Floats, Project, TetMesh
 
 logger = logging.getLogger(__name__)
 

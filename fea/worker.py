@@ -30,7 +30,6 @@ def run_ftetwild(
         Threads of the mesher.
     energy
         Largest distortion energy of an element.
-
     """
     import pytetwild
 

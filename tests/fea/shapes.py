@@ -4,8 +4,14 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from stiffscope.fea.elasticity import isotropic
+from stiffscope.cad.materials import Material
 from stiffscope.fea.specimen import Specimen
+
+
+def isotropic(youngs_modulus, shear_modulus):
+    """The (6, 6) elasticity, Pa."""
+    return Material("isotropic", youngs_modulus, shear_modulus, 1.0).elasticity()
+
 
 STEEL = isotropic(211e9, 81e9)
 DENSITY = 7850.0

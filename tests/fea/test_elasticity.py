@@ -11,14 +11,14 @@ from stiffscope.fea.couplings import Coupling, support, unit_loads
 from stiffscope.fea.cubic import cubic_loads, cubic_problem, element_energies, solve_cubic, weigh_energies, work
 from stiffscope.fea.cubic_products import element_forces
 from stiffscope.fea.cubic_space import enrich
-from stiffscope.fea.elasticity import assemble, isotropic, nodal_stresses
+from stiffscope.fea.elasticity import assemble, nodal_stresses
 from stiffscope.fea.geometry import quadrature, volume
 from stiffscope.fea.multigrid import largest_eigenvalue, prepare
 from stiffscope.fea.rigid import rigid_modes
 from stiffscope.fea.settings import KINDS
 from stiffscope.fea.solvers import Solver
 from stiffscope.fea.spaces import ElementTetCubic, cell_bases
-from tests.fea.shapes import CLAMPED, LOADED, STEEL
+from tests.fea.shapes import CLAMPED, LOADED, STEEL, isotropic
 
 LAME = lame_parameters(211e9, 211 / 162 - 1)  # of STEEL
 

@@ -12,7 +12,6 @@ import stiffscope.fea.dynamics
 from stiffscope.errors import InputError
 from stiffscope.fea.beam import rectangle, timoshenko
 from stiffscope.fea.dynamics import compute_dynamics, vibration_of
-from stiffscope.fea.elasticity import isotropic
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.fea.export import free_superelement
 from stiffscope.fea.mass import Mass, rigid_mass, times
@@ -23,7 +22,7 @@ from stiffscope.fea.settings import Settings
 from stiffscope.fea.solution import respond, solve_specimen
 from stiffscope.fea.solvers import factorize_matrix
 from stiffscope.fea.spaces import ElementTetCubic, cell_bases
-from tests.fea.shapes import DENSITY, box, cylinder
+from tests.fea.shapes import DENSITY, box, cylinder, isotropic
 
 E_MODULUS = 211e9
 NO_CONTRACTION = isotropic(E_MODULUS, E_MODULUS / 2)  # Poisson's ratio 0: the clamp restrains nothing

@@ -10,7 +10,6 @@ import stiffscope.fea.adapt
 import stiffscope.fea.solution
 from stiffscope.errors import InputError
 from stiffscope.fea.cubic import solve_cubic
-from stiffscope.fea.elasticity import isotropic
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.fea.export import free_superelement, write_superelement
 from stiffscope.fea.geometry import volume
@@ -20,7 +19,7 @@ from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.singular import singular_edges
 from tests.fea.conftest import PLATE
-from tests.fea.shapes import CLAMPED, box, cylinder
+from tests.fea.shapes import CLAMPED, box, cylinder, isotropic
 from tests.fea.test_experiment import REFERENCE, pick
 
 
