@@ -14,14 +14,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse import csr_array
-from skfem import ElementTetP2
-from skfem.mapping import MappingAffine
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
 from stiffscope.fea.elasticity import tensor
-from stiffscope.fea.spaces import ElementTetCubic
+from stiffscope.fea.spaces import integrate_cells, sum_matrix, tabulate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -55,7 +52,7 @@ class Integrals:
 
 @dataclass(frozen=True)
 class _Chunk:
-    """Functions of c elements at q points: values (q, 20), slopes (c, q, 3, 20), weights (c, q) in m³."""
+    """Functions of c elements at q points: values (q, 20), slopes (c, q, 3, 20), weights (c, q), m³."""
 
     elements: Ints
     nodes: Ints
@@ -63,34 +60,22 @@ class _Chunk:
     slopes: Floats
     weights: Floats
 
-    def scatter(self, local: Floats, count: int) -> Floats:
-        """Sum element node values (c, 10, ...) to nodes (count, ...)."""
-        cells = self.nodes.reshape(-1)
-        spread = csr_array((np.ones(len(cells)), (cells, np.arange(len(cells)))), shape=(count, len(cells)))
-        return (spread @ local.reshape(len(cells), -1)).reshape(count, *local.shape[2:])
-
     def move_integrals(self, velocity: Floats, density: Floats) -> Floats:
         """Return changes (p, m) of the integrals of densities (c, q, m), ∫ s div V, V (n, 3, p)."""
         c, q = self.weights.shape
         flat = velocity[self.nodes].reshape(c, 10, 3, -1).transpose(0, 2, 1, 3).reshape(c, 30, -1)
-        divergence = (self.slopes[..., :10] * self.weights[:, :, None, None]).reshape(c, q, 30) @ flat  # (c, q, p)
+        weighted = self.slopes[..., :10] * self.weights[:, :, None, None]
+        divergence = weighted.reshape(c, q, 30) @ flat  # (c, q, p)
         return divergence.reshape(c * q, -1).T @ density.reshape(c * q, -1)
 
 
 def _chunks(mesh: TetMesh, space: Cubic) -> Iterator[_Chunk]:
-    grid = mesh.grid
-    groups = (~mesh.is_curved, MappingAffine(grid), STRAIGHT_ORDER), (mesh.is_curved, grid.mapping(), CURVED_ORDER)
-    for mask, mapping, order in groups:
-        chosen = np.flatnonzero(mask)
-        at, weights = get_quadrature(RefTet, order)
-        pairs = [element.lbasis(at, i) for element in (ElementTetP2(), ElementTetCubic()) for i in range(10)]
-        values, table = np.stack([value for value, _ in pairs], axis=1), np.stack([slope for _, slope in pairs], axis=2)
-        for start in range(0, len(chosen), CHUNK):
-            some = chosen[start : start + CHUNK]
-            inverse = mapping.invDF(at, tind=some)  # ∂ξ_r/∂x_k
-            slopes = np.einsum("rkcq,rqa->cqka", inverse, table, optimize=True)
-            volumes = np.abs(mapping.detDF(at, tind=some)) * weights
-            yield _Chunk(some, space.cells[some, :10], values, slopes, volumes)
+    rules = tuple(get_quadrature(RefTet, order) for order in (STRAIGHT_ORDER, CURVED_ORDER))
+    tables = [tabulate(at) for at, _ in rules]
+    for some, rule, inverse, weights in integrate_cells(mesh, rules, CHUNK):
+        values, table = tables[rule]
+        slopes = np.einsum("rkcq,rqa->cqka", inverse, table, optimize=True)
+        yield _Chunk(some, space.cells[some, :10], values, slopes, weights)
 
 
 def integrals(mesh: TetMesh, space: Cubic, elasticity: Floats, motion: Floats, velocity: Floats) -> Integrals:
@@ -108,15 +93,18 @@ def integrals(mesh: TetMesh, space: Cubic, elasticity: Floats, motion: Floats, v
     gradients = np.zeros((9 * k, 9 * k))
     for chunk in _chunks(mesh, space):
         c, q = chunk.weights.shape
-        local = motion[space.cells[chunk.elements]] * space.signs[chunk.elements][:, :, None, None]  # (c, 20, 3, k)
-        flat = local.reshape(c, 20, 3 * k)
+        signs = space.signs[chunk.elements][:, :, None, None]
+        flat = (motion[space.cells[chunk.elements]] * signs).reshape(c, 20, 3 * k)
         slope = (chunk.slopes.reshape(c, 3 * q, 20) @ flat).reshape(c, q, 9, k)  # ∂_b u_a at 3b + a
         stress = law @ slope
         weighted = stress * chunk.weights[:, :, None, None]
-        gradients += (slope * chunk.weights[:, :, None, None]).reshape(c * q, -1).T @ slope.reshape(c * q, -1)
+        measured = slope * chunk.weights[:, :, None, None]
+        gradients += measured.reshape(c * q, -1).T @ slope.reshape(c * q, -1)
         # work of the stresses on each node's function, point by point
-        pulls = np.einsum("cqbn,cqbai->cqani", chunk.slopes[..., :10], weighted.reshape(c, q, 3, 3, k), optimize=True)
-        forces += chunk.scatter(pulls.sum(axis=1).transpose(0, 2, 1, 3), n)
+        weighted = weighted.reshape(c, q, 3, 3, k)
+        pulls = np.einsum("cqbn,cqbai->cqani", chunk.slopes[..., :10], weighted, optimize=True)
+        on_nodes = pulls.sum(axis=1).transpose(0, 2, 1, 3).reshape(10 * c, 3 * k)
+        forces += (sum_matrix(chunk.nodes, n) @ on_nodes).reshape(n, 3, k)
         if p:
             turned = slope.reshape(c, q, 3, 3, k).transpose(0, 2, 4, 1, 3).reshape(c, 3 * k, 3 * q)
             tilt = (turned @ pulls.reshape(c, 3 * q, 10 * k)).reshape(c, 3, k, 10, k)  # (c, 3, j, 10, i)

@@ -13,6 +13,7 @@ from scipy.sparse import bsr_array, csr_array
 
 from stiffscope.fea.couplings import Supports, dofs_of
 from stiffscope.fea.solvers import Solve, on_all_cores
+from stiffscope.fea.spaces import sum_matrix
 
 if TYPE_CHECKING:
     from stiffscope.fea.cubic_space import Cubic, Group
@@ -23,7 +24,7 @@ def apply_by_elements(space: Cubic, supports: Supports, free: Ints, springs: csr
     """Return the product with the enriched stiffness, element by element."""
     batches = space.batches()
     owners = [np.concatenate([chunk.elements for chunk in batch]) for batch in batches]
-    scatters = [_scatter(space.cells[elements], space.count) for elements in owners]
+    scatters = [sum_matrix(space.cells[elements], space.count) for elements in owners]
     base, high = 3 * space.base, dofs_of(free)
 
     def apply(coordinates: Floats) -> Floats:
@@ -40,11 +41,6 @@ def apply_by_elements(space: Cubic, supports: Supports, free: Ints, springs: csr
     return apply
 
 
-def _scatter(cells: Ints, count: int) -> csr_array:
-    """Return the matrix (count, cells.size) that sums element contributions to each function."""
-    return csr_array((np.ones(cells.size), (cells.reshape(-1), np.arange(cells.size))), shape=(count, cells.size))
-
-
 def apply_by_blocks(
     space: Cubic, supports: Supports, free: Ints, stiffness: csr_array, springs: csr_array | None, solve: Solve
 ) -> tuple[Solve, Solve]:
@@ -57,7 +53,7 @@ def apply_by_blocks(
     blocks, cells = on_all_cores(partial(_stiffness, space), chunks), [space.cells[chunk.elements] for chunk in chunks]
     every = np.concatenate(cells)
     base, count, held = space.base, space.count, free - space.base
-    on_all, on_cubics = _scatter(every, count), _scatter(every[:, 10:] - base, count - base)
+    on_all, on_cubics = sum_matrix(every, count), sum_matrix(every[:, 10:] - base, count - base)
     bedding = (csr_array((count, count)) if springs is None else springs)[:, base:]
 
     def push(coordinates: Floats) -> tuple[Floats, Floats]:

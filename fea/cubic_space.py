@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from skfem import Dofs, ElementTetP2
-from skfem.mapping import MappingAffine
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
 
 from stiffscope.fea.elasticity import tensor
-from stiffscope.fea.spaces import ElementTetCubic
+from stiffscope.fea.spaces import ElementTetCubic, integrate_cells, tabulate
 
 if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
@@ -81,37 +80,29 @@ def enrich(mesh: TetMesh, elasticity: Floats) -> Cubic:
     grid, element, base = mesh.grid, ElementTetCubic(), len(mesh.points)
     dofs = Dofs(grid, element)
     cells = np.vstack([grid.dofs.element_dofs, base + dofs.element_dofs]).T
-    signs = np.stack([np.ones(len(cells), dtype=int)] * 10 + [element.orient(grid.mapping(), i) for i in range(10)], 1)
-    groups = []
-    for mask, mapping, rule in (
-        (~mesh.is_curved, MappingAffine(grid), _straight_rule()),
-        (mesh.is_curved, grid.mapping(), _curved_rule()),
-    ):
-        elements, (table, at, weights) = np.flatnonzero(mask), rule
-        if len(elements):
-            inverse = mapping.invDF(at, tind=elements)  # ∂ξ_r/∂x_k
-            pulled = np.einsum("rkcq,ikjl,slcq->cqrisj", inverse, tensor(elasticity), inverse, optimize=True)
-            pulled *= (np.abs(mapping.detDF(at, tind=elements)) * weights)[:, :, None, None, None, None]
-            groups.append(Group(elements, table, pulled.reshape(*pulled.shape[:2], 9, 9)))
-    return Cubic(dofs, cells, signs, tuple(groups), base)
+    signs = [np.ones(len(cells), dtype=int)] * 10
+    signs += [element.orient(grid.mapping(), i) for i in range(10)]
+    tables, rules = zip(_straight_rule(), _curved_rule(), strict=True)
+    law, groups = tensor(elasticity), []
+    for elements, number, inverse, volumes in integrate_cells(mesh, rules, len(cells)):
+        pulled = np.einsum("rkcq,ikjl,slcq->cqrisj", inverse, law, inverse, optimize=True)
+        pulled *= volumes[:, :, None, None, None, None]
+        groups.append(Group(elements, tables[number], pulled.reshape(*pulled.shape[:2], 9, 9)))
+    return Cubic(dofs, cells, np.stack(signs, axis=1), tuple(groups), base)
 
 
-def _gradients(at: Floats) -> Floats:
-    elements = ElementTetP2(), ElementTetCubic()
-    return np.stack([element.lbasis(at, i)[1] for element in elements for i in range(10)], axis=2)  # (3, p, 20)
-
-
-def _straight_rule() -> tuple[Floats, Floats, Floats]:
+def _straight_rule() -> tuple[Floats, tuple[Floats, Floats]]:
     """Return the table of a straight-sided element, and the point and weight of its elasticity.
 
     Gradients are quadratic: ten orthonormal modes represent them; integrals are dot products.
     """
     at, weights = get_quadrature(RefTet, 4)
-    values = np.stack([ElementTetP2().lbasis(at, i)[0] for i in range(10)])
+    values = tabulate(at)[0][:, :10].T
     mass = (values * weights) @ values.T
-    return np.linalg.cholesky(mass).T @ _gradients(ElementTetP2.doflocs.T), np.full((3, 1), 0.25), np.ones(1)
+    table = np.linalg.cholesky(mass).T @ tabulate(ElementTetP2.doflocs.T)[1]
+    return table, (np.full((3, 1), 0.25), np.ones(1))
 
 
-def _curved_rule() -> tuple[Floats, Floats, Floats]:
+def _curved_rule() -> tuple[Floats, tuple[Floats, Floats]]:
     at, weights = get_quadrature(RefTet, CURVED_ORDER)
-    return _gradients(at), at, weights
+    return tabulate(at)[1], (at, weights)

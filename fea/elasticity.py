@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.sparse import bsr_array, csr_array
 from skfem import ElementTetP2
-from skfem.mapping import MappingAffine
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet
+
+from stiffscope.fea.spaces import integrate_cells, sum_matrix, tabulate
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -45,7 +46,8 @@ def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
     -------
     (3n, 3n) N/m, symmetric; degree of freedom 3k + i is node k along axis i.
     """
-    count, law = len(mesh.points), tensor(elasticity).transpose(0, 2, 1, 3).reshape(9, 9)  # [(i, j), (k, l)]
+    count = len(mesh.points)
+    law = tensor(elasticity).transpose(0, 2, 1, 3).reshape(9, 9)  # [(i, j), (k, l)]
     pairs, place = np.unique(mesh.cells[:, :, None] * count + mesh.cells[:, None, :], return_inverse=True)
     place = place.reshape(len(mesh.cells), 100)
     blocks = np.zeros((len(pairs), 9))
@@ -55,24 +57,18 @@ def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
         products = np.swapaxes(flat, 1, 2) @ (flat * weights[:, :, None])  # (c, 30, 30), [(k, a), (l, b)]
         products = products.reshape(c, 3, 10, 3, 10).transpose(0, 2, 4, 1, 3).reshape(c * 100, 9)
         mine, at = np.unique(place[elements], return_inverse=True)
-        spread = csr_array((np.ones(c * 100), (at.reshape(-1), np.arange(c * 100))), shape=(len(mine), c * 100))
-        blocks[mine] += spread @ products
+        blocks[mine] += sum_matrix(at, len(mine)) @ products
     starts = np.searchsorted(pairs, np.arange(count + 1) * count)
-    return bsr_array(((blocks @ law.T).reshape(-1, 3, 3), pairs % count, starts), shape=(3 * count, 3 * count)).tocsr()
+    rows = (blocks @ law.T).reshape(-1, 3, 3), pairs % count, starts
+    return bsr_array(rows, shape=(3 * count, 3 * count)).tocsr()
 
 
 def _slopes(mesh: TetMesh, curved: int = CURVED_ORDER) -> Iterator[tuple[Ints, Floats, Floats]]:
     """Yield elements (c,), gradients (c, q, 3, 10) in 1/m and weights (c, q) in m³, in chunks."""
-    grid = mesh.grid
-    groups = (~mesh.is_curved, MappingAffine(grid), STRAIGHT_ORDER), (mesh.is_curved, grid.mapping(), curved)
-    for mask, mapping, order in groups:
-        at, weights = get_quadrature(RefTet, order)
-        table = np.stack([ElementTetP2().lbasis(at, i)[1] for i in range(10)], axis=2)  # (3, q, 10)
-        chosen = np.flatnonzero(mask)
-        for start in range(0, len(chosen), CHUNK):
-            some = chosen[start : start + CHUNK]
-            slopes = np.einsum("rkcq,rqa->cqka", mapping.invDF(at, tind=some), table, optimize=True)
-            yield some, slopes, np.abs(mapping.detDF(at, tind=some)) * weights
+    rules = tuple(get_quadrature(RefTet, order) for order in (STRAIGHT_ORDER, curved))
+    tables = [tabulate(at)[1][..., :10] for at, _ in rules]
+    for some, rule, inverse, weights in integrate_cells(mesh, rules, CHUNK):
+        yield some, np.einsum("rkcq,rqa->cqka", inverse, tables[rule], optimize=True), weights
 
 
 def nodal_stresses(mesh: TetMesh, motion: Floats, elasticity: Floats) -> Floats:
@@ -85,7 +81,8 @@ def nodal_stresses(mesh: TetMesh, motion: Floats, elasticity: Floats) -> Floats:
     motion : (3 nodes, loads) displacements, m.
     """
     count, loads = len(mesh.points), motion.shape[1]
-    total, law = np.zeros((count, 6 * loads)), elasticity[:, VOIGT].reshape(6, 9)  # shear strains are ∂_k u_i + ∂_i u_k
+    law = elasticity[:, VOIGT].reshape(6, 9)  # shear strains are ∂_k u_i + ∂_i u_k
+    total = np.zeros((count, 6 * loads))
     points = get_quadrature(RefTet, STRAIGHT_ORDER)[0], ElementTetP2.doflocs.T
     extrapolation = np.linalg.solve(*(np.vstack([1 - x.sum(axis=0), x]) for x in points))  # (4, 10)
     for elements, slopes, _ in _slopes(mesh, STRAIGHT_ORDER):
@@ -93,9 +90,7 @@ def nodal_stresses(mesh: TetMesh, motion: Floats, elasticity: Floats) -> Floats:
         gradient = slopes @ motion.reshape(count, 3 * loads)[cells][:, None]  # (c, 4, 3, 3 loads)
         gradient = extrapolation.T @ gradient.reshape(len(cells), 4, -1)
         stress = (law @ gradient.reshape(-1, 9, loads)).reshape(cells.size, 6 * loads)
-        total += (
-            csr_array((np.ones(cells.size), (cells.reshape(-1), np.arange(cells.size))), (count, len(stress))) @ stress
-        )
+        total += sum_matrix(cells, count) @ stress
     mean = total / np.bincount(mesh.cells.reshape(-1), minlength=count)[:, None]
     return mean.reshape(count, 6, loads).swapaxes(1, 2)
 

@@ -8,13 +8,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from skfem import Basis, FacetBasis, MeshTet2
+from scipy.sparse import csr_array
+from skfem import Basis, ElementTetP2, FacetBasis, MeshTet2
 from skfem.element import DiscreteField, Element, ElementH1
 from skfem.mapping import Mapping, MappingAffine, MappingIsoparametric
 from skfem.quadrature import get_quadrature
 from skfem.refdom import RefTet, RefTri
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
 GRADIENTS = np.vstack([-np.ones(3), np.eye(3)])  # of barycentric coordinates
@@ -68,13 +71,52 @@ class ElementTetCubic(ElementH1):
         return (DiscreteField(value=np.asarray(field) * sign, grad=field.grad * sign),)
 
 
+def tabulate(at: Floats) -> tuple[Floats, Floats]:
+    """Return values (q, 20) and gradients (3, q, 20) of the quadratic, then the cubic functions."""
+    elements = ElementTetP2(), ElementTetCubic()
+    values, slopes = zip(*(each.lbasis(at, i) for each in elements for i in range(10)), strict=True)
+    return np.stack(values, axis=1), np.stack(slopes, axis=2)
+
+
+def _groups(mesh: TetMesh) -> tuple[tuple[Ints, Mapping], ...]:
+    """Return the straight-sided and the curved elements with their mappings."""
+    curved = mesh.is_curved
+    straight = np.flatnonzero(~curved), MappingAffine(mesh.grid)
+    return straight, (np.flatnonzero(curved), mesh.grid.mapping())
+
+
+def integrate_cells(
+    mesh: TetMesh, rules: tuple[tuple[Floats, Floats], ...], size: int
+) -> Iterator[tuple[Ints, int, Floats, Floats]]:
+    """Yield chunks of straight-sided, then of curved elements, with their quadrature.
+
+    Parameters
+    ----------
+    rules : points (3, q) and weights (q,) on the reference element, straight-sided and curved.
+    size : most elements in a chunk.
+
+    Returns
+    -------
+    Elements (c,), number of their rule, ∂ξ_r/∂x_k (3, 3, c, q), and weights (c, q), m³.
+    """
+    for number, ((chosen, mapping), (at, weights)) in enumerate(zip(_groups(mesh), rules, strict=True)):
+        for start in range(0, len(chosen), size):
+            some = chosen[start : start + size]
+            volumes = np.abs(mapping.detDF(at, tind=some)) * weights
+            yield some, number, mapping.invDF(at, tind=some), volumes
+
+
+def sum_matrix(places: Ints, count: int) -> csr_array:
+    """Return the matrix (count, places.size) that sums contributions at places 0 to count - 1."""
+    entries = np.ones(places.size), (places.reshape(-1), np.arange(places.size))
+    return csr_array(entries, shape=(count, places.size))
+
+
 def cell_bases(mesh: TetMesh, element: Element, straight: int, curved: int) -> list[Basis]:
     """Return bases of straight-sided and of curved elements, with these quadrature orders."""
-    grid, bent = mesh.grid, mesh.is_curved
-    groups = ((np.flatnonzero(~bent), MappingAffine(grid), straight), (np.flatnonzero(bent), grid.mapping(), curved))
     return [
-        Basis(grid, element, mapping=mapping, intorder=order, elements=chosen, disable_doflocs=True)
-        for chosen, mapping, order in groups
+        Basis(mesh.grid, element, mapping=mapping, intorder=order, elements=chosen, disable_doflocs=True)
+        for (chosen, mapping), order in zip(_groups(mesh), (straight, curved), strict=True)
         if len(chosen)
     ]
 
