@@ -41,14 +41,11 @@ class Product:
 
     Attributes
     ----------
-    number
-        Index in the file.
-    solid
-        Solid of the CAD kernel, mm.
-    material
-        Material name in the file, or "".
-    volume, centre, inertia
-        Volume, m³; centre (3,), m; inertia (3, 3) about the centre for a density of 1, m⁵.
+    number : index in the file.
+    solid : solid of the CAD kernel, mm.
+    material : material name in the file, or "".
+    volume, centre, inertia : volume, m³; centre (3,), m; inertia (3, 3) about the centre for a
+        density of 1, m⁵.
     """
 
     number: int

@@ -27,22 +27,14 @@ class Contact:
 
     Attributes
     ----------
-    first, second
-        Indices of the solids.
-    faces
-        Index of the face on each solid.
-    kind
-        "plane", "cylinder", "sphere" or "cone".
-    point, axis
-        Centre (3,) of the contact, m, and normal (3,) of a plane or axis of a round face.
-    gap
-        m; negative if the solids overlap. For round faces, the difference of radii.
-    size
-        m; length of a round contact along its axis, √area of others.
-    radius
-        m; of a round contact.
-    inner
-        Which solid is inside, 0 or 1; None for planes.
+    first, second : indices of the solids.
+    faces : index of the face on each solid.
+    kind : "plane", "cylinder", "sphere" or "cone".
+    point, axis : centre (3,) of the contact, m, and normal (3,) of a plane or axis of a round face.
+    gap : m; negative if the solids overlap. For round faces, the difference of radii.
+    size : m; length of a round contact along its axis, √area of others.
+    radius : m; of a round contact.
+    inner : which solid is inside, 0 or 1; None for planes.
     """
 
     first: int

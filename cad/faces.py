@@ -27,28 +27,18 @@ class FaceGeometry:
 
     Attributes
     ----------
-    index
-        Index in the solid's list of faces.
-    kind
-        One of `KINDS`.
-    area
-        Area, m².
-    centroid
-        Centroid (3,), m.
-    origin
-        (3,) m; a point of a plane or of a cylinder's or cone's axis; centre of a sphere or torus.
-    axis
-        (3,) unit vector; outward normal of a plane, otherwise axis of revolution.
-    radius
-        m; at `origin` for a cone, the major one for a torus.
-    half_angle
-        rad, of a cone; the radius grows along `axis`.
-    minor_radius
-        m, of a torus.
-    hollow
-        Whether the material is outside a round face, as for a bore.
-    extent
-        m; ends of a cylinder or cone from `origin` along `axis`, ascending.
+    index : index in the solid's list of faces.
+    kind : one of `KINDS`.
+    area : area, m².
+    centroid : centroid (3,), m.
+    origin : (3,) m; a point of a plane or of a cylinder's or cone's axis; centre of a sphere or
+        torus.
+    axis : (3,) unit vector; outward normal of a plane, otherwise axis of revolution.
+    radius : m; at `origin` for a cone, the major one for a torus.
+    half_angle : rad, of a cone; the radius grows along `axis`.
+    minor_radius : m, of a torus.
+    hollow : whether the material is outside a round face, as for a bore.
+    extent : m; ends of a cylinder or cone from `origin` along `axis`, ascending.
     """
 
     index: int

@@ -30,14 +30,10 @@ class Interface:
 
     Attributes
     ----------
-    name
-        Name of the interface, unique in its part.
-    faces
-        Indices of the solid's faces.
-    reference_point
-        (3,) m, reference point of twist and wrench.
-    coupling
-        "rigid" (one body) or "distributed" (evenly loaded); empty: that of the experiment.
+    name : name of the interface, unique in its part.
+    faces : indices of the solid's faces.
+    reference_point : (3,) m, reference point of twist and wrench.
+    coupling : "rigid" (one body) or "distributed" (evenly loaded); empty: that of the experiment.
     """
 
     name: str
@@ -136,16 +132,11 @@ class Surface:
 
     Attributes
     ----------
-    vertices
-        (nv, 3) m.
-    triangles
-        (nt, 3) vertex indices.
-    face_of_triangle
-        (nt,) index of the CAD face of each triangle.
-    faces
-        Geometry of the CAD faces, by index.
-    seams
-        Pairs of faces, as in `Part.seams`.
+    vertices : (nv, 3) m.
+    triangles : (nt, 3) vertex indices.
+    face_of_triangle : (nt,) index of the CAD face of each triangle.
+    faces : geometry of the CAD faces, by index.
+    seams : pairs of faces, as in `Part.seams`.
     """
 
     vertices: Floats
@@ -242,14 +233,10 @@ class MassProperties:
 
     Attributes
     ----------
-    volume
-        m³.
-    mass
-        kg.
-    centre
-        (3,) centre of mass, m.
-    inertia
-        (3, 3) about the centre of mass, kg·m².
+    volume : m³.
+    mass : kg.
+    centre : (3,) centre of mass, m.
+    inertia : (3, 3) about the centre of mass, kg·m².
     """
 
     volume: float

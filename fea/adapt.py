@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.fea.experiment import largest_relative_bound
 from stiffscope.fea.mesh import EDGES, Floats, MeshError, TetMesh, edge_length
 from stiffscope.fea.refine import bisect
-from stiffscope.fea.significance import largest_relative_bound
 from stiffscope.fea.singular import singular_edges
 from stiffscope.fea.solution import Solution, solve_specimen
 from stiffscope.fea.specimen import GRADING_RATIO, PATIENCE, Specimen, mesh_specimen

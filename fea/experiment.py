@@ -13,10 +13,20 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.fea.mesh import Floats, TetMesh
 from stiffscope.fea.rigid import relative_twists
-from stiffscope.fea.significance import largest_relative_bound
 from stiffscope.runtime.brief import describe_briefly
 
 FIELDS = ("displacement", "von_mises")  # used for pictures only: nearly all of a file
+
+SIGNIFICANT = 0.01  # of sqrt(C_ii C_jj): smaller entries vanish by symmetry, or nearly so
+
+
+def largest_relative_bound(compliance: Floats, error: Floats) -> tuple[float, tuple[int, int]]:
+    """Return the largest relative error of significant entries of (k, k) matrices, and indices."""
+    scale = np.sqrt(compliance.diagonal())
+    size = np.abs(compliance)
+    ratio = np.where(size > SIGNIFICANT * np.outer(scale, scale), error / np.maximum(size, 1e-300), 0.0)
+    i, j = np.unravel_index(ratio.argmax(), ratio.shape)
+    return float(ratio[i, j]), (int(i), int(j))
 
 
 def _make_empty() -> Floats:

@@ -12,8 +12,6 @@ import numpy as np
 from scipy.io import mmwrite
 from scipy.linalg import block_diag
 
-from stiffscope.fea.dmig import dmig_text
-
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
@@ -21,6 +19,7 @@ if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats, TetMesh
 
 WRENCHES = ("fx", "fy", "fz", "mx", "my", "mz")
+FIRST_SCALAR = 1001  # number of the first mode in Nastran files
 
 
 VTU_HELP = """\
@@ -157,10 +156,38 @@ def write_matrices(found: Superelement, path: Path | str, text: str, **arrays: F
     matrices = {"stiffness": found.stiffness, "mass": found.mass}
     content: dict[str, Any] = {"nodes": found.nodes, "help": np.array(text), **matrices, **arrays}
     np.savez(archive, **content)
-    bulk.write_text(dmig_text(found.stiffness, found.mass, found.nodes, text), encoding="ascii", errors="replace")
+    bulk.write_text(_write_dmig(found.stiffness, found.mass, found.nodes, text), encoding="ascii", errors="replace")
     written = [archive, bulk]
     for name, matrix in matrices.items():
         written.append(base.with_name(f"{base.name}.{name}.mtx"))
         with written[-1].open("wb") as file:
             mmwrite(file, matrix, comment=text, symmetry="symmetric", precision=15)
     return written
+
+
+def _write_dmig(stiffness: Floats, mass: Floats, nodes: Floats, comment: str) -> str:
+    """Return bulk data of KPART and MPART: real, double precision, symmetric, large fields.
+
+    Parameters
+    ----------
+    stiffness, mass : (6m + k, 6m + k) for six components of m nodes, then for k modes.
+    nodes : (m, 3) m; grid points 1 to m. Modes are scalar points from ``FIRST_SCALAR``.
+    """
+    lines = [f"$ {line}" for line in comment.splitlines()]
+    for number, node in enumerate(nodes, start=1):
+        x, y, z = (f"{value:16.9E}" for value in node)
+        lines += [f"GRID*   {number:16d}{'':16}{x}{y}", f"*       {z}"]
+    count = len(stiffness) - 6 * len(nodes)
+    lines += [f"SPOINT  {FIRST_SCALAR + k:8d}" for k in range(count)]
+    places = [(number, component) for number in range(1, len(nodes) + 1) for component in range(1, 7)]
+    places += [(FIRST_SCALAR + k, 0) for k in range(count)]
+    for name, matrix in (("KPART", stiffness), ("MPART", mass)):
+        lines.append(f"DMIG    {name:8}{0:8d}{6:8d}{2:8d}{0:8d}")  # symmetric, double precision
+        for column, (point, component) in enumerate(places):
+            rows = [row for row in np.flatnonzero(matrix[:, column]) if row >= column]
+            if not rows:
+                continue
+            lines.append(f"DMIG*   {name:16}{point:16d}{component:16d}")
+            for row in rows:
+                lines.append(f"*       {places[row][0]:16d}{places[row][1]:16d}{matrix[row, column]:16.9E}")
+    return "\n".join(lines) + "\n"

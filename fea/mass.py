@@ -61,20 +61,16 @@ class RigidMass:
 
 
 def rigid_mass(points: Floats, mass: csr_array) -> RigidMass:
-    """Return the rigid mass properties RᵀMR of nodes (n, 3) with a consistent mass (n, n)."""
+    """Return the rigid mass properties RᵀMR of nodes (n, 3) with a consistent mass (n, n).
+
+    At the nodes' middle RᵀMR is [[m I, -m S(c)], [m S(c), J]] with the centre of mass c relative to
+    it and the inertia J about it.
+    """
     middle = points.mean(axis=0)
     modes = rigid_modes(points, middle).reshape(-1, 6)
-    return rigid_mass_of(modes.T @ times(mass, modes), middle)
-
-
-def rigid_mass_of(matrix: Floats, point: Floats) -> RigidMass:
-    """Return the mass properties from a rigid body's mass matrix (6, 6) at a point (3,).
-
-    The matrix is [[m I, -m S(c)], [m S(c), J]] with the centre of mass c relative to the point and
-    the inertia J about it.
-    """
+    matrix = modes.T @ times(mass, modes)
     total = float(np.trace(matrix[:3, :3])) / 3
-    first = matrix[3:, :3]  # m S(c)
-    lever = np.array([first[2, 1] - first[1, 2], first[0, 2] - first[2, 0], first[1, 0] - first[0, 1]]) / (2 * total)
+    skew = matrix[3:, :3] - matrix[3:, :3].T  # 2 m S(c)
+    lever = np.array([skew[2, 1], skew[0, 2], skew[1, 0]]) / (2 * total)
     inertia = matrix[3:, 3:] - total * (lever @ lever * np.eye(3) - np.outer(lever, lever))
-    return RigidMass(total, point + lever, (inertia + inertia.T) / 2)
+    return RigidMass(total, middle + lever, (inertia + inertia.T) / 2)

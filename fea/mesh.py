@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiffscope.errors import InputError
-from stiffscope.fea.worker import run_ftetwild
 from stiffscope.runtime.executor import LateError, WorkerError, do_alone
 from stiffscope.runtime.processors import processors
 
@@ -38,10 +37,11 @@ MESHING, SOLVING = 0.8e-3, 4e-3  # processor seconds per element; half of the la
 MISJUDGED = 1.75  # ratio of estimate to time left to refuse meshing: two processors are faster
 PLANE = 0.8  # share of plane area for flat elements in thin walls; curved walls need small ones
 ENERGY = 10.0  # largest distortion energy that the mesher leaves; 3 for a regular element
-FIN = 0.06  # depth of the fins at seams in element sizes, at least three envelopes; deeper fins cause spurious elements
+FIN = 0.06  # depth of the fins at seams in element sizes; deeper fins cause spurious elements
 
 # The six edges and four outward faces of a tetrahedron, in the order of VTK's (scikit-fem's) tet10.
 EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
+SIDES = np.array([[0, 1], [1, 2], [2, 0]])  # of a triangle
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 FACE_MIDS = np.array([[6, 5, 4], [4, 8, 7], [5, 9, 8], [7, 9, 6]])  # (v0v1, v1v2, v2v0) by face
 
@@ -74,11 +74,14 @@ class TetMesh:
         """The scikit-fem mesh; boundary ``str(face)`` contains the facets on that CAD face."""
         from skfem import MeshTet2
 
-        grid = MeshTet2(np.ascontiguousarray(self.points.T), np.ascontiguousarray(self.cells[:, :4].T, dtype=np.int32))
+        corners = np.ascontiguousarray(self.cells[:, :4].T, dtype=np.int32)
+        grid = MeshTet2(np.ascontiguousarray(self.points.T), corners)
         number = np.empty(len(self.facets), dtype=np.int64)
         outer = grid.boundary_facets()
-        number[np.lexsort(np.sort(self.facets[:, :3], axis=1).T)] = outer[np.lexsort(grid.facets[:, outer])]
-        return grid.with_boundaries({str(face): number[self.facet_face == face] for face in np.unique(self.facet_face)})
+        order = np.lexsort(np.sort(self.facets[:, :3], axis=1).T)
+        number[order] = outer[np.lexsort(grid.facets[:, outer])]
+        faces = np.unique(self.facet_face)
+        return grid.with_boundaries({str(face): number[self.facet_face == face] for face in faces})
 
     @cached_property
     def is_curved(self) -> NDArray[np.bool_]:
@@ -123,9 +126,10 @@ def default_size(volume: float, area: float, flatness: float = 1.0) -> float:
 
 def flatness_of(volume: float, faces: Collection[FaceGeometry]) -> float:
     """Return the allowed aspect ratio of elements, 1 to 2: above 1 for thin, plane walls."""
-    areas = {plane: sum(face.area for face in faces if (face.kind == "plane") == plane) for plane in (True, False)}
-    area = areas[True] + areas[False]
-    return float(np.clip(2.0 * thinness(volume, area) - 2.0, 1.0, 2.0)) if areas[True] > PLANE * area else 1.0
+    area = sum(face.area for face in faces)
+    plane = sum(face.area for face in faces if face.kind == "plane")
+    flatness = 2.0 * thinness(volume, area) - 2.0 if plane > PLANE * area else 1.0
+    return float(np.clip(flatness, 1.0, 2.0))
 
 
 def thinness(volume: float, area: float) -> float:
@@ -154,9 +158,10 @@ def expected_elements(surface: Surface, volume: float, size: float) -> float:
     size
         Edge length of the elements, m; smaller is more accurate and slower.
     """
-    a, b, c = np.moveaxis(surface.vertices[surface.triangles], 1, 0)
-    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    shortest = np.min([np.linalg.norm(p - q, axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+    ends = surface.vertices[surface.triangles[:, SIDES]]  # (t, 3, 2, 3)
+    sides = ends[:, :, 1] - ends[:, :, 0]
+    areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 2]), axis=1) / 2
+    shortest = np.linalg.norm(sides, axis=2).min(axis=1)
     curved = np.array([face.kind != "plane" for face in surface.faces])[surface.face_of_triangle]
     finest = min(size, 2 * default_envelope(surface, size))
     sides = np.where(curved, np.clip(shortest, finest, size), size)
@@ -221,10 +226,8 @@ def check_lengths(name: str, solid: tuple[float, float], size: float | None, env
         ("envelope", envelope, 1e-5 * diagonal, 0.01 * diagonal),
     ):
         if value is not None and not 0.99 * least <= value <= 1.01 * most:  # rounded in the message
-            raise MeshError(
-                f"{name}.mesh.{kind}: expected {least * 1e3:.3g} mm to {most * 1e3:.3g} mm for this part, "
-                f"got {value * 1e3:g} mm"
-            )
+            valid = f"{least * 1e3:.3g} mm to {most * 1e3:.3g} mm for this part"
+            raise MeshError(f"{name}.mesh.{kind}: expected {valid}, got {value * 1e3:g} mm")
 
 
 def surface_volume(surface: Surface) -> float:
@@ -254,52 +257,34 @@ def tetrahedralize(
     ------
     MeshError : if the surface is open, the mesher fails or is late, or the volume is 10 % wrong.
     """
-    check_surface(surface, size, envelope)
-    vertices, triangles = _with_fins(surface, min(max(FIN * size, 3 * envelope), 0.3 * thickness(surface)))
-    scale = float(np.linalg.norm(np.ptp(surface.vertices, axis=0)))
-    work = (
-        vertices * 1e3,  # fTetWild's tolerances suit millimetres
-        triangles.astype(np.int32),
-        size * 1e3,
-        envelope / scale,
-        threads or processors(),
-        energy,
-    )
-    try:  # a crash or an endless loop stays in the child
-        points, cells = do_alone(run_ftetwild, *work, name="mesh", limit=time_limit)
+    _check_surface(surface, size, envelope)
+    depth = min(max(FIN * size, 3 * envelope), 0.3 * thickness(surface))
+    vertices, triangles = _with_fins(surface, depth)
+    lengths = size * 1e3, envelope / diagonal(surface)  # fTetWild's tolerances suit millimetres
+    work = vertices * 1e3, triangles, *lengths, threads or processors(), energy
+    try:  # a crash, an endless loop and its file in the working folder stay in the child
+        points, cells = do_alone(_run_ftetwild, *work, name="mesh", limit=time_limit)
     except LateError:
-        raise MeshError(
-            f"mesh: not finished within {time_limit:.3g} s; choose a larger size or envelope, or a longer limit"
-        ) from None
+        cure = "choose a larger size or envelope, or a longer limit"
+        raise MeshError(f"mesh: not finished within {time_limit:.3g} s; {cure}") from None
     except WorkerError as error:
         raise MeshError(f"mesh: the mesher failed: {str(error).removeprefix('mesh: ')}") from error
-    points, cells = points * 1e-3, cells.astype(np.int64)
-    return _checked_tets(points, cells, surface_volume(surface))
+    return _check_tets(points * 1e-3, cells, surface_volume(surface))
 
 
-def check_surface(surface: Surface, size: float, envelope: float) -> None:
-    """Raise MeshError unless the surface is finite, closed and outward, and the sizes are valid.
-
-    Parameters
-    ----------
-    surface
-        Triangulated surface of the solid.
-    size
-        Edge length of the elements, m; smaller is more accurate and slower.
-    envelope
-        Largest distance of the mesh from the surface, m.
-    """
+def _check_surface(surface: Surface, size: float, envelope: float) -> None:
+    """Raise MeshError unless the surface is finite, closed and outward, and the sizes are valid."""
     if not (np.isfinite(size) and size > 0 and np.isfinite(envelope) and envelope > 0):
-        raise MeshError(f"mesh: size and envelope must be positive lengths, got {size} m and {envelope} m")
+        got = f"got {size} m and {envelope} m"
+        raise MeshError(f"mesh: size and envelope must be positive lengths, {got}")
     vertices, triangles = surface.vertices, surface.triangles
     if not len(triangles) or not np.isfinite(vertices).all():
         raise MeshError("mesh: the surface is empty or has coordinates that are not finite")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise MeshError("mesh: the surface's triangles name vertices that do not exist")
-    sides = triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    keys = sides[:, 0] * len(vertices) + sides[:, 1]
-    mirrored = sides[:, 1] * len(vertices) + sides[:, 0]
-    if not np.array_equal(np.sort(keys), np.sort(mirrored)):
+    sides = triangles[:, SIDES].reshape(-1, 2)
+    keys, mirrored = (np.sort(each @ [len(vertices), 1]) for each in (sides, sides[:, ::-1]))
+    if not np.array_equal(keys, mirrored):
         raise MeshError("mesh: the surface is not closed; the solid must be watertight")
     if surface_volume(surface) <= 0:
         raise MeshError("mesh: the surface encloses no volume or points inward")
@@ -316,7 +301,7 @@ def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
         return vertices, triangles
     ends, left, right = sides_between(triangles)
     beside = np.sort(np.column_stack([tags[left], tags[right]]), axis=1)
-    along = np.isin(beside @ [len(surface.faces), 1], [a * len(surface.faces) + b for a, b in surface.seams])
+    along = np.isin(beside @ [len(surface.faces), 1], np.array(surface.seams) @ [len(surface.faces), 1])
     ends = ends[along]
     corners = vertices[triangles]
     outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -331,7 +316,20 @@ def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
     return np.vstack([vertices, foot]), np.vstack([triangles, first, second])
 
 
-def _checked_tets(points: Floats, cells: Ints, volume: float) -> tuple[Floats, Ints]:
+def _run_ftetwild(
+    vertices: Floats, triangles: Ints, size: float, envelope: float, threads: int, energy: float
+) -> tuple[Floats, Ints]:
+    """Mesh a surface in a worker process; only there the mesher is imported."""
+    import pytetwild
+
+    points, cells = pytetwild.tetrahedralize(  # pyright: ignore[reportPrivateImportUsage]
+        vertices, triangles.astype(np.int32), edge_length_abs=size, epsilon=envelope, num_threads=threads,
+        stop_energy=energy, vtk_ordering=True,
+    )  # fmt: skip
+    return points, cells.astype(np.int64)
+
+
+def _check_tets(points: Floats, cells: Ints, volume: float) -> tuple[Floats, Ints]:
     if not len(cells):
         raise MeshError("mesh: no tetrahedra; the surface has no inside (a sheet, or it crosses itself)")
     used, cells = np.unique(cells, return_inverse=True)
@@ -366,7 +364,7 @@ def boundary_facets(cells: Ints) -> tuple[Ints, Ints, Ints]:
 
 def sides_between(triangles: Ints) -> tuple[Ints, Ints, Ints]:
     """Return a closed surface's sides (e, 2), sorted pairs, and their two triangles (e,), (e,)."""
-    pairs = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    pairs = np.sort(triangles[:, SIDES].reshape(-1, 2), axis=1)
     order = np.lexsort((pairs[:, 1], pairs[:, 0]))  # each side occurs twice
     return pairs[order[0::2]], order[0::2] // 3, order[1::2] // 3
 

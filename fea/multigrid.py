@@ -18,9 +18,8 @@ import numpy as np
 from scipy.sparse import bsr_array, coo_array, csr_array, eye_array, kron, vstack
 from scipy.sparse.linalg import LinearOperator, eigsh
 
-from stiffscope.errors import InputError
 from stiffscope.fea.couplings import Supports, factorize
-from stiffscope.fea.settings import SOLVERS
+from stiffscope.fea.settings import check_solver
 from stiffscope.fea.solvers import Solve, Solver, conjugate_gradients, product
 
 if TYPE_CHECKING:
@@ -52,8 +51,7 @@ def prepare(mesh: TetMesh, stiffness: csr_array, supports: Supports, name: str =
     ------
     InputError : if the name is unknown.
     """
-    if name not in SOLVERS:
-        raise InputError(f"solver: expected {', '.join(SOLVERS[:-1])} or {SOLVERS[-1]}, got {name!r}")
+    check_solver(name)
     if name == "multigrid" or (name == "auto" and 3 * len(supports.free) > FACTORIZED_TO):
         return two_levels(mesh, stiffness, supports)
     solve = factorize(stiffness, supports)

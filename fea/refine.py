@@ -7,16 +7,12 @@ quadratic element), so refinement neither moves the boundary nor inverts element
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from stiffscope.fea.geometry import shapes
 from stiffscope.fea.mesh import EDGES, FACE_MIDS, FACES, Floats, Ints, TetMesh, boundary_facets, compact, unique_edges
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 OPPOSITE = [3, 2, 0, 1]  # vertex opposite to each of FACES
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -133,32 +129,17 @@ def grade(mesh: TetMesh, edges: Ints, layers: int, ratio: float) -> TetMesh:
     if not len(edges) or not layers:
         return mesh
     position = mesh.points[np.unique(edges)]
-    find = _finder(position)
-    chain = np.sort(edges, axis=1)
-    count = len(mesh.points)
-    known = chain[:, 0] * count + chain[:, 1]
-    on_chain = np.zeros(count, dtype=bool)
-    on_chain[edges] = True
+    tree, reach = KDTree(position), 1e-9 * float(np.linalg.norm(np.ptp(position, axis=0)))
+    key = np.array([len(mesh.points), 1])
     sides, _ = unique_edges(mesh.cells[:, :4])
-    both = on_chain[sides].all(axis=1) & ~np.isin(sides[:, 0] * count + sides[:, 1], known)
+    both = np.isin(sides, edges).all(axis=1) & ~np.isin(sides @ key, np.sort(edges, axis=1) @ key)
     if both.any():
         mesh = bisect(mesh, sides[both], np.full(both.sum(), 0.5))
     for _ in range(layers):
-        on_chain = find(mesh.points)
+        on_chain = tree.query(mesh.points, distance_upper_bound=reach)[0] < np.inf
         sides, _ = unique_edges(mesh.cells[:, :4])
         leaving = on_chain[sides].sum(axis=1) == 1
         away = sides[leaving]
         away = np.where(on_chain[away[:, :1]], away, away[:, ::-1])
         mesh = bisect(mesh, away, np.full(len(away), ratio))
     return mesh
-
-
-def _finder(position: Floats) -> Callable[[Floats], np.ndarray]:
-    """Return a function that finds points coincident with given ones, despite renumbering."""
-    tree = KDTree(position)
-    reach = 1e-9 * float(np.linalg.norm(np.ptp(position, axis=0)))
-
-    def find(points: Floats) -> np.ndarray:
-        return tree.query(points, distance_upper_bound=reach)[0] < np.inf
-
-    return find

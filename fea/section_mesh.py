@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
-from stiffscope.fea.mesh import Floats, Ints, MeshError
+from stiffscope.fea.mesh import SIDES, Floats, Ints, MeshError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -51,7 +51,7 @@ def fill_section(
     for _ in range(ROUNDS):
         both = np.vstack([points, inner])
         triangles = _triangulate(both, outline)
-        sides = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        sides = np.sort(triangles[:, SIDES].reshape(-1, 2), axis=1)
         missing = ~np.isin(np.sort(borders, axis=1) @ [len(both), 1], sides @ [len(both), 1])
         if not missing.any():
             area = abs(np.linalg.det(outline).sum()) / 2

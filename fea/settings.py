@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.cad.checks import require
 
 MOST_LAYERS = 6  # of thin elements at singular edges; the thinnest is 1/4000 of the size
 KINDS = ("rigid", "distributed")  # couplings of a loaded face to its reference point
@@ -50,35 +50,31 @@ class Settings:
 
     def __post_init__(self) -> None:
         """Raise InputError if a value is out of range."""
-        for name in ("size", "envelope"):
-            value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise InputError(f"mesh.{name}: expected a positive length, got {value!r} m")
-        if self.interface not in KINDS:
-            raise InputError(f"interface: expected {' or '.join(KINDS)}, got {self.interface!r}")
-        if self.solver not in SOLVERS:
-            raise InputError(f"solver: expected {', '.join(SOLVERS[:-1])} or {SOLVERS[-1]}, got {self.solver!r}")
-        if not (np.isfinite(self.time_limit) and self.time_limit > 0):
-            raise InputError(f"mesh.time_limit: expected positive seconds, got {self.time_limit!r}")
-        if self.tolerance is not None and not 1e-6 <= self.tolerance < 1:
-            raise InputError(
-                f"tolerance: expected a fraction from 1e-6 to below 1 (0.1 % is 1e-3), got {self.tolerance!r}"
-            )
-        if self.foundation is not None and not (np.isfinite(self.foundation) and self.foundation > 0):
-            raise InputError(f"foundation: expected a positive stiffness per area in N/m3, got {self.foundation!r}")
-        if not self.most_unknowns >= 1:
-            raise InputError(f"mesh.most_unknowns: expected a positive number, got {self.most_unknowns!r}")
-        if not 1 <= self.layers <= MOST_LAYERS:
-            raise InputError(f"mesh.layers: expected 1 to {MOST_LAYERS}, got {self.layers!r}")
-        self._check_modes()
+        for field, value, valid, unit in (
+            ("mesh.size", self.size, "a positive length", " m"),
+            ("mesh.envelope", self.envelope, "a positive length", " m"),
+            ("mesh.time_limit", self.time_limit, "positive seconds", ""),
+            ("foundation", self.foundation, "a positive stiffness per area in N/m3", ""),
+            ("mesh.highest_frequency", self.highest_frequency, "a positive frequency", " Hz"),
+        ):
+            positive = value is None or (np.isfinite(value) and value > 0)
+            require(positive, field, valid, f"{value!r}{unit}")
+        require(self.interface in KINDS, "interface", " or ".join(KINDS), repr(self.interface))
+        check_solver(self.solver)
+        fraction = "a fraction from 1e-6 to below 1 (0.1 % is 1e-3)"
+        valid = self.tolerance is None or 1e-6 <= self.tolerance < 1
+        require(valid, "tolerance", fraction, repr(self.tolerance))
+        most = self.most_unknowns
+        require(most >= 1, "mesh.most_unknowns", "a positive number", repr(most))
+        few = 1 <= self.layers <= MOST_LAYERS
+        require(few, "mesh.layers", f"1 to {MOST_LAYERS}", repr(self.layers))
+        few = self.modes is None or 0 <= self.modes <= MOST_MODES
+        require(few, "mesh.modes", f"0 to {MOST_MODES}", repr(self.modes))
+        one = self.modes is None or self.highest_frequency is None
+        require(one, "mesh.highest_frequency", "this or mesh.modes", "both")
 
-    def _check_modes(self) -> None:
-        if self.modes is not None and not 0 <= self.modes <= MOST_MODES:
-            raise InputError(f"mesh.modes: expected 0 to {MOST_MODES}, got {self.modes!r}")
-        if self.highest_frequency is not None:
-            if not (np.isfinite(self.highest_frequency) and self.highest_frequency > 0):
-                raise InputError(
-                    f"mesh.highest_frequency: expected a positive frequency, got {self.highest_frequency!r} Hz"
-                )
-            if self.modes is not None:
-                raise InputError("mesh.highest_frequency: expected this or mesh.modes, got both")
+
+def check_solver(name: str) -> None:
+    """Raise InputError for an unknown solver."""
+    valid = f"{', '.join(SOLVERS[:-1])} or {SOLVERS[-1]}"
+    require(name in SOLVERS, "solver", valid, repr(name))

@@ -9,7 +9,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.fea.geometry import jacobian_range, quadrature, shapes
-from stiffscope.fea.mesh import FACE_MIDS, FACES, Floats, Ints, Project, TetMesh, boundary_facets, compact, unique_edges
+from stiffscope.fea.mesh import (
+    FACE_MIDS,
+    FACES,
+    SIDES,
+    Floats,
+    Ints,
+    Project,
+    TetMesh,
+    boundary_facets,
+    compact,
+    unique_edges,
+)
 from stiffscope.fea.tags import smooth_tags, tag_facets
 
 if TYPE_CHECKING:
@@ -94,8 +105,6 @@ def _sliver_candidates(skin: _Skin) -> Ints:
 
 def _without(skin: _Skin, slivers: Ints) -> _Skin:
     """Remove tetrahedra; new boundary triangles inherit the CAD face of the removed ones."""
-    if not len(slivers):
-        return skin
     known = {tuple(sorted(facet)): tag for facet, tag in zip(skin.facets.tolist(), skin.tags.tolist(), strict=True)}
     inherited = dict(zip(skin.owner.tolist(), skin.tags.tolist(), strict=True))
     for cell in slivers.tolist():
@@ -165,7 +174,7 @@ def _balance(nodes: Floats, facets: Ints, tags: Ints, target: Target) -> Floats:
 
 
 def _balance_sides(nodes: Floats, facets: Ints, tags: Ints, target: Target) -> Floats:
-    ends = facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    ends = facets[:, SIDES].reshape(-1, 2)
     mids = facets[:, 3:]
     node, first = np.unique(mids, return_index=True)
     start, stop, middle = nodes[ends[first, 0]], nodes[ends[first, 1]], nodes[node]

@@ -6,13 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.fea.mesh import SIDES, Floats, Ints
+
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from stiffscope.cad.part import Surface
-
-    Floats = NDArray[np.float64]
-    Ints = NDArray[np.int64]
 
 
 def tag_facets(surface: Surface, corners: Floats, reach: float) -> Ints:
@@ -83,13 +80,9 @@ def _squared_distances(points: Floats, triangles: Floats) -> Floats:
 
 def smooth_tags(facets: Ints, tags: Ints, rounds: int = 3) -> Ints:
     """Remove islands of tags: a triangle takes the tag that two of its neighbours share."""
-    pairs = np.sort(facets[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
-    keys = pairs[:, 0] * (facets.max() + 1) + pairs[:, 1]
-    order = np.argsort(keys, kind="stable")
-    neighbours = np.empty(len(keys), dtype=np.int64)  # each side of a closed surface occurs twice
+    order = np.lexsort(np.sort(facets[:, SIDES].reshape(-1, 2), axis=1).T[::-1])
+    neighbours = np.empty(len(order), dtype=np.int64)  # each side of a closed surface occurs twice
     neighbours[order[0::2]], neighbours[order[1::2]] = order[1::2] // 3, order[0::2] // 3
-    if len(keys) % 2 or not np.array_equal(keys[order[0::2]], keys[order[1::2]]):
-        return tags
     neighbours = neighbours.reshape(-1, 3)
     for _ in range(rounds):
         around = tags[neighbours]

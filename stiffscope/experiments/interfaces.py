@@ -18,7 +18,7 @@ from scipy.linalg import block_diag
 from stiffscope.errors import InputError
 from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.orders import order_part
-from stiffscope.fea.significance import SIGNIFICANT
+from stiffscope.fea.experiment import SIGNIFICANT
 from stiffscope.robot.file.part_sections import ParametricPart, SolidPart
 from stiffscope.robot.part_matrices import entry_name
 from stiffscope.vjm.screws import shift

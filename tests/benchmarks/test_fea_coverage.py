@@ -18,10 +18,10 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
+from stiffscope.fea.experiment import SIGNIFICANT
 from stiffscope.fea.mesh import MeshError
 from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
-from stiffscope.fea.significance import SIGNIFICANT
 from tests.benchmarks.random_parts import draw
 
 PARTS, SEED = (int(os.environ.get(f"STIFFSCOPE_{name}", value)) for name, value in (("PARTS", 12), ("SEED", 6)))
