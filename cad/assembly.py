@@ -150,15 +150,17 @@ def read_assembly(
 
 def place_solids(solids: "Sequence[Solid]", told: dict[str, Any]) -> tuple[Instance, ...]:
     """Create instances of solids from the table made by `gather_solids`."""
-    products = [
-        _product(number, solid, each) for number, (solid, each) in enumerate(zip(solids, told["products"], strict=True))
-    ]
+    products, instances = [], []
+    for number, (solid, each) in enumerate(zip(solids, told["products"], strict=True)):
+        found = cad.kernel.volume_properties(solid)
+        centre = 1e-3 * cad.kernel.xyz(found.CentreOfMass())
+        inertia = 1e-15 * cad.kernel.inertia(found)
+        products.append(Product(number, solid, each["material"], 1e-9 * found.Mass(), centre, inertia))
     names = _name_distinct([each["path"] for each in told["instances"]])
-    return tuple(
-        Instance(name, products[each["product"]], rotation=place[:, :3], origin=1e-3 * place[:, 3])
-        for name, each in zip(names, told["instances"], strict=True)
-        for place in [np.array(each["place"])]
-    )
+    for name, each in zip(names, told["instances"], strict=True):
+        place = np.array(each["place"])
+        instances.append(Instance(name, products[each["product"]], place[:, :3], 1e-3 * place[:, 3]))
+    return tuple(instances)
 
 
 def _check_references(path: Path, content: bytes) -> None:
@@ -188,14 +190,6 @@ def _check_references(path: Path, content: bytes) -> None:
         name = match[1].decode(errors="replace")
         if not (path.parent / name.replace("\\", "/")).is_file():
             raise InputError(f'{path}: expected the files that it refers to beside it, got none called "{name}"')
-
-
-def _product(number: int, solid: "Solid", told: dict[str, Any]) -> Product:
-    properties = cad.kernel.volume_properties(solid)
-    return Product(
-        number, solid, told["material"], volume=1e-9 * properties.Mass(),
-        centre=1e-3 * cad.kernel.xyz(properties.CentreOfMass()), inertia=1e-15 * cad.kernel.inertia(properties),
-    )  # fmt: skip
 
 
 def _name_distinct(paths: Sequence[Sequence[str]]) -> list[str]:

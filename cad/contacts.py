@@ -88,41 +88,35 @@ def find_contacts(solids: Sequence[Instance], progress: Progress | None = None) 
 def _drop_covered(contacts: list[Contact]) -> list[Contact]:
     """Drop contacts of a pin and a bore with a ring between them."""
     bores, pins = defaultdict[tuple[int, int], set[int]](set), defaultdict[tuple[int, int], set[int]](set)
-    ends = [
-        ((each.first, each.faces[0]), (each.second, each.faces[1]))[:: -1 if each.inner else 1] for each in contacts
-    ]
-    for each, (pin, bore) in zip(contacts, ends, strict=True):
+    fits = []
+    for each in contacts:
+        ends = (each.first, each.faces[0]), (each.second, each.faces[1])
+        pin, bore = ends[::-1] if each.inner else ends
+        fits.append((each, pin, bore))
         if each.kind == "cylinder":
             bores[pin].add(bore[0])
             pins[bore].add(pin[0])
-    return [
-        each
-        for each, (pin, bore) in zip(contacts, ends, strict=True)
-        if each.kind != "cylinder" or not bores[pin] & pins[bore]
-    ]
+    return [e for e, pin, bore in fits if e.kind != "cylinder" or not bores[pin] & pins[bore]]
 
 
 def _drop_open(contacts: list[Contact]) -> list[Contact]:
     """Drop planes with unbounded play: no opposing plane of one of the solids."""
-    normals: dict[int, list[Array]] = {}
-    round_: dict[tuple[int, int], list[Array]] = {}
+    normals, axes = defaultdict[int, list[Array]](list), defaultdict[tuple[int, int], list[Array]](list)
     for each in contacts:
         if each.kind == "plane":
-            normals.setdefault(each.first, []).append(each.axis)
-            normals.setdefault(each.second, []).append(-each.axis)
+            normals[each.first].append(each.axis)
+            normals[each.second].append(-each.axis)
         else:
-            round_.setdefault((each.first, each.second), []).append(each.axis)
+            axes[each.first, each.second].append(each.axis)
 
     def is_kept(each: Contact) -> bool:
         if each.kind != "plane" or each.gap <= TOUCHING:
             return True
-        stops = any(
-            np.linalg.norm(np.cross(each.axis, axis)) < PARALLEL for axis in round_.get((each.first, each.second), ())
-        )
-        return stops or any(
-            nnls(np.transpose(normals[solid]), sign * each.axis)[1] < 1e-3
-            for solid, sign in ((each.first, -1.0), (each.second, 1.0))
-        )
+        pins = axes[each.first, each.second]
+        if any(np.linalg.norm(np.cross(each.axis, axis)) < PARALLEL for axis in pins):
+            return True
+        ends = (each.first, -each.axis), (each.second, each.axis)
+        return any(nnls(np.transpose(normals[solid]), axis)[1] < 1e-3 for solid, axis in ends)
 
     return [each for each in contacts if is_kept(each)]
 
@@ -165,17 +159,12 @@ def _plane(a: FaceGeometry, b: FaceGeometry, one: Instance, other: Instance) -> 
     boxes = one.face_boxes[a.index], other.face_boxes[b.index]
     if not -TOUCHING <= gap <= PLAY or not _meet(*boxes, PLAY):
         return None
-    area, centre = _measure_shared(one, a, other, b, gap)
-    size = float(np.sqrt(area))
-    return None if area < _LEAST_AREA or gap > max(TOUCHING, _PLAY_SHARE * size) else (centre, a.axis, gap, size)
-
-
-def _measure_shared(
-    one: Instance, a: FaceGeometry, other: Instance, b: FaceGeometry, gap: float
-) -> tuple[float, Array]:
-    """Return the area shared by two planes, m², and its centre, m."""
-    area, centre = cad.kernel.common_area(one.shapes[a.index], other.shapes[b.index], -1e3 * gap * a.axis)
-    return 1e-6 * area, 1e-3 * centre
+    faces = one.shapes[a.index], other.shapes[b.index]
+    area, centre = cad.kernel.common_area(*faces, -1e3 * gap * a.axis)
+    size = 1e-3 * float(np.sqrt(area))
+    if 1e-6 * area < _LEAST_AREA or gap > max(TOUCHING, _PLAY_SHARE * size):
+        return None
+    return 1e-3 * centre, a.axis, gap, size
 
 
 def _fit(a: FaceGeometry, b: FaceGeometry) -> float | None:

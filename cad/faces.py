@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiffscope import cad
-from stiffscope.cad.checks import POINT, direction, is_point, mm
+from stiffscope.cad.checks import POINT, direction, is_point, mm, require
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
@@ -144,18 +144,19 @@ class FaceSelector:
 
     def __post_init__(self) -> None:
         """Check every condition."""
-        if all(value is None for value in self.__dict__.values()):
-            raise InputError(f"selector: expected at least one of {', '.join(self.__dict__)}, got none")
-        if self.kind is not None and self.kind not in KINDS:
-            raise InputError(f"selector.kind: expected one of {', '.join(KINDS)}, got {self.kind!r}")
+        given = any(value is not None for value in self.__dict__.values())
+        require(given, "selector", f"at least one of {', '.join(self.__dict__)}", "none")
+        known = self.kind is None or self.kind in KINDS
+        require(known, "selector.kind", f"one of {', '.join(KINDS)}", repr(self.kind))
         if self.normal is not None:
             direction("selector.normal", self.normal)
         for name, size in (("radius", self.radius), ("washer", self.washer)):
-            if size is not None and not (isinstance(size, Real) and 0 < size < np.inf):
-                raise InputError(f"selector.{name}: expected a positive length, got {size!r}")
+            positive = size is None or (isinstance(size, Real) and 0 < size < np.inf)
+            require(positive, f"selector.{name}", "a positive length", repr(size))
         end = isinstance(self.position, str) and self.position in ENDS
-        if not (self.position is None or end or is_point(self.position)):
-            raise InputError(f"selector.position: expected one of {', '.join(ENDS)} or {POINT}, got {self.position!r}")
+        valid = self.position is None or end or is_point(self.position)
+        ends = f"one of {', '.join(ENDS)} or {POINT}"
+        require(valid, "selector.position", ends, repr(self.position))
 
     def __str__(self) -> str:
         """Return the conditions as text, lengths in mm as in the listing."""

@@ -62,9 +62,10 @@ def read_products(path: Path) -> list[PlacedProduct]:
     while explorer.More():
         node, depth = explorer.Current(), explorer.CurrentDepth()
         place = node.Location.Transformation()
+        nodes = (explorer.Current(level) for level in range(depth + 1))
         found.append(
             PlacedProduct(
-                path=[_node_name(explorer.Current(level)) for level in range(depth + 1)],
+                path=[_label_name(each.Label) or _label_name(each.RefLabel) for each in nodes],
                 product=node.RefLabel.Tag(),
                 shape=XCAFDoc_ShapeTool.GetShape_s(node.RefLabel),
                 place=[[place.Value(i, j) for j in (1, 2, 3, 4)] for i in (1, 2, 3)],
@@ -73,11 +74,6 @@ def read_products(path: Path) -> list[PlacedProduct]:
         )
         explorer.Next()
     return found
-
-
-def _node_name(node: Any) -> str:
-    """Return the name of an instance, or else of its product."""
-    return _label_name(node.Label) or _label_name(node.RefLabel)
 
 
 def _label_name(label: Any) -> str:

@@ -42,9 +42,8 @@ class LinkParameters(SolidParameters):
         """Check the dimensions."""
         length("link.length", self.length)
         length("link.radius", self.radius)
-        optional_length("link.bore", self.bore)
-        optional_length("link.fitting_radius", self.fitting_radius)
-        optional_length("link.fitting_length", self.fitting_length)
+        for name in ("bore", "fitting_radius", "fitting_length"):
+            optional_length(f"link.{name}", getattr(self, name))
         widest = max(2 * (self.radius - GAP), 0.0)
         wanted = f"a diameter up to {mm(widest)} (the link's is {mm(2 * self.radius)})"
         require(self.bore <= widest, "link.bore", wanted, mm(self.bore))
@@ -74,18 +73,12 @@ class LinkParameters(SolidParameters):
         """See `SolidParameters`."""
         from build123d import Axis, Polygon, revolve
 
-        section = Polygon(*((1e3 * x, 1e3 * r) for x, r in _profile(self)), align=None)
+        outer, thick = self.radius, self.fitting_radius
+        top = [(0.0, outer), (self.length, outer)]
+        if self.has_fittings:
+            first, second = self.fitting_length, self.length - self.fitting_length
+            top = [(0.0, thick), (first, thick), (first, outer)]
+            top += [(second, outer), (second, thick), (self.length, thick)]
+        corners = [(0.0, self.bore / 2), *top, (self.length, self.bore / 2)]
+        section = Polygon(*((1e3 * x, 1e3 * r) for x, r in corners), align=None)
         return revolve(section.face(), Axis.X)
-
-
-def _profile(link: LinkParameters) -> list[tuple[float, float]]:
-    """Return the half section (x, r) in m, to be revolved about x."""
-    inner, outer = link.bore / 2, link.radius
-    if not link.has_fittings:
-        top = [(0.0, outer), (link.length, outer)]
-    else:
-        first, second = link.fitting_length, link.length - link.fitting_length
-        thick = link.fitting_radius
-        top = [(0.0, thick), (first, thick), (first, outer)]
-        top += [(second, outer), (second, thick), (link.length, thick)]
-    return [(0.0, inner), *top, (link.length, inner)]

@@ -48,7 +48,8 @@ def _on_round(face: FaceGeometry, points: Floats) -> Floats:
     height = lever @ face.axis  # (n,)
     across = lever - np.outer(height, face.axis)
     distance = np.linalg.norm(across, axis=1)
-    outward = _directions(across, _perpendicular(face.axis))
+    perpendicular = np.cross(face.axis, np.eye(3)[np.argmin(np.abs(face.axis))])
+    outward = _directions(across, perpendicular / np.linalg.norm(perpendicular))
     if face.kind == "torus":
         spoke = np.column_stack([distance - face.radius, height])
         spoke = face.minor_radius * _directions(spoke, np.array([1.0, 0.0]))
@@ -66,8 +67,3 @@ def _directions(vectors: Floats, otherwise: Floats) -> Floats:
     units = np.tile(otherwise, (len(vectors), 1))
     units[lengths > 0] = vectors[lengths > 0] / lengths[lengths > 0, None]
     return units
-
-
-def _perpendicular(axis: Floats) -> Floats:
-    across = np.asarray(np.cross(axis, np.eye(3)[np.argmin(np.abs(axis))]), dtype=np.float64)
-    return across / np.linalg.norm(across)

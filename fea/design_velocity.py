@@ -11,7 +11,7 @@ K. K. Choi and N. H. Kim, Structural Sensitivity Analysis and Optimization 1: Li
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import factorial
 from typing import TYPE_CHECKING
 
@@ -34,14 +34,6 @@ FARTHEST = 100.0  # steps that a face centroid may move; beyond, it is another f
 UNBOUNDED = 1e-12  # of the Laplacian's mean diagonal, added so that unconnected nodes stay in place
 
 
-@dataclass(frozen=True)
-class _Level:
-    """Nodes (n,) of a level, and the extension to them from all previous levels."""
-
-    nodes: np.ndarray
-    extend: Callable[[Floats], Floats]
-
-
 class DesignVelocity:
     """Design velocities of one mesh; Laplacians are factorized once for all parameters.
 
@@ -54,28 +46,25 @@ class DesignVelocity:
     def __init__(self, mesh: TetMesh, part: Part) -> None:
         self.mesh, self.part = mesh, part
         points, corners = mesh.points, mesh.facets[:, :3]
-        count, vertices = len(points), np.unique(mesh.cells[:, :4])
-        faces = np.zeros(count, dtype=int)
+        count = len(points)
         pairs = np.unique(corners.reshape(-1) * len(part.faces) + np.repeat(mesh.facet_face, 3))
-        np.add.at(faces, pairs // len(part.faces), 1)
+        faces = np.bincount(pairs // len(part.faces), minlength=count)
         ends, left, right = sides_between(corners)
         creases = ends[mesh.facet_face[left] != mesh.facet_face[right]]
-        inner = np.zeros(count, dtype=bool)
-        inner[vertices] = True
-        inner &= faces == 0
+        inner = np.isin(np.arange(count), mesh.cells[:, :4]) & (faces == 0)
         self._levels = (
-            _Level(np.flatnonzero(faces > 2), lambda given: given),
-            _Level(np.flatnonzero(faces == 2), _extension(points, creases, faces == 2)),
-            _Level(np.flatnonzero(faces == 1), _extension(points, corners, faces == 1)),
-        )
+            (np.flatnonzero(faces > 2), lambda given: given),
+            (np.flatnonzero(faces == 2), _extension(points, creases, faces == 2)),
+            (np.flatnonzero(faces == 1), _extension(points, corners, faces == 1)),
+        )  # nodes of a level, and the extension to them from all previous ones
         self._inside = _extension(points, mesh.cells[:, :4], inner)
         ends_of_mids = np.zeros((count, 2), dtype=int)
         ends_of_mids[mesh.cells[:, 4:]] = mesh.cells[:, :4][:, EDGES]
         self._mids = np.unique(mesh.cells[:, 4:])
         self._ends = ends_of_mids[self._mids]
         self._size = float(np.linalg.norm(np.ptp(points, axis=0)))
-        round_faces = np.array([face.kind != "plane" for face in part.faces])[mesh.facet_face]
-        self._round = np.unique(mesh.facets[round_faces, 3:])
+        is_round = np.array([face.kind != "plane" for face in part.faces])
+        self._round = np.unique(mesh.facets[is_round[mesh.facet_face], 3:])
         self._base = self._move_onto(part, points, np.unique(mesh.facets))
 
     def measure_velocity(self, changed: Part, step: float) -> Floats:
@@ -87,10 +76,9 @@ class DesignVelocity:
         """
         _check_same(self.part, changed, step)
         velocity = np.zeros_like(self._base)
-        for level in self._levels:
-            guess = level.extend(velocity)
-            moved = self._move_onto(changed, self._base + step * guess, level.nodes)
-            velocity[level.nodes] = (moved - self._base)[level.nodes] / step
+        for nodes, extend in self._levels:
+            moved = self._move_onto(changed, self._base + step * extend(velocity), nodes)
+            velocity[nodes] = (moved - self._base)[nodes] / step
         velocity = self._inside(velocity)
         velocity[self._mids] = velocity[self._ends].mean(axis=1)
         moved = self._move_onto(changed, self._base + step * velocity, self._round)
@@ -105,11 +93,9 @@ class DesignVelocity:
         borders, count = list(part.smooth_borders.values()), len(part.faces)
 
         def closest(place: int, at: Floats) -> Floats:
-            return (
-                project(part, place, at)
-                if place < count
-                else cad.projection.project_on_shape(borders[place - count], at)
-            )
+            if place < count:
+                return project(part, place, at)
+            return cad.projection.project_on_shape(borders[place - count], at)
 
         target = Target(closest, self._size, count, tuple(part.smooth_borders))
         node, place = places_of(self.mesh.facets, self.mesh.facet_face, target)
@@ -159,13 +145,13 @@ def _extension(points: Floats, simplices: Ints, wanted: np.ndarray) -> Callable[
     ----------
     simplices : (m, d + 1) segments, triangles or tetrahedra with straight sides.
     """
-    laplacian = _laplacian(points, simplices)
     inner = np.flatnonzero(wanted)
     if not len(inner):
         return lambda given: given
-    rows = laplacian[inner]
+    rows = _laplacian(points, simplices)[inner]
     matrix = rows[:, inner]
-    solve = factorize_matrix(csr_array(matrix + UNBOUNDED * matrix.diagonal().mean() * eye_array(len(inner))))
+    least = UNBOUNDED * matrix.diagonal().mean() * eye_array(len(inner))
+    solve = factorize_matrix(csr_array(matrix + least))
 
     def fill_inside(given: Floats) -> Floats:
         values = given.copy()

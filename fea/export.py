@@ -33,16 +33,22 @@ def write_vtu(experiment: Experiment, path: Path | str) -> Path:
     Boundary triangles are a second cell block; the cell field ``face`` is their CAD face, -1 for
     tetrahedra. Field data ``reference_points``: where wrenches act. A comment: units, axes, loads.
     """
-    path = Path(path)
-    mesh = experiment.mesh
-    fields = {}
-    for k, (motion, stress) in enumerate(zip(experiment.displacement, experiment.von_mises, strict=True)):
-        suffix = "" if len(experiment.displacement) == 6 else f"_{k // 6 + 1}"
-        name = WRENCHES[k % 6] + suffix
+    path, fields = Path(path), {}
+    several = len(experiment.displacement) > 6
+    for k, motion in enumerate(experiment.displacement):
+        name = WRENCHES[k % 6] + (f"_{k // 6 + 1}" if several else "")
         fields[f"displacement_{name}"] = motion
-        fields[f"von_mises_{name}"] = stress
-    write_fields(mesh, path, fields)
-    _add_field_data(path, experiment)
+        fields[f"von_mises_{name}"] = experiment.von_mises[k]
+    write_fields(experiment.mesh, path, fields)
+    # meshio neither writes field data nor reads texts, hence the comment
+    points = " ".join(f"{x:.17g}" for x in experiment.reference_points.ravel())
+    head = (
+        f"<!--{VTU_HELP.format(part=escape(experiment.part).replace('--', '- -'))}-->\n<FieldData>"
+        f'<DataArray type="Float64" Name="reference_points" NumberOfComponents="3" '
+        f'NumberOfTuples="{len(experiment.reference_points)}" format="ascii">{points}</DataArray></FieldData>\n'
+    )
+    before, grid, after = path.read_bytes().partition(b"<UnstructuredGrid>\n")
+    path.write_bytes(before + grid + head.encode() + after)
     return path
 
 
@@ -61,18 +67,6 @@ def write_fields(mesh: TetMesh, path: Path, fields: Mapping[str, np.ndarray]) ->
     cells: list[Any] = [("tetra10", mesh.cells), ("triangle6", mesh.facets)]
     faces = [np.full(len(mesh.cells), -1, dtype=np.int64), mesh.facet_face.astype(np.int64)]
     meshio.Mesh(mesh.points, cells, point_data=dict(fields), cell_data={"face": faces}).write(path, file_format="vtu")
-
-
-def _add_field_data(path: Path, experiment: Experiment) -> None:
-    """Add field data, which meshio does not write, and a comment, as meshio reads no texts."""
-    points = " ".join(f"{x:.17g}" for x in experiment.reference_points.ravel())
-    head = (
-        f"<!--{VTU_HELP.format(part=escape(experiment.part).replace('--', '- -'))}-->\n<FieldData>"
-        f'<DataArray type="Float64" Name="reference_points" NumberOfComponents="3" '
-        f'NumberOfTuples="{len(experiment.reference_points)}" format="ascii">{points}</DataArray></FieldData>\n'
-    )
-    before, grid, after = path.read_bytes().partition(b"<UnstructuredGrid>\n")
-    path.write_bytes(before + grid + head.encode() + after)
 
 
 SUPERELEMENT_HELP = """\

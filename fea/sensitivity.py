@@ -26,7 +26,7 @@ from stiffscope.fea.derivative_forms import Forms, Move
 from stiffscope.fea.derivatives import Derivative, PartSensitivity
 from stiffscope.fea.design_velocity import DesignVelocity
 from stiffscope.fea.run import specimen_of
-from stiffscope.fea.solution import Solution, accelerate, solve_specimen
+from stiffscope.fea.solution import accelerate, solve_specimen
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -42,7 +42,9 @@ if TYPE_CHECKING:
 STEP = 3e-4  # of a dimension: its CAD step; CAD precision is about 1e-4 of the step or better
 MATERIAL_STEP = 1e-5  # of a constant (absolute for ratios): central difference of elasticity
 RATIOS = ("axial_poisson", "transverse_poisson")
-CONSTANTS = {"youngs_modulus", "shear_modulus", "axial_modulus", "transverse_modulus", "axial_shear_modulus", *RATIOS}
+CONSTANTS = {
+    "youngs_modulus", "shear_modulus", "axial_modulus", "transverse_modulus", "axial_shear_modulus", *RATIOS
+}  # fmt: skip
 
 
 def part_sensitivity(
@@ -61,24 +63,22 @@ def part_sensitivity(
     """
     began = time.perf_counter()
     with threadpool_limits(1):
-        levels = _solve_levels(experiment, part, settings)
+        levels = solve_specimen(
+            specimen_of(part, settings), experiment.mesh, settings.interface, settings.solver, settings.foundation
+        )
+        gravity = np.tile(np.eye(3), (len(experiment.mesh.points), 1))  # self-weight along x, y, z
+        levels = accelerate(levels, gravity)
         solved = time.perf_counter()
         moves, notes = _moves(experiment.mesh, part, dimensions)
         moved = time.perf_counter()
         forms = Forms(levels, experiment, settings, tuple(moves.values()))
-        found = {name: forms.of_dimension(number, dimensions[name][0]) for number, name in enumerate(moves)}
+        found = {name: forms.of_dimension(k, dimensions[name][0]) for k, name in enumerate(moves)}
         found |= _of_material(forms, part.material)
         if settings.foundation is not None:
             found["foundation"] = forms.of_foundation()
-    seconds = {"solve": solved - began, "velocities": moved - solved, "derivatives": time.perf_counter() - moved}
+    seconds = {"solve": solved - began, "velocities": moved - solved}
+    seconds["derivatives"] = time.perf_counter() - moved
     return PartSensitivity(part.name, found, notes, seconds)
-
-
-def _solve_levels(experiment: Experiment, part: Part, settings: Settings) -> Solution:
-    """Return both levels for the unit wrenches, then for self-weight along x, y, z."""
-    specimen, mesh = specimen_of(part, settings), experiment.mesh
-    levels = solve_specimen(specimen, mesh, settings.interface, settings.solver, settings.foundation)
-    return accelerate(levels, np.tile(np.eye(3), (len(mesh.points), 1)))
 
 
 def _moves(
@@ -92,7 +92,9 @@ def _moves(
     for name, (value, build) in dimensions.items():
         try:
             changed, step = _change_dimension(build, value)
-            moves[name] = Move(velocities.measure_velocity(changed, step), *_points(part, changed, step))
+            velocity = velocities.measure_velocity(changed, step)
+            (points, centre), (moved, other) = _places(part), _places(changed)
+            moves[name] = Move(velocity, (moved - points) / step, (other - centre) / step)
         except InputError as error:
             notes[name] = str(error)
     return moves, notes
@@ -106,27 +108,20 @@ def _change_dimension(build: Build, value: float) -> tuple[Part, float]:
         return build(value * (1 - STEP)), -value * STEP
 
 
-def _points(part: Part, changed: Part, step: float) -> tuple[Floats, Floats]:
-    """Return velocities of the reference points (n, 3) and of the clamped area's centroid (3,)."""
-
-    def locate_faces(one: Part) -> tuple[Floats, Floats]:
-        centre = centroid_of([one.faces[index] for index in sorted(one.clamped)])
-        return np.array([face.reference_point for face in one.loaded]), centre
-
-    (points, centre), (moved, other) = locate_faces(part), locate_faces(changed)
-    return (moved - points) / step, (other - centre) / step
+def _places(part: Part) -> tuple[Floats, Floats]:
+    """Return the reference points (n, 3), and the centroid (3,) of the clamped faces."""
+    centre = centroid_of([part.faces[index] for index in sorted(part.clamped)])
+    return np.array([face.reference_point for face in part.loaded]), centre
 
 
 def _of_material(forms: Forms, material: AnyMaterial) -> dict[str, Derivative]:
     """Return derivatives by each elastic constant of the material, and by its density."""
     found = {}
-    for constant in dataclasses.fields(material):
-        name = constant.name
-        if name not in CONSTANTS:
-            continue
+    for name in (field.name for field in dataclasses.fields(material) if field.name in CONSTANTS):
         value = getattr(material, name)
         step = MATERIAL_STEP * (1.0 if name in RATIOS else value)
-        above, below = (dataclasses.replace(material, **{name: value + sign * step}) for sign in (1, -1))
-        change = (above.elasticity() - below.elasticity()) / (2 * step)
-        found[name] = forms.of_elasticity(change, value, "1" if name in RATIOS else "Pa")
+        near = (dataclasses.replace(material, **{name: value + change}) for change in (step, -step))
+        above, below = (each.elasticity() for each in near)
+        unit = "1" if name in RATIOS else "Pa"
+        found[name] = forms.of_elasticity((above - below) / (2 * step), value, unit)
     return {**found, "density": forms.of_density(material.density)}

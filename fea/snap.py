@@ -51,14 +51,13 @@ def snap(
         tags = smooth_tags(facets, tag_facets(surface, points[facets], size / 2))
     skin = _Skin(cells, facets, owner, local, tags)
     target = Target(project, size, len(surface.faces), surface.seams)
-    nodes, full, full_facets, edges = _curve_mesh(points, skin, target)
-    for _ in range(3):
+    for attempt in range(4):
+        nodes, full, full_facets, edges = _curve_mesh(points, skin, target)
         inverted = jacobian_range(nodes[full]) < FLATTEST
         slivers = np.intersect1d(np.flatnonzero(inverted), _sliver_candidates(skin))
-        if not len(slivers):
+        if attempt == 3 or not len(slivers):
             break
         skin = _without(skin, slivers)
-        nodes, full, full_facets, edges = _curve_mesh(points, skin, target)
     nodes, pulled = _pull_back(nodes, full, points, edges)
     return compact(TetMesh(nodes, full, full_facets, skin.tags, pulled))
 

@@ -166,18 +166,19 @@ def mesh_specimen(
     def check(elements: float) -> None:
         check_time(elements, time_limit, cure_of(specimen, size), meshed=True)
 
-    found = None if envelope else specimen.extrusion
-    flat = (
-        mesh_extrusion(specimen.surface, found, specimen.held_faces, specimen.project, size, check) if found else None
-    )
+    flat, solid = None, (specimen.surface, specimen.project)
+    if specimen.extrusion and not envelope:
+        flat = mesh_extrusion(solid[0], specimen.extrusion, specimen.held_faces, solid[1], size, check)
     if flat is not None:
-        mesh = snap(flat.points, flat.cells, specimen.surface, specimen.project, flat.size, flat.tags)
+        mesh = snap(flat.points, flat.cells, *solid, flat.size, flat.tags)
         _check(specimen, mesh)
     else:
+        coarser = (tolerance / USUAL_BOUND) ** 0.5 if tolerance else 1.0  # the bound grows as size²
         usual = default_size(specimen.volume, specimen.area, specimen.flatness)
-        size = size or usual * _choose_coarsening(tolerance)
+        size = size or usual * min(COARSEST, max(1.0, coarser))
         envelope = envelope or default_envelope(specimen.surface, size)
-        check_time(expected_elements(specimen.surface, specimen.volume, size), time_limit, cure_of(specimen, size))
+        elements = expected_elements(specimen.surface, specimen.volume, size)
+        check_time(elements, time_limit, cure_of(specimen, size))
         mesh = _best_mesh(specimen, size, envelope, time_limit, threads, patience)
     edges, _ = singular_edges(mesh, specimen.list_fixed(rigid=rigid))
     graded = grade(mesh, edges, layers, GRADING_RATIO)
@@ -192,11 +193,6 @@ def cure_of(specimen: Specimen, size: float | None = None) -> str:
     if fewer < 0.6 * count:
         return f"choose mesh.size = {1e3 * COARSEST * size:.2g} mm or more, or mesh.tolerance = '1 %'"
     return "remove small holes, fillets and threads from the part"
-
-
-def _choose_coarsening(tolerance: float | None) -> float:
-    """Return the factor on the usual size for a tolerance: the bound grows as the size squared."""
-    return min(COARSEST, max(1.0, (tolerance / USUAL_BOUND) ** 0.5)) if tolerance else 1.0
 
 
 def _best_mesh(
@@ -232,9 +228,9 @@ def shape_error(specimen: Specimen, mesh: TetMesh) -> float:
 
 def geometric_error(specimen: Specimen, mesh: TetMesh) -> float:
     """Return the sum of relative errors of volume and area of the mesh."""
-    wanted = sum(face.area for face in specimen.surface.faces)
-    area = face_areas(mesh, len(specimen.surface.faces)).sum()
-    return abs(volume(mesh.points, mesh.cells) / specimen.volume - 1) + float(abs(area / wanted - 1))
+    area = float(face_areas(mesh, len(specimen.surface.faces)).sum())
+    solid = volume(mesh.points, mesh.cells)
+    return abs(solid / specimen.volume - 1) + abs(area / specimen.area - 1)
 
 
 def interface_error(specimen: Specimen, mesh: TetMesh) -> tuple[float, float]:
@@ -254,19 +250,16 @@ def interface_error(specimen: Specimen, mesh: TetMesh) -> tuple[float, float]:
 
 def face_areas(mesh: TetMesh, count: int) -> Floats:
     """Return the area (count,), m², of each CAD face on the mesh."""
-    total = np.zeros(count)
-    np.add.at(total, mesh.facet_face, area_elements(mesh.points[mesh.facets]).sum(axis=1))
-    return total
+    areas = area_elements(mesh.points[mesh.facets]).sum(axis=1)
+    return np.bincount(mesh.facet_face, areas, count)
 
 
 def _check(specimen: Specimen, mesh: TetMesh) -> None:
     inverted = int((jacobian_range(mesh.points[mesh.cells]) <= 0).sum())
     if inverted:
         raise MeshError(f"mesh: {inverted} elements of {specimen.name} are inverted; choose a smaller size")
-    for faces in specimen.interfaces:
-        for face in faces:
-            if not (mesh.facet_face == face).any():
-                raise MeshError(f"mesh: face {face} of {specimen.name} has no triangles; choose a smaller size")
+    for face in specimen.held_faces.difference(mesh.facet_face.tolist()):
+        raise MeshError(f"mesh: face {face} of {specimen.name} has no triangles; choose a smaller size")
     off = volume(mesh.points, mesh.cells) / specimen.volume - 1
     if abs(off) > 0.01:
         raise MeshError(f"mesh: the volume of {specimen.name} is {off:.1%} off; choose a smaller size or envelope")
