@@ -210,9 +210,9 @@ def orient_solid(solid: Solid) -> Solid:
 
 def diagonal(shape: Shape) -> float:
     """Return the bounding box diagonal; infinite for an unbounded or empty shape."""
-    bounds = Bnd_Box()
-    BRepBndLib.AddOptimal_s(shape, bounds, False, False)
-    return float("inf") if bounds.IsVoid() or bounds.IsOpen() else float(np.sqrt(bounds.SquareExtent()))
+    box = Bnd_Box()
+    BRepBndLib.AddOptimal_s(shape, box, False, False)
+    return float("inf") if box.IsVoid() or box.IsOpen() else float(np.sqrt(box.SquareExtent()))
 
 
 def self_intersects(shape: Shape) -> bool:

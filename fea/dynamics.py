@@ -192,14 +192,11 @@ def _up_to(vibration: _Vibration, some: Callable[[int], Floats], highest: float)
 
 def _gain_on_cubics(vibration: _Vibration, squares: Floats, modes: Floats) -> Floats:
     """Estimate the relative softening (k,) of modes (c, k) by cubic functions: one Jacobi step."""
-    cubic, mass = vibration.system.cubic, vibration.system.mass
-    free = vibration.system.cubic_rows
-    force = np.zeros((len(modes) + len(free), modes.shape[1]))
-    start = np.vstack([modes, force[len(modes) :]])
-    force[len(modes) :] = times(mass.cubics, vibration.system.supports.expand(modes))[free] * squares
-    residual = force - cubic.apply(start)
-    residual[: len(modes)] = 0
-    return np.einsum("ij,ij->j", residual, cubic.precondition(residual)) / squares
+    system, still = vibration.system, np.zeros_like(modes)
+    inertia = times(system.mass.cubics, system.supports.expand(modes))[system.cubic_rows] * squares
+    stresses = system.cubic.apply(np.vstack([modes, np.zeros_like(inertia)]))[len(modes) :]
+    residual = np.vstack([still, inertia - stresses])
+    return np.einsum("ij,ij->j", residual, system.cubic.precondition(residual)) / squares
 
 
 def clamp_point(system: System) -> Floats:
@@ -224,29 +221,26 @@ def condense_mass(levels: Solution, fixed: Floats | None = None) -> Floats:
 def _extrapolate_modes(levels: Solution, modes: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     """Return ``self_weight`` and ``frequencies``, each with its error, from clamped modes (c, 6)."""
     system, mass = levels.system, levels.system.mass
-    nodes, count = system.cubic.space.base, modes.shape[1]
-    rows, split = system.cubic_rows, len(levels.quadratic)
-    both = accelerate(levels, np.hstack([np.tile(np.eye(3), (nodes, 1)), system.supports.expand(modes)]))
-    found, vibration, wrenches = both.extrapolate(), both.extrapolate(ELSEWHERE), levels.force.shape[1]
+    split, wrenches = len(levels.quadratic), levels.force.shape[1]
+    gravity = np.tile(np.eye(3), (system.cubic.space.base, 1))
+    both = accelerate(levels, np.hstack([gravity, system.supports.expand(modes)]))
+    found, vibration = both.extrapolate(), both.extrapolate(ELSEWHERE)
     weights, vibrating = slice(wrenches, wrenches + 3), slice(wrenches + 3, None)
 
     motion = both.motion[:, vibrating]
-    nodal, above = system.supports.expand(motion[:split]), np.zeros((mass.cubics.shape[0] * 3, count))
-    above[rows] = motion[split:]
-    cross = above.T @ times(mass.cubics, nodal)
+    nodal, above = system.supports.expand(motion[:split]), motion[split:]
+    cross = above.T @ times(mass.cubics, nodal)[system.cubic_rows]
     kinetic = nodal.T @ times(mass.nodes, nodal) + cross + cross.T  # cubics' own is fourth order
-    squares, turn = eigh(both.cubic[vibrating, vibrating], kinetic)  # one further inverse iteration
-    static = turn.T @ both.cubic[vibrating, vibrating] @ turn
-    exact = np.diagonal(turn.T @ vibration.compliance[vibrating, vibrating] @ turn) / static.diagonal()
-    bound = np.abs(turn).T @ vibration.error[vibrating, vibrating] @ np.abs(turn)
-    bound /= np.sqrt(np.outer(static.diagonal(), static.diagonal()))
-    frequencies = np.sqrt(squares / exact) / (2 * np.pi)
-    return (
-        found.compliance[:6, weights].T,
-        found.error[:6, weights].T,
-        frequencies,
-        frequencies * _shift(1 / squares, bound) / 2,
+    cubic, compliance, error = (
+        each[vibrating, vibrating] for each in (both.cubic, vibration.compliance, vibration.error)
     )
+    squares, turn = eigh(cubic, kinetic)  # one further inverse iteration
+    static = np.diagonal(turn.T @ cubic @ turn)
+    exact = np.diagonal(turn.T @ compliance @ turn) / static
+    bound = np.abs(turn).T @ error @ np.abs(turn) / np.sqrt(np.outer(static, static))
+    frequencies = np.sqrt(squares / exact) / (2 * np.pi)
+    weight, weight_error = (each[:6, weights].T for each in (found.compliance, found.error))
+    return weight, weight_error, frequencies, frequencies * _shift(1 / squares, bound) / 2
 
 
 def _shift(values: Floats, error: Floats) -> Floats:

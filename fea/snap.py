@@ -162,14 +162,12 @@ def _balance(nodes: Floats, facets: Ints, tags: Ints, target: Target) -> Floats:
         on_facet = np.einsum("n,knj->kj", values, nodes[facets])
         triples = np.repeat(np.arange(len(facets))[:, None], 3, axis=1)
         gaps += 2 * weight * (_on_faces(on_facet, triples, tags, target) - on_facet)
-    mids = facets[:, 3:].reshape(-1)
-    inner = np.repeat(tags, 3)
-    lowest, highest = np.full(len(nodes), tags.max() + 1), np.full(len(nodes), -1)
-    np.minimum.at(lowest, mids, inner)
-    np.maximum.at(highest, mids, inner)
-    shift = np.stack([np.bincount(mids, np.repeat(gaps[:, k], 3), len(nodes)) for k in range(3)], axis=1)
-    one_face = (lowest == highest)[:, None]
-    return nodes + np.where(one_face, shift / np.maximum(np.bincount(mids, minlength=len(nodes)), 1)[:, None], 0)
+    mids, per_mid = facets[:, 3:].reshape(-1), np.repeat(gaps, 3, axis=0)
+    pairs = np.unique(mids * (tags.max() + 1) + np.repeat(tags, 3)) // (tags.max() + 1)
+    one_face = (np.bincount(pairs, minlength=len(nodes)) == 1)[:, None]
+    shift = np.stack([np.bincount(mids, each, len(nodes)) for each in per_mid.T], axis=1)
+    sharing = np.bincount(mids, minlength=len(nodes)).clip(min=1)[:, None]
+    return nodes + np.where(one_face, shift / sharing, 0)
 
 
 def _balance_sides(nodes: Floats, facets: Ints, tags: Ints, target: Target) -> Floats:
