@@ -58,30 +58,31 @@ def select_interfaces(
         face, or overlaps another one.
     """
     plain = {each: [one for one in some if one.washer is None] for each, some in chosen.items()}
-    plain = {each: select(solid, some, f"{name}.{each}") for each, some in plain.items() if some or not chosen[each]}
-    holes = _list_holes(solid) if any(one.washer for some in chosen.values() for one in some) else []
+    wanted = {each: some for each, some in plain.items() if some or not chosen[each]}
+    plain = {each: select(solid, some, f"{name}.{each}") for each, some in wanted.items()}
+    rims = [(each, one) for each, some in chosen.items() for one in some if one.washer]
+    holes = _list_holes(solid) if rims else []
     pieces = [[face] for face in cad.kernel.faces(solid)]
     washers: dict[str, list[Face]] = {each: [] for each in chosen}
     done: dict[int, tuple[float, Face]] = {}
-    for each, some in chosen.items():
-        for one in some:
-            for k in _find_holes(holes, one, f"{name}.{each}") if one.washer else ():
-                if k not in done or done[k][0] != one.washer:
-                    solid, ring = _imprint(solid, pieces[holes[k].geometry.index], holes[k], one, f"{name}.{each}")
-                    done[k] = one.washer or 0.0, ring
-                washers[each].append(done[k][1])
-    rings = [ring for _, ring in done.values()]
-    faces = cad.kernel.faces(solid)
+    for each, one in rims:
+        field = f"{name}.{each}"
+        for k in _find_holes(holes, one, field):
+            if k not in done or done[k][0] != one.washer:
+                solid, ring = _imprint(solid, pieces[holes[k].geometry.index], holes[k], one, field)
+                done[k] = one.washer or 0.0, ring
+            washers[each].append(done[k][1])
+    rings, faces = [ring for _, ring in done.values()], cad.kernel.faces(solid)
 
     def number(face: "Face") -> int:
         return next(index for index, other in enumerate(faces) if other.IsSame(face))
 
-    found = {
-        each: {number(f) for k in plain.get(each, ()) for f in pieces[k] if not any(f.IsSame(ring) for ring in rings)}
-        | {number(ring) for ring in washers[each]}
-        for each in chosen
-    }
-    return solid, {each: frozenset(numbers) for each, numbers in found.items()}
+    found = {}
+    for each in chosen:
+        whole = [face for k in plain.get(each, ()) for face in pieces[k]]
+        whole = [face for face in whole if not any(face.IsSame(ring) for ring in rings)]
+        found[each] = frozenset(number(face) for face in (*whole, *washers[each]))
+    return solid, found
 
 
 def _list_holes(solid: "Solid") -> list[_Hole]:
@@ -95,12 +96,11 @@ def _list_holes(solid: "Solid") -> list[_Hole]:
 
 def _find_holes(holes: Sequence[_Hole], selector: FaceSelector, field: str) -> list[int]:
     """Return indices of holes that meet a selector: centre, radius, normal and face index."""
-    numbers = {id(hole.geometry): k for k, hole in enumerate(holes)}
     found = match_faces([hole.geometry for hole in holes], selector, lambda _face, _point: False)
     if not found:
         radii = ", ".join(sorted({mm(hole.geometry.radius) for hole in holes})) or "none"
         raise InputError(f"{field}: no round hole of a plane face has {selector}; there are radii {radii}")
-    return [numbers[id(face)] for face in found]
+    return [k for k, hole in enumerate(holes) if any(hole.geometry is face for face in found)]
 
 
 def _imprint(
@@ -109,15 +109,17 @@ def _imprint(
     """Split the piece of a face around a hole, in place; return the solid and the new annulus."""
     radius, own, edge = 0.5 * (selector.washer or 0.0), hole.geometry, hole.edge
     if radius <= own.radius + DISTANCE:
-        raise InputError(
-            f"{field}: expected a washer wider than its hole of {mm(2 * own.radius)}, got {mm(2 * radius)}"
-        )
-    face = next(each for each in pieces if any(other.IsSame(edge) for other in cad.kernel.edges(each)))
+        wider = f"a washer wider than its hole of {mm(2 * own.radius)}"
+        raise InputError(f"{field}: expected {wider}, got {mm(2 * radius)}")
+
+    def is_beside(face: "Face") -> bool:
+        return any(other.IsSame(edge) for other in cad.kernel.edges(face))
+
+    face = next(filter(is_beside, pieces))
     if max(cad.kernel.distance(face, 1e3 * point) for point in hole.rim(radius)) > 1e3 * DISTANCE:
         at = ", ".join(f"{1e3 * x:.6g}" for x in own.centroid)
-        raise InputError(
-            f"{field}: expected washers within their face and apart, got one of {mm(2 * radius)} at ({at}) mm"
-        )
+        got = f"got one of {mm(2 * radius)} at ({at}) mm"
+        raise InputError(f"{field}: expected washers within their face and apart, {got}")
     solid, split = cad.kernel.imprint_circle(solid, face, 1e3 * own.centroid, own.axis, 1e3 * radius)
     pieces[:] = [each for each in pieces if not each.IsSame(face)] + split
-    return solid, next(each for each in split if any(other.IsSame(edge) for other in cad.kernel.edges(each)))
+    return solid, next(filter(is_beside, split))

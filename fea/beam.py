@@ -87,15 +87,9 @@ def rectangle(width: float, height: float, poisson: float = 0.3) -> Section:
     """
     if not (0 < width < np.inf and 0 < height < np.inf):
         raise InputError(f"section: expected positive sides, got width {width} m and height {height} m")
+    second = width * height**3 / 12, height * width**3 / 12
     shear = 10 * (1 + poisson) / (12 + 11 * poisson)
-    return Section(
-        area=width * height,
-        bending_y=width * height**3 / 12,
-        bending_z=height * width**3 / 12,
-        torsion=saint_venant_torsion(width, height),
-        shear_y=shear,
-        shear_z=shear,
-    )
+    return Section(width * height, *second, saint_venant_torsion(width, height), shear, shear)
 
 
 def box(width: float, height: float, wall: float, poisson: float = 0.3) -> Section:

@@ -23,8 +23,6 @@ from stiffscope.fea.mass import times
 from stiffscope.fea.rigid import rigid_modes, rigid_twists
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from scipy.sparse import csr_array
 
     from stiffscope.fea.experiment import Experiment
@@ -61,8 +59,8 @@ class Forms:
     @cached_property
     def velocity(self) -> Floats:
         """Design velocities (n, 3, p)."""
-        nodes = len(self.levels.system.mesh.points)
-        return np.array([move.nodes for move in self.moves]).reshape(-1, nodes, 3).transpose(1, 2, 0)
+        shape = -1, len(self.levels.system.mesh.points), 3
+        return np.array([move.nodes for move in self.moves]).reshape(shape).transpose(1, 2, 0)
 
     @property
     def wrenches(self) -> int:
@@ -77,16 +75,19 @@ class Forms:
     @cached_property
     def fields(self) -> tuple[Integrals, Integrals]:
         """Integrals of the cubic and the quadratic solution."""
-        system, k = self.levels.system, self.levels.force.shape[1]
-        space = system.cubic.space
-        cubic = expand(space, system.supports, system.cubic.free, self.levels.motion)
-        quadratic = np.zeros_like(cubic)
-        quadratic[: 3 * space.base] = system.supports.expand(self.levels.quadratic)
-        return self._integrals(cubic.reshape(-1, 3, k)), self._integrals(quadratic.reshape(-1, 3, k))
+        system = self.levels.system
+        cubic = expand(system.cubic.space, system.supports, system.cubic.free, self.levels.motion)
+        quadratic = system.supports.expand(self.levels.quadratic)
+        return self._integrals(cubic), self._integrals(quadratic)
 
     def _integrals(self, motion: Floats) -> Integrals:
-        system = self.levels.system
-        return integrals(system.mesh, system.cubic.space, system.specimen.elasticity, motion, self.velocity)
+        """Integrate fields of nodes (3n, k), or of all functions (3 count, k)."""
+        system, k = self.levels.system, motion.shape[1]
+        space, law = system.cubic.space, system.specimen.elasticity
+        coefficients = np.zeros((3 * space.count, k))
+        coefficients[: len(motion)] = motion
+        coefficients = coefficients.reshape(-1, 3, k)
+        return integrals(system.mesh, space, law, coefficients, self.velocity)
 
     @cached_property
     def ratio(self) -> Floats:
@@ -107,13 +108,12 @@ class Forms:
         moved = rigid_twists(experiment.reference_points, experiment.clamp_point)
         whole = rigid_modes(system.mesh.points, experiment.clamp_point).reshape(-1, 6)
         fields = np.hstack([whole - loaded @ moved, loaded])
-        inertia = supports.restrict(times(self.levels.system.mass.nodes, fields))
+        inertia = supports.restrict(times(system.mass.nodes, fields))
         quasistatic = system.solver.solve(inertia)
         quasistatic -= coordinates @ (loads.T @ quasistatic)
-        both = np.zeros((3 * space.count, 6 + 2 * w))
-        both[: 3 * space.base] = np.hstack([loaded, supports.expand(quasistatic)])
-        kinetic = system.specimen.density * products(system.mesh, space, fields.reshape(-1, 3, 6 + w), self.velocity)
-        return _Shapes(fields, coordinates, moved, self._integrals(both.reshape(-1, 3, 6 + 2 * w)), kinetic)
+        found = self._integrals(np.hstack([loaded, supports.expand(quasistatic)]))
+        kinetic = products(system.mesh, space, fields.reshape(-1, 3, 6 + w), self.velocity)
+        return _Shapes(fields, coordinates, moved, found, system.specimen.density * kinetic)
 
     def of_elasticity(self, change: Floats, value: float, unit: str) -> Derivative:
         """Return the derivative by a constant, given its elasticity derivative (6, 6)."""
@@ -145,14 +145,12 @@ class Forms:
         move = self.moves[number]
         slide = self._slide(move)
         motions = self.levels.motion, self.levels.quadratic
-        found = [
-            self._compliance(level, number, self._turn_tied(slide, motion))
-            for level, motion in zip(self.fields, motions, strict=True)
-        ]
-        for level, on_faces in enumerate(self._on_faces(move)):
-            found[level] = found[level] + on_faces
-        made = self._derivative(value, "m", found[0], found[1])
-        rate, moment = self.mass_rates[number, 0], self.mass_rates[number, 1:] + self.lumped_mass @ move.nodes
+        found = self._on_faces(move)
+        for k, (level, motion) in enumerate(zip(self.fields, motions, strict=True)):
+            found[k] += self._compliance(level, number, self._turn_tied(slide, motion))
+        made = self._derivative(value, "m", *found)
+        rate = self.mass_rates[number, 0]
+        moment = self.mass_rates[number, 1:] + self.lumped_mass @ move.nodes
         return dataclasses.replace(
             made,
             mass=float(rate),
@@ -214,8 +212,8 @@ class Forms:
         split = 3 * len(self.levels.system.supports.free)
         return (slide @ motion[split : split + slide.shape[1]]).reshape(len(slide) // 3, 3, motion.shape[1])
 
-    def _on_faces(self, move: Move) -> Iterator[Floats]:
-        """Yield contributions (k, k) of deforming foundation and loaded faces, for each level.
+    def _on_faces(self, move: Move) -> list[Floats]:
+        """Return contributions (k, k) of deforming foundation and loaded faces, for each level.
 
         By central differences of the face integrals with fixed displacements.
         """
@@ -227,18 +225,19 @@ class Forms:
             for coupling, at in zip(system.couplings, reference, strict=True)
             if coupling.kind == "distributed"
         ]
-        bedded = modulus is not None and np.ptp(velocity[mesh.nodes_of(specimen.clamped)], axis=0).max() > STILL
-        if not bedded and not any(slip > STILL for slip in loaded):
-            return
-        split, above = len(self.levels.quadratic), system.cubic.free
         found = [np.zeros_like(self.ratio), np.zeros_like(self.ratio)]
+        slip = np.ptp(velocity[mesh.nodes_of(specimen.clamped)], axis=0).max()
+        bedded = modulus is not None and slip > STILL
+        if not bedded and not any(slip > STILL for slip in loaded):
+            return found
+        split, above = len(self.levels.quadratic), system.cubic.free
         step = SURFACE_STEP * specimen.volume ** (1 / 3)
         for sign in (step, -step):
             moved = dataclasses.replace(mesh, points=mesh.points + sign * velocity)
             if bedded and modulus is not None:
                 bedding = springs(moved, specimen.clamped, modulus)
-                for number, level in enumerate(self.fields):
-                    found[number] -= _contract_squares(level.motion, bedding) / (2 * sign)
+                for k, level in enumerate(self.fields):
+                    found[k] -= _contract_squares(level.motion, bedding) / (2 * sign)
             if loaded:
                 couplings = tuple(
                     dataclasses.replace(coupling, reference_point=coupling.reference_point + sign * at)
@@ -250,19 +249,17 @@ class Forms:
                 for each, work in zip(found, (first, nodal.T @ self.levels.quadratic), strict=True):
                     each[: self.wrenches] += work / (2 * sign)
                     each[:, : self.wrenches] += work.T / (2 * sign)
-        yield from found
+        return found
 
     @cached_property
     def mass_rates(self) -> Floats:
         """Derivatives (p, 4) of the mass, and of ∫ ρ x dV with fixed x."""
         system, velocity = self.levels.system, self.velocity
-        unit = np.zeros((len(velocity), 3, 4))
-        unit[:, 0, 0], unit[:, range(3), range(1, 4)] = 1.0, 1.0
-        position = np.zeros_like(unit)
-        position[:, 0, 0], position[:, range(3), range(1, 4)] = 1.0, system.mesh.points
-        both = np.concatenate([unit, position], axis=2)
-        found = system.specimen.density * products(system.mesh, system.cubic.space, both, velocity)
-        return np.einsum("pii->pi", found[:, :4, 4:])
+        both = np.zeros((len(velocity), 3, 8))  # 1 and 1 along x, then 1 and the position per axis
+        both[:, 0, [0, 4]], both[:, range(3), range(1, 4)] = 1.0, 1.0
+        both[:, range(3), range(5, 8)] = system.mesh.points
+        found = products(system.mesh, system.cubic.space, both, velocity)
+        return system.specimen.density * np.einsum("pii->pi", found[:, :4, 4:])
 
     def _condensed_mass(self, number: int, slide: Floats) -> Floats:
         """Return the derivative (6 + w, 6 + w) of the condensed mass."""
@@ -273,10 +270,9 @@ class Forms:
         energy = shapes.integrals.energy[number].copy()
         energy[:w, w:] += np.einsum("nai,naj->ij", turned[tied], shapes.integrals.forces[tied][..., w:])
         turned = turned.reshape(-1, w)
-        whole = rigid_modes(move.nodes, move.clamp_point)
-        farther = rigid_twists(move.reference_points, move.clamp_point).reshape(-1, 6, 6)
-        whole[:, :, :3] = 0.0
-        farther[:, :, :3], farther[:, 3:, 3:] = 0.0, 0.0
+        origin = np.zeros((1, 3))  # the rates of the levers alone: less the modes without levers
+        whole = rigid_modes(move.nodes, move.clamp_point) - rigid_modes(origin, origin)
+        farther = rigid_twists(move.reference_points, move.clamp_point).reshape(-1, 6, 6) - np.eye(6)
         back = shapes.fields[:, 6:] @ farther.reshape(-1, 6) + turned @ shapes.moved
         rates = np.hstack([whole.reshape(-1, 6) - back, turned])
         cross = rates.T @ times(self.levels.system.mass.nodes, shapes.fields)
@@ -315,6 +311,5 @@ class _Shapes:
 
 def _contract_squares(motion: Floats, matrix: csr_array) -> Floats:
     """Return Σ u_iᵀ S u_j (k, k) for coefficients (count, 3, k) and a one-direction matrix S."""
-    count, _, k = motion.shape
-    flat = motion.reshape(3 * count, k)
-    return flat.T @ (matrix @ motion.reshape(count, 3 * k)).reshape(3 * count, k)
+    flat = motion.reshape(-1, motion.shape[2])
+    return flat.T @ times(matrix, flat)
