@@ -21,6 +21,7 @@ from stiffscope.fea.mesh import (
     Project,
     boundary_facets,
     diagonal,
+    face_area,
     sides_between,
     surface_volume,
     tet_volumes,
@@ -192,8 +193,7 @@ def find_extrusion(surface: Surface, interfaces: frozenset[int]) -> Extrusion | 
 
 def _is_thin(surface: Surface) -> bool:
     """Return whether walls are thin and mostly curved; plane ones suit a mesher's flat elements."""
-    area = sum(face.area for face in surface.faces)
-    plane = sum(face.area for face in surface.faces if face.kind == "plane")
+    area, plane = face_area(surface.faces), face_area(surface.faces, "plane")
     return plane <= PLANE * area and thinness(surface_volume(surface), area) > THIN
 
 

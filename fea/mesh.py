@@ -124,10 +124,14 @@ def default_size(volume: float, area: float, flatness: float = 1.0) -> float:
     return max(2.0 * volume / area, (volume / 2000) ** (1 / 3) * flatness)
 
 
+def face_area(faces: Collection[FaceGeometry], kind: str = "") -> float:
+    """Return the area, m², of faces, or of those of a kind."""
+    return sum(face.area for face in faces if kind in {"", face.kind})
+
+
 def flatness_of(volume: float, faces: Collection[FaceGeometry]) -> float:
     """Return the allowed aspect ratio of elements, 1 to 2: above 1 for thin, plane walls."""
-    area = sum(face.area for face in faces)
-    plane = sum(face.area for face in faces if face.kind == "plane")
+    area, plane = face_area(faces), face_area(faces, "plane")
     flatness = 2.0 * thinness(volume, area) - 2.0 if plane > PLANE * area else 1.0
     return float(np.clip(flatness, 1.0, 2.0))
 
@@ -209,7 +213,7 @@ def diagonal(surface: Surface) -> float:
 
 def thickness(surface: Surface) -> float:
     """Return twice volume over area (m): a plate's thickness, a bar's radius."""
-    return 2 * abs(surface_volume(surface)) / sum(face.area for face in surface.faces)
+    return 2 * abs(surface_volume(surface)) / face_area(surface.faces)
 
 
 def check_lengths(name: str, solid: tuple[float, float], size: float | None, envelope: float | None) -> None:

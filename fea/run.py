@@ -17,7 +17,7 @@ from stiffscope.fea.dynamics import clamp_point, compute_dynamics, condense_mass
 from stiffscope.fea.experiment import Experiment
 from stiffscope.fea.geometry import volume
 from stiffscope.fea.mass import rigid_mass
-from stiffscope.fea.mesh import TetMesh, check_lengths, check_time, default_size, flatness_of
+from stiffscope.fea.mesh import TetMesh, check_lengths, check_time, default_size, face_area, flatness_of
 from stiffscope.fea.rigid import relative_twists
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.specimen import GOOD_SHAPE, Specimen, cure_of, shape_error
@@ -122,7 +122,7 @@ def specimen_of(part: Part, settings: Settings) -> Specimen:
     solid = mass_properties(part).volume
     bounds = solid, cad.kernel.diagonal(part.solid) * 1e-3
     check_lengths(part.name, bounds, settings.size, settings.envelope)
-    area, flatness = sum(face.area for face in part.faces), flatness_of(solid, part.faces)
+    area, flatness = face_area(part.faces), flatness_of(solid, part.faces)
     size = settings.size or default_size(solid, area, flatness)
     loaded = ((face.faces, np.asarray(face.reference_point, dtype=float)) for face in part.loaded)
     return Specimen(

@@ -24,6 +24,7 @@ from stiffscope.fea.mesh import (
     diagonal,
     edge_length,
     expected_elements,
+    face_area,
     flatness_of,
     tetrahedralize,
 )
@@ -84,7 +85,7 @@ class Specimen:
     @property
     def area(self) -> float:
         """Area of the surface, m²."""
-        return sum(face.area for face in self.surface.faces)
+        return face_area(self.surface.faces)
 
     @property
     def flatness(self) -> float:

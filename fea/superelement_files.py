@@ -65,18 +65,13 @@ def _check_matrix(shape: tuple[int, ...], kind: str) -> None:
         raise InputError(f"expected a matrix of real numbers, got {kind} ones")
 
 
-def _check_npz(path: Path) -> None:
-    """Check the matrices of an npz file from their headers."""
-    with zipfile.ZipFile(path) as archive:
+def _read_npz(path: Path) -> Read:
+    with zipfile.ZipFile(path) as archive:  # the headers, before anything is loaded
         for name in {"stiffness.npy", "mass.npy"}.intersection(archive.namelist()):
             with archive.open(name) as stream:
                 first = npy.read_magic(stream)[0] == 1
                 shape, _, kind = (npy.read_array_header_1_0 if first else npy.read_array_header_2_0)(stream)
             _check_matrix(shape, "real" if kind.kind in "fiu" else kind.name)
-
-
-def _read_npz(path: Path) -> Read:
-    _check_npz(path)
     with np.load(path, allow_pickle=False) as held:
         stiffness = np.asarray(held["stiffness"], dtype=float)
         mass = np.asarray(held["mass"], dtype=float) if "mass" in held else None
@@ -92,10 +87,9 @@ def _read_npz(path: Path) -> Read:
 
 
 def _read_matrix_market(path: Path) -> Read:
-    comment = "\n".join(line for line in path.read_text(errors="replace").splitlines() if line.startswith("%"))
     beside = path.with_name(path.name.replace("stiffness", "mass"))
     mass = _dense(beside) if beside != path and beside.is_file() else None
-    return Read(_dense(path), mass, _named_places(comment))
+    return Read(_dense(path), mass, _named_places(path.read_text(errors="replace"), "%"))
 
 
 def _dense(path: Path) -> Floats:
@@ -123,7 +117,7 @@ def _read_dmig(path: Path) -> Read:
     points = sorted({point for block in entries.values() for pair in block for point in pair})
     order = [(grid, component) for grid in sorted(grids) for component in range(1, 7)]
     order += [point for point in points if point[0] not in grids]
-    place = {point: k for k, point in enumerate(order)}
+    place, named = {point: k for k, point in enumerate(order)}, _named_places(text, "$")
 
     def matrix(first: str) -> Floats | None:
         name = next((each for each in entries if each.upper().startswith(first)), None)
@@ -137,8 +131,6 @@ def _read_dmig(path: Path) -> Read:
     stiffness = matrix("K")
     if stiffness is None:
         raise InputError("expected a DMIG matrix whose name begins with K, got none")
-    comment = "\n".join(line for line in text.splitlines() if line.startswith("$"))
-    named = _named_places(comment)
     exact = {name: grids[grid] for name, grid in zip(named, sorted(grids), strict=False)}
     return Read(stiffness, matrix("M"), exact or {f"grid{grid}": grids[grid] for grid in sorted(grids)})
 
@@ -173,9 +165,10 @@ def _number(text: str) -> float:
     return float(plain) if text.strip() else 0.0
 
 
-def _named_places(comment: str) -> dict[str, tuple[float, ...]]:
-    """Return names and places from the lines after "Nodes, x y z in m:"."""
+def _named_places(text: str, mark: str = "") -> dict[str, tuple[float, ...]]:
+    """Return names and places from the lines, beginning with a mark, after "Nodes, x y z in m:"."""
     found: dict[str, tuple[float, ...]] = {}
+    comment = "\n".join(line for line in text.splitlines() if line.startswith(mark))
     for line in comment.partition("Nodes, x y z in m:")[2].splitlines():
         node = _NODE.match(line)
         if node is not None:
