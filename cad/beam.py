@@ -53,10 +53,6 @@ class BeamParameters(SolidParameters):
         border, *holes = (Polygon(*((1e3 * y, 1e3 * z) for y, z in loop), align=None) for loop in self.outline())
         return border - holes if holes else border
 
-    def lengths(self) -> dict[str, float]:
-        """Return the beam's lengths (m) by name."""
-        return {field.name: getattr(self, field.name) for field in fields(self)}
-
 
 @dataclass(frozen=True)
 class TubeParameters(BeamParameters):

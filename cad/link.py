@@ -3,8 +3,8 @@
 Axes: x from the clamped end at x = 0 to the loaded end, whose centre is the reference point.
 """
 
-from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Self
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 from stiffscope.cad.checks import GAP, length, mm, optional_length, require, require_between
 from stiffscope.cad.solid import SolidParameters
@@ -60,14 +60,10 @@ class LinkParameters(SolidParameters):
         """Whether the ends have a different radius."""
         return self.fitting_radius not in {0.0, self.radius}
 
-    def present(self) -> Self:
+    @property
+    def absent(self) -> tuple[str, ...]:
         """See `SolidParameters`."""
-        return self if self.has_fittings else replace(self, fitting_radius=0.0, fitting_length=0.0)
-
-    def lengths(self) -> dict[str, float]:
-        """Return the link's lengths (m) by name, except zeros, which omit features."""
-        present = self.present()
-        return {f.name: value for f in fields(present) if (value := getattr(present, f.name))}
+        return () if self.has_fittings else ("fitting_",)
 
     def draw(self) -> Any:
         """See `SolidParameters`."""

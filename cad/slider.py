@@ -4,8 +4,8 @@ Axes: x away from the clamped face at x = 0, y across, z down; y = z = 0 is the 
 The reference point is the centre of the loaded face, or of the middle pad if there are pads.
 """
 
-from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -108,20 +108,12 @@ class SliderParameters(SolidParameters):
         _check_pads(self)
 
     @property
-    def _absent(self) -> tuple[str, ...]:
-        """Prefixes of unused parameters."""
-        counts = {"rib_": self.rib_count, "hole_": self.hole_count}
-        there = {"pad_": self.pad_height, **counts, **{f"{name}pitch": n > 1 for name, n in counts.items()}}
-        return tuple(name for name, used in there.items() if not used)
-
-    def present(self) -> Self:
+    def absent(self) -> tuple[str, ...]:
         """See `SolidParameters`."""
-        return replace(self, **{f.name: f.default for f in fields(self) if f.name.startswith(self._absent)})
-
-    def lengths(self) -> dict[str, float]:
-        """Return the slider's lengths (m) by name, except zeros, which omit features."""
-        used = (f.name for f in fields(self) if f.type is float and not f.name.startswith(self._absent))
-        return {name: getattr(self, name) for name in used if getattr(self, name)}
+        counts = {"rib_": self.rib_count, "hole_": self.hole_count}
+        several = {f"{name}pitch": number > 1 for name, number in counts.items()}
+        there = {"pad_": self.pad_height, **counts, **several}
+        return tuple(name for name, used in there.items() if not used)
 
     @property
     def rib_positions(self) -> tuple[float, ...]:

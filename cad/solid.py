@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -128,15 +128,27 @@ def part_of(
     return Part(name, moved, material, at_rest, tuple(ends), rest)
 
 
+@dataclass(frozen=True)
 class SolidParameters:
     """Dimensions of a solid along x, m: the interface required by `build`."""
 
     shape: ClassVar[str]
-    length: float
+
+    @property
+    def absent(self) -> tuple[str, ...]:
+        """Prefixes of unused parameters, those of absent features."""
+        return ()
 
     def present(self) -> Self:
-        """Return the solid with unused parameters of absent features at their defaults."""
-        return self
+        """Return the solid with unused parameters at their defaults."""
+        unused = (field for field in fields(self) if field.name.startswith(self.absent))
+        return replace(self, **{field.name: field.default for field in unused})
+
+    def lengths(self) -> dict[str, float]:
+        """Return the used lengths (m) by name, except zeros, which omit features."""
+        lengths = (field.name for field in fields(self) if field.type is float)
+        used = [name for name in lengths if not name.startswith(self.absent)]
+        return {name: value for name in used if (value := getattr(self, name))}
 
     def draw(self) -> Any:
         """Return the shape as a build123d object, mm."""
@@ -145,7 +157,8 @@ class SolidParameters:
     def select_ends(self, solid: Any) -> tuple[frozenset[int], tuple[Interface, ...]]:
         """Return the clamped faces, at x = 0, and the interfaces: ``end`` at the far end."""
         clamped, loaded = (select(solid, chosen) for chosen in (LEAST_X, GREATEST_X))
-        return clamped, (Interface("end", loaded, np.array([self.length, 0.0, 0.0])),)
+        point = np.array([self.lengths()["length"], 0.0, 0.0])
+        return clamped, (Interface("end", loaded, point),)
 
 
 def build(parameters: SolidParameters, material: AnyMaterial = STEEL, name: str = "part") -> Part:

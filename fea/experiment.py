@@ -157,22 +157,11 @@ _MESH_NAMES = tuple(f.name for f in fields(TetMesh))
 def load_experiment(path: Path | str, *, fields: bool = True) -> Experiment:
     """Read an experiment written by ``Experiment.save``.
 
-    Parameters
-    ----------
-    path
-        The npz file.
-    fields
-        Whether displacement and stress, nearly all of the file, are read; if not, they are empty.
-
-    Returns
-    -------
-    Experiment
-        The saved experiment.
+    Without ``fields``, displacement and stress, nearly all of the file, stay empty.
 
     Raises
     ------
-    InputError
-        If the file is damaged or is not an experiment.
+    InputError : if the file is damaged or is not an experiment.
     """
     names = _NAMES if fields else tuple(name for name in _NAMES if name not in FIELDS)
     try:
