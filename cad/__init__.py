@@ -9,9 +9,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from stiffscope.cad import kernel, kernel_files, projection, validity
+    from stiffscope.cad import kernel, kernel_files, validity
 
-__all__ = ["kernel", "kernel_files", "projection", "validity"]
+__all__ = ["kernel", "kernel_files", "validity"]
 
 
 def __getattr__(name: str) -> Any:

@@ -25,7 +25,6 @@ class BeamParameters(SolidParameters):
     length: float
 
     def __post_init__(self) -> None:
-        """Check the dimensions."""
         for field in fields(self):
             length(f"{self.shape}.{field.name}", getattr(self, field.name))
         for name, most in self.largest().items():

@@ -86,9 +86,7 @@ def _read_leaf(leaf: Any, numbers: kernel.Numbering) -> PlacedProduct:
 
 def _place_of(location: Any) -> Array:
     """Return the matrix (4, 4) of a build123d Location; translation in mm."""
-    change = location.wrapped.Transformation()
-    rows = [[change.Value(i, j) for j in (1, 2, 3, 4)] for i in (1, 2, 3)]
-    return np.array([*rows, [0.0, 0.0, 0.0, 1.0]])
+    return np.vstack([kernel.rows_of(location.wrapped.Transformation(), 4), [0.0, 0.0, 0.0, 1.0]])
 
 
 def _read_joints(

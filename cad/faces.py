@@ -58,6 +58,42 @@ class FaceGeometry:
         places = {name: rotation @ getattr(self, name) + origin for name in ("centroid", "origin")}
         return replace(self, **places, axis=rotation @ self.axis)
 
+    def project(self, points: NDArray[np.float64]) -> NDArray[np.float64] | None:
+        """Return the closest points (n, 3), m, of an unbounded plane or round surface, else None."""
+        if self.kind == "plane":
+            return points - np.outer((points - self.origin) @ self.axis, self.axis)
+        if self.kind == "sphere":
+            up = np.array([0.0, 0.0, 1.0])
+            return self.origin + self.radius * _directions(points - self.origin, up)
+        return _on_round(self, points) if self.kind in {"cylinder", "cone", "torus"} else None
+
+
+def _on_round(face: FaceGeometry, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Project in the half plane through the axis, in which the surface is a line or a circle."""
+    lever = points - face.origin
+    height = lever @ face.axis  # (n,)
+    across = lever - np.outer(height, face.axis)
+    distance = np.linalg.norm(across, axis=1)
+    perpendicular = np.cross(face.axis, np.eye(3)[np.argmin(np.abs(face.axis))])
+    outward = _directions(across, perpendicular / np.linalg.norm(perpendicular))
+    if face.kind == "torus":
+        spoke = np.column_stack([distance - face.radius, height])
+        spoke = face.minor_radius * _directions(spoke, np.array([1.0, 0.0]))
+        distance, height = face.radius + spoke[:, 0], spoke[:, 1]
+    else:
+        sine, cosine = np.sin(face.half_angle), np.cos(face.half_angle)
+        along = (distance - face.radius) * sine + height * cosine
+        distance, height = face.radius + along * sine, along * cosine
+    return face.origin + np.outer(height, face.axis) + distance[:, None] * outward
+
+
+def _directions(vectors: NDArray[np.float64], otherwise: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Normalize vectors (n, k); a zero vector becomes `otherwise` (k,)."""
+    lengths = np.linalg.norm(vectors, axis=1)
+    units = np.tile(otherwise, (len(vectors), 1))
+    units[lengths > 0] = vectors[lengths > 0] / lengths[lengths > 0, None]
+    return units
+
 
 def face_geometries(shape: "Shape") -> tuple[FaceGeometry, ...]:
     """Return the geometry of each face of the shape, in order (SI)."""
@@ -143,7 +179,6 @@ class FaceSelector:
     washer: float | None = None
 
     def __post_init__(self) -> None:
-        """Check every condition."""
         given = any(value is not None for value in self.__dict__.values())
         require(given, "selector", f"at least one of {', '.join(self.__dict__)}", "none")
         known = self.kind is None or self.kind in KINDS

@@ -240,6 +240,11 @@ def xyz(point: Any) -> Floats:
     return np.array([point.X(), point.Y(), point.Z()])
 
 
+def rows_of(form: Any, columns: int) -> Floats:
+    """Return a kernel matrix (3, 3), or a transformation (3, 4), as an array."""
+    return np.array([[form.Value(i, j + 1) for j in range(columns)] for i in (1, 2, 3)])
+
+
 def position(vertex: Vertex) -> Floats:
     """Return the position (3,) of a vertex."""
     return xyz(BRep_Tool.Pnt_s(vertex))
@@ -340,8 +345,7 @@ def area_properties(shape: Shape) -> GProp_GProps:
 
 def inertia(properties: GProp_GProps) -> Floats:
     """Return the inertia (3, 3) about the centre of mass."""
-    matrix = properties.MatrixOfInertia()
-    return np.array([[matrix.Value(i, j) for j in (1, 2, 3)] for i in (1, 2, 3)])
+    return rows_of(properties.MatrixOfInertia(), 3)
 
 
 def triangulate(shape: Shape, deflection: float, angle: float) -> list[tuple[Floats, NDArray[np.int64]]]:

@@ -22,7 +22,7 @@ from OCP.TopoDS import TopoDS
 from OCP.XCAFDoc import XCAFDoc, XCAFDoc_Material, XCAFDoc_ShapeTool
 from OCP.XCAFPrs import XCAFPrs_DocumentExplorer, XCAFPrs_DocumentExplorerFlags_OnlyLeafNodes
 
-from stiffscope.cad.kernel import Shape, Solid, compound
+from stiffscope.cad.kernel import Shape, Solid, compound, rows_of
 
 
 def read_step(path: Path) -> Shape:
@@ -61,14 +61,13 @@ def read_products(path: Path) -> list[PlacedProduct]:
     found = []
     while explorer.More():
         node, depth = explorer.Current(), explorer.CurrentDepth()
-        place = node.Location.Transformation()
         nodes = (explorer.Current(level) for level in range(depth + 1))
         found.append(
             PlacedProduct(
                 path=[_label_name(each.Label) or _label_name(each.RefLabel) for each in nodes],
                 product=node.RefLabel.Tag(),
                 shape=XCAFDoc_ShapeTool.GetShape_s(node.RefLabel),
-                place=[[place.Value(i, j) for j in (1, 2, 3, 4)] for i in (1, 2, 3)],
+                place=rows_of(node.Location.Transformation(), 4).tolist(),
                 material=_material_name(node.RefLabel),
             )
         )

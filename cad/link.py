@@ -39,7 +39,6 @@ class LinkParameters(SolidParameters):
     fitting_length: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check the dimensions."""
         length("link.length", self.length)
         length("link.radius", self.radius)
         for name in ("bore", "fitting_radius", "fitting_length"):

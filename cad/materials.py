@@ -58,7 +58,6 @@ class Material:
     source: str = ""
 
     def __post_init__(self) -> None:
-        """Check the values."""
         _check(self, "youngs_modulus", "shear_modulus", "density")
         ratio, typical = self.poisson, f"{self.youngs_modulus / 2.6e9:.3g} GPa"
         valid = f"more than {self.youngs_modulus / 3 / 1e9:.4g} GPa (Poisson's ratio, here {ratio:.3g},"
@@ -122,7 +121,6 @@ class TransverselyIsotropic:
     source: str = ""
 
     def __post_init__(self) -> None:
-        """Check the values."""
         _check(self, "axial_modulus", "transverse_modulus", "axial_shear_modulus", "density")
         field, across = f"materials.{self.name}", self.transverse_poisson
         between = "a number between -1 and 1"

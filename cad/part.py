@@ -16,7 +16,7 @@ from stiffscope.cad.materials import AnyMaterial
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from stiffscope.cad.kernel import Shape, Solid
 
@@ -78,7 +78,6 @@ class Part:
     rest: str = "clamped"
 
     def __post_init__(self) -> None:
-        """Check the face sets."""
         taken: dict[int, str] = {}
         for name, chosen in ((self.rest, self.clamped), *((one.name, one.faces) for one in self.loaded)):
             if not chosen:
@@ -204,17 +203,21 @@ def open_edges(triangles: NDArray[np.int64]) -> int:
     return int(np.count_nonzero(~np.isin(there, back)) + np.count_nonzero(times > 1))
 
 
-def project(part: Part, place: int, points: Floats) -> Floats:
-    """Project points on a face's surface, or on a seam.
+def project(part: Part, place: int, points: Floats, borders: "Sequence[Shape] | None" = None) -> Floats:
+    """Project points on a face's surface, or on a border of faces.
+
+    Planes and round surfaces are unbounded, others bounded by the face's parameter range.
 
     Parameters
     ----------
     part
         The part.
     place
-        Index of a face; ``len(part.faces) + k`` for the k-th seam.
+        Index of a face; ``len(part.faces) + k`` for the k-th border.
     points
         (n, 3) m.
+    borders
+        Borders; by default the part's seams.
 
     Returns
     -------
@@ -223,8 +226,13 @@ def project(part: Part, place: int, points: Floats) -> Floats:
     """
     points = np.asarray(points, dtype=float)
     if place >= len(part.faces):
-        return cad.projection.project_on_shape(list(part.seams.values())[place - len(part.faces)], points)
-    return cad.projection.project_points(part.solid, part.faces[place], points)
+        border = list(borders or part.seams.values())[place - len(part.faces)]
+        closest = [cad.kernel.closest(border, point) for point in points * 1e3]
+        return np.array(closest).reshape(-1, 3) * 1e-3
+    found = part.faces[place].project(points)
+    if found is None:
+        found = cad.kernel.closest_under(cad.kernel.faces(part.solid)[place], points * 1e3) * 1e-3
+    return found
 
 
 @dataclass(frozen=True, eq=False)

@@ -94,7 +94,6 @@ class SliderParameters(SolidParameters):
     pads: Literal["together", "apart"] = "together"
 
     def __post_init__(self) -> None:
-        """Check the dimensions."""
         for name in ("rib_count", "hole_count"):
             count(f"slider.{name}", getattr(self, name))
         for field in fields(self):

@@ -43,7 +43,6 @@ class Placement:
     z: Vector = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        """Check origin and directions."""
         require(is_point(self.origin), "placement.origin", POINT, repr(self.origin))
         direction("placement.x", self.x)
         direction("placement.z", self.z)

@@ -12,13 +12,13 @@ K. K. Choi and N. H. Kim, Structural Sensitivity Analysis and Optimization 1: Li
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from math import factorial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import coo_array, csr_array, eye_array
 
-from stiffscope import cad
 from stiffscope.cad.part import Part, project
 from stiffscope.errors import InputError
 from stiffscope.fea.geometry import jacobian_range
@@ -91,12 +91,7 @@ class DesignVelocity:
         Between tangent faces, onto their common edge: alternating projections converge slowly.
         """
         borders, count = list(part.smooth_borders.values()), len(part.faces)
-
-        def closest(place: int, at: Floats) -> Floats:
-            if place < count:
-                return project(part, place, at)
-            return cad.projection.project_on_shape(borders[place - count], at)
-
+        closest = partial(project, part, borders=borders)
         target = Target(closest, self._size, count, tuple(part.smooth_borders))
         node, place = places_of(self.mesh.facets, self.mesh.facet_face, target)
         mine = np.isin(node, nodes)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.cad.faces import centroid_of
 from stiffscope.fea.extrusion import Extrusion, find_extrusion, has_thin_walls, mesh_extrusion
 from stiffscope.fea.geometry import area_elements, centroid, jacobian_range, volume
 from stiffscope.fea.mesh import (
@@ -242,10 +243,9 @@ def interface_error(specimen: Specimen, mesh: TetMesh) -> tuple[float, float]:
         if not areas[numbers].all():
             return np.inf, np.inf
         faces = [specimen.surface.faces[number] for number in numbers]
-        wanted = np.array([face.area for face in faces])
-        centre = np.average([face.centroid for face in faces], axis=0, weights=wanted)
-        shift = np.linalg.norm(centroid(mesh.points[mesh.facets_of(interface)]) - centre) / np.sqrt(wanted.sum())
-        worst = np.maximum(worst, [abs(areas[numbers].sum() / wanted.sum() - 1), shift])
+        wanted, found = face_area(faces), centroid(mesh.points[mesh.facets_of(interface)])
+        shift = np.linalg.norm(found - centroid_of(faces)) / np.sqrt(wanted)
+        worst = np.maximum(worst, [abs(areas[numbers].sum() / wanted - 1), shift])
     return float(worst[0]), float(worst[1])
 
 
