@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from stiffscope.cad.kernel import Face, Solid
     from stiffscope.cad.kernel_files import PlacedProduct
 
+TIME_LIMIT = 600.0  # s, for reading
 _NAMELESS = ("SOLID", "COMPOUND", "PRODUCT", "NONE", "PART", "OPEN CASCADE", "=>[", "SHELL", "NAUO")
 _TEXT, _USED, _DEFINED = re.compile(rb"'[^']*'"), re.compile(rb"#(\d+)(?!\d*\s*=)"), re.compile(rb"#(\d+)\s*=")
 _POINT = re.compile(rb"#(\d+)\s*=\s*(?:CARTESIAN_POINT|DIRECTION)\s*\(\s*''\s*,\s*\(([^()]*)\)")
@@ -106,19 +107,11 @@ class Instance:
         return 1e-3 * np.array([cad.kernel.bounds(face) for face in self.shapes])
 
 
-def read_assembly(
-    path: str | Path, time_limit: float = 600.0, left_out: list[str] | None = None
-) -> tuple[Instance, ...]:
+def read_assembly(path: str | Path, left_out: list[str] | None = None) -> tuple[Instance, ...]:
     """Read the solids of a STEP file with their names and places.
 
-    Parameters
-    ----------
-    path
-        STEP file (AP203, AP214, AP242) of one or more solids, in any unit of length.
-    time_limit
-        Time limit for reading, s.
-    left_out
-        Receives a line for each kind of content that was not read.
+    The file (AP203, AP214, AP242) contains one or more solids, in any unit of length; ``left_out``
+    receives a line for each kind of content that was not read.
 
     Returns
     -------
@@ -134,7 +127,7 @@ def read_assembly(
     content = check_file(path)
     _check_references(path, content)
     with scratch_folder() as folder:
-        read_alone(_write_solids, path, folder, time_limit, "a STEP file of closed solids")
+        read_alone(_write_solids, path, folder, TIME_LIMIT, "a STEP file of closed solids")
         check_unit(path, content)
         told = json.loads((folder / "assembly.json").read_text())
         solids = cad.kernel.children(cad.kernel_files.read_any(folder / "solids.brep"))

@@ -43,11 +43,6 @@ def require_between(field: str, least: float, value: float, most: float, note: s
     require(least <= value <= most, field, f"{mm(least)} to {mm(most)}{note}", mm(value))
 
 
-def require_below(field: str, value: float, limit: float, note: str = "") -> None:
-    """Raise InputError unless a length (m) is below a limit; ``note`` is appended to it."""
-    require(value < limit, field, f"less than {mm(limit)}{note}", mm(value))
-
-
 def number(field: str, value: object) -> float:
     """Return `value` as a finite float. Raises InputError if it is not one."""
     if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):

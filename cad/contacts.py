@@ -160,7 +160,7 @@ def _plane(a: FaceGeometry, b: FaceGeometry, one: Instance, other: Instance) -> 
     if not -TOUCHING <= gap <= PLAY or not _meet(*boxes, PLAY):
         return None
     faces = one.shapes[a.index], other.shapes[b.index]
-    area, centre = cad.kernel.common_area(*faces, -1e3 * gap * a.axis)
+    area, centre = cad.kernel.common_area(faces, -1e3 * gap * a.axis)
     size = 1e-3 * float(np.sqrt(area))
     if 1e-6 * area < _LEAST_AREA or gap > max(TOUCHING, _PLAY_SHARE * size):
         return None

@@ -168,10 +168,10 @@ def borders(shape: Shape) -> dict[tuple[int, int], list[Edge]]:
     return found
 
 
-def normal_angle(edge: Edge, one: Face, other: Face) -> float:
+def normal_angle(edge: Edge, beside: tuple[Face, Face]) -> float:
     """Return the angle (rad) between the outward normals of two faces at a common edge."""
     normals = []
-    for face in (one, other):
+    for face in beside:
         normal = gp_Dir()
         BOPTools_AlgoTools3D.GetNormalToFaceOnEdge_s(edge, face, normal)
         normals.append(xyz(normal))
@@ -320,11 +320,11 @@ def round_extent(face: Face, origin: Floats, axis: Floats) -> tuple[bool, tuple[
     return bool(xyz(normal) @ out < 0.0), (v, v_end)
 
 
-def common_area(one: Face, other: Face, step: Floats) -> tuple[float, Floats]:
-    """Return the common area (mm²) of plane faces, the other moved by ``step``, and its centre."""
+def common_area(faces: tuple[Face, Face], step: Floats) -> tuple[float, Floats]:
+    """Return the common area (mm²) of plane faces, the second moved by ``step``, and its centre."""
     move = gp_Trsf()
     move.SetTranslation(gp_Vec(*step.tolist()))
-    cut = BRepAlgoAPI_Common(one, other.Moved(TopLoc_Location(move)))
+    cut = BRepAlgoAPI_Common(faces[0], faces[1].Moved(TopLoc_Location(move)))
     found = area_properties(cut.Shape() if cut.IsDone() else compound())
     return float(found.Mass()), xyz(found.CentreOfMass())
 

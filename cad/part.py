@@ -121,7 +121,7 @@ class Part:
         return {
             (a, b): cad.kernel.compound(*edges)
             for (a, b), edges in cad.kernel.borders(self.solid).items()
-            if wanted(a, b) and any(cad.kernel.normal_angle(edge, faces[a], faces[b]) < SMOOTH for edge in edges)
+            if wanted(a, b) and any(cad.kernel.normal_angle(edge, (faces[a], faces[b])) < SMOOTH for edge in edges)
         }
 
 
@@ -183,13 +183,13 @@ def tessellate(solid: "Solid", deflection: float, angle: float) -> tuple[Floats,
     return vertices * 1e-3, triangles[kept], face_of_triangle[kept]
 
 
-def _merge_nodes(nodes: Floats, step: float = 1e-5) -> tuple[Floats, NDArray[np.int64]]:
+def _merge_nodes(nodes: Floats) -> tuple[Floats, NDArray[np.int64]]:
     """Merge coincident nodes (n, 3), mm; return the distinct ones and the index of each node.
 
     Faces at a border share its nodes to 1e-13. Nodes are compared on a grid with an offset that
     avoids round numbers; a pair split by the grid shows as an open edge.
     """
-    cells = np.floor(nodes / step + (np.sqrt(2) - 1)).astype(np.int64)
+    cells = np.floor(nodes / 1e-5 + (np.sqrt(2) - 1)).astype(np.int64)
     _, first, number = np.unique(cells, axis=0, return_index=True, return_inverse=True)
     return nodes[first], number.reshape(-1)
 

@@ -18,7 +18,6 @@ from stiffscope.cad.checks import (
     mm,
     optional_length,
     require,
-    require_below,
     require_between,
 )  # fmt: skip
 from stiffscope.cad.faces import FaceSelector, face_geometries, select
@@ -219,7 +218,8 @@ def _check_holes(slider: SliderParameters) -> None:
         return
     radius = slider.hole_diameter / 2
     _check_row(slider, "hole", "diameter", slider.hole_diameter)
-    require_below("slider.hole_diameter", 2 * radius, slider.depth - 2 * GAP)
+    largest = slider.depth - 2 * GAP
+    require(2 * radius < largest, "slider.hole_diameter", f"less than {mm(largest)}", mm(2 * radius))
     note = ", so that the holes are inside of the plate"
     require_between("slider.hole_offset", radius + GAP, slider.hole_offset, slider.depth - radius - GAP, note)
     if slider.hole_offset - radius - GAP > slider.rib_length + slider.fillet:
@@ -240,10 +240,11 @@ def _check_pads(slider: SliderParameters) -> None:
         require(slider.pads != "apart", "slider.pads", "'together' without pads (pad_height = 0)", "'apart'")
         return
     widest = min(slider.pad_spacing - GAP, slider.width - 2 * slider.pad_spacing - 2 * GAP)
-    note = ", so that the pads are on the loaded face"
-    require_below("slider.pad_spacing", slider.pad_spacing, slider.width / 2 - GAP, note)
-    range_ = f"up to {mm(widest)} for pads {mm(slider.pad_spacing)} apart on {mm(slider.width)}"
-    require(slider.pad_width <= widest, "slider.pad_width", range_, mm(slider.pad_width))
+    spacing, farthest = slider.pad_spacing, slider.width / 2 - GAP
+    valid = f"less than {mm(farthest)}, so that the pads are on the loaded face"
+    require(spacing < farthest, "slider.pad_spacing", valid, mm(spacing))
+    valid = f"up to {mm(widest)} for pads {mm(spacing)} apart on {mm(slider.width)}"
+    require(slider.pad_width <= widest, "slider.pad_width", valid, mm(slider.pad_width))
 
 
 def _is_root(edge: "Edge", depth: float, width: float, thickness: float) -> bool:

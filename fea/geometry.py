@@ -55,9 +55,9 @@ def volume(points: Floats, cells: Ints) -> float:
     return float((jacobian_determinants(points[cells], at) @ weights).sum())
 
 
-def area_elements(corners: Floats, order: int = 4) -> Floats:
+def area_elements(corners: Floats) -> Floats:
     """Return the area (k, q), m², per quadrature point of curved triangles (k, 6, 3)."""
-    at, weights = quadrature(order, triangle=True)
+    at, weights = quadrature(4, triangle=True)
     a, b = np.einsum("kni,ndq->dkqi", corners, shapes(at)[1], optimize=True)
     return np.linalg.norm(np.cross(a, b), axis=2) * weights
 

@@ -19,6 +19,7 @@ from stiffscope.fea.mesh import Floats, MeshError
 if TYPE_CHECKING:
     from stiffscope.fea.solvers import Solve
 
+LIMIT = 200  # steps
 DEPENDENT = 1e-10  # relative squared length below which a direction is dependent
 
 
@@ -29,7 +30,6 @@ def lowest_modes(
     start: Floats,
     count: int,
     tolerance: float = 1e-8,
-    limit: int = 200,
     *,
     exact: bool = False,
 ) -> tuple[Floats, Floats, Floats]:
@@ -55,7 +55,7 @@ def lowest_modes(
     squares, turn = ritz(basis[0].T @ basis[1], basis[0].T @ basis[2], start.shape[1])
     modes, pushed, moved = (part @ turn for part in basis)
     former: tuple[tuple[Floats, ...], ...] = ()
-    for _ in range(limit):
+    for _ in range(LIMIT):
         residual = pushed - moved * squares
         step = precondition(residual)
         left = np.einsum("ij,ij->j", residual, step) > tolerance * squares
@@ -71,7 +71,7 @@ def lowest_modes(
         former = (tuple(part[:, old:] @ turn[old:] for part in basis),)
         modes, pushed, moved = (part @ turn for part in basis)
     raise MeshError(
-        f"solve: the natural frequencies did not converge in {limit} steps: the part is too thin for solid elements"
+        f"solve: the natural frequencies did not converge in {LIMIT} steps: the part is too thin for solid elements"
     )
 
 

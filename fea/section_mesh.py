@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.spatial import Delaunay, QhullError
+from scipy.spatial.distance import cdist
 
 from stiffscope.fea.mesh import SIDES, Floats, Ints, MeshError
 
@@ -75,7 +76,7 @@ def _cut_borders(
     places, near = (1 - share) * ends[piece, 0] + share * ends[piece, 1], apart[piece]
 
     def size_at(points: Floats) -> Floats:
-        return _over_chunks(points, lambda at: (near + GROWTH * _distances(at, places)).min(axis=1), len(places))
+        return _over_chunks(points, lambda at: (near + GROWTH * cdist(at, places)).min(axis=1), len(places))
 
     points = corners
     while True:
@@ -147,17 +148,13 @@ def _inside(points: Floats, outline: Floats) -> NDArray[np.bool_]:
 
 def _clearance(points: Floats, others: Floats, lengths: Floats) -> Floats:
     """Return the least distance (n,) of points (n, 2) to others (m, 2), over lengths (m,)."""
-    return _over_chunks(points, lambda at: (_distances(at, others) / lengths).min(axis=1), len(others))
+    return _over_chunks(points, lambda at: (cdist(at, others) / lengths).min(axis=1), len(others))
 
 
 def _over_chunks(points: Floats, function: Callable[[Floats], np.ndarray], width: int) -> Floats:
     """Evaluate a function (n,) at points (n, 2) in chunks of ``CHUNK`` / width points."""
     step = max(1, CHUNK // max(1, width))
     return np.concatenate([function(points[k : k + step]) for k in range(0, len(points), step)] or [np.zeros(0)])
-
-
-def _distances(points: Floats, others: Floats) -> Floats:
-    return np.linalg.norm(points[:, None] - others[None], axis=2)
 
 
 def _lengths(points: Floats, borders: Ints) -> Floats:

@@ -78,13 +78,13 @@ def _squared_distances(points: Floats, triangles: Floats) -> Floats:
     return np.where(inside, np.minimum(result, height**2), result)
 
 
-def smooth_tags(facets: Ints, tags: Ints, rounds: int = 3) -> Ints:
+def smooth_tags(facets: Ints, tags: Ints) -> Ints:
     """Remove islands of tags: a triangle takes the tag that two of its neighbours share."""
     order = np.lexsort(np.sort(facets[:, SIDES].reshape(-1, 2), axis=1).T[::-1])
     neighbours = np.empty(len(order), dtype=np.int64)  # each side of a closed surface occurs twice
     neighbours[order[0::2]], neighbours[order[1::2]] = order[1::2] // 3, order[0::2] // 3
     neighbours = neighbours.reshape(-1, 3)
-    for _ in range(rounds):
+    for _ in range(3):
         around = tags[neighbours]
         for a, b in ((0, 1), (1, 2), (0, 2)):
             lonely = (around[:, a] == around[:, b]) & ~(around == tags[:, None]).any(axis=1)
