@@ -98,16 +98,13 @@ def _read_joints(
         for name, joint in node.joints.items():
             if joint.connected_to is None:
                 continue
-            ends = [
-                _nearest(each, node if each is joint else each.parent, instances, owners)
-                for each in (joint, joint.connected_to)
-            ]
-            label = f'{type(joint).__name__} "{name}" of {node.label or "a solid"}'
-            first, second = ends
+            other, label = joint.connected_to, f'{type(joint).__name__} "{name}" of {node.label or "a solid"}'
+            first = _nearest(joint, node, instances, owners)
+            second = _nearest(other, other.parent, instances, owners)
             if first is None or second is None or first == second:
                 left_out.append(f"{label}: connected to nothing else of the assembly: left out")
                 continue
-            frames = [(type(each).__name__, _placed(each)) for each in (joint, joint.connected_to)]
+            frames = [(type(each).__name__, _placed(each)) for each in (joint, other)]
             motions = tuple((_KINDS[kind], 1e-3 * frame[:3, 3], frame[:3, 2]) for kind, frame in frames)
             found.append(BuiltJoint(first, second, label, motions))
     return found

@@ -100,10 +100,8 @@ def support(mesh: TetMesh, clamped: Ints, couplings: tuple[Coupling, ...]) -> Su
         is_tied[nodes] = True
         tie[nodes, :, 6 * slot : 6 * slot + 6] = rigid_modes(mesh.points[nodes], coupling.reference_point)
     is_free[clamped] = False
-    tied = np.flatnonzero(is_tied)
-    return Supports(
-        count, np.flatnonzero(is_free & ~is_tied), tied, clamped, tie[tied].reshape(3 * len(tied), tie.shape[2])
-    )
+    free, tied = np.flatnonzero(is_free & ~is_tied), np.flatnonzero(is_tied)
+    return Supports(count, free, tied, clamped, tie[tied].reshape(3 * len(tied), tie.shape[2]))
 
 
 def factorize(stiffness: csr_array, supports: Supports) -> Solve:
@@ -154,17 +152,15 @@ def traction_work(mesh: TetMesh, coupling: Coupling, element: ElementH1) -> Floa
 
 def unit_loads(mesh: TetMesh, supports: Supports, couplings: tuple[Coupling, ...]) -> Floats:
     """Return generalized forces (3f + 6r, 6n) of unit wrenches (f, m) at n reference points."""
-    columns = []
     slot = 3 * len(supports.free)
-    for coupling in couplings:
+    loads = np.zeros((slot + supports.tie.shape[1], len(couplings), 6))
+    for k, coupling in enumerate(couplings):
         if coupling.kind == "rigid":
-            forces = np.zeros((3 * len(supports.free) + supports.tie.shape[1], 6))
-            forces[slot : slot + 6] = np.eye(6)
+            loads[slot : slot + 6, k] = np.eye(6)
             slot += 6
         else:
-            forces = supports.restrict(traction_work(mesh, coupling, ElementTetP2()))
-        columns.append(forces)
-    return np.hstack(columns)
+            loads[:, k] = supports.restrict(traction_work(mesh, coupling, ElementTetP2()))
+    return loads.reshape(len(loads), -1)
 
 
 def imbalance(
@@ -189,11 +185,11 @@ def imbalance(
         Loaded faces with their reference points.
     """
     reaction = stiffness[dofs_of(clamped)] @ motion  # (3c, 6n)
-    worst = 0.0
+    residuals = []
     for k, coupling in enumerate(couplings):
         modes = rigid_modes(points[clamped], coupling.reference_point).reshape(-1, 6)
-        lever = float(np.linalg.norm(points[clamped] - coupling.reference_point, axis=1).max())
+        lever = np.linalg.norm(points[clamped] - coupling.reference_point, axis=1).max()
         units = np.array([1.0] * 3 + [lever] * 3)  # weight of each wrench component
         wrench = modes.T @ reaction[:, 6 * k : 6 * k + 6] + np.eye(6)
-        worst = max(worst, float((np.abs(wrench) / units[:, None] * units).max()))
-    return worst
+        residuals.append((np.abs(wrench) / units[:, None] * units).max())
+    return float(max(residuals))

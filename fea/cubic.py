@@ -105,21 +105,19 @@ def solve_cubic(
     """
     split = len(start)
     motion = np.vstack([start, np.zeros((len(force) - split, force.shape[1]))])
+    enough = tolerance, limit
     if problem.eliminated is None:
-        apply, precondition = problem.apply, problem.precondition
-        motion, converged = conjugate_gradients(apply, precondition, force, motion, tolerance, limit)
+        operators = problem.apply, problem.precondition
+        motion, converged = conjugate_gradients(*operators, force, motion, *enough)
     else:
-        rest, jacobi = (force - problem.apply(motion))[split:], problem.jacobi
-        motion[split:], converged = conjugate_gradients(
-            problem.eliminated, lambda x: jacobi @ x, rest, np.zeros_like(rest), tolerance, limit
-        )
+        operators = problem.eliminated, lambda x: problem.jacobi @ x
+        rest = (force - problem.apply(motion))[split:]
+        motion[split:], converged = conjugate_gradients(*operators, rest, np.zeros_like(rest), *enough)
     if not converged:
-        raise MeshError(
-            f"solve: the cubic solution did not converge in {limit} steps: flat elements or a material like rubber"
-        )
-    motion[:split] += problem.balance(
-        (force - problem.apply(motion))[:split]
-    )  # nodal equilibrium, independent of errors in the cubics
+        why = "flat elements or a material like rubber"
+        raise MeshError(f"solve: the cubic solution did not converge in {limit} steps: {why}")
+    # nodal equilibrium, independent of errors in the cubics
+    motion[:split] += problem.balance((force - problem.apply(motion))[:split])
     return motion
 
 
@@ -151,7 +149,8 @@ def weigh_energies(problem: CubicProblem, motion: Floats, weights: Floats) -> Fl
     """Return the weighted sum (loads, loads) of element energies, mutual ones off the diagonal."""
     total = np.zeros((motion.shape[1], motion.shape[1]))
     for columns, elements, moved, forces in _move_elements(problem, motion, weights > 0):
-        total[columns] += np.tensordot(forces * weights[elements, None, None, None], moved, axes=((0, 1, 2), (0, 1, 2)))
+        weighted = forces * weights[elements, None, None, None]
+        total[columns] += np.tensordot(weighted, moved, axes=((0, 1, 2), (0, 1, 2)))
     return (total + total.T) / 2
 
 

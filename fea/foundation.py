@@ -34,7 +34,8 @@ def springs(mesh: TetMesh, faces: frozenset[int], modulus: float) -> csr_array:
     faces : CAD faces on the foundation.
     modulus : stiffness per unit of area, N/m³.
     """
-    bases = [face_basis(mesh, element, faces, ORDER) for element in (ElementTetP2(), ElementTetCubic())]
+    elements = ElementTetP2(), ElementTetCubic()
+    bases = [face_basis(mesh, element, faces, ORDER) for element in elements]
     return csr_array(modulus * block_array([[_MASS.assemble(u, v) for u in bases] for v in bases]))
 
 

@@ -117,7 +117,8 @@ def _place_inside(
         turns = np.array([[-1, -1], [-1, 1], [1, -1], [1, 1]]) * cell / 2
         centres = (centres[large][:, None] + turns).reshape(-1, 2)
         if len(centres) > POINTS:
-            raise MeshError("mesh: the section of this sheet has edges too fine for its size; remove the smallest ones")
+            fine = "the section of this sheet has edges too fine for its size"
+            raise MeshError(f"mesh: {fine}; remove the smallest ones")
     points = np.vstack(done)
     return points[(_clearance(points, seeds, own) > 0.6) & _inside(points, outline)]
 
