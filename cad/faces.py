@@ -59,7 +59,7 @@ class FaceGeometry:
         return replace(self, **places, axis=rotation @ self.axis)
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64] | None:
-        """Return the closest points (n, 3), m, of an unbounded plane or round surface, else None."""
+        """Return the closest points (n, 3), m, of an unbounded plane or round form, or None."""
         if self.kind == "plane":
             return points - np.outer((points - self.origin) @ self.axis, self.axis)
         if self.kind == "sphere":
@@ -112,11 +112,13 @@ def _geometry(index: int, face: "Face") -> FaceGeometry:
         sizes = _sizes(kind, form)
     if sizes:
         hollow, ends = cad.kernel.round_extent(face, 1e3 * origin, axis)
-        sizes |= {"hollow": hollow, "extent": tuple(1e-3 * np.cos(sizes.get("half_angle", 0.0)) * np.array(ends))}
+        share = 1e-3 * np.cos(sizes.get("half_angle", 0.0))
+        sizes |= {"hollow": hollow, "extent": tuple(share * np.array(ends))}
     if kind == "plane":
         form = surface.Plane()
         # a left-handed plane's natural normal is opposite to its main direction
-        axis = axis * (1 if form.Position().Direct() else -1) * (-1 if cad.kernel.reversed_in_solid(face) else 1)
+        natural = form.Position().Direct() != cad.kernel.reversed_in_solid(face)
+        axis = axis * (1 if natural else -1)
     return FaceGeometry(
         index=index,
         kind=kind if kind in KINDS else "other",
@@ -140,7 +142,8 @@ def _sizes(kind: str, form: Any) -> dict[str, Any]:
 
 def centroid_of(faces: Sequence[FaceGeometry]) -> NDArray[np.float64]:
     """Return the common centroid (3,), m, of faces."""
-    return np.average([face.centroid for face in faces], axis=0, weights=[face.area for face in faces])
+    areas = [face.area for face in faces]
+    return np.average([face.centroid for face in faces], axis=0, weights=areas)
 
 
 @dataclass(frozen=True)
@@ -264,7 +267,8 @@ def _meets(face: FaceGeometry, selector: FaceSelector) -> bool:
         return False
     if selector.index is not None and face.index not in np.atleast_1d(selector.index):
         return False
-    if selector.radius is not None and abs((face.minor_radius or face.radius) - selector.radius) > DISTANCE:
+    radius = face.minor_radius or face.radius
+    if selector.radius is not None and abs(radius - selector.radius) > DISTANCE:
         return False
     if selector.normal is None:
         return True

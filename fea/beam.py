@@ -61,7 +61,8 @@ def circle(radius: float, bore: float = 0.0, poisson: float = 0.3) -> Section:
     InputError : unless 0 <= bore < radius.
     """
     if not 0 <= bore < radius < np.inf:
-        raise InputError(f"section: expected 0 <= bore < radius, got bore {bore} m and radius {radius} m")
+        got = f"bore {bore} m and radius {radius} m"
+        raise InputError(f"section: expected 0 <= bore < radius, got {got}")
     ratio = (bore / radius) ** 2
     second = pi * (radius**4 - bore**4) / 4
     shear = 6 * (1 + poisson) * (1 + ratio) ** 2
@@ -86,7 +87,8 @@ def rectangle(width: float, height: float, poisson: float = 0.3) -> Section:
     InputError : if a side is not positive.
     """
     if not (0 < width < np.inf and 0 < height < np.inf):
-        raise InputError(f"section: expected positive sides, got width {width} m and height {height} m")
+        got = f"width {width} m and height {height} m"
+        raise InputError(f"section: expected positive sides, got {got}")
     second = width * height**3 / 12, height * width**3 / 12
     shear = 10 * (1 + poisson) / (12 + 11 * poisson)
     return Section(width * height, *second, saint_venant_torsion(width, height), shear, shear)
@@ -112,7 +114,8 @@ def box(width: float, height: float, wall: float, poisson: float = 0.3) -> Secti
     """
     _check_walls(min(width, height) / 2, wall)
     inner_width, inner_height = width - 2 * wall, height - 2 * wall
-    middle = width - wall, height - wall
+    middle, slope = (width - wall, height - wall), 3 + poisson
+    ratios = middle[1] / middle[0], middle[0] / middle[1]
     around = 2 * sum(middle) / wall - 4 * (1 - CORNER)
     bredt = 4 * (middle[0] * middle[1]) ** 2 / around
     return Section(
@@ -120,8 +123,8 @@ def box(width: float, height: float, wall: float, poisson: float = 0.3) -> Secti
         bending_y=(width * height**3 - inner_width * inner_height**3) / 12,
         bending_z=(height * width**3 - inner_height * inner_width**3) / 12,
         torsion=bredt + 2 * sum(middle) * wall**3 / 3,  # torsion of the walls themselves
-        shear_y=_cowper(middle[1] / middle[0], middle[1] / middle[0], 10, 3 + poisson, 3.0, poisson),
-        shear_z=_cowper(middle[0] / middle[1], middle[0] / middle[1], 10, 3 + poisson, 3.0, poisson),
+        shear_y=_cowper(ratios[0], ratios[0], 10, slope, 3.0, poisson),
+        shear_z=_cowper(ratios[1], ratios[1], 10, slope, 3.0, poisson),
     )
 
 
@@ -155,6 +158,7 @@ def i_section(width: float, height: float, flange: float, web: float, poisson: f
     bending_z = (2 * flange * width**3 + inside * web**3) / 12
     ratio, flanges = web / flange, 10 * (1 + poisson) / (12 + 11 * poisson)
     disc = flange + web**2 / (4 * flange)
+    flange_ratio, slopes = 2 * width * flange / (middle * web), (1 + 8 * poisson / 6, 1 + 1.5 * poisson)
     torsion = (2 * width * flange**3 + inside * web**3) / 3 - 0.42 * flange**4
     return Section(
         area=area,
@@ -162,10 +166,9 @@ def i_section(width: float, height: float, flange: float, web: float, poisson: f
         bending_z=bending_z,
         torsion=torsion + 2 * (-0.042 + 0.2204 * ratio - 0.0725 * ratio**2) * disc**4,
         shear_y=flanges * 2 * width * flange / area,
-        shear_z=_cowper(2 * width * flange / (middle * web), width / middle, 30, 1 + 8 * poisson / 6, 1 + 1.5 * poisson,
-                        poisson),
+        shear_z=_cowper(flange_ratio, width / middle, 30, *slopes, poisson),
         warping=bending_z * middle**2 / 4,
-    )  # fmt: skip
+    )
 
 
 def channel(width: float, height: float, flange: float, web: float) -> Section:
@@ -199,12 +202,14 @@ def channel(width: float, height: float, flange: float, web: float) -> Section:
     thin = 2 * flange * b + web * h  # area of the middle lines
     c = b**2 * flange / thin  # from the web's middle line to the centroid of the middle lines
     corner = flange * b * h / 2
-    along_web = flange * h**2 * b**3 / 6 + (corner**2 * h + corner * web * h**3 / 6 + web**2 * h**5 / 120) / web
+    along_web = (corner**2 * h + corner * web * h**3 / 6 + web**2 * h**5 / 120) / web
+    along_web += flange * h**2 * b**3 / 6
     a, turn = b - c, flange * b * (b / 2 - c)
     across = 2 * flange * (a**2 * b**3 / 3 - a * b**4 / 4 + b**5 / 20) + turn**2 * h / (3 * web)
     about_y = web * h**3 / 12 + flange * b * h**2 / 2
     about_z = flange * b**3 / 6 + 2 * flange * b * (b / 2 - c) ** 2 + web * h * c**2
-    eccentricity = 3 * b**2 * flange / (6 * b * flange + h * web)
+    walls = 6 * b * flange + h * web
+    eccentricity = 3 * b**2 * flange / walls
     ratio, disc = web / flange, 2 * (web + flange - (2 * web * flange) ** 0.5)
     torsion = (2 * width * flange**3 + inside * web**3) / 3 - 0.42 * flange**4
     return Section(
@@ -215,7 +220,7 @@ def channel(width: float, height: float, flange: float, web: float) -> Section:
         shear_y=about_z**2 / (across * area),
         shear_z=about_y**2 / (along_web * area),
         shear_centre=-(back - web / 2 + eccentricity),
-        warping=flange * b**3 * h**2 / 12 * (3 * b * flange + 2 * h * web) / (6 * b * flange + h * web),
+        warping=flange * b**3 * h**2 / 12 * (3 * b * flange + 2 * h * web) / walls,
     )
 
 
@@ -233,11 +238,12 @@ def _cowper(m: float, n: float, width: float, first: float, second: float, poiss
     width, first, second : coefficients of the term n² (first m + second m²).
     """
     shape = 12 + 72 * m + 150 * m**2 + 90 * m**3 + poisson * (11 + 66 * m + 135 * m**2 + 90 * m**3)
-    return 10 * (1 + poisson) * (1 + 3 * m) ** 2 / (shape + width * n**2 * (first * m + second * m**2))
+    shape += width * n**2 * (first * m + second * m**2)
+    return 10 * (1 + poisson) * (1 + 3 * m) ** 2 / shape
 
 
 def saint_venant_torsion(width: float, height: float) -> float:
-    """Return the torsion constant (m⁴) of a rectangle (Timoshenko and Goodier, Theory of Elasticity, art. 109)."""
+    """Return a rectangle's torsion constant, m⁴ (Timoshenko, Goodier, Theory of Elasticity, 109)."""
     a, b = max(width, height), min(width, height)
     series = sum(tanh(n * pi * a / (2 * b)) / n**5 for n in range(1, 60, 2))
     return a * b**3 / 3 * (1 - 192 * b / (pi**5 * a) * series)
@@ -268,12 +274,15 @@ def euler_bernoulli(
     ------
     InputError : if the length or a modulus is not positive.
     """
-    for name, value in (("length", length), ("Young's modulus", youngs_modulus), ("shear modulus", shear_modulus)):
+    values = length, youngs_modulus, shear_modulus
+    for name, value in zip(("length", "Young's modulus", "shear modulus"), values, strict=True):
         if not 0 < value < np.inf:
             raise InputError(f"beam: expected a positive {name}, got {value}")
-    rates = np.array([section.area, np.inf, np.inf, np.inf, section.bending_y, section.bending_z]) * youngs_modulus
+    second = section.bending_y, section.bending_z
+    rates = np.array([section.area, np.inf, np.inf, np.inf, *second]) * youngs_modulus
     turned = np.array([0.0, 0.0, section.shear_centre, -1.0, 0.0, 0.0])  # about the shear centre
-    return cantilever(length, 1.0 / rates) + length / (shear_modulus * section.torsion) * np.outer(turned, turned)
+    twist = length / (shear_modulus * section.torsion)
+    return cantilever(length, 1.0 / rates) + twist * np.outer(turned, turned)
 
 
 def cantilever(length: float, rates: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
@@ -329,5 +338,6 @@ def restrained_torsion(length: float, section: Section, youngs_modulus: float, s
     plain = length / (shear_modulus * section.torsion)
     if not section.warping:
         return plain
-    reach = length / 2 * (shear_modulus * section.torsion / (youngs_modulus * section.warping)) ** 0.5
+    ratio = shear_modulus * section.torsion / (youngs_modulus * section.warping)
+    reach = length / 2 * ratio**0.5
     return plain * (1 - tanh(reach) / reach)

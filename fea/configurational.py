@@ -52,7 +52,7 @@ class Integrals:
 
 @dataclass(frozen=True)
 class _Chunk:
-    """Functions of c elements at q points: values (q, 20), slopes (c, q, 3, 20), weights (c, q), m³."""
+    """Functions of c elements: values (q, 20), slopes (c, q, 3, 20), weights (c, q) in m³."""
 
     elements: Ints
     nodes: Ints
@@ -107,12 +107,14 @@ def integrals(mesh: TetMesh, space: Cubic, elasticity: Floats, motion: Floats, v
         forces += (sum_matrix(chunk.nodes, n) @ on_nodes).reshape(n, 3, k)
         if p:
             turned = slope.reshape(c, q, 3, 3, k).transpose(0, 2, 4, 1, 3).reshape(c, 3 * k, 3 * q)
-            tilt = (turned @ pulls.reshape(c, 3 * q, 10 * k)).reshape(c, 3, k, 10, k)  # (c, 3, j, 10, i)
+            tilt = (turned @ pulls.reshape(c, 3 * q, 10 * k)).reshape(c, 3, k, 10, k)  # [.., j, .., i]
             tilt = np.einsum("cxjni,cnxp->pij", tilt, velocity[chunk.nodes], optimize=True)
             energy -= tilt + np.swapaxes(tilt, 1, 2)
-            energy += chunk.move_integrals(velocity, np.swapaxes(stress, 2, 3) @ slope).reshape(p, k, k)
-            displacement += chunk.move_integrals(velocity, (chunk.values @ flat).reshape(c, q, 3 * k))
-    return Integrals(motion, energy, gradients.reshape(9, k, 9, k), forces, displacement.reshape(p, 3, k))
+            work, motions = np.swapaxes(stress, 2, 3) @ slope, chunk.values @ flat
+            energy += chunk.move_integrals(velocity, work).reshape(p, k, k)
+            displacement += chunk.move_integrals(velocity, motions.reshape(c, q, 3 * k))
+    gradients, displacement = gradients.reshape(9, k, 9, k), displacement.reshape(p, 3, k)
+    return Integrals(motion, energy, gradients, forces, displacement)
 
 
 def products(mesh: TetMesh, space: Cubic, fields: Floats, velocity: Floats) -> Floats:
@@ -121,6 +123,7 @@ def products(mesh: TetMesh, space: Cubic, fields: Floats, velocity: Floats) -> F
     out = np.zeros((p, b, b))
     for chunk in _chunks(mesh, space):
         c, q = chunk.weights.shape
-        values = (chunk.values[:, :10] @ fields[chunk.nodes].reshape(c, 10, 3 * b)).reshape(c, q, 3, b)
+        values = chunk.values[:, :10] @ fields[chunk.nodes].reshape(c, 10, 3 * b)
+        values = values.reshape(c, q, 3, b)
         out += chunk.move_integrals(velocity, np.swapaxes(values, 2, 3) @ values).reshape(p, b, b)
     return out

@@ -6,7 +6,8 @@ in order.
 
 References
 ----------
-K. K. Choi and N. H. Kim, Structural Sensitivity Analysis and Optimization 1: Linear Systems, Springer, 2005, chapter 6.
+K. K. Choi and N. H. Kim, Structural Sensitivity Analysis and Optimization 1: Linear Systems,
+Springer, 2005, chapter 6.
 """
 
 from __future__ import annotations

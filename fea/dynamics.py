@@ -19,6 +19,7 @@ from threadpoolctl import threadpool_limits
 from stiffscope.errors import InputError
 from stiffscope.fea.geometry import centroid
 from stiffscope.fea.mass import times
+from stiffscope.fea.mesh import Floats
 from stiffscope.fea.modes import lowest_modes, ritz
 from stiffscope.fea.rigid import rigid_modes, rigid_twists
 from stiffscope.fea.settings import MOST_MODES, Settings
@@ -27,8 +28,6 @@ from stiffscope.fea.solution import Solution, System, accelerate
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from stiffscope.fea.mesh import Floats
-    from stiffscope.fea.solvers import Solve
 
 FREQUENCIES = 6  # of the clamped part
 GUARD = 6  # additional vectors in a block, for faster convergence
@@ -37,6 +36,8 @@ MODE, EXACT = 1e-5, 1e-8  # relative errors of squared fixed-interface and clamp
 # Remaining error of the cubic solution away from singular edges, over the quadratic-to-cubic
 # difference. Half of that in statics: modes are smooth, and cubic functions represent them well.
 ELSEWHERE = 0.04
+
+Modes = tuple[Floats, Floats, Floats]  # squares, modes, and their forces
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,9 +83,10 @@ class _Vibration:
         """Whether the preconditioner is the exact inverse of the stiffness."""
         return self.system.solver.precondition is self.system.solver.solve
 
-    def fixed_modes(self, start: Floats, count: int, tolerance: float) -> tuple[Floats, Floats, Floats]:
+    def fixed_modes(self, start: Floats, count: int, tolerance: float) -> Modes:
         """Return fixed-interface squares (b,), modes (c, b) and their forces without reactions."""
-        return lowest_modes(self.stiffness, self.inertia, self.precondition, start, count, tolerance, exact=self.exact)
+        operators = self.stiffness, self.inertia, self.precondition
+        return lowest_modes(*operators, start, count, tolerance, exact=self.exact)
 
     def orthogonal(self, basis: Floats, forces: Floats) -> tuple[Floats, Floats]:
         """Return squares (k,) and mass-normalized combinations (c, k) that the stiffness decouples.
@@ -100,19 +102,20 @@ class _Vibration:
             basis, forces = basis @ turn, forces @ turn
         return squares, basis
 
-    def clamped_modes(self, near: Floats) -> tuple[Floats, Floats, Floats]:
+    def clamped_modes(self, near: Floats) -> Modes:
         """Return squares (6 + g,), clamped modes (c, 6 + g) and forces; start from ``near``."""
         basis = np.hstack([self.constraint, near])
-        _, turn = ritz(basis.T @ self.stiffness(basis), basis.T @ self.inertia(basis), FREQUENCIES + GUARD)
-        precondition: Solve = self.system.solver.precondition
-        start = basis @ turn
-        return lowest_modes(self.stiffness, self.inertia, precondition, start, FREQUENCIES, EXACT, exact=self.exact)
+        operators = self.stiffness, self.inertia, self.system.solver.precondition
+        energy, kinetic = (basis.T @ operator(basis) for operator in operators[:2])
+        start = basis @ ritz(energy, kinetic, FREQUENCIES + GUARD)[1]
+        return lowest_modes(*operators, start, FREQUENCIES, EXACT, exact=self.exact)
 
 
 def vibration_of(levels: Solution) -> _Vibration:
     """Return the eigenproblem of a system solved for its unit wrenches."""
     loads = levels.force[: len(levels.quadratic)]
-    return _Vibration(levels.system, loads, levels.quadratic @ np.linalg.inv(loads.T @ levels.quadratic))
+    constraint = levels.quadratic @ np.linalg.inv(loads.T @ levels.quadratic)
+    return _Vibration(levels.system, loads, constraint)
 
 
 def compute_dynamics(levels: Solution, settings: Settings) -> Dynamics:
@@ -131,7 +134,8 @@ def compute_dynamics(levels: Solution, settings: Settings) -> Dynamics:
         vibration = vibration_of(levels)
         squares, fixed, clamped_squares, clamped = _modes(vibration, settings)
         weight, weight_error, frequencies, frequency_error = _extrapolate_modes(levels, clamped)
-        both = _gain_on_cubics(vibration, np.append(squares, clamped_squares), np.hstack([fixed, clamped]))
+        every = np.append(squares, clamped_squares), np.hstack([fixed, clamped])
+        both = _gain_on_cubics(vibration, *every)
         gain, known = both[: len(squares)], both[len(squares) :]
         softer = (clamped_squares / (2 * np.pi * frequencies) ** 2 - 1).mean() / known.mean()
         wide = (2 * frequency_error / frequencies).max() / known.mean()  # relative to the gain
@@ -165,7 +169,8 @@ def _modes(vibration: _Vibration, settings: Settings) -> tuple[Floats, Floats, F
     else:
         count = FIXED if settings.modes is None else settings.modes
         _, near, forces = vibration.fixed_modes(some(count + GUARD), count, MODE)
-    clamped_squares, clamped, pulling = (part[..., :FREQUENCIES] for part in vibration.clamped_modes(near))
+    found = vibration.clamped_modes(near)
+    clamped_squares, clamped, pulling = (part[..., :FREQUENCIES] for part in found)
     basis, forces = near[:, :count], forces[:, :count]
     if settings.modes is None and settings.highest_frequency is None:
         relative = clamped - vibration.constraint @ (vibration.loads.T @ clamped)
@@ -173,7 +178,7 @@ def _modes(vibration: _Vibration, settings: Settings) -> tuple[Floats, Floats, F
     return *vibration.orthogonal(basis, forces), clamped_squares, clamped
 
 
-def _up_to(vibration: _Vibration, some: Callable[[int], Floats], highest: float) -> tuple[Floats, Floats, Floats]:
+def _up_to(vibration: _Vibration, some: Callable[[int], Floats], highest: float) -> Modes:
     """Return squares, modes and forces of a fixed-interface block beyond a square (rad²/s²)."""
     count = 8
     near = some(count + GUARD)
@@ -182,12 +187,12 @@ def _up_to(vibration: _Vibration, some: Callable[[int], Floats], highest: float)
         if squares[count - 1] > highest:
             return squares, near, forces
         if count >= MOST_MODES:
-            reached = np.sqrt(squares[count - 1]) / (2 * np.pi)
-            raise InputError(
-                f"mesh.highest_frequency: expected at most {MOST_MODES} modes below it, that is less than "
-                f"{reached:.4g} Hz for {vibration.system.specimen.name}, got {np.sqrt(highest) / (2 * np.pi):.4g} Hz"
-            )
-        near, count = np.hstack([near, some(min(count, MOST_MODES - count))]), min(2 * count, MOST_MODES)
+            reached, wanted = np.sqrt([squares[count - 1], highest]) / (2 * np.pi)
+            most = f"at most {MOST_MODES} modes below it, that is less than {reached:.4g} Hz"
+            got = f"for {vibration.system.specimen.name}, got {wanted:.4g} Hz"
+            raise InputError(f"mesh.highest_frequency: expected {most} {got}")
+        near = np.hstack([near, some(min(count, MOST_MODES - count))])
+        count = min(2 * count, MOST_MODES)
 
 
 def _gain_on_cubics(vibration: _Vibration, squares: Floats, modes: Floats) -> Floats:
@@ -219,7 +224,7 @@ def condense_mass(levels: Solution, fixed: Floats | None = None) -> Floats:
 
 
 def _extrapolate_modes(levels: Solution, modes: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return ``self_weight`` and ``frequencies``, each with its error, from clamped modes (c, 6)."""
+    """Return ``self_weight`` and ``frequencies``, each with errors, from clamped modes (c, 6)."""
     system, mass = levels.system, levels.system.mass
     split, wrenches = len(levels.quadratic), levels.force.shape[1]
     gravity = np.tile(np.eye(3), (system.cubic.space.base, 1))

@@ -24,7 +24,8 @@ def largest_relative_bound(compliance: Floats, error: Floats) -> tuple[float, tu
     """Return the largest relative error of significant entries of (k, k) matrices, and indices."""
     scale = np.sqrt(compliance.diagonal())
     size = np.abs(compliance)
-    ratio = np.where(size > SIGNIFICANT * np.outer(scale, scale), error / np.maximum(size, 1e-300), 0.0)
+    significant = size > SIGNIFICANT * np.outer(scale, scale)
+    ratio = np.where(significant, error / np.maximum(size, 1e-300), 0.0)
     i, j = np.unravel_index(ratio.argmax(), ratio.shape)
     return float(ratio[i, j]), (int(i), int(j))
 
@@ -62,7 +63,8 @@ class Experiment:
         their only stiffness, and their 95 % bounds.
     self_weight, self_weight_error : (3, 6) first interface's twist for 1 m/s² along x, y, z on the
         clamped part, and its 95 % bounds.
-    frequencies, frequency_error : (6,) lowest natural frequencies of the clamped part, Hz, and their 95 % bounds.
+    frequencies, frequency_error : (6,) lowest natural frequencies of the clamped part, Hz, and
+        their 95 % bounds.
     displacement : (6n, nodes, 3) m per unit wrench.
     von_mises : (6n, nodes) Pa per unit wrench.
     """
@@ -138,7 +140,7 @@ class Experiment:
 
     @property
     def relative_bound(self) -> float:
-        """Largest relative error bound of the significant entries (above 1 % of ``sqrt(C_ii C_jj)``)."""
+        """Largest relative bound of the significant entries (above 1 % of ``sqrt(C_ii C_jj)``)."""
         return largest_relative_bound(self.full_compliance, self.full_error)[0]
 
     def save(self, path: Path | str) -> None:
@@ -180,11 +182,11 @@ def load_experiment(path: Path | str, *, fields: bool = True) -> Experiment:
 
 
 def _check_sound(found: Experiment) -> None:
-    """Raise ValueError for arrays of other shapes, numbers that are not finite, and a part that does not yield."""
+    """Raise ValueError for wrong shapes, infinite numbers, and a part that does not yield."""
     n = len(found.interfaces) - 1
     shapes = (6 * n, 6 * n), (n, 3), (3,), (3, 3)
     arrays = found.full_compliance, found.reference_points, found.clamp_point, found.inertia
-    sound = all(each.shape == shape and np.isfinite(each).all() for each, shape in zip(arrays, shapes, strict=True))
+    sound = all(a.shape == b and np.isfinite(a).all() for a, b in zip(arrays, shapes, strict=True))
     nodes = found.mesh.points
     if not (sound and np.isfinite(nodes).all() and found.mesh.cells.max() < len(nodes)):
         raise ValueError("expected finite numbers, as many as it has interfaces")

@@ -6,8 +6,9 @@ measured at 6.3 MPa, rougher faces being softer). 20 mm of steel have 1.06e13 N/
 
 References
 ----------
-L. Zhu, J. Chen, Z. Zhang, J. Hong, Normal contact stiffness model considering 3D surface topography and actual contact
-status, Mech. Sci. 12 (2021) 41, doi:10.5194/ms-12-41-2021, for models and measurements of such contacts.
+L. Zhu, J. Chen, Z. Zhang, J. Hong, Normal contact stiffness model considering 3D surface topography
+and actual contact status, Mech. Sci. 12 (2021) 41, doi:10.5194/ms-12-41-2021, for models and
+measurements of such contacts.
 """
 
 from __future__ import annotations

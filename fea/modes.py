@@ -2,9 +2,9 @@
 
 References
 ----------
-A. V. Knyazev, Toward the optimal preconditioned eigensolver: locally optimal block preconditioned conjugate gradient
-method, SIAM J. Sci. Comput. 23 (2001) 517. SciPy's ``lobpcg`` stops at an absolute residual of all vectors of its
-block, in a norm that adds forces to moments.
+A. V. Knyazev, Toward the optimal preconditioned eigensolver: locally optimal block preconditioned
+conjugate gradient method, SIAM J. Sci. Comput. 23 (2001) 517. SciPy's ``lobpcg`` stops at an absolute
+residual of all vectors of its block, in a norm that adds forces to moments.
 """
 
 from __future__ import annotations
@@ -70,9 +70,8 @@ def lowest_modes(
         old = modes.shape[1]
         former = (tuple(part[:, old:] @ turn[old:] for part in basis),)
         modes, pushed, moved = (part @ turn for part in basis)
-    raise MeshError(
-        f"solve: the natural frequencies did not converge in {LIMIT} steps: the part is too thin for solid elements"
-    )
+    late = f"the natural frequencies did not converge in {LIMIT} steps"
+    raise MeshError(f"solve: {late}: the part is too thin for solid elements")
 
 
 def ritz(stiffness: Floats, mass: Floats, count: int) -> tuple[Floats, Floats]:

@@ -8,7 +8,8 @@ all parameters. The derivatives are exact for the discrete compliance; both solu
 
 References
 ----------
-K. K. Choi and N. H. Kim, Structural Sensitivity Analysis and Optimization 1: Linear Systems, Springer, 2005, chapter 6.
+K. K. Choi and N. H. Kim, Structural Sensitivity Analysis and Optimization 1: Linear Systems,
+Springer, 2005, chapter 6.
 """
 
 from __future__ import annotations
@@ -63,9 +64,8 @@ def part_sensitivity(
     """
     began = time.perf_counter()
     with threadpool_limits(1):
-        levels = solve_specimen(
-            specimen_of(part, settings), experiment.mesh, settings.interface, settings.solver, settings.foundation
-        )
+        specimen, chosen = specimen_of(part, settings), (settings.solver, settings.foundation)
+        levels = solve_specimen(specimen, experiment.mesh, settings.interface, *chosen)
         gravity = np.tile(np.eye(3), (len(experiment.mesh.points), 1))  # self-weight along x, y, z
         levels = accelerate(levels, gravity)
         solved = time.perf_counter()

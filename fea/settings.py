@@ -21,7 +21,7 @@ class Settings:
     Attributes
     ----------
     size, envelope : element length and the mesher's distance from the surface, m; None: automatic.
-    interface : coupling of the loaded faces: "rigid" (one body) or "distributed" (a linear traction).
+    interface : coupling of the loaded faces: "rigid" (one body) or "distributed" (linear traction).
     layers : 1 to 6 thin layers of elements around the borders of fixed faces and re-entrant edges.
     tolerance : required relative bound of every significant entry (1e-3 is 0.1 %); None: one mesh.
     foundation : stiffness per area under the clamped faces, N/m³; None is a rigid clamp.

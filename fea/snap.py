@@ -74,7 +74,7 @@ class Target:
 
 @dataclass(frozen=True)
 class _Skin:
-    """Tetrahedra (m, 4) with their boundary: triangles (k, 3), their tetrahedron, local face and CAD face."""
+    """Tetrahedra (m, 4); boundary triangles (k, 3) with tetrahedron, local face and CAD face."""
 
     cells: Ints
     facets: Ints
@@ -104,7 +104,8 @@ def _sliver_candidates(skin: _Skin) -> Ints:
 
 def _without(skin: _Skin, slivers: Ints) -> _Skin:
     """Remove tetrahedra; new boundary triangles inherit the CAD face of the removed ones."""
-    known = {tuple(sorted(facet)): tag for facet, tag in zip(skin.facets.tolist(), skin.tags.tolist(), strict=True)}
+    sides = map(tuple, np.sort(skin.facets, axis=1).tolist())
+    known = dict(zip(sides, skin.tags.tolist(), strict=True))
     inherited = dict(zip(skin.owner.tolist(), skin.tags.tolist(), strict=True))
     for cell in slivers.tolist():
         for side in FACES:
@@ -129,7 +130,8 @@ def _on_faces(points: Floats, nodes: Ints, tags: Ints, target: Target) -> Floats
         alternate(moved, node[mine], place[mine], target, 1 if sharing == 1 else ROUNDS)
     far = np.linalg.norm(moved - points, axis=1) > target.size
     if far.any():
-        logger.warning("%d boundary nodes have faces that do not meet near them; left in place", far.sum())
+        what = "%d boundary nodes have faces that do not meet near them; left in place"
+        logger.warning(what, far.sum())
         moved[far] = points[far]
     return moved
 

@@ -45,7 +45,8 @@ def on_all_cores(work: Callable[..., Any], *items: Iterable[Any]) -> list[Any]:
 def product(matrix: csr_array) -> Solve:
     """Return ``x -> matrix @ x`` of a square matrix, with its rows distributed over the cores."""
     cores = processors()
-    data, columns, starts = (np.asarray(part) for part in (matrix.data, matrix.indices, matrix.indptr))
+    parts = matrix.data, matrix.indices, matrix.indptr
+    data, columns, starts = map(np.asarray, parts)
     size = len(starts) - 1
     ends = [0, *np.searchsorted(starts, np.linspace(0, starts[-1], cores + 1)[1:-1]).tolist(), size]
     blocks = []
@@ -57,9 +58,9 @@ def product(matrix: csr_array) -> Solve:
 
 
 def factorize_matrix(matrix: csr_array) -> Solve:
-    """Factorize a symmetric positive definite matrix with SuperLU: symmetric ordering, diagonal pivots."""
-    factors = splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    return factors.solve
+    """Factorize a symmetric positive definite matrix: symmetric ordering, diagonal pivots."""
+    how = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
+    return splu(matrix.tocsc(), **how, options={"SymmetricMode": True}).solve
 
 
 def conjugate_gradients(

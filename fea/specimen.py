@@ -137,7 +137,7 @@ def mesh_specimen(
     patience: float = PATIENCE,
     tolerance: float | None = None,
 ) -> TetMesh:
-    """Return the quadratic mesh of a specimen, snapped to its CAD surface and graded at singular edges.
+    """Return a specimen's quadratic mesh, snapped to its CAD surface and graded at singular edges.
 
     Parameters
     ----------
@@ -193,7 +193,8 @@ def cure_of(specimen: Specimen, size: float | None = None) -> str:
     size = size or default_size(specimen.volume, specimen.area, specimen.flatness)
     fewer, count = (expected_elements(specimen.surface, specimen.volume, each) for each in (COARSEST * size, size))
     if fewer < 0.6 * count:
-        return f"choose mesh.size = {1e3 * COARSEST * size:.2g} mm or more, or mesh.tolerance = '1 %'"
+        larger = f"{1e3 * COARSEST * size:.2g} mm"
+        return f"choose mesh.size = {larger} or more, or mesh.tolerance = '1 %'"
     return "remove small holes, fillets and threads from the part"
 
 
@@ -258,9 +259,12 @@ def face_areas(mesh: TetMesh, count: int) -> Floats:
 def _check(specimen: Specimen, mesh: TetMesh) -> None:
     inverted = int((jacobian_range(mesh.points[mesh.cells]) <= 0).sum())
     if inverted:
-        raise MeshError(f"mesh: {inverted} elements of {specimen.name} are inverted; choose a smaller size")
+        what = f"{inverted} elements of {specimen.name} are inverted"
+        raise MeshError(f"mesh: {what}; choose a smaller size")
     for face in specimen.held_faces.difference(mesh.facet_face.tolist()):
-        raise MeshError(f"mesh: face {face} of {specimen.name} has no triangles; choose a smaller size")
+        what = f"face {face} of {specimen.name} has no triangles"
+        raise MeshError(f"mesh: {what}; choose a smaller size")
     off = volume(mesh.points, mesh.cells) / specimen.volume - 1
     if abs(off) > 0.01:
-        raise MeshError(f"mesh: the volume of {specimen.name} is {off:.1%} off; choose a smaller size or envelope")
+        what = f"the volume of {specimen.name} is {off:.1%} off"
+        raise MeshError(f"mesh: {what}; choose a smaller size or envelope")
