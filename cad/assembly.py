@@ -134,10 +134,12 @@ def read_assembly(path: str | Path, left_out: list[str] | None = None) -> tuple[
     there = len(_SOLID.findall(content))
     lost = there - len(solids)
     if 0 < there < len(solids):
-        what = f"{there} that fall into {len(solids)}, as edges or points of more than two faces part them"
+        why = "as edges or points of more than two faces part them"
+        what = f"{there} that fall into {len(solids)}, {why}"
         raise InputError(f"{path}: expected manifold solids, got {what}")
     if left_out is not None:
-        left_out += [f"{lost} of its solids could not be read: left out"] * (lost > 0) + told["left_out"]
+        left_out += [f"{lost} of its solids could not be read: left out"] * (lost > 0)
+        left_out += told["left_out"]
     return place_solids(solids, told)
 
 
@@ -148,11 +150,12 @@ def place_solids(solids: "Sequence[Solid]", told: dict[str, Any]) -> tuple[Insta
         found = cad.kernel.volume_properties(solid)
         centre = 1e-3 * cad.kernel.xyz(found.CentreOfMass())
         inertia = 1e-15 * cad.kernel.inertia(found)
-        products.append(Product(number, solid, each["material"], 1e-9 * found.Mass(), centre, inertia))
+        volume = 1e-9 * found.Mass()
+        products.append(Product(number, solid, each["material"], volume, centre, inertia))
     names = _name_distinct([each["path"] for each in told["instances"]])
     for name, each in zip(names, told["instances"], strict=True):
-        place = np.array(each["place"])
-        instances.append(Instance(name, products[each["product"]], place[:, :3], 1e-3 * place[:, 3]))
+        place, product = np.array(each["place"]), products[each["product"]]
+        instances.append(Instance(name, product, place[:, :3], 1e-3 * place[:, 3]))
     return tuple(instances)
 
 
@@ -168,9 +171,10 @@ def _check_references(path: Path, content: bytes) -> None:
         what = f"{len(missing)} of its entities are missing (#{first})"
         raise InputError(f"{path}: expected a whole STEP file, got one of which {what}")
     odd = {name: numbers for name, numbers in _POINT.findall(bare) if not _THREE.fullmatch(numbers)}
-    for name in (each for places in _PLACED.findall(bare) for each in _USED.findall(places) if each in odd):
-        got = odd[name].decode(errors="replace")
-        raise InputError(f"{path}: #{name.decode()}: expected three coordinates in space, got ({got})")
+    placed = (name for places in _PLACED.findall(bare) for name in _USED.findall(places))
+    for name in filter(odd.__contains__, placed):
+        got = f"({odd[name].decode(errors='replace')})"
+        raise InputError(f"{path}: #{name.decode()}: expected three coordinates in space, got {got}")
     holds = dict[bytes, set[bytes]]()
     for whole, part in _HOLDS.findall(bare):
         holds.setdefault(whole, set()).add(part)
@@ -178,11 +182,13 @@ def _check_references(path: Path, content: bytes) -> None:
         TopologicalSorter(holds).prepare()
     except CycleError as error:
         chain = " in ".join(f"#{each.decode()}" for each in error.args[1])
-        raise InputError(f"{path}: expected a tree of products, got one within itself ({chain})") from error
+        what = f"expected a tree of products, got one within itself ({chain})"
+        raise InputError(f"{path}: {what}") from error
     for match in _EXTERNAL.finditer(content):
         name = match[1].decode(errors="replace")
         if not (path.parent / name.replace("\\", "/")).is_file():
-            raise InputError(f'{path}: expected the files that it refers to beside it, got none called "{name}"')
+            got = f'got none called "{name}"'
+            raise InputError(f"{path}: expected the files that it refers to beside it, {got}")
 
 
 def _name_distinct(paths: Sequence[Sequence[str]]) -> list[str]:
@@ -190,7 +196,8 @@ def _name_distinct(paths: Sequence[Sequence[str]]) -> list[str]:
     own = [("" if _is_nameless(path[-1]) else path[-1]) for path in paths]
     for depth in range(2, max(map(len, paths), default=0) + 1):
         doubled = {name for name in own if own.count(name) > 1 and name}
-        longer = [".".join(part for part in path[-depth:] if not _is_nameless(part)) for path in paths]
+        named = ([part for part in path[-depth:] if not _is_nameless(part)] for path in paths)
+        longer = [".".join(parts) for parts in named]
         again = [
             long if name in doubled and len(path) > depth else name
             for name, long, path in zip(own, longer, paths, strict=True)
@@ -230,16 +237,16 @@ def gather_solids(found: "Sequence[PlacedProduct]", shown: str) -> "tuple[list[S
             key = each.product, index
             if key not in numbers:
                 if not cad.kernel.is_valid(solid):
-                    raise InputError(
-                        f'{shown}: expected valid solids, got "{each.path[-1]}" with faulty faces or edges'
-                    )
+                    got = f'"{each.path[-1]}" with faulty faces or edges'
+                    raise InputError(f"{shown}: expected valid solids, got {got}")
                 numbers[key] = len(solids)
                 solids.append(cad.kernel.orient_solid(solid))
                 products.append({"material": each.material})
             instances.append({"path": each.path, "product": numbers[key], "place": each.place})
     if not instances:
-        what = f"{len(loose)} shapes that are no closed solid (surfaces, wires or points)" if loose else "none"
-        raise InputError(f"{shown}: expected at least one closed solid, got {what}")
+        what = f"{len(loose)} shapes that are no closed solid (surfaces, wires or points)"
+        got = what if loose else "none"
+        raise InputError(f"{shown}: expected at least one closed solid, got {got}")
     listed = ", ".join(loose[:8]) + (f" and {len(loose) - 8} more" if len(loose) > 8 else "")
-    left_out = [f"{len(loose)} shapes that are no closed solid ({listed}): left out"] * (len(loose) > 0)
+    left_out = [f"{len(loose)} shapes that are no closed solid ({listed}): left out"] if loose else []
     return solids, {"products": products, "instances": instances, "left_out": left_out}

@@ -7,6 +7,8 @@ height, from the centroid, at the loaded end the reference point. Channel flange
 from dataclasses import dataclass, fields
 from typing import Any, ClassVar
 
+import numpy as np
+
 from stiffscope.cad.checks import GAP, length, mm, require
 from stiffscope.cad.solid import SolidParameters
 
@@ -28,8 +30,8 @@ class BeamParameters(SolidParameters):
         for field in fields(self):
             length(f"{self.shape}.{field.name}", getattr(self, field.name))
         for name, most in self.largest().items():
-            value = getattr(self, name)
-            require(value <= most, f"{self.shape}.{name}", f"up to {mm(max(most, 0.0))} in this section", mm(value))
+            value, valid = getattr(self, name), f"up to {mm(max(most, 0.0))} in this section"
+            require(value <= most, f"{self.shape}.{name}", valid, mm(value))
 
     def largest(self) -> dict[str, float]:
         """Return the largest thicknesses by name, m."""
@@ -49,7 +51,8 @@ class BeamParameters(SolidParameters):
         """Return the section as a build123d sketch, mm."""
         from build123d import Polygon
 
-        border, *holes = (Polygon(*((1e3 * y, 1e3 * z) for y, z in loop), align=None) for loop in self.outline())
+        loops = (1e3 * np.array(loop) for loop in self.outline())
+        border, *holes = (Polygon(*map(tuple, loop), align=None) for loop in loops)
         return border - holes if holes else border
 
 
@@ -117,8 +120,8 @@ class IParameters(_FlangedParameters):
     def outline(self) -> list[list[tuple[float, float]]]:
         """See `BeamParameters`."""
         y, web, z, under = self.width / 2, self.web / 2, self.height / 2, self.height / 2 - self.flange
-        upper = [(y, under), (y, z), (-y, z), (-y, under), (-web, under)]
-        return [[(-web, -under), (-y, -under), (-y, -z), (y, -z), (y, -under), (web, -under), (web, under), *upper]]
+        lower = [(-web, -under), (-y, -under), (-y, -z), (y, -z), (y, -under), (web, -under)]
+        return [[*lower, *((-a, -b) for a, b in lower)]]
 
 
 @dataclass(frozen=True)

@@ -98,7 +98,8 @@ def _read_joints(
         for name, joint in node.joints.items():
             if joint.connected_to is None:
                 continue
-            other, label = joint.connected_to, f'{type(joint).__name__} "{name}" of {node.label or "a solid"}'
+            other = joint.connected_to
+            label = f'{type(joint).__name__} "{name}" of {node.label or "a solid"}'
             first = _nearest(joint, node, instances, owners)
             second = _nearest(other, other.parent, instances, owners)
             if first is None or second is None or first == second:

@@ -52,8 +52,8 @@ def number(field: str, value: object) -> float:
 
 def length(field: str, value: object) -> float:
     """Return `value` as a length in m within `SMALLEST` and `LARGEST`. Raises InputError."""
-    metres = number(field, value)
-    require(SMALLEST <= metres <= LARGEST, field, f"a length from {mm(SMALLEST)} to {mm(LARGEST)}", mm(metres))
+    metres, valid = number(field, value), f"a length from {mm(SMALLEST)} to {mm(LARGEST)}"
+    require(SMALLEST <= metres <= LARGEST, field, valid, mm(metres))
     return metres
 
 
@@ -101,7 +101,8 @@ def is_point(value: object) -> bool:
 
 def direction(field: str, value: object) -> None:
     """Raise InputError unless `value` is a vector of three numbers of usable length."""
-    require(1e-9 <= _size(value) <= 1e9, field, "a direction (three numbers of length 1e-9 to 1e9)", repr(value))
+    valid = "a direction (three numbers of length 1e-9 to 1e9)"
+    require(1e-9 <= _size(value) <= 1e9, field, valid, repr(value))
 
 
 def _size(value: object) -> float:

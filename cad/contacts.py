@@ -87,7 +87,8 @@ def find_contacts(solids: Sequence[Instance], progress: Progress | None = None) 
 
 def _drop_covered(contacts: list[Contact]) -> list[Contact]:
     """Drop contacts of a pin and a bore with a ring between them."""
-    bores, pins = defaultdict[tuple[int, int], set[int]](set), defaultdict[tuple[int, int], set[int]](set)
+    bores = defaultdict[tuple[int, int], set[int]](set)
+    pins = defaultdict[tuple[int, int], set[int]](set)
     fits = []
     for each in contacts:
         ends = (each.first, each.faces[0]), (each.second, each.faces[1])
@@ -101,7 +102,8 @@ def _drop_covered(contacts: list[Contact]) -> list[Contact]:
 
 def _drop_open(contacts: list[Contact]) -> list[Contact]:
     """Drop planes with unbounded play: no opposing plane of one of the solids."""
-    normals, axes = defaultdict[int, list[Array]](list), defaultdict[tuple[int, int], list[Array]](list)
+    normals = defaultdict[int, list[Array]](list)
+    axes = defaultdict[tuple[int, int], list[Array]](list)
     for each in contacts:
         if each.kind == "plane":
             normals[each.first].append(each.axis)
@@ -186,7 +188,8 @@ def _cylinder(a: FaceGeometry, b: FaceGeometry) -> _Found:
 
 def _coaxial(a: FaceGeometry, b: FaceGeometry) -> bool:
     aside = np.cross(a.axis, b.origin - a.origin)
-    return bool(np.linalg.norm(np.cross(a.axis, b.axis)) < PARALLEL and np.linalg.norm(aside) < ASIDE)
+    parallel = np.linalg.norm(np.cross(a.axis, b.axis)) < PARALLEL
+    return bool(parallel and np.linalg.norm(aside) < ASIDE)
 
 
 def _overlap(a: FaceGeometry, b: FaceGeometry) -> tuple[float, float]:

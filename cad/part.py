@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiffscope import cad
+from stiffscope.cad.checks import require
 from stiffscope.cad.faces import FaceGeometry, face_geometries
 from stiffscope.cad.materials import AnyMaterial
-from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from stiffscope.cad.kernel import Shape, Solid
 
-Floats = NDArray[np.float64]
+Floats, Ints = NDArray[np.float64], NDArray[np.int64]
 SMOOTH = np.deg2rad(20.0)  # the mesher keeps no edges between faces whose normals differ by less
 
 
@@ -79,20 +79,17 @@ class Part:
 
     def __post_init__(self) -> None:
         taken: dict[int, str] = {}
-        for name, chosen in ((self.rest, self.clamped), *((one.name, one.faces) for one in self.loaded)):
-            if not chosen:
-                raise InputError(f"{self.name}.{name}: expected at least one face, got none")
+        interfaces = self.clamped, *(one.faces for one in self.loaded)
+        for name, chosen in zip(self.names, interfaces, strict=True):
+            field, last = f"{self.name}.{name}", len(self.faces) - 1
+            require(bool(chosen), field, "at least one face", "none")
             for index in sorted(chosen):
-                if not 0 <= index < len(self.faces):
-                    raise InputError(f"{self.name}.{name}: expected faces from 0 to {len(self.faces) - 1}, got {index}")
-                if index in taken:
-                    raise InputError(
-                        f"{self.name}.{name}: expected faces that no other interface uses, "
-                        f"got face {index}, which belongs to {taken[index]} too"
-                    )
+                require(0 <= index <= last, field, f"faces from 0 to {last}", index)
+                got = f"face {index}, which belongs to {taken.get(index)} too"
+                require(index not in taken, field, "faces that no other interface uses", got)
                 taken[index] = name
-        if not self.loaded:
-            raise InputError(f"{self.name}.loaded: expected at least one loaded interface, got none")
+        field = f"{self.name}.loaded"
+        require(bool(self.loaded), field, "at least one loaded interface", "none")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -117,11 +114,11 @@ class Part:
         return self._smooth(lambda a, b: owner.get(a) != owner.get(b))
 
     def _smooth(self, wanted: "Callable[[int, int], bool]") -> dict[tuple[int, int], "Shape"]:
-        faces = cad.kernel.faces(self.solid)
+        faces, angle = cad.kernel.faces(self.solid), cad.kernel.normal_angle
         return {
             (a, b): cad.kernel.compound(*edges)
             for (a, b), edges in cad.kernel.borders(self.solid).items()
-            if wanted(a, b) and any(cad.kernel.normal_angle(edge, (faces[a], faces[b])) < SMOOTH for edge in edges)
+            if wanted(a, b) and any(angle(edge, (faces[a], faces[b])) < SMOOTH for edge in edges)
         }
 
 
@@ -139,8 +136,8 @@ class Surface:
     """
 
     vertices: Floats
-    triangles: NDArray[np.int64]
-    face_of_triangle: NDArray[np.int64]
+    triangles: Ints
+    face_of_triangle: Ints
     faces: tuple[FaceGeometry, ...]
     seams: tuple[tuple[int, int], ...] = ()
 
@@ -164,17 +161,17 @@ def surface(part: Part, deflection: float = 5e-4, angle: float = 0.8) -> Surface
     """
     vertices, triangles, face_of_triangle = tessellate(part.solid, deflection, angle)
     gaps = open_edges(triangles)
-    if gaps:
-        raise InputError(f"{part.name}: expected a closed surface, got {gaps} open edges in its tessellation")
+    require(not gaps, part.name, "a closed surface", f"{gaps} open edges in its tessellation")
     return Surface(vertices, triangles, face_of_triangle, part.faces, tuple(part.seams))
 
 
-def tessellate(solid: "Solid", deflection: float, angle: float) -> tuple[Floats, NDArray[np.int64], NDArray[np.int64]]:
+def tessellate(solid: "Solid", deflection: float, angle: float) -> tuple[Floats, Ints, Ints]:
     """Return vertices (nv, 3), m, outward triangles (nt, 3) and each triangle's face (nt,)."""
     pieces = cad.kernel.triangulate(solid, deflection * 1e3, angle)
     nodes = np.concatenate([nodes for nodes, _ in pieces])
     starts = np.cumsum([0] + [len(nodes) for nodes, _ in pieces[:-1]])
-    triangles = np.concatenate([piece + start for (_, piece), start in zip(pieces, starts, strict=True)])
+    numbered = zip(pieces, starts, strict=True)
+    triangles = np.concatenate([piece + start for (_, piece), start in numbered])
     face_of_triangle = np.repeat(np.arange(len(pieces)), [len(piece) for _, piece in pieces])
     vertices, number = _merge_nodes(nodes)
     triangles = number[triangles]
@@ -183,7 +180,7 @@ def tessellate(solid: "Solid", deflection: float, angle: float) -> tuple[Floats,
     return vertices * 1e-3, triangles[kept], face_of_triangle[kept]
 
 
-def _merge_nodes(nodes: Floats) -> tuple[Floats, NDArray[np.int64]]:
+def _merge_nodes(nodes: Floats) -> tuple[Floats, Ints]:
     """Merge coincident nodes (n, 3), mm; return the distinct ones and the index of each node.
 
     Faces at a border share its nodes to 1e-13. Nodes are compared on a grid with an offset that
@@ -194,7 +191,7 @@ def _merge_nodes(nodes: Floats) -> tuple[Floats, NDArray[np.int64]]:
     return nodes[first], number.reshape(-1)
 
 
-def open_edges(triangles: NDArray[np.int64]) -> int:
+def open_edges(triangles: Ints) -> int:
     """Count edges of triangles (nt, 3) not used once in each direction: 0 for a closed surface."""
     directed = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     base = triangles.max(initial=0) + 1
@@ -258,4 +255,5 @@ def mass_properties(part: Part) -> MassProperties:
     properties, density = cad.kernel.volume_properties(part.solid), part.material.density
     volume = properties.Mass() * 1e-9
     centre = cad.kernel.xyz(properties.CentreOfMass()) * 1e-3
-    return MassProperties(volume, volume * density, centre, cad.kernel.inertia(properties) * 1e-15 * density)
+    inertia = cad.kernel.inertia(properties) * 1e-15 * density
+    return MassProperties(volume, volume * density, centre, inertia)

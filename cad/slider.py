@@ -20,7 +20,7 @@ from stiffscope.cad.checks import (
     require,
     require_between,
 )  # fmt: skip
-from stiffscope.cad.faces import FaceSelector, face_geometries, select
+from stiffscope.cad.faces import FaceGeometry, FaceSelector, face_geometries, select
 from stiffscope.cad.part import Interface
 from stiffscope.cad.solid import GREATEST_X, LEAST_X, SolidParameters
 from stiffscope.errors import InputError
@@ -140,11 +140,12 @@ class SliderParameters(SolidParameters):
         pad = 1e3 * self.pad_height, 1e3 * self.pad_width, thickness
         for y in self.pad_positions:
             solid += Pos(depth, 1e3 * y, 0) * Box(*pad, align=outwards)
-        length, bar, height = (1e3 * v for v in (self.rib_length, self.rib_thickness, self.rib_height))
+        rib = self.rib_length, self.rib_thickness, self.rib_height
+        length, bar, height = (1e3 * v for v in rib)
         for y in self.rib_positions:
             nose = Pos(length - bar / 2, 0, 0) * Cylinder(bar / 2, height, align=centred)
-            rib = Box(length - bar / 2, bar, height, align=below) + nose
-            solid += Pos(0, 1e3 * y, thickness / 2) * rib
+            straight = Box(length - bar / 2, bar, height, align=below)
+            solid += Pos(0, 1e3 * y, thickness / 2) * (straight + nose)
         if self.fillet:
             roots = [edge for edge in solid.edges() if _is_root(edge, depth, width, thickness)]
             try:
@@ -160,11 +161,12 @@ class SliderParameters(SolidParameters):
     def select_ends(self, solid: "Solid") -> tuple[frozenset[int], tuple[Interface, ...]]:
         """Return the face x = 0 or the hole walls, and interface ``joints``, or one per pad."""
         axes = [(self.hole_offset, y) for y in self.hole_positions]
-        walls = frozenset(
-            face.index
-            for face in face_geometries(solid)
-            if face.kind == "cylinder" and any(np.allclose(face.origin[:2], axis, atol=1e-6) for axis in axes)
-        )
+
+        def is_wall(face: FaceGeometry) -> bool:
+            near = (np.allclose(face.origin[:2], axis, atol=1e-6) for axis in axes)
+            return face.kind == "cylinder" and any(near)
+
+        walls = frozenset(face.index for face in filter(is_wall, face_geometries(solid)))
         clamped = select(solid, LEAST_X) if self.clamp == "face" else walls
         outer = self.depth + self.pad_height
         if self.pads == "together":
@@ -193,19 +195,18 @@ def _check_row(slider: SliderParameters, item: str, size: str, needs: float) -> 
         require_between(f"slider.{item}_pitch", needs + GAP, pitch, most, note)
     elif not pitch:
         largest = int(slider.width / (needs + GAP) + 1e-9)
-        require(number <= largest, f"slider.{item}_count", f"at most {largest} {item}s of {mm(needs)}", number)
+        fits = f"at most {largest} {item}s of {mm(needs)}"
+        require(number <= largest, f"slider.{item}_count", fits, number)
 
 
 def _check_ribs(slider: SliderParameters) -> None:
     if not slider.rib_count:
-        require(not slider.fillet, "slider.fillet", "0 without ribs (it rounds their roots)", mm(slider.fillet))
+        valid = "0 without ribs (it rounds their roots)"
+        require(not slider.fillet, "slider.fillet", valid, mm(slider.fillet))
         return
-    require(
-        slider.fillet == 0 or FINEST <= slider.fillet <= slider.rib_height - GAP,
-        "slider.fillet",
-        f"0, or a radius from {mm(FINEST)} to {mm(slider.rib_height - GAP)}, less than the rib's height",
-        mm(slider.fillet),
-    )
+    fillet, largest = slider.fillet, slider.rib_height - GAP
+    valid = f"0, or a radius from {mm(FINEST)} to {mm(largest)}, less than the rib's height"
+    require(fillet == 0 or FINEST <= fillet <= largest, "slider.fillet", valid, mm(fillet))
     _check_row(slider, "rib", "thickness", slider.rib_thickness + 2 * slider.fillet)
     shortest, longest = slider.rib_thickness / 2 + GAP, slider.depth - slider.fillet - GAP
     note = ", so that nose and fillet end on the plate"
@@ -221,23 +222,23 @@ def _check_holes(slider: SliderParameters) -> None:
     largest = slider.depth - 2 * GAP
     require(2 * radius < largest, "slider.hole_diameter", f"less than {mm(largest)}", mm(2 * radius))
     note = ", so that the holes are inside of the plate"
-    require_between("slider.hole_offset", radius + GAP, slider.hole_offset, slider.depth - radius - GAP, note)
+    least, most = radius + GAP, slider.depth - radius - GAP
+    require_between("slider.hole_offset", least, slider.hole_offset, most, note)
     if slider.hole_offset - radius - GAP > slider.rib_length + slider.fillet:
         return
     clearance = radius + slider.rib_thickness / 2 + slider.fillet + GAP
+    valid = f"bolt holes at least {mm(clearance)} from a rib's centre plane"
+    valid += " (change a pitch or a count)"
     for hole in slider.hole_positions:
         for rib in slider.rib_positions:
-            require(
-                abs(hole - rib) >= clearance,
-                "slider.hole_pitch",
-                f"bolt holes at least {mm(clearance)} from a rib's centre plane (change a pitch or a count)",
-                f"a hole at y = {mm(hole)} and a rib at y = {mm(rib)}",
-            )
+            got = f"a hole at y = {mm(hole)} and a rib at y = {mm(rib)}"
+            require(abs(hole - rib) >= clearance, "slider.hole_pitch", valid, got)
 
 
 def _check_pads(slider: SliderParameters) -> None:
     if not slider.pad_height:
-        require(slider.pads != "apart", "slider.pads", "'together' without pads (pad_height = 0)", "'apart'")
+        valid = "'together' without pads (pad_height = 0)"
+        require(slider.pads != "apart", "slider.pads", valid, "'apart'")
         return
     widest = min(slider.pad_spacing - GAP, slider.width - 2 * slider.pad_spacing - 2 * GAP)
     spacing, farthest = slider.pad_spacing, slider.width / 2 - GAP

@@ -106,14 +106,18 @@ def part_of(
         (rest, clamped), *others = interfaces.items()
         named = dict(others)
     if reference_point is not None and len(named) > 1:
-        raise InputError(f"{name}.reference_point: expected none with {len(named)} interfaces, got one")
+        valid = f"none with {len(named)} interfaces"
+        raise InputError(f"{name}.reference_point: expected {valid}, got one")
     if reference_point is not None:
         _check_near(solid, reference_point, f"{name}.reference_point")
     solid, selected = select_interfaces(solid, {rest: clamped, **named}, name)
     at_rest = selected.pop(rest)
-    origin, x, z = (np.asarray(vector, dtype=float) for vector in (placement.origin, placement.x, placement.z))
+    vectors = placement.origin, placement.x, placement.z
+    origin, x, z = (np.asarray(vector, dtype=float) for vector in vectors)
     moved = cad.kernel.in_axes(solid, origin * 1e3, x, z)
-    point = None if reference_point is None else _axes(x, z) @ (np.asarray(reference_point, dtype=float) - origin)
+    point = None
+    if reference_point is not None:
+        point = _axes(x, z) @ (np.asarray(reference_point, dtype=float) - origin)
     geometries = face_geometries(moved)
     ends = (
         Interface(

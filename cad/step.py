@@ -93,9 +93,11 @@ def check_file(path: Path) -> bytes:
     if not head.strip():
         raise InputError(f"{path}: expected a STEP file, found an empty one")
     if START not in head:
-        raise InputError(f"{path}: expected a STEP file, which begins with {START.decode()}; found another format")
+        begins = f"which begins with {START.decode()}"
+        raise InputError(f"{path}: expected a STEP file, {begins}; found another format")
     if END not in tail:
-        raise InputError(f"{path}: expected a whole STEP file, found a truncated one (no {END.decode()} at its end)")
+        found = f"a truncated one (no {END.decode()} at its end)"
+        raise InputError(f"{path}: expected a whole STEP file, found {found}")
     _check_measures(path, content)
     return content
 
@@ -113,17 +115,20 @@ def _check_measures(path: Path, content: bytes) -> None:
 
 def check_unit(path: Path, content: bytes) -> None:
     """Refuse a file without a length unit: the kernel would silently assume millimetres."""
-    entities = (content[content.rfind(b";", 0, match.start()) + 1 : match.start()] for match in _UNIT.finditer(content))
+    ends = (match.start() for match in _UNIT.finditer(content))
+    entities = (content[content.rfind(b";", 0, end) + 1 : end] for end in ends)
     lengths = {name[1] for name in map(_NAME.search, entities) if name}
     used = {name for match in _CONTEXT.finditer(content) for name in re.findall(rb"#\d+", match[1])}
     if not lengths & used:
         missing = "LENGTH_UNIT" if not lengths else "GLOBAL_UNIT_ASSIGNED_CONTEXT with it"
-        raise InputError(f"{path}: expected a STEP file with a unit of length, found no {missing}; export it again")
+        valid = "a STEP file with a unit of length"
+        raise InputError(f"{path}: expected {valid}, found no {missing}; export it again")
 
 
 def _write_valid(path: Path, shown: str, brep: Path) -> None:
     """Read a file, `shown` in messages, check its solid and write it in the kernel's format."""
-    cad.kernel_files.write_binary(cad.validity.valid_solid(cad.kernel_files.read_step(path), shown), brep)
+    shape = cad.kernel_files.read_step(path)
+    cad.kernel_files.write_binary(cad.validity.valid_solid(shape, shown), brep)
 
 
 def read_alone(read: "Callable[[Path, str, Path], None]", path: Path, goal: Path, time_limit: float, what: str) -> None:

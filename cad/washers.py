@@ -88,9 +88,10 @@ def select_interfaces(
 def _list_holes(solid: "Solid") -> list[_Hole]:
     faces, found = cad.kernel.faces(solid), list[_Hole]()
     for plane in face_geometries(solid):
-        for edge, centre, radius in cad.kernel.round_holes(faces[plane.index]) if plane.kind == "plane" else ():
-            at = 1e-3 * centre
-            found.append(_Hole(FaceGeometry(plane.index, "plane", 0.0, at, at, plane.axis, 1e-3 * radius), edge))
+        rims = cad.kernel.round_holes(faces[plane.index]) if plane.kind == "plane" else ()
+        for edge, centre, radius in rims:
+            form = "plane", 0.0, 1e-3 * centre, 1e-3 * centre, plane.axis, 1e-3 * radius
+            found.append(_Hole(FaceGeometry(plane.index, *form), edge))
     return found
 
 
@@ -99,7 +100,8 @@ def _find_holes(holes: Sequence[_Hole], selector: FaceSelector, field: str) -> l
     found = match_faces([hole.geometry for hole in holes], selector, lambda _face, _point: False)
     if not found:
         radii = ", ".join(sorted({mm(hole.geometry.radius) for hole in holes})) or "none"
-        raise InputError(f"{field}: no round hole of a plane face has {selector}; there are radii {radii}")
+        missing = f"no round hole of a plane face has {selector}"
+        raise InputError(f"{field}: {missing}; there are radii {radii}")
     return [k for k, hole in enumerate(holes) if any(hole.geometry is face for face in found)]
 
 
@@ -120,6 +122,7 @@ def _imprint(
         at = ", ".join(f"{1e3 * x:.6g}" for x in own.centroid)
         got = f"got one of {mm(2 * radius)} at ({at}) mm"
         raise InputError(f"{field}: expected washers within their face and apart, {got}")
-    solid, split = cad.kernel.imprint_circle(solid, face, 1e3 * own.centroid, own.axis, 1e3 * radius)
+    circle = 1e3 * own.centroid, own.axis, 1e3 * radius
+    solid, split = cad.kernel.imprint_circle(solid, face, *circle)
     pieces[:] = [each for each in pieces if not each.IsSame(face)] + split
     return solid, next(filter(is_beside, split))

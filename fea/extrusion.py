@@ -148,7 +148,8 @@ def mesh_extrusion(
     elif walled:
         found = _follow_walls(surface, found, project)
         coarse, finest = size or max(found.wall, width**2 / found.wall / AROUND), found.wall
-        found = replace(found, held=np.isin(found.walls, list(interfaces)))  # layers at the caps are thin anyway
+        # layers at the caps are thin anyway
+        found = replace(found, held=np.isin(found.walls, list(interfaces)))
         reach = float(np.ptp(found.corners, axis=0).max())
         longest = coarse if size or found.held.any() else max(coarse, reach)
         levels = _layers(height, min(END * np.sqrt(finest * reach / 2), longest), longest, FASTER)
@@ -164,10 +165,12 @@ def mesh_extrusion(
         raise
     check(3.0 * len(triangles) * (len(levels) - 1))
     count = len(corners)
-    points = np.vstack([np.column_stack([corners, np.full(count, low + t * height)]) for t in levels]) @ found.axes
+    heights = np.repeat(low + height * levels, count)
+    points = np.column_stack([np.tile(corners, (len(levels), 1)), heights]) @ found.axes
     cells = np.vstack([_prisms(triangles, count * k, count) for k in range(len(levels) - 1)])
     cells[tet_volumes(points, cells) < 0] = cells[tet_volumes(points, cells) < 0][:, [0, 1, 3, 2]]
-    return FlatMesh(points, cells, tag_facets(surface, points[boundary_facets(cells)[0]], coarse / 2), coarse)
+    tags = tag_facets(surface, points[boundary_facets(cells)[0]], coarse / 2)
+    return FlatMesh(points, cells, tags, coarse)
 
 
 def find_extrusion(surface: Surface, interfaces: frozenset[int]) -> Extrusion | None:

@@ -305,7 +305,8 @@ def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
         return vertices, triangles
     ends, left, right = sides_between(triangles)
     beside = np.sort(np.column_stack([tags[left], tags[right]]), axis=1)
-    along = np.isin(beside @ [len(surface.faces), 1], np.array(surface.seams) @ [len(surface.faces), 1])
+    key = [len(surface.faces), 1]
+    along = np.isin(beside @ key, np.array(surface.seams) @ key)
     ends = ends[along]
     corners = vertices[triangles]
     outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -335,7 +336,8 @@ def _run_ftetwild(
 
 def _check_tets(points: Floats, cells: Ints, volume: float) -> tuple[Floats, Ints]:
     if not len(cells):
-        raise MeshError("mesh: no tetrahedra; the surface has no inside (a sheet, or it crosses itself)")
+        why = "the surface has no inside (a sheet, or it crosses itself)"
+        raise MeshError(f"mesh: no tetrahedra; {why}")
     used, cells = np.unique(cells, return_inverse=True)
     points, cells = points[used], cells.reshape(-1, 4)
     volumes = tet_volumes(points, cells)

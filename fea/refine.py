@@ -43,7 +43,8 @@ def bisect(mesh: TetMesh, marked: Ints, at: Floats) -> TetMesh:
     length = np.linalg.norm(mesh.points[low] - mesh.points[high], axis=1)[first]
     rank = np.empty(len(keys), dtype=np.int64)  # the longest edge of a tetrahedron is cut first
     rank[np.argsort(length, kind="stable")] = np.arange(len(keys))
-    pieces = _Pieces(mesh.cells[:, :4].copy(), np.arange(len(mesh.cells)), np.tile(CORNERS, (len(mesh.cells), 1, 1)))
+    cells = len(mesh.cells)
+    pieces = _Pieces(mesh.cells[:, :4].copy(), np.arange(cells), np.tile(CORNERS, (cells, 1, 1)))
     pending = np.ones(len(keys), dtype=bool)
     while pending.any():
         pieces = _cut_round(pieces, count, keys, rank, at, pending)
@@ -80,7 +81,8 @@ def _cut_round(pieces: _Pieces, count: int, keys: Ints, rank: Ints, at: Floats, 
 
 
 def _with_halves(pieces: _Pieces, cut: Ints, a: Ints, b: Ints, new: Ints, middle: Floats) -> _Pieces:
-    halves = [(np.delete(pieces.vertices, cut, 0), np.delete(pieces.root, cut), np.delete(pieces.corners, cut, 0))]
+    whole = pieces.vertices, pieces.root, pieces.corners
+    halves = [tuple(np.delete(part, cut, axis=0) for part in whole)]
     for replaced in (a, b):
         vertices, corners = pieces.vertices[cut], pieces.corners[cut]
         vertices[np.arange(len(cut)), replaced] = new
@@ -97,7 +99,8 @@ def _rebuilt(mesh: TetMesh, pieces: _Pieces, vertex_count: int) -> TetMesh:
     points = np.zeros((vertex_count + len(edges), 3))
     _, first = np.unique(cells, return_index=True)
     roots = mesh.points[mesh.cells[pieces.root[first // 10]]]
-    points[cells.reshape(-1)[first]] = np.einsum("nk,kni->ki", shapes(reference.reshape(-1, 3)[first].T)[0], roots)
+    values = shapes(reference.reshape(-1, 3)[first].T)[0]
+    points[cells.reshape(-1)[first]] = np.einsum("nk,kni->ki", values, roots)
     facets, faces = _inherited_facets(mesh, pieces, cells)
     return compact(TetMesh(points, cells, facets, faces, mesh.pulled_back))
 
@@ -106,13 +109,16 @@ def _inherited_facets(mesh: TetMesh, pieces: _Pieces, cells: Ints) -> tuple[Ints
     """Return boundary triangles (k, 6) and CAD faces (k,), inherited from the parents."""
     outer, owner, local = boundary_facets(mesh.cells[:, :4])
     face = np.empty((len(mesh.cells), 4), dtype=np.int64)
-    order, known = (np.lexsort(np.sort(triangles, axis=1).T) for triangles in (outer, mesh.facets[:, :3]))
+    both = outer, mesh.facets[:, :3]
+    order, known = (np.lexsort(np.sort(triangles, axis=1).T) for triangles in both)
     face[owner[order], local[order]] = mesh.facet_face[known]
     facets, owner, local = boundary_facets(cells[:, :4])
     corners = pieces.corners[owner[:, None], FACES[local]]  # (k, 3, 3)
-    off = np.abs(np.concatenate([1 - corners.sum(axis=2, keepdims=True), corners], axis=2)).max(axis=1)
+    barycentric = np.concatenate([1 - corners.sum(axis=2, keepdims=True), corners], axis=2)
+    off = np.abs(barycentric).max(axis=1)
     side = np.argmin(off[:, OPPOSITE], axis=1)  # parent face: one coordinate is zero
-    return np.hstack([facets, cells[owner[:, None], FACE_MIDS[local]]]), face[pieces.root[owner], side]
+    mids = cells[owner[:, None], FACE_MIDS[local]]
+    return np.hstack([facets, mids]), face[pieces.root[owner], side]
 
 
 def grade(mesh: TetMesh, edges: Ints, layers: int, ratio: float) -> TetMesh:

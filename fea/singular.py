@@ -38,13 +38,14 @@ def singular_edges(
     turn = np.linalg.norm(np.cross(normals[left], normals[right]), axis=1)
     turn = np.arctan2(turn, np.einsum("ij,ij->i", normals[left], normals[right]))
     rise = np.einsum("ij,ij->i", normals[left], (a + b + c)[right] - (a + b + c)[left])
-    inside = np.maximum(np.pi + np.where(rise > 0, turn, -turn), 0.1)  # angle of the material around the edge
+    inside = np.maximum(np.pi + np.where(rise > 0, turn, -turn), 0.1)  # angle of the material
     parted = mesh.facet_face[left] != mesh.facet_face[right]
     border = _differ(mesh, fixed, left, right)
     reentrant = ~border & parted & (inside > np.pi + SHARP)
     jump = ~border & ~reentrant & _differ(mesh, loaded, left, right) & (inside > np.pi - SHARP)
-    exponents = fixed_exponent(inside[border]), free_exponent(inside[reentrant]), np.ones(int(jump.sum()))
-    return np.vstack([pairs[which] for which in (border, reentrant, jump)]), np.concatenate(exponents)
+    kinds = border, reentrant, jump
+    exponents = fixed_exponent(inside[border]), free_exponent(inside[reentrant]), np.ones(jump.sum())
+    return np.vstack([pairs[which] for which in kinds]), np.concatenate(exponents)
 
 
 def _differ(mesh: TetMesh, sets: Sequence[frozenset[int]], left: Ints, right: Ints) -> np.ndarray:

@@ -53,14 +53,16 @@ def read_superelement(path: Path) -> Read:
     except (OSError, EOFError, zipfile.BadZipFile, KeyError, IndexError, TypeError, ValueError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"expected a superelement, got a file that cannot be read as one ({error})") from error
+        got = f"a file that cannot be read as one ({error})"
+        raise InputError(f"expected a superelement, got {got}") from error
     raise InputError(f"expected a file of a superelement ({', '.join(SUFFIXES)}), got {path.name}")
 
 
 def _check_matrix(shape: tuple[int, ...], kind: str) -> None:
     """Raise InputError for an invalid superelement matrix, before it is loaded."""
     if len(shape) != 2 or shape[0] != shape[1] or not 0 < shape[0] <= MOST_ROWS:
-        raise InputError(f"expected a square matrix of at most {MOST_ROWS} rows, got {' x '.join(map(str, shape))}")
+        valid = f"a square matrix of at most {MOST_ROWS} rows"
+        raise InputError(f"expected {valid}, got {' x '.join(map(str, shape))}")
     if kind not in {"real", "integer"}:
         raise InputError(f"expected a matrix of real numbers, got {kind} ones")
 
@@ -70,20 +72,23 @@ def _read_npz(path: Path) -> Read:
         for name in {"stiffness.npy", "mass.npy"}.intersection(archive.namelist()):
             with archive.open(name) as stream:
                 first = npy.read_magic(stream)[0] == 1
-                shape, _, kind = (npy.read_array_header_1_0 if first else npy.read_array_header_2_0)(stream)
+                read = npy.read_array_header_1_0 if first else npy.read_array_header_2_0
+                shape, _, kind = read(stream)
             _check_matrix(shape, "real" if kind.kind in "fiu" else kind.name)
     with np.load(path, allow_pickle=False) as held:
         stiffness = np.asarray(held["stiffness"], dtype=float)
         mass = np.asarray(held["mass"], dtype=float) if "mass" in held else None
         squares = np.ravel(held["mode_squares"]) if "mode_squares" in held else np.zeros(0)
         if not np.array_equal(squares, stiffness.diagonal()[len(stiffness) - len(squares) :]):
-            raise InputError("expected mode_squares to be the last of the stiffness's diagonal, got others")
+            valid = "mode_squares to be the last of the stiffness's diagonal"
+            raise InputError(f"expected {valid}, got others")
         names = _named_places(str(held["help"])) if "help" in held else {}
         places = held["nodes"].tolist() if "nodes" in held else []
     if names and places and len(names) != len(places):
         raise InputError(f"expected {len(names)} nodes, as its help names, got {len(places)}")
     exact = {name: tuple(place) for name, place in zip(names, places, strict=False)}
-    return Read(stiffness, mass, exact or {f"node{k}": tuple(place) for k, place in enumerate(places)})
+    numbered = {f"node{k}": tuple(place) for k, place in enumerate(places)}
+    return Read(stiffness, mass, exact or numbered)
 
 
 def _read_matrix_market(path: Path) -> Read:
@@ -132,7 +137,8 @@ def _read_dmig(path: Path) -> Read:
     if stiffness is None:
         raise InputError("expected a DMIG matrix whose name begins with K, got none")
     exact = {name: grids[grid] for name, grid in zip(named, sorted(grids), strict=False)}
-    return Read(stiffness, matrix("M"), exact or {f"grid{grid}": grids[grid] for grid in sorted(grids)})
+    numbered = {f"grid{grid}": grids[grid] for grid in sorted(grids)}
+    return Read(stiffness, matrix("M"), exact or numbered)
 
 
 def _cards(text: str) -> Iterator[list[str]]:
@@ -161,8 +167,8 @@ def _cards(text: str) -> Iterator[list[str]]:
 
 def _number(text: str) -> float:
     """Parse a Nastran number, whose exponent may lack its letter."""
-    plain = re.sub(r"(?<=[\d.])([+-]\d+)$", r"e\1", text.strip().replace("D", "E").replace("d", "e"))
-    return float(plain) if text.strip() else 0.0
+    plain = text.strip().replace("D", "E").replace("d", "e")
+    return float(re.sub(r"(?<=[\d.])([+-]\d+)$", r"e\1", plain)) if plain else 0.0
 
 
 def _named_places(text: str, mark: str = "") -> dict[str, tuple[float, ...]]:
