@@ -75,8 +75,8 @@ class Candidate:
     """Part of the machine that the effect blames, if a single one."""
     aliases: tuple[str, ...] = ()
     """Other names of this effect at this place, as `effect @ place`."""
-    twins: tuple[str, ...] = ()
-    """Other effects with the same signature in the readings, as `effect @ place`."""
+    twins: tuple[tuple[Candidate, float], ...] = ()
+    """Other effects with the same signature in the readings, and their internal parameter over this one's."""
     stated: bool = False
     """True if the prior size is a stated tolerance: a standard uncertainty, without heavy tails."""
     groups: tuple[int, ...] = ()
@@ -107,7 +107,7 @@ class Candidate:
     @property
     def signature_of(self) -> tuple[str, ...]:
         """Names of all effects with the same signature, its own first."""
-        return (self.name, *self.twins)
+        return (self.name, *(twin.name for twin, _ in self.twins))
 
     @property
     def positive(self) -> bool:

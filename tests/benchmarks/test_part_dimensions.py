@@ -120,7 +120,7 @@ def answered(name, number, lab, folder, shop):
 def _odds(found, nominal, truth):
     """Ln-odds of the planted parameter against its absence, beside what else was planted."""
     own, *rest = truth
-    candidates = [c for c in found.model.library if c.name in rest or set(rest) & {*c.aliases, *c.twins}]
+    candidates = [c for c in found.model.library if c.name in rest or set(rest) & {*c.aliases, *c.signature_of[1:]}]
     part = own.split(" @ ")[1].split(".")[0]
     new = next(c for c in find_dimensions(nominal, part) if c.name == own)
     start = np.array([v for c in candidates for v in c.internal(np.array(list(truth[rest[0]].values())))])

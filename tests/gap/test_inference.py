@@ -452,7 +452,11 @@ def test_evidence_agrees_with_nested_sampling():
 
 def twin(model, name, **others):
     """The model in which other effects have the very signature of one, and one that has its columns among its own."""
-    return replace(model, library=tuple(replace(c, **others) if c.name == name else c for c in model.library))
+    own = next(c for c in model.library if c.name == name)
+    named = (twin.split(" @ ") for twin in others.pop("twins", ()))
+    alike = tuple((replace(own, effect=effect, place=place), 1.0) for effect, place in named)
+    changed = replace(own, twins=alike, **others)
+    return replace(model, library=tuple(changed if c.name == name else c for c in model.library))
 
 
 @pytest.mark.parametrize(("count", "verdict"), [(0, "identified"), (2, "identified"), (4, "ambiguous")])
@@ -468,6 +472,21 @@ def test_effects_of_one_signature_share_its_probability(count, verdict):
     assert effect.confused_with == (tuple(f"twin-{k} @ place" for k in range(min(count, 2))) or ("effect-0 @ here",))
     others = {f"{p.effect} @ {p.place}" for p in diagnosis.possible}
     assert others == {f"twin-{k} @ place" for k in range(2, count)}
+
+
+@pytest.mark.parametrize("widest", [100.0, 5.0])
+@pytest.mark.parametrize("rate", [0.1, 20.0, -20.0])
+def test_a_twin_is_as_likely_as_where_it_stands_by_itself(rate, widest):
+    """Its parameter is as many times the other's, at most plausible or beyond: its odds follow its own prior."""
+    model = planted(linear_model(np.random.default_rng(12), effects=6, parameters=(1,)), e0=(0.5,))
+    other = replace(model.library[0], effect="other", plausible=((-widest, widest),))
+    model = replace(model, signatures=model.signatures | {other.name: model.signatures["effect-0 @ place"] / rate})
+    apart = find(replace(model, library=(*model.library, other)))
+    merged = find(replace(model, library=(replace(model.library[0], twins=((other, rate),)), *model.library[1:])))
+    one, two = (next(h.evidence for h in apart.hypotheses if h.names == {c.name}) for c in (model.library[0], other))
+    weights = merged.problem.weigh_twins(merged.best.candidates[0], merged.best)
+    assert np.log(weights[1] / weights[0]) == pytest.approx(two - one, abs=0.1)
+    assert merged.best.evidence == pytest.approx(np.logaddexp(one, two), abs=0.1)
 
 
 def test_prior_odds_alone_identify_nothing():

@@ -377,9 +377,9 @@ def test_a_modulus_is_another_name_for_the_plain_factor_of_its_part():
     library = RobotModel(replace(c, **kept, sensors=(), sensor=(), loads=(), load=()), robot).library
     plain = next(k for k in library if k.name == "link-stiffness @ lower")
     names = [f"part-dimension @ lower.{key}" for key in ("radius", "bore", "youngs_modulus")]
-    assert set(names[:2]) <= set(plain.twins)
+    assert set(names[:2]) <= set(plain.signature_of)
     assert names[2] in plain.aliases
-    assert names[2] not in plain.twins
+    assert names[2] not in plain.signature_of
 
 
 def test_a_former_word_is_no_word_more():

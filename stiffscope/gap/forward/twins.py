@@ -68,6 +68,7 @@ def merge_twins(candidates: Sequence[Candidate], prediction: RobotPrediction) ->
                 if _is_factor(other, candidates):
                     out[k] = replace(out[k], aliases=(*out[k].aliases, other.name))
                 else:
-                    out[k] = replace(out[k], twins=(*out[k].twins, *other.signature_of))
+                    rate = float(np.copysign(size[i] / size[j], cosine[i, j]))
+                    out[k] = replace(out[k], twins=(*out[k].twins, (other, rate)))
                 del out[singles[j]]
     return tuple(out.values())

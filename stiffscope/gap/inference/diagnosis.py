@@ -14,14 +14,6 @@ if TYPE_CHECKING:
     from stiffscope.gap.inference.posterior_samples import Samples
 
 
-def _empty_places() -> dict[str, float]:
-    return {}
-
-
-def _empty_parameters() -> dict[str, Parameter]:
-    return {}
-
-
 @dataclass(frozen=True)
 class Parameter:
     """A fitted parameter with its standard uncertainty, SI."""
@@ -45,14 +37,14 @@ class Effect:
     probability: float
     gap_after: float
     """Gap left by this effect alone, % rms."""
-    parameters: dict[str, Parameter] = field(default_factory=_empty_parameters)
+    parameters: dict[str, Parameter] = field(default_factory=dict[str, Parameter])
     confused_with: tuple[str, ...] = ()
     """Indistinguishable effects, as `effect @ place`, including nuisance patterns."""
     share: float = math.nan
     """Shapley share of the explained misfit; the shares of all effects sum to 1."""
     group_probability: float = math.nan
     """Probability that this effect or one of `confused_with` is present."""
-    errors: dict[str, Parameter] = field(default_factory=_empty_parameters)
+    errors: dict[str, Parameter] = field(default_factory=dict[str, Parameter])
     """Individual small errors by name, if `parameters` summarize them, the largest first."""
 
 
@@ -88,10 +80,6 @@ class AbsoluteGap:
     noise: float
 
 
-def _empty_kinds() -> dict[str, AbsoluteGap]:
-    return {}
-
-
 @dataclass(frozen=True)
 class Gap:
     """Gap between model and measurement, % rms, and χ² per reading before and after."""
@@ -105,7 +93,7 @@ class Gap:
     """Remaining gap beyond the noise, % rms: sqrt(explained² - noise²)."""
     discrepancy: float = math.nan
     """Inferred size of another unknown cause, % of the readings; 0 without evidence for one."""
-    absolute: dict[str, AbsoluteGap] = field(default_factory=_empty_kinds)
+    absolute: dict[str, AbsoluteGap] = field(default_factory=dict[str, AbsoluteGap])
     """By kind: displacement, rotation, position, distance, (rotational) stiffness, frequency."""
 
 
@@ -114,17 +102,17 @@ class Where:
     """Shares of the nominal model's residuals; each dictionary sums to one."""
 
     direction: dict[str, float]
-    component: dict[str, float] = field(default_factory=_empty_places)
+    component: dict[str, float] = field(default_factory=dict[str, float])
     pose_names: tuple[str, ...] = ()
     pose: tuple[tuple[float, ...], ...] = ()
     """Rms residuals over sigma by pose and direction (x y z rx ry rz); NaN if not read."""
     unexplained: tuple[tuple[float, ...], ...] = ()
     """As `pose`, with the diagnosed effects."""
-    left: dict[str, float] = field(default_factory=_empty_places)
+    left: dict[str, float] = field(default_factory=dict[str, float])
     """By direction, with the diagnosed effects; empty if these reduce the gap to the noise."""
-    sensor: dict[str, float] = field(default_factory=_empty_places)
+    sensor: dict[str, float] = field(default_factory=dict[str, float])
     """By sensor and by axis at M."""
-    left_by_sensor: dict[str, float] = field(default_factory=_empty_places)
+    left_by_sensor: dict[str, float] = field(default_factory=dict[str, float])
     """As `sensor`, with the diagnosed effects; empty if these reduce the gap to the noise."""
 
 
@@ -153,7 +141,7 @@ class Sensitivity:
     prior: str
     """Prior quantity that is ten times larger or smaller."""
     verdict: str
-    probability: dict[str, float] = field(default_factory=_empty_places)
+    probability: dict[str, float] = field(default_factory=dict[str, float])
     """Probability of every named effect, as `effect @ place`."""
 
 

@@ -14,7 +14,7 @@ from stiffscope.gap.inference.residuals import percent_rms
 from stiffscope.gap.inference.search import Search
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator
 
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.forward_model import Candidate, ForwardModel, Noise
@@ -117,25 +117,30 @@ class Findings:
     def _find_canonical(self, name: str) -> str:
         return self._canonical.get(name, name)
 
-    def _shares(self, candidate: Candidate) -> dict[str, float]:
-        """Return probabilities of an effect and its twins, by name, if one of them is present."""
-        odds = self.problem.odds_of(candidate)
-        return dict(zip(candidate.signature_of, (odds / odds.sum()).tolist(), strict=True))
+    @cached_property
+    def _shares(self) -> dict[int, list[dict[str, float]]]:
+        """Probabilities of each effect and its twins, by name, if one of them is present; by hypothesis."""
+        return {
+            id(h): [
+                dict(zip(c.signature_of, (odds / odds.sum()).tolist(), strict=True))
+                for c in h.candidates
+                for odds in [self.problem.weigh_twins(c, h)]
+            ]
+            for h in self.hypotheses
+        }
 
     def _sum_missed(self, hypothesis: Hypothesis, names: Iterable[str]) -> float:
         """Return the probability that none of these effects is present, given a hypothesis."""
         listed = {self._find_canonical(name) for name in names}
         missed = 1.0
-        for c in hypothesis.candidates:
-            missed *= 1.0 - sum(
-                share for name, share in self._shares(c).items() if self._find_canonical(name) in listed
-            )
+        for shares in self._shares[id(hypothesis)]:
+            missed *= 1.0 - sum(share for name, share in shares.items() if self._find_canonical(name) in listed)
         return missed
 
     def compute_probability(self, name: str) -> float:
         """Return the probability of an effect; indistinguishable effects share theirs."""
         pairs = zip(self.hypotheses, self.probability, strict=True)
-        return float(sum(p * self._shares(c).get(name, 0.0) for h, p in pairs for c in h.candidates))
+        return float(sum(p * shares.get(name, 0.0) for h, p in pairs for shares in self._shares[id(h)]))
 
     def group(self, name: str) -> Group:
         """Return an effect of the best hypothesis with its most probable substitutes.
@@ -144,9 +149,9 @@ class Findings:
         what is in the group have no place of their own in it, and stand where one is left.
         """
         listed, own = [name], next(c for c in self.best.candidates if c.name == name)
-        self._add_rivals(listed, own, [h.words for h in self.hypotheses])
+        self._add_rivals(listed, own, patterns=False)
         known = self.at_work(listed)
-        self._add_rivals(listed, own, [h.candidates for h in self.hypotheses])
+        self._add_rivals(listed, own, patterns=True)
         elsewhere = [c.name for c in self.imitating_patterns.get(name, ()) if c.like == own.effect]
         listed = list(dict.fromkeys([*listed, *elsewhere]))[: CONFUSED + 1]
         same = {self._find_canonical(each) for each in listed}
@@ -203,26 +208,26 @@ class Findings:
         pairs = zip(self.hypotheses, self.probability, strict=True)
         return min(float(sum(p * (1.0 - self._sum_missed(h, names)) for h, p in pairs)), 1.0)
 
-    def _add_rivals(self, listed: list[str], own: Candidate, rivals: Iterable[Sequence[Candidate]]) -> None:
+    def _add_rivals(self, listed: list[str], own: Candidate, *, patterns: bool) -> None:
         """Add the most probable substitutes of an effect, except known ones of other effects.
 
-        rivals: for each hypothesis the effects that may be added.
+        patterns: whether nuisance patterns may be added.
         """
-        rest, pools = self.best.names - {own.name}, list(rivals)
+        rest = self.best.names - {own.name}
         elsewhere = {name for other in rest for name in self._in_place_of.get(other, ())}
         elsewhere -= {*self._in_place_of.get(own.name, ()), *own.signature_of}
         while len(listed) <= CONFUSED:
             known = {self._find_canonical(each) for each in listed}
             gains: dict[str, float] = {}
-            for hypothesis, p, pool in zip(self.hypotheses, self.probability, pools, strict=True):
+            for hypothesis, p in zip(self.hypotheses, self.probability, strict=True):
                 missed = self._sum_missed(hypothesis, listed)
                 if missed <= 0.0:
                     continue
                 alone = rest <= hypothesis.names and len(hypothesis.names - rest) == 1
-                for other in pool:
-                    if other.name in rest | elsewhere:
+                for other, shares in zip(hypothesis.candidates, self._shares[id(hypothesis)], strict=True):
+                    if other.name in rest | elsewhere or (other.is_nuisance and not patterns):
                         continue
-                    for each, share in self._shares(other).items():
+                    for each, share in shares.items():
                         if (same := self._find_canonical(each)) not in known:
                             gains[same] = gains.get(same, 0.0) + p * missed * share * (1.0 if alone else 0.5)
             best = max(gains, key=lambda n: gains[n], default="")
@@ -287,7 +292,7 @@ class Findings:
         if noise.scaled.any():  # noise of unknown size is estimated again
             rest = Problem(self.model, replace(noise, used=noise.used & ~here))
             return rest.posterior(hypothesis.candidates, hypothesis.linear, x).mean - hypothesis.values
-        unit = hypothesis.prior_precision**-0.5  # parameter units range from 1e-9 m/N to kg
+        unit = hypothesis.known.scales  # parameter units range from 1e-9 m/N to kg
         left, out = unit * x[self.used_readings & ~here], unit * x[here]
         return -unit * np.linalg.solve(left.T @ left + np.eye(len(unit)), out.T @ r[here])
 

@@ -100,6 +100,27 @@ class Problem:
         places[:] = counts.total() / len(counts) if self.even else places
         return self.odds / len(counts) / places
 
+    def weigh_twins(self, candidate: Candidate, hypothesis: Hypothesis) -> Array:
+        """Return odds (t,) of an effect and its twins, given the parameters of a hypothesis.
+
+        Relative to `odds_of`, a twin that explains the readings by a less usual size is less likely.
+        """
+        odds = self.odds_of(candidate)
+        for k, (other, rate) in enumerate(((candidate, 1.0), *candidate.twins)):
+            if not other.is_nuisance and implausible(candidate, hypothesis, other, rate):
+                odds[k] *= STRANGE
+            if k > 0:
+                (value,) = hypothesis.values_of(candidate)
+                behind = self._log_density(candidate, value) - self._log_density(other, rate * value)
+                odds[k] *= abs(rate) * np.exp(-behind)
+        return odds
+
+    def _log_density(self, candidate: Candidate, value: float) -> float:
+        """Return the ln prior density of the only internal parameter of a candidate."""
+        (prior,) = self.spreads_of(candidate)
+        scale = prior.scales[:, 0]
+        return float(np.logaddexp.reduce(prior.log_weight - np.log(scale) - 0.5 * (value / scale) ** 2))
+
     def _odds_of_pattern(self, pattern: str) -> float:
         return UNKNOWN * self.odds / len(self._unknown) / max(self._unknown[pattern], 1)
 
@@ -136,9 +157,8 @@ class Problem:
         return float(sum(np.log(self.odds_of(c).sum()) for c in candidates))
 
     def log_odds(self, hypothesis: Hypothesis) -> float:
-        """Return the ln prior odds of a hypothesis, including those of implausible parameters."""
-        strange = sum(bool(implausible(c, hypothesis)) for c in hypothesis.words)
-        return self.log_prior(hypothesis.candidates) + strange * float(np.log(STRANGE))
+        """Return the ln prior odds of a hypothesis, including those of the sizes found."""
+        return float(sum(np.log(self.weigh_twins(c, hypothesis).sum()) for c in hypothesis.candidates))
 
     def posterior(self, candidates: Sequence[Candidate], y: Array, x: Array, near: Array | None = None) -> Posterior:
         """Return the posterior of u in ``y = X u + errors``, without prior odds of the set.

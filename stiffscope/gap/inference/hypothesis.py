@@ -60,10 +60,9 @@ class Hypothesis:
         """All internal parameters (k,)."""
         return join_values(values for _, values in self.parameters)
 
-    @property
-    def prior_precision(self) -> Array:
-        """Prior precisions (k,) of the internal parameters, with the most likely scales."""
-        return self.known.scales**-2.0
+    def values_of(self, candidate: Candidate) -> tuple[float, ...]:
+        """Return the internal parameters (k,) of one of its effects."""
+        return next(values for c, values in self.parameters if c.name == candidate.name)
 
     @property
     def covariance(self) -> Array:

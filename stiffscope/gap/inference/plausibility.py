@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -29,11 +28,8 @@ def physical_sigma(candidate: Candidate, internal: Array, covariance: Array) -> 
 
 def own_part(hypothesis: Hypothesis, name: str) -> tuple[Array, Array]:
     """Return internal parameters (k,) of an effect of a hypothesis, and covariance (k, k)."""
-    ends = np.cumsum([0, *(len(values) for _, values in hypothesis.parameters)])
-    for (candidate, values), (start, end) in zip(hypothesis.parameters, pairwise(ends), strict=True):
-        if candidate.name == name:
-            return np.array(values), hypothesis.covariance[start:end, start:end]
-    raise KeyError(name)
+    own = np.repeat([c.name == name for c in hypothesis.candidates], [len(v) for _, v in hypothesis.parameters])
+    return hypothesis.values[own], hypothesis.covariance[np.ix_(own, own)]
 
 
 def plausible(candidate: Candidate, values: Array, sigma: Array) -> list[bool]:
@@ -44,13 +40,17 @@ def plausible(candidate: Candidate, values: Array, sigma: Array) -> list[bool]:
     ]
 
 
-def implausible(candidate: Candidate, hypothesis: Hypothesis) -> list[str]:
-    """Return messages on implausible parameters of an effect."""
+def implausible(
+    candidate: Candidate, hypothesis: Hypothesis, other: Candidate | None = None, rate: float = 1.0
+) -> list[str]:
+    """Return messages on implausible parameters of an effect, or of a twin in its place (see `Candidate.twins`)."""
     if not candidate.scale:
         return []
-    values = candidate.physical(np.array(next(v for c, v in hypothesis.parameters if c.name == candidate.name)))
-    if all(plausible(candidate, values, np.zeros(len(values)))):
+    other = other or candidate
+    values = other.physical(rate * np.array(hypothesis.values_of(candidate)))
+    if all(plausible(other, values, np.zeros(len(values)))):
         return []
-    sigma = physical_sigma(candidate, *own_part(hypothesis, candidate.name))
-    rows = zip(candidate.names, candidate.units, values, plausible(candidate, values, sigma), strict=True)
-    return [f"{candidate.name}: {name} of {v:.3g} {unit} is not plausible" for name, unit, v, fine in rows if not fine]
+    internal, covariance = own_part(hypothesis, candidate.name)
+    sigma = physical_sigma(other, rate * internal, rate**2 * covariance)
+    rows = zip(other.names, other.units, values, plausible(other, values, sigma), strict=True)
+    return [f"{other.name}: {name} of {v:.3g} {unit} is not plausible" for name, unit, v, fine in rows if not fine]
