@@ -298,16 +298,16 @@ def _next(found: Findings) -> NextMeasurement | None:
 
 def _unseen(found: Findings, joint: Hypothesis, effects: tuple[Candidate, ...]) -> Iterator[str]:
     """A line for each effect of many errors of which readings show some combinations alone."""
-    ends = np.cumsum([0, *(len(values) for _, values in joint.parameters)]).tolist()
-    for c, a, b in zip(joint.candidates, ends[:-1], ends[1:], strict=True):
+    for c in joint.candidates:
         if c.parts and c in effects:
-            own = found.slopes(joint)[found.used_readings, a:b] * joint.known.scales[a:b]
-            left = np.linalg.inv(np.eye(b - a) + own.T @ own)
+            here, count = joint.mark(lambda other, c=c: other is c), len(c.parts)
+            own = found.slopes(joint)[found.used_readings][:, here] * joint.known.scales[here]
+            left = np.linalg.inv(np.eye(count) + own.T @ own)
             seen = int(np.sum(np.linalg.eigvalsh(left) < _LEFT))
             alone = [name for name, share in zip(c.parts, np.diagonal(left), strict=True) if share >= _LEFT]
             nothing = f", and nothing of {', '.join(alone)}" if alone else ""
-            if seen < b - a:
-                yield f"{c.name}: readings show {seen} combinations of its {b - a} errors{nothing}"
+            if seen < count:
+                yield f"{c.name}: readings show {seen} combinations of its {count} errors{nothing}"
 
 
 def _counts(found: Findings, reported: Hypothesis) -> list[str]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -101,7 +100,10 @@ def _trial_poses(c: Campaign, nominal: NominalRobot) -> Array:
     home = nominal.mechanism.tool.home if c.coordinates == nominal.mechanism.tool.pose else 0.0 * middle
     lines = [_trace_coordinate(start, int(k), low[k], high[k]) for start in (home, middle) for k in free]
     reached = np.vstack([*lines, points, c.poses[: _TRIALS // 8]])
-    reaches = partial(_reaches, c, nominal)
+
+    def reaches(poses: Array) -> Flags:
+        return configure_robot(nominal.mechanism, c.coordinates, poses).valid
+
     valid = reaches(reached)
     pairs = [(i, i + 1) for k in range(len(lines)) for i in range(k * len(lines[0]), (k + 1) * len(lines[0]) - 1)]
     ends = [(i, j) if valid[i] else (j, i) for i, j in pairs if valid[i] != valid[j]]
@@ -114,11 +116,6 @@ def _trial_poses(c: Campaign, nominal: NominalRobot) -> Array:
     while not (valid := reaches(found)).all():  # singular poses may depend on others
         found = found[valid]
     return found
-
-
-def _reaches(c: Campaign, nominal: NominalRobot, poses: Array) -> Flags:
-    """Return flags (k,) of the poses (k, d) within reach."""
-    return configure_robot(nominal.mechanism, c.coordinates, poses).valid
 
 
 def _trial_loads(c: Campaign) -> list[tuple[int, Array]]:

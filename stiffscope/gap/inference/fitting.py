@@ -110,7 +110,7 @@ class Problem:
             if not other.is_nuisance and implausible(candidate, hypothesis, other, rate):
                 odds[k] *= STRANGE
             if k > 0:
-                (value,) = hypothesis.values_of(candidate)
+                (value,) = hypothesis.values[hypothesis.mark(lambda c: c is candidate)]
                 behind = self._log_density(candidate, value) - self._log_density(other, rate * value)
                 odds[k] *= abs(rate) * np.exp(-behind)
         return odds

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from stiffscope.gap.forward.forward_model import Candidate, Parameters
     from stiffscope.gap.inference.evidence import Posterior
@@ -60,9 +60,10 @@ class Hypothesis:
         """All internal parameters (k,)."""
         return join_values(values for _, values in self.parameters)
 
-    def values_of(self, candidate: Candidate) -> tuple[float, ...]:
-        """Return the internal parameters (k,) of one of its effects."""
-        return next(values for c, values in self.parameters if c.name == candidate.name)
+    def mark(self, chosen: Callable[[Candidate], bool]) -> Flags:
+        """Return flags (k,) of the internal parameters of chosen effects."""
+        flags = np.array([chosen(c) for c in self.candidates], dtype=np.bool_)
+        return np.repeat(flags, [len(values) for _, values in self.parameters])
 
     @property
     def covariance(self) -> Array:

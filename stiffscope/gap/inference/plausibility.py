@@ -28,7 +28,7 @@ def physical_sigma(candidate: Candidate, internal: Array, covariance: Array) -> 
 
 def own_part(hypothesis: Hypothesis, name: str) -> tuple[Array, Array]:
     """Return internal parameters (k,) of an effect of a hypothesis, and covariance (k, k)."""
-    own = np.repeat([c.name == name for c in hypothesis.candidates], [len(v) for _, v in hypothesis.parameters])
+    own = hypothesis.mark(lambda c: c.name == name)
     return hypothesis.values[own], hypothesis.covariance[np.ix_(own, own)]
 
 
@@ -47,7 +47,7 @@ def implausible(
     if not candidate.scale:
         return []
     other = other or candidate
-    values = other.physical(rate * np.array(hypothesis.values_of(candidate)))
+    values = other.physical(rate * hypothesis.values[hypothesis.mark(lambda c: c is candidate)])
     if all(plausible(other, values, np.zeros(len(values)))):
         return []
     internal, covariance = own_part(hypothesis, candidate.name)

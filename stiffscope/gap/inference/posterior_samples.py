@@ -95,13 +95,11 @@ def draw_samples(
     size = found.problem.errors.sizes[setting]
     parameters: dict[str, Array] = {}
     units: dict[str, str] = {}
-    at = 0
     kept = {c.name for c in named}
     for candidate in joint.candidates:
-        own = u[:, at : at + len(candidate.scale)]
-        at += len(candidate.scale)
-        if candidate.name in kept and candidate.scale:
-            physical = np.array([candidate.physical(row) for row in own])
+        own = joint.mark(lambda c, candidate=candidate: c is candidate)
+        if candidate.name in kept and own.any():
+            physical = np.array([candidate.physical(row) for row in u[:, own]])
             for k, (name, unit) in enumerate(zip(candidate.names, candidate.units, strict=True)):
                 parameters[f"{candidate.name}: {name}"] = physical[:, k].reshape(CHAINS, DRAWS)
                 units[f"{candidate.name}: {name}"] = unit

@@ -160,8 +160,7 @@ class Search:
 
     def _without(self, hypothesis: Hypothesis, gone: Candidate) -> Hypothesis:
         """Return a hypothesis without one of its effects, linearized about it."""
-        keep = np.repeat([c is not gone for c in hypothesis.candidates], [len(v) for _, v in hypothesis.parameters])
-        slopes, y = hypothesis.slopes[:, keep.astype(np.bool_)], hypothesis.linear
+        slopes, y = hypothesis.slopes[:, hypothesis.mark(lambda c: c is not gone)], hypothesis.linear
         candidates = tuple(c for c in hypothesis.candidates if c is not gone)
         if not gone.scale:
             others = tuple((c, v) for c, v in hypothesis.parameters if c is not gone)
@@ -272,8 +271,7 @@ class _Products:
         """Return the products of a library about a hypothesis, with its prior scales."""
         own = errors.project(np.column_stack([hypothesis.slopes, hypothesis.linear]))
         inner, across = errors.inner(own, own), errors.inner(library.projection, own)
-        many = np.repeat([bool(c.parts) for c in hypothesis.candidates], [len(v) for _, v in hypothesis.parameters])
-        many = many.astype(np.bool_)
+        many = hypothesis.mark(lambda c: bool(c.parts))
         left = np.append(~many, np.ones(1, dtype=np.bool_))
         if not many.any():
             empty = np.zeros((len(inner), across.shape[1], 0))
