@@ -16,7 +16,6 @@ from stiffscope.effects.effect import (
     Changes,
     NominalRobot,
     Parameter,
-    Place,
     Setting,
 )
 from stiffscope.effects.elements import ElementEffect, soften
@@ -57,7 +56,9 @@ class PartCompliance(ElementEffect):
         """
         robot = setting.robot
         for place in robot.places(yielding_bodies(robot)):
-            word, others = cls.named.get(place.name, cls.word), _other_names(cls, place)
+            word = cls.named.get(place.name, cls.word)
+            names = (place.name, *place.others) if place.name in cls.named else place.others
+            others = tuple(f"{cls.word} @ {name}" for name in names)
             if word != cls.word:
                 effect = cls(partial(soften, robot, place.members))
                 aliases = (f"link-stiffness @ {place.name}", *others)
@@ -76,11 +77,6 @@ class PartCompliance(ElementEffect):
 def yielding_bodies(robot: NominalRobot) -> list[str]:
     """Return the names of elastic bodies with non-zero compliance."""
     return [name for name in robot.elastic_sources if robot.compliances[name].any()]
-
-
-def _other_names(kind: type[PartCompliance], place: Place) -> tuple[str, ...]:
-    names = (place.name, *place.others) if place.name in kind.named else place.others
-    return tuple(f"{kind.word} @ {name}" for name in names)
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ _USUAL = (2e-7, 2e-6)  # m/N, rad/(N·m): default for motions that are free or n
 _ROUNDING = 1e-9  # relative
 
 
-def find_setting(sound: ElasticState, suspect: Callable[[str], bool] = lambda _part: False) -> Setting:
+def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting:
     """Return the setting in which effects may act.
 
     Parameters
@@ -27,7 +27,7 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool] = lambda _p
     sound
         The nominal robot at a campaign's poses.
     suspect
-        Whether the (slow) virtual experiments on a part are worthwhile; by default they are not.
+        Whether the (slow) virtual experiments on a part are worthwhile.
 
     """
     at, c = sound.at, sound.at.campaign

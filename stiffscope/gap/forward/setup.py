@@ -181,15 +181,12 @@ class Instruments:
         out[rows[:, None], 6 * frame[:, None] + np.arange(6)] = by_frame
         by_target = np.einsum("nji,nj->ni", turns[loose], direction[loose])
         out[rows[loose][:, None], 6 * f + 3 * target[loose][:, None] + np.arange(3)] = by_target
-        return seen + self._zero_of(setup), direction, out
+        zero = self._zeros[self.rows]
+        return seen + np.where(zero >= 0, np.append(setup.zero, 0.0)[zero], 0.0), direction, out
 
     def look(self, setup: Setup, points: Array, turns: Array) -> Array:
         """Return positions and distances (a,) of targets (a, 3) on bodies rotated by (a, 3, 3)."""
         return self._linearize(setup, points, turns)[0]
-
-    def _zero_of(self, setup: Setup) -> Array:
-        mine = self._zeros[self.rows]
-        return np.where(mine >= 0, np.append(setup.zero, 0.0)[mine], 0.0)
 
     def project(self, columns: Array, weight: Array) -> Projection:
         """Return the projection onto the unknowns; readings (n,) of zero weight do not count."""
