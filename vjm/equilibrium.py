@@ -20,7 +20,7 @@ from stiffscope.vjm.condensation import (
     recover_response,
 )
 from stiffscope.vjm.joints import DRIVEN
-from stiffscope.vjm.laws import find_laws, find_segments, linearize, settle, without_laws
+from stiffscope.vjm.laws import find_laws, linearize, settle, without_laws
 from stiffscope.vjm.loading import Loads, Response
 from stiffscope.vjm.network import END
 from stiffscope.vjm.order import find_order
@@ -160,8 +160,9 @@ def map_segments(
     n = len(where.tool)
     out = np.full((n, *entries, loads.cases), np.nan)
     for case in range(loads.cases):
-        deflections = [np.broadcast_to(_deflection(found, name)[:, case], n) for name in laws]
-        segments = find_segments(list(laws.values()), np.stack(deflections, axis=1))
+        segments = np.zeros((n, len(laws)), dtype=np.intp)
+        for k, (name, law) in enumerate(laws.items()):
+            segments[:, k] = law.segment(np.broadcast_to(_deflection(found, name)[:, case], n))
         rows, which = np.unique(segments, axis=0, return_inverse=True)
         for k, row in enumerate(rows.tolist()):
             some = np.flatnonzero(which.ravel() == k)

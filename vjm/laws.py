@@ -20,8 +20,6 @@ from stiffscope.vjm.joints import DRIVEN, Drive
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from stiffscope.vjm.joints import Law
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
@@ -156,8 +154,3 @@ def _search(curves: Sequence[Law], shift: Array, step: Array, pull: Array, tie: 
     a, b, fa, fb = at[rows, first], at[rows, last], slope[rows, first], slope[rows, last]
     rise = np.where(fb > fa, fb - fa, np.inf)
     return np.maximum(a - fa * (b - a) / rise, 0.0)
-
-
-def find_segments(laws: Sequence[Law], deflection: Array) -> NDArray[np.intp]:
-    """Return the segment (m, k) of every law at deflections (m, k)."""
-    return np.stack([law.segment(deflection[:, j]) for j, law in enumerate(laws)], axis=1)

@@ -121,6 +121,16 @@ def test_unloading_returns_along_the_way_of_loading():
     assert stiff[20] == pytest.approx(2.0 * stiff[11])  # the curve's second slope
 
 
+def test_the_load_curve_of_linear_drives_is_a_straight_line():
+    m = read("stewart")
+    wrench = np.array([0, 0, 300.0, 0, 0, 0])
+    curve = find_load_curve(m, POSES, wrench, [-1.0, 0.5, 1.0])
+    full = deflection(m, POSES, wrench).twist
+    np.testing.assert_allclose(curve.twist, full[..., None] * [-1.0, 0.5, 1.0], atol=1e-15)
+    tangents = np.moveaxis(curve.stiffness, 3, 0)
+    np.testing.assert_allclose(tangents, np.broadcast_to(stiffness(m, POSES), tangents.shape), rtol=1e-9)
+
+
 def test_weight_takes_up_the_backlash():
     """Unloaded the tool is loose; under its weight the tangent stiffness is that of the segments where drives stand."""
     m = hexapod(weight=10.0)
