@@ -21,17 +21,7 @@ from stiffscope.design.study_reading import SECTIONS
 from stiffscope.effects.vocabulary import EFFECTS
 from stiffscope.gap.campaign.campaign_header import FRAME_KEYS, KEYS, LOAD_KEYS, SENSOR_KEYS
 from stiffscope.gap.campaign.quantities import DEFLECTIONS, DEVIATIONS, FREQUENCIES, PUSHES, STIFFNESSES
-from stiffscope.report.keys import (
-    CAMPAIGN,
-    CAMPAIGN_SECTIONS,
-    FRAME,
-    JOB,
-    LOAD,
-    QUANTITIES_READ,
-    SENSOR,
-    TABLES,
-    all_keys,
-)  # fmt: skip
+from stiffscope.report.keys import JOB, TABLES, all_keys
 from stiffscope.report.notebook import HEIGHT, as_html
 from stiffscope.report.pictures import open_drawing
 from stiffscope.report.robot_scene import moves, scene
@@ -65,24 +55,20 @@ class CampaignKeys(Directive):
 
     def run(self) -> list[nodes.Node]:
         """Return the tables. Raise an error if described keys differ from those of the code."""
-        described = [
-            tuple(CAMPAIGN),
-            tuple(FRAME),
-            tuple(SENSOR),
-            tuple(LOAD),
-            tuple(k.split()[0] for k in QUANTITIES_READ),
-        ]
-        firsts = tuple(kind[0] for kind in (DEFLECTIONS, DEVIATIONS, STIFFNESSES, PUSHES, FREQUENCIES))
-        if [set(each) for each in described] != [
-            set(each) for each in (KEYS, FRAME_KEYS, SENSOR_KEYS, LOAD_KEYS, firsts)
-        ]:
+        *sections, quantities = list(all_keys()["campaign"].items())[:-1]
+        described = [{row.key.split()[0] for row in rows} for _, rows in (*sections, quantities)]
+        kinds = DEFLECTIONS, DEVIATIONS, STIFFNESSES, PUSHES, FREQUENCIES
+        firsts = [kind[0] for kind in kinds]
+        if described != [set(each) for each in (KEYS, FRAME_KEYS, SENSOR_KEYS, LOAD_KEYS, firsts)]:
             raise self.error("the keys of campaign.toml differ from those described")
         lines: list[str] = []
-        for title, keys in CAMPAIGN_SECTIONS:
+        for title, rows in sections:
             lines += [f"### {title}", "", "| key | value |", "|---|---|"]
-            lines += [f"| `{key}` | {takes} |" for key, takes in keys.items()] + [""]
+            lines += [f"| `{row.key}` | {row.means} |" for row in rows] + [""]
         lines += ["### Quantities at M", "", "| quantity | meaning | unit |", "|---|---|---|"]
-        lines += [f"| `{name}` | {words} | {unit} |" for name, (words, unit) in QUANTITIES_READ.items()]
+        for row in quantities[1]:
+            words, _, unit = row.means.rpartition(" (")
+            lines.append(f"| `{row.key}` | {words} | {unit.rstrip(')')} |")
         lines += ["", "### Effects", "", "| effect | parameters |", "|---|---|"]
         for effect, parameters in EFFECTS.items():
             listed = ", ".join(f"`{name}` ({unit})" for name, unit in parameters[:9])

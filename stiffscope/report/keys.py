@@ -67,47 +67,6 @@ TABLES = (
     ("[map]", sections.MapSection),
     ("[[effects]]", sections.Effect),
 )
-CAMPAIGN = {
-    "robot": "name of a bundled robot, or path of a robot file relative to this folder",
-    "predictions": "instead of `robot`: a table with the columns of the readings and `value`, the model under test; "
-    "further columns: alternative models",
-    "modelled": 'effects already in the model, such as `["gravity"]`',
-    "components": "source of the part matrices: `fea` (default), `beam` or `published`",
-    "readings": "file or list of files: .csv (comma or semicolon, decimal comma too), .tsv, .xlsx",
-    "units": 'units by column, such as `{ value = "um", fx = "N" }`; default: SI',
-    "ignore": "columns to ignore",
-    "frames": "frames of freely placed instruments, by name: `[frames.NAME]`",
-    "sensors": "instruments by name: `[sensors.NAME]`",
-    "loads": "load points by name: `[loads.NAME]`",
-}
-SENSOR = {
-    "measures": "`displacement` (m), `rotation` (rad), or for a target seen by an instrument: `position` "
-    "(three readings `NAME.x`, `NAME.y`, `NAME.z`, m) or `distance` (from the origin of its frame, m)",
-    "body": "a body, or an end of an elastic one (`leg1.arm.tip`)",
-    "at": 'contact point in the home pose, base axes, such as `["75 mm", 0, "-15 mm"]`; not for a rotation',
-    "at_sigma": 'target: uncertainty of its position, such as `"20 mm"`; default: exact',
-    "direction": "sensitive direction, or axis of rotation, base axes; not for a target",
-    "against": "body on which its base stands; default: `ground`; not for a target",
-    "frame": "target: name of the frame in `[frames]` in which it is seen",
-    "zero": "`none` (default), or `session`: one unknown zero offset per session",
-}
-FRAME = {
-    "pose": '`"unknown"` (identified with the effects), or `[x, y, z, rx, ry, rz]` in {O}',
-    "sigma": "standard uncertainties of the six values of a pose; default: exact",
-    "per": "`campaign` (default), or `session`: repositioned in each session",
-}
-LOAD = {"body": "a body, or an end of an elastic one", "at": "load point in the home pose, base axes"}
-QUANTITIES_READ = {
-    "dx … drz": ("deflection of the tool at M under the applied wrench (loaded minus unloaded)", "m, rad"),
-    "ex … erz": ("deviation of the unloaded tool from the commanded rigid pose", "m, rad"),
-    "kx … krz": ("diagonal entry K_ii of the stiffness at M: all other motions held", "N/m, N·m/rad"),
-    "px … prz": ("force over deflection along that axis, all other motions free: 1/C_ii", "N/m, N·m/rad"),
-    "f1 …": ("natural frequencies at the pose in ascending order, drives held", "Hz"),
-}
-
-CAMPAIGN_SECTIONS = (
-    ("campaign.toml", CAMPAIGN), ("[frames.NAME]", FRAME), ("[sensors.NAME]", SENSOR), ("[loads.NAME]", LOAD)
-)  # fmt: skip
 JOB = (
     ("the top level of a job", job.JobSection),
     ("[process]", job.ProcessSection),
@@ -132,7 +91,7 @@ class Key:
 
 
 @cache
-def _meanings() -> dict[str, dict[str, str]]:
+def _meanings() -> dict[str, dict[str, Any]]:
     text = resources.files("stiffscope.data").joinpath("keys.toml").read_text(encoding="utf-8")
     return tomllib.loads(text)
 
@@ -178,8 +137,8 @@ def _robot_keys() -> dict[str, list[Key]]:
 
 def all_keys() -> dict[str, dict[str, list[Key]]]:
     """Return all keys by kind of file and section."""
-    campaign = {title: [Key(key, means) for key, means in keys.items()] for title, keys in CAMPAIGN_SECTIONS}
-    campaign["quantities at M"] = [Key(name, f"{words} ({unit})") for name, (words, unit) in QUANTITIES_READ.items()]
+    described = _meanings()["campaign"].items()
+    campaign = {title: [Key(key, means) for key, means in keys.items()] for title, keys in described}
     campaign["effects"] = [
         Key(name, ", ".join(f"{parameter} ({unit})" for parameter, unit in parameters[:9]) or "no parameters")
         for name, parameters in EFFECTS.items()
