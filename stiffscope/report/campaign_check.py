@@ -16,6 +16,7 @@ from stiffscope.report.pictures import optional_pictures
 from stiffscope.report.robot_scene import moves, picture, pose_text, scene
 from stiffscope.report.run_report import write_report
 from stiffscope.report.terminal import show_line, show_table
+from stiffscope.robot.file.quantities import shown_unit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -139,8 +140,7 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
         return
     poses = [[key, *(pose_values([v], [name], 6) for v, name in zip(pose, names, strict=True))]
              for key, pose in facts["poses"].items()]  # fmt: skip
-    units = {"r": "deg", "q": "m or rad"}
-    columns = [f"{name} {units.get(name[0], 'mm')}" for name in names]
+    columns = [f"{name} {shown_unit(name)[1]}" for name in names]
     show_table("Poses", [["pose"], columns], poses[:_SHOWN])
     if len(poses) > _SHOWN:
         show_line(f"and {len(poses) - _SHOWN} more: see --json")

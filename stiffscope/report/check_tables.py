@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.report.terminal import show_facts, show_line, show_list, show_table
+from stiffscope.robot.file.quantities import shown_unit
 from stiffscope.vjm.checks import list_names
 
 if TYPE_CHECKING:
@@ -145,7 +146,8 @@ def _drives(found: Inspection) -> None:
     for joint in found.mechanism.drives:
         if joint.drive is not None:
             low, high = (
-                _show_limit(each, turns=joint.kind == "revolute") for each in (joint.drive.low, joint.drive.high)
+                _show_limit("r" if joint.kind == "revolute" else "x", each)
+                for each in (joint.drive.low, joint.drive.high)
             )
             unit = "N·m/rad" if joint.kind == "revolute" else "N/m"
             rows.append((joint.name, joint.kind, f"{joint.drive.stiffness:.4g} {unit}", low, high))
@@ -154,17 +156,15 @@ def _drives(found: Inspection) -> None:
         _table("Drives (range from home)", columns, rows, prose=("joint",))
 
 
-def _show_limit(value: float, *, turns: bool) -> str:
-    if not np.isfinite(value):
-        return "no limit"
-    return f"{np.degrees(value):.5g} deg" if turns else f"{1e3 * value:.5g} mm"
+def _show_limit(coordinate: str, value: float) -> str:
+    factor, unit = shown_unit(coordinate)
+    return f"{factor * value:.5g} {unit}" if np.isfinite(value) else "no limit"
 
 
 def _reach(found: Inspection) -> None:
     rows = []
     for way in found.reach:
-        turns = way.coordinate.startswith("r")
-        ends = (_show_limit(way.low, turns=turns), _show_limit(way.high, turns=turns))
+        ends = (_show_limit(way.coordinate, end) for end in (way.low, way.high))
         rows += [
             (way.coordinate, f"{word} {end}", why or "no limit up to here")
             for word, end, why in zip(("from", "to"), ends, (way.at_low, way.at_high), strict=True)
@@ -174,11 +174,10 @@ def _reach(found: Inspection) -> None:
 
 
 def _poses(found: Inspection) -> None:
-    turning = [name.startswith("r") for name in found.mechanism.tool.pose]
     rows = [
         (
             pose.name,
-            ", ".join(_show_limit(x, turns=t) for x, t in zip(pose.tool, turning, strict=True)),
+            ", ".join(map(_show_limit, found.mechanism.tool.pose, pose.tool)),
             pose.reason or "yes",
             "-" if pose.conditioning is None else f"{pose.conditioning:.3g}",
         )

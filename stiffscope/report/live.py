@@ -24,6 +24,7 @@ from stiffscope.report.robot_scene import scene
 from stiffscope.report.robot_view import robot_view, unit_wrenches, wrench_cases
 from stiffscope.report.run_report import ENERGY, GEOMETRY, turn_robot
 from stiffscope.report.terminal import record_shown, show_line, show_table
+from stiffscope.robot.file.quantities import shown_unit
 from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.parameters import parameters
@@ -194,11 +195,12 @@ def draw_maps(assembled: Assembled) -> str:
         Image.fromarray(colours if found.down else colours[::-1]).save(out, "PNG")
         source = f"data:image/png;base64,{base64.b64encode(out.getvalue()).decode()}"
         drawn.append({"name": name, "range": f"{low:.3g} to {high:.3g} {unit}", "source": source})
-    ends = {name: [v * (180 / np.pi if name.startswith("r") else 1e3) for v in (axis[0], axis[-1])]
-            for name, axis in ((found.across, found.columns), (found.up, found.rows))}  # fmt: skip
+    swept = (("across", found.across, found.columns),
+             ("down" if found.down else "up", found.up, found.rows))  # fmt: skip
     axes = "; ".join(
-        f"{way} {coordinates([name])} from {ends[name][0]:.4g} to {ends[name][1]:.4g}"
-        for way, name in (("across", found.across), ("down" if found.down else "up", found.up))
+        f"{way} {coordinates([name])} from {factor * ends[0]:.4g} to {factor * ends[-1]:.4g}"
+        for way, name, ends in swept
+        for factor in shown_unit(name)[:1]
     )
     return page.templates().get_template("live_maps.html").render(maps=drawn, axes=axes)
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from stiffscope.design.maps import StiffnessVolume
 from stiffscope.report.figures import save_figure
+from stiffscope.robot.file.quantities import shown_unit
 from stiffscope.vjm.mechanism import COORDINATES, DIAGONAL
 
 if TYPE_CHECKING:
@@ -110,7 +111,7 @@ def draw_map(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: 
     columns = min(len(panels), 3)
     rows = -(-len(panels) // columns)
     across, up = (float(np.ptp(values)) for values in (found.columns, found.rows))
-    slim = np.clip(up / across, 0.4, 1.6) if _have_same_unit(found) else 0.8
+    slim = np.clip(up / across, 0.4, 1.6) if shown_unit(found.across) == shown_unit(found.up) else 0.8
     figure = Figure(figsize=(4.5 * columns, 0.8 + (0.6 + 3.6 * slim) * rows), layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)  # without a canvas, each contour label would redraw the whole sheet
     heading: Any = {"fontsize": 14 if columns > 1 else 11, "fontweight": "bold"}
@@ -126,11 +127,6 @@ def draw_map(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: 
     save_figure(figure, *targets)
 
 
-def _have_same_unit(found: StiffnessMap) -> bool:
-    """Return whether both coordinates are lengths or both are angles."""
-    return found.across.startswith("r") == found.up.startswith("r")
-
-
 def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
     values, change = panel.values, panel.colours == CHANGE
     low, high, clipped = _limits(values)
@@ -138,7 +134,8 @@ def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
         low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
     if high - low < 1e-9 * max(abs(low), abs(high)) or high == low:  # constant up to rounding
         low, high = low - max(abs(low), 1e-6), high + max(abs(high), 1e-6)
-    x, y = _factor(found.across) * found.columns, _factor(found.up) * found.rows
+    (across, wide), (up, tall) = shown_unit(found.across), shown_unit(found.up)
+    x, y = across * found.columns, up * found.rows
     image = axes.pcolormesh(x, y, values, cmap=panel.colours, shading="nearest", vmin=low, vmax=high, rasterized=True)
     if np.nanmax(values) - np.nanmin(values) > 1e-6 * abs(high):
         ink = "#3c4650" if change and np.nanmedian(np.abs(values)) < 0.5 * high else "white"
@@ -150,8 +147,8 @@ def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
     bar = axes.inset_axes((1.03, 0.0, 0.045, 1.0))  # as high as the map for any aspect ratio
     figure.colorbar(image, cax=bar, extend="both" if clipped else "neither")
     down = ", down" if found.down else ""
-    axes.set(xlabel=f"{found.across} ({_unit(found.across)})", ylabel=f"{found.up} ({_unit(found.up)}{down})")
-    axes.set_aspect("equal" if _have_same_unit(found) else "auto")
+    axes.set(xlabel=f"{found.across} ({wide})", ylabel=f"{found.up} ({tall}{down})")
+    axes.set_aspect("equal" if wide == tall else "auto")
     axes.set_title(panel.title, fontsize=12)
     axes.label_outer()
 
@@ -165,15 +162,6 @@ def _limits(values: np.ndarray) -> tuple[float, float, bool]:
     return low, high, False
 
 
-def _factor(coordinate: str) -> float:
-    """Return the factor from SI to the unit drawn."""
-    return 180.0 / np.pi if coordinate.startswith("r") else 1e3
-
-
-def _unit(coordinate: str) -> str:
-    return "deg" if coordinate.startswith("r") else "mm"
-
-
 def _mark(axes: Axes, found: StiffnessMap, poses: Poses) -> None:
     """Mark the named poses that lie in the map."""
     from matplotlib.patheffects import withStroke
@@ -185,7 +173,7 @@ def _mark(axes: Axes, found: StiffnessMap, poses: Poses) -> None:
         coordinates = dict(zip(names, pose, strict=True))
         if not found.holds(coordinates):
             continue
-        place: Any = [_factor(name) * coordinates[name] for name in (found.across, found.up)]
+        place: Any = [shown_unit(name)[0] * coordinates[name] for name in (found.across, found.up)]
         axes.plot(*place, "o", color=MARK, markersize=5, markeredgecolor="white")
         offset: Any = {"xytext": (6, 5), "textcoords": "offset points"}
         axes.annotate(label, place, color=MARK, weight="bold", path_effects=halo, parse_math=False, **offset)
@@ -193,4 +181,8 @@ def _mark(axes: Axes, found: StiffnessMap, poses: Poses) -> None:
 
 def held_text(found: StiffnessMap) -> str:
     """Return the fixed coordinates for a title: "y = 0 mm"."""
-    return ", ".join(f"{name} = {_factor(name) * value:z.5g} {_unit(name)}" for name, value in found.at.items())
+    return ", ".join(
+        f"{name} = {factor * value:z.5g} {unit}"
+        for name, value in found.at.items()
+        for factor, unit in [shown_unit(name)]
+    )

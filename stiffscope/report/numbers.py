@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.robot.file.quantities import shown_unit
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -60,16 +62,14 @@ def vector(values: Any, digits: int = 4) -> str:
 
 def pose_values(pose: Any, names: Sequence[str], digits: int = 5) -> str:
     """Return a pose in mm and deg, drives (`q:JOINT`) in m or rad, rounded: "0, 0, 347.5"."""
-    factor = {"r": math.degrees(1.0), "q": 1.0}
-    return vector([factor.get(name[0], 1e3) * c for name, c in zip(names, pose, strict=True)], digits)
+    return vector([shown_unit(name)[0] * c for name, c in zip(names, pose, strict=True)], digits)
 
 
 def coordinates(names: Sequence[str]) -> str:
     """Return the heading of a column of tool poses: "x, y, z (mm)"."""
-    turns = sum(name.startswith("r") for name in names)
-    unit = "mm" if not turns else "deg" if turns == len(names) else "mm, deg"
-    unit = "m or rad" if any(name.startswith("q:") for name in names) else unit
-    return f"{', '.join(names)} ({unit})"
+    units = {shown_unit(name)[1] for name in names}
+    drives = units & {"m or rad"}
+    return f"{', '.join(names)} ({', '.join(sorted(drives or units, reverse=True))})"
 
 
 def name_pose(pose: Any, names: Sequence[str]) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from stiffscope.cad.beam import BeamParameters
 from stiffscope.cad.part import tessellate
 from stiffscope.robot.file.part_sections import ParametricPart
+from stiffscope.robot.file.quantities import shown_unit
 from stiffscope.robot.file.sections import InterfaceBody
 from stiffscope.vjm.network import place_nodes
 from stiffscope.vjm.screws import skew
@@ -154,11 +155,11 @@ def picture(file: str, title: str, moved: Moves, before: Moves | None = None) ->
 
 def pose_text(mechanism: Mechanism, pose: Sequence[float]) -> str:
     """Commanded coordinates in mm and degrees: x = 20 mm, ry = 6 deg; rotations of zero are left out."""
-    said = [
-        f"{name} = {np.degrees(value):.4g} deg" if name.startswith("r") else f"{name} = {1e3 * value:.5g} mm"
-        for name, value in zip(mechanism.tool.pose, pose, strict=True)
-        if value or not name.startswith("r")
-    ]
+    said = []
+    for name, value in zip(mechanism.tool.pose, pose, strict=True):
+        factor, unit = shown_unit(name)
+        if value or unit != "deg":
+            said.append(f"{name} = {factor * value:.{4 if unit == 'deg' else 5}g} {unit}")
     return ", ".join(said)
 
 

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.robot.file.quantities import shown_unit
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -38,9 +40,9 @@ def kind_of(quantity: Indices) -> Indices:
 
 def label_pose(coordinates: Sequence[str], pose: Sequence[float]) -> str:
     """Return a pose as a label: "(100, 300, -1164 mm)", rotations in deg, drives in m and rad."""
-    scales = {**dict.fromkeys(AXES[:3], (1e3, " mm")), **dict.fromkeys(AXES[3:], (np.degrees(1.0), " deg"))}
     shown: dict[str, list[str]] = {}
     for name, value in zip(coordinates, pose, strict=True):
-        factor, unit = scales.get(name, (1.0, ""))
-        shown.setdefault(unit, []).append(f"{factor * value + 0.0:g}")
+        factor, unit = shown_unit(name)
+        end = "" if name.startswith(JOINT) else f" {unit}"
+        shown.setdefault(end, []).append(f"{factor * value + 0.0:g}")
     return f"({', '.join(', '.join(values) + unit for unit, values in shown.items())})"

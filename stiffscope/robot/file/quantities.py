@@ -233,6 +233,12 @@ def show_powers(powers: Powers) -> str:
     return " ".join(shown) or "a plain number"
 
 
+def shown_unit(coordinate: str) -> tuple[float, str]:
+    """Return factor from SI and unit in which a tool coordinate is shown; drives (`q:JOINT`) are SI."""
+    special = {"r": (math.degrees(1.0), "deg"), "q": (1.0, "m or rad")}
+    return special.get(coordinate[0], (1e3, "mm"))
+
+
 def show_value(value: Any) -> str:
     """Format a value for messages: text is quoted, long values are cut, None is "nothing"."""
     if value is None:
