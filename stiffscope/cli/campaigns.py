@@ -43,15 +43,13 @@ from stiffscope.runtime.output import copy_files, remove_copied
 from stiffscope.runtime.processors import processors
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from stiffscope.cli.output import Output
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.experiments.manifest import Manifest
     from stiffscope.gap.campaigns import Case
     from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.report.kept_pictures import SharesPicture
-    from stiffscope.report.terminal import Shown
+    from stiffscope.report.run_report import Draft
     from stiffscope.runtime.cache import Cache
 
 log = logging.getLogger(__name__)
@@ -98,7 +96,7 @@ def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output
 
         emit(
             output, to_json(diagnosis), lambda: gap_tables.show_diagnosis(diagnosis), manifest=manifest, fill=fill,
-            page=lambda folder, _: _write_page(case, nominal, diagnosis, folder), kept="diagnosis.json",
+            page=partial(_write_page, case, nominal, diagnosis), kept="diagnosis.json",
             also=partial(_adopt, adopt, nominal, diagnosis, case) if adopt and nominal else None,
         )  # fmt: skip
         if adopt and nominal and output.loud:
@@ -120,7 +118,7 @@ def _draw(
     write_diagnosis_pictures(diagnosis, folder, cache, manifest, robot)
 
 
-def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, folder: Path) -> None:
+def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, report: Draft) -> None:
     view = None
     facts = [f"{len(case.campaign):,} readings at {len(case.campaign.pose_names)} poses"]
     if nominal is None:
@@ -129,8 +127,8 @@ def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, fol
         modelled = ", ".join(case.campaign.modelled) or "no effect"
         facts.append(f"nominal robot {nominal.robot.name} ({tables.sources(nominal)}; modelled: {modelled})")
         found = configure_case(case, nominal)
-        view = share_view(folder, nominal, diagnosis, found) if found else None
-    write_diagnosis_report(folder, diagnosis, title=f"Where is the gap? {case.name}", facts=facts, view=view)
+        view = share_view(report, nominal, diagnosis, found) if found else None
+    write_diagnosis_report(report, diagnosis, title=f"Where is the gap? {case.name}", facts=facts, view=view)
 
 
 def _adopt(target: Path, nominal: Assembled, diagnosis: Diagnosis, case: Case) -> None:
@@ -208,8 +206,7 @@ def check_campaign(name: str, *, output: Output) -> None:
 
         emit(
             output, facts, lambda: campaign_check.show_campaign(facts, case.name), manifest=_manifest_of(case),
-            fill=fill, page=lambda folder, shown: campaign_check.write_page(case.name, folder, shown),
-            kept="check.json",
+            fill=fill, page=partial(campaign_check.write_page, case.name), kept="check.json",
         )  # fmt: skip
 
 
@@ -246,13 +243,11 @@ def blind(
         copy_files(cases, folder, case_files(cases, drawn, campaigns, seed))
         blind_scores.draw_scores(scores, folder)
 
-    def page(folder: Path, shown: Sequence[Shown]) -> None:
-        title = f"Blind check of the diagnosis, {campaigns} campaigns a robot"
-        blind_scores.write_blind_report(scores, folder, title, shown)
-
+    title = f"Blind check of the diagnosis, {campaigns} campaigns a robot"
     emit(
         output, blind_scores.scores_json(scores, campaigns, seed, manifest.measure_elapsed()),
-        lambda: blind_scores.show_scores(scores), manifest=manifest, fill=fill, page=page, kept="scores.json",
+        lambda: blind_scores.show_scores(scores), manifest=manifest, fill=fill,
+        page=lambda report: blind_scores.write_blind_report(scores, report, title), kept="scores.json",
     )  # fmt: skip
     if not remove_copied(cases, out):
         log.warning("%s: holds files that are no cases of this check; they stay there", cases)

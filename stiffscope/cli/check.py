@@ -47,7 +47,7 @@ def check(name: str, *, overrides: tuple[str, ...], output: Output) -> None:
         emit(
             output, inspection_json(found), lambda: show_check(found), manifest=manifest_of(robot),
             fill=lambda folder: draw_inspection(found, folder, parts, draw_now),
-            page=lambda folder, shown: write_check_report(folder, found, shown), kept="check.json",
+            page=lambda report: write_check_report(report, found), kept="check.json",
         )  # fmt: skip
     if found.error:
         raise InputError(found.error)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import re
 import shutil
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -82,7 +83,7 @@ def _emit_part(robot: RobotFile, part: str, output: Output, manifest: Manifest) 
         output, report.part_json(found, result), lambda: report.show_part_sensitivity(found, result),
         manifest=manifest,
         fill=lambda folder: save_figures(folder, {"sensitivity": lambda: report.draw_part(found, result)}),
-        page=lambda folder, shown: report.write_page(folder, title, words, shown), kept="sensitivity.json",
+        page=lambda page: report.write_page(page, title, words), kept="sensitivity.json",
     )  # fmt: skip
 
 
@@ -97,7 +98,7 @@ def _emit_robot(robot: RobotFile, poses: tuple[str, ...], components: Any, outpu
         output, report.robot_json(found), lambda: report.show_sensitivity(found, asked.names),
         manifest=manifest,
         fill=lambda folder: save_figures(folder, {"sensitivity": lambda: report.draw_robot(found, pose)}),
-        page=lambda folder, shown: report.write_page(folder, title, words, shown), kept="sensitivity.json",
+        page=lambda page: report.write_page(page, title, words), kept="sensitivity.json",
     )  # fmt: skip
 
 
@@ -174,7 +175,7 @@ def _emit_study(found: Study, output: Output, manifest: Manifest, stores: Sequen
 
     emit(
         output, lambda: study_report.study_json(found), lambda: study_report.show_study(found), manifest=manifest,
-        fill=fill, page=lambda folder, shown: study_report.write_study_page(found, folder, shown),
+        fill=fill, page=partial(study_report.write_study_page, found),
     )  # fmt: skip
 
 

@@ -115,7 +115,7 @@ def map_(
 
     emit(
         output, lambda: evaluated.volume_dataset(found).to_dict(), manifest=manifest, fill=fill,
-        page=lambda folder, _: write_map_report(folder, made, {stem: words[0] for stem, words in figures.items()}),
+        page=lambda report: write_map_report(report, made, {stem: words[0] for stem, words in figures.items()}),
     )  # fmt: skip
 
 

@@ -14,13 +14,13 @@ from stiffscope.runtime.output import check_output, staged_folder, write_json
 from stiffscope.runtime.workshop import workshop
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.experiments.experiments import PartResult
     from stiffscope.experiments.manifest import Manifest
-    from stiffscope.report.terminal import Shown
+    from stiffscope.report.run_report import Draft
     from stiffscope.runtime.workshop import Workshop
 
 log = logging.getLogger(__name__)
@@ -58,7 +58,7 @@ def emit(
     *,
     manifest: Manifest | None = None,
     fill: Callable[[Path], object] | None = None,
-    page: Callable[[Path, Sequence[Shown]], None] | None = None,
+    page: Callable[[Draft], None] | None = None,
     kept: str = "",
     also: Callable[[], None] | None = None,
 ) -> None:
@@ -97,7 +97,7 @@ def write_folder(
     out: Path,
     manifest: Manifest,
     fill: Callable[[Path], object] | None = None,
-    page: Callable[[Path, Sequence[Shown]], None] | None = None,
+    page: Callable[[Draft], None] | None = None,
     show: Callable[[], None] | None = None,
     *,
     answers: dict[str, Any] | None = None,
@@ -127,10 +127,12 @@ def write_folder(
             fill(folder)
         manifest.write(folder)
         if page is not None:
+            from stiffscope.report.run_report import Draft
+
             with record_shown() as shown:
                 if show is not None:
                     show()
-            page(folder, shown)
+            page(Draft(folder, shown))
 
 
 @contextmanager

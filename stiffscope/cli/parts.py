@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import logging
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -114,8 +115,8 @@ def _compare_robots(first: RobotFile, second: RobotFile, components: Any, output
         warn_of_robot(made)
     emit(
         output, robot_comparison.robots_json(found), lambda: robot_comparison.show_robots(found), manifest=manifest,
-        fill=lambda folder: robot_comparison.draw_both(found, folder),
-        page=lambda folder, shown: robot_comparison.write_robots_page(found, folder, shown),
+        fill=partial(robot_comparison.draw_both, found),
+        page=partial(robot_comparison.write_robots_page, found),
     )  # fmt: skip
 
 
@@ -147,7 +148,7 @@ def interfaces(
 
     emit(
         output, interfaces_json(compared), lambda: part_tables.show_interfaces(compared), manifest=manifest, fill=fill,
-        page=lambda folder, shown: interface_figure.write_page(compared, folder, robot.name, shown),
+        page=lambda report: interface_figure.write_page(compared, report, robot.name),
         kept="interfaces.json",
     )  # fmt: skip
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
     from stiffscope.cli.output import Output
     from stiffscope.experiments.assembly import Assembled
-    from stiffscope.report.terminal import Shown
+    from stiffscope.report.run_report import Draft
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.statics import Stiffness
@@ -133,14 +133,15 @@ def deflection(
         if curve is not None:
             show_load_curve(asked.names, curve, load)
 
-    def page(folder: Path, shown: Sequence[Shown]) -> None:
+    def page(report: Draft) -> None:
+        folder = report.folder
         cases = wrench_cases(assembled.mechanism, at, {f"{words} N, N·m": load})
         draw_deflection(assembled, asked.names, at, cases, folder)
         if curve is not None:
             way = np.r_[1e-9, np.linspace(0.005, 1.0, 200)]  # near zero load, where backlash acts
             fine = find_load_curve(assembled.mechanism, at, load, np.r_[-way[::-1], way])
             draw_load_curve(asked.names, fine, load, folder)
-        write_deflection_report(folder, assembled, asked.names, at, cases, shown)
+        write_deflection_report(report, assembled, asked.names, at, cases)
 
     answer = {
         "poses": at.poses, "tool": at.tool, "wrench": load, "twist": found.twist, "energy": found.energy,

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.experiments.experiments import PartResult
     from stiffscope.experiments.manifest import Manifest
-    from stiffscope.report.terminal import Shown
+    from stiffscope.report.run_report import Draft
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.workshop import Workshop
     from stiffscope.vjm.statics import Stiffness
@@ -175,7 +175,7 @@ def _show_step(step: _Step, before: _Step | None) -> None:
 
 def _folder_of(
     now: Assembled, states: Mapping[str, Stiffness], shop: Workshop, manifest: Manifest, *, watched: str = ""
-) -> tuple[Callable[[Path], None], Callable[[Path, Sequence[Shown]], None]]:
+) -> tuple[Callable[[Path], None], Callable[[Draft], None]]:
     """Return functions that fill a run's folder and write its page; ``watched`` pages reload."""
 
     def fill(folder: Path) -> None:
@@ -184,7 +184,7 @@ def _folder_of(
         write_run_pictures(now, folder, shop.cache, manifest)
         manifest.seconds["robot"] = manifest.measure_elapsed() - manifest.seconds.get("parts", 0.0)
 
-    def page(folder: Path, _: Sequence[Shown]) -> None:
+    def page(report: Draft) -> None:
         with record_shown() as parts:
             _show_parts(now)
         with record_shown() as shown:
@@ -193,7 +193,7 @@ def _folder_of(
             bars = stiffness_bars(now, states["now"].configurations)
             tables.show_full_matrices(list(now.robot.poses), states["now"], bars)
         shown += [replace(each, folded=True) for each in full]
-        write_run_report(folder, now, parts, shown, watched=watched)
+        write_run_report(replace(report, shown=shown), now, parts, watched=watched)
 
     return fill, page
 

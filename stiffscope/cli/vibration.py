@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -60,7 +61,7 @@ def modes(
     emit(
         output, modes_json(found), lambda: show_modes(asked.names, found, f"Natural frequencies, drives {drives}"),
         manifest=manifest, fill=lambda folder: draw_modes(made, asked.names, found, folder),
-        page=lambda folder, shown: write_modes_report(folder, made, asked.names, found, shown), kept="modes.json",
+        page=lambda report: write_modes_report(report, made, asked.names, found), kept="modes.json",
     )  # fmt: skip
 
 
@@ -110,11 +111,12 @@ def frf(
     curves = np.stack([
         frequency_response(made.mechanism, one, shaken, read, hertz, damping=damping, drives=drives) for one in each
     ])  # fmt: skip
-    response = report.Response(asked.names, hertz, curves, source, target, damping, asked.configurations.tool)
+    response = report.Response(
+        robot.name, asked.names, hertz, curves, source, target, damping, asked.configurations.tool
+    )
     emit(
         output, lambda: report.as_dataset(response, f"{robot.name}: frequency response").to_dict(), manifest=manifest,
-        fill=lambda folder: report.write(response, folder, f"{robot.name}: response at {target} to {source}"),
-        page=lambda folder, _: report.write_page(response, folder, robot.name),
+        fill=partial(report.write, response), page=partial(report.write_page, response),
     )  # fmt: skip
 
 

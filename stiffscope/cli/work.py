@@ -21,10 +21,7 @@ from stiffscope.report.progress import progress
 from stiffscope.report.robot_view import read_cases
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from stiffscope.cli.output import Output
-    from stiffscope.report.terminal import Shown
 
 
 @click.command()
@@ -58,10 +55,8 @@ def path(name: Path, *, undo: bool, robot: str | None, output: Output) -> None:
         draw_deflection(made, ["greatest error"], worst, cases, folder)
         paths.write_stress(stresses, folder)
 
-    def page(folder: Path, shown: Sequence[Shown]) -> None:
-        paths.write_path_page(folder, state, after, worst, cases, shown)
-
     emit(
         output, lambda: paths.path_json(state, after, stresses), lambda: paths.show_path(state, after, stresses),
-        manifest=manifest, fill=fill, page=page,
+        manifest=manifest, fill=fill,
+        page=lambda report: paths.write_path_page(report, state, after, worst, cases),
     )  # fmt: skip

@@ -6,20 +6,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, name_columns, name_rows, new_figure, save_figures
 from stiffscope.report.page import Section
-from stiffscope.report.run_report import write_report
 from stiffscope.report.terminal import show_table
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.figure import Figure
 
     from stiffscope.gap.blind.scores import Scores
-    from stiffscope.report.terminal import Shown
+    from stiffscope.report.run_report import Draft
 
 MEASURES = (
     ("singles", "single effects with ln-odds above 10: correct", "≥ 97 %", 0.97, 1.0),
@@ -176,24 +173,22 @@ def draw_scores(scores: Scores, folder: Path) -> None:
     )
 
 
-def write_blind_report(scores: Scores, folder: Path, title: str, shown: Sequence[Shown]) -> None:
+def write_blind_report(scores: Scores, report: Draft, title: str) -> None:
     """Write ``report.html`` of a blind check: the shown tables, the folder's figures, the manifest.
 
     Parameters
     ----------
     scores
         Scores of the diagnosis.
-    folder
-        Folder to write to.
+    report
+        Folder and tables.
     title
         Title.
-    shown
-        Tables as the terminal showed them.
 
     """
-    figures = [page.figure(folder / f"{stem}.svg", *words) for stem, words in FIGURES.items()]
+    figures = report.figures({f"{stem}.svg": words for stem, words in FIGURES.items()})
     facts = [f"robots: {', '.join(scores.by_robot()) or 'none'}", f"{len(scores.outcomes)} campaigns"]
-    write_report(folder, title, facts, [Section("Scores", shown), Section("Figures", (), figures)])
+    report.write(title, facts, [Section("Scores", report.shown), Section("Figures", (), figures)])
 
 
 def confusion(scores: Scores) -> Figure:

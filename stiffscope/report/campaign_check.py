@@ -9,22 +9,20 @@ import numpy as np
 
 from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, POSITION, WRENCH
 from stiffscope.gap.inference.findings import copies
-from stiffscope.report import page
 from stiffscope.report.numbers import pose_values
 from stiffscope.report.page import Section
 from stiffscope.report.pictures import optional_pictures
 from stiffscope.report.robot_scene import moves, picture, pose_text, scene
-from stiffscope.report.run_report import write_report
 from stiffscope.report.terminal import show_line, show_table
 from stiffscope.robot.file.quantities import shown_unit
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Mapping
     from pathlib import Path
 
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.campaign.sanity import ReadingRemark
-    from stiffscope.report.terminal import Shown
+    from stiffscope.report.run_report import Draft
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.mechanism import Mechanism
@@ -146,23 +144,13 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
         show_line(f"and {len(poses) - _SHOWN} more: see --json")
 
 
-def write_page(name: str, folder: Path, shown: Sequence[Shown]) -> None:
-    """Write ``report.html`` of a campaign check: the shown tables and the folder's pictures.
-
-    Parameters
-    ----------
-    name
-        Name of the campaign.
-    folder
-        Folder to write to.
-    shown
-        Tables as the terminal showed them.
-
-    """
+def write_page(name: str, report: Draft) -> None:
+    """Write ``report.html`` of a campaign check: the shown tables and the folder's pictures."""
     words = "the robot, with arrows at sensors and loads"
-    drawn = page.figures(folder, {file: (caption, words) for file, caption in PICTURES.items()})
+    drawn = report.figures({file: (caption, words) for file, caption in PICTURES.items()})
     about = ["the campaign as read, not compared with the model"]
-    write_report(folder, f"{name}: its readings", about, [Section("Readings", shown, drawn, files=("check.json",))])
+    sections = [Section("Readings", report.shown, drawn, files=("check.json",))]
+    report.write(f"{name}: its readings", about, sections)
 
 
 def _number(value: float | None) -> str:

@@ -7,20 +7,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.report import gap_tables, page, text
+from stiffscope.report import gap_tables, text
 from stiffscope.report.gap_figures import chart_readings
 from stiffscope.report.page import Lead, Section
 from stiffscope.report.robot_view import unit_wrenches
-from stiffscope.report.run_report import turn_robot, write_report
 from stiffscope.report.terminal import Shown, record_shown
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-    from pathlib import Path
 
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.report.page import Figure, RobotView
+    from stiffscope.report.run_report import Draft
     from stiffscope.vjm.kinematics import Configurations
 
 SHARE = "share of the gap"
@@ -54,18 +53,13 @@ FIGURES = {
 
 
 def write_diagnosis_report(
-    folder: Path,
-    diagnosis: Diagnosis,
-    *,
-    title: str,
-    facts: Sequence[str],
-    view: RobotView | None = None,
+    report: Draft, diagnosis: Diagnosis, *, title: str, facts: Sequence[str], view: RobotView | None = None
 ) -> None:
     """Write the report of a diagnosis to its output folder, with the SVG figures found there.
 
     Parameters
     ----------
-    folder
+    report
         Output folder.
     diagnosis
         Diagnosis to report.
@@ -77,7 +71,7 @@ def write_diagnosis_report(
     """
 
     def figures(stem: str) -> list[Figure]:
-        return page.figures(folder, {f"{stem}.svg": FIGURES[stem]})
+        return report.figures({f"{stem}.svg": FIGURES[stem]})
 
     still = next(iter(figures("readings")), None)
     following = diagnosis.next_measurement
@@ -98,15 +92,15 @@ def write_diagnosis_report(
         Section("Checks", _lines([*text.checks(diagnosis), *diagnosis.remarks]), figures("predictive")),
     ]
     lead = Lead(text.sentence(diagnosis), diagnosis.verdict)
-    write_report(folder, title, facts, sections, lead)
+    report.write(title, facts, sections, lead)
 
 
-def share_view(folder: Path, assembled: Assembled, diagnosis: Diagnosis, found: Configurations) -> RobotView | None:
+def share_view(report: Draft, assembled: Assembled, diagnosis: Diagnosis, found: Configurations) -> RobotView | None:
     """Return the coloured robot at the campaign's poses, worst first; None without ``robot.png``.
 
     Parameters
     ----------
-    folder
+    report
         Output folder with ``robot.png``.
     assembled
         Robot with its parts' matrices.
@@ -116,8 +110,8 @@ def share_view(folder: Path, assembled: Assembled, diagnosis: Diagnosis, found: 
         Configurations at the campaign's poses.
 
     """
-    still = folder / "robot.png"
-    if not still.exists():
+    still = report.figure("robot.png", "", "the robot, its components coloured by their share of the gap")
+    if still is None:
         return None
     where, mechanism = diagnosis.where, assembled.mechanism
     sizes = np.sqrt(np.nanmean(np.square(np.array(where.pose, dtype=float)), axis=1))
@@ -129,12 +123,8 @@ def share_view(folder: Path, assembled: Assembled, diagnosis: Diagnosis, found: 
         for k, each in zip(chosen, unit_wrenches(mechanism, found), strict=True)
     ]
     names = [where.pose_names[k] for k in chosen]
-    words = "the robot, its components coloured by their share of the gap"
     caption = "The robot at the campaign's poses, largest residual first, coloured by share of the gap."
-    return turn_robot(
-        folder, found, names, cases, choice="load", quantity=SHARE, caption=caption,
-        still=page.figure(still, "", words), start=0,
-    )  # fmt: skip
+    return report.turn_robot(found, names, cases, caption, still, quantity=SHARE, start=0)
 
 
 def _effects(diagnosis: Diagnosis) -> list[Shown]:

@@ -7,10 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.report import page
 from stiffscope.report.figures import new_figure, save_figures
 from stiffscope.report.page import Chart, Section, Series
-from stiffscope.report.run_report import write_report
 from stiffscope.vjm.mechanism import COORDINATES
 
 if TYPE_CHECKING:
@@ -20,6 +18,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
 
+    from stiffscope.report.run_report import Draft
+
 COLOURS = ("#3b7dbf", "#d9822b", "#5b9a68", "#8e6bb0", "#b5666a", "#4c9c9c")
 
 
@@ -27,6 +27,7 @@ COLOURS = ("#3b7dbf", "#d9822b", "#5b9a68", "#8e6bb0", "#b5666a", "#4c9c9c")
 class Response:
     """Complex receptance ``values`` (p, f) at frequencies ``hertz`` (f,), poses ``names`` (p,)."""
 
+    robot: str
     names: tuple[str, ...]
     hertz: np.ndarray
     values: NDArray[np.complex128]
@@ -51,19 +52,9 @@ class Response:
         return f"{above}/{'(N·m)' if 'm-1' in below else 'N'}"
 
 
-def write(response: Response, folder: Path, title: str) -> None:
-    """Write frf.png, frf.svg, frf.csv (one line per pose and frequency) and frf.nc.
-
-    Parameters
-    ----------
-    response
-        Frequency response.
-    folder
-        Folder to write to.
-    title
-        Title.
-
-    """
+def write(response: Response, folder: Path) -> None:
+    """Write frf.png, frf.svg, frf.csv (one line per pose and frequency) and frf.nc."""
+    title = f"{response.robot}: response at {response.target} to {response.source}"
     save_figures(folder, {"frf": lambda: figure(response, title)})
     header = (
         f"pose,frequency (Hz),real ({response.written_unit}),imaginary ({response.written_unit}),magnitude,phase (deg)"
@@ -77,29 +68,17 @@ def write(response: Response, folder: Path, title: str) -> None:
     as_dataset(response, title).to_netcdf(folder / "frf.nc", engine="scipy", format="NETCDF3_64BIT")
 
 
-def write_page(response: Response, folder: Path, robot: str) -> None:
-    """Write ``report.html`` with the figure from the folder.
-
-    Parameters
-    ----------
-    response
-        Frequency response.
-    folder
-        Folder to write to.
-    robot
-        Name of the robot.
-
-    """
-    caption = (
-        f"Displacement at {response.target} for a harmonic force at {response.source}: magnitude and phase by pose"
-    )
-    drawn = page.figure(folder / "frf.svg", caption, "receptance over frequency: magnitude above, phase below")
+def write_page(response: Response, report: Draft) -> None:
+    """Write ``report.html`` with the figure from the folder."""
+    r = response
+    caption = f"Displacement at {r.target} for a harmonic force at {r.source}: magnitude and phase by pose"
+    drawn = report.figures({"frf.svg": (caption, "receptance over frequency: magnitude above, phase below")})
     facts = [
-        f"force at {response.source}", f"displacement at {response.target}", f"receptance in {response.written_unit}",
-        f"damping ratio of every mode {response.damping:g}", f"{len(response.hertz):,} frequencies",
+        f"force at {r.source}", f"displacement at {r.target}", f"receptance in {r.written_unit}",
+        f"damping ratio of every mode {r.damping:g}", f"{len(r.hertz):,} frequencies",
     ]  # fmt: skip
-    sections = [Section("Frequency response", (), [drawn], charts=[chart_responses(response)])]
-    write_report(folder, f"{robot}: frequency response", facts, sections)
+    sections = [Section("Frequency response", (), drawn, charts=[chart_responses(r)])]
+    report.write(f"{r.robot}: frequency response", facts, sections)
 
 
 def chart_responses(response: Response) -> Chart:

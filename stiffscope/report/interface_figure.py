@@ -7,20 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, STYLE, new_figure, save_figure
 from stiffscope.report.numbers import power
 from stiffscope.report.page import Section
-from stiffscope.report.run_report import write_report
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
 
     from stiffscope.experiments.interfaces import Comparison, Tested
-    from stiffscope.report.terminal import Shown
+    from stiffscope.report.run_report import Draft
 
 PLATE = "#dfe4e8"
 LINEAR = 10.0  # %; the scale of changes is linear below it
@@ -63,29 +60,24 @@ def _title(compared: Comparison, robot: str) -> str:
     return f"{robot}: effect of the interfaces on the {compared.part}'s compliance"
 
 
-def write_page(compared: Comparison, folder: Path, robot: str, shown: Sequence[Shown]) -> None:
+def write_page(compared: Comparison, report: Draft, robot: str) -> None:
     """Write ``report.html`` with the shown tables and the folder's figure.
 
     Parameters
     ----------
     compared
         Compliances for every choice of interface.
-    folder
-        Folder to write to.
+    report
+        Folder and tables.
     robot
         Name of the robot.
-    shown
-        Tables as the terminal showed them.
 
     """
     words = "a sketch of each choice of interface, below it the change of every entry, with its bound"
-    drawn = page.figure(folder / "interfaces.png", CAPTION, words)
-    facts = [
-        f"the {compared.part}'s 6×6 compliance, SI, at the reference point of the robot file's own choice",
-        "95 % bounds",
-    ]
-    sections = [Section("Compliance by interface", shown, [drawn])]
-    write_report(folder, _title(compared, robot), facts, sections)
+    drawn = report.figures({"interfaces.png": (CAPTION, words)})
+    about = f"the {compared.part}'s 6×6 compliance, SI, at the reference point of the robot file's own choice"
+    sections = [Section("Compliance by interface", report.shown, drawn)]
+    report.write(_title(compared, robot), [about, "95 % bounds"], sections)
 
 
 def _values(axes: Axes, compared: Comparison) -> None:

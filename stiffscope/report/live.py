@@ -22,7 +22,7 @@ from stiffscope.report.numbers import WRENCH, coordinates
 from stiffscope.report.pictures import PictureError
 from stiffscope.report.robot_scene import scene
 from stiffscope.report.robot_view import robot_view, unit_wrenches, wrench_cases
-from stiffscope.report.run_report import ENERGY, GEOMETRY, turn_robot
+from stiffscope.report.run_report import ENERGY, GEOMETRY, Draft
 from stiffscope.report.terminal import record_shown, show_line, show_table
 from stiffscope.robot.file.quantities import shown_unit
 from stiffscope.robot.mechanism_of import rigid_mechanism
@@ -267,10 +267,8 @@ def view_html(assembled: Assembled, setting: Setting, draw_now: Callable[..., No
             draw_now("robot", folder, pictures=[], geometry=GEOMETRY, **scene(assembled.robot, mechanism))
         except PictureError:
             return ""
-        view = turn_robot(
-            folder, found, ["now"], _cases(assembled, found, np.array(setting.load)), choice="load",
-            quantity=ENERGY, caption=f"Components coloured by their {ENERGY}.", still=None,
-        )  # fmt: skip
+        cases = _cases(assembled, found, np.array(setting.load))
+        view = Draft(folder).turn_robot(found, ["now"], cases, f"Components coloured by their {ENERGY}.")
     return page.templates().get_template("live_view.html").render(view=view)
 
 

@@ -24,7 +24,7 @@ from stiffscope.report.figures import save_figures
 from stiffscope.report.imports import show_import
 from stiffscope.report.numbers import coordinates, name_pose, point, pose_values, vector
 from stiffscope.report.pictures import draw
-from stiffscope.report.run_report import ENERGY, GEOMETRY, turn_robot
+from stiffscope.report.run_report import ENERGY, GEOMETRY, Draft
 from stiffscope.report.terminal import record_shown, show_line, show_table
 from stiffscope.robot.inspection import inspect_robot
 from stiffscope.runtime import output
@@ -223,14 +223,13 @@ def view(shown: Mechanism | Configurations | Stiffness | Modes, robot: RobotFile
             )
     mechanism = found.mechanism
     names = names or _names(found)
-    moving = isinstance(shown, Modes)
+    cases, choice = (
+        (mode_cases(shown), "mode") if isinstance(shown, Modes) else (unit_wrenches(mechanism, found), "load")
+    )
     with scratch_folder() as folder:
         draw("robot", folder, pictures=[], geometry=GEOMETRY, **scene(robot, mechanism))
-        turned = turn_robot(
-            folder, found, names, mode_cases(shown) if isinstance(shown, Modes) else unit_wrenches(mechanism, found),
-            choice="mode" if moving else "load", quantity=ENERGY,
-            caption=f"Components coloured by their {ENERGY}.", still=None,
-        )  # fmt: skip
+        caption = f"Components coloured by their {ENERGY}."
+        turned = Draft(folder).turn_robot(found, names, cases, caption, choice=choice)
     return View(page.templates().get_template("inline.html").render(view=turned, title="The robot").lstrip())
 
 

@@ -14,7 +14,7 @@ from stiffscope.fea.export import write_fields
 from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, new_figure, save_figures
 from stiffscope.report.pictures import draw, optional_pictures
-from stiffscope.report.run_report import ENERGY, turn_robot, write_report
+from stiffscope.report.run_report import AT_M, ENERGY
 from stiffscope.report.terminal import show_facts, show_line, show_table
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from stiffscope.design.path.along import Along, Compensated
     from stiffscope.design.path.stress import PartStress
     from stiffscope.report.robot_view import Case
-    from stiffscope.report.terminal import Shown
+    from stiffscope.report.run_report import Draft
     from stiffscope.vjm.kinematics import Configurations
 
 _STRESS = ("body", "part", "material", "von_mises", "at", "factor")
@@ -269,44 +269,35 @@ def _chart_error(state: Along, after: Compensated | None) -> page.Chart:
 
 
 def write_path_page(
-    folder: Path, state: Along, after: Compensated | None, found: Configurations, cases: list[list[Case]],
-    tables: Sequence[Shown],
-) -> None:  # fmt: skip
+    report: Draft, state: Along, after: Compensated | None, found: Configurations, cases: list[list[Case]]
+) -> None:
     """Write report.html: the path, error over length, and the robot at the greatest error.
 
     Parameters
     ----------
-    folder
-        Output folder with the pictures.
+    report
+        Output folder with the pictures, and the tables.
     state, after
         The path, and its compensated commands, if any.
     found, cases
         Configuration at the greatest error, and the loads to show there.
-    tables
-        Tables as the terminal shows them.
 
     """
-    stills = page.figures(folder, {"deflection_1.png": ("The robot at the greatest error.", "the robot deformed")})
+    still = report.figure("deflection_1.png", "The robot at the greatest error.", "the robot deformed")
     said = "Von Mises stress of the part where it is greatest, at the greatest error."
-    hot = page.figures(folder, {"stress.png": (said, "stress of a part")})
-    figures = [
-        page.figure(
-            folder / "path.png", "The path, coloured by the size of the tool's error.", "path in three dimensions"
-        ),
-        page.figure(folder / "error.svg", "Error of the tool over the length of the path.", "error over length"),
-    ]
-    view = turn_robot(
-        folder, found, ["greatest error"], cases, choice="load", quantity=ENERGY,
-        caption=f"The robot at the greatest error, under all its loads, components coloured by their {ENERGY}.",
-        still=stills[0] if stills else None,
-    )  # fmt: skip
+    hot = report.figures({"stress.png": (said, "stress of a part")})
+    drawn = report.figures(
+        {
+            "path.png": ("The path, coloured by the size of the tool's error.", "path in three dimensions"),
+            "error.svg": ("Error of the tool over the length of the path.", "error over length"),
+        }
+    )
+    caption = f"The robot at the greatest error, under all its loads, components coloured by their {ENERGY}."
+    view = report.turn_robot(found, ["greatest error"], cases, caption, still)
+    charts = [_chart_error(state, after)]
     sections = [
-        page.Section("The path", tables, figures, charts=[_chart_error(state, after)], files=("path.csv",)),
+        page.Section("The path", report.shown, drawn, charts=charts, files=("path.csv",)),
         page.Section("The robot at the greatest error", figures=hot, view=view),
     ]
-    facts = [
-        f"robot: {state.job.robot.name}",
-        f"job: {state.job.file.name}",
-        "SI units at the tool point M in base axes {O}",
-    ]
-    write_report(folder, f"{state.job.robot.name}: {state.job.path_file.name}", facts, sections)
+    facts = [f"robot: {state.job.robot.name}", f"job: {state.job.file.name}", AT_M]
+    report.write(f"{state.job.robot.name}: {state.job.path_file.name}", facts, sections)

@@ -6,22 +6,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.report import maps, page
+from stiffscope.report import maps
 from stiffscope.report.kept_pictures import list_experiments
 from stiffscope.report.page import Section
 from stiffscope.report.pictures import draw, optional_pictures
 from stiffscope.report.robot_scene import moves, picture, scene
-from stiffscope.report.run_report import write_report
+from stiffscope.report.run_report import AT_M
 from stiffscope.report.terminal import show_table
 from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.mechanism import COORDINATES
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
     from stiffscope.design.comparison import RobotComparison
-    from stiffscope.report.terminal import Shown
+    from stiffscope.report.run_report import Draft
 
 _UNITS = ("N/µm", "N/µm", "N/µm", "N·m/mrad", "N·m/mrad", "N·m/mrad")
 _WORDS = ("entry", "component", "unit")
@@ -92,7 +91,7 @@ def draw_both(found: RobotComparison, folder: Path) -> None:
         maps.draw_map(found.change, maps.change_panels(found.change), found.made["first"].robot.poses, title, *files)
 
 
-def write_robots_page(found: RobotComparison, folder: Path, tables: Sequence[Shown]) -> None:
+def write_robots_page(found: RobotComparison, report: Draft) -> None:
     """Write report.html."""
     first, second = found.names
     captions = {
@@ -102,7 +101,6 @@ def write_robots_page(found: RobotComparison, folder: Path, tables: Sequence[Sho
             "change of the stiffness over the workspace",
         ),
     }
-    facts = [f"robots: {found.names[0]}, {found.names[1]}", "SI units at the tool point M in base axes {O}"]
-    write_report(
-        folder, " against ".join(found.names), facts, [Section("Side by side", tables, page.figures(folder, captions))]
-    )
+    facts = [f"robots: {first}, {second}", AT_M]
+    sections = [Section("Side by side", report.shown, report.figures(captions))]
+    report.write(" against ".join(found.names), facts, sections)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,109 +30,180 @@ if TYPE_CHECKING:
 
 REPORT, GEOMETRY = "report.html", "geometry.json"
 ENERGY = "share of the strain energy"
+AT_M = "SI units at the tool point M in base axes {O}"
 STILLS = 6  # embedded pictures of modes; the viewer has all of them
 
 
-def write_run_report(
-    folder: Path, assembled: Assembled, parts: Sequence[Shown], robot: Sequence[Shown], *, watched: str = ""
-) -> None:
-    """Write the report of a run: tables of the parts and the robot, and pictures from the folder.
+@dataclass(frozen=True)
+class Draft:
+    """A report that is not yet written: its output folder, and the tables that the terminal shows."""
 
-    ``watched`` names this run for a page that reloads; see `stiffscope.report.page.write_page`.
+    folder: Path
+    shown: Sequence[Shown] = ()
+
+    def figures(self, captions: Mapping[str, tuple[str, str]]) -> list[Figure]:
+        """Embed the folder's pictures that exist, each with its caption and text alternative."""
+        return page.figures(self.folder, captions)
+
+    def figure(self, name: str, caption: str, words: str) -> Figure | None:
+        """Embed a picture of the folder, if it exists."""
+        return next(iter(self.figures({name: (caption, words)})), None)
+
+    def turn_robot(
+        self, found: Configurations, names: Sequence[str], cases: Sequence[Sequence[Case]], caption: str,
+        still: Figure | None = None, *, choice: str = "load", quantity: str = ENERGY, start: int = 100,
+    ) -> RobotView | None:  # fmt: skip
+        """Return a rotatable robot from the solids drawn to the folder; None if nothing was drawn.
+
+        Parameters
+        ----------
+        found, names, cases, choice, quantity
+            As in `stiffscope.report.robot_view.robot_view`; modes are animated.
+        caption, still
+            Caption and still picture.
+        start
+            Initial deformation, in percent of the default exaggeration.
+
+        """
+        source = self.folder / GEOMETRY
+        if not source.exists():
+            return None
+        data = json.loads(source.read_text())
+        source.unlink()
+        moving = choice == "mode"
+        data = robot_view(data, found, names, cases, choice=choice, quantity=quantity, moving=moving)
+        words = "the robot in three dimensions: arrow keys rotate it; choose pose, "
+        return RobotView(data, caption, f"{words}{choice} and deformation below", still, start)
+
+    def write(
+        self, title: str, facts: Sequence[str], sections: Sequence[Section], lead: Lead | None = None, *,
+        watched: str = "",
+    ) -> None:  # fmt: skip
+        """Write ``report.html``: the sections, and the provenance of the folder.
+
+        Parameters
+        ----------
+        title, facts, sections, lead, watched
+            As in `stiffscope.report.page.write_page`.
+
+        """
+        there = []
+        for section in sections:
+            files = [name for name in section.files if (self.folder / name).is_file()]
+            there.append(replace(section, files=files))
+        there.append(origin(self.folder))
+        page.write_page(self.folder / REPORT, title, facts, there, lead, watched=watched)
+
+    def write_robot(self, assembled: Assembled, what: str, sections: Sequence[Section], watched: str = "") -> None:
+        """Write the page of an assembled robot, with the facts common to all of them.
+
+        Parameters
+        ----------
+        assembled
+            Robot with its parts' matrices.
+        what
+            What the page is about, for its title.
+        sections, watched
+            As in `stiffscope.report.page.write_page`.
+
+        """
+        weight = ", ".join(f"{g:z.4g}" for g in assembled.mechanism.gravity)
+        facts = [f"parts: {sources(assembled)}", AT_M, f"gravity ({weight}) m/s²"]
+        self.write(f"{assembled.robot.name}: {what}", facts, sections, watched=watched)
+
+
+def write_run_report(report: Draft, assembled: Assembled, parts: Sequence[Shown], *, watched: str = "") -> None:
+    """Write the report of a run: tables of the robot and its parts, and pictures from the folder.
 
     Parameters
     ----------
-    folder
-        Folder to write to.
+    report
+        Folder and tables of the robot.
     assembled
         Robot with its parts' matrices.
     parts
         Tables of the parts, as the terminal showed them.
-    robot
-        Tables of the robot, as the terminal showed them.
     watched
         Name of this state of a reloading page; empty for a static page.
 
     """
-    poses = assembled.robot.poses
-    found = configure(assembled.mechanism, list(poses.values()))
-    view = _wrench_view(folder, assembled, found, list(poses))
+    view = _show_loaded(report, assembled, assembled.robot.poses)
     kinds = "compliance.json", "experiment.npz", "fields.vtu", "{}.step", "{}.stl"
     of_parts = [f"{name}/{kind.format(name)}" for name in assembled.results for kind in kinds]
+    numbers = "stiffness.json", "matrices.npz"
+    pictures = report.figures(_caption_parts(assembled)) if parts else ()
     sections = [
         Section("The robot under load", view=view),
-        Section("Stiffness", robot, _robot_figures(folder, assembled), files=("stiffness.json", "matrices.npz")),
-        Section("Parts", parts, _part_figures(folder, assembled) if parts else (), files=of_parts),
+        Section("Stiffness", report.shown, report.figures(_caption_robot(assembled)), files=numbers),
+        Section("Parts", parts, pictures, files=of_parts),
     ]
-    _write(folder, assembled, "stiffness", sections, watched)
+    report.write_robot(assembled, "stiffness", sections, watched)
 
 
-def write_modes_report(
-    folder: Path, assembled: Assembled, names: Sequence[str], found: Modes, tables: Sequence[Shown]
-) -> None:
+def write_modes_report(report: Draft, assembled: Assembled, names: Sequence[str], found: Modes) -> None:
     """Write the report of natural frequencies: the shown table and animated mode shapes.
 
     Parameters
     ----------
-    folder
-        Folder to write to.
+    report
+        Folder and tables.
     assembled
         Robot with its parts' matrices.
     names
         Names of the poses (n,).
     found
         Modes to show.
-    tables
-        Tables as the terminal showed them.
 
     """
-    stills = [_mode_figure(file) for file in sorted(folder.glob("mode_*.png"))[:STILLS]]
-    view = turn_robot(
-        folder, found.configurations, names, mode_cases(found), choice="mode", quantity=ENERGY,
-        caption=f"The robot in its mode shapes, components coloured by their {ENERGY}.",
-        still=stills[0] if stills else None,
-    )  # fmt: skip
+    captions = {}
+    for file in sorted(report.folder.glob("mode_*.png"))[:STILLS]:
+        pose, number = file.stem.removeprefix("mode_").rsplit("_", 1)
+        words = f"the robot deformed in mode {number} at {pose}, coloured by the {ENERGY}"
+        captions[file.name] = f"Mode {number} at {pose}", words
+    stills = report.figures(captions)
+    caption = f"The robot in its mode shapes, components coloured by their {ENERGY}."
+    cases, still = mode_cases(found), stills[0] if stills else None
+    view = report.turn_robot(found.configurations, names, cases, caption, still, choice="mode")
     sections = [
         Section("Mode shapes", view=view),
-        Section("Natural frequencies", tables, stills, files=("modes.json",)),
+        Section("Natural frequencies", report.shown, stills, files=("modes.json",)),
     ]
-    _write(folder, assembled, "natural frequencies", sections)
+    report.write_robot(assembled, "natural frequencies", sections)
 
 
-def write_map_report(folder: Path, assembled: Assembled, titles: Mapping[str, str]) -> None:
+def write_map_report(report: Draft, assembled: Assembled, titles: Mapping[str, str]) -> None:
     """Write the report of a map: its figures, and the robot at its poses.
 
     Parameters
     ----------
-    folder
-        Folder to write to.
+    report
+        Folder with the figures.
     assembled
         Robot with its parts' matrices.
     titles
         Titles of the figures by file stem.
 
     """
-    robot, mechanism = assembled.robot, assembled.mechanism
-    poses: dict[str, Any] = dict(robot.poses) or {"home": mechanism.tool.home}
-    view = _wrench_view(folder, assembled, configure(mechanism, list(poses.values())), list(poses))
-    figures = [
-        page.figure(folder / f"{stem}.png", title[:1].upper() + title[1:], f"map: {title}")
-        for stem, title in titles.items()
+    poses = dict(assembled.robot.poses) or {"home": assembled.mechanism.tool.home}
+    view = _show_loaded(report, assembled, poses)
+    captions = {f"{stem}.png": (title[:1].upper() + title[1:], f"map: {title}") for stem, title in titles.items()}
+    sections = [
+        Section("Maps", (), report.figures(captions)),
+        Section("The robot under load", view=view),
     ]
-    sections = [Section("Maps", (), figures), Section("The robot under load", view=view)]
-    _write(folder, assembled, "stiffness over the workspace", sections)
+    report.write_robot(assembled, "stiffness over the workspace", sections)
 
 
 def write_deflection_report(
-    folder: Path, assembled: Assembled, names: Sequence[str], found: Configurations, cases: list[list[Case]],
-    tables: Sequence[Shown],
+    report: Draft, assembled: Assembled, names: Sequence[str], found: Configurations,
+    cases: list[list[Case]],
 ) -> None:  # fmt: skip
     """Write the report of a deflection: the shown table and the robot under one wrench per pose.
 
     Parameters
     ----------
-    folder
-        Folder to write to.
+    report
+        Folder and tables.
     assembled
         Robot with its parts' matrices.
     names
@@ -141,8 +212,6 @@ def write_deflection_report(
         Configurations at the poses.
     cases
         Wrenches to show, by pose.
-    tables
-        Tables as the terminal showed them.
 
     """
     words = "the robot deformed, coloured by the " + ENERGY
@@ -152,117 +221,47 @@ def write_deflection_report(
     }
     said = "force over deflection; loading and unloading coincide"
     captions["force_over_deflection.png"] = "Force over deflection", said
-    stills = page.figures(folder, captions)
-    view = turn_robot(
-        folder, found, names, cases, choice="load", quantity=ENERGY,
-        caption=f"The robot under the wrench at M, components coloured by their {ENERGY}.",
-        still=stills[0] if stills else None,
-    )  # fmt: skip
+    stills = report.figures(captions)
+    caption = f"The robot under the wrench at M, components coloured by their {ENERGY}."
+    view = report.turn_robot(found, names, cases, caption, stills[0] if stills else None)
     sections = [
         Section("The robot under load", view=view),
-        Section("Deflection", tables, stills),
+        Section("Deflection", report.shown, stills),
     ]
-    _write(folder, assembled, "deflection", sections)
+    report.write_robot(assembled, "deflection", sections)
 
 
-def write_check_report(folder: Path, found: Inspection, tables: Sequence[Shown]) -> None:
-    """Write the report of a checked robot file: the robot at its poses and the shown tables.
-
-    Parameters
-    ----------
-    folder
-        Folder to write to.
-    found
-        Inspection to show.
-    tables
-        Tables as the terminal showed them.
-
-    """
+def write_check_report(report: Draft, found: Inspection) -> None:
+    """Write the report of a checked robot file: the robot at its poses and the shown tables."""
     reached = [k for k, pose in enumerate(found.poses) if pose.is_reached]
     names = [found.poses[k].name for k in reached]
-    still = folder / f"robot_{names[0]}.png" if names else folder
+    at = names[0] if names else ""
+    still = report.figure(f"robot_{at}.png", "", f"the robot at {at}")
     view = None
-    if found.configurations is None or not still.is_file():
-        (folder / GEOMETRY).unlink(missing_ok=True)
+    if found.configurations is None or still is None:
+        (report.folder / GEOMETRY).unlink(missing_ok=True)
     else:
-        view = turn_robot(
-            folder, found.configurations[np.array(reached)], names, [[] for _ in reached], choice="load",
-            quantity=ENERGY, caption="The robot at home and at the poses of its file; no stiffness computed.",
-            still=page.figure(still, "", f"the robot at {names[0]}"),
-        )  # fmt: skip
+        caption = "The robot at home and at the poses of its file; no stiffness computed."
+        there = found.configurations[np.array(reached)]
+        view = report.turn_robot(there, names, [[] for _ in reached], caption, still)
     sections = [
         Section("The robot", view=view),
-        Section("Contents of the robot file", tables, files=("check.json",)),
+        Section("Contents of the robot file", report.shown, files=("check.json",)),
     ]
     facts = ["bodies are rigid here", "SI units in base axes {O}"]
-    write_report(folder, f"{found.robot.name}: contents of its file", facts, sections)
+    report.write(f"{found.robot.name}: contents of its file", facts, sections)
 
 
-def write_report(
-    folder: Path, title: str, facts: Sequence[str], sections: Sequence[Section], lead: Lead | None = None, *,
-    watched: str = "",
-) -> None:  # fmt: skip
-    """Write ``report.html``: the sections, and the provenance of the folder.
-
-    Parameters
-    ----------
-    folder
-        Output folder with its manifest.
-    title, facts, sections, lead, watched
-        As in `stiffscope.report.page.write_page`.
-
-    """
-    there = [replace(s, files=[name for name in s.files if (folder / name).is_file()]) for s in sections]
-    page.write_page(folder / REPORT, title, facts, [*there, origin(folder)], lead, watched=watched)
+def _show_loaded(report: Draft, assembled: Assembled, poses: Mapping[str, Any]) -> RobotView | None:
+    """Return the robot at poses under unit wrenches."""
+    found = configure(assembled.mechanism, list(poses.values()))
+    stills = (report.figure(f"robot_{n}.png", f"The robot at {n}.", f"the robot at {n}") for n in poses)
+    caption = f"The robot under unit wrenches at M, components coloured by their {ENERGY}."
+    cases = unit_wrenches(assembled.mechanism, found)
+    return report.turn_robot(found, list(poses), cases, caption, next(filter(None, stills), None))
 
 
-def _wrench_view(folder: Path, assembled: Assembled, found: Configurations, names: Sequence[str]) -> RobotView | None:
-    drawn = next((name for name in names if (folder / f"robot_{name}.png").exists()), None)
-    still = None
-    if drawn is not None:
-        still = page.figure(folder / f"robot_{drawn}.png", f"The robot at {drawn}.", f"the robot at {drawn}")
-    return turn_robot(
-        folder, found, names, unit_wrenches(assembled.mechanism, found), choice="load", quantity=ENERGY,
-        caption=f"The robot under unit wrenches at M, components coloured by their {ENERGY}.",
-        still=still,
-    )  # fmt: skip
-
-
-def turn_robot(
-    folder: Path, found: Configurations, names: Sequence[str], cases: list[list[Case]], *, choice: str, quantity: str,
-    caption: str, still: Figure | None, start: int = 100,
-) -> RobotView | None:  # fmt: skip
-    """Return a rotatable robot from the solids drawn to the folder; None if nothing was drawn.
-
-    Parameters
-    ----------
-    folder
-        Folder with ``geometry.json``, which is deleted.
-    found, names, cases, choice, quantity
-        As in `stiffscope.report.robot_view.robot_view`; modes are animated.
-    caption, still
-        Caption and still picture.
-    start
-        Initial deformation, in percent of the default exaggeration.
-
-    """
-    source = folder / GEOMETRY
-    if not source.exists():
-        return None
-    geometry = json.loads(source.read_text())
-    source.unlink()
-    data = robot_view(geometry, found, names, cases, choice=choice, quantity=quantity, moving=choice == "mode")
-    words = f"the robot in three dimensions: arrow keys rotate it; choose pose, {choice} and deformation below"
-    return RobotView(data, caption, words, still, start)
-
-
-def _mode_figure(file: Path) -> Figure:
-    pose, number = file.stem.removeprefix("mode_").rsplit("_", 1)
-    words = f"the robot deformed in mode {number} at {pose}, coloured by the {ENERGY}"
-    return page.figure(file, f"Mode {number} at {pose}", words)
-
-
-def _robot_figures(folder: Path, assembled: Assembled) -> list[Figure]:
+def _caption_robot(assembled: Assembled) -> dict[str, tuple[str, str]]:
     captions = {
         f"robot_{name}.png": (
             f"The robot at {name}: {pose_text(assembled.mechanism, pose)}",
@@ -274,10 +273,10 @@ def _robot_figures(folder: Path, assembled: Assembled) -> list[Figure]:
         "Stiffness at M (diagonal of K) over the workspace, under the robot's own weight",
         "six maps of the translational and rotational stiffness",
     )
-    return page.figures(folder, captions)
+    return captions
 
 
-def _part_figures(folder: Path, assembled: Assembled) -> list[Figure]:
+def _caption_parts(assembled: Assembled) -> dict[str, tuple[str, str]]:
     captions: dict[str, tuple[str, str]] = {}
     for name in assembled.results:
         captions[f"{name}/loads.png"] = (
@@ -288,7 +287,7 @@ def _part_figures(folder: Path, assembled: Assembled) -> list[Figure]:
             f"Mesh of the {name}, its clamped and loaded faces in colour",
             f"the {name} in tetrahedra, from both ends",
         )
-    return page.figures(folder, captions)
+    return captions
 
 
 def origin(folder: Path) -> Section:
@@ -315,14 +314,3 @@ def origin(folder: Path) -> Section:
         tables.append(Shown("Results", columns, tuple(results), frozenset({"key"})))
     rows = tuple((name, str(version)) for name, version in versions.items())
     return Section("Provenance", [*tables, Shown("Versions", ("program or library", "version"), rows)])
-
-
-def _write(folder: Path, assembled: Assembled, what: str, sections: list[Section], watched: str = "") -> None:
-    robot = assembled.robot
-    weight = ", ".join(f"{g:z.4g}" for g in assembled.mechanism.gravity)
-    facts = [
-        f"parts: {sources(assembled)}",
-        "SI units at the tool point M in base axes {O}",
-        f"gravity ({weight}) m/s²",
-    ]
-    write_report(folder, f"{robot.name}: {what}", facts, sections, watched=watched)

@@ -6,25 +6,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.report import page
 from stiffscope.report.figures import new_figure
 from stiffscope.report.numbers import SHOWN_IN
 from stiffscope.report.page import Section
-from stiffscope.report.run_report import write_report
 from stiffscope.report.terminal import show_line, show_table
 from stiffscope.vjm.mechanism import DIAGONAL
 from stiffscope.vjm.screws import CONVENTION
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-    from pathlib import Path
 
     from matplotlib.figure import Figure
 
     from stiffscope.design.sensitivity import Row, Sensitivity
     from stiffscope.experiments.experiments import PartResult
     from stiffscope.fea.derivatives import Derivative, PartSensitivity
-    from stiffscope.report.terminal import Shown
+    from stiffscope.report.run_report import Draft
 
 COMPLIANCES = ("C11", "C22", "C33", "C44", "C55", "C66")
 BAR, BOUND, LOSS = "#3b7dbf", "#20252b", "#d9822b"
@@ -226,24 +223,22 @@ def _share(value: float, bound: float = 0.0) -> str:
     return f"{text} ± {bound:.3f}" if bound > 5e-4 else text
 
 
-def write_page(folder: Path, title: str, words: str, shown: Sequence[Shown]) -> None:
+def write_page(report: Draft, title: str, words: str) -> None:
     """Write ``report.html`` with the shown tables and the folder's chart ``sensitivity.svg``.
 
     Parameters
     ----------
-    folder
-        Folder to write to.
+    report
+        Folder and tables.
     title
         Title.
     words
         Description of the chart, its text alternative.
-    shown
-        Tables as the terminal showed them.
 
     """
-    drawn = page.figure(folder / "sensitivity.svg", f"{words[0].upper()}{words[1:]} (95 %)", words)
-    facts = ["derivatives of logarithms: % per %"]
-    write_report(folder, title, facts, [Section("Sensitivities", shown, [drawn], files=("sensitivity.json",))])
+    drawn = report.figures({"sensitivity.svg": (f"{words[0].upper()}{words[1:]} (95 %)", words)})
+    sections = [Section("Sensitivities", report.shown, drawn, files=("sensitivity.json",))]
+    report.write(title, ["derivatives of logarithms: % per %"], sections)
 
 
 def draw_robot(found: Sensitivity, pose: str) -> Figure:

@@ -8,22 +8,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.design.verdicts import find_bounds, find_nearest, judge_convergence
-from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, NOISE, new_figure, save_figures
 from stiffscope.report.numbers import choose_unit
 from stiffscope.report.page import Chart, Section, Series
-from stiffscope.report.run_report import write_report
 from stiffscope.report.sensitivities import quantity
 from stiffscope.report.terminal import Shown, show_line, show_table
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from stiffscope.design.studies import Study
+    from stiffscope.report.page import Figure as PageFigure
+    from stiffscope.report.run_report import Draft
 
 TABLE = "designs"
 MOST_ROWS = 20  # best designs shown; the CSV table has all
@@ -48,33 +47,18 @@ def write_study(study: Study, folder: Path) -> None:
     )
 
 
-def write_study_page(study: Study, folder: Path, shown: Sequence[Shown]) -> None:
-    """Write the page with the shown tables, the folder's pictures and the manifest.
-
-    Parameters
-    ----------
-    study
-        Finished study.
-    folder
-        Folder to write to.
-    shown
-        Tables as the terminal showed them.
-
-    """
+def write_study_page(study: Study, report: Draft) -> None:
+    """Write the page with the shown tables, the folder's pictures and the manifest."""
     stem = "pareto" if len(study.file.goals) > 1 else "progress"
-    still = next(iter(page.figures(folder, {f"{stem}.png": (CAPTIONS[stem], CAPTIONS[stem])})), None)
-    figures = page.figures(folder, {"parallel.png": (CAPTIONS["parallel"], CAPTIONS["parallel"])})
+    still = report.figure(f"{stem}.png", CAPTIONS[stem], CAPTIONS[stem])
+    parallel = report.figures({"parallel.png": (CAPTIONS["parallel"], CAPTIONS["parallel"])})
     facts = [f"method {study.file.method}", f"{len(study.designs)} designs", "files in SI units"]
-    title = f"{study.file.path.stem}: a study of {study.file.robot.name}"
-    files = f"{TABLE}.csv", f"{TABLE}.parquet"
-    write_report(
-        folder, title, facts,
-        [
-            Section("Designs", shown, files=files),
-            Section("Every design", [_list_designs(study)], charts=[_chart_designs(study, still)]),
-            Section("Parameters and responses", (), figures),
-        ],
-    )  # fmt: skip
+    sections = [
+        Section("Designs", report.shown, files=(f"{TABLE}.csv", f"{TABLE}.parquet")),
+        Section("Every design", [_list_designs(study)], charts=[_chart_designs(study, still)]),
+        Section("Parameters and responses", (), parallel),
+    ]
+    report.write(f"{study.file.path.stem}: a study of {study.file.robot.name}", facts, sections)
 
 
 def _list_designs(study: Study) -> Shown:
@@ -89,7 +73,7 @@ def _list_designs(study: Study) -> Shown:
     return Shown(title, names, tuple(rows), folded=True)
 
 
-def _chart_designs(study: Study, still: page.Figure | None) -> Chart:
+def _chart_designs(study: Study, still: PageFigure | None) -> Chart:
     """Return a chart of all responses and parameters; a click on a point finds its row."""
     table = study.table
     goals = [_column(study, goal.response) for goal in study.file.goals]

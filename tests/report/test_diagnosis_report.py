@@ -13,6 +13,7 @@ from stiffscope.gap.inference.diagnosis import Alternative, Effect, Where
 from stiffscope.report.diagnosis_report import write_diagnosis_report
 from stiffscope.report.figures import save_figure
 from stiffscope.report.gap_figures import draw_figures, signature_correlation
+from stiffscope.report.run_report import Draft
 from tests.report.test_terminal import diagnosed
 
 HOSTILE = "<script>alert(1)</script>\"'>&amp;<img onload=f()>"
@@ -44,7 +45,7 @@ class Page(HTMLParser):
 def write(folder, diagnosis, **more):
     figures = draw_figures(diagnosis, folder)
     manifest_of(None).write(folder)
-    write_diagnosis_report(folder, diagnosis, **{"title": "T", "facts": ["F"]} | more)
+    write_diagnosis_report(Draft(folder), diagnosis, **{"title": "T", "facts": ["F"]} | more)
     return Page((folder / "report.html").read_text(encoding="utf-8")), figures
 
 
