@@ -24,7 +24,7 @@ from stiffscope.gap.campaign.quantities import DEFLECTIONS, DEVIATIONS, FREQUENC
 from stiffscope.report.keys import JOB, TABLES, all_keys
 from stiffscope.report.notebook import HEIGHT, as_html
 from stiffscope.report.pictures import open_drawing
-from stiffscope.report.robot_scene import moves, scene
+from stiffscope.report.robot_scene import place_robot, scene
 from stiffscope.robot.library import robot_names
 
 if TYPE_CHECKING:
@@ -142,7 +142,7 @@ class BundledRobots(Directive):
                 robot = stiffscope.load_robot(name)
                 machine = stiffscope.assemble(robot, "beam")
                 first = stiffscope.configure(machine, list(robot.poses.values())[:1])
-                picture = {"file": f"{name}.png", "title": "", "moves": moves(machine, first)}
+                picture = {"file": f"{name}.png", "title": "", "moves": place_robot(first).moves}
                 draw("robot", Path(folder), pictures=[picture], **scene(robot, machine))
                 png = _png((Path(folder) / f"{name}.png").read_bytes())
                 cards.append(("guides/robot", png, name, words))

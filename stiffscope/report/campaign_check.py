@@ -12,7 +12,7 @@ from stiffscope.gap.inference.findings import copies
 from stiffscope.report.numbers import pose_values
 from stiffscope.report.page import Section
 from stiffscope.report.pictures import optional_pictures
-from stiffscope.report.robot_scene import moves, picture, pose_text, scene
+from stiffscope.report.robot_scene import place_robot, pose_text, scene
 from stiffscope.report.terminal import show_line, show_table
 from stiffscope.robot.file.quantities import shown_unit
 
@@ -184,7 +184,8 @@ def draw_sensors(
     arrows = marks(campaign, mechanism)
     for file, k in zip(PICTURES, (0, 0, len(found) - 1), strict=True):
         place = pose_text(mechanism, found.tool[k, mechanism.tool.commanded_axes].tolist())
-        shown.append(picture(file, f"{robot.name}, sensors and loads at {place}", moves(mechanism, found, k)))
+        title = f"{robot.name}, sensors and loads at {place}"
+        shown.append({"file": file, "title": title, "moves": place_robot(found, k).moves})
     close, first, last = shown
     close["close"] = True
     pictures = [*([close] if arrows else []), first, *([last] if len(found) > 1 else [])]

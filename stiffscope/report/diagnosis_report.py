@@ -11,6 +11,7 @@ from stiffscope.report import gap_tables, text
 from stiffscope.report.gap_figures import chart_readings
 from stiffscope.report.page import Lead, Section
 from stiffscope.report.robot_view import unit_wrenches
+from stiffscope.report.run_report import SHARE
 from stiffscope.report.terminal import Shown, record_shown
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from stiffscope.report.run_report import Draft
     from stiffscope.vjm.kinematics import Configurations
 
-SHARE = "share of the gap"
 MOST_POSES = 60  # most poses in the view; those with the largest residuals are kept
 FIGURES = {
     "waterfall": (

@@ -21,17 +21,8 @@ from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.report import maps
 from stiffscope.report.gap_figures import draw_figures
 from stiffscope.report.pictures import PictureError, draw, open_drawing, optional_pictures
-from stiffscope.report.robot_scene import (
-    add_solids,
-    deform_nodes,
-    exaggeration,
-    mark_doubts,
-    moves,
-    picture,
-    pose_text,
-    scene,
-)
-from stiffscope.report.run_report import GEOMETRY
+from stiffscope.report.robot_scene import add_solids, mark_doubts, place_robot, pose_text, scene, scene_of
+from stiffscope.report.run_report import ENERGY, GEOMETRY, SHARE
 from stiffscope.report.text import shares
 from stiffscope.runtime.cache import code_version, digest, kept_files
 from stiffscope.runtime.reading import file_digest
@@ -173,11 +164,11 @@ def order_shares(
     worst = int(np.argmax([np.nansum(np.square(row)) for row in np.array(where.pose, dtype=float)]))
     place = pose_text(mechanism, found.tool[worst, mechanism.tool.commanded_axes].tolist())
     title = f"Share of the gap by component, at the pose of the largest residual, {place}"
-    shown = [picture("robot.png", title, moves(mechanism, found, worst))]
-    drawn = scene(assembled.robot, mechanism, list_experiments(assembled), shares(assembled.robot, diagnosis))
+    shown = {"file": "robot.png", "title": title, "moves": place_robot(found, worst).moves}
+    drawn = {**scene_of(assembled), "shares": shares(assembled.robot, diagnosis)}
 
     def write(folder: Path) -> None:
-        ahead.draw("robot", folder, pictures=shown, scale="share of the gap", geometry=GEOMETRY, **drawn)
+        ahead.draw("robot", folder, pictures=[shown], scale=SHARE, geometry=GEOMETRY, **drawn)
 
     return Order("robot", ahead.key, write, target)
 
@@ -199,8 +190,9 @@ def draw_inspection(found: Inspection, folder: Path, parts: Mapping[str, Part], 
     for k, pose in enumerate(found.poses):
         if pose.is_reached:
             title = f"{found.robot.name} at {pose.name}: {pose_text(mechanism, pose.tool)}"
-            shown = picture(f"robot_{pose.name}.png", title, moves(mechanism, configurations, k))
-            pictures.append(shown | {"kinds": True})
+            there = place_robot(configurations, k).moves
+            file = f"robot_{pose.name}.png"
+            pictures.append({"file": file, "title": title, "moves": there, "kinds": True})
     if pictures:
         with optional_pictures():
             drawn = scene(found.robot, mechanism)
@@ -228,16 +220,15 @@ def draw_deflection(
         Folder to write to.
 
     """
-    mechanism, shown = assembled.mechanism, []
+    shown = []
     for k, (name, (case,)) in enumerate(zip(names, cases, strict=True)):
-        moved, at = moves(mechanism, found, k), found.tool[k, :3]
-        factor = exaggeration(mechanism, moved, case.twists, at)
+        here = place_robot(found, k)
+        factor = here.exaggeration(case.twists)
         title = f"{assembled.robot.name} at {name} under {case.label}; deformed × {factor:g}"
-        bent = picture(f"deflection_{k + 1}.png", title, deform_nodes(moved, case.twists, at, factor), moved)
-        shown.append({**bent, "shares": case.shares})
-    arguments = scene(assembled.robot, mechanism, list_experiments(assembled))
+        bent = {"moves": here.deform(case.twists, factor), "before": here.moves, "shares": case.shares}
+        shown.append({"file": f"deflection_{k + 1}.png", "title": title, **bent})
     with optional_pictures():
-        draw("robot", folder, pictures=shown, scale="share of the strain energy", geometry=GEOMETRY, **arguments)
+        draw("robot", folder, pictures=shown, scale=ENERGY, geometry=GEOMETRY, **scene_of(assembled))
 
 
 def plain_robot(robot: RobotFile) -> dict[str, Any]:
@@ -322,8 +313,10 @@ def _facts(assembled: Assembled) -> dict[str, Any]:
 def _skins(assembled: Assembled) -> dict[str, str]:
     """Return checksums of the solids drawn: parts' experiments and the user's surface meshes."""
     surfaces = {name: getattr(body, "mesh", None) for name, body in assembled.robot.bodies.items()}
-    own = {f"{name}.mesh": assembled.robot.path.parent / mesh for name, mesh in surfaces.items() if mesh}
-    return {name: file_digest(file) for name, file in (list_experiments(assembled) | own).items()}
+    folder = assembled.robot.path.parent
+    files = {name: result.folder / EXPERIMENT for name, result in assembled.results.items()}
+    files |= {f"{name}.mesh": folder / mesh for name, mesh in surfaces.items() if mesh}
+    return {name: file_digest(file) for name, file in files.items()}
 
 
 def _drawing_code() -> str:
@@ -344,15 +337,9 @@ def _draw_poses(assembled: Assembled, folder: Path) -> None:
     robot, mechanism = assembled.robot, assembled.mechanism
     poses: dict[str, Any] = dict(robot.poses) or {"home": mechanism.tool.home}
     found = configure(mechanism, list(poses.values()))
-    shown = [
-        picture(
-            f"robot_{name}.png", f"{robot.name} at {name}: {pose_text(mechanism, pose)}", moves(mechanism, found, k)
-        )
-        for k, (name, pose) in enumerate(poses.items())
-    ]
-    draw("robot", folder, pictures=shown, geometry=GEOMETRY, **scene(robot, mechanism, list_experiments(assembled)))
-
-
-def list_experiments(assembled: Assembled) -> dict[str, Path]:
-    """Return the file of each part's virtual experiment, whose solid is drawn."""
-    return {name: result.folder / EXPERIMENT for name, result in assembled.results.items()}
+    shown = []
+    for k, (name, pose) in enumerate(poses.items()):
+        title = f"{robot.name} at {name}: {pose_text(mechanism, pose)}"
+        moves = place_robot(found, k).moves
+        shown.append({"file": f"robot_{name}.png", "title": title, "moves": moves})
+    draw("robot", folder, pictures=shown, geometry=GEOMETRY, **scene_of(assembled))

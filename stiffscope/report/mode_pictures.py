@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.report.kept_pictures import list_experiments
 from stiffscope.report.pictures import draw, optional_pictures
-from stiffscope.report.robot_scene import deform_nodes, exaggeration, moves, picture, scene
-from stiffscope.report.run_report import GEOMETRY
+from stiffscope.report.robot_scene import place_robot, scene_of
+from stiffscope.report.robot_view import mode_cases
+from stiffscope.report.run_report import ENERGY, GEOMETRY
 from stiffscope.vjm.network import END, FOOT
 from stiffscope.vjm.screws import CONVENTION
 
@@ -60,39 +60,32 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
         Folder to write to.
 
     """
-    robot, mechanism, configurations = assembled.robot, assembled.mechanism, found.configurations
-    arguments = {**scene(robot, mechanism, list_experiments(assembled)), "scale": "share of the strain energy"}
+    steps = np.arange(-_STEPS // 4, _STEPS // 4 + 1)
+    sines = np.sin(0.5 * np.pi * steps / (_STEPS // 4))
+    order = [*range(len(sines)), *range(len(sines) - 2, 0, -1)]
     stills: list[dict[str, Any]] = []
     moving: list[dict[str, Any]] = []
-    for k, name in enumerate(names):
-        moved, at = moves(mechanism, configurations, k), configurations.tool[k, :3]
-        for i, hertz in enumerate(found.frequencies[k]):
-            if not np.isfinite(hertz):
-                continue
-            twists = {node: shape[k, :, i] for node, shape in found.shapes.items()}
-            factor = exaggeration(mechanism, moved, twists, at)
-            within = float(found.internal[k, i])
-            title = f"{robot.name} at {name}: mode {i + 1}, {hertz:.4g} Hz"
+    for k, (name, cases) in enumerate(zip(names, mode_cases(found), strict=True)):
+        here = place_robot(found.configurations, k)
+        for i, case in zip(np.flatnonzero(np.isfinite(found.frequencies[k])), cases, strict=True):
+            hertz, within = found.frequencies[k, i], float(found.internal[k, i])
+            title = f"{assembled.robot.name} at {name}: mode {i + 1}, {hertz:.4g} Hz"
             if within > _WITHIN:
                 title += f"; {100 * within:.0f} % of the energy is in parts between their ends"
-            energy = {element: float(share[k, i]) for element, share in found.energy.items()}
+            factor = here.exaggeration(case.twists)
+            frames = [here.deform(case.twists, float(sine) * factor) for sine in sines]
+            shown = {"title": title, "shares": case.shares or None}
             stem = f"mode_{_name_file(name, k)}_{i + 1}"
-            sines = np.sin(0.5 * np.pi * np.arange(-_STEPS // 4, _STEPS // 4 + 1) / (_STEPS // 4))
-            frames = [deform_nodes(moved, twists, at, float(sine) * factor) for sine in sines]
-            order = [*range(len(sines)), *range(len(sines) - 2, 0, -1)]
-            coloured = {"shares": energy if hertz else None}
-            stills.append(picture(f"{stem}.png", title, frames[-1], moved) | coloured)
-            moving.append({"file": f"{stem}.gif", "title": title, "frames": frames, "order": order, **coloured})
-    jobs = [(what, shown[k : k + _TOGETHER]) for what, shown in (("animation", moving), ("robot", stills))
-            for k in range(0, len(shown), _TOGETHER)]  # fmt: skip
-    first = next((k for k, (what, _) in enumerate(jobs) if what == "robot"), -1)
+            still = {"file": f"{stem}.png", "moves": frames[-1], "before": here.moves}
+            stills.append(shown | still)
+            moving.append(shown | {"file": f"{stem}.gif", "frames": frames, "order": order})
+    jobs = [each[k : k + _TOGETHER] for each in (moving, stills) for k in range(0, len(each), _TOGETHER)]
+    common: dict[str, Any] = {**scene_of(assembled), "scale": ENERGY}
     with ThreadPoolExecutor(2) as pool:
-        drawn = [
-            pool.submit(
-                draw, what, folder, pictures=shown, **arguments, **({"geometry": GEOMETRY} if k == first else {})
-            )
-            for k, (what, shown) in enumerate(jobs)
-        ]
+        drawn = []
+        for job in jobs:
+            solids = {"geometry": GEOMETRY} if job is jobs[0] else {}
+            drawn.append(pool.submit(draw, "robot", folder, pictures=job, **common, **solids))
     with optional_pictures():
         for each in drawn:
             each.result()

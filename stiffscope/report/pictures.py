@@ -95,9 +95,9 @@ def _warm_up() -> None:
 def _draw_now(picture: str, target: Path, arguments: dict[str, Any]) -> None:
     """Draw in this process."""
     from stiffscope.report.drawing.part import part_pictures, stressed_part
-    from stiffscope.report.drawing.robot import animation, robot
+    from stiffscope.report.drawing.robot import robot
 
-    known = {f.__name__: f for f in (part_pictures, stressed_part, robot, animation)}
+    known = {f.__name__: f for f in (part_pictures, stressed_part, robot)}
     known[picture](target, **arguments)
 
 

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.report import maps
-from stiffscope.report.kept_pictures import list_experiments
 from stiffscope.report.page import Section
 from stiffscope.report.pictures import draw, optional_pictures
-from stiffscope.report.robot_scene import moves, picture, scene
+from stiffscope.report.robot_scene import place_robot, scene_of
 from stiffscope.report.run_report import AT_M
 from stiffscope.report.terminal import show_table
 from stiffscope.vjm.kinematics import configure
@@ -77,14 +76,14 @@ def draw_both(found: RobotComparison, folder: Path) -> None:
 
     Write change.png and change.svg: change in stiffness over the first robot's map, in percent.
     """
-    drawn, moved = [], []
-    for made in found.made.values():
-        drawn.append(scene(made.robot, made.mechanism, list_experiments(made)))
-        moved.append(moves(made.mechanism, configure(made.mechanism, found.places[:1])))
-    ghost = {**{key: drawn[0][key] for key in ("bodies", "joints", "tool")}, "moves": moved[0]}
+    drawn = [scene_of(made) for made in found.made.values()]
+    places = [configure(made.mechanism, found.places[:1]) for made in found.made.values()]
+    former, now = (place_robot(place).moves for place in places)
+    ghost = {**{key: drawn[0][key] for key in ("bodies", "joints", "tool")}, "moves": former}
+    shown = {"file": "both.png", "moves": now, "ghost": ghost}
     title = f"{found.names[1]} at {found.poses[0]}; in light outlines {found.names[0]}"
     with optional_pictures():
-        draw("robot", folder, pictures=[picture("both.png", title, moved[1]) | {"ghost": ghost}], **drawn[1])
+        draw("robot", folder, pictures=[shown | {"title": title}], **drawn[1])
     if found.change is not None:
         title = f"{found.names[1]} against {found.names[0]}: change of the stiffness"
         files = folder / "change.png", folder / "change.svg"

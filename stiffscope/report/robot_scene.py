@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.cad.beam import BeamParameters
 from stiffscope.cad.part import tessellate
+from stiffscope.experiments.results import EXPERIMENT
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.quantities import shown_unit
 from stiffscope.robot.file.sections import InterfaceBody
@@ -16,9 +18,10 @@ from stiffscope.vjm.screws import skew
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
 
     from stiffscope.cad.part import Part
+    from stiffscope.experiments.assembly import Assembled
+    from stiffscope.experiments.results import PartResult
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.inspection import Inspection
     from stiffscope.vjm.bodies import Body
@@ -34,123 +37,81 @@ _HERE = 1e-6  # m, tolerance for equal positions
 DEFORMATION = 0.06  # greatest displacement shown, over the robot's size
 
 
+@dataclass(frozen=True)
+class PlacedRobot:
+    """A robot at one configuration.
+
+    ``moves``: R (3, 3) and p (3,) of each node, ``x = R x_home + p``. ``at`` (3,): the tool point M
+    in base axes, m; twists (6,) of nodes, m and rad, are about it.
+    """
+
+    mechanism: Mechanism
+    moves: Moves
+    at: Array
+
+    def deform(self, twists: Mapping[str, Array], factor: float) -> Moves:
+        """Return the moves of nodes displaced by scaled twists (6,), m and rad.
+
+        Displacements ``factor (v + ω × (x - at))`` are linear in the twists: exaggeration keeps shape.
+        """
+        out = {}
+        for node, (rotation, position) in self.moves.items():
+            v, w = np.split(factor * np.asarray(twists.get(node, np.zeros(6)), dtype=float), 2)
+            shift = v + np.cross(w, position - self.at)
+            out[node] = (np.eye(3) + skew(w)) @ rotation, position + shift
+        return out
+
+    def exaggeration(self, twists: Mapping[str, Array]) -> float:
+        """Return a factor, 1, 2 or 5 times 10ⁿ, for a visible displacement of joints and tool."""
+        joints, tool = self.mechanism.joints, self.mechanism.tool
+        ends = [(node, joint.at) for joint in joints for node in (joint.first, joint.second)]
+        points = [(node, at) for node, at in ends if node in self.moves] + [(tool.body, tool.at)]
+        now = np.array([self.moves[node][0] @ home + self.moves[node][1] for node, home in points])
+        motion = np.array([twists.get(node, np.zeros(6)) for node, _ in points])
+        shift = motion[:, :3] + np.cross(motion[:, 3:], now - self.at)
+        greatest = float(np.linalg.norm(shift, axis=1).max())
+        if greatest == 0.0:
+            return 1.0
+        wanted = DEFORMATION * float(np.ptp(now, axis=0).max()) / greatest
+        power = 10.0 ** np.floor(np.log10(wanted))
+        return float(max(s for s in (1.0, 2.0, 5.0) if s * power <= wanted * (1 + 1e-9)) * power)
+
+
+def place_robot(found: Configurations, index: int = 0) -> PlacedRobot:
+    """Return the robot at one of the configurations."""
+    where = place_nodes(found)
+    moves = {}
+    for node in (node for body in found.mechanism.bodies for node in body.nodes):
+        turn, position = where.rotation[node], where.position[node]
+        moves[node] = turn[index if len(turn) > 1 else 0], position[index if len(position) > 1 else 0]
+    return PlacedRobot(found.mechanism, moves, found.tool[index, :3])
+
+
 def scene(
-    robot: RobotFile | None,
-    mechanism: Mechanism,
-    experiments: Mapping[str, Path] | None = None,
-    shares: Mapping[str, float] | None = None,
+    robot: RobotFile | None, mechanism: Mechanism, results: Mapping[str, PartResult] | None = None
 ) -> dict[str, Any]:
-    """Return `bodies, joints, tool, up, shares` of `drawing.robot`, common to all pictures.
+    """Return `bodies, joints, tool, up` of `drawing.robot`, common to all pictures.
 
     Parameters
     ----------
     robot, mechanism
         Robot file and its mechanism; without a file, parts are drawn as rods.
-    experiments
-        Files of the virtual experiments by part; these parts are drawn as solids.
-    shares
-        Share of the strain energy by element (0 to 1), for the colours.
+    results
+        Virtual experiments by part; these parts are drawn as solids.
 
     """
     down = mechanism.gravity
     return {
-        "bodies": [_body(robot, body, experiments or {}) for body in mechanism.bodies],
+        "bodies": [_body(robot, body, results or {}) for body in mechanism.bodies],
         "joints": [_joint(joint) for joint in mechanism.joints],
         "tool": {"node": mechanism.tool.body, "at": mechanism.tool.at},
         "up": -down / np.linalg.norm(down) if down.any() else np.array([0.0, 0.0, 1.0]),
-        "shares": None if shares is None else dict(shares),
     }
 
 
-def moves(mechanism: Mechanism, configurations: Configurations, index: int = 0) -> Moves:
-    """Return R (3, 3) and p (3,) of each node, ``x = R x_home + p``, at one configuration.
-
-    Parameters
-    ----------
-    mechanism
-        Bodies, joints, tool and gravity of the robot.
-    configurations
-        Configurations of the mechanism.
-    index
-        Index of the configuration.
-
-    """
-    where = place_nodes(configurations)
-    out = {}
-    for node in (node for body in mechanism.bodies for node in body.nodes):
-        rotation, position = where.rotation[node], where.position[node]
-        out[node] = rotation[index if len(rotation) > 1 else 0], position[index if len(position) > 1 else 0]
-    return out
-
-
-def deform_nodes(moved: Moves, twists: Mapping[str, Array], at: Array, factor: float) -> Moves:
-    """Displace nodes by scaled twists (6,) at the point ``at`` (3,) in base axes, m and rad.
-
-    Displacements ``factor (v + ω × (x - at))`` are linear in the twists: exaggeration keeps shape.
-
-    Parameters
-    ----------
-    moved
-        Displacement of every node since home.
-    twists
-        Twists (6,) of nodes, m and rad.
-    at
-        Point (3,) in base axes, m.
-    factor
-        Exaggeration factor.
-
-    """
-    out = {}
-    for node, (rotation, position) in moved.items():
-        v, w = np.split(factor * np.asarray(twists.get(node, np.zeros(6)), dtype=float), 2)
-        out[node] = (np.eye(3) + skew(w)) @ rotation, position + v + np.cross(w, position - at)
-    return out
-
-
-def exaggeration(mechanism: Mechanism, moved: Moves, twists: Mapping[str, Array], at: Array) -> float:
-    """Return a factor, 1, 2 or 5 times 10ⁿ, for a visible displacement of joints and tool.
-
-    Parameters
-    ----------
-    mechanism
-        Mechanism of the robot.
-    moved
-        Displacement of every node from home.
-    twists
-        Twists (6,) of nodes, m and rad.
-    at
-        Point (3,) in base axes, m.
-
-    """
-    points = [(node, joint.at) for joint in mechanism.joints for node in (joint.first, joint.second) if node in moved]
-    points.append((mechanism.tool.body, mechanism.tool.at))
-    now = np.array([moved[node][0] @ home + moved[node][1] for node, home in points])
-    motion = np.array([twists.get(node, np.zeros(6)) for node, _ in points])
-    shift = motion[:, :3] + np.cross(motion[:, 3:], now - at)
-    greatest = float(np.linalg.norm(shift, axis=1).max())
-    if greatest == 0.0:
-        return 1.0
-    wanted = DEFORMATION * float(np.ptp(now, axis=0).max()) / greatest
-    power = 10.0 ** np.floor(np.log10(wanted))
-    return float(max(step for step in (1.0, 2.0, 5.0) if step * power <= wanted * (1 + 1e-9)) * power)
-
-
-def picture(file: str, title: str, moved: Moves, before: Moves | None = None) -> dict[str, Any]:
-    """Return a picture for `drawing.robot`: the moved robot and, in light colour, its former place.
-
-    Parameters
-    ----------
-    file
-        File to write.
-    title
-        Title.
-    moved
-        Displacement of every node since home.
-    before
-        Former displacements of the nodes, drawn in a light colour.
-
-    """
-    return {"file": file, "title": title, "moves": moved} | ({} if before is None else {"before": before})
+def scene_of(assembled: Assembled) -> dict[str, Any]:
+    """Return the scene of an assembled robot, whose tested parts are drawn as solids."""
+    return scene(assembled.robot, assembled.mechanism, assembled.results)
 
 
 def pose_text(mechanism: Mechanism, pose: Sequence[float]) -> str:
@@ -163,7 +124,7 @@ def pose_text(mechanism: Mechanism, pose: Sequence[float]) -> str:
     return ", ".join(said)
 
 
-def _body(robot: RobotFile | None, body: Body, experiments: Mapping[str, Path]) -> dict[str, Any]:
+def _body(robot: RobotFile | None, body: Body, results: Mapping[str, PartResult]) -> dict[str, Any]:
     section = robot.bodies[body.name] if robot else None
     out: dict[str, Any] = {"name": body.name, "nodes": body.nodes, "centre": body.centre}
     if body.elastic is None:
@@ -172,7 +133,7 @@ def _body(robot: RobotFile | None, body: Body, experiments: Mapping[str, Path]) 
     e, name = body.elastic, getattr(section, "part", body.name)
     return out | {
         "part": name,
-        "experiment": experiments.get(name),
+        "experiment": results[name].folder / EXPERIMENT if name in results else None,
         "shape": _shape(robot, name) if robot else {},
         "axes": e.axes,
         "base": e.base,

@@ -10,7 +10,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.report.numbers import base64_of
-from stiffscope.report.robot_scene import exaggeration, moves, pose_text
+from stiffscope.report.robot_scene import place_robot, pose_text
 from stiffscope.vjm.yielding import respond
 
 if TYPE_CHECKING:
@@ -72,15 +72,15 @@ def robot_view(
     poses: list[dict[str, Any]] = []
     placed = np.zeros((len(names), len(nodes), 12))
     for k, (name, each) in enumerate(zip(names, cases, strict=True)):
-        moved, at = moves(mechanism, found, k), found.tool[k, :3]
-        placed[k] = [np.append(rotation, position) for rotation, position in (moved[node] for node in nodes)]
+        here = place_robot(found, k)
+        placed[k] = [np.append(rotation, position) for rotation, position in (here.moves[node] for node in nodes)]
         listed = [
-            {"label": c.label, "note": c.note, "factor": exaggeration(mechanism, moved, c.twists, at),
+            {"label": c.label, "note": c.note, "factor": here.exaggeration(c.twists),
              "coloured": bool(c.shares), "load": c.load}
             for c in each
         ]  # fmt: skip
         place = pose_text(mechanism, found.poses[k])
-        poses.append({"name": name, "place": place, "at": np.round(at, 7).tolist(), "cases": listed})
+        poses.append({"name": name, "place": place, "at": np.round(here.at, 7).tolist(), "cases": listed})
     twists = [[case.twists.get(node, np.zeros(6)) for node in nodes] for case in flat]
     shares = [[case.shares.get(element, 0.0) for element in elements] for case in flat]
     return {

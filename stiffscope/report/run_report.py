@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.modes import Modes
 
 REPORT, GEOMETRY = "report.html", "geometry.json"
-ENERGY = "share of the strain energy"
+ENERGY, SHARE = "share of the strain energy", "share of the gap"
 AT_M = "SI units at the tool point M in base axes {O}"
 STILLS = 6  # embedded pictures of modes; the viewer has all of them
 

@@ -13,7 +13,7 @@ from stiffscope.report import page
 from stiffscope.report.drawing.geometry import pack_solids
 from stiffscope.report.drawing.solids import Solid, solids_of
 from stiffscope.report.page import Chart, RobotView, Section, Series
-from stiffscope.report.robot_scene import deform_nodes, moves, scene
+from stiffscope.report.robot_scene import place_robot, scene
 from stiffscope.report.robot_view import Case, robot_view, unit_wrenches
 from stiffscope.report.terminal import Shown, record_shown, show_line, show_table
 from stiffscope.robot.mechanism_of import rigid_mechanism
@@ -281,10 +281,10 @@ def test_the_viewer_bends_bodies_as_the_pictures_do(tab, tmp_path):
     robot = load_robot("biglide")
     mechanism = rigid_mechanism(robot)
     found = configure(mechanism, [robot.poses["Q1"]])
-    moved, at = moves(mechanism, found), found.tool[0, :3]
+    here = place_robot(found)
     spread = np.random.default_rng(3)
-    twists = {node: spread.normal(scale=[0.02] * 3 + [0.15] * 3) for node in moved}
-    bent = {"ground": (np.eye(3), np.zeros(3)), **deform_nodes(moved, twists, at, 1.0)}
+    twists = {node: spread.normal(scale=[0.02] * 3 + [0.15] * 3) for node in here.moves}
+    bent = {"ground": (np.eye(3), np.zeros(3)), **here.deform(twists, 1.0)}
     plain = scene(robot, mechanism)
     solids = solids_of(plain["bodies"], plain["joints"], plain["tool"], plain["up"])
     far = pv.PolyData.from_regular_faces(np.array([[-1, -1, -1], [-1, -1, -1], [1, 1, 1]], float), [[0, 1, 2]])

@@ -15,7 +15,7 @@ from stiffscope.gap.inference.diagnosis import Where
 from stiffscope.report.drawing.robot import ABOVE, frame_picture, key_of
 from stiffscope.report.drawing.solids import solids_of
 from stiffscope.report.pictures import PictureError, draw, open_drawing
-from stiffscope.report.robot_scene import deform_nodes, exaggeration, moves, picture, scene
+from stiffscope.report.robot_scene import place_robot, scene
 from stiffscope.report.text import shares
 from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.reader import load_robot, read_robot
@@ -32,7 +32,7 @@ def delta():
 
 def test_nodes_move_as_the_configuration_says(delta):
     _, mechanism, there = delta
-    moved = moves(mechanism, there)
+    moved = place_robot(there).moves
     for body in mechanism.bodies:
         if body.elastic is not None:
             for node, home in zip(body.nodes, (body.elastic.base, body.elastic.tip), strict=True):
@@ -79,17 +79,18 @@ def test_base_and_tool_have_their_shares(delta):
 def test_deformed_nodes(delta):
     """Twists of one rigid motion keep distances to first order; the tool goes where its own twist says."""
     _, mechanism, there = delta
-    moved, at = moves(mechanism, there), there.tool[0, :3]
+    here = place_robot(there)
+    moved, at = here.moves, there.tool[0, :3]
     twist = np.array([1e-3, 2e-3, -1e-3, 4e-3, -2e-3, 1e-3])
     twists = dict.fromkeys(moved, twist)
-    factor = exaggeration(mechanism, moved, twists, at)
-    bent = deform_nodes(moved, twists, at, factor)
+    factor = here.exaggeration(twists)
+    bent = here.deform(twists, factor)
     for node, (rotation, position) in bent.items():
         x = moved[node][0] @ mechanism.tool.at + moved[node][1]
         wanted = x + factor * (twist[:3] + np.cross(twist[3:], x - at))
         assert np.allclose(rotation @ mechanism.tool.at + position, wanted, atol=1e-12)
     assert f"{factor:g}"[0] in "125"
-    assert deform_nodes(moved, {}, at, factor)["platform"][1] == pytest.approx(moved["platform"][1])
+    assert here.deform({}, factor)["platform"][1] == pytest.approx(moved["platform"][1])
 
 
 @pytest.mark.parametrize("name", ["biglide", "delta", "five-bar", "orthoglide", "serial-arm", "stewart"])
@@ -137,10 +138,11 @@ def test_picture_of_a_deformed_robot_with_the_users_own_surface(delta, tmp_path)
     text = robot.path.read_text().replace("[bodies.platform]", '[bodies.platform]\nmesh = "plate.stl"')
     robot = read_robot(tmp_path / "delta.toml", text)
     mechanism = rigid_mechanism(robot)
-    home = moves(mechanism, configure(mechanism, mechanism.tool.home))
-    bent = deform_nodes(home, {"platform": np.array([0, 0.2, 0, 0, 0, 0])}, mechanism.tool.at, 1.0)
-    plain = scene(robot, mechanism, shares={"leg1.arm": 0.7, "leg2.arm": 0.3})
-    draw("robot", tmp_path, pictures=[picture("a.png", "Delta", bent, home)], scale="share of energy", **plain)
+    home = place_robot(configure(mechanism, mechanism.tool.home))
+    bent = home.deform({"platform": np.array([0, 0.2, 0, 0, 0, 0])}, 1.0)
+    shown = {"file": "a.png", "title": "Delta", "moves": bent, "before": home.moves}
+    plain = scene(robot, mechanism) | {"shares": {"leg1.arm": 0.7, "leg2.arm": 0.3}}
+    draw("robot", tmp_path, pictures=[shown], scale="share of energy", **plain)
     image = pv.read(tmp_path / "a.png")
     assert image.dimensions[0] == 1200
     colours = np.unique(np.asarray(image.point_data.active_scalars)[:, :3], axis=0)
@@ -152,9 +154,10 @@ def test_picture_of_a_deformed_robot_with_the_users_own_surface(delta, tmp_path)
 def test_a_process_that_is_ready_ahead_draws_the_same_picture(delta, tmp_path):
     robot, mechanism, there = delta
     plain = scene(robot, mechanism)
+    shown = {"title": "Delta", "moves": place_robot(there).moves}
     with open_drawing(ahead=True) as draw_now:
-        draw_now("robot", tmp_path, pictures=[picture("ahead.png", "Delta", moves(mechanism, there))], **plain)
-    draw("robot", tmp_path, pictures=[picture("now.png", "Delta", moves(mechanism, there))], **plain)
+        draw_now("robot", tmp_path, pictures=[shown | {"file": "ahead.png"}], **plain)
+    draw("robot", tmp_path, pictures=[shown | {"file": "now.png"}], **plain)
     assert (tmp_path / "ahead.png").read_bytes() == (tmp_path / "now.png").read_bytes()
 
 
@@ -176,7 +179,7 @@ def test_a_process_that_is_killed_is_not_taken_for_missing_graphics(delta, tmp_p
         while not (started := [each for each in psutil.Process().children() if each not in others]):
             time.sleep(0.01)
         started[0].kill()
-        again = picture("again.png", "Delta", moves(mechanism, there))
+        again = {"file": "again.png", "title": "Delta", "moves": place_robot(there).moves}
         draw_now("robot", tmp_path, pictures=[again], **scene(robot, mechanism))
     assert (tmp_path / "again.png").exists()
 

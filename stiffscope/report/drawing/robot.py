@@ -36,7 +36,7 @@ from stiffscope.report.drawing.solids import (
 from stiffscope.report.figures import save_figure
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -81,6 +81,7 @@ def robot(
         ``moves``: node to [R (3, 3), p (3,)] from home. Optional: ``before``, former ``moves``, and
         ``ghost``, another robot {bodies, joints, tool, moves}, both drawn light; ``close``: show
         only the marks with names, and their surroundings; ``kinds``: label joints with their kind.
+        A GIF has ``frames``, each like ``moves``, and their ``order`` in the loop instead.
     bodies
         {name, nodes, part, experiment, shape, mesh, axes, base, length, places}; a rigid body has
         one node. ``shape``, without an experiment: {radius} of a rod or {width, thickness} of a
@@ -110,9 +111,16 @@ def robot(
         colours = {"shades": shades, "no_share": NO_SHARE, "key": key_of(bodies, joints), "tool": tool}
         (folder / geometry).write_text(json.dumps({**pack_solids(solids, upward, reach), **colours}))
     for picture in pictures:
+        coloured = picture.get("shares", shares)
+        if "frames" in picture:
+            images = _draw_frames(picture, solids, reach, upward, tool, coloured)
+            figures = [frame_picture(*image, picture["title"]) for image in images]
+            for figure in figures:
+                _explain(figure, key_of(bodies, joints), coloured, scale)
+            _save_loop(folder / picture["file"], figures, picture["order"])
+            continue
         moves, before = _moves(picture["moves"]), picture.get("before")
         rotation, position = moves[tool["node"]]
-        coloured = picture.get("shares", shares)
         shapes = _by_colour(solids, moves, coloured)
         if before is not None:
             shapes["before"] = _join_shapes([solid.move(_moves(before)) for solid in solids])
@@ -132,49 +140,30 @@ def robot(
         save_figure(figure, folder / picture["file"], dpi=100)
 
 
-def animation(
-    folder: Path,
-    pictures: list[dict[str, Any]],
-    bodies: list[dict[str, Any]],
-    joints: list[dict[str, Any]],
-    tool: dict[str, Any],
-    up: list[float],
-    shares: dict[str, float] | None = None,
-    scale: str = "share",
-) -> None:
-    """Draw the moving robot, one GIF per picture, with a fixed camera.
+def _draw_frames(
+    picture: dict[str, Any], solids: list[Solid], reach: float, up: Floats, tool: dict[str, Any],
+    shares: dict[str, float] | None,
+) -> Iterator[tuple[Floats, View]]:  # fmt: skip
+    """Yield the frames of a moving robot, with a fixed camera."""
+    frames, home = [_moves(each) for each in picture["frames"]], np.array(tool["at"], float)
+    shapes = [_by_colour(solids, moves, shares) for moves in frames]
+    points = [r @ home + p for r, p in (moves[tool["node"]] for moves in frames)]
+    solid = (shape.points for each in shapes for shape in each.values())
+    seen = np.vstack([*solid, *(np.add([point], 0.12 * reach * np.eye(3)) for point in points)])
+    for point, each in zip(points, shapes, strict=True):
+        yield _scene(each, point, up, reach, seen, MOVING)
 
-    Parameters
-    ----------
-    folder
-        Folder to write to.
-    pictures
-        {file, title, frames, order}; ``frames``: each like ``moves`` of `robot`; ``order``: indices
-        of the frames in the loop.
-    bodies, joints, tool, up, shares, scale
-        As in `robot`.
 
-    """
-    upward, home = np.array(up, float), np.array(tool["at"], float)
-    solids, reach = solids_of(bodies, joints, tool, upward), extent(bodies, joints, tool)
-    for picture in pictures:
-        frames = [_moves(each) for each in picture["frames"]]
-        coloured = picture.get("shares", shares)
-        shapes = [_by_colour(solids, moves, coloured) for moves in frames]
-        points = [r @ home + p for r, p in (moves[tool["node"]] for moves in frames)]
-        solid = (shape.points for each in shapes for shape in each.values())
-        seen = np.vstack([*solid, *(np.add([point], 0.12 * reach * np.eye(3)) for point in points)])
-        images: list[Any] = []
-        for point, each in zip(points, shapes, strict=True):
-            figure = frame_picture(*_scene(each, point, upward, reach, seen, MOVING), picture["title"])
-            _explain(figure, key_of(bodies, joints), coloured, scale)
-            canvas = FigureCanvasAgg(figure)
-            canvas.draw()
-            images.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
-        loop = [images[k].quantize(256, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE) for k in picture["order"]]
-        loop[0].save(
-            folder / picture["file"], save_all=True, append_images=loop[1:], duration=PERIOD // len(loop), loop=0
-        )
+def _save_loop(target: Path, figures: list[Figure], order: list[int]) -> None:
+    """Write figures as a GIF that repeats them in this order."""
+    images = []
+    for figure in figures:
+        canvas = FigureCanvasAgg(figure)
+        canvas.draw()
+        images.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
+    octree, plain = Image.Quantize.FASTOCTREE, Image.Dither.NONE
+    loop = [images[k].quantize(256, octree, dither=plain) for k in order]
+    loop[0].save(target, save_all=True, append_images=loop[1:], duration=PERIOD // len(loop), loop=0)
 
 
 def _moves(given: dict[str, Any]) -> Moves:
