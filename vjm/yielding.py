@@ -145,11 +145,12 @@ def deflection(mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: 
 
 @dataclass(frozen=True, eq=False)
 class LoadCurve:
-    """``twist`` (n, 6, s), tangent ``stiffness`` (n, 6, 6, s) at M under ``load`` (s,) × wrench.
+    """``twist`` (n, 6, s), tangent ``stiffness`` (n, 6, 6, s) at M under ``load`` (s,) × ``wrench``.
 
     The stiffness is NaN if infinite in some direction, and 0 if the tool moves freely.
     """
 
+    wrench: Array
     load: Array
     twist: Array
     stiffness: Array
@@ -184,7 +185,7 @@ def find_load_curve(
         except InfiniteStiffnessError:
             return np.full((1, 6, 6), np.nan)
 
-    return LoadCurve(times, twist, map_segments(order, where, loads, (6, 6), tangent))
+    return LoadCurve(np.asarray(wrench, dtype=float), times, twist, map_segments(order, where, loads, (6, 6), tangent))
 
 
 def _find(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Configurations:

@@ -34,7 +34,7 @@ from stiffscope.gap.inference.posterior_samples import write_posterior, write_re
 from stiffscope.gap.planning import propose_plan
 from stiffscope.report import blind_scores, campaign_check, gap_tables, plan_tables, tables
 from stiffscope.report.diagnosis_report import share_view, write_diagnosis_report
-from stiffscope.report.kept_pictures import order_shares, shares_ahead, write_diagnosis_pictures
+from stiffscope.report.kept_pictures import order_figures, order_shares, shares_ahead, write_pictures
 from stiffscope.report.pictures import open_drawing
 from stiffscope.robot.library import robot_names
 from stiffscope.robot.nominal import NominalRobot
@@ -48,9 +48,7 @@ if TYPE_CHECKING:
     from stiffscope.experiments.manifest import Manifest
     from stiffscope.gap.campaigns import Case
     from stiffscope.gap.inference.diagnosis import Diagnosis
-    from stiffscope.report.kept_pictures import SharesPicture
     from stiffscope.report.run_report import Draft
-    from stiffscope.runtime.cache import Cache
 
 log = logging.getLogger(__name__)
 
@@ -92,7 +90,10 @@ def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output
             if diagnosis.samples is not None:
                 write_posterior(folder / "posterior.nc", diagnosis.samples)
                 write_readings(folder / "readings.csv", diagnosis.samples)
-            _draw(case, nominal, diagnosis, folder, manifest, shop.cache, ahead)
+            orders = [order_figures(diagnosis, folder)]
+            if nominal and ahead and (found := configure_case(case, nominal)):
+                orders += order_shares(nominal, diagnosis, found, folder, ahead)
+            write_pictures(orders, shop.cache, manifest)
 
         emit(
             output, to_json(diagnosis), lambda: gap_tables.show_diagnosis(diagnosis), manifest=manifest, fill=fill,
@@ -106,16 +107,6 @@ def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output
 
 def _manifest_of(case: Case) -> Manifest:
     return manifest_of(case.robot, *(case.folder / file for file in ("campaign.toml", *case.campaign.files)))
-
-
-def _draw(
-    case: Case, nominal: Assembled | None, diagnosis: Diagnosis, folder: Path, manifest: Manifest, cache: Cache,
-    ahead: SharesPicture | None,
-) -> None:  # fmt: skip
-    """Draw the figures, and the robot if the model under test is a robot."""
-    found = nominal and configure_case(case, nominal)
-    robot = order_shares(nominal, diagnosis, found, folder, ahead) if nominal and found and ahead else None
-    write_diagnosis_pictures(diagnosis, folder, cache, manifest, robot)
 
 
 def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, report: Draft) -> None:
@@ -243,11 +234,11 @@ def blind(
         copy_files(cases, folder, case_files(cases, drawn, campaigns, seed))
         blind_scores.draw_scores(scores, folder)
 
-    title = f"Blind check of the diagnosis, {campaigns} campaigns a robot"
+    about = {"campaigns": campaigns, "seed": seed, "seconds": round(manifest.measure_elapsed(), 1)}
     emit(
-        output, blind_scores.scores_json(scores, campaigns, seed, manifest.measure_elapsed()),
+        output, about | blind_scores.scores_json(scores),
         lambda: blind_scores.show_scores(scores), manifest=manifest, fill=fill,
-        page=lambda report: blind_scores.write_blind_report(scores, report, title), kept="scores.json",
+        page=partial(blind_scores.write_blind_report, scores), kept="scores.json",
     )  # fmt: skip
     if not remove_copied(cases, out):
         log.warning("%s: holds files that are no cases of this check; they stay there", cases)

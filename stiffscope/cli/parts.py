@@ -144,11 +144,11 @@ def interfaces(
 
     def fill(folder: Path) -> None:
         write_bytes(folder / "interfaces.csv", interfaces_csv(compared).encode())
-        interface_figure.draw(compared, robot.name, folder / "interfaces.png")
+        interface_figure.draw(compared, folder / "interfaces.png")
 
     emit(
         output, interfaces_json(compared), lambda: part_tables.show_interfaces(compared), manifest=manifest, fill=fill,
-        page=lambda report: interface_figure.write_page(compared, report, robot.name),
+        page=partial(interface_figure.write_page, compared),
         kept="interfaces.json",
     )  # fmt: skip
 

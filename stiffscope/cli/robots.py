@@ -131,7 +131,7 @@ def deflection(
         error = deflection_bars(assembled, at, found.twist)
         tables.show_deflection(asked.names, found.twist, found.shares, words, error)
         if curve is not None:
-            show_load_curve(asked.names, curve, load)
+            show_load_curve(asked.names, curve)
 
     def page(report: Draft) -> None:
         folder = report.folder
@@ -140,7 +140,7 @@ def deflection(
         if curve is not None:
             way = np.r_[1e-9, np.linspace(0.005, 1.0, 200)]  # near zero load, where backlash acts
             fine = find_load_curve(assembled.mechanism, at, load, np.r_[-way[::-1], way])
-            draw_load_curve(asked.names, fine, load, folder)
+            draw_load_curve(asked.names, fine, folder)
         write_deflection_report(report, assembled, asked.names, at, cases)
 
     answer = {

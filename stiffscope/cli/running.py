@@ -26,7 +26,7 @@ from stiffscope.experiments.experiments import EXPERIMENT, FIELDS, compliance_js
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.experiments.watching import changes, differences, digest_sources, keep_meshed, keep_warm, sources
 from stiffscope.report import part_tables, tables
-from stiffscope.report.kept_pictures import plain_robot, write_run_pictures
+from stiffscope.report.kept_pictures import order_run, plain_robot, write_pictures
 from stiffscope.report.run_report import write_run_report
 from stiffscope.report.terminal import record_shown
 from stiffscope.robot.library import find_robot
@@ -181,7 +181,7 @@ def _folder_of(
     def fill(folder: Path) -> None:
         _write_parts(now, folder, manifest)
         _write_robot(now, states["now"], folder)
-        write_run_pictures(now, folder, shop.cache, manifest)
+        write_pictures(order_run(now, folder), shop.cache, manifest)
         manifest.seconds["robot"] = manifest.measure_elapsed() - manifest.seconds.get("parts", 0.0)
 
     def page(report: Draft) -> None:

@@ -92,6 +92,7 @@ class Entry:
 class Comparison:
     """A part as in the robot file and under other choices; one line for each omitted choice."""
 
+    robot: str
     part: str
     own: Tested
     others: tuple[Tested, ...]
@@ -125,7 +126,8 @@ def compare_interfaces(robot: RobotFile, part: str, shop: Workshop) -> Compariso
     found: list[PartResult] = []
     for start in range(0, len(wanted), AT_ONCE):
         found += solve_parts(list(wanted.values())[start : start + AT_ONCE], shop, whole=False)
-    return _compare_choices(part, dict(zip(wanted, found, strict=True)), [APART] * apart + left_out)
+    tested = dict(zip(wanted, found, strict=True))
+    return _compare_choices(robot.name, part, tested, [APART] * apart + left_out)
 
 
 def choices(robot: RobotFile, part: str) -> list[Choice]:
@@ -217,7 +219,7 @@ def _orders(robot: RobotFile, part: str, own: PartOrder) -> tuple[dict[Choice, P
     return orders, same, left_out
 
 
-def _compare_choices(part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]) -> Comparison:
+def _compare_choices(robot: str, part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]) -> Comparison:
     points = next(iter(found.values())).experiment.reference_points
     tested: list[Tested] = []
     for choice, result in found.items():  # at the same reference points, since pads protrude
@@ -229,7 +231,7 @@ def _compare_choices(part: str, found: Mapping[Choice, PartResult], left_out: Se
     notable = np.abs(own.compliance) > SIGNIFICANT * np.outer(scale, scale)
     shown = np.argwhere(np.triu(notable) if len(points) == 1 else np.diag(np.diag(notable)))
     entries = [_entry(own, others, i, j) for i, j in shown.tolist()]
-    return Comparison(part, own, tuple(others), tuple(entries), tuple(left_out))
+    return Comparison(robot, part, own, tuple(others), tuple(entries), tuple(left_out))
 
 
 def _entry(own: Tested, others: Sequence[Tested], i: int, j: int) -> Entry:

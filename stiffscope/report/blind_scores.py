@@ -37,21 +37,8 @@ HELD_OUT = 1.2
 ENOUGH = 50  # minimum number of intervals for judging their coverage
 
 
-def scores_json(scores: Scores, campaigns: int, seed: int, seconds: float) -> dict[str, Any]:
-    """Return the results of a blind check for JSON output; the share of an empty set is null.
-
-    Parameters
-    ----------
-    scores
-        Scores of the diagnosis.
-    campaigns
-        Number of campaigns drawn.
-    seed
-        Seed of the random numbers.
-    seconds
-        Duration of the check, s.
-
-    """
+def scores_json(scores: Scores) -> dict[str, Any]:
+    """Return the scores of a blind check for JSON output; the share of an empty set is null."""
     planted, answered, counts = scores.confusion()
     outcomes = [
         {
@@ -73,9 +60,6 @@ def scores_json(scores: Scores, campaigns: int, seed: int, seconds: float) -> di
         for o in scores.outcomes
     ]
     return {
-        "campaigns": campaigns,
-        "seed": seed,
-        "seconds": round(seconds, 1),
         **{key: getattr(scores, key) for key, *_ in MEASURES},
         "held_out_over_noise": scores.held_out,
         "calibration": [dict(zip(("stated", "true", "count"), row, strict=True)) for row in scores.calibration()],
@@ -173,21 +157,13 @@ def draw_scores(scores: Scores, folder: Path) -> None:
     )
 
 
-def write_blind_report(scores: Scores, report: Draft, title: str) -> None:
-    """Write ``report.html`` of a blind check: the shown tables, the folder's figures, the manifest.
-
-    Parameters
-    ----------
-    scores
-        Scores of the diagnosis.
-    report
-        Folder and tables.
-    title
-        Title.
-
-    """
+def write_blind_report(scores: Scores, report: Draft) -> None:
+    """Write ``report.html`` of a blind check: the shown tables, the folder's figures, the manifest."""
+    robots = scores.by_robot()
     figures = report.figures({f"{stem}.svg": words for stem, words in FIGURES.items()})
-    facts = [f"robots: {', '.join(scores.by_robot()) or 'none'}", f"{len(scores.outcomes)} campaigns"]
+    facts = [f"robots: {', '.join(robots) or 'none'}", f"{len(scores.outcomes)} campaigns"]
+    count = len(scores.outcomes) // max(len(robots), 1)
+    title = f"Blind check of the diagnosis, {count} campaigns a robot"
     report.write(title, facts, [Section("Scores", report.shown), Section("Figures", (), figures)])
 
 

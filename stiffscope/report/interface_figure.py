@@ -28,22 +28,11 @@ CAPTION = (
 SLENDER = (0.16, 0.4)  # sketched width and depth of a link or a STEP solid, not to scale
 
 
-def draw(compared: Comparison, robot: str, target: Path) -> None:
-    """Draw the entries for the robot file's interface and their changes for the others, as PNG.
-
-    Parameters
-    ----------
-    compared
-        Compliances for every choice of interface.
-    robot
-        Name of the robot.
-    target
-        File to write.
-
-    """
+def draw(compared: Comparison, target: Path) -> None:
+    """Draw the entries for the robot file's interface and their changes for the others, as PNG."""
     import matplotlib as mpl
 
-    count, title = len(compared.others), _title(compared, robot)
+    count, title = len(compared.others), _title(compared)
     with mpl.rc_context(STYLE):
         figure = new_figure(3.6 + 2.75 * count, 2.9 + 0.42 * len(compared.entries), title)
         grid = figure.subplots(2, count + 1, height_ratios=[1.3, 2.9], squeeze=False)
@@ -56,28 +45,17 @@ def draw(compared: Comparison, robot: str, target: Path) -> None:
         save_figure(figure, target, dpi=130)
 
 
-def _title(compared: Comparison, robot: str) -> str:
-    return f"{robot}: effect of the interfaces on the {compared.part}'s compliance"
+def _title(compared: Comparison) -> str:
+    return f"{compared.robot}: effect of the interfaces on the {compared.part}'s compliance"
 
 
-def write_page(compared: Comparison, report: Draft, robot: str) -> None:
-    """Write ``report.html`` with the shown tables and the folder's figure.
-
-    Parameters
-    ----------
-    compared
-        Compliances for every choice of interface.
-    report
-        Folder and tables.
-    robot
-        Name of the robot.
-
-    """
+def write_page(compared: Comparison, report: Draft) -> None:
+    """Write ``report.html`` with the shown tables and the folder's figure."""
     words = "a sketch of each choice of interface, below it the change of every entry, with its bound"
     drawn = report.figures({"interfaces.png": (CAPTION, words)})
     about = f"the {compared.part}'s 6×6 compliance, SI, at the reference point of the robot file's own choice"
     sections = [Section("Compliance by interface", report.shown, drawn)]
-    report.write(_title(compared, robot), [about, "95 % bounds"], sections)
+    report.write(_title(compared), [about, "95 % bounds"], sections)
 
 
 def _values(axes: Axes, compared: Comparison) -> None:

@@ -59,36 +59,52 @@ class Order:
     target: Path
 
 
-def write_run_pictures(assembled: Assembled, folder: Path, cache: Cache, manifest: Manifest) -> None:
-    """Draw parts, robot and map of a run into its folder; log a warning if drawing is impossible.
+def write_pictures(orders: Sequence[Order], cache: Cache, manifest: Manifest) -> None:
+    """Draw pictures that are not cached, and copy all to their folders; warn if drawing is impossible.
 
     Parameters
     ----------
-    assembled
-        Robot with its parts' matrices.
-    folder
-        Folder to write to.
+    orders
+        Pictures to draw.
     cache
         Cache of results.
     manifest
         Record of how the results were made.
 
     """
-    orders = [_part_order(result, folder / name) for name, result in assembled.results.items()]
-    _write([*orders, *_robot_orders(assembled, folder)], cache, manifest)
+    with ThreadPoolExecutor(AT_ONCE) as pool:
+        made = [pool.submit(_keep_pictures, order, cache) for order in orders]
+        try:
+            for order, (held, reused, seconds) in zip(orders, (each.result() for each in made), strict=True):
+                if held is not None:
+                    for file in kept_files(held):
+                        shutil.copyfile(held / file, order.target / file)
+                    manifest.note(order.name, key=order.key, reused=reused, seconds=seconds)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
-@dataclass(frozen=True)
-class SharesPicture:
-    """Robot picture of a pending diagnosis: its cache key and its drawing function."""
-
-    key: str
-    draw: Callable[..., None]
+def order_run(assembled: Assembled, target: Path) -> list[Order]:
+    """Order a run's pictures: parts, robot at its poses and, with ``[map]``, a small map."""
+    orders = [_order_part(result, target / name) for name, result in assembled.results.items()]
+    facts = _facts(assembled)
+    key = digest({**facts, "skins": _skins(assembled), "code": _drawing_code()})
+    orders.append(Order("robot", key, lambda folder: _draw_poses(assembled, folder), target))
+    if assembled.robot.map is not None:
+        rooms = ("stiffscope.vjm", "stiffscope.robot", "stiffscope.report")
+        key = digest({**facts, "code": code_version(rooms, ("matplotlib", "numpy"))})
+        orders.append(Order("map", key, lambda folder: _draw_map(assembled, folder), target))
+    return orders
 
 
 @contextmanager
-def shares_ahead(assembled: Assembled, campaign: Mapping[str, str], cache: Cache) -> Iterator[SharesPicture]:
+def shares_ahead(
+    assembled: Assembled, campaign: Mapping[str, str], cache: Cache
+) -> Iterator[tuple[str, Callable[..., None]]]:
     """Prepare the picture of a diagnosis while the diagnosis runs, unless the picture is cached.
+
+    Yields its cache key and its drawing function.
 
     Parameters
     ----------
@@ -104,45 +120,34 @@ def shares_ahead(assembled: Assembled, campaign: Mapping[str, str], cache: Cache
     code = code_version(packages, ("numpy", "scipy", "pyvista", "vtk", "matplotlib"))
     key = digest({**_facts(assembled), "skins": _skins(assembled), "campaign": campaign, "code": code})
     if cache.get("pictures", key) is not None:
-        yield SharesPicture(key, draw)
+        yield key, draw
         return
     with open_drawing(ahead=True) as draw_now:
-        yield SharesPicture(key, draw_now)
+        yield key, draw_now
 
 
-def write_diagnosis_pictures(
-    diagnosis: Diagnosis, folder: Path, cache: Cache, manifest: Manifest, robot: Order | None = None
-) -> None:
-    """Draw the figures of a diagnosis and, if given, its robot ordered by `order_shares`.
-
-    Log a warning and omit the robot if this machine cannot draw it.
-
-    Parameters
-    ----------
-    diagnosis
-        Diagnosis of the campaign.
-    folder
-        Folder to write to.
-    cache
-        Cache of results.
-    manifest
-        Record of how the results were made.
-    robot
-        Picture of the robot, if any.
-
-    """
+def order_figures(diagnosis: Diagnosis, target: Path) -> Order:
+    """Order the figures of a diagnosis."""
+    samples = diagnosis.samples
+    draws = {} if samples is None else {**samples.parameters, "held out": samples.held_out}
+    drawn = {
+        "numbers": to_json(diagnosis),
+        "not in JSON": repr((diagnosis.steps, diagnosis.signature_correlation)),
+        "units": samples and samples.units,
+        "draws": {name: hashlib.sha256(values.tobytes()).hexdigest() for name, values in draws.items()},
+    }
     code = code_version(("stiffscope.report",), ("matplotlib", "numpy"))
-    key = digest({"diagnosis": _describe_drawn(diagnosis), "code": code})
-    figures = Order("figures", key, lambda folder: draw_figures(diagnosis, folder), folder)
-    _write([figures, robot] if robot else [figures], cache, manifest)
+    key = digest({"diagnosis": drawn, "code": code})
+    return Order("figures", key, lambda folder: draw_figures(diagnosis, folder), target)
 
 
 def order_shares(
-    assembled: Assembled, diagnosis: Diagnosis, found: Configurations, target: Path, ahead: SharesPicture
-) -> Order | None:
+    assembled: Assembled, diagnosis: Diagnosis, found: Configurations, target: Path,
+    ahead: tuple[str, Callable[..., None]],
+) -> list[Order]:  # fmt: skip
     """Order the robot's picture at the pose of the largest residual, coloured by share of the gap.
 
-    Return None without shares.
+    There is none without shares.
 
     Parameters
     ----------
@@ -160,7 +165,7 @@ def order_shares(
     """
     where, mechanism = diagnosis.where, assembled.mechanism
     if not where.component:
-        return None
+        return []
     worst = int(np.argmax([np.nansum(np.square(row)) for row in np.array(where.pose, dtype=float)]))
     place = pose_text(mechanism, found.tool[worst, mechanism.tool.commanded_axes].tolist())
     title = f"Share of the gap by component, at the pose of the largest residual, {place}"
@@ -168,9 +173,10 @@ def order_shares(
     drawn = {**scene_of(assembled), "shares": shares(assembled.robot, diagnosis)}
 
     def write(folder: Path) -> None:
-        ahead.draw("robot", folder, pictures=[shown], scale=SHARE, geometry=GEOMETRY, **drawn)
+        draw_now("robot", folder, pictures=[shown], scale=SHARE, geometry=GEOMETRY, **drawn)
 
-    return Order("robot", ahead.key, write, target)
+    key, draw_now = ahead
+    return [Order("robot", key, write, target)]
 
 
 def draw_named_poses(assembled: Assembled, folder: Path) -> None:
@@ -239,20 +245,6 @@ def plain_robot(robot: RobotFile) -> dict[str, Any]:
     return to_jsonable_python(plain, by_alias=True, inf_nan_mode="constants")
 
 
-def _write(orders: Sequence[Order], cache: Cache, manifest: Manifest) -> None:
-    with ThreadPoolExecutor(AT_ONCE) as pool:
-        made = [pool.submit(_keep_pictures, order, cache) for order in orders]
-        try:
-            for order, (held, reused, seconds) in zip(orders, (each.result() for each in made), strict=True):
-                if held is not None:
-                    for file in kept_files(held):
-                        shutil.copyfile(held / file, order.target / file)
-                    manifest.note(order.name, key=order.key, reused=reused, seconds=seconds)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
 def _keep_pictures(order: Order, cache: Cache) -> tuple[Path | None, bool, float]:
     """Return the pictures' folder (None if drawing failed), whether it was cached, and seconds."""
     begun = time.perf_counter()
@@ -265,19 +257,7 @@ def _keep_pictures(order: Order, cache: Cache) -> tuple[Path | None, bool, float
     return held, reused, time.perf_counter() - begun
 
 
-def _describe_drawn(diagnosis: Diagnosis) -> dict[str, Any]:
-    """Return the data that determine the figures of a diagnosis."""
-    samples = diagnosis.samples
-    draws = {} if samples is None else {**samples.parameters, "held out": samples.held_out}
-    return {
-        "numbers": to_json(diagnosis),
-        "not in JSON": repr((diagnosis.steps, diagnosis.signature_correlation)),
-        "units": samples and samples.units,
-        "draws": {name: hashlib.sha256(values.tobytes()).hexdigest() for name, values in draws.items()},
-    }
-
-
-def _part_order(result: PartResult, target: Path) -> Order:
+def _order_part(result: PartResult, target: Path) -> Order:
     """Order pictures of a part under each unit wrench and of its mesh."""
     experiment = result.folder / EXPERIMENT
     key = digest({"experiment": file_digest(experiment), "code": _drawing_code()})
@@ -288,17 +268,6 @@ def _part_order(result: PartResult, target: Path) -> Order:
         draw("part_pictures", folder, experiment=experiment, title=result.name, **files, **faces)
 
     return Order(f"{result.name} pictures", key, write, target)
-
-
-def _robot_orders(assembled: Assembled, target: Path) -> list[Order]:
-    """Order the robot at its poses and, if the robot file has ``[map]``, a small map."""
-    facts = _facts(assembled)
-    code = code_version(("stiffscope.vjm", "stiffscope.robot", "stiffscope.report"), ("matplotlib", "numpy"))
-    map_key = digest({**facts, "code": code})
-    robot_key = digest({**facts, "skins": _skins(assembled), "code": _drawing_code()})
-    drawn = Order("robot", robot_key, lambda folder: _draw_poses(assembled, folder), target)
-    mapped = Order("map", map_key, lambda folder: _draw_map(assembled, folder), target)
-    return [drawn, mapped] if assembled.robot.map is not None else [drawn]
 
 
 def _facts(assembled: Assembled) -> dict[str, Any]:

@@ -21,20 +21,9 @@ if TYPE_CHECKING:
 _COLOURS = (AFTER, EFFECT, BEFORE, NOISE)
 
 
-def show_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array) -> None:
-    """Show displacement and tangent stiffness along the wrench for each load up to the full load.
-
-    Parameters
-    ----------
-    names
-        Names of the poses (n,).
-    curve
-        Displacements at each load.
-    wrench
-        Force and moment (6,) at M, N and N·m.
-
-    """
-    size, along, unit, stiff = _project_curve(curve, wrench)
+def show_load_curve(names: Sequence[str], curve: LoadCurve) -> None:
+    """Show displacement and tangent stiffness along the wrench for each load up to the full load."""
+    size, along, unit, stiff = _project_curve(curve)
     rows = [
         ("" if k else name, f"{size * load:.4g}", f"{1e6 * moved:.5g}", f"{tangent:.5g}".replace("nan", "–"))
         for name, displaced, tangents in zip(names, along, stiff, strict=True)
@@ -46,7 +35,7 @@ def show_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array) -> No
     show_table("Along the wrench; loading and unloading coincide", groups, rows)
 
 
-def draw_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array, folder: Path) -> None:
+def draw_load_curve(names: Sequence[str], curve: LoadCurve, folder: Path) -> None:
     """Write ``force_over_deflection`` as PNG and SVG.
 
     Parameters
@@ -55,15 +44,13 @@ def draw_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array, folde
         Names of the poses (n,).
     curve
         Displacements at each load.
-    wrench
-        Force and moment (6,) at M, N and N·m.
     folder
         Folder to write to.
 
     """
 
     def draw() -> Figure:
-        size, along, unit, _ = _project_curve(curve, wrench)
+        size, along, unit, _ = _project_curve(curve)
         figure = new_figure(7.0, 4.6, "Force over deflection" if unit == "m" else "Moment over rotation")
         axes = figure.subplots()
         for i, name in enumerate(names):
@@ -80,8 +67,9 @@ def draw_load_curve(names: Sequence[str], curve: LoadCurve, wrench: Array, folde
     save_figures(folder, {"force_over_deflection": draw})
 
 
-def _project_curve(curve: LoadCurve, wrench: Array) -> tuple[float, Array, str, Array]:
+def _project_curve(curve: LoadCurve) -> tuple[float, Array, str, Array]:
     """Return size of the load, displacement (n, s) along it, unit, tangent stiffness (n, s)."""
+    wrench = curve.wrench
     part = slice(0, 3) if wrench[:3].any() else slice(3, 6)
     size = float(np.linalg.norm(wrench[part])) or 1.0
     axis = wrench[part] / size

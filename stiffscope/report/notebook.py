@@ -333,7 +333,7 @@ def _diagnosis(shown: Diagnosis) -> list[Figure]:
     gap_tables.show_diagnosis(shown)
     with scratch_folder() as folder:
         save_figures(folder, {"waterfall": lambda: gap_figures.waterfall(shown)})
-        return [page.figure(folder / "waterfall.svg", *FIGURES["waterfall"])]
+        return page.figures(folder, {"waterfall.svg": FIGURES["waterfall"]})
 
 
 def _study(shown: Study) -> None:

@@ -151,43 +151,31 @@ class Lead:
     kind: str = ""
 
 
-def figure(image: Path, caption: str, words: str, folder: Path | None = None) -> Figure:
-    """Embed a PNG or SVG file in a page, with links to the files of the same stem.
-
-    Parameters
-    ----------
-    image
-        PNG or SVG file.
-    caption
-        Caption.
-    words
-        Text alternative.
-    folder
-        Folder of the page; default: the picture's own.
-
-    """
-    files = tuple(
-        sorted(f.relative_to(folder or image.parent).as_posix() for f in image.parent.glob(f"{image.stem}.*"))
-    )
-    if image.suffix == ".svg":
-        return _drawing(image.read_bytes(), caption, words, files)
-    out = io.BytesIO()
-    with Image.open(image) as picture:
-        picture.convert("RGB").save(out, "WEBP", quality=QUALITY, method=0)
-        size = picture.size
-    return Figure(f"data:image/webp;base64,{base64.b64encode(out.getvalue()).decode()}", size, caption, words, files)
-
-
 def figures(folder: Path, captions: Mapping[str, tuple[str, str]]) -> list[Figure]:
-    """Embed the existing pictures of a folder, each with its caption and text alternative."""
-    return [figure(folder / name, *words, folder) for name, words in captions.items() if (folder / name).exists()]
+    """Embed the existing pictures of a page's folder, each with its caption and text alternative.
+
+    Each has links to the files of the same stem.
+    """
+    return [_embed(folder, name, *words) for name, words in captions.items() if (folder / name).exists()]
 
 
-def _drawing(svg: bytes, caption: str, words: str, files: tuple[str, ...]) -> Figure:
-    """Embed a drawing by matplotlib, whose header states the size in points."""
-    found = re.search(rb'viewBox="0 0 ([\d.]+) ([\d.]+)"', svg)
-    wide, high = (round(float(size) * 4 / 3) for size in (found.groups() if found else (b"640", b"480")))
-    return Figure(f"data:image/svg+xml;base64,{base64.b64encode(svg).decode()}", (wide, high), caption, words, files)
+def _embed(folder: Path, name: str, caption: str, words: str) -> Figure:
+    """Embed a PNG, or an SVG by matplotlib, whose header states the size in points."""
+    image = folder / name
+    files = tuple(sorted(f.relative_to(folder).as_posix() for f in image.parent.glob(f"{image.stem}.*")))
+    if image.suffix == ".svg":
+        content, kind = image.read_bytes(), "svg+xml"
+        found = re.search(rb'viewBox="0 0 ([\d.]+) ([\d.]+)"', content)
+        points = found.groups() if found else (b"640", b"480")
+        wide, high = (round(float(size) * 4 / 3) for size in points)
+    else:
+        out, kind = io.BytesIO(), "webp"
+        with Image.open(image) as picture:
+            picture.convert("RGB").save(out, "WEBP", quality=QUALITY, method=0)
+            wide, high = picture.size
+        content = out.getvalue()
+    source = f"data:image/{kind};base64,{base64.b64encode(content).decode()}"
+    return Figure(source, (wide, high), caption, words, files)
 
 
 def write_page(

@@ -72,7 +72,7 @@ def test_sources_and_differences(tmp_path):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pictures take processes of their own, which this does not try."""
-    monkeypatch.setattr("stiffscope.cli.running.write_run_pictures", lambda *_: None)
+    monkeypatch.setattr("stiffscope.cli.running.write_pictures", lambda *_: None)
     monkeypatch.setattr("stiffscope.cli.running.keep_warm", lambda: None)
 
 

@@ -52,7 +52,7 @@ def test_choices_that_a_part_cannot_take_are_left_out_with_the_reason(tmp_path, 
     from stiffscope.experiments import interfaces
 
     monkeypatch.setattr(interfaces, "solve_parts", lambda orders, _shop, **_: list(orders))
-    monkeypatch.setattr(interfaces, "_compare_choices", lambda _part, found, left_out: (list(found), left_out))
+    monkeypatch.setattr(interfaces, "_compare_choices", lambda _robot, _part, found, left_out: (list(found), left_out))
     _, left_out = compare_interfaces(one_part(tmp_path, PLATE), NAME, None)
     assert left_out == [next(line for line in left_out if line.startswith("three pads: left out; "))]
     assert 'robot.toml:4: parts."bar 1".pad_' in left_out[0]
