@@ -15,7 +15,7 @@ from stiffscope.report.run_report import SHARE
 from stiffscope.report.terminal import Shown, record_shown
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.gap.inference.diagnosis import Diagnosis
@@ -73,23 +73,23 @@ def write_diagnosis_report(
     def figures(stem: str) -> list[Figure]:
         return report.figures({f"{stem}.svg": FIGURES[stem]})
 
-    still = next(iter(figures("readings")), None)
     following = diagnosis.next_measurement
-    alternatives = _record_shown(lambda: gap_tables.show_alternatives(diagnosis))
-    alternatives += _record_shown(lambda: gap_tables.show_nearest_signatures(diagnosis))
+    with record_shown() as gap:
+        gap_tables.show_gap(diagnosis)
+    with record_shown() as alternatives:
+        gap_tables.show_alternatives(diagnosis)
+        gap_tables.show_nearest_signatures(diagnosis)
+    charts = chart_readings(diagnosis, next(iter(figures("readings")), None))
+    where = _lines(text.describe_location(diagnosis.where))
+    checks = _lines([*text.checks(diagnosis), *diagnosis.remarks])
+    numbers = ("diagnosis.json", "posterior.nc")
     sections = [
-        Section("Where the gap lies", _lines(text.describe_location(diagnosis.where)), figures("residuals"), view=view),
-        Section("Effects", _effects(diagnosis), figures("corner"), files=("diagnosis.json", "posterior.nc")),
-        Section(
-            "Gap",
-            _record_shown(lambda: gap_tables.show_gap(diagnosis)),
-            figures("waterfall"),
-            charts=chart_readings(diagnosis, still),
-            files=("readings.csv",),
-        ),
+        Section("Where the gap lies", where, figures("residuals"), view=view),
+        Section("Effects", _effects(diagnosis), figures("corner"), files=numbers),
+        Section("Gap", gap, figures("waterfall"), charts=charts, files=("readings.csv",)),
         Section("Alternatives", alternatives, figures("signatures")),
         Section("What to measure next", _lines([text.what_next(following)] if following else [])),
-        Section("Checks", _lines([*text.checks(diagnosis), *diagnosis.remarks]), figures("predictive")),
+        Section("Checks", checks, figures("predictive")),
     ]
     lead = Lead(text.sentence(diagnosis), diagnosis.verdict)
     report.write(title, facts, sections, lead)
@@ -128,7 +128,9 @@ def share_view(report: Draft, assembled: Assembled, diagnosis: Diagnosis, found:
 
 
 def _effects(diagnosis: Diagnosis) -> list[Shown]:
-    tables = _record_shown(lambda: gap_tables.show_effects(diagnosis, details=True)) if diagnosis.effects else []
+    with record_shown() as tables:
+        if diagnosis.effects:
+            gap_tables.show_effects(diagnosis, details=True)
     confused = [
         f"These readings cannot distinguish {text.name(e.effect, e.place)} from "
         f"{', '.join(map(text.label, e.confused_with))}"
@@ -138,12 +140,6 @@ def _effects(diagnosis: Diagnosis) -> list[Shown]:
     ]
     merely = [f"Possible: {'; '.join(text.possible(diagnosis))}"] if diagnosis.possible else []
     return [*tables, *_lines([*confused, *merely])]
-
-
-def _record_shown(show: Callable[[], None]) -> list[Shown]:
-    with record_shown() as shown:
-        show()
-    return shown
 
 
 def _lines(lines: Sequence[str]) -> list[Shown]:

@@ -52,20 +52,15 @@ def _show_list(title: str, lines: Sequence[str]) -> None:
 def show_effects(diagnosis: Diagnosis, *, details: bool = False) -> None:
     """Show effects and parameters; details add intervals and ratios to the model's values."""
     more = ("95 % interval", "ratio", "deviation / σ", "remark") if details else ()
-    groups = (("effect @ place",), ("probability", "share", "gap alone"), ("parameter", "value ± 1 σ", "model"), more)
+    shown = ("parameter", "value ± 1 σ", "model")
+    groups = (("effect @ place",), ("probability", "share", "gap alone"), shown, more)
     rows: list[Sequence[str]] = []
     for effect in diagnosis.effects:
         share = f"{100 * effect.share:.3g} %" if math.isfinite(effect.share) else ""
-        first = (f"{effect.effect} @ {effect.place}", f"{effect.probability:.4f}", share, percent(effect.gap_after))
-        parameters = [
-            (p.name, p.value + ("" if p.plausible else " (not plausible)"), p.nominal)
-            + ((p.interval, p.ratio, p.deviation, "differs from the model" if p.notable else "") if details else ())
-            for p in text.parameters(effect)
-        ]
-        for k, parameter in enumerate(parameters or [("none", "", "", *[""] * len(more))]):
-            rows.append((*(("",) * 4 if k else first), *parameter))
-    if not any(row[-1] for row in rows) and details:  # no remarks
-        groups, rows = (*groups[:-1], more[:-1]), [row[:-1] for row in rows]
+        name = f"{effect.effect} @ {effect.place}"
+        first = (name, f"{effect.probability:.4f}", share, percent(effect.gap_after))
+        for k, parameter in enumerate(text.parameters(effect) or [("none", *[""] * 6)]):
+            rows.append((*(("",) * 4 if k else first), *parameter[: len(shown) + len(more)]))
     show_table("Effects", groups, rows, prose=("effect @ place",))
 
 

@@ -10,6 +10,7 @@ import html
 import sys
 import time
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,8 +39,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from stiffscope.cad.part import Part
-    from stiffscope.design.sensitivity import Sensitivity
-    from stiffscope.design.studies import Study
     from stiffscope.fea.derivatives import PartSensitivity
     from stiffscope.fea.experiment import Experiment
     from stiffscope.gap.inference.diagnosis import Diagnosis
@@ -52,6 +51,7 @@ if TYPE_CHECKING:
 MOST = 20  # most poses shown of a stack
 SMALL = 36  # most numbers of an array listed
 HEIGHT = 800  # of the rotatable view, pixels
+MODES = "Natural frequencies"
 PACE = 0.2  # seconds between updates of a progress bar
 
 
@@ -259,10 +259,6 @@ def _numbers(faces: Iterable[int]) -> str:
     return f"faces {', '.join(map(str, sorted(faces)))}"
 
 
-def _robot(shown: RobotFile) -> None:
-    show_check(inspect_robot(shown))
-
-
 def _mechanism(shown: Mechanism) -> None:
     bodies = [
         (b.name, "elastic" if b.elastic else "rigid", f"{b.mass:.4g}", "" if b.centre is None else point(b.centre))
@@ -306,16 +302,6 @@ def _deflection(shown: Deflection) -> None:
     _show_omitted(len(shown.twist))
 
 
-def _modes(shown: Modes) -> None:
-    tables.show_modes(_names(shown.configurations), shown, "Natural frequencies")
-
-
-def _sensitivity(shown: Sensitivity) -> None:
-    from stiffscope.report.sensitivities import show_sensitivity
-
-    show_sensitivity(shown, [name_pose(pose, shown.robot.tool.pose) for pose in shown.poses])
-
-
 def _part_sensitivity(shown: PartSensitivity) -> None:
     entries = tuple(f"C{k}{k}" for k in range(1, 7))
     rows = [
@@ -334,12 +320,6 @@ def _diagnosis(shown: Diagnosis) -> list[Figure]:
     with scratch_folder() as folder:
         save_figures(folder, {"waterfall": lambda: gap_figures.waterfall(shown)})
         return page.figures(folder, {"waterfall.svg": FIGURES["waterfall"]})
-
-
-def _study(shown: Study) -> None:
-    from stiffscope.report.studies import show_study
-
-    show_study(shown)
 
 
 def _fields(shown: Any) -> None:
@@ -373,18 +353,20 @@ SHOWN: dict[str, Callable[[Any], Sequence[Figure] | None]] = {
     "fea.derivatives.PartSensitivity": _part_sensitivity,
     "fea.settings.Settings": _fields,
     "gap.inference.diagnosis.Diagnosis": _diagnosis,
-    "design.studies.Study": _study,
+    "design.studies.Study": lambda shown: import_module("stiffscope.report.studies").show_study(shown),
     "report.compare.Comparison": part_tables.show_comparison,
-    "robot.file.description.RobotFile": _robot,
+    "robot.file.description.RobotFile": lambda shown: show_check(inspect_robot(shown)),
     "robot.imports.import_assembly.Imported": show_import,
-    "design.sensitivity.Sensitivity": _sensitivity,
+    "design.sensitivity.Sensitivity": lambda shown: import_module("stiffscope.report.sensitivities").show_sensitivity(
+        shown, [name_pose(pose, shown.robot.tool.pose) for pose in shown.poses]
+    ),
     "vjm.kinematics.Configurations": _configurations,
     "vjm.bodies.Body": _fields,
     "vjm.joints.Drive": _fields,
     "vjm.joints.Joint": _fields,
     "vjm.mechanism.Mechanism": _mechanism,
     "vjm.mechanism.Tool": _fields,
-    "vjm.modes.Modes": _modes,
+    "vjm.modes.Modes": lambda shown: tables.show_modes(_names(shown.configurations), shown, MODES),
     "vjm.statics.Stiffness": _stiffness,
     "vjm.yielding.Deflection": _deflection,
 }

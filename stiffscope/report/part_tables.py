@@ -70,19 +70,18 @@ def show_compliance(robot: RobotFile, result: PartResult) -> None:
     elif result.own_shape:
         show_comparison(compare(robot, result.name, result))
     else:
-        show_matrix(f"Compliance of the {result.name}, SI", result.compliance, result.error)
+        show_matrices({f"Compliance of the {result.name}, SI": (result.compliance, result.error)})
         show_line("No comparison with beam theory: the solid comes from a STEP file\n")
 
 
 def show_comparison(comparison: Comparison) -> None:
     """Show FEA, beam theory and the published matrix side by side."""
-    groups = [("entry", "unit"), ("FEA", "± 95 %"), ("Timoshenko", "FEA/T"), ("Euler-B.", "FEA/EB")]
-    if any(e.published is not None for e in comparison.entries):
-        groups.append(("published", "FEA/publ."))
+    beams = ("Timoshenko", "FEA/T"), ("Euler-B.", "FEA/EB")
+    groups = (("entry", "unit"), ("FEA", "± 95 %"), *beams, ("published", "FEA/publ."))
     rows = []
     for e in comparison.entries:
-        others = [v for v in (e.timoshenko, e.euler_bernoulli, e.published) if v is not None]
-        cells = (cell for v in others for cell in (f"{v:.5g}", ratio(e.fea, v)))
+        others = (e.timoshenko, e.euler_bernoulli, e.published)
+        cells = (cell for v in others for cell in (("", "") if v is None else (f"{v:.5g}", ratio(e.fea, v))))
         rows.append((e.name, e.unit, f"{e.fea:.6g}", relative(e.error, e.fea), *cells))
     show_table(f"Compliance of the {comparison.part}, clamped at one end", groups, rows)
     for finding in comparison.findings:
@@ -110,20 +109,15 @@ def show_interfaces(compared: Interfaces) -> None:
         show_line(f"  {line}")
 
 
-def show_matrix(title: str, matrix: Any, error: Any = 0.0) -> None:
-    """Show a compliance (6, 6), SI, with a dot for entries within their error (6, 6).
-
-    Parameters
-    ----------
-    title
-        Title.
-    matrix
-        Compliance (6, 6), SI.
-    error
-        95 % bounds of the same shape; 0 if unknown.
-
-    """
-    explain_zeros(_show_matrix(title, matrix, error))
+def show_matrices(matrices: Mapping[str, tuple[Any, Any]]) -> None:
+    """Show compliances (6, 6) and bounds, SI, by title, with a dot for entries within their bound."""
+    rows: list[Sequence[str]] = []
+    for title, (matrix, error) in matrices.items():
+        shown = np.where(find_resolved(matrix, error), matrix, np.nan)
+        here = [(name, *format_cells(row, ".5g")) for name, row in zip(TWIST, shown, strict=True)]
+        show_table(title, (("",), WRENCH[:3], WRENCH[3:]), here)
+        rows += here
+    explain_zeros(rows)
 
 
 def show_element(kind: str, found: MachineElement) -> None:
@@ -140,13 +134,6 @@ def show_element(kind: str, found: MachineElement) -> None:
     show_line(f"Source: {found.source}")
     for note in (*found.notes, "at rest or slow; rings, housing, carriage and rail rigid"):
         show_line(f"Valid: {note}")
-
-
-def _show_matrix(title: str, matrix: Any, error: Any) -> list[Sequence[str]]:
-    shown = np.where(find_resolved(matrix, error), matrix, np.nan)
-    rows: list[Sequence[str]] = [(name, *format_cells(row, ".5g")) for name, row in zip(TWIST, shown, strict=True)]
-    show_table(title, (("",), WRENCH[:3], WRENCH[3:]), rows)
-    return rows
 
 
 def show_experiment(experiment: Experiment) -> None:
@@ -172,14 +159,13 @@ def show_each_interface(result: PartResult) -> None:
     """Show the compliance at each loaded interface, and how to get the coupled matrix."""
     tested = result.experiment
     points, compliance, error = tested.reference_points, tested.full_compliance, tested.full_error
-    rows: list[Sequence[str]] = []
+    matrices = {}
     for k, place in enumerate(points):
         own = slice(6 * k, 6 * k + 6)
-        title = (
-            f"Compliance of the {result.name} at {tested.interfaces[k + 1]}, ({point(place, 5)}) mm, loaded alone; SI"
-        )
-        rows += _show_matrix(title, compliance[own, own], error[own, own])
-    explain_zeros(rows)
+        where = f"{tested.interfaces[k + 1]}, ({point(place, 5)}) mm"
+        title = f"Compliance of the {result.name} at {where}, loaded alone; SI"
+        matrices[title] = compliance[own, own], error[own, own]
+    show_matrices(matrices)
     size = len(compliance)
     show_line(
         f"Clamped: {tested.interfaces[0]}. All {len(points)} interfaces together: {size} x {size}, with --json or "

@@ -55,14 +55,15 @@ def show_stiffness(
 
     """
     pose = state.configurations.mechanism.tool.pose
-    sag = state.sag if np.any(state.sag) else None
+    sags = np.any(state.sag)
     factor, units = _scale(state.finite)
     rows: list[Sequence[str]] = []
     for i, name in enumerate(names):
         matrix = np.asarray(state.matrix[i])
         bound = np.zeros((6, 6)) if bars is None else np.asarray(bars[i])
         shown = np.where(find_resolved(matrix, bound), matrix, np.nan) / factor
-        sunk = [] if sag is None else [f"{1e6 * np.linalg.norm(sag[i][:3]):.2f}", f"{1e6 * sag[i][2]:z.2f}"]
+        sag = state.sag[i]
+        sunk = [f"{1e6 * np.linalg.norm(sag[:3]):.2f}", f"{1e6 * sag[2]:z.2f}"] if sags else ["", ""]
         place = pose_values(state.poses[i], pose)
         if len(state.rigid[i]):  # stiffness with all other directions free, if the tool yields
             alone = np.diag(np.asarray(state.finite[i]) / factor)
@@ -72,9 +73,9 @@ def show_stiffness(
         rows.append((name, place, *format_cells(_diagonal_and_couplings(shown), ".4f"), *sunk))
         if bars is not None:
             spread = (f"{v:.2g}" for v in _diagonal_and_couplings(bound / factor))
-            rows.append(("", "± 95 %", *spread, *("" for _ in sunk)))
+            rows.append(("", "± 95 %", *spread, "", ""))
     where = coordinates(pose)
-    groups = (("pose", where), *SIX, COUPLINGS if sag is None else (*COUPLINGS, *SAG))
+    groups = (("pose", where), *SIX, (*COUPLINGS, *SAG))
     show_table(f"{title} ({units})", groups, rows, prose=(where,) if len(pose) > 3 else ())
     if any(len(each) for each in state.rigid):
         show_line("  rigid: K is infinite; the other entries are 1/C_ii, with all other directions free\n")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from stiffscope.gap.forward.forward_model import UNNAMED
@@ -125,49 +124,29 @@ def _largest(share: dict[str, float]) -> str:
     return " and ".join(f"{axis} ({100 * share[axis]:.0f} %)" for axis in largest) or "no single direction"
 
 
-@dataclass(frozen=True)
-class FittedParameter:
-    """A parameter of an effect as text, with the model's value if it has one."""
+def parameters(effect: Effect) -> list[tuple[str, ...]]:
+    """Return a row for each parameter of an effect, empty where there is nothing to say.
 
-    name: str
-    value: str
-    nominal: str
-    ratio: str
-    """Fitted over model's value."""
-    interval: str
-    """95 % interval; empty if there is none."""
-    deviation: str
-    """Deviation from the model's value (0 if none), in standard uncertainties."""
-    notable: bool
-    """Whether it differs from the model's value by more than `NOTABLE` standard uncertainties."""
-    plausible: bool
-
-
-def parameters(effect: Effect) -> list[FittedParameter]:
-    """Return an effect's parameters as text."""
-    out: list[FittedParameter] = []
+    Name, value, model's value, 95 % interval, ratio to the model's value, deviation from it (0 if it
+    has none) in standard uncertainties, and a remark if that exceeds `NOTABLE`.
+    """
+    rows: list[tuple[str, ...]] = []
     for key, p in effect.parameters.items():
-        nominal = p.nominal
+        nominal, (factor, unit) = p.nominal, _multiple(p)
         deviation = (p.value - (nominal or 0.0)) / p.sigma if p.sigma > 0 else math.nan
-        factor, unit = _multiple(p)
-        out.append(
-            FittedParameter(
-                name=key,
-                value=quantity(p),
-                nominal="" if nominal is None else f"{nominal / factor:.4g}{unit}",
-                ratio=f"{p.value / nominal:.4g}" if nominal else "",
-                interval=_interval(p, factor, unit),
-                deviation=f"{deviation:+.1f}" if math.isfinite(deviation) else "",
-                notable=nominal is not None and abs(deviation) > NOTABLE,
-                plausible=p.plausible,
+        low, high = (end / factor for end in p.interval)
+        rows.append(
+            (
+                key,
+                quantity(p) + ("" if p.plausible else " (not plausible)"),
+                "" if nominal is None else f"{nominal / factor:.4g}{unit}",
+                f"{low:.4g} to {high:.4g}{unit}" if math.isfinite(low) and math.isfinite(high) else "",
+                f"{p.value / nominal:.4g}" if nominal else "",
+                f"{deviation:+.1f}" if math.isfinite(deviation) else "",
+                "differs from the model" if nominal is not None and abs(deviation) > NOTABLE else "",
             )
         )
-    return out
-
-
-def _interval(parameter: Parameter, factor: float, unit: str) -> str:
-    low, high = (end / factor for end in parameter.interval)
-    return f"{low:.4g} to {high:.4g}{unit}" if math.isfinite(low) and math.isfinite(high) else ""
+    return rows
 
 
 def quantity(parameter: Parameter) -> str:

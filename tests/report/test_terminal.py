@@ -78,7 +78,7 @@ def stiffness():
 def matrices():
     matrix = np.diag([5.8e-11, 1.9e-10, 4.3e-9, 1.3e-7, 1.7e-6, 7e-9])
     matrix[1, 5] = matrix[5, 1] = -2.97536e-10
-    part_tables.show_matrix("Compliance of the slider, SI", matrix, 1e-4 * np.abs(matrix))
+    part_tables.show_matrices({"Compliance of the slider, SI": (matrix, 1e-4 * np.abs(matrix))})
 
 
 def deflection():
@@ -191,7 +191,7 @@ def test_mesh_noise_is_shown_as_zero(capsys):
     error = np.full((6, 6), 2e-12)
     error[1, 5] = error[5, 1] = 1e-14
     assert np.argwhere(np.triu(find_resolved(matrix, error), 1)).tolist() == [[1, 5]]
-    part_tables.show_matrix("C", matrix, error)
+    part_tables.show_matrices({"C": (matrix, error)})
     said = capsys.readouterr().out
     assert said.count("·") == 28 + 1
     assert len(re.findall("zero within its error bound", said)) == 1
