@@ -32,7 +32,7 @@ from stiffscope.gap.campaigns import assemble_nominal, configure_case, diagnose_
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.posterior_samples import write_posterior, write_readings
 from stiffscope.gap.planning import propose_plan
-from stiffscope.report import blind_scores, campaign_check, gap_tables, plan_tables, tables
+from stiffscope.report import blind_scores, campaign_check, gap_tables, tables
 from stiffscope.report.diagnosis_report import share_view, write_diagnosis_report
 from stiffscope.report.kept_pictures import order_figures, order_shares, shares_ahead, write_pictures
 from stiffscope.report.pictures import open_drawing
@@ -169,11 +169,11 @@ def new_campaign(name: str, goal: Path, *, ask: str | None, given: Path | None, 
 
     def show() -> None:
         if proposal is not None:
-            plan_tables.show_plan(proposal, robot.tool.pose)
+            campaign_check.show_plan(proposal, robot.tool.pose)
         tables.show_line(f"Written: {goal}, {readings} readings at {poses} poses to fill in.")
         tables.show_line(f"Next: stiffscope campaign check {goal}")
 
-    planned = {} if proposal is None else {"plan": plan_tables.plan_json(proposal)}
+    planned = {} if proposal is None else {"plan": campaign_check.plan_json(proposal)}
     emit(output, {"folder": str(goal), "readings": readings, "poses": poses, **planned}, show)
 
 

@@ -12,7 +12,7 @@ from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit
 from stiffscope.errors import InputError
-from stiffscope.report.imports import import_json, model_json, show_import, show_written
+from stiffscope.report.check_tables import import_json, model_json, show_import, show_written
 from stiffscope.report.keys import find_keys, show_keys
 from stiffscope.report.progress import progress
 from stiffscope.report.terminal import show_line

@@ -19,7 +19,6 @@ from stiffscope.experiments.manifest import manifest_of
 from stiffscope.report import maps
 from stiffscope.report.kept_pictures import draw_named_poses
 from stiffscope.report.run_report import write_map_report
-from stiffscope.report.volumes import write_volume
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.robot.reader import load_robot
@@ -106,7 +105,7 @@ def map_(
             if isinstance(found, evaluated.StiffnessMap):
                 evaluated.write_map(found, folder, title)
             else:
-                write_volume(evaluated.volume_dataset(found, title), folder)
+                maps.write_volume(evaluated.volume_dataset(found, title), folder)
                 evaluated.write_rows(found, folder / "map.csv")
             for stem, (words, each, panels) in figures.items():
                 files = folder / f"{stem}.png", folder / f"{stem}.svg"

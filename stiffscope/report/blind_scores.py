@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -84,8 +85,14 @@ def show_scores(scores: Scores) -> None:
         words = "correctly identified: largest held-out gap over noise"
         rows.append((words, f"{scores.held_out:.3f}", f"≤ {HELD_OUT}", met))
     show_table("Blind check", (("measure",), ("measured", "target", "met")), rows, prose=("measure",))
-    _show_robots(scores)
-    _show_calibration(scores)
+    own = scores.by_robot()
+    keys = [key for key, *_ in MEASURES]
+    rows = [(name, *(_percent(getattr(each, key)) for key in keys)) for name, each in own.items()]
+    if len(own) > 1:
+        show_table("Each robot, %", (("robot",), [key.replace("_", " ") for key in keys]), rows)
+    rows = [(_percent(stated), _percent(true), str(count)) for stated, true, count in scores.calibration()]
+    if rows:
+        show_table("Stated probabilities, %", (("stated",), ("true", "effects")), rows)
     _show_gaps(scores)
     planted, answered, counts = scores.confusion()
     confusion = [
@@ -99,23 +106,6 @@ def show_scores(scores: Scores) -> None:
 
 def _percent(value: float | None) -> str:
     return "" if value is None else f"{100 * value:.1f}"
-
-
-def _show_robots(scores: Scores) -> None:
-    """Show one row per robot if there are several."""
-    own = scores.by_robot()
-    keys = [key for key, *_ in MEASURES]
-    rows = [(name, *(_percent(getattr(each, key)) for key in keys)) for name, each in own.items()]
-    if len(own) > 1:
-        words = tuple(key.replace("_", " ") for key in keys)
-        show_table("Each robot, %", (("robot",), words), rows)
-
-
-def _show_calibration(scores: Scores) -> None:
-    """Show stated probabilities and observed frequencies."""
-    rows = [(f"{100 * stated:.1f}", f"{100 * true:.1f}", str(count)) for stated, true, count in scores.calibration()]
-    if rows:
-        show_table("Stated probabilities, %", (("stated",), ("true", "effects")), rows)
 
 
 def _show_gaps(scores: Scores) -> None:
@@ -147,14 +137,8 @@ def _show_wrong(scores: Scores) -> None:
 
 def draw_scores(scores: Scores, folder: Path) -> None:
     """Write the figures "confusion", "gaps" and "calibration" as SVG and PNG."""
-    save_figures(
-        folder,
-        {
-            "confusion": lambda: confusion(scores),
-            "gaps": lambda: gaps(scores),
-            "calibration": lambda: calibration(scores),
-        },
-    )
+    figures = {"confusion": confusion, "gaps": gaps, "calibration": calibration}
+    save_figures(folder, {stem: partial(draw, scores) for stem, draw in figures.items()})
 
 
 def write_blind_report(scores: Scores, report: Draft) -> None:

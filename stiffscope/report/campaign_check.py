@@ -1,4 +1,4 @@
-"""Output of `stiffscope campaign check`: counts, units, poses, sensors, loads, pictures, report."""
+"""Output of `stiffscope campaign`: planned readings, and how a campaign was read, with its page."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import numpy as np
 
 from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, POSITION, WRENCH
 from stiffscope.gap.inference.findings import copies
-from stiffscope.report.numbers import pose_values
+from stiffscope.gap.planning import ENOUGH
+from stiffscope.report.numbers import coordinates, pose_values
 from stiffscope.report.page import Section
 from stiffscope.report.pictures import optional_pictures
 from stiffscope.report.robot_scene import place_robot, pose_text, scene
@@ -17,11 +18,12 @@ from stiffscope.report.terminal import show_line, show_table
 from stiffscope.robot.file.quantities import shown_unit
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Mapping, Sequence
     from pathlib import Path
 
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.campaign.sanity import ReadingRemark
+    from stiffscope.gap.planning import Answered, Proposal
     from stiffscope.report.run_report import Draft
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.vjm.kinematics import Configurations
@@ -34,12 +36,53 @@ PICTURES = {
 }
 """Files written by `draw_sensors`, with their captions."""
 _PLURAL = {"frequency": "frequencies", "stiffness": "stiffnesses", "push": "pushes"}
-_SHOWN = 24  # rows shown in a table; further rows are only counted
+_SHOWN, _PAIRS = 24, 12  # rows shown in a table; further rows are only counted
+
+
+def plan_json(proposal: Proposal) -> dict[str, Any]:
+    """Return the plan with its expected evidence."""
+    return {
+        "sensors": [sensor.name for sensor in proposal.plan.sensors],
+        "loads": [hook.name for hook in proposal.plan.hooks],
+        "enough": ENOUGH,
+        "pairs": [
+            {
+                "first": pair.first, "second": pair.second, "ln_odds": pair.log_odds, "hidden": list(pair.hidden),
+                "asked": pair.asked,
+            }
+            for pair in proposal.pairs
+        ],
+    }  # fmt: skip
+
+
+def show_plan(proposal: Proposal, names: Sequence[str]) -> None:
+    """Print the readings and the distinguished pairs; ``names``: coordinates of a pose."""
+    plan = proposal.plan
+    rows: list[list[str]] = []
+    for pose, values in enumerate(plan.poses):
+        for pull, (hook, force) in enumerate(plan.pulls):
+            here = (plan.settings[:, :2] == (pose, pull)).all(axis=1)
+            read = ", ".join(plan.sensors[k].name for k in plan.settings[here, 2])
+            load = f"{plan.hooks[hook].name} {', '.join(f'{f:g}' for f in force)}" if hook >= 0 else "none"
+            rows += [[pose_values(values, names), load, read]] if here.any() else []
+    show_table("Readings", [[coordinates(names)], ["load, N", "sensors"]], rows, prose=("sensors",))
+    asked = [pair for pair in proposal.pairs if pair.asked]
+    _show_pairs("The question: expected ln-odds if the first is true", asked)
+    _show_pairs("Against other causes: the smallest", [pair for pair in proposal.pairs if not pair.asked])
+
+
+def _show_pairs(title: str, pairs: Sequence[Answered]) -> None:
+    rows = [[p.first, p.second, f"{p.log_odds:.3g}", ", ".join(p.hidden)] for p in pairs[:_PAIRS]]
+    if rows:
+        show_table(title, [["true", "instead"], ["ln-odds", "unresolved"]], rows, prose=("true", "instead"))
+    if len(pairs) > _PAIRS:
+        show_line(f"and {len(pairs) - _PAIRS} more: see --json")
 
 
 def campaign_json(campaign: Campaign, remarks: Iterable[ReadingRemark] = ()) -> dict[str, Any]:
     """Return the campaign as read, as plain data in SI units."""
     c = campaign
+    largest = np.abs(np.nan_to_num(c.wrench)).max(axis=0, initial=0.0)
     return {
         "robot": c.robot,
         "readings": len(c),
@@ -57,12 +100,8 @@ def campaign_json(campaign: Campaign, remarks: Iterable[ReadingRemark] = ()) -> 
             load.name: {"body": load.body, "at": list(load.at), "readings": int((c.load == k).sum())}
             for k, load in enumerate(c.loads)
         },
-        "largest_wrench": dict(zip(WRENCH, _largest(c).tolist(), strict=True)),
+        "largest_wrench": dict(zip(WRENCH, largest.tolist(), strict=True)),
     }
-
-
-def _largest(c: Campaign) -> np.ndarray:
-    return np.abs(np.nan_to_num(c.wrench)).max(axis=0, initial=0.0)
 
 
 def _sensor(c: Campaign, k: int) -> dict[str, Any]:

@@ -1,8 +1,10 @@
-"""Output of `stiffscope check`: a robot file in plain words."""
+"""Output of `stiffscope check` and `import`: a robot file in plain words, and whence it comes."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from collections import Counter
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,12 +14,21 @@ from stiffscope.vjm.checks import list_names
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Iterator, Sequence
+    from pathlib import Path
 
     from stiffscope.robot.imports.doubts import Doubt
+    from stiffscope.robot.imports.import_assembly import Imported
+    from stiffscope.robot.imports.simulator_model import SimulatorModel
     from stiffscope.robot.inspection import Inspection
-    from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.mobility import Mobility
 
+SOURCES = {
+    "fea": "a virtual experiment (FEA)",
+    "beam": "beam theory (Timoshenko)",
+    "published": "the published table",
+    "matrix": "the file",
+    "step": "a virtual experiment (FEA) on a STEP file",
+}
 _SHOWN = 8  # lines shown of a list; further lines are only counted
 
 
@@ -46,6 +57,45 @@ def show_doubts(doubts: Sequence[Doubt]) -> None:
         _table("Review these; other interpretations are possible", columns, rows, prose=columns)
 
 
+def model_json(read: SimulatorModel, file: Path) -> dict[str, Any]:
+    """Return the counts and notes of an imported model."""
+    counts = {"bodies": len(read.bodies), "joints": len(read.joints)}
+    return {"file": str(file), **counts, "notes": list(read.notes)}
+
+
+def import_json(found: Imported) -> dict[str, Any]:
+    """Return the same for an assembly, with joints, hardware, doubts and changes."""
+    joints = {j.name: {"type": j.kind, "reason": j.note} for j in found.model.joints}
+    return {
+        **model_json(found.model, found.file), "joints_found": joints, "hardware": found.hardware,
+        "doubts": [asdict(doubt) for doubt in found.doubts], "changes": found.changes,
+    }  # fmt: skip
+
+
+def show_import(found: Imported) -> None:
+    """Print the joints with reasons, the findings to review and the changes."""
+    rows = [(joint.name, joint.kind, joint.note) for joint in found.model.joints]
+    _table("Joints", ("joint", "kind", "from"), rows, prose=("joint", "from"))
+    show_doubts(found.doubts)
+    for change in found.changes or ():
+        show_line(f"Since the last import: {change}.")
+    if found.changes == ():
+        show_line("Since the last import: nothing has changed.")
+    counts = (
+        f"{found.solids} solids, {found.contacts} contacts; {len(found.model.bodies)} bodies, "
+        f"{len(found.model.joints)} joints, {len(found.hardware)} pieces of hardware "
+        f"(driven: {', '.join(found.driven) or 'none'})"
+    )
+    show_written(found.model, found.file, counts)
+
+
+def show_written(read: SimulatorModel, file: Path, counts: str) -> None:
+    """Print the notes of an import and the next step."""
+    for note in read.notes:
+        show_line(f"Note: {note}.")
+    show_line(f"Written: {file}, {counts}. Next: stiffscope check {file}")
+
+
 def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], prose: Collection[str] = ()) -> None:
     show_table(title, [columns[:1], columns[1:]], rows, prose=prose)
 
@@ -61,23 +111,16 @@ def _mobility(found: Inspection) -> Iterator[tuple[str, str]]:
     m, mechanism = found.mobility, found.mechanism
     elastic = sum(b.elastic is not None for b in mechanism.bodies)
     yield "bodies", f"{len(mechanism.bodies)}: {elastic} elastic, {len(mechanism.bodies) - elastic} rigid"
-    yield "joints", f"{len(mechanism.joints)}: {_kinds(mechanism.joints)}"
+    kinds = Counter(joint.kind for joint in mechanism.joints)
+    listed = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
+    yield "joints", f"{len(mechanism.joints)}: {listed}"
     yield "independent loops", f"{len(m.loops)}, closed at home to {found.residual:.1g} m"
-    yield "degrees of freedom", _freedoms(m)
-    yield "tool", _tool(m)
-    yield "drives", _actuation(found)
-
-
-def _kinds(joints: Sequence[Joint]) -> str:
-    kinds = [j.kind for j in joints]
-    return ", ".join(f"{kinds.count(kind)} {kind}" for kind in dict.fromkeys(kinds))
-
-
-def _freedoms(m: Mobility) -> str:
     count = f"{m.freedoms} joint freedoms - 6 × {len(m.loops)}"
     redundant = f" + {m.redundant} redundant constraints" if m.redundant else ""
     idle = f", {m.idle_count} of them idle" if m.idle_count else ""
-    return f"{m.dof} ({count}{redundant}){idle}"
+    yield "degrees of freedom", f"{m.dof} ({count}{redundant}){idle}"
+    yield "tool", _tool(m)
+    yield "drives", _actuation(found)
 
 
 def _tool(m: Mobility) -> str:
@@ -99,21 +142,11 @@ def _actuation(found: Inspection) -> str:
 
 def _parts(found: Inspection) -> None:
     rows = (
-        (p.name, _source(p.source), f"{1e3 * p.length:.4g}" if p.length else "", _kg(p.mass), str(len(p.bodies)))
+        (p.name, SOURCES[p.source], f"{1e3 * p.length:.4g}" if p.length else "", _kg(p.mass), str(len(p.bodies)))
         for p in found.parts
     )
     if found.parts:
         _table("Parts", ("part", "6×6 from", "length mm", "mass kg", "bodies"), list(rows), prose=("6×6 from",))
-
-
-def _source(source: str) -> str:
-    return {
-        "fea": "a virtual experiment (FEA)",
-        "beam": "beam theory (Timoshenko)",
-        "published": "the published table",
-        "matrix": "the file",
-        "step": "a virtual experiment (FEA) on a STEP file",
-    }[source]
 
 
 def _kg(mass: float | None) -> str:

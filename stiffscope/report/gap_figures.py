@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -59,7 +60,7 @@ def draw_figures(diagnosis: Diagnosis, folder: Path) -> list[str]:
         "predictive": predictive_check,
         "signatures": signature_correlation,
     }
-    return save_figures(folder, {stem: lambda draw=draw: draw(diagnosis) for stem, draw in figures.items()})
+    return save_figures(folder, {stem: partial(draw, diagnosis) for stem, draw in figures.items()})
 
 
 def waterfall(diagnosis: Diagnosis) -> Figure:

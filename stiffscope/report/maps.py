@@ -1,4 +1,4 @@
-"""Pictures of stiffness maps."""
+"""Pictures of stiffness maps, and files of those over three coordinates."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    import xarray as xr
     from matplotlib.axes import Axes
 
     from stiffscope.design.maps import StiffnessMap
@@ -177,6 +178,23 @@ def _mark(axes: Axes, found: StiffnessMap, poses: Poses) -> None:
         axes.plot(*place, "o", color=MARK, markersize=5, markeredgecolor="white")
         offset: Any = {"xytext": (6, 5), "textcoords": "offset points"}
         axes.annotate(label, place, color=MARK, weight="bold", path_effects=halo, parse_math=False, **offset)
+
+
+def write_volume(found: xr.Dataset, folder: Path) -> None:
+    """Write map.nc and map.vti with point data by variable; m and rad, NaN if out of reach."""
+    import pyvista as pv
+
+    found.to_netcdf(folder / "map.nc", engine="scipy", format="NETCDF3_64BIT")
+    order = next(iter(found.data_vars.values())).dims[::-1]
+    places = [found[name].to_numpy() for name in order]
+    image = pv.ImageData(
+        dimensions=tuple(map(len, places)),
+        spacing=tuple(float(each[1] - each[0]) for each in places),
+        origin=tuple(float(each[0]) for each in places),
+    )
+    for name, values in found.data_vars.items():
+        image.point_data[str(name)] = np.ascontiguousarray(values.to_numpy()).ravel()
+    image.save(folder / "map.vti")
 
 
 def held_text(found: StiffnessMap) -> str:

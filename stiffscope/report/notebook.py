@@ -20,9 +20,8 @@ from stiffscope.cad.part import mass_properties
 from stiffscope.design.maps import map_stiffness
 from stiffscope.errors import InputError
 from stiffscope.report import maps, page, part_tables, tables
-from stiffscope.report.check_tables import show_check
+from stiffscope.report.check_tables import show_check, show_import
 from stiffscope.report.figures import save_figures
-from stiffscope.report.imports import show_import
 from stiffscope.report.numbers import coordinates, name_pose, point, pose_values, vector
 from stiffscope.report.pictures import draw
 from stiffscope.report.run_report import ENERGY, GEOMETRY, Draft

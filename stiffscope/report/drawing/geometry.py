@@ -34,9 +34,14 @@ def pack_solids(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, 
     shapes: list[pv.PolyData] = []
     placed: list[dict[str, Any]] = []
     for solid in solids:
-        axes, base, shape = _own_axes(solid)
-        same = (k for k, other in enumerate(shapes) if _are_alike(shape, other))
-        k = next(same, len(shapes))
+        points = np.asarray(solid.surface.points, float)
+        axes = np.eye(3) if solid.axes is None else np.asarray(solid.axes, float)
+        base = points.mean(axis=0) if solid.base is None else np.asarray(solid.base, float)
+        shape = solid.surface.copy()
+        shape.points = own = (points - base) @ axes  # equal for all copies
+        alike = (k for k, other in enumerate(shapes) if len(own) == other.n_points
+                 and np.allclose(shape.points, other.points, rtol=0.0, atol=1e-6))  # fmt: skip
+        k = next(alike, len(shapes))
         if k == len(shapes):
             shapes.append(shape)
         placed.append({
@@ -51,20 +56,6 @@ def pack_solids(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, 
         "upright": upright(up).ravel().tolist(),
         "reach": reach,
     }
-
-
-def _own_axes(solid: Solid) -> tuple[Floats, Floats, pv.PolyData]:
-    """Return axes, base and surface of a solid in its own axes, equal for all copies."""
-    points = np.asarray(solid.surface.points, float)
-    axes = np.eye(3) if solid.axes is None else np.asarray(solid.axes, float)
-    base = points.mean(axis=0) if solid.base is None else np.asarray(solid.base, float)
-    shape = solid.surface.copy()
-    shape.points = (points - base) @ axes
-    return axes, base, shape
-
-
-def _are_alike(one: pv.PolyData, other: pv.PolyData) -> bool:
-    return one.n_points == other.n_points and np.allclose(one.points, other.points, rtol=0.0, atol=1e-6)
 
 
 def _thin(shape: pv.PolyData, limit: int) -> pv.PolyData:

@@ -129,11 +129,16 @@ def robot(
             shapes["before"] = _join_shapes([solid.move(_moves(ghost["moves"])) for solid in others])
         close = picture.get("close", False)
         arrows = _arrows(marks or [], moves, reach, close)
-        seen = _around(np.vstack([each.ends for each in arrows])) if close else None
+        seen = None
+        if close:  # scaled from the middle, so that the view includes the surroundings
+            ends = np.vstack([each.ends for each in arrows])
+            middle = (ends.max(axis=0) + ends.min(axis=0)) / 2
+            seen = middle + CONTEXT * (ends - middle)
         image, view = _scene(shapes, rotation @ home + position, upward, reach, seen, arrows=arrows)
         figure = frame_picture(image, view, picture["title"])
         if close:
-            _name_arrows(figure, view, arrows)
+            free = ((each, each.ends[0 if each.kind == "sensor" else 1]) for each in arrows)
+            _put_labels(figure, view, [(end, each.name, MARKS[each.kind]) for each, end in free], "bold")
         if picture.get("kinds", False):
             _name_joints(figure, view, joints, moves)
         _explain(figure, key_of(bodies, joints), coloured, scale, list(dict.fromkeys(each.kind for each in arrows)))
@@ -206,18 +211,6 @@ def _arrows(marks: list[dict[str, Any]], moves: Moves, reach: float, close: bool
         ends = (place - along, place) if mark["kind"] == "sensor" else (place, place + along)
         out.append(Arrow(mark["kind"], mark["name"], np.array(ends)))
     return out
-
-
-def _around(points: Floats) -> Floats:
-    """Scale points (k, 3) from their middle, so that the view includes their surroundings."""
-    middle = (points.max(axis=0) + points.min(axis=0)) / 2
-    return middle + CONTEXT * (points - middle)
-
-
-def _name_arrows(figure: Figure, view: View, arrows: list[Arrow]) -> None:
-    """Label each arrow with its name at its free end."""
-    free = ((each, each.ends[0 if each.kind == "sensor" else 1]) for each in arrows)
-    _put_labels(figure, view, [(end, each.name, MARKS[each.kind]) for each, end in free], "bold")
 
 
 def _name_joints(figure: Figure, view: View, joints: list[dict[str, Any]], moves: Moves) -> None:
