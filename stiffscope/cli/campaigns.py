@@ -95,10 +95,15 @@ def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output
                 orders += order_shares(nominal, diagnosis, found, folder, ahead)
             write_pictures(orders, shop.cache, manifest)
 
+        def carry() -> None:
+            c, robot = case.campaign, NominalRobot(nominal.mechanism, nominal.robot)
+            about = {"campaign": case.name, "components": c.components, "modelled": c.modelled}
+            adopt_effects(adopt, nominal.robot, robot, diagnosis, **about)
+
         emit(
             output, to_json(diagnosis), lambda: gap_tables.show_diagnosis(diagnosis), manifest=manifest, fill=fill,
             page=partial(_write_page, case, nominal, diagnosis), kept="diagnosis.json",
-            also=partial(_adopt, adopt, nominal, diagnosis, case) if adopt and nominal else None,
+            also=carry if adopt and nominal else None,
         )  # fmt: skip
         if adopt and nominal and output.loud:
             parts = f"with the parts' matrices of the diagnosis ({case.campaign.components})"
@@ -120,13 +125,6 @@ def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, rep
         found = configure_case(case, nominal)
         view = share_view(report, nominal, diagnosis, found) if found else None
     write_diagnosis_report(report, diagnosis, title=f"Where is the gap? {case.name}", facts=facts, view=view)
-
-
-def _adopt(target: Path, nominal: Assembled, diagnosis: Diagnosis, case: Case) -> None:
-    adopt_effects(
-        target, nominal.robot, NominalRobot(nominal.mechanism, nominal.robot), diagnosis, campaign=case.name,
-        components=case.campaign.components, modelled=case.campaign.modelled,
-    )  # fmt: skip
 
 
 @click.group()

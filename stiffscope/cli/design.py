@@ -41,7 +41,6 @@ if TYPE_CHECKING:
     from stiffscope.cli.output import Output
     from stiffscope.design.studies import Study
     from stiffscope.experiments.manifest import Manifest
-    from stiffscope.robot.file.description import RobotFile
 
 log = logging.getLogger(__name__)
 
@@ -66,38 +65,25 @@ def sensitivity(
     robot = load_robot(name, overrides)
     manifest = manifest_of(robot)
     if part:
-        _emit_part(robot, part, output, manifest)
+        order = order_part(robot, part)
+        with open_workshop(output) as shop:
+            (result,) = solve_parts([order], shop)
+            (found,) = part_sensitivities([order], shop)
+        warn_of_parts([result])
+        answer = report.part_json(found, result)
+        show, draw = partial(report.show_part_sensitivity, found, result), partial(report.draw_part, found, result)
+        title = f"{robot.name}: what changes the {found.part}'s compliance"
+        words = "bars of what changes each diagonal entry of the compliance, in % per %, with bounds"
     else:
-        _emit_robot(robot, poses, components, output, manifest)
-
-
-def _emit_part(robot: RobotFile, part: str, output: Output, manifest: Manifest) -> None:
-    order = order_part(robot, part)
-    with open_workshop(output) as shop:
-        (result,) = solve_parts([order], shop)
-        (found,) = part_sensitivities([order], shop)
-    warn_of_parts([result])
-    title = f"{robot.name}: what changes the {found.part}'s compliance"
-    words = "bars of what changes each diagonal entry of the compliance, in % per %, with bounds"
+        asked = find_poses(robot, poses, ())
+        with open_workshop(output) as shop:
+            of_robot = robot_sensitivities(robot, asked.configurations.poses, components, shop)
+        pose, answer = asked.names[0], report.robot_json(of_robot)
+        show, draw = partial(report.show_sensitivity, of_robot, asked.names), partial(report.draw_robot, of_robot, pose)
+        title = f"{robot.name}: what changes its stiffness"
+        words = f"bars of what changes K_tx at {pose}, in % per % and in % per kilogram, with bounds"
     emit(
-        output, report.part_json(found, result), lambda: report.show_part_sensitivity(found, result),
-        manifest=manifest,
-        fill=lambda folder: save_figures(folder, {"sensitivity": lambda: report.draw_part(found, result)}),
-        page=lambda page: report.write_page(page, title, words), kept="sensitivity.json",
-    )  # fmt: skip
-
-
-def _emit_robot(robot: RobotFile, poses: tuple[str, ...], components: Any, output: Output, manifest: Manifest) -> None:
-    asked = find_poses(robot, poses, ())
-    with open_workshop(output) as shop:
-        found = robot_sensitivities(robot, asked.configurations.poses, components, shop)
-    pose = asked.names[0]
-    title = f"{robot.name}: what changes its stiffness"
-    words = f"bars of what changes K_tx at {pose}, in % per % and in % per kilogram, with bounds"
-    emit(
-        output, report.robot_json(found), lambda: report.show_sensitivity(found, asked.names),
-        manifest=manifest,
-        fill=lambda folder: save_figures(folder, {"sensitivity": lambda: report.draw_robot(found, pose)}),
+        output, answer, show, manifest=manifest, fill=lambda folder: save_figures(folder, {"sensitivity": draw}),
         page=lambda page: report.write_page(page, title, words), kept="sensitivity.json",
     )  # fmt: skip
 

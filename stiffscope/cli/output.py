@@ -64,6 +64,8 @@ def emit(
 ) -> None:
     """Write the results of a command: output folder, JSON, further files, then tables.
 
+    The folder is written completely or not at all.
+
     Parameters
     ----------
     output
@@ -72,8 +74,14 @@ def emit(
         Content of `--json`, or a function that computes it if that takes time.
     show
         Prints the tables.
-    manifest, fill, page, kept
-        As in `write_folder`, with ``kept`` naming the JSON file; unused without a folder.
+    manifest
+        Provenance; written after the files and before the page, which shows it.
+    fill
+        Writes numbers and pictures into the folder.
+    page
+        Writes ``report.html`` from the folder's content and the tables of `show`.
+    kept
+        Name of a JSON file of the folder with the answer, if any.
     also
         Writes further files of the command after folder and JSON were written.
 
@@ -81,7 +89,7 @@ def emit(
     if callable(answer) and (output.json or kept):
         answer = answer()
     if output.folder is not None and manifest is not None:
-        write_folder(output.folder, manifest, fill, page, show, answers={kept: answer} if kept else None)
+        _write_folder(output.folder, manifest, {kept: answer} if kept else {}, fill, page, show)
     if output.json:
         write_json(output.json, answer)
     if also is not None:  # before the tables, whose pipe may be closed early
@@ -93,35 +101,12 @@ def emit(
             show_line(f"Written to {output.folder} in {manifest.measure_elapsed():.1f} s")
 
 
-def write_folder(
-    out: Path,
-    manifest: Manifest,
-    fill: Callable[[Path], object] | None = None,
-    page: Callable[[Draft], None] | None = None,
-    show: Callable[[], None] | None = None,
-    *,
-    answers: dict[str, Any] | None = None,
-) -> None:
-    """Write an output folder completely or not at all.
-
-    Parameters
-    ----------
-    out
-        Output folder.
-    manifest
-        Provenance; written after the files and before the page, which shows it.
-    fill
-        Writes numbers and pictures into a folder.
-    page
-        Writes ``report.html`` from the folder's content and the tables of `show`.
-    show
-        Prints the tables.
-    answers
-        JSON files by name.
-
-    """
+def _write_folder(
+    out: Path, manifest: Manifest, answers: dict[str, Any], fill: Callable[[Path], object] | None,
+    page: Callable[[Draft], None] | None, show: Callable[[], None] | None,
+) -> None:  # fmt: skip
     with staged_folder(out) as folder:
-        for name, answer in (answers or {}).items():
+        for name, answer in answers.items():
             write_json(folder / name, answer)
         if fill is not None:
             fill(folder)

@@ -13,7 +13,7 @@ import numpy as np
 
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
-from stiffscope.cli.output import emit, open_workshop, warn_of_robot, write_folder
+from stiffscope.cli.output import Output, emit, open_workshop, warn_of_robot
 from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.experiments.assembly import (
     assemble_robots,
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from concurrent.futures import Future
     from pathlib import Path
 
-    from stiffscope.cli.output import Output
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.experiments.experiments import PartResult
     from stiffscope.experiments.manifest import Manifest
@@ -157,7 +156,7 @@ def _write_behind(robot: RobotFile, components: Any, out: Path, manifest: Manife
         now = assemble_robots({"now": robot}, components, shop)["now"]
         states = {"now": at_named_poses(now, robot.poses)}
         fill, page = _folder_of(now, states, shop, manifest, watched=manifest.started.isoformat())
-        write_folder(out, manifest, fill, page)
+        emit(Output(folder=out, quiet=True), None, manifest=manifest, fill=fill, page=page)
     except (StiffscopeError, OSError, RuntimeError) as error:
         if not shop.executor.ended:
             click.echo(f"stiffscope: {error}", err=True)
@@ -179,8 +178,20 @@ def _folder_of(
     """Return functions that fill a run's folder and write its page; ``watched`` pages reload."""
 
     def fill(folder: Path) -> None:
-        _write_parts(now, folder, manifest)
-        _write_robot(now, states["now"], folder)
+        for name, result in now.results.items():
+            place = folder / name
+            place.mkdir()
+            write_json(place / "compliance.json", compliance_json(now.robot, result))
+            for file in (EXPERIMENT, FIELDS, f"{name}.step", f"{name}.stl"):
+                shutil.copyfile(result.folder / file, place / file)
+            times, stages = result.seconds, result.experiment.seconds
+            manifest.note(name, key=result.key, reused=result.reused, seconds=times, stages=stages)
+        state = states["now"]
+        write_json(folder / "stiffness.json", _stiffness(now, state))
+        matrices: dict[str, Any] = {f"{name}_compliance": part.compliance for name, part in now.matrices.items()}
+        matrices |= {"poses": state.poses, "tool": state.tool, "stiffness": state.matrix, "sag": state.sag}
+        np.savez_compressed(folder / "matrices.npz", **matrices)
+        write_json(folder / "robot.json", plain_robot(now.robot))
         write_pictures(order_run(now, folder), shop.cache, manifest)
         manifest.seconds["robot"] = manifest.measure_elapsed() - manifest.seconds.get("parts", 0.0)
 
@@ -196,27 +207,6 @@ def _folder_of(
         write_run_report(replace(report, shown=shown), now, parts, watched=watched)
 
     return fill, page
-
-
-def _write_parts(assembled: Assembled, folder: Path, manifest: Manifest) -> None:
-    """Write a folder for each tested part: numbers, fields, solid."""
-    for name, result in assembled.results.items():
-        place = folder / name
-        place.mkdir()
-        write_json(place / "compliance.json", compliance_json(assembled.robot, result))
-        for file in (EXPERIMENT, FIELDS, f"{name}.step", f"{name}.stl"):
-            shutil.copyfile(result.folder / file, place / file)
-        stages = result.experiment.seconds
-        manifest.note(name, key=result.key, reused=result.reused, seconds=result.seconds, stages=stages)
-
-
-def _write_robot(assembled: Assembled, state: Stiffness, folder: Path) -> None:
-    """Write matrices as JSON and npz, and the robot file as used."""
-    write_json(folder / "stiffness.json", _stiffness(assembled, state))
-    matrices: dict[str, Any] = {f"{name}_compliance": part.compliance for name, part in assembled.matrices.items()}
-    matrices |= {"poses": state.poses, "tool": state.tool, "stiffness": state.matrix, "sag": state.sag}
-    np.savez_compressed(folder / "matrices.npz", **matrices)
-    write_json(folder / "robot.json", plain_robot(assembled.robot))
 
 
 def _stiffness(assembled: Assembled, state: Stiffness) -> dict[str, Any]:
