@@ -108,7 +108,8 @@ def _section_keys(kind: str, tables: Iterable[tuple[str, Any]]) -> dict[str, lis
     return {
         title: [
             Key(
-                name := field.alias or own, _meaning(kind, title, name), _takes(field),
+                name := field.alias or own, _meaning(kind, title, name),
+                _said(field.metadata) or _words_of(field.annotation),
                 "**needed**" if field.is_required() else _default(field),
             )
             for own, field in model.model_fields.items()
@@ -174,19 +175,8 @@ def show_keys(found: dict[str, dict[str, list[Key]]]) -> None:
         show_line(f"{kind[0].upper()}{kind[1:]} file" if kind != "campaign" else "Campaign", "bold")
         show_line("")
         for title, rows in titles.items():
-            show_table(
-                title, [["key"], ["means", "takes", "default"]], [_as_text(row) for row in rows],
-                prose={"means", "takes"},
-            )  # fmt: skip
-
-
-def _as_text(row: Key) -> list[str]:
-    return [cell.replace("`", "").replace("**", "") for cell in astuple(row)]
-
-
-def _takes(field: Any) -> str:
-    """Return a field's accepted values in words: its own, else those of its type."""
-    return _said(field.metadata) or _words_of(field.annotation)
+            cells = [[cell.replace("`", "").replace("**", "") for cell in astuple(row)] for row in rows]
+            show_table(title, [["key"], ["means", "takes", "default"]], cells, prose={"means", "takes"})
 
 
 def _said(metadata: Iterable[Any]) -> str:

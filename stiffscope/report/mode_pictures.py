@@ -67,6 +67,7 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
     moving: list[dict[str, Any]] = []
     for k, (name, cases) in enumerate(zip(names, mode_cases(found), strict=True)):
         here = place_robot(found.configurations, k)
+        pose = name if name.replace("_", "").replace("-", "").isalnum() else str(k + 1)
         for i, case in zip(np.flatnonzero(np.isfinite(found.frequencies[k])), cases, strict=True):
             hertz, within = found.frequencies[k, i], float(found.internal[k, i])
             title = f"{assembled.robot.name} at {name}: mode {i + 1}, {hertz:.4g} Hz"
@@ -75,7 +76,7 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
             factor = here.exaggeration(case.twists)
             frames = [here.deform(case.twists, float(sine) * factor) for sine in sines]
             shown = {"title": title, "shares": case.shares or None}
-            stem = f"mode_{_name_file(name, k)}_{i + 1}"
+            stem = f"mode_{pose}_{i + 1}"
             still = {"file": f"{stem}.png", "moves": frames[-1], "before": here.moves}
             stills.append(shown | still)
             moving.append(shown | {"file": f"{stem}.gif", "frames": frames, "order": order})
@@ -89,8 +90,3 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
     with optional_pictures():
         for each in drawn:
             each.result()
-
-
-def _name_file(name: str, number: int) -> str:
-    """Return a pose's name if it is valid in a file name, else its number."""
-    return name if name.replace("_", "").replace("-", "").isalnum() else str(number + 1)

@@ -65,7 +65,7 @@ def open_drawing(*, ahead: bool = False) -> Iterator[Callable[..., None]]:
     """
     with Processes(1) as executor:
         if ahead:
-            executor.submit(_warm_up, name="no pictures")
+            executor.submit(_draw_now, "warm_up", (), {}, name="no pictures")
         try:
             yield partial(_draw, executor)
         finally:
@@ -73,9 +73,11 @@ def open_drawing(*, ahead: bool = False) -> Iterator[Callable[..., None]]:
 
 
 def _draw(executor: Processes, picture: str, target: Path, **arguments: Any) -> None:
-    asked = json.loads(json.dumps(arguments, default=_to_plain))
+    to_plain = lambda value: value.tolist() if hasattr(value, "tolist") else str(value.absolute())  # noqa: E731
+    asked = json.loads(json.dumps(arguments, default=to_plain))
+    given = picture, (target.absolute(),), asked
     try:
-        executor.submit(_draw_now, picture, target.absolute(), asked, name="no pictures", limit=TIME_LIMIT).result()
+        executor.submit(_draw_now, *given, name="no pictures", limit=TIME_LIMIT).result()
     except LateError as error:
         raise PictureError(f"no pictures: drawing took more than {TIME_LIMIT:.0f} s") from error
     except InputError as error:
@@ -85,20 +87,13 @@ def _draw(executor: Processes, picture: str, target: Path, **arguments: Any) -> 
         raise PictureError(_cause(error)) from error
 
 
-def _warm_up() -> None:
-    """Load the libraries for drawing."""
-    from stiffscope.report.drawing.robot import warm_up
-
-    warm_up()
-
-
-def _draw_now(picture: str, target: Path, arguments: dict[str, Any]) -> None:
-    """Draw in this process."""
+def _draw_now(picture: str, targets: tuple[Path, ...], arguments: dict[str, Any]) -> None:
+    """Draw in this process, or only load the libraries for it ("warm_up")."""
     from stiffscope.report.drawing.part import part_pictures, stressed_part
-    from stiffscope.report.drawing.robot import robot
+    from stiffscope.report.drawing.robot import robot, warm_up
 
-    known = {f.__name__: f for f in (part_pictures, stressed_part, robot)}
-    known[picture](target, **arguments)
+    known = {f.__name__: f for f in (part_pictures, stressed_part, robot, warm_up)}
+    known[picture](*targets, **arguments)
 
 
 def _cause(error: WorkerError) -> str:
@@ -114,8 +109,3 @@ def _cause(error: WorkerError) -> str:
             f"(or libosmesa6) [{last[:160]}]"
         )
     return f"no pictures: {last[:200]}"
-
-
-def _to_plain(value: Any) -> Any:
-    """Convert an array or a path for JSON."""
-    return value.tolist() if hasattr(value, "tolist") else str(value.absolute())

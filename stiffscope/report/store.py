@@ -25,14 +25,13 @@ def show_totals(root: Path, totals: Mapping[str, tuple[int, int]]) -> None:
 
 def show_entries(entries: Sequence[Entry]) -> None:
     """Show each entry: kind, start of its key, size and date."""
-    rows = [(entry.kind, entry.key[:12], megabytes(entry.bytes), _date(entry.made)) for entry in entries]
+    rows = []
+    for entry in entries:
+        made = datetime.fromtimestamp(entry.made, UTC)
+        rows.append((entry.kind, entry.key[:12], megabytes(entry.bytes), f"{made:%Y-%m-%d %H:%M}"))
     show_table("Kept results", (("kind",), ("key", "size", "made (UTC)")), rows)
 
 
 def megabytes(size: float) -> str:
     """Return a size in MB: "1.24 MB"."""
     return f"{size / 1e6:.3g} MB"
-
-
-def _date(seconds: float) -> str:
-    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%d %H:%M")

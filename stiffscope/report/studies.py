@@ -107,7 +107,7 @@ def study_json(study: Study) -> dict[str, Any]:
         "study": study.file.path,
         "method": study.file.method,
         "columns": list(table.columns),
-        "rows": [[_to_plain(value) for value in row] for row in table.itertuples(index=False)],
+        "rows": table.astype(object).to_numpy().tolist(),
         "best": [k + 1 for k in study.best],
         "converged": converged,
         "search": list(how),
@@ -116,10 +116,6 @@ def study_json(study: Study) -> dict[str, Any]:
         ],
         "nearest": nearest and {"design": nearest.design + 1, "constraint": nearest.limit.text, "value": nearest.found},
     }
-
-
-def _to_plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value
 
 
 def show_study(study: Study) -> None:

@@ -39,7 +39,11 @@ def sentence(diagnosis: Diagnosis) -> str:
             f"Unexplained: no known effect accounts for the gap of {nominal} rms "
             f"(noise {noise}); it lies mostly in {_largest(diagnosis.where.direction)}."
         )
-    named = " and ".join(_with_size(effect) for effect in diagnosis.effects) or "no effect"
+    said = []
+    for effect in diagnosis.effects:
+        few = effect.parameters.items() if len(effect.parameters) <= 3 else ()
+        said.append(", ".join([name(effect.effect, effect.place), *(f"{key} {quantity(p)}" for key, p in few)]))
+    named = " and ".join(said) or "no effect"
     if diagnosis.verdict == "ambiguous":
         rivals = _rivals(diagnosis)
         return (
@@ -102,13 +106,6 @@ def label(key: str) -> str:
     """Return "actuator-stiffness @ limb1" or a nuisance pattern in words; other text unchanged."""
     effect, _, place = key.partition(" @ ")
     return place if effect == UNNAMED else name(effect, place) if key.count(" @ ") == 1 else key
-
-
-def _with_size(effect: Effect) -> str:
-    if not 0 < len(effect.parameters) <= 3:
-        return name(effect.effect, effect.place)
-    sizes = ", ".join(f"{key} {quantity(p)}" for key, p in effect.parameters.items())
-    return f"{name(effect.effect, effect.place)}, {sizes}"
 
 
 def _rivals(diagnosis: Diagnosis) -> str:

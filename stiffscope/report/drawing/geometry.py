@@ -50,18 +50,17 @@ def pack_solids(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, 
         })  # fmt: skip
     drawn = sum(shapes[solid["mesh"]].n_cells for solid in placed)
     kept = min(1.0, ALL_TRIANGLES / max(drawn, 1))
+    meshes = []
+    for shape in shapes:
+        limit = max(FEWEST, min(TRIANGLES, round(kept * shape.n_cells)))
+        fits = shape.n_cells <= limit
+        meshes.append(_mesh(shape if fits else shape.decimate(1.0 - limit / shape.n_cells)))
     return {
-        "meshes": [_mesh(_thin(s, max(FEWEST, min(TRIANGLES, round(kept * s.n_cells))))) for s in shapes],
+        "meshes": meshes,
         "solids": placed,
         "upright": upright(up).ravel().tolist(),
         "reach": reach,
     }
-
-
-def _thin(shape: pv.PolyData, limit: int) -> pv.PolyData:
-    """Return a surface with at most about ``limit`` triangles."""
-    thinned: Any = shape if shape.n_cells <= limit else shape.decimate(1.0 - limit / shape.n_cells)
-    return thinned
 
 
 def _mesh(shape: pv.PolyData) -> dict[str, str]:

@@ -318,9 +318,22 @@ def _explain(
 ) -> None:
     """Draw the colour key or the scale of shares."""
     if shares is None:
-        _key(figure, {**meanings, **{kind: MARKS[kind] for kind in marks or []}})
-    else:
-        _share_bar(figure, scale, max(shares.values(), default=1.0))
+        entries = {**meanings, **{kind: MARKS[kind] for kind in marks or []}}
+        handles = [Patch(facecolor=colour, label=name) for name, colour in entries.items()]
+        key = figure.legend(
+            handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=10, handlelength=1.0,
+            handletextpad=0.4, columnspacing=1.2, borderaxespad=0.2,
+        )  # fmt: skip
+        for text in key.get_texts():
+            text.set_parse_math(False)  # names of parts are not math
+        return
+    most = max(shares.values(), default=1.0)
+    across, pixel = 0.01 / figure.get_size_inches()
+    left = 240 * across
+    axes = figure.add_axes((left, 18 * pixel, min(0.30, 1 - left - 240 * across), 9 * pixel))
+    bar = figure.colorbar(ScalarMappable(Normalize(0, 100 * most), SHARES), cax=axes, orientation="horizontal")
+    bar.ax.tick_params(labelsize=8, length=2, pad=1)
+    figure.text(left - 12 * across, 18 * pixel, f"{scale}, %", fontsize=10, color="#5a6570", ha="right")
 
 
 def key_of(bodies: list[dict[str, Any]], joints: Sequence[dict[str, Any]] = ()) -> dict[str, str]:
@@ -331,25 +344,6 @@ def key_of(bodies: list[dict[str, Any]], joints: Sequence[dict[str, Any]] = ()) 
     if len(colours) > _NAMED:
         named[f"{list(colours)[_NAMED]}, …"] = list(colours.values())[_NAMED]
     return {**named, "rigid": RIGID, "joint": PASSIVE, "drive": DRIVEN, **doubted}
-
-
-def _key(figure: Figure, entries: dict[str, str]) -> None:
-    handles = [Patch(facecolor=colour, label=name) for name, colour in entries.items()]
-    key = figure.legend(
-        handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=10, handlelength=1.0,
-        handletextpad=0.4, columnspacing=1.2, borderaxespad=0.2,
-    )  # fmt: skip
-    for text in key.get_texts():
-        text.set_parse_math(False)  # names of parts are not math
-
-
-def _share_bar(figure: Figure, scale: str, most: float) -> None:
-    across, pixel = 1 / (100 * figure.get_size_inches()[0]), 1 / (100 * figure.get_size_inches()[1])
-    left = 240 * across
-    axes = figure.add_axes((left, 18 * pixel, min(0.30, 1 - left - 240 * across), 9 * pixel))
-    bar = figure.colorbar(ScalarMappable(Normalize(0, 100 * most), SHARES), cax=axes, orientation="horizontal")
-    bar.ax.tick_params(labelsize=8, length=2, pad=1)
-    figure.text(left - 12 * across, 18 * pixel, f"{scale}, %", fontsize=10, color="#5a6570", ha="right")
 
 
 def share_colour(share: float | None, most: float) -> str:

@@ -159,7 +159,8 @@ def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
     if "outline" in shape:
         return _extrude(shape["outline"], length)
     if "thickness" in shape:
-        return _plate(length, float(shape["width"]), float(shape["thickness"]))
+        wide, thick = float(shape["width"]) / 2, float(shape["thickness"]) / 2
+        return _triangles(pv.Box((0.0, length, -wide, wide, -thick, thick), level=8))  # level: it can bend
     return _rod(np.zeros(3), np.array([length, 0, 0]), _radius(body, reach), _STATIONS)
 
 
@@ -181,20 +182,12 @@ def _radius(body: dict[str, Any], reach: float) -> float:
     return float(known) if known else min(0.03 * float(body["length"]), 0.014 * reach)
 
 
-def _ends(bodies: Tables) -> dict[str, Floats]:
-    """Return the positions of the ends of elastic bodies."""
-    out = {}
-    for body in bodies:
-        if len(body["nodes"]) > 1:
-            out |= dict(zip(body["nodes"], np.array(body["places"], float), strict=True))
-    return out
-
-
 def _brackets(
     bodies: Tables, joints: Tables, tool: dict[str, Any], sizes: dict[str, tuple[float, float]], reach: float
 ) -> Iterable[Solid]:
     """Yield rigid rods between an elastic body's end and a distant joint or the tool."""
-    ends = _ends(bodies)
+    elastic = [body for body in bodies if len(body["nodes"]) > 1]
+    ends = {node: np.array(at, float) for b in elastic for node, at in zip(b["nodes"], b["places"], strict=True)}
     held = [(node, j["at"], 0.5 * sizes[j["name"]][0]) for j in joints for node in (j["first"], j["second"])]
     held.append((tool["node"], tool["at"], 0.5 * _SMALLEST * reach))
     for node, at, radius in held:
@@ -252,7 +245,8 @@ def _feet(
 
 def _sizes(bodies: Tables, joints: Tables, reach: float) -> dict[str, tuple[float, float]]:
     """Return radius and half length of each joint, larger than its rods and coincident joints."""
-    rods = {node: _radius(b, reach) for b in bodies for node in b["nodes"] if b.get("length") and _is_rod(b)}
+    round_bars = [b for b in bodies if b.get("length") and not {"width", "outline"} & (b.get("shape") or {}).keys()]
+    rods = {node: _radius(b, reach) for b in round_bars for node in b["nodes"]}
     out: dict[str, tuple[float, float]] = {}
 
     def thickness(joint: dict[str, Any]) -> float:
@@ -278,10 +272,6 @@ def _sizes(bodies: Tables, joints: Tables, reach: float) -> dict[str, tuple[floa
             r, half = 0.75 * widest, max(half, 1.35 * widest)
         out[joint["name"]] = r, half
     return out
-
-
-def _is_rod(body: dict[str, Any]) -> bool:
-    return not {"width", "outline"} & (body.get("shape") or {}).keys()
 
 
 def _joints(joints: Tables, sizes: dict[str, tuple[float, float]], reach: float) -> Iterable[Solid]:
@@ -328,12 +318,6 @@ def _star(ends: Floats, reach: float) -> pv.PolyData:
     apart = [end for end in ends if np.linalg.norm(end - hub) > 1e-3 * reach]
     bars = [_rod(hub, end, 0.01 * reach, _STATIONS) for end in apart]
     return _triangles(pv.merge([_ball(hub, 0.015 * reach), *bars]))
-
-
-def _plate(length: float, width: float, thickness: float) -> pv.PolyData:
-    """Return a plate with enough points along x to show bending."""
-    sides = (0.0, length, -width / 2, width / 2, -thickness / 2, thickness / 2)
-    return _triangles(pv.Box(sides, level=8))
 
 
 def _rod(start: Floats, end: Floats, radius: float, stations: int = 2) -> pv.PolyData:
