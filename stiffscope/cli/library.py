@@ -103,7 +103,9 @@ def import_(
     if model.suffix.lower() in {".step", ".stp", ".p21"}:
         if home:
             raise InputError("--home: expected none for an assembly, whose home is as it stands, got some")
-        _import_assembly(model, goal, Said(tool=tool, drive=drives, **said), output)
+        with progress(quiet=output.quiet) as open_line:
+            found = import_assembly(model, goal, Said(tool=tool, drive=drives, **said), open_line(model.name))
+        emit(output, import_json(found), lambda: show_import(found))
         return
     for name, value in said.items():
         if value:
@@ -112,9 +114,3 @@ def import_(
     driven = ", ".join(each.partition("=")[0].strip() for each in drives) or "none"
     counts = f"{len(read.bodies)} bodies, {len(read.joints)} joints (driven: {driven})"
     emit(output, model_json(read, goal), lambda: show_written(read, goal, counts))
-
-
-def _import_assembly(path: Path, goal: Path, said: Said, output: Output) -> None:
-    with progress(quiet=output.quiet) as open_line:
-        found = import_assembly(path, goal, said, open_line(path.name))
-    emit(output, import_json(found), lambda: show_import(found))

@@ -39,7 +39,6 @@ if TYPE_CHECKING:
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.report.run_report import Draft
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.statics import Stiffness
 
 log = logging.getLogger(__name__)
@@ -70,7 +69,11 @@ def stiffness(
     output.check_folder(superelement)
     manifest = manifest_of(robot)
     assembled = assemble(robot, components, output)
-    state = _analyse(assembled, asked.configurations, gravity)
+    at = asked.configurations
+    state = analyse(assembled.mechanism, at, gravity="exact" if gravity == "exact" else "none")
+    if gravity == "literal":
+        matrix, sunk = literal_gravity(assembled.mechanism, at.poses), sag(assembled.mechanism, at)
+        state = dataclasses.replace(state, matrix=matrix, sag=sunk)
     bars = stiffness_bars(assembled, state.configurations)
     if superelement:
         write_robot(assembled, asked.names, asked.configurations, superelement, manifest)
@@ -151,14 +154,6 @@ def deflection(
         twist, matrix = np.moveaxis(curve.twist, 2, 1), np.moveaxis(curve.stiffness, 3, 1)
         answer["path"] = {"load": curve.load, "twist": twist, "stiffness": matrix}
     emit(output, answer, show, manifest=manifest, page=page)
-
-
-def _analyse(assembled: Assembled, found: Configurations, gravity: str) -> Stiffness:
-    """Return stiffness, mobility and sag for a value of `--gravity`."""
-    if gravity != "literal":
-        return analyse(assembled.mechanism, found, gravity="exact" if gravity == "exact" else "none")
-    matrix = literal_gravity(assembled.mechanism, found.poses)
-    return dataclasses.replace(analyse(assembled.mechanism, found), matrix=matrix, sag=sag(assembled.mechanism, found))
 
 
 def _warn_of_singular(names: Sequence[str], state: Stiffness) -> None:

@@ -136,18 +136,7 @@ def read_setting(robot: RobotFile, asked: Any) -> Setting:
 def answer(assembled: Assembled, setting: Setting) -> dict[str, Any]:
     """Return a robot's results at a pose under a load: tables as HTML and motions of its nodes.
 
-    Parameters
-    ----------
-    assembled
-        Robot assembled with the setting's values.
-    setting
-        Pose and load.
-
-    Raises
-    ------
-    InputError
-        The pose is out of reach; the message says why.
-
+    ``assembled``: the robot with the setting's values. Raise InputError for a pose out of reach.
     """
     mechanism = assembled.mechanism
     state = at_named_poses(assembled, {"now": setting.pose})
@@ -206,16 +195,7 @@ def draw_maps(assembled: Assembled) -> str:
 
 
 def compare_readings(case: Case, assembled: Assembled) -> dict[str, Any]:
-    """Return readings and predictions, newest first, as HTML, and the marks of the sensors.
-
-    Parameters
-    ----------
-    case
-        Campaign.
-    assembled
-        Robot that replaces the campaign's own.
-
-    """
+    """Return readings and an assembled robot's predictions, newest first, as HTML, and the sensors' marks."""
     read = case.campaign.select(np.flatnonzero(~np.isnan(case.campaign.value)))
     model = RobotModel(read, NominalRobot(assembled.mechanism, assembled.robot))
     campaign, predicted = model.campaign, model.predict().values

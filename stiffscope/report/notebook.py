@@ -286,10 +286,8 @@ def _configurations(shown: Configurations) -> None:
 
 def _stiffness(shown: Stiffness) -> None:
     first = dataclasses.replace(
-        shown, configurations=shown.configurations[:MOST], matrix=shown.matrix[:MOST], sag=shown.sag[:MOST],
-        mobility=shown.mobility[:MOST], inverse_condition=shown.inverse_condition[:MOST],
-        compliance=shown.compliance[:MOST], rigid=shown.rigid[:MOST],
-    )  # fmt: skip
+        shown, **{each.name: getattr(shown, each.name)[:MOST] for each in dataclasses.fields(shown)}
+    )
     tables.show_stiffness([str(k + 1) for k in range(len(first.matrix))], first)
     _show_omitted(len(shown.matrix))
 

@@ -98,38 +98,22 @@ def _show_at(found: PartSensitivity, result: PartResult, own: slice, where: str)
         bounds = each.value * each.full_error.diagonal()[own] / compliance
         sags = each.value * each.self_weight[range(3), at] / weight
         sags *= np.sign(result.experiment.self_weight[range(3), at])
-        rows.append(
-            (
-                name,
-                quantity(each.value, each.unit),
-                *(_share(*pair) for pair in zip(shares, bounds, strict=True)),
-                *(_share(value) for value in sags),
-                _share(each.value * each.mass / result.experiment.mass),
-                *_per_kilogram(each, compliance, own),
-            )
-        )
-    groups = [
-        ("parameter", "value"),
-        COMPLIANCES[:3],
-        COMPLIANCES[3:],
-        ("sag x", "sag y", "sag z", "mass"),
-        ("best entry per kg",),
-    ]
+        gain = ""
+        if abs(each.mass * each.value) >= 1e-9:
+            gains = -each.full_compliance.diagonal()[own] / compliance / each.mass
+            best = int(gains.argmax())
+            gain = f"{COMPLIANCES[best]} {100 * gains[best]:+.3g} %" if gains[best] >= LEAST else ""
+        stiff = map(_share, shares, bounds)
+        mass = _share(each.value * each.mass / result.experiment.mass)
+        rows.append((name, quantity(each.value, each.unit), *stiff, *map(_share, sags), mass, gain))
+    halves = COMPLIANCES[:3], COMPLIANCES[3:]
+    sag = ("sag x", "sag y", "sag z", "mass")
+    groups = [("parameter", "value"), *halves, sag, ("best entry per kg",)]
     show_table(f"Sensitivity of the {found.part}{where}: % per % of each parameter", groups, rows)
 
 
 def _largest(each: Derivative, compliance: np.ndarray, own: slice = slice(0, 6)) -> float:
     return float(np.abs(each.value * each.full_compliance.diagonal()[own] / compliance).max())
-
-
-def _per_kilogram(each: Derivative, compliance: np.ndarray, own: slice) -> tuple[str]:
-    if abs(each.mass * each.value) < 1e-9:
-        return ("",)
-    gains = -each.full_compliance.diagonal()[own] / compliance / each.mass
-    best = int(gains.argmax())
-    if gains[best] < LEAST:
-        return ("",)
-    return (f"{COMPLIANCES[best]} {100 * gains[best]:+.3g} %",)
 
 
 def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
@@ -143,16 +127,13 @@ def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
             value = row.parameter.value
             along = found.at.sag[index, :3] @ row.by.sag[index, :3] * value / sag**2 if sag > 0 else np.nan
             frequency = value / found.at.frequency[index]
-            rows.append(
-                (
-                    row.parameter.name,
-                    quantity(value, row.parameter.unit),
-                    *(_share(*pair) for pair in zip(shares, bounds, strict=True)),
-                    _share(float(along)),
-                    _share(frequency * row.by.frequency[index], frequency * row.error.frequency[index]),
-                    *_kilogram_cells(row, index, stiffness),
-                )
-            )
+            first = _share(frequency * row.by.frequency[index], frequency * row.error.frequency[index])
+            massive = ["", "", ""]
+            if row.per_kilogram is not None:
+                gains = np.diagonal(row.per_kilogram[index])[:3] / stiffness[:3]
+                massive = [f"{100 * gain:+.3g} %" if abs(gain) > LEAST else "·" for gain in gains]
+            shown = row.parameter.name, quantity(value, row.parameter.unit)
+            rows.append((*shown, *map(_share, shares, bounds), _share(float(along)), first, *massive))
         each = (DIAGONAL[:3], DIAGONAL[3:], ("|sag|", "f1"), ("K_tx per kg", "K_ty per kg", "K_tz per kg"))
         groups = [("parameter", "value"), *each]
         show_table(f"Sensitivity at {pose}: % of K per % of each parameter", groups, rows)
@@ -174,14 +155,6 @@ def rank_rows(found: Sensitivity, index: int) -> list[Row]:
 
 def _diagonal(matrix: np.ndarray, row: Row, stiffness: np.ndarray) -> np.ndarray:
     return np.diagonal(matrix) * row.parameter.value / stiffness
-
-
-def _kilogram_cells(row: Row, index: int, stiffness: np.ndarray) -> list[str]:
-    gained = row.per_kilogram
-    if gained is None:
-        return ["", "", ""]
-    shares = np.diagonal(gained[index])[:3] / stiffness[:3]
-    return [f"{100 * value:+.3g} %" if abs(value) > LEAST else "·" for value in shares]
 
 
 def _show_scatter(found: Sensitivity, index: int) -> None:
