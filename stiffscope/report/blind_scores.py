@@ -41,25 +41,15 @@ ENOUGH = 50  # minimum number of intervals for judging their coverage
 def scores_json(scores: Scores) -> dict[str, Any]:
     """Return the scores of a blind check for JSON output; the share of an empty set is null."""
     planted, answered, counts = scores.confusion()
-    outcomes = [
-        {
-            "robot": o.robot,
-            "campaign": o.number,
-            "kind": o.kind,
-            "measured": o.style,
-            "truth": list(o.truth),
-            "left_out": o.left_out or None,
-            "imitated": o.imitated,
-            "verdict": o.verdict,
-            "named": list(o.named),
-            "confused_with": [list(group) for group in o.groups],
-            "right": o.right,
-            "evidence": o.evidence,
-            "gap": dict(zip(("nominal", "explained", "held_out", "noise"), o.gap, strict=True)),
-            "covered": list(o.covered),
-        }
-        for o in scores.outcomes
-    ]
+    outcomes = []
+    for o in scores.outcomes:
+        gap = dict(zip(("nominal", "explained", "held_out", "noise"), o.gap, strict=True))
+        outcomes.append({
+            "robot": o.robot, "campaign": o.number, "kind": o.kind, "measured": o.style, "truth": list(o.truth),
+            "left_out": o.left_out or None, "imitated": o.imitated, "verdict": o.verdict, "named": list(o.named),
+            "confused_with": [list(group) for group in o.groups], "right": o.right, "evidence": o.evidence,
+            "gap": gap, "covered": list(o.covered),
+        })  # fmt: skip
     return {
         **{key: getattr(scores, key) for key, *_ in MEASURES},
         "held_out_over_noise": scores.held_out,
@@ -119,17 +109,12 @@ def _show_gaps(scores: Scores) -> None:
 
 
 def _show_wrong(scores: Scores) -> None:
-    rows = [
-        (
-            f"{o.robot} {o.number:03d}".strip(),
-            f"{o.kind}, without {o.left_out}" if o.left_out else o.kind,
-            " + ".join(o.truth),
-            f"{o.verdict}: {' + '.join(o.named) or 'no effect'}",
-            f"{o.evidence:.1f}",
-        )
-        for o in scores.outcomes
-        if not o.right
-    ]
+    rows = []
+    for o in (o for o in scores.outcomes if not o.right):
+        kind = f"{o.kind}, without {o.left_out}" if o.left_out else o.kind
+        answer = f"{o.verdict}: {' + '.join(o.named) or 'no effect'}"
+        place = f"{o.robot} {o.number:03d}".strip()
+        rows.append((place, kind, " + ".join(o.truth), answer, f"{o.evidence:.1f}"))
     if rows:
         groups = (("campaign",), ("kind", "planted", "answered", "ln-odds"))
         show_table("Not right", groups, rows, prose=("kind", "planted", "answered"))

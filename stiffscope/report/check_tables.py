@@ -178,12 +178,9 @@ def _drives(found: Inspection) -> None:
     rows = []
     for joint in found.mechanism.drives:
         if joint.drive is not None:
-            low, high = (
-                _show_limit("r" if joint.kind == "revolute" else "x", each)
-                for each in (joint.drive.low, joint.drive.high)
-            )
-            unit = "N·m/rad" if joint.kind == "revolute" else "N/m"
-            rows.append((joint.name, joint.kind, f"{joint.drive.stiffness:.4g} {unit}", low, high))
+            axis, unit = ("r", "N·m/rad") if joint.kind == "revolute" else ("x", "N/m")
+            ends = (_show_limit(axis, each) for each in (joint.drive.low, joint.drive.high))
+            rows.append((joint.name, joint.kind, f"{joint.drive.stiffness:.4g} {unit}", *ends))
     if rows:
         columns = ("drive", "joint", "stiffness", "from", "to")
         _table("Drives (range from home)", columns, rows, prose=("joint",))

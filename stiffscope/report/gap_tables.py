@@ -79,13 +79,9 @@ def show_alternatives(diagnosis: Diagnosis) -> None:
     if not diagnosis.alternatives:
         return
     groups = (("effect @ place",), ("probability", "gap after", "why not"))
-    rows = [
-        (
-            " + ".join(f"{e} @ {p}" for e, p in zip(a.effect.split(" + "), a.place.split(" + "), strict=True)),
-            text.probability(a.probability),
-            percent(a.gap_after),
-            a.why_not,
-        )
-        for a in diagnosis.alternatives
-    ]
+    rows = []
+    for a in diagnosis.alternatives:
+        pairs = zip(a.effect.split(" + "), a.place.split(" + "), strict=True)
+        name = " + ".join(f"{effect} @ {place}" for effect, place in pairs)
+        rows.append((name, text.probability(a.probability), percent(a.gap_after), a.why_not))
     show_table("Alternatives", groups, rows, prose=("effect @ place", "why not"))

@@ -43,20 +43,12 @@ def show_parts(results: Sequence[PartResult]) -> None:
     for result in results:
         facts = result.facts
         mesh, seconds, wanted = facts["mesh"], facts["seconds"], facts["tolerance"]
-        volume_error = facts["volume"] / facts["cad_volume"] - 1
-        rows.append(
-            (
-                result.name,
-                f"{mesh['nodes']:,}",
-                f"{mesh['tetrahedra']:,}",
-                f"{100 * volume_error:+z.4f} %",
-                f"{facts['mass']:.3f}",
-                percent(100 * facts["relative_bound"], 2),
-                percent(100 * wanted) if wanted else "",
-                *(f"{seconds[stage]:.1f}" for stage in ("cad", "mesh", "solve")),
-                "reused" if result.reused else f"computed in {result.seconds:.1f} s",
-            )
-        )
+        counts = f"{mesh['nodes']:,}", f"{mesh['tetrahedra']:,}"
+        volume_error = f"{100 * (facts['volume'] / facts['cad_volume'] - 1):+z.4f} %"
+        bounds = percent(100 * facts["relative_bound"], 2), percent(100 * wanted) if wanted else ""
+        times = (f"{seconds[stage]:.1f}" for stage in ("cad", "mesh", "solve"))
+        how = "reused" if result.reused else f"computed in {result.seconds:.1f} s"
+        rows.append((result.name, *counts, volume_error, f"{facts['mass']:.3f}", *bounds, *times, how))
     show_table("Parts", groups, rows)
     for result in results:
         if result.note:
@@ -93,13 +85,10 @@ def show_interfaces(compared: Interfaces) -> None:
     """Show how each choice of interface changes each entry, and describe the choices."""
     own = compared.own.choice
     groups = [("entry", "unit"), ("value", "± 95 %"), *((tested.choice.name,) for tested in compared.others)]
-    rows = [
-        (
-            *(e.name, e.unit, f"{e.own:.6g}", relative(e.error, e.own)),
-            *(f"{100 * c:+z.1f} ± {100 * b:.2g} %" for c, b in zip(e.changes, e.bars, strict=True)),
-        )
-        for e in compared.entries
-    ]
+    rows = []
+    for e in compared.entries:
+        changes = (f"{100 * c:+z.1f} ± {100 * b:.2g} %" for c, b in zip(e.changes, e.bars, strict=True))
+        rows.append((e.name, e.unit, f"{e.own:.6g}", relative(e.error, e.own), *changes))
     show_table(f"Compliance of the {compared.part} ({own.name}), and its change with other interfaces", groups, rows)
     for tested in compared.others:
         choice = tested.choice
@@ -176,17 +165,12 @@ def show_each_interface(result: PartResult) -> None:
 def show_faces(file: str, rows: Sequence[Mapping[str, Any]]) -> None:
     """Show the faces of a solid, and how to select them in a robot file."""
     groups = (("index", "kind"), ("area mm²",), ("centroid mm",), ("normal or axis",), ("radius mm",))
-    cells = [
-        (
-            str(row["index"]),
-            row["kind"],
-            f"{row['area_mm2']:.6g}",
-            ", ".join(f"{c:z.6g}" for c in row["centroid_mm"]),
-            ", ".join(f"{c:z.4g}" for c in row["axis"] or ()),
-            f"{row['radius_mm']:g}" if row["radius_mm"] else "",
-        )
-        for row in rows
-    ]
+    cells = []
+    for row in rows:
+        centroid = ", ".join(f"{c:z.6g}" for c in row["centroid_mm"])
+        axis = ", ".join(f"{c:z.4g}" for c in row["axis"] or ())
+        radius = f"{row['radius_mm']:g}" if row["radius_mm"] else ""
+        cells.append((str(row["index"]), row["kind"], f"{row['area_mm2']:.6g}", centroid, axis, radius))
     show_table(f"Faces of {file}", groups, cells)
     show_line("Choose faces by geometry in a robot file, or by index:")
     show_line(f'  [parts.NAME]\n  shape = "step"\n  file = "{file}"')

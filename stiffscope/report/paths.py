@@ -104,24 +104,18 @@ def show_path(state: Along, after: Compensated | None, stresses: Sequence[PartSt
     """Print the greatest error and its causes, process, drive loads and the compensated error."""
     k, parts = state.worst, state.parts
     acting = ~state.path.rapid
+    at = f"line {state.path.lines[k]} of {state.job.path_file.name}, s = {1e3 * state.length[k]:,.1f} mm"
     facts = [
         ("path", f"{len(state.path):,} points, {1e3 * state.length[-1]:,.1f} mm"),
         ("error of the tool", f"rms {_mm(_rms(state))}, greatest {_mm(state.size[k])} ± {_mm(state.bound[k])}"),
-        (
-            "greatest at",
-            f"line {state.path.lines[k]} of {state.job.path_file.name}, s = {1e3 * state.length[k]:,.1f} mm",
-        ),
+        ("greatest at", at),
         ("there", ", ".join(f"{name} {_mm(each[k])}" for name, each in parts.items())),
     ]
     if state.cutting is not None:
         cut = state.cutting
-        facts += [
-            (
-                "process",
-                f"feed {cut.feed:.4g} N, across {cut.across:.4g} N, axial {cut.axial:.4g} N, {cut.power:.4g} W",
-            ),
-            ("mean chip", f"{1e3 * cut.chip:.4g} mm; tooth passing {cut.tooth_passing:.4g} Hz"),
-        ]
+        forces = f"feed {cut.feed:.4g} N, across {cut.across:.4g} N, axial {cut.axial:.4g} N, {cut.power:.4g} W"
+        chip = f"{1e3 * cut.chip:.4g} mm; tooth passing {cut.tooth_passing:.4g} Hz"
+        facts += [("process", forces), ("mean chip", chip)]
     if state.freed is not None:
         gain = {key: f"rms {_mm(each['rms'])}, greatest {_mm(each['greatest'])}" for key, each in _gain(state).items()}
         facts.append((f"free: {', '.join(state.freed.values)}", f"{gain['chosen']}; held still {gain['single']}"))
@@ -228,14 +222,8 @@ def _draw_error(state: Along, after: Compensated | None) -> Figure:
     length = 1e3 * state.length[some]
     drawn = new_figure(8.0, 5.2 if after is None else 6.6, f"{state.job.robot.name}: error of the tool over length")
     rows = drawn.subplots(2 if after is None else 3, 1, sharex=True, squeeze=False)[:, 0]
-    rows[0].fill_between(
-        length,
-        1e3 * (state.size - state.bound)[some],
-        1e3 * (state.size + state.bound)[some],
-        color=BEFORE,
-        alpha=0.2,
-        lw=0,
-    )
+    low, high = (1e3 * (state.size + sign * state.bound)[some] for sign in (-1, 1))
+    rows[0].fill_between(length, low, high, color=BEFORE, alpha=0.2, lw=0)
     rows[0].plot(length, 1e3 * state.size[some], color=BEFORE, lw=1.2)
     rows[0].set_ylabel("size (mm)")
     for name, colour in (("normal", "#3b7dbf"), ("along", "#d9822b"), ("binormal", "#5b9a68")):

@@ -13,7 +13,7 @@ from stiffscope.report.robot_scene import place_robot, scene_of
 from stiffscope.report.run_report import AT_M
 from stiffscope.report.terminal import show_table
 from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.mechanism import COORDINATES
+from stiffscope.vjm.mechanism import COORDINATES, DIAGONAL
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -39,21 +39,19 @@ def show_robots(found: RobotComparison) -> None:
     """Print the stiffness diagonal and the sag of both robots, and the change of stiffness."""
     first, second = found.names
     diagonal = np.diagonal(found.stiffness, axis1=2, axis2=3)
-    rows = [
-        [pose if k == 0 else "", f"K_{('t' if k < 3 else 'r') + 'xyz'[k % 3]}", _UNITS[k]]
-        + [f"{_FACTORS[k] * each:.5g}" for each in diagonal[:, p, k]]
-        + [_change(*diagonal[:, p, k])]
-        for p, pose in enumerate(found.poses)
-        for k in range(6)
-    ]
-    show_table("Stiffness at M, no gravity", [["pose"], ["entry", "unit", first, second, "change"]], rows, prose=_WORDS)
+    rows, sags = [], []
     sag = _round_alike(1e6 * found.sag.reshape(2, -1, 2, 3)).reshape(found.sag.shape)
-    rows = [
-        [pose if k == 0 else "", COORDINATES[k], "µm" if k < 3 else "µrad", *(f"{each:.4g}" for each in sag[:, p, k])]
-        for p, pose in enumerate(found.poses)
-        for k in range(6)
-    ]
-    show_table("Sag under their own weight", [["pose"], ["component", "unit", first, second]], rows, prose=_WORDS)
+    for p, pose in enumerate(found.poses):
+        for k, entry in enumerate(DIAGONAL):
+            name, (before, after) = "" if k else pose, diagonal[:, p, k]
+            known = np.isfinite(before) and np.isfinite(after) and before
+            change = f"{100 * (after / before - 1):+.2f} %" if known else ""
+            both = (f"{_FACTORS[k] * each:.5g}" for each in (before, after))
+            rows.append([name, entry, _UNITS[k], *both, change])
+            unit = "µm" if k < 3 else "µrad"
+            sags.append([name, COORDINATES[k], unit, *(f"{each:.4g}" for each in sag[:, p, k])])
+    show_table("Stiffness at M, no gravity", [["pose"], ["entry", "unit", first, second, "change"]], rows, prose=_WORDS)
+    show_table("Sag under their own weight", [["pose"], ["component", "unit", first, second]], sags, prose=_WORDS)
 
 
 def _round_alike(values: np.ndarray) -> np.ndarray:
@@ -65,10 +63,6 @@ def _round_alike(values: np.ndarray) -> np.ndarray:
     size = np.maximum(size, 1e-6 * size.max(initial=1e-6))
     step = 10.0 ** (np.floor(np.log10(size)) - 3.0)
     return np.round(values / step) * step + 0.0
-
-
-def _change(before: float, after: float) -> str:
-    return f"{100 * (after / before - 1):+.2f} %" if np.isfinite(before) and np.isfinite(after) and before else ""
 
 
 def draw_both(found: RobotComparison, folder: Path) -> None:

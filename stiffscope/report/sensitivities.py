@@ -50,27 +50,18 @@ def part_json(found: PartSensitivity, result: PartResult) -> dict[str, Any]:
 def robot_json(found: Sensitivity) -> dict[str, Any]:
     """Return a robot's derivatives at n poses and its scatter by tolerances for JSON output, SI."""
     scatter = found.scatter()
-    tolerances = None if scatter is None else _responses(scatter)
+    parameters = {}
+    for row in found.rows:
+        parameters[row.parameter.name] = {
+            **{name: getattr(row.parameter, name) for name in ("value", "unit", "tolerance")},
+            **_responses(row.by),
+            **{f"{name}_error": getattr(row.error, name) for name in ("stiffness", "sag", "frequency")},
+            "stiffness_per_kilogram": row.per_kilogram,
+        }
     return {
-        "poses": found.poses,
-        **_responses(found.at),
-        "parameters": {
-            row.parameter.name: {
-                "value": row.parameter.value,
-                "unit": row.parameter.unit,
-                "tolerance": row.parameter.tolerance,
-                **_responses(row.by),
-                "stiffness_error": row.error.stiffness,
-                "sag_error": row.error.sag,
-                "frequency_error": row.error.frequency,
-                "stiffness_per_kilogram": row.per_kilogram,
-            }
-            for row in found.rows
-        },
-        "scatter": tolerances,
-        "notes": found.notes,
-        "convention": CONVENTION,
-    }
+        "poses": found.poses, **_responses(found.at), "parameters": parameters,
+        "scatter": None if scatter is None else _responses(scatter), "notes": found.notes, "convention": CONVENTION,
+    }  # fmt: skip
 
 
 def _responses(given: Any) -> dict[str, Any]:
