@@ -9,7 +9,7 @@ import numpy as np
 
 from stiffscope.cad.beam import BeamParameters
 from stiffscope.cad.part import tessellate
-from stiffscope.experiments.results import EXPERIMENT
+from stiffscope.experiments.experiments import EXPERIMENT
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.quantities import shown_unit
 from stiffscope.robot.file.sections import InterfaceBody
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from stiffscope.cad.part import Part
     from stiffscope.experiments.assembly import Assembled
-    from stiffscope.experiments.results import PartResult
+    from stiffscope.experiments.experiments import PartResult
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.inspection import Inspection
     from stiffscope.vjm.bodies import Body
