@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.robot.file.description import RobotFile
 from stiffscope.robot.file.sections import ElasticBody, InterfaceBody
 from stiffscope.robot.part_dimensions import is_beam
 from stiffscope.vjm.laws import without_laws
@@ -18,6 +17,7 @@ from stiffscope.vjm.network import list_elements
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.part_dimensions import PartDimension
     from stiffscope.runtime.types import Array
     from stiffscope.vjm.bodies import Elastic
@@ -54,14 +54,10 @@ class NominalRobot:
     @cached_property
     def beams(self) -> tuple[str, ...]:
         """Parts whose matrix equals that of beam theory."""
-        found = {part: self.robot.bodies_of(part) for part in self.robot.parts}
-        return tuple(
-            p
-            for p, bodies in found.items()
-            if bodies
-            and not self.robot.parts[p].interface_names
-            and is_beam(self.robot, p, self.elastic_sources[bodies[0]].compliance)
-        )
+        two = (name for name, part in self.robot.parts.items() if not part.interface_names)
+        found = {part: self.robot.bodies_of(part)[:1] for part in two}
+        elastic = {part: self.elastic_sources[body].compliance for part, bodies in found.items() for body in bodies}
+        return tuple(part for part, compliance in elastic.items() if is_beam(self.robot, part, compliance))
 
     @property
     def acceleration(self) -> float:
@@ -134,31 +130,23 @@ class NominalRobot:
         place, named by group, part or element; a single drive or joint of several by element.
         """
         able = dict.fromkeys(fit)
-        named: list[tuple[str, tuple[str, ...]]] = []
-        for name in (*self.robot.groups, *self.robot.parts):
-            members = self.robot.members(name)
-            if members and all(each in able for each in members):
-                named.append((name, members))
+        sets = ((name, self.robot.members(name)) for name in (*self.robot.groups, *self.robot.parts))
+        named = [(name, members) for name, members in sets if all(each in able for each in members)]
         whole = {name: self.robot.members(name) for name in ("drives", "joints") if name not in self.robot.groups}
         fitting = {name: tuple(each for each in members if each in able) for name, members in whole.items()}
         lone = [name for name, members in fitting.items() if len(members) == 1 < len(whole[name])]
         named += [(name, members) for name, members in fitting.items() if name not in lone]
         named += [(name, (name,)) for name in able]
         named += [(name, fitting[name]) for name in lone]
-        by_members: dict[frozenset[str], list[tuple[str, tuple[str, ...]]]] = {}
+        alike: dict[frozenset[str], dict[str, tuple[str, ...]]] = {}
         for name, members in named:
             if members:
-                by_members.setdefault(frozenset(members), []).append((name, members))
-        return tuple(
-            Place(names[0][0], names[0][1], tuple(dict.fromkeys(n for n, _ in names[1:] if n != names[0][0])))
-            for names in by_members.values()
-        )
+                alike.setdefault(frozenset(members), {}).setdefault(name, members)
+        first = ((*names, next(iter(names.values()))) for names in alike.values())
+        return tuple(Place(name, members, tuple(others)) for name, *others, members in first)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        plain = {f.name: getattr(self.robot, f.name) for f in fields(self.robot)}  # read-only mappings do not pickle
-        plain = {name: dict(value) if isinstance(value, Mapping) else value for name, value in plain.items()}
-        return _restore, (self.mechanism, plain)  # experiments belong to this process
-
-
-def _restore(mechanism: Mechanism, robot: dict[str, Any]) -> NominalRobot:
-    return NominalRobot(mechanism, RobotFile(**robot))
+        given = {each.name: getattr(self.robot, each.name) for each in fields(self.robot)}
+        plain = {name: dict(value) for name, value in given.items() if isinstance(value, Mapping)}
+        robot = replace(self.robot, **plain)  # read-only mappings do not pickle
+        return NominalRobot, (self.mechanism, robot)  # experiments belong to this process

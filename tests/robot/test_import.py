@@ -287,12 +287,13 @@ def test_a_model_without_a_body_is_refused_in_one_line(tmp_path):
 
 
 @pytest.mark.parametrize("number", ["nan", "inf", "1e300"])
-@pytest.mark.parametrize("place", ["MASS", "AXIS", "ORIGIN"])
+@pytest.mark.parametrize("place", ["MASS", "CENTRE", "AXIS", "ORIGIN"])
 def test_numbers_that_are_none_are_refused_in_one_line(tmp_path, monkeypatch, capfd, place, number):
     monkeypatch.chdir(tmp_path)
-    values = {"MASS": "2", "AXIS": "0", "ORIGIN": "0", place: number}
+    values = {"MASS": "2", "CENTRE": "0", "AXIS": "0", "ORIGIN": "0", place: number}
     (tmp_path / "arm.urdf").write_text(
         f'''<robot name="arm"><link name="stand"/><link name="arm"><inertial><mass value="{values["MASS"]}"/>
+        <origin xyz="{values["CENTRE"]} 0 0"/>
         <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="s" type="revolute">
         <parent link="stand"/><child link="arm"/>
         <axis xyz="{values["AXIS"]} 0 1"/><origin xyz="{values["ORIGIN"]} 0 0"/>

@@ -199,14 +199,14 @@ def _check_urdf(path: Path, content: bytes) -> None:
 
 
 def _check_spec(path: Path, spec: Any) -> None:
-    known = [("mass", "kg", "body", each.name, each.mass) for each in spec.bodies]
-    known += [("mass", "kg", "geom", each.name, each.mass) for each in spec.geoms]
-    known += [("inertia", "kg*m^2", "body", each.name, min(each.inertia)) for each in spec.bodies]
-    known += [("density", "kg/m^3", "geom", each.name, each.density) for each in spec.geoms]
-    for quantity, unit, what, name, value in known:
-        if value < 0:
-            got = f'{value:g} {unit} of {what} "{print_safely(name)}"'
-            raise InputError(f"{path}: expected no {quantity} below zero, got {got}")
+    for quantity, unit, what, things in (
+        ("mass", "kg", "body", spec.bodies), ("mass", "kg", "geom", spec.geoms),
+        ("inertia", "kg*m^2", "body", spec.bodies), ("density", "kg/m^3", "geom", spec.geoms),
+    ):  # fmt: skip
+        for each in things:
+            if (value := np.min(getattr(each, quantity))) < 0:
+                got = f'{value:g} {unit} of {what} "{print_safely(each.name)}"'
+                raise InputError(f"{path}: expected no {quantity} below zero, got {got}")
     for joint in spec.joints if path.suffix.lower() == ".urdf" else ():
         if not joint.name:  # MuJoCo drops duplicate names
             message = "expected joints with names of their own, got one without, or with another's"
@@ -220,7 +220,8 @@ def _reason(error: Exception) -> str:
 def _check_finite(path: Path, m: Any) -> None:
     bodies = m.body_pos, m.body_quat, m.body_ipos, m.body_iquat, m.body_mass, m.body_inertia
     finite = all(np.isfinite(each).all() for each in (*bodies, m.jnt_pos, m.jnt_axis, m.eq_data, m.opt.gravity))
-    if not finite or np.abs(m.body_pos).max() > _FARTHEST:
+    far = np.abs(m.body_pos).max() > _FARTHEST or np.abs(m.body_ipos).max() > _FARTHEST**2  # its square is a number
+    if not finite or far:
         what = f"whose numbers are finite, and its places within {_FARTHEST:g} m"
         raise InputError(f"{path}: expected a model in URDF or MJCF {what}, got others")
 

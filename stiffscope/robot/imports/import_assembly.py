@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 
     from stiffscope.cad.assembly import Instance
     from stiffscope.cad.built_assembly import BuiltJoint
-    from stiffscope.cad.contacts import Contact
     from stiffscope.robot.imports.hardware import Hardware
     from stiffscope.robot.imports.import_record import ImportRecord
     from stiffscope.runtime.types import Progress
@@ -157,7 +156,7 @@ def _import(
     joints, settled = as_said(joints, said.joint, solids, contacts)
     named = [{solids[n].name for n in pair} for pair in settled]
     doubts = [doubt for doubt in doubts if {*doubt.solids} not in named]
-    found = _Found(solids, tuple(contacts), hardware, tuple(joints))
+    found = _Found(solids, hardware, tuple(joints))
     ground = _choose_ground(found, said.ground)
     reached = find_distances(found.joints, ground)
     loose = {each for joint in found.joints for each in (joint.first, joint.second)} - reached.keys()
@@ -186,10 +185,9 @@ def _import(
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """An assembly with its contacts, hardware and joints."""
+    """An assembly with its hardware and joints."""
 
     solids: Sequence[Instance]
-    contacts: tuple[Contact, ...]
     hardware: Hardware
     joints: tuple[Freedom, ...]
 
@@ -248,14 +246,19 @@ def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tup
             ends |= {(number, joint): solid.name for joint in held}
             continue
         faces = [joint.faces[joint.first != number] for joint in held]
-        part = _share_part(
-            parts, solid, materials[number], dict(zip(interface_names(number, held, solids), faces, strict=True))
-        )
+        own = dict(zip(interface_names(number, held, solids), faces, strict=True))
+        part = _share_part(parts, solid, materials[number], own)
         part.bodies.append(solid.name)
         names = {faces: name for name, faces in part.interfaces.items()}
         ends |= {(number, joint): f"{solid.name}.{names[face]}" for joint, face in zip(held, faces, strict=True)}
         bodies.append(ModelBody(solid.name, 0.0, solid.origin, np.zeros((3, 3)), part=part.name, axes=solid.rotation))
-    joints = [_model_joint(joint, solids, ground, ends) for joint in found.joints]
+    joints = list[ModelJoint]()
+    for joint in found.joints:
+        numbers = joint.first, joint.second
+        first, second = (GROUND if each == ground else ends[each, joint] for each in numbers)
+        axis = None if joint.kind in {"fixed", "spherical"} else joint.axis
+        name = "/".join(solids[each].name for each in numbers)
+        joints.append(ModelJoint(name, first, second, joint.kind, joint.at, axis, joint.axis2, note=joint.reason))
     last = found.find_joints(tool)[-1]
     tool_body = ends[tool, last]
     at = solids[tool].centre if tool_body == solids[tool].name else last.at
@@ -284,38 +287,28 @@ def _share_part(
     return parts[-1]
 
 
-def _model_joint(
-    joint: Freedom, solids: Sequence[Instance], ground: int, ends: dict[tuple[int, Freedom], str]
-) -> ModelJoint:
-    numbers = joint.first, joint.second
-    first, second = (GROUND if each == ground else ends[each, joint] for each in numbers)
-    axis = None if joint.kind in {"fixed", "spherical"} else joint.axis
-    name = "/".join(solids[each].name for each in numbers)
-    return ModelJoint(name, first, second, joint.kind, joint.at, axis, joint.axis2, note=joint.reason)
-
-
 def _notes(found: _Found, ground: int, tool: int, said: Said) -> tuple[str, ...]:
     """Return notes on choices and omissions."""
     solids, notes = found.solids, list[str]()
     bought = sum(MATERIALS["steel"].density * solids[n].product.volume for n in found.hardware.roles)
     if bought:
         notes.append(f"the mass of screws, pins and bearings ({bought:.3g} kg if of steel) is left out")
-    notes.append(
-        f"the ground is {solids[ground].name}, rigid" + ("" if said.ground else "; --ground NAME chooses another")
-    )
-    where = f"the tool is {solids[tool].name}, M at its centre of mass where it is rigid, else at its last joint"
-    return (*notes, where + ("" if said.tool else "; --tool NAME chooses another"))
+    base = f"the ground is {solids[ground].name}, rigid"
+    last = f"the tool is {solids[tool].name}, M at its centre of mass where it is rigid, else at its last joint"
+    other = "; --{} NAME chooses another"
+    base += "" if said.ground else other.format("ground")
+    return (*notes, base, last + ("" if said.tool else other.format("tool")))
 
 
 def _rigid_reason(number: int, joints: Sequence[Freedom], said: set[int], share: float) -> str:
     """Return the reason why a part is rigid; empty if it is elastic."""
     if number in said:
         return "rigid, as said"
-    if not all(joint.faces[joint.first != number] for joint in joints):
+    faces = [joint.faces[joint.first != number] for joint in joints]
+    if not all(faces):
         return "rigid: nothing touches it at one of its joints"
     if len(joints) < 2:
         return "rigid: one joint, so that nothing but its own weight loads it"
-    faces = [joint.faces[joint.first != number] for joint in joints]
     if len({each for group in faces for each in group}) < sum(map(len, faces)):
         return "rigid: two of its joints share a face"
     return "rigid: tiny" if share < _TINY else ""

@@ -197,12 +197,10 @@ def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
 def _actuator(source: CompiledModel, joint: int) -> tuple[str, float]:
     """Return a note on a joint's actuator, and its stiffness if it is a position servo."""
     m = source.model
-    for number in range(m.nu):
-        on_joint = source.is_a(m.actuator_trntype[number], "mjtTrn", "mjTRN_JOINT", "mjTRN_JOINTINPARENT")
-        if on_joint and m.actuator_trnid[number, 0] == joint:
-            gear = float(m.actuator_gear[number, 0])
-            gain = -float(m.actuator_biasprm[number, 1]) * gear**2
-            return f'actuator "{source.label("actuator", number)}" of the source', gain
+    for number in np.flatnonzero(m.actuator_trnid[:, 0] == joint):
+        if source.is_a(m.actuator_trntype[number], "mjtTrn", "mjTRN_JOINT", "mjTRN_JOINTINPARENT"):
+            gain = -float(m.actuator_biasprm[number, 1]) * float(m.actuator_gear[number, 0]) ** 2
+            return f'actuator "{source.label("actuator", int(number))}" of the source', gain
     return "", 0.0
 
 
@@ -251,14 +249,13 @@ def _closing_joint(first: str, second: str, points: list[tuple[str, Array]]) -> 
 
 def _name_apart(joints: Iterable[ModelJoint]) -> list[ModelJoint]:
     """Return the joints with unique names."""
-    found, taken = [], set[str]()
+    found = dict[str, ModelJoint]()
     for joint in joints:
         name = joint.name
-        while name in taken or name == GROUND:
+        while name in found or name == GROUND:
             name += ".joint"
-        taken.add(name)
-        found.append(replace(joint, name=name))
-    return found
+        found[name] = replace(joint, name=name)
+    return list(found.values())
 
 
 def find_distances(joints: Iterable[Any], ground: Any) -> dict[Any, int]:
