@@ -77,8 +77,10 @@ def _bonds_of(
         for each in touching[frozenset((joint.first, joint.second))] or [None]:
             at = joint.motions[0][1]
             found.append(Bond(joint.first, joint.second, rows, each, joint.label, at))
-    for small, large in hardware.pairs:
-        found.append(Bond(small, large, _spin(solids[small], scale), None))
+    for small, large in hardware.pairs:  # a cone leaves the spin alone, too
+        form, ring = turned_form(solids[small].product), solids[small]
+        axis = np.array([0.0, 0.0, 1.0]) if form is None else form.place(ring)[1]
+        found.append(Bond(small, large, hold("cone", axis, ring.centre / scale), None))
     return found
 
 
@@ -103,13 +105,6 @@ def _held_by(contact: Contact, hardware: Hardware, scale: float) -> Array | None
     return hold(contact.kind, contact.axis, contact.point / scale) if fits else None
 
 
-def _spin(ring: Instance, scale: float) -> Array:
-    """Rows that leave a ring's spin alone, as a cone's do."""
-    form = turned_form(ring.product)
-    axis = np.array([0.0, 0.0, 1.0]) if form is None else ring.rotation @ form.axis
-    return hold("cone", axis, ring.centre / scale)
-
-
 def kind_of(freedom: Array, near: Array) -> tuple[str, Array, Array | None, Array | None]:
     """Return the kind and geometry of the joint with given free twists.
 
@@ -128,13 +123,13 @@ def kind_of(freedom: Array, near: Array) -> tuple[str, Array, Array | None, Arra
     """
     turns, slides = range_space(freedom[3:]), range_space(freedom[:3] @ null_space(freedom[3:]))
     counts = turns.shape[1], slides.shape[1]
-    if counts == (0, 0):
-        return "fixed", near, None, None
     if counts == (0, 1):
         return "prismatic", near, _positive(slides[:, 0]), None
     if counts[0] == 1:
         return _about_one(freedom, turns[:, 0], slides, near)
-    return ("", near, None, None) if counts[1] else _about_point(freedom, turns, near)
+    if counts[0] and not counts[1]:
+        return _about_point(freedom, turns, near)
+    return "" if any(counts) else "fixed", near, None, None
 
 
 _Kind = tuple[str, "Array", "Array | None", "Array | None"]
@@ -214,7 +209,9 @@ def find_joints(
     joints, doubts, planes = list[Freedom](), list[Doubt](), dict[Freedom, float]()
     for (i, j), held in between.items():
         found = _freedom(i, j, held, solids, scale, hardware)
-        if found.kind == "planar" or (found.kind == "prismatic" and _is_of_planes(held, hardware)):
+        of_planes = all(bond.contact is not None and bond.contact.kind == "plane" and not bond.label for bond in held)
+        bare = of_planes and not hardware.roles.keys() & {n for bond in held for n in (bond.first, bond.second)}
+        if found.kind == "planar" or (found.kind == "prismatic" and bare):
             planes[found] = -sum(bond.contact.size for bond in held if bond.contact is not None)
         elif found.kind:
             joints.append(found)
@@ -252,22 +249,18 @@ def _pair_up(ends: Sequence[int], bonds: Sequence[Bond], direct: set[tuple[int, 
     """Return pairs of parts joined by hardware: in contact, or else nearest along its axis."""
     if len(ends) < 2:
         return []
-    places = {
-        end: np.mean([b.contact.point for b in bonds if end in {b.first, b.second} and b.contact is not None], axis=0)
-        for end in ends
-    }
+    touching = [bond for bond in bonds if bond.contact is not None]
+    at = {end: [b.contact.point for b in touching if end in {b.first, b.second}] for end in ends}
+    places = {end: np.mean(points, axis=0) for end, points in at.items()}
     spread = np.array(list(places.values())) - np.mean(list(places.values()), axis=0)
     axis = np.linalg.svd(spread)[2][0]
     order = sorted(ends, key=lambda end: float(axis @ places[end]))
-    candidates = [
-        (0 if (i, j) in direct else order.index(j) - order.index(i), i, j)
-        for i in ends for j in ends if i < j
-    ]  # fmt: skip
+    candidates = ((i, j) for i in ends for j in ends if i < j)
+    rank = {pair: 0 if pair in direct else abs(order.index(pair[1]) - order.index(pair[0])) for pair in candidates}
     group = {end: {end} for end in ends}
     pairs = []
-    for _, i, j in sorted((abs(rank), i, j) for rank, i, j in candidates):
-        touching = (i, j) in direct
-        if group[i] is not group[j] or touching:
+    for i, j in sorted(rank, key=lambda pair: (rank[pair], pair)):
+        if group[i] is not group[j] or (i, j) in direct:
             pairs.append((i, j))
             _merge(group, i, j)
     return pairs
@@ -316,12 +309,6 @@ def _reason(i: int, j: int, bonds: Sequence[Bond], solids: Sequence[Instance], h
             radius = f" of radius {1e3 * bond.contact.radius:.4g} mm" if bond.contact.radius else ""
             words[what[bond.contact.kind] + radius] += 1
     return ", ".join(f"{count} x {word}" if count > 1 else word for word, count in words.items())
-
-
-def _is_of_planes(bonds: Sequence[Bond], hardware: Hardware) -> bool:
-    """Return whether two parts are only connected by planes in contact."""
-    planes = (bond.contact is not None and bond.contact.kind == "plane" and not bond.label for bond in bonds)
-    return all(planes) and not hardware.roles.keys() & {n for bond in bonds for n in (bond.first, bond.second)}
 
 
 def _add_planes(

@@ -81,6 +81,15 @@ class Turned:
         return max(_lengths(self.steps).items(), key=lambda each: each[1], default=(0.0, 0.0))
 
     @property
+    def middle(self) -> float:
+        """Mean radius of a ring, m."""
+        return 0.5 * (self.bore + self.radius)
+
+    def place(self, solid: Instance) -> tuple[Array, Array]:
+        """Return the point and axis (3,) in the axes of the assembly."""
+        return solid.rotation @ self.point + solid.origin, solid.rotation @ self.axis
+
+    @property
     def bore(self) -> float:
         """Radius of the widest bore over a third of the length (grooves may divide it), m, or 0."""
         return max((r for r, along in _lengths(self.bores).items() if along > 0.3 * self.length), default=0.0)
@@ -187,7 +196,14 @@ def find_hardware(solids: Sequence[Instance], contacts: Sequence[Contact], said:
     for number, solid in enumerate(solids):
         if number not in found:
             found[number] = _role_of(number, solid, form, touched[number])
-    _add_spacers(found, solids, form, touched)
+    bearings = {number for number, (role, _) in found.items() if role in {"bearing", "ring"}}
+    for number, turned in enumerate(form):
+        beside = any(each.kind == "plane" and each.find_other(number) in bearings for each in touched[number])
+        if found[number][0] or turned is None or not beside:
+            continue
+        ring = turned.bore > 0.5 * turned.radius and turned.share > _TURNED and not turned.holed
+        if ring and all(_is_about_axis(each, solids[number], turned) for each in touched[number]):
+            found[number] = "spacer", "a ring beside a bearing"
     shafts = [n for n, (role, _) in found.items() if role == "pin" and len(_find_ends(n, found, touched)) < 2]
     found |= dict.fromkeys(shafts, ("", ""))
     found |= {number: ("" if role == "part" else role, "said so") for number, role in said.items()}
@@ -212,21 +228,6 @@ def _role_of(
     if named and ((not role and may_be) or (role, named) == ("pin", "screw")):
         return named, "its name"
     return role, reason
-
-
-def _add_spacers(
-    found: dict[int, tuple[str, str]], solids: Sequence[Instance], forms: Sequence[Turned | None],
-    touched: Mapping[int, Sequence[Contact]],
-) -> None:  # fmt: skip
-    """Assign the role of spacer to plain rings beside a bearing."""
-    bearings = {number for number, (role, _) in found.items() if role in {"bearing", "ring"}}
-    for number, form in enumerate(forms):
-        beside = any(each.kind == "plane" and each.find_other(number) in bearings for each in touched[number])
-        if found[number][0] or form is None or not beside:
-            continue
-        ring = form.bore > 0.5 * form.radius and form.share > _TURNED and not form.holed
-        if ring and all(_is_about_axis(each, solids[number], form) for each in touched[number]):
-            found[number] = "spacer", "a ring beside a bearing"
 
 
 def _find_ends(pin: int, found: Mapping[int, tuple[str, str]], touched: Mapping[int, Sequence[Contact]]) -> set[int]:
@@ -322,7 +323,7 @@ def _is_about_axis(contact: Contact, solid: Instance, form: Turned | None) -> bo
     """Return whether a contact is about the axis of a solid."""
     if form is None:
         return False
-    axis, point = solid.rotation @ form.axis, solid.rotation @ form.point + solid.origin
+    point, axis = form.place(solid)
     aside = np.linalg.norm(np.cross(axis, contact.point - point))
     return bool(np.linalg.norm(np.cross(axis, contact.axis)) < 1e-4 and (contact.kind == "plane" or aside < 1e-5))
 
@@ -361,25 +362,19 @@ def _find_between(inner: int, outer: int, solids: Sequence[Instance], forms: Seq
     small, large = forms[inner], forms[outer]
     if inner == outer or small is None or large is None or not small.radius < large.radius:
         return []
-    axis = solids[inner].rotation @ small.axis
-    points = [solids[n].rotation @ form.point + solids[n].origin for n, form in ((inner, small), (outer, large))]
-    across = np.linalg.norm(np.cross(axis, points[1] - points[0]))
-    parallel = np.linalg.norm(np.cross(axis, solids[outer].rotation @ large.axis))
-    middles = [float(axis @ (solids[n].centre - points[0])) for n in (inner, outer)]
+    (point, axis), (other, along) = small.place(solids[inner]), large.place(solids[outer])
+    across = np.linalg.norm(np.cross(axis, other - point))
+    parallel = np.linalg.norm(np.cross(axis, along))
+    middles = [float(axis @ (solids[n].centre - point)) for n in (inner, outer)]
     if parallel > 1e-4 or across > 2e-5 or abs(middles[0] - middles[1]) > 0.5 * small.length or large.bore < small.bore:
         return []
     found = []
     for number, (solid, form) in enumerate(zip(solids, forms, strict=True)):
-        away = solid.centre - points[0]
+        away = solid.centre - point
         along, apart = float(axis @ away) - middles[0], float(np.linalg.norm(np.cross(axis, away)))
         reach = float(np.linalg.norm(np.diff(solid.box, axis=0)))
-        ball = _middle(small) < apart < _middle(large) and reach < 2.0 * (large.radius - small.bore)
+        ball = small.middle < apart < large.middle and reach < 2.0 * (large.radius - small.bore)
         cage = form is not None and apart < 1e-5 and small.bore < form.radius < large.radius and form.bore > small.bore
         if number not in {inner, outer} and abs(along) < 0.5 * small.length and (ball or cage):
             found.append(number)
     return found
-
-
-def _middle(ring: Turned) -> float:
-    """Return the mean radius of a ring, m."""
-    return 0.5 * (ring.bore + ring.radius)
