@@ -80,7 +80,7 @@ def place(tmp_path_factory):
     """A folder with a part.step; experiments are made in this process, so that CAD is imported once."""
     robot = load_robot("biglide")
     folder = tmp_path_factory.mktemp("readme")
-    write_step(build(robot.dimensions("slider"), robot.material("slider")), folder / "part.step")
+    write_step(build(robot.parts["slider"].parameters(), robot.material("slider")), folder / "part.step")
     (folder / "data").symlink_to(ROOT / "data")
     (folder / "examples").symlink_to(ROOT / "examples")
     (folder / "mine.toml").write_text((ROOT / "data" / "robots" / "delta.toml").read_text())

@@ -120,7 +120,7 @@ def _place() -> Iterator[Path]:
     robot = load_robot("biglide")
     with tempfile.TemporaryDirectory() as folder, mock.patch("stiffscope.runtime.workshop.Processes", Here):
         place = Path(folder)
-        write_step(build(robot.dimensions("slider"), robot.material("slider")), place / "PART.step")
+        write_step(build(robot.parts["slider"].parameters(), robot.material("slider")), place / "PART.step")
         (place / "ARM.urdf").write_text(URDF)
         (place / "STUDY.toml").write_text(STUDY)
         (place / "JOB.toml").write_text(JOB)

@@ -238,7 +238,7 @@ def _changes(before: RobotFile, after: RobotFile, name: str) -> dict[str, float]
     def numbers(robot: RobotFile) -> dict[str, Any]:
         part, found = robot.parts[name], dict[str, Any]()
         if isinstance(part, ParametricPart):
-            found |= vars(robot.dimensions(name).present())
+            found |= vars(part.parameters().present())
         for key, value in vars(robot.material(name) or SimpleNamespace()).items():
             if key not in {"name", "source"} and not key.endswith("expansion"):
                 found[key] = value

@@ -168,7 +168,7 @@ def _dimensions(robot: RobotFile, name: str) -> Dimensions:
         expected = 'expected a shape that is a solid, such as "rod" or "step"'
         raise robot.refuse(("parts", name, "shape"), f'{expected}, got "{part.shape}"')
     try:
-        return robot.dimensions(name).present()
+        return part.parameters().present()
     except InputError as error:  # the message begins with the parameter: "link.bore: expected ..."
         key, _, message = str(error).partition(": ")
         raise robot.refuse(("parts", name, *key.split(".")[1:]), message) from error

@@ -93,7 +93,7 @@ def _of_parts(robot: RobotFile, components: Components) -> Iterator[tuple[Any, .
         if not computed and not (part.shape == "rod" and isinstance(source, str)):
             continue
         if isinstance(part, ParametricPart):
-            yield from ((("parts", name, key), value, "m") for key, value in robot.dimensions(name).lengths().items())
+            yield from ((("parts", name, key), value, "m") for key, value in part.parameters().lengths().items())
         if isinstance(part, SolidPart) and part.foundation is not None and source in {"fea", "step"}:
             yield ("parts", name, "foundation"), part.foundation, "N/m^3"
         if material is not None:

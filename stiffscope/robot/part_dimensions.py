@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 FOUNDATION = "foundation"
 _FAR = 4.0  # validity of a polynomial through three values, times the distance of the outermost
 _NEAR = 1.5  # the same with more values: higher orders diverge sooner
-_FEATURES = {"rib": "rib_count", "fillet": "rib_count", "hole": "hole_count", "pad": "pad_height"}
 _ALONG = {"length", "depth", "pad_height"}  # along base to tip; coupled to the bodies' coordinates
 
 
@@ -55,14 +54,8 @@ def part_parameters(robot: RobotFile, name: str) -> dict[str, tuple[float, str]]
     part = robot.parts[name]
     if not isinstance(part, ParametricPart):
         return {}
-    size = part.dimensions()
-    out = {
-        key: (value, "m")
-        for key, value in part.lengths().items()
-        if value > 0.0 and key not in _ALONG and size.get(_FEATURES.get(key.split("_")[0], ""), 1)
-    }
-    if size.get("fitting_radius", 1.0) == 0.0:
-        out.pop("fitting_length", None)
+    lengths = part.parameters().lengths()
+    out = {key: (value, "m") for key, value in lengths.items() if key not in _ALONG}
     material = robot.material(name)
     for field in fields(material) if material is not None else ():  # type: ignore[arg-type]
         if field.name.endswith("modulus"):

@@ -162,7 +162,7 @@ def foreign(tmp_path):
 def test_modules_of_the_working_folder_change_nothing(foreign, arguments):
     if "part.step" in arguments:
         robot = load_robot("biglide")
-        write_step(build(robot.dimensions("slider"), robot.material("slider")), foreign / "part.step")
+        write_step(build(robot.parts["slider"].parameters(), robot.material("slider")), foreign / "part.step")
     environment = {**os.environ, "STIFFSCOPE_CACHE": str(foreign / "cache")}
     command = [sys.executable, "-m", "stiffscope", *arguments]
     done = subprocess.run(command, cwd=foreign, env=environment, capture_output=True, text=True, check=False)

@@ -8,18 +8,8 @@ from typing import TYPE_CHECKING
 
 from stiffscope.cad.materials import AnyMaterial, material
 from stiffscope.errors import InputError
+from stiffscope.robot.file import sections
 from stiffscope.robot.file.parse import Source
-from stiffscope.robot.file.part_sections import ParametricPart, PartSection
-from stiffscope.robot.file.sections import (
-    BodySection,
-    Effect,
-    ElasticBody,
-    GravitySection,
-    InterfaceBody,
-    JointSection,
-    MapSection,
-    ToolSection,
-)
 from stiffscope.runtime.brief import describe_briefly
 
 if TYPE_CHECKING:
@@ -27,7 +17,7 @@ if TYPE_CHECKING:
 
     import numpy as np
 
-    from stiffscope.robot.file.part_sections import Dimensions
+    from stiffscope.robot.file.part_sections import PartSection
     from stiffscope.robot.file.positions import Key
 
 GROUND = "ground"
@@ -55,16 +45,16 @@ class RobotFile:
 
     name: str
     parts: Mapping[str, PartSection]
-    bodies: Mapping[str, BodySection]
-    joints: Mapping[str, JointSection]
-    tool: ToolSection
+    bodies: Mapping[str, sections.BodySection]
+    joints: Mapping[str, sections.JointSection]
+    tool: sections.ToolSection
     parameters: Mapping[str, float] = field(default_factory=dict)
     groups: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    gravity: GravitySection | None = None
+    gravity: sections.GravitySection | None = None
     poses: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
-    map: MapSection | None = None
+    map: sections.MapSection | None = None
     materials: Mapping[str, AnyMaterial] = field(default_factory=dict)
-    effects: tuple[Effect, ...] = ()
+    effects: tuple[sections.Effect, ...] = ()
     copied: Mapping[str, Turned] = field(default_factory=dict)
     tolerances: Mapping[Key, float] = field(default_factory=dict)
     source: Source = field(default_factory=lambda: Source(Path(), ""), compare=False)
@@ -86,21 +76,14 @@ class RobotFile:
         """Return the section of a part."""
         return self.parts[name]
 
-    def dimensions(self, name: str) -> Dimensions:
-        """Return the shape of a parametric part for cad."""
-        part = self.parts[name]
-        if not isinstance(part, ParametricPart):
-            raise TypeError(f"{name} is a {part.shape}, which has no parameters")
-        return part.parameters()
-
     def material(self, name: str) -> AnyMaterial | None:
         """Return a part's material, from this file or `stiffscope.cad.materials`, or None."""
         wanted = getattr(self.parts[name], "material", None)
         return None if wanted is None else material(wanted, self.materials)
 
-    def elastic_bodies(self) -> dict[str, ElasticBody]:
+    def elastic_bodies(self) -> dict[str, sections.ElasticBody]:
         """Return the bodies between a base and a tip, by name."""
-        return {name: body for name, body in self.bodies.items() if isinstance(body, ElasticBody)}
+        return {name: body for name, body in self.bodies.items() if isinstance(body, sections.ElasticBody)}
 
     def bodies_of(self, part: str) -> tuple[str, ...]:
         """Return the names of the bodies made of a part."""
@@ -109,9 +92,9 @@ class RobotFile:
     def ends(self, body: str) -> tuple[str, ...]:
         """Return the names of a body's ends; empty if it is rigid."""
         section = self.bodies.get(body)
-        if isinstance(section, ElasticBody):
+        if isinstance(section, sections.ElasticBody):
             return ENDS
-        return self.parts[section.part].interface_names if isinstance(section, InterfaceBody) else ()
+        return self.parts[section.part].interface_names if isinstance(section, sections.InterfaceBody) else ()
 
     def nodes(self) -> dict[str, str]:
         """Return the body of each node for joints: rigid bodies, ends of elastic ones, ground."""
