@@ -175,8 +175,7 @@ def check_solids(robot: RobotFile) -> dict[str, Part]:
 def _check_length(robot: RobotFile, name: str, length: float) -> None:
     """Raise InputError if a body's length differs from that of its STEP file's solid."""
     for body in robot.bodies_of(name):
-        ends = robot.elastic_bodies()[body]
-        given = float(np.linalg.norm(np.subtract(ends.tip, ends.base)))
+        given = robot.elastic_bodies()[body].length
         if abs(length - given) > SAME_LENGTH * given:
             file = getattr(robot.part(name), "file", "")
             what = f"as the reference point of {file} is from its clamped faces along x"

@@ -76,8 +76,7 @@ def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
     with blame(*key, "part"):
         one_of(body.part, robot.parts, "a part")
     part = robot.parts[body.part]
-    along = np.subtract(body.tip, body.base)
-    size = float(np.linalg.norm(along))
+    along, size = np.subtract(body.tip, body.base), body.length
     if size < 1e-9:
         raise FieldError((*key, "tip"), f"expected a point away from the base, got the same, {list(body.tip)} m")
     length = solid_length(part)

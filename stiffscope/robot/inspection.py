@@ -11,7 +11,7 @@ import numpy as np
 from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
 from stiffscope.robot.file.part_sections import InterfacePart, MatrixPart, solid_length
-from stiffscope.robot.file.sections import ElasticBody, InterfaceBody, RigidBody
+from stiffscope.robot.file.sections import InterfaceBody, RigidBody
 from stiffscope.robot.imports.import_record import parts_folder, read_record
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.robot.part_matrices import known_mass, source_of, used_parts
@@ -147,8 +147,7 @@ def _named_poses(robot: RobotFile, mechanism: Mechanism) -> dict[str, tuple[floa
 def _part(robot: RobotFile, name: str) -> Part:
     part, bodies = robot.parts[name], robot.bodies_of(name)
     one = robot.bodies[bodies[0]]
-    length = float(np.linalg.norm(np.subtract(one.tip, one.base))) if isinstance(one, ElasticBody) else None
-    length = solid_length(part) or length
+    length = solid_length(part) or getattr(one, "length", None)
     return Part(name, part.shape, source_of(part), length, known_mass(robot, name), bodies)
 
 
@@ -238,8 +237,7 @@ def _of_matrices(robot: RobotFile) -> Iterator[str]:
         if not isinstance(part, MatrixPart):
             continue
         given = np.array(part.matrix)
-        body = robot.elastic_bodies()[robot.bodies_of(name)[0]]
-        length = float(np.linalg.norm(np.subtract(body.base, body.tip)))
+        length = robot.elastic_bodies()[robot.bodies_of(name)[0]].length
         doubt = "are its numbers SI, and of a compliance rather than a stiffness?"
         if (most := np.diag(given)[:3].max()) > length:
             yield f"part {name}: one newton moves its tip by {most:.3g} m, more than its length {length:.3g} m; {doubt}"

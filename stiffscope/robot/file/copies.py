@@ -11,7 +11,7 @@ from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.description import Turned
 from stiffscope.robot.file.parse import FieldError
 from stiffscope.robot.file.sections import Copies
-from stiffscope.robot.file.tables import read_table
+from stiffscope.robot.file.tables import list_some, read_table
 from stiffscope.vjm.screws import rotation
 
 if TYPE_CHECKING:
@@ -117,8 +117,7 @@ def _check(tables: Sequence[Mapping[str, Any]], entry: Copies, number: int) -> N
     if not _find_within(names, entry.of):
         split = (name.split(".") for name in names)
         known = list(dict.fromkeys(".".join(each[: n + 1]) for each in split for n in range(len(each))))
-        shown = ", ".join(known[:12]) + (", …" if len(known) > 12 else "")
-        message = f'expected a set of bodies and joints ({shown or "none"}), got "{entry.of}"'
+        message = f'expected a set of bodies and joints ({list_some(known) or "none"}), got "{entry.of}"'
         raise FieldError((*key, "of"), message)
     if len(entry.as_) != len(entry.angles) or not entry.as_:
         message = f"expected an angle for each of {len(entry.as_)} names, got {len(entry.angles)}"

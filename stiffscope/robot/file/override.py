@@ -10,7 +10,7 @@ from stiffscope.errors import InputError, meant
 from stiffscope.robot.file.copies import copied_names
 from stiffscope.robot.file.part_sections import PARTS, InterfacePart
 from stiffscope.robot.file.sections import JOINTS, ElasticBody, InterfaceBody, RigidBody
-from stiffscope.robot.file.tables import keys_of
+from stiffscope.robot.file.tables import keys_of, list_some
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -105,10 +105,8 @@ def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
     if not found:
         known = [each for section in NAMED for each in names.get(section, ())]
         guess = meant(section, [*known, *TABLES])
-        shown = ", ".join(known[:12]) + (", …" if len(known) > 12 else "")
-        raise InputError(
-            f'--set {text}: expected NAME.KEY=VALUE with a NAME of {shown} or {", ".join(TABLES)}, got "{name}"{guess}'
-        )
+        what = f"NAME.KEY=VALUE with a NAME of {list_some(known)} or {', '.join(TABLES)}"
+        raise InputError(f'--set {text}: expected {what}, got "{name}"{guess}')
     fitting = [key for key in found if len(key) > 2 and key[2] in NAMED.get(key[0], ())]
     if len({key[0] for key in fitting} & {"bodies", "joints"}) > 1 and fitting[0][0] != "parts":
         raise InputError(f"--set {text}: expected bodies.{name} or joints.{name}, got {name}, which both have")

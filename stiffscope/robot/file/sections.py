@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
@@ -26,6 +27,11 @@ class ElasticBody(Section):
     base: v.Point
     tip: v.Point
     y: v.Direction | None = None
+
+    @property
+    def length(self) -> float:
+        """Distance from base to tip, m."""
+        return math.dist(self.base, self.tip)
 
 
 class InterfaceBody(Section):

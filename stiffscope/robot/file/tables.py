@@ -59,8 +59,13 @@ def one_of(word: Any, valid: Iterable[str], what: str) -> str:
     valid = list(valid)
     if isinstance(word, str) and word in valid:
         return word
-    listed = ", ".join(valid[:20]) + (", …" if len(valid) > 20 else "")
-    raise ValueError(f"expected {what} ({listed or 'none'}), got {q.show_value(word)}{meant(str(word), valid)}")
+    listed = list_some(valid, 20) or "none"
+    raise ValueError(f"expected {what} ({listed}), got {q.show_value(word)}{meant(str(word), valid)}")
+
+
+def list_some(words: Sequence[str], most: int = 12) -> str:
+    """List words with commas, the first ones of many."""
+    return ", ".join([*words[:most], *(["…"] if len(words) > most else [])])
 
 
 def unknown_key(word: str, valid: Sequence[str]) -> str:

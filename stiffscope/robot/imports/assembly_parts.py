@@ -66,9 +66,8 @@ def choose_materials(
         if not equals or name.lower() not in known:
             raise InputError(f'{where}: expected PATTERN=NAME with a name of {names}, got "{text}"')
         if not fnmatch.filter(words, pattern.lower()):
-            raise InputError(
-                f'{where}: expected the name of a solid, or of its material, got "{print_safely(pattern)}"'
-            )
+            what = "the name of a solid, or of its material"
+            raise InputError(f'{where}: expected {what}, got "{print_safely(pattern)}"')
         rules.append((pattern.lower(), known[name.lower()]))
     found, missing = dict[int, str](), defaultdict[str, list[str]](list)
     for number in parts:

@@ -11,6 +11,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.robot.file.parse import Source, parse_text
+from stiffscope.robot.file.tables import list_some
 from stiffscope.robot.imports.contact_joints import measure_size
 from stiffscope.robot.imports.part_motions import Freedom, joint_freedom
 from stiffscope.runtime.reading import read_text, show_path
@@ -106,7 +107,7 @@ def match_solids(solids: Sequence[Instance], patterns: Iterable[str], option: st
     for pattern in patterns:
         here = {n for n, solid in enumerate(solids) if fnmatch.fnmatch(solid.name.lower(), pattern.lower())}
         if not here:
-            names = ", ".join(solid.name for solid in solids[:12]) + (", …" if len(solids) > 12 else "")
+            names = list_some([solid.name for solid in solids])
             where = place_of(option, pattern)
             raise InputError(f'{where}: expected the name of a solid ({names}), got "{pattern}"')
         found |= here
