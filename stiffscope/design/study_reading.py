@@ -18,7 +18,7 @@ from stiffscope.design.study_file import Goal, Limit, StudyFile, Variable, round
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.expressions import parse
-from stiffscope.robot.file.parse import FieldError, Source, parse_text
+from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import Reads, Says, Section, any_quantity, parse_whole, unit_of
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
@@ -123,10 +123,8 @@ def load_study(path: str | Path) -> StudyFile:
     """
     path = Path(path)
     source = Source(path, reading.read_text(path, "a study's file in TOML"))
-    try:
+    with source.refusing():
         return _read(read_table(StudySection, parse_text(path, source.text, "a study's file"), ()), source)
-    except FieldError as error:
-        raise source.refuse(error.key, str(error)) from error
 
 
 def _read(top: StudySection, source: Source) -> StudyFile:
@@ -192,10 +190,8 @@ def _read_variable(key: Key, name: str, given: Any, robot: RobotFile, top: Study
 
 
 def _read_number(value: Any, key: Key) -> float:
-    try:
+    with blame(*key):
         return float(any_quantity(value))
-    except ValueError as error:
-        raise FieldError(key, str(error)) from error
 
 
 def _read_value(value: Any, key: Key) -> Value:
@@ -237,12 +233,10 @@ def _read_response(
     where = (*key, "of") if isinstance(given, dict) else key
     job = None if found.path is None else find_job(found.path)
     units = known_units(robot) if job is None else dict.fromkeys(ALONG_PATH, "m")
-    try:
+    with blame(*where):
         expression = parse(found.of)
         for each in expression.names:
             one_of(each, units, "a quantity")
-    except ValueError as error:
-        raise FieldError(where, str(error)) from error
     alone = expression.text if expression.text in units else None
     unit, take = (units[alone] if alone else found.unit), found.take or (worst_of(alone) if alone else None)
     if unit is None:

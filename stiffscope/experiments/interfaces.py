@@ -157,7 +157,8 @@ def choices(robot: RobotFile, part: str) -> list[Choice]:
         words = f"springs of {bed / 1e9:.12g} N/mm³ under the clamped face"
         found.append(choice("foundation", words, foundation=bed, **face))
     if plate:
-        slider: Any = robot.part(part).parameters()
+        shape: Any = section
+        slider: Any = shape.parameters()
         height = slider.pad_height or PAD_HEIGHT * slider.thickness
         rigid = {} if slider.pad_height else {"interface": "rigid"}  # pads that are there are loaded as they are
         sizes = (height, "high"), (slider.pad_width, "wide"), (slider.pad_spacing, "apart")

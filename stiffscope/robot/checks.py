@@ -12,7 +12,7 @@ from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.copies import tensor
 from stiffscope.robot.file.description import ENDS, GROUND
-from stiffscope.robot.file.parse import FieldError, blame
+from stiffscope.robot.file.parse import FieldError, blame, split_place
 from stiffscope.robot.file.part_sections import ParametricPart, solid_length
 from stiffscope.robot.file.sections import Bearing, ElasticBody, RigidBody
 from stiffscope.robot.file.tables import one_of
@@ -32,7 +32,6 @@ MESHES = (".stl", ".obj", ".ply", ".vtp", ".vtk", ".vtu", ".glb", ".gltf")
 """Mesh files for pictures, readable by PyVista without further packages."""
 _PARALLEL = 1e-6  # sine of the angle below which two directions are parallel
 _FILE_NAME = re.compile(r"[^/\\\x00-\x1f]{0,100}")
-_PATH = re.compile(r'(?:(?:[A-Za-z0-9_-]+|"[^"]*")(?:\.|(?=: )))+')
 
 
 def check_robot(robot: RobotFile) -> None:
@@ -52,7 +51,13 @@ def check_robot(robot: RobotFile) -> None:
     for name, joint in robot.joints.items():
         _check_joint(robot, name, joint, known)
     _check_node(("tool", "body"), robot.tool.body, {each: of for each, of in known.items() if of != GROUND}, robot)
-    _check_mechanism(robot)
+    try:
+        rigid_mechanism(robot)
+    except InputError as error:  # such as a name that a body and a joint have, or a body that nothing holds
+        place, message = split_place(str(error))
+        if not place:
+            raise
+        raise FieldError(place, message) from error
 
 
 def _check_part(robot: RobotFile, name: str) -> None:
@@ -164,15 +169,3 @@ def _check_node(key: Key, name: str, known: Mapping[str, str], robot: RobotFile)
             raise FieldError(key, f'expected "{body}", which is rigid and has no ends, got {q.show_value(name)}')
     with blame(*key):
         one_of(name, known, "a body or an end of one")
-
-
-def _check_mechanism(robot: RobotFile) -> None:
-    """Raise FieldError for errors of the rigid mechanism: duplicate names, unconnected bodies."""
-    try:
-        rigid_mechanism(robot)
-    except InputError as error:
-        path = _PATH.match(str(error))
-        if path is None:
-            raise
-        key = tuple(bare or quoted for bare, quoted in re.findall(r'([A-Za-z0-9_-]+)|"([^"]*)"', path[0]))
-        raise FieldError(key, str(error)[path.end() + 2 :]) from error

@@ -105,12 +105,13 @@ def _joint(robot: RobotFile, name: str, joint: JointSection) -> Joint:
         if given.points is not None or given.backlash:
             law = Law.from_curve(given.points or ((1.0, given.stiffness),), given.backlash)
         stiffness = given.stiffness if law is None else float(law.slopes[0])
-        driven = Drive(stiffness, *(given.range or (-np.inf, np.inf)), law)
+        low, high = given.range or (-np.inf, np.inf)
+        driven = Drive(stiffness, low, high, law)
     axes = (getattr(joint, key, None) for key in ("axis", "axis2"))
-    places = (each if each is None else np.array(each) for each in (joint.at, *axes))
+    axis, axis2 = (each if each is None else np.array(each) for each in axes)
     spring, rest = getattr(joint, "spring", None), getattr(joint, "rest", 0.0)
-    bearing = _bearing(robot, name, joint)
-    return Joint(name, *joint.between, joint.type, *places, driven, bearing, spring=spring, rest=rest)
+    bearing, at = _bearing(robot, name, joint), np.array(joint.at)
+    return Joint(name, *joint.between, joint.type, at, axis, axis2, driven, bearing, spring=spring, rest=rest)
 
 
 def _bearing(robot: RobotFile, name: str, joint: JointSection) -> np.ndarray | None:

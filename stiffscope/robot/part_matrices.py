@@ -175,7 +175,7 @@ def _matrix(robot: RobotFile, name: str, source: str | np.ndarray, tested: Any) 
         body = part.build("part")
         elastic: Any = body.elastic
         return PartMatrix(elastic.compliance, None, body.mass, elastic.dynamics, elastic.places)
-    if isinstance(tested, PartMatrix) and _is_tested(source):
+    if _is_tested(source) and isinstance(tested, PartMatrix):
         return tested
     mass = known_mass(robot, name)
     mass = tested.mass if mass is None else mass
@@ -187,12 +187,14 @@ def _matrix(robot: RobotFile, name: str, source: str | np.ndarray, tested: Any) 
         return PartMatrix(published_compliance(robot, name), None, mass)
     if source == "beam":
         compliance, error = beam_compliance(robot, name), None
-        material, segments = robot.material(name), beam_segments(robot, name)
+        segments = beam_segments(robot, name)
+        material: Any = robot.material(name)
         places = np.array([[-sum(length for length, _ in segments), 0.0, 0.0], np.zeros(3)])
         own = (material.youngs_modulus, material.shear_modulus, material.density)
         dynamics = beam_dynamics(segments, *own) if mass else None
     else:
-        compliance, error, made = tested.compliance, tested.error, tested.experiment
+        compliance, error = tested.compliance, tested.error
+        made: Any = tested.experiment
         places = np.vstack([made.clamp_point, made.reference_points])
         dynamics = Dynamics(made.condensed_mass, made.mode_squares, made.mode_squares_error) if mass else None
     dynamics = dynamics and dynamics.scale_density(mass / dynamics.total)

@@ -102,7 +102,7 @@ def read_robot(path: Path, text: str, overrides: Sequence[str] = (), tolerance: 
     """
     data = parse_text(path, text)
     source = Source(path, text, tuple(overrides))
-    try:
+    with source.refusing():
         check_top(data)
         of_copies = apply_overrides(data, source, tolerance)
         data, values, tolerances = evaluate(data)
@@ -113,8 +113,6 @@ def read_robot(path: Path, text: str, overrides: Sequence[str] = (), tolerance: 
             assign(data, override.key, value, override.text)
         robot = validate(data, source, values, tolerances, copied)
         check_robot(robot)
-    except FieldError as error:
-        raise source.refuse(error.key, str(error)) from error
     return robot
 
 

@@ -282,14 +282,12 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
     """
     path = Path(path)
     source = Source(path, reading.read_text(path, "a job's file in TOML"))
-    try:
+    with source.refusing():
         top = read_table(JobSection, parse_text(path, source.text, "a job's file"), ())
         for name in ("milling", "drilling"):
             cut = getattr(top.process, name)
-            try:
+            with blame("process", name):
                 _ = cut and cut.forces(1e-3)
-            except ValueError as error:
-                raise FieldError(("process", name), str(error)) from error
         if isinstance(instead, RobotFile):
             robot = instead
         elif instead is None:
@@ -300,8 +298,6 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
         with blame("path"):
             reading.open_file(file, "a table in CSV or a program in G-code").close()
         found = read_toolpath(file, robot, top.units, step=top.step, at=top.at, axes=_axes(top))
-    except FieldError as error:
-        raise source.refuse(error.key, str(error)) from error
     return Job(path, file, top, robot, found)
 
 

@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import values as v
-from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
+from stiffscope.robot.file.parse import Source, blame, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import Says, Section
 from stiffscope.vjm import machine_elements as me
@@ -228,11 +228,10 @@ class LinearGuide(ElementSection):
                 if not getattr(self, key) and getattr(self, others) == 1:
                     raise InputError(f"{key}: expected a carriage's own beside one of {others}, got nothing")
             return me.guide_of_sheet(each, rails, carriages, "the sheet's own stiffness of one carriage")
-        ball, *sizes = self._need("ball", "width", "height", "length", "preload")
-        groove, inward = self.osculation[0], self.arrangement == "face-to-face"
-        contacts = me.carriage_contacts(
-            self.balls, ball, groove, self.angle, *sizes, me.reduced_modulus(), face_to_face=inward
-        )
+        ball, width, height, length, preload = self._need("ball", "width", "height", "length", "preload")
+        size, modulus = (self.osculation[0], self.angle, width, height, length), me.reduced_modulus()
+        inward = self.arrangement == "face-to-face"
+        contacts = me.carriage_contacts(self.balls, ball, *size, preload, modulus, face_to_face=inward)
         return me.guide_of_balls(contacts, rails, carriages)
 
 
@@ -258,8 +257,9 @@ class BallScrew(ElementSection):
         """See `ElementSection`."""
         if self.axial is not None:
             return me.of_sheet(0.0, self.axial, 0.0, "the sheet's own stiffness")
-        sizes, (nut, support) = self._need("diameter", "length"), (self.nut or np.inf, self.support or np.inf)
-        return me.ball_screw(*sizes, nut, support, both_ends=self.both_ends, lead=self.lead)
+        diameter, length = self._need("diameter", "length")
+        nut, support = self.nut or np.inf, self.support or np.inf
+        return me.ball_screw(diameter, length, nut, support, both_ends=self.both_ends, lead=self.lead)
 
 
 ELEMENTS: dict[str, type[ElementSection]] = {
@@ -295,9 +295,7 @@ Elements = Annotated[tuple[AnyElement, ...], BeforeValidator(_some), Says(_EXAMP
 def read_element(path: Path, text: str) -> ElementSection:
     """Read an element from its own file; raise InputError with file, line and field if invalid."""
     data = parse_text(path, text, "a file of an element")
-    try:
+    with Source(path, text).refusing():
         with blame("kind"):
             kind = one_of(data.get("kind"), ELEMENTS, "a kind of element")
         return read_table(ELEMENTS[kind], data, ())
-    except FieldError as error:
-        raise Source(path, text).refuse(error.key, str(error)) from error

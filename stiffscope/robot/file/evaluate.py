@@ -60,10 +60,10 @@ def evaluate(data: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float], di
         return evaluate_value(rest, values), values, tolerances
     except FieldError:  # if a value's own field refuses it, so, before the expression that uses it
         for key, value, field in _list_given(data).values():
-            given = field is not None and value is not None and not is_expression(value)
-            for reads in field.metadata if given else ():
+            given = value is not None and not is_expression(value)
+            for reads in field.metadata if field is not None and given else ():
                 with blame(*key):
-                    reads.func(value) if isinstance(reads, Reads) else None
+                    reads.read(value) if isinstance(reads, Reads) else None
         raise
 
 

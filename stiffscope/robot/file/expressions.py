@@ -133,7 +133,10 @@ def _names(node: ast.expr, text: str) -> Iterator[str]:
 
 def _evaluate(node: ast.expr, text: str, values: Mapping[str, float]) -> float:
     if isinstance(node, ast.Constant):
-        return _float(node.value)
+        try:
+            return float(node.value)  # type: ignore[arg-type]
+        except OverflowError as error:
+            raise ValueError("expected numbers up to 1e308, got a larger one") from error
     if isinstance(node, ast.Name | ast.Attribute):
         name = _join_dotted(node, text)
         return CONSTANTS[name] if name in CONSTANTS else values[name]
@@ -206,13 +209,6 @@ def _join_dotted(node: ast.expr, text: str) -> str:
 def _piece(node: ast.expr, text: str) -> str:
     """Return the source text of a node."""
     return _cut(ast.get_source_segment(text, node) or text)
-
-
-def _float(number: Any) -> float:
-    try:
-        return float(number)
-    except OverflowError as error:
-        raise ValueError("expected numbers up to 1e308, got a larger one") from error
 
 
 def _apply(function: Operation, values: list[float], piece: str) -> float:

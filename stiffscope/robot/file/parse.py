@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 MOST_VALUES, MOST_LEVELS = 50_000, 30  # ample for a file written by hand
+_NAME = re.compile(r'([A-Za-z0-9_-]+)|"([^"]*)"')
+_PLACE = re.compile(r'(?:(?:[A-Za-z0-9_-]+|"[^"]*")(?:\.|(?=: )))+')
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _WORD = r"(?:(?<![\w-])[\w-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
 _DOTTED = re.compile(rf"(?:{_WORD}[ \t]*+\.[ \t]*+){{300}}")  # parsing time is quadratic in depth
@@ -39,13 +41,15 @@ def blame(*key: str | int, inner: bool = False) -> Iterator[None]:
         raise
     except ValueError as error:
         within, message = split_place(str(error)) if inner else ((), str(error))
-        raise FieldError((*key, *within), message) from error
+        raise FieldError((*key, *within[1:]), message) from error
 
 
 def split_place(message: str) -> tuple[Key, str]:
-    """Return the keys inside a thing, and the rest, of a message such as "frame.x: expected …"."""
-    place, _, rest = message.partition(": ")
-    return tuple(place.split(".")[1:]), rest
+    """Return the keys before a message such as 'joints."leg1.motor".axis: expected …', and the rest."""
+    place = _PLACE.match(message)
+    if place is None:
+        return (), message
+    return tuple(bare or quoted for bare, quoted in _NAME.findall(place[0])), message[place.end() + 2 :]
 
 
 @dataclass
@@ -77,6 +81,14 @@ class Source:
             if by is None and len(table) > 1 and table not in self.lines:
                 by = next((text for each, text in self.changed.items() if each[: len(table)] == table), None)
         return InputError(f"{by or f'{self.path}:{self.line(key)}'}: {field_name(key)}: {message}")
+
+    @contextmanager
+    def refusing(self) -> Iterator[None]:
+        """Convert a FieldError in the block to `refuse`'s error."""
+        try:
+            yield
+        except FieldError as error:
+            raise self.refuse(error.key, str(error)) from error
 
 
 def as_written(key: Key) -> Key:

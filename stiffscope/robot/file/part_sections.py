@@ -172,7 +172,7 @@ def _section_of(name: str, base: Any, made: type, required: tuple[str, ...] = ()
         hint = hints[field.name]
         kind = constants.get(field.name.rpartition("_")[2]) or (v.Length if needed else kinds.get(hint, hint))
         fields[field.name] = (kind, ... if needed else field.default)
-    model = create_model(name, __base__=base, __doc__=doc or base.__doc__, **fields)
+    model: Any = create_model(name, __base__=base, __doc__=doc or base.__doc__, **fields)
     model.made = made
     return model
 

@@ -94,10 +94,9 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
         expected = f"a table of {', '.join(keys_of(_model_at(model, key)))}"
     if expected:
         return key, f"expected {expected}, got {q.show_value(item['input'])}"
-    inner, message = (), item["msg"].removeprefix("Value error, ")
-    if isinstance(context.get("error"), InputError):
-        inner, message = split_place(message)
-    return (*key, *inner), message
+    message = item["msg"].removeprefix("Value error, ")
+    inner, said = split_place(message)  # "frame.x: expected …"
+    return ((*key, *inner[1:]), said) if isinstance(context.get("error"), InputError) else (key, message)
 
 
 def _describe_missing(model: type[BaseModel], key: str) -> str:

@@ -72,6 +72,11 @@ class Reads(BeforeValidator):
 
     says: str = ""
 
+    def read(self, value: Any) -> Any:
+        """Return the value as read; raise ValueError if it is invalid."""
+        read: Any = self.func
+        return read(value)
+
 
 def _quantity(dimension: q.Dimension, sign: str = "positive") -> Reads:
     said = f'{dimension.noun} such as "{dimension.example}"'
@@ -204,10 +209,10 @@ Lengths = Annotated[tuple[Coordinate, Coordinate], _list_of(2, _LENGTHS), AfterV
 Angles = Annotated[tuple[Angle, Angle], _list_of(2, _ANGLES), AfterValidator(_rising)]
 
 LengthOrAuto = Annotated[
-    float | None, _or_word(_quantity(q.LENGTH).func, "auto", "a size that suits the part", "a length")
+    float | None, _or_word(_quantity(q.LENGTH).read, "auto", "a size that suits the part", "a length")
 ]
 Foundation = Annotated[
-    float | None, _or_word(_quantity(q.FOUNDATION).func, "rigid", "a clamp that does not give", "N/m³")
+    float | None, _or_word(_quantity(q.FOUNDATION).read, "rigid", "a clamp that does not give", "N/m³")
 ]
 Tolerance = Annotated[float | None, _or_word(_tolerance, "auto", "whatever one mesh reaches", "a share")]
 Count = Annotated[int, Reads(parse_whole, says="a whole number")]
@@ -215,8 +220,8 @@ Layers = Annotated[int, _whole(f"1 to {MOST_LAYERS} layers", MOST_LAYERS, f"1 to
 Some = Annotated[int, _whole(f"1 to {MOST_ELEMENTS}", MOST_ELEMENTS)]
 Positive = Annotated[int, _whole("a positive whole number such as 2000000")]
 OwnMass = Annotated[float, Reads(_own_mass, says='a mass such as "1.95 kg"')]
-_BY_CAD = _or_word(Mass.__metadata__[0].func, "cad", "the volume of the solid times its density", "a mass", "cad")
-MassOrCad = Annotated[float | Literal["cad"], _BY_CAD]
+_MASS, _BY_CAD = _quantity(q.MASS, "non-negative"), "the volume of the solid times its density"
+MassOrCad = Annotated[float | Literal["cad"], _or_word(_MASS.read, "cad", _BY_CAD, "a mass", "cad")]
 
 
 class Section(BaseModel):

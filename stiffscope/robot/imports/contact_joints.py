@@ -249,9 +249,8 @@ def _pair_up(ends: Sequence[int], bonds: Sequence[Bond], direct: set[tuple[int, 
     """Return pairs of parts joined by hardware: in contact, or else nearest along its axis."""
     if len(ends) < 2:
         return []
-    touching = [bond for bond in bonds if bond.contact is not None]
-    at = {end: [b.contact.point for b in touching if end in {b.first, b.second}] for end in ends}
-    places = {end: np.mean(points, axis=0) for end, points in at.items()}
+    at = {end: [b.contact for b in bonds if end in {b.first, b.second}] for end in ends}
+    places = {end: np.mean([c.point for c in found if c is not None], axis=0) for end, found in at.items()}
     spread = np.array(list(places.values())) - np.mean(list(places.values()), axis=0)
     axis = np.linalg.svd(spread)[2][0]
     order = sorted(ends, key=lambda end: float(axis @ places[end]))

@@ -51,19 +51,17 @@ def make_record(
     solids: Sequence[Instance], roles: Mapping[int, str], joints: Sequence[Freedom], doubts: Sequence[Doubt]
 ) -> ImportRecord:
     """Return the record of an import."""
+    shapes = dict[str, list[float]]()
+    for solid, product in ((each, each.product) for each in solids):
+        inertia = np.linalg.eigvalsh(product.inertia) / product.volume ** (5 / 3)
+        shapes[solid.name] = [product.volume, *inertia.tolist(), len(product.faces)]
     return ImportRecord(
-        {solid.name: _shape_of(solid) for solid in solids},
+        shapes,
         {solid.name: [*solid.rotation.ravel().tolist(), *solid.origin.tolist()] for solid in solids},
         {solids[number].name: role for number, role in roles.items()},
         [(solids[joint.first].name, solids[joint.second].name, joint.kind) for joint in joints],
         list(doubts),
     )
-
-
-def _shape_of(solid: Instance) -> list[float]:
-    product = solid.product
-    inertia = np.linalg.eigvalsh(product.inertia) / product.volume ** (5 / 3)
-    return [product.volume, *inertia.tolist(), len(product.faces)]
 
 
 def read_record(folder: Path) -> ImportRecord | None:

@@ -152,7 +152,7 @@ def as_said(
 
 def _as_kind(kind: str, here: Sequence[Freedom | Contact], scale: float) -> Freedom:
     """Return a joint of a kind between two solids, at the joint found or at the largest contact."""
-    joint = next((each for each in here if isinstance(each, Freedom)), None)
+    joint: Any = next((each for each in here if isinstance(each, Freedom)), None)
     touching = [each for each in here if not isinstance(each, Freedom)]
     if touching and (joint is None or joint.axis is None):
         best = max(touching, key=lambda c: (c.kind != "plane", c.size))
