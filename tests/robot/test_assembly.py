@@ -326,6 +326,10 @@ def test_what_assembly_toml_says_wrongly_is_refused_with_its_line(tmp_path):
     (tmp_path / "assembly.toml").write_text('ground = "palm"\n[material]\n"*" = "steel"\n"paad" = "titanium"\n')
     with pytest.raises(InputError, match=r'assembly\.toml:4: material: expected the name of a solid, .*got "paad"'):
         import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml")
+    words = 'ground = "palm"\njoint = ["palm/finger=revolute"]\ndrive = ["*=9 kg"]\nmaterial = { "*" = "steel" }\n'
+    (tmp_path / "assembly.toml").write_text(words)
+    with pytest.raises(InputError, match=r'assembly\.toml:3: drive: expected a torsional stiffness .*got "9 kg"'):
+        import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml")
 
 
 def test_a_name_counts_more_than_a_pattern_wherever_it_stands():

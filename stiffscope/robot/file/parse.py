@@ -7,7 +7,7 @@ import tomllib
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from stiffscope.errors import InputError
 from stiffscope.robot.file.positions import Key, line_of, positions
@@ -89,6 +89,23 @@ class Source:
             yield
         except FieldError as error:
             raise self.refuse(error.key, str(error)) from error
+
+
+class Text(str):
+    """A text of a file with its location there."""
+
+    where: str
+
+    def __new__(cls, text: str, where: str) -> Self:
+        """Create a text at "FILE:LINE: FIELD"."""
+        found = super().__new__(cls, text)
+        found.where = where
+        return found
+
+
+def place_of(option: str, text: str) -> str:
+    """Return the location of a setting: option and text, or file, line and field."""
+    return text.where if isinstance(text, Text) else f"{option} {text}"
 
 
 def as_written(key: Key) -> Key:

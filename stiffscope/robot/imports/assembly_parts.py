@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 from stiffscope import cad
 from stiffscope.cad.materials import MATERIALS
 from stiffscope.errors import InputError
+from stiffscope.robot.file.parse import place_of
 from stiffscope.robot.imports.compiled_model import print_safely
 from stiffscope.robot.imports.import_model import to_toml, toml_key, vector_text
 from stiffscope.robot.imports.import_record import parts_folder
-from stiffscope.robot.imports.said import place_of
 from stiffscope.runtime.reading import show_path
 
 if TYPE_CHECKING:

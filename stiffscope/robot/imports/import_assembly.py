@@ -16,6 +16,7 @@ from stiffscope.cad.assembly import read_assembly
 from stiffscope.cad.contacts import find_contacts
 from stiffscope.cad.materials import MATERIALS
 from stiffscope.errors import InputError
+from stiffscope.robot.file.parse import place_of
 from stiffscope.robot.imports.assembly_parts import PartFile, choose_materials, interface_names, part_lines, part_name
 from stiffscope.robot.imports.compiled_model import GROUND, print_safely
 from stiffscope.robot.imports.contact_joints import find_joints, measure_size
@@ -25,7 +26,7 @@ from stiffscope.robot.imports.import_model import check_text, driven, robot_text
 from stiffscope.robot.imports.import_record import RECORD, check_place, make_record, parts_folder, tell_changes
 from stiffscope.robot.imports.model_tool import choose_coordinates
 from stiffscope.robot.imports.part_motions import Freedom, tool_motions
-from stiffscope.robot.imports.said import Said, as_said, match_solids, place_of, said_beside, said_of
+from stiffscope.robot.imports.said import Said, as_said, match_solids, said_beside, said_of
 from stiffscope.robot.imports.simulator_model import ModelBody, ModelJoint, SimulatorModel, find_distances
 from stiffscope.runtime.output import scratch_folder, write_bytes
 from stiffscope.runtime.reading import show_path

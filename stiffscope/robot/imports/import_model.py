@@ -13,6 +13,7 @@ import numpy as np
 from stiffscope.errors import InputError, meant
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.copies import SIX
+from stiffscope.robot.file.parse import place_of
 from stiffscope.robot.file.values import any_quantity
 from stiffscope.robot.imports.compiled_model import print_safely
 from stiffscope.robot.imports.simulator_model import read_model
@@ -109,20 +110,20 @@ def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
     able = [name for name, joint in joints.items() if joint.kind in _DRIVABLE]
     found = {}
     for text in drives:
-        name, equals, value = (each.strip() for each in text.partition("="))
+        where, (name, equals, value) = place_of("--drive", text), (each.strip() for each in text.partition("="))
         if not equals:
-            raise InputError(f'--drive {text}: expected JOINT=STIFFNESS such as "joint1=25 kN*m/rad", got "{text}"')
+            raise InputError(f'{where}: expected JOINT=STIFFNESS such as "joint1=25 kN*m/rad", got "{text}"')
         named = [name] if name in able else fnmatch.filter(able, name)
         if not named:
             what = f"a joint that turns or slides ({', '.join(able)})"
-            raise InputError(f'--drive {text}: expected {what}, got "{name}"{meant(name, able)}')
+            raise InputError(f'{where}: expected {what}, got "{name}"{meant(name, able)}')
         try:
             for each in named:
                 q.to_si(_number_or_text(value), _DRIVABLE[joints[each].kind])
         except ValueError as error:
-            raise InputError(f"--drive {text}: {error}") from error
+            raise InputError(f"{where}: {error}") from error
         if twice := [each for each in named if each in found]:
-            raise InputError(f"--drive {text}: expected one stiffness of each joint, got two of {twice[0]}")
+            raise InputError(f"{where}: expected one stiffness of each joint, got two of {twice[0]}")
         found |= dict.fromkeys(named, to_toml(_number_or_text(value)))
     return found
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import fnmatch
 from collections import defaultdict
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.robot.file.parse import Source, parse_text
+from stiffscope.robot.file.parse import Source, Text, parse_text, place_of
 from stiffscope.robot.file.tables import list_some
 from stiffscope.robot.imports.contact_joints import measure_size
 from stiffscope.robot.imports.part_motions import Freedom, joint_freedom
@@ -41,23 +41,6 @@ class Said:
     rigid: tuple[str, ...] = ()
     material: tuple[str, ...] = ()
     drive: tuple[str, ...] = ()
-
-
-class Text(str):
-    """A text of an `assembly.toml` with its location in the file."""
-
-    where: str
-
-    def __new__(cls, text: str, where: str) -> Self:
-        """Create a text with its location, "FILE:LINE: FIELD"."""
-        found = super().__new__(cls, text)
-        found.where = where
-        return found
-
-
-def place_of(option: str, text: str) -> str:
-    """Return the location of a setting: option and text, or file, line and field."""
-    return text.where if isinstance(text, Text) else f"{option} {text}"
 
 
 def said_beside(path: Path, said: Said) -> Said:
