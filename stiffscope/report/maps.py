@@ -53,11 +53,6 @@ def difference_panels(
     return [Panel(f"{title} {words}", change[..., k], CHANGE) for k, title in enumerate(TITLES)]
 
 
-def change_panels(found: StiffnessMap) -> list[Panel]:
-    """Return the change to another robot, stored as the loaded stiffness, in percent."""
-    return difference_panels(found, "change (%)", 100.0)
-
-
 def scalar_panels(found: StiffnessMap) -> list[Panel]:
     """Return panels of the additional quantities requested."""
     units = {"N m-1": (" (N/µm)", 1e-6), "m": (" (µm)", 1e6), "1": ("", 1.0)}

@@ -81,7 +81,8 @@ def draw_both(found: RobotComparison, folder: Path) -> None:
     if found.change is not None:
         title = f"{found.names[1]} against {found.names[0]}: change of the stiffness"
         files = folder / "change.png", folder / "change.svg"
-        maps.draw_map(found.change, maps.change_panels(found.change), found.made["first"].robot.poses, title, *files)
+        panels = maps.difference_panels(found.change, "change (%)", 100.0)
+        maps.draw_map(found.change, panels, found.made["first"].robot.poses, title, *files)
 
 
 def write_robots_page(found: RobotComparison, report: Draft) -> None:

@@ -95,7 +95,12 @@ def unit_wrenches(mechanism: Mechanism, found: Configurations) -> list[list[Case
     try:
         return wrench_cases(mechanism, found, units)
     except InputError:
-        return [_solve_held(mechanism, found[np.array([k])], units) for k in range(len(found))]
+        cases: list[list[Case]] = [[] for _ in range(len(found))]
+        for k, each in enumerate(cases):
+            for label, load in units.items():
+                with contextlib.suppress(InputError):
+                    each.extend(wrench_cases(mechanism, found[np.array([k])], {label: load})[0])
+        return cases
 
 
 def wrench_cases(mechanism: Mechanism, found: Configurations, loads: Mapping[str, np.ndarray]) -> list[list[Case]]:
@@ -112,15 +117,6 @@ def wrench_cases(mechanism: Mechanism, found: Configurations, loads: Mapping[str
 
     """
     return read_cases(respond(mechanism, found, np.column_stack(list(loads.values()))), loads)
-
-
-def _solve_held(mechanism: Mechanism, one: Configurations, loads: Mapping[str, np.ndarray]) -> list[Case]:
-    """Return the cases of the wrenches at one pose under which the tool does not move freely."""
-    cases: list[Case] = []
-    for label, load in loads.items():
-        with contextlib.suppress(InputError):
-            cases += wrench_cases(mechanism, one, {label: load})[0]
-    return cases
 
 
 def read_cases(done: Response, loads: Mapping[str, np.ndarray]) -> list[list[Case]]:

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 import meshio
 import numpy as np
 import pyvista as pv
+from matplotlib.patches import Patch
 
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.report.drawing.camera import View, new_plotter, shot, view_of
-from stiffscope.report.drawing.sheet import fill, legend, scale_bar, sheet_of
+from stiffscope.report.drawing.sheet import fill, scale_bar, sheet_of
 from stiffscope.report.drawing.surfaces import outline, sides, surface
 from stiffscope.report.figures import save_figure
 from stiffscope.report.numbers import power
@@ -153,5 +154,7 @@ def _tagged_mesh(target: Path, experiment: Experiment, title: str, clamped: list
         plotter.add_mesh(sides(mesh, mesh.points + view.lift), color="#3c4650", line_width=0.9)
         plotter.add_mesh(outline(mesh, mesh.points + 2 * view.lift), color="#14181c", line_width=2.2)
         fill(cell, shot(plotter), heading)
-    legend(figure, ((CLAMPED, "clamped"), (LOADED, f"loaded ({experiment.interface})"), (FREE, "free")))
+    meanings = (CLAMPED, "clamped"), (LOADED, f"loaded ({experiment.interface})"), (FREE, "free")
+    handles = [Patch(facecolor=colour, edgecolor="#3c4650", label=label) for colour, label in meanings]
+    figure.legend(handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=11)
     save_figure(figure, target, dpi=100)

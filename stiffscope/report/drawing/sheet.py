@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
-from matplotlib.patches import Patch
 
 if TYPE_CHECKING:
     import numpy as np
@@ -68,9 +67,3 @@ def scale_bar(axes: Axes, limit: float, largest: float, unit: str, colours: str)
     bar.outline.set_linewidth(0.4)
     text = f"{prefix}{unit}, max. {largest / factor:.3g}"
     bar.ax.annotate(text, (1.06, 0.5), xycoords="axes fraction", fontsize=9, va="center", color="#14181c")
-
-
-def legend(figure: Figure, entries: tuple[tuple[str, str], ...]) -> None:
-    """Draw a legend of colours at the lower left."""
-    handles = [Patch(facecolor=colour, edgecolor="#3c4650", label=label) for colour, label in entries]
-    figure.legend(handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=11)
