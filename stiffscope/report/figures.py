@@ -58,16 +58,16 @@ def save_figures(folder: Path, figures: dict[str, Callable[[], Figure | None]]) 
     return drawn
 
 
-def name_rows(axes: Axes, names: Sequence[str], size: float = 8) -> None:
+def name_rows(axes: Axes, names: Sequence[str]) -> None:
     """Label the rows of an image."""
-    axes.set_yticks(range(len(names)), names, fontsize=size, parse_math=False)
+    axes.set_yticks(range(len(names)), names, fontsize=8, parse_math=False)
     axes.tick_params(length=0)
 
 
-def name_columns(axes: Axes, names: Sequence[str], size: float = 8) -> None:
+def name_columns(axes: Axes, names: Sequence[str]) -> None:
     """Label the columns of an image with slanted text."""
     slanted: Any = {"rotation": 60, "ha": "right", "rotation_mode": "anchor"}
-    axes.set_xticks(range(len(names)), names, fontsize=size, parse_math=False, **slanted)
+    axes.set_xticks(range(len(names)), names, fontsize=8, parse_math=False, **slanted)
     axes.tick_params(length=0)
 
 
