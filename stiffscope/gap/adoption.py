@@ -115,6 +115,7 @@ def _entry(effect: Effect, diagnosis: Diagnosis, campaign: str) -> dict[str, Any
     provenance: dict[str, Any] = {
         "campaign": campaign,
         "probability": _round(effect.probability),
+        "confused_with": list(effect.confused_with),
         "gap_before": _round(gap.nominal),
         "gap_after": _round(gap.explained),
         "gap_held_out": _round(gap.held_out),

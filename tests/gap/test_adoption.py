@@ -1,5 +1,6 @@
 """A robot file that carries what a diagnosis found, with everything in it that it had before."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,11 +37,13 @@ def adopted(target, robot, found):
 def test_the_file_carries_the_effect_its_source_and_the_parts_matrices(tmp_path, robot):
     with pytest.raises(InputError, match="nothing is adopted: force-scale @ instrument: no part of the robot"):
         adopted(tmp_path / "a.toml", robot, diagnosis(SOFT, SCALE))
-    adopted(tmp_path / "a.toml", robot, diagnosis(SOFT))
+    rival = "joint-compliance @ limb1.link1.joint_a"
+    adopted(tmp_path / "a.toml", robot, diagnosis(replace(SOFT, confused_with=(rival,))))
     now = load_robot(tmp_path / "a.toml")
     (effect,) = now.effects
     assert (effect.effect, effect.place, effect.parameters) == ("actuator-stiffness", "limb1", {"factor": 0.8})
     assert effect.provenance["gap_before"] == 5.0
+    assert effect.provenance["confused_with"] == [rival]
     assert effect.provenance["sigma"] == {"factor": 0.01235}
     assert [now.part(name).compliance for name in ("link", "slider")] == ["published"] * 2
     text = (tmp_path / "a.toml").read_text()

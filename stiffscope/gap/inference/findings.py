@@ -172,10 +172,8 @@ class Findings:
     def find_instead(self, name: str) -> str:
         """Return what fits about as well without an effect and its group, joined by "and"."""
         group = {name, *self.group(name).others}
-        for hypothesis in self.doubted.hypotheses:
-            if self._sum_missed(hypothesis, group) == 1.0:
-                return " and ".join(sorted(hypothesis.names - self.best.names)) or "no effect"
-        return "no effect"
+        without = (h for h in self.doubted.hypotheses if self._sum_missed(h, group) == 1.0)
+        return " and ".join(sorted(next(without, self.none).names - self.best.names)) or "no effect"
 
     @cached_property
     def imitating_patterns(self) -> dict[str, list[Candidate]]:
