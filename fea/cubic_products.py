@@ -62,7 +62,9 @@ def apply_by_blocks(
         high = np.zeros((count - base, 3, loads))
         high[held] = coordinates.reshape(-1, 3, loads)
         parts = on_all_cores(lambda a, at: a @ high[at[:, 10:] - base].reshape(-1, 30, loads), blocks, cells)
-        forces = on_all @ np.concatenate(parts).reshape(-1, 3 * loads) + bedding @ high.reshape(-1, 3 * loads)
+        forces = on_all @ np.concatenate(parts).reshape(-1, 3 * loads)
+        if springs is not None:
+            forces += bedding @ high.reshape(-1, 3 * loads)
         return supports.restrict(forces[:base].reshape(-1, loads)), forces[base:][held].reshape(-1, loads)
 
     def pull(coordinates: Floats) -> Floats:
@@ -77,9 +79,12 @@ def apply_by_blocks(
 
     def apply(coordinates: Floats) -> Floats:
         split = len(coordinates) - 3 * len(free)
-        nodes, cubics = push(coordinates[split:])
-        nodes += supports.restrict(stiffness @ supports.expand(coordinates[:split]))
-        return np.vstack([nodes, cubics + pull(coordinates[:split])])
+        nodes = supports.restrict(stiffness @ supports.expand(coordinates[:split]))
+        cubics = pull(coordinates[:split])
+        if coordinates[split:].any():
+            pushed = push(coordinates[split:])
+            nodes, cubics = nodes + pushed[0], cubics + pushed[1]
+        return np.vstack([nodes, cubics])
 
     def eliminated(coordinates: Floats) -> Floats:
         nodes, cubics = push(coordinates)

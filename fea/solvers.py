@@ -88,7 +88,7 @@ def conjugate_gradients(
         The solution (n, c), and whether it converged within ``limit`` steps.
     """
     motion = motion.copy()
-    residual = force - apply(motion)
+    residual = force - apply(motion) if motion.any() else force.copy()
     step = precondition(residual)
     fall = np.einsum("ij,ij->j", residual, step)
     direction = step
