@@ -39,7 +39,6 @@ def check_compliance(matrix: ArrayLike, name: str, *, semidefinite: bool = False
         Whether zero compliance in some direction is allowed.
     ends
         Number m of ends.
-
     """
     c, size = np.asarray(matrix, dtype=float), 6 * ends
     if c.shape != (size, size):
@@ -96,7 +95,6 @@ def check_array(value: ArrayLike, shape: tuple[int, ...], here: str, what: str) 
         Field for messages.
     what
         Expected quantity, for messages.
-
     """
     array = np.asarray(value, dtype=float)
     if array.shape != shape or not np.isfinite(array).all():
@@ -117,7 +115,6 @@ def check_vector(value: ArrayLike, here: str, what: str) -> Array:
         Field for messages.
     what
         Expected quantity, for messages.
-
     """
     return check_array(value, (3,), here, what)
 
@@ -148,7 +145,6 @@ def axes_along(
         Name for messages.
     keys
         Fields of x and y, for messages.
-
     """
     along = check_direction(x, f"{name}.{keys[0]}")
     following = np.eye(3)[(int(np.argmax(np.abs(along))) + 1) % 3]
@@ -171,6 +167,5 @@ def assign(owner: object, key: str, value: object) -> None:
         Name of the field.
     value
         Value to set.
-
     """
     object.__setattr__(owner, key, value)

@@ -52,10 +52,14 @@ class Stiff:
     stiffness: Array
 
     @cached_property
+    def free(self) -> Array:
+        """Free directions (n or 1, 6, k) at M in base axes."""
+        return stack_columns(self.where.columns(e)[1] for e, _ in self.connection.members)
+
+    @cached_property
     def fit(self) -> Array | None:
         """Least-squares map (n, k, 6) from a twist to free coordinates; None without any."""
-        free = self.connection.flexible(self.where)[1]
-        return fit_free_motions(free, self.length) if free.shape[2] else None
+        return fit_free_motions(self.free, self.length) if self.free.shape[2] else None
 
     def find_rates(self, free: Array) -> Array:
         """Return rates (n, k, c) of the free motions from the twist (n, 6, c) without strain."""
@@ -84,7 +88,7 @@ class Stiff:
             work = stack_rows(along.project()[len(members) :])
             hold = -self.fit.mT @ work
             if balanced < HELD:
-                left = np.abs(self.connection.flexible(where)[1].mT @ hold + work)
+                left = np.abs(self.free.mT @ hold + work)
                 if (left > balanced * np.abs(work).max(axis=(1, 2), keepdims=True)).any():
                     _refuse([e.name for e, _ in members])
         tau: Array = np.zeros((1, 6, 1))

@@ -177,7 +177,6 @@ def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
         Links at the configurations.
     rates
         Rates of the coordinates by the commanded coordinates.
-
     """
     drives = solver.mechanism.drives
     n = rates.shape[2]
@@ -225,7 +224,6 @@ def follow_paths(solver: Solver, values: Array, size: int) -> Iterator[Followed]
         Displacements (n, k) from home.
     size
         Configurations per chunk; more take more memory.
-
     """
     if len(values) <= _FEW:
         yield Reached(solver).visit(values)

@@ -16,7 +16,7 @@ import numpy as np
 
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.dynamics import factor_semidefinite
-from stiffscope.vjm.network import free_directions, list_elements, list_nodes
+from stiffscope.vjm.network import list_elements, list_nodes
 from stiffscope.vjm.order import stack_columns
 from stiffscope.vjm.screws import Frame
 
@@ -101,9 +101,14 @@ class Coordinates:
         return out
 
     @property
+    def strain_rows(self) -> list[Rows]:
+        """Strains of all elements."""
+        return [r for rows in self.strains.values() for r in rows]
+
+    @property
     def stiffness(self) -> Array:
         """Stiffness (n, size, size), before the constraints."""
-        return self.gram(r for rows in self.strains.values() for r in rows)
+        return self.gram(self.strain_rows)
 
     @property
     def mass(self) -> Array:
@@ -123,6 +128,12 @@ class Coordinates:
         for k, r in enumerate(self.constraints):
             out[:, 6 * k : 6 * k + 6, r.columns] = r.matrix
         return out
+
+
+def sum_squares(rows: Iterable[Rows], vectors: Array) -> Array:
+    """Return the sums of squares (n, c) of rows for vectors (n, size, c): twice an energy."""
+    nothing = np.zeros((len(vectors), vectors.shape[2]))
+    return sum((np.square(r.apply_to(vectors)).sum(axis=1) for r in rows), nothing)
 
 
 def _pick_rows(rows: Any, index: NDArray[np.intp]) -> Any:
@@ -157,7 +168,7 @@ def form_coordinates(mechanism: Mechanism, where: Places, length: float, drives:
     _place_nodes(out, tree, own)
     for e in chords:
         own[e.name] = _own_rows(out, e, own)
-        gap = _relate_ends(out, e).plus(own[e.name].after(_columns(e, where)), -1.0)
+        gap = _relate_ends(out, e).plus(own[e.name].after(stack_columns(where.columns(e))), -1.0)
         out.constraints.append(gap.after(np.diag(unit)))
     for e in elements:
         r = e.factor.shape[1]
@@ -228,12 +239,6 @@ def _own_rows(out: Coordinates, e: Element, own: dict[str, Rows]) -> Rows:
     return rows
 
 
-def _columns(e: Element, where: Places) -> Array:
-    """Return twists ``[F N]`` (n or 1, 6, c) of an element's coordinates at M in base axes."""
-    free = free_directions(e, where)
-    return where.adjoint(e) @ stack_columns([where.factor(e), free])
-
-
 def _place_nodes(out: Coordinates, tree: list[Element], own: dict[str, Rows]) -> None:
     """Set the twists of all nodes, outward from the ground and from free roots."""
     at: dict[str, list[Element]] = {}
@@ -254,7 +259,7 @@ def _place_nodes(out: Coordinates, tree: list[Element], own: dict[str, Rows]) ->
                 if there in out.twists:
                     continue
                 own[e.name] = _own_rows(out, e, own)
-                step = own[e.name].after(_columns(e, out.where))
+                step = own[e.name].after(stack_columns(out.where.columns(e)))
                 sign = 1.0 if there == e.second else -1.0
                 out.twists[there] = out.twists[here].plus(step, sign)
                 queue.append(there)

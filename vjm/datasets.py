@@ -61,7 +61,6 @@ def make_dataset(
         Dimensions, values and unit of each variable; "m, rad" for a twist's or wrench's two units.
     names
         Labels along dimensions other than pose, twist and wrench.
-
     """
     import xarray as xr
 

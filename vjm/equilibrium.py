@@ -63,7 +63,6 @@ def solve_loads(order: Order, where: Places, loads: Loads) -> Response:
         Places of all nodes at n configurations.
     loads
         Wrenches on nodes and imposed offsets, c cases.
-
     """
     try:
         state = condense_network(order, where)
@@ -85,7 +84,6 @@ def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
         Places of all nodes at n configurations.
     loads
         Wrenches on nodes and imposed offsets, c cases.
-
     """
     laws = find_laws(order.mechanism)
     if not laws:
@@ -153,7 +151,6 @@ def map_segments(
         Shape of the result for each pose and case.
     work
         Function of a linear order, the places of some poses and the case number.
-
     """
     laws = find_laws(order.mechanism)
     found = find_equilibrium(order, where, loads)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.vjm.coordinates import sum_squares
 from stiffscope.vjm.network import END
 from stiffscope.vjm.pencil import form_pencils
 from stiffscope.vjm.screws import shift
@@ -90,9 +91,8 @@ def frequency_response(
             raise InputError(f"{port.node or 'tool'}: moves freely there, without stiffness and inertia")
     count = vectors.shape[2]
     full = spread[..., :count]
-    mass = sum((np.square(r.apply_to(full)).sum(axis=1) for r in pencil.system.inertias), np.zeros((1, count)))[0]
-    rows = (r for rows in pencil.system.strains.values() for r in rows)
-    stiffness = sum((np.square(r.apply_to(full)).sum(axis=1) for r in rows), np.zeros((1, count)))[0]
+    mass = sum_squares(pencil.system.inertias, full)[0]
+    stiffness = sum_squares(pencil.system.strain_rows, full)[0]
     inert = (mass > 0.0) | (stiffness > 0.0)
     part = (ends[0][:count] * ends[1][:count])[inert]
     mass, stiffness = mass[inert], stiffness[inert]

@@ -256,7 +256,6 @@ def at_load(stiffness: float, known: float, load: float, exponent: float) -> flo
     Returns
     -------
     Stiffness at the other load, in the unit of k.
-
     """
     return stiffness * (load / known) ** (1.0 - 1.0 / exponent)
 

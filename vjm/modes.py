@@ -13,6 +13,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND, list_names, spell_name
+from stiffscope.vjm.coordinates import sum_squares
 from stiffscope.vjm.datasets import Labelled, make_dataset
 from stiffscope.vjm.kinematics import Configurations, configure
 from stiffscope.vjm.mobility import mobility
@@ -188,8 +189,7 @@ class _Part:
         return sum((self._share(strains[name][1:]) for name in bodies if name in strains), np.zeros(self.squares.shape))
 
     def _share(self, rows: Iterable[Rows]) -> Array:
-        whole = np.where(self.squares > 0.0, self.squares, np.inf)
-        return sum((np.square(r.apply_to(self.vectors)).sum(axis=1) for r in rows), np.zeros(whole.shape)) / whole
+        return sum_squares(rows, self.vectors) / np.where(self.squares > 0.0, self.squares, np.inf)
 
     @cached_property
     def error(self) -> Array:
@@ -385,11 +385,8 @@ def _normalize(pencil: Pencil, vectors: Array, scaled: Pencil) -> _Part:
     """Normalize vectors (n, d, c) in scaled units; frequencies follow from Rayleigh's quotient."""
     full = pencil.basis @ (scaled.scale[:, None] * vectors)
     system = pencil.system
-    nothing = np.zeros((len(full), full.shape[2]))
-    kinetic = sum((np.square(r.apply_to(full)).sum(axis=1) for r in system.inertias), nothing)
-    full = full / np.sqrt(kinetic)[:, None]
-    rows = (r for rows in system.strains.values() for r in rows)
-    squares = sum((np.square(r.apply_to(full)).sum(axis=1) for r in rows), nothing)
+    full = full / np.sqrt(sum_squares(system.inertias, full))[:, None]
+    squares = sum_squares(system.strain_rows, full)
     squares = np.where(squares > _FREE * scaled.shift, squares, 0.0)
     order = np.argsort(squares, axis=1, kind="stable")
     squares, full = np.take_along_axis(squares, order, axis=1), np.take_along_axis(full, order[:, None], axis=2)

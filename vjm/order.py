@@ -260,6 +260,8 @@ def stack_columns(blocks: Iterable[Array]) -> Array:
     """Concatenate columns (n or 1, d, r) of blocks."""
     parts = list(blocks)
     parts = [b for b in parts if b.shape[2]] or parts[:1]
+    if len(parts) == 1:
+        return parts[0]
     n = max(map(len, parts))
     return np.concatenate([b if len(b) == n else np.broadcast_to(b, (n, *b.shape[1:])) for b in parts], axis=-1)
 

@@ -95,7 +95,6 @@ def form_pencils(
         Configurations; unreachable ones are skipped.
     drives
         Drives are springs ("held") or move freely ("free").
-
     """
     free = [j.name for j in mechanism.drives] if drives == "free" else []
     shaken = mechanism

@@ -121,7 +121,6 @@ def name_directions(basis: Array, bound: str, free: str, length: float) -> list[
         Kind of a couple.
     length
         Characteristic length (m) that scales rotations to translations.
-
     """
     couples = basis[3:] @ null_space(basis[:3])
     out = [Direction(free, axis) for axis in _align(couples)]

@@ -67,7 +67,6 @@ def superelement(
     ----------
     R. R. Craig, M. C. C. Bampton, Coupling of substructures for dynamic analyses, AIAA Journal 6, 1968; docs/theory.md,
     section 11.
-
     """
     (pencil, _), *_ = form_pencils(mechanism, configuration, drives)
     unit = pencil.scale
