@@ -447,6 +447,24 @@ def spindle() -> Made:
     return made
 
 
+def slotted(bore: float, radius: float, width: float) -> Any:
+    """A round nut with four slots, its thread drawn with the radius of its bore."""
+    slot = b.Box(0.4 * radius, 0.3 * radius, 3 * width)
+    ways = ((1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0))
+    return ring(bore, radius, width) - [at(slot, radius * np.array(way), Z, way) for way in ways]
+
+
+def locked() -> Made:
+    """A shaft in a bearing that a slotted round nut holds on it, its thread of the bearing's radius."""
+    made = Made()
+    made.add("house", b.Box(80, 80, 30, align=LOW) - rod(23.5, 30))
+    made.add("shaft", rod(10, 60) + at(rod(14, 20), (0, 0, -20)))
+    made.buy("bearing", ring(10, 23.5, 14))
+    made.buy("piece", at(slotted(10, 16, 6), (0, 0, 14)))
+    made.join("house", "shaft", "revolute", (0, 0, 0), Z)
+    return made
+
+
 def gib() -> Made:
     """A slide on a dovetail, one side of which is a strip that a screw without a head holds in the slide."""
     made = Made()
@@ -470,6 +488,6 @@ def gib() -> Made:
     return made
 
 
-SMALL = (shoulder, case, ball_stud, bushed, spindle, gib)
+SMALL = (shoulder, case, ball_stud, bushed, spindle, gib, locked)
 ALL = {"five-bar": five_bar, "delta": delta, "hexapod": hexapod, "slider": slider, "3-prs": three_prs, "finger": finger}
 ALL |= {"lever": lever, "dovetail": dovetail, "gears": gears}

@@ -141,6 +141,32 @@ def test_a_headed_pin_in_holes_of_its_diameter_is_told_with_both_readings(name, 
     assert [each.solids for each in told] == [("piece",)] * doubts
 
 
+@pytest.mark.parametrize(
+    ("nut", "name", "kind"),
+    [
+        (assemblies.ring(6, 11, 6) - assemblies.at(assemblies.rod(1, 6), (8.5, 0, 0)), "piece", "revolute"),
+        (b.Box(18, 18, 6, align=assemblies.LOW) - assemblies.rod(6, 6), "piece", "revolute"),
+        (b.Box(18, 18, 6, align=assemblies.LOW) - assemblies.rod(6, 6), "Vierkantmutter", ""),
+    ],
+)
+def test_what_may_be_a_nut_on_a_thread_of_its_radius_is_told_with_both_readings(nut, name, kind):
+    """Unless its name says so: then it holds the bar, and no part is left that moves."""
+    made = assemblies.Made()
+    made.add("plate", b.Box(80, 60, 10, align=assemblies.TOP) - assemblies.at(assemblies.rod(6, 10), (0, 0, -10)))
+    made.add("bar", assemblies.at(assemblies.rod(6, 50), (0, 0, -10)))
+    made.add(name, nut)
+    children = []
+    for label, solid in made.solids.items():
+        children.append(b.Solid(solid.wrapped))
+        children[-1].label = label
+    solids, _ = read_built(b.Compound(children=children), "machine", [])
+    contacts = find_contacts(solids)
+    joints, told = find_joints(solids, contacts, find_hardware(solids, contacts, {}))
+    assert [joint.kind for joint in joints] == [kind] * bool(kind)
+    assert [each.solids for each in told] == [("piece",)] * bool(kind)
+    assert all('if it is a nut, say --weld "piece"' in each.text for each in told)
+
+
 def test_an_import_runs_and_keeps_what_is_said(tmp_path):
     made = assemblies.five_bar()
     made.write(tmp_path / "machine.step")

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import nnls
 
-from stiffscope.robot.imports.doubts import Doubt, doubt_bores, doubt_built, doubt_pins
+from stiffscope.robot.imports.doubts import Doubt, doubt_bores, doubt_built, doubt_threads
 from stiffscope.robot.imports.hardware import FIT, turned_form
 from stiffscope.robot.imports.part_motions import Bond, Freedom, held_by, holds_more, joint_freedom, relative_freedom
 from stiffscope.vjm.screws import shift, skew
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.imports.hardware import Hardware
     from stiffscope.runtime.types import Array
 
-THREADED = {"screw", "nut", "shoulder screw"}
+THREADED = {"screw", "nut", "shaft nut", "shoulder screw"}
 _SAME = 1e-6
 _LAID = "planes from which one could be lifted off the other: taken as fixed, as if glued or screwed; if it slides"
 _SCREWED = "planes with holes in line: taken as fixed, as if by screws that are missing; if it slides"
@@ -215,7 +215,7 @@ def find_joints(
             planes[found] = -sum(bond.contact.size for bond in held if bond.contact is not None)
         elif found.kind:
             joints.append(found)
-            doubts += doubt_pins(found, held, solids, hardware)
+            doubts += doubt_threads(found, held, solids, hardware, contacts)
         else:
             left = f"{found.freedom.shape[1]} freedoms are left ({found.reason})"
             text = f"{left}, which no joint has; say which with --joint"

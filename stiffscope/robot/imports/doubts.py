@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.robot.imports.hardware import FIT, may_be_screw
+from stiffscope.robot.imports.hardware import FIT, may_be_nut, may_be_screw
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -29,18 +29,24 @@ class Doubt:
     at: tuple[float, ...] | None = None
 
 
-def doubt_pins(joint: Freedom, bonds: Sequence[Bond], solids: Sequence[Instance], hardware: Hardware) -> list[Doubt]:
-    """Return doubts on headed pins of a moving joint, which would be fixed if they were screws."""
+def doubt_threads(
+    joint: Freedom, bonds: Sequence[Bond], solids: Sequence[Instance], hardware: Hardware, contacts: Sequence[Contact]
+) -> list[Doubt]:
+    """Return doubts on headed pins and small rings of a moving joint, which would be fixed if they were threaded."""
+    if joint.kind == "fixed":
+        return []
     numbers = dict.fromkeys(each for bond in bonds for each in (bond.first, bond.second))
+    pins = [n for n in numbers if may_be_screw(n, solids[n].name, hardware)]
+    rings = [n for n in (joint.first, joint.second) if may_be_nut(n, solids[n], contacts, hardware)]
     pair = f"{solids[joint.first].name}/{solids[joint.second].name}"
-    text = (
-        f"a clevis pin, which makes {pair} {joint.kind}, or a screw in holes of its own diameter, "
-        "which makes it fixed: taken as a pin; if it is a screw, say --weld"
-    )
+    readings = [(n, "clevis pin", "screw in holes of its own diameter", "screw") for n in pins]
+    readings += [(n, "part that turns on a shaft", "nut on a thread drawn with its own radius", "nut") for n in rings]
+    text = "a {1}, which makes {4} {5}, or a {2}, which makes it fixed: taken as a {1}; if it is a {3}, say --weld"
     return [
-        Doubt((solids[n].name,), f'{text} "{solids[n].name}"', tuple(joint.at))
-        for n in numbers
-        if joint.kind != "fixed" and may_be_screw(n, solids[n].name, hardware)
+        Doubt(
+            (solids[each[0]].name,), f'{text.format(*each, pair, joint.kind)} "{solids[each[0]].name}"', tuple(joint.at)
+        )
+        for each in readings
     ]
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from stiffscope.cad.assembly import Instance, Product
     from stiffscope.cad.contacts import Contact
@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 
 _WORDS = {
     "screw": r"screws?|bolts?|schrauben?|gewindestift|iso.?(4762|4014|4017|10642)|din.?(912|933|7991)",
-    "nut": r"nuts?|muttern?|iso.?4032|din.?934|din.?985",
+    "nut": r"((lock|hex|jam|shaft|slotted|square).?)?nuts?|[a-zäöü]*muttern?|km.?\d\d?|iso.?(4032|2982)"
+    r"|din.?(934|985|981|1804|557|562)",
     "washer": r"washers?|(unterleg|feder|beilag)?scheiben?|shims?|iso.?7089|din.?125",
     "pin": r"(dowel|clevis|hinge|pivot)?.?pins?|(zylinder|pass|spann|kegel)?stifte?|bolzen|iso.?(8734|2338)|din.?6325",
     "bushing": r"bush(ing)?(es|s)?|(lager)?buchsen?|gleitlager|iso.?3547",
@@ -39,6 +40,7 @@ _THREAD = -0.05  # of the radius: only threads overlap more
 _TURNED, _BORED = 0.9, 0.8  # surface fraction turned about the axis; of cross-drilled pins
 _BEARING, _WASHER = (0.7, 1.6), 0.65  # ratio of width to section height of a ring
 _BETWEEN = "a ring of a bearing's proportion between a shaft and a housing"
+_NUT = 15.0  # most volume of a nut over the cube of its thread's radius: 9 of ISO 4032, 3 to 6 of DIN 981
 _WIDE = 3.2  # ratio of outer to inner diameter: washers up to 3 (ISO 7093), gears and wheels more
 _THIN, _END = 0.3, 5.0  # section and diameter ratio of washers at the end of a shaft
 HEADED = "a head and a shank that fits its bores"  # a clevis pin, or a screw in holes of its own diameter
@@ -52,7 +54,7 @@ class Turned:
 
     ``steps``, ``bores``: (low, high, radius), m, along the axis from ``point``; ``ends``: of all;
     ``flare``: largest cone radius, m; ``hexagon``: half the width across flats of head or nut, m;
-    ``holed``: whether it has other holes along the axis.
+    ``holed``: whether it has other holes along the axis; ``slotted``: alike slots all around.
     """
 
     point: Array
@@ -64,6 +66,7 @@ class Turned:
     flare: float = 0.0
     hexagon: float = 0.0
     holed: bool = False
+    slotted: bool = False
 
     @property
     def length(self) -> float:
@@ -117,13 +120,23 @@ def may_be_screw(number: int, name: str, hardware: Hardware) -> bool:
     return hardware.reasons.get(number) == HEADED and not _NAMED["pin"].search(name)
 
 
+def may_be_nut(number: int, solid: Instance, contacts: Iterable[Contact], hardware: Hardware) -> bool:
+    """Return whether a part may be a nut on a thread drawn with its radius: small, and touched about its axis alone."""
+    form = turned_form(solid.product)
+    touching = [each for each in contacts if number in {each.first, each.second}]
+    bars = [each for each in touching if hardware.roles.get(each.find_other(number), "pin") == "pin"]
+    tight = any(each.kind == "cylinder" and not _stands_in(each, number) and each.gap <= 0.0 for each in bars)
+    small = form is not None and solid.product.volume < _NUT * form.bore**3
+    return small and tight and all(_is_about_axis(each, solid, form) for each in touching)
+
+
 def turned_form(product: Product) -> Turned | None:
     """Return a product as turned about its main round axis, own axes; None without round faces."""
     rounds = [face for face in product.faces if face.kind in {"cylinder", "cone"}]
     if not rounds:
         return None
     best = max(rounds, key=lambda face: sum(other.area for other in rounds if _on_axis(other, face)))
-    hexagon, flats = _find_hexagon(product.faces, best)
+    hexagon, flats, slotted = _find_flats(product.faces, best)
     about = [face for face in product.faces if _on_axis(face, best)]
     flare = 0.0
     steps, bores = [], []
@@ -142,20 +155,24 @@ def turned_form(product: Product) -> Turned | None:
     share = sum(face.area for face in (*about, *flats)) / sum(face.area for face in product.faces)
     limits = min(ends), max(ends)
     holed = any(face.hollow and face not in about and abs(face.axis @ best.axis) > _ALONG for face in rounds)
-    return Turned(best.origin, best.axis, share, tuple(steps), tuple(bores), limits, float(flare), hexagon, holed)
+    return Turned(
+        best.origin, best.axis, share, tuple(steps), tuple(bores), limits, float(flare), hexagon, holed, slotted
+    )
 
 
-def _find_hexagon(faces: Sequence[FaceGeometry], of: FaceGeometry) -> tuple[float, list[FaceGeometry]]:
-    """Return half the width across flats, m, and faces of a hexagon about a face's axis, or 0."""
+def _find_flats(faces: Sequence[FaceGeometry], of: FaceGeometry) -> tuple[float, list[FaceGeometry], bool]:
+    """Return half the width across flats, m, and faces of a hexagon about a face's axis, or 0; whether slots are."""
     apart = defaultdict[float, list["FaceGeometry"]](list)
     for face in faces:
         if face.kind == "plane" and abs(face.axis @ of.axis) < 1e-4:
             apart[round(float(face.axis @ (face.origin - of.origin)), 6)].append(face)
+    slotted = False
     for distance, flats in sorted(apart.items(), reverse=True):
         turned = np.array([face.axis for face in flats])
         if distance > 0 and len(flats) == 6 and np.all(np.abs(np.abs(turned @ turned.T) - 0.75) < 0.2501):
-            return distance, flats
-    return 0.0, []
+            return distance, flats, False
+        slotted |= distance > 0 and len(flats) > 2 and float(np.abs(turned.sum(axis=0)).max()) < 1e-4
+    return 0.0, [], slotted
 
 
 def _on_axis(face: FaceGeometry, of: FaceGeometry) -> bool:
@@ -235,7 +252,8 @@ def _find_ends(pin: int, found: Mapping[int, tuple[str, str]], touched: Mapping[
     ends = set[int]()
     for each in touched[pin]:
         other = each.find_other(pin)
-        if each.kind != "cylinder" or not _stands_in(each, pin) or each.gap > FIT[1] * each.radius:
+        loose = each.kind != "cylinder" or not _stands_in(each, pin) or each.gap > FIT[1] * each.radius
+        if loose or found[other][0] == "shaft nut":
             continue
         around = [c.find_other(other) for c in touched[other] if c.kind == "cylinder" and _stands_in(c, other)]
         ends |= set(around) if found[other][0] in {"bushing", "bearing"} else {other}
@@ -263,6 +281,8 @@ def _role_of_ring(form: Turned, inside: bool, around: bool) -> tuple[str, str]:
     low, high = _BEARING
     if around and not inside and form.hexagon and form.share > _TURNED and form.length < 3.0 * form.radius:
         return "nut", "a hexagon around a thread"
+    if around and not inside and form.slotted and form.steps and form.share > 0.6 and form.length < form.radius:
+        return "shaft nut", "a ring with slots around a thread"
     section = low <= form.section <= high and 0.25 <= form.bore / form.radius <= 0.9
     if form.share > _TURNED and section and inside and around:
         return "bearing", _BETWEEN
