@@ -109,8 +109,7 @@ def differences(
     files = [f"content of {name}" for name in now if known.get(name, now[name]) != now[name]]
     old, new = (_leaves(parse_text(robot.path, robot.source.text)) for robot in (before, after))
     names = [name for name in dict.fromkeys([*new, *old]) if old.get(name) != new.get(name)]
-    words = [" → ".join(_word(each.get(name)) for each in (old, new)) for name in names[:4]]
-    shown = [f"{name} {word}" for name, word in zip(names, words, strict=False)]
+    shown = [f"{name} {old.get(name, 'nothing')} → {new.get(name, 'nothing')}" for name in names[:4]]
     return files + ([*shown, f"{len(names) - 4} more"] if len(names) > 4 else shown)
 
 
@@ -121,7 +120,3 @@ def _leaves(value: Any, name: str = "") -> dict[str, Any]:
     for key, each in value.items() if isinstance(value, dict) else enumerate(value):
         found |= _leaves(each, f"{name}.{key}" if name else str(key))
     return found
-
-
-def _word(value: Any) -> str:
-    return "nothing" if value is None else str(value)

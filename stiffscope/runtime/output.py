@@ -90,9 +90,13 @@ def check_new(path: str | Path) -> None:
     """Raise InputError if a path exists, of any kind, or cannot be written."""
     if not str(path):
         raise InputError('"": expected a file to write, got no name')
-    if os.path.lexists(path):
-        raise InputError(f"{show_path(path)}: expected a file that is not there yet, got one that is")
+    _check_absent(path, "file")
     check_file(Path(path))
+
+
+def _check_absent(path: str | Path, kind: str) -> None:
+    if kind and os.path.lexists(path):
+        raise InputError(f"{show_path(path)}: expected a {kind} that is not there yet, got one that is")
 
 
 def check_json(path: Path) -> None:
@@ -182,48 +186,29 @@ def _is_abandoned(path: Path, prefix: str) -> bool:
 
 
 @contextlib.contextmanager
-def staged_folder(target: str | Path) -> Iterator[Path]:
+def staged_folder(target: str | Path, *, new: bool = False) -> Iterator[Path]:
     """Yield a folder to fill; if the block succeeds, it becomes `target` in one step.
 
     A former output of ours is replaced as a whole. If the block fails, `target` is unchanged.
+    A ``new`` folder must not exist, and is then the user's.
 
     Raises
     ------
     InputError
-        `target` is a file, cannot be written, or contains foreign files.
+        `target` is a file, cannot be written, contains foreign files, or exists and must be new.
     StiffscopeError
         The disk is full.
 
     """
+    _check_absent(target, "folder" * new)
     check_output(target)
     with _open_aside(target) as aside:
         yield aside
-        _list_files(aside)
+        _check_absent(target, "folder" * new)
+        if not new:
+            _list_files(aside)
         with deaf_to(*STOPS):
             _exchange(aside, Path(target).resolve(), target)
-
-
-@contextlib.contextmanager
-def new_folder(target: str | Path) -> Iterator[Path]:
-    """Yield a folder to fill; if the block succeeds, it becomes `target` and is then the user's.
-
-    Raises
-    ------
-    InputError
-        `target` exists or cannot be written.
-    StiffscopeError
-        The disk is full.
-
-    """
-    there = InputError(f"{show_path(target)}: expected a folder that is not there yet, got one that is")
-    if os.path.lexists(target):
-        raise there
-    check_output(target)
-    with _open_aside(target) as aside:
-        yield aside
-        if os.path.lexists(target):
-            raise there
-        aside.rename(Path(target).resolve())
 
 
 @contextlib.contextmanager

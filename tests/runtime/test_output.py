@@ -13,7 +13,6 @@ from stiffscope.runtime.output import (
     check_json,
     check_output,
     copy_files,
-    new_folder,
     overwrite,
     owner,
     remove_copied,
@@ -217,7 +216,7 @@ def test_a_full_disk_is_one_line_and_nothing_is_left(tmp_path):
             with staged_folder(disk / "out") as folder:
                 write_json(folder / "a.json", list(range(100_000)))
         with pytest.raises(StiffscopeError, match=r"disk/new: the output folder cannot be written \(No space"):  # noqa: SIM117
-            with new_folder(disk / "new") as folder:
+            with staged_folder(disk / "new", new=True) as folder:
                 (folder / "large").write_bytes(bytes(1 << 20))
         with pytest.raises(StiffscopeError, match=r"disk/out: the output folder cannot be written \(No space"):  # noqa: SIM117
             with staged_folder(disk / "out"):
@@ -282,11 +281,11 @@ def test_what_is_forced_keeps_the_other_files(tmp_path):
 
 
 def test_a_new_folder_is_never_one_that_is_there(tmp_path):
-    with new_folder(tmp_path / "a" / "new") as folder:
+    with staged_folder(tmp_path / "a" / "new", new=True) as folder:
         (folder / "plan").write_text("1")
     assert [p.relative_to(tmp_path).as_posix() for p in sorted(tmp_path.rglob("*"))] == ["a", "a/new", "a/new/plan"]
     with pytest.raises(InputError, match=r"late: expected a folder that is not there yet"):  # noqa: SIM117
-        with new_folder(tmp_path / "late") as folder:
+        with staged_folder(tmp_path / "late", new=True) as folder:
             (folder / "plan").write_text("1")
             (tmp_path / "late").mkdir()
     assert not list((tmp_path / "late").iterdir())

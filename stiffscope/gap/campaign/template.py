@@ -85,7 +85,7 @@ def write_template(
 
     """
     plan = plan or example_plan(robot)
-    with output.new_folder(folder) as aside:
+    with output.staged_folder(folder, new=True) as aside:
         write_plan(robot, name, aside, plan)
     return len(plan.poses), len(plan.settings)
 

@@ -9,9 +9,8 @@ import numpy as np
 import pyvista as pv
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from stiffscope.runtime.types import Array
 
-    Floats = NDArray[np.float64]
 
 DOWN_Z = (0.0, 0.0, -1.0)  # up if z points down, as in the parts
 
@@ -21,22 +20,22 @@ class View:
     """A fixed camera: direction towards it, focus, half the height of its view."""
 
     towards: tuple[float, float, float]
-    focus: Floats
+    focus: Array
     half_height: float
     size: tuple[int, int]
     up: tuple[float, float, float] = DOWN_Z
 
     @property
-    def direction(self) -> Floats:
+    def direction(self) -> Array:
         """Unit vector towards the camera."""
         return np.array(self.towards) / np.linalg.norm(self.towards)
 
     @property
-    def lift(self) -> Floats:
+    def lift(self) -> Array:
         """Offset of lines in front of their surface, invisible in parallel projection."""
         return 4e-3 * self.half_height * self.direction
 
-    def pixel(self, point: Floats) -> tuple[float, float]:
+    def pixel(self, point: Array) -> tuple[float, float]:
         """Return the position of a point (3,) in pixels from the left and from the bottom."""
         right = np.cross(-self.direction, self.up)
         right /= np.linalg.norm(right)
@@ -47,7 +46,7 @@ class View:
 
 
 def view_of(
-    points: Floats,
+    points: Array,
     towards: tuple[float, float, float],
     width: int,
     up: tuple[float, float, float] = DOWN_Z,
@@ -94,7 +93,7 @@ def new_plotter(view: View) -> pv.Plotter:
     return plotter
 
 
-def shot(plotter: pv.Plotter) -> Floats:
+def shot(plotter: pv.Plotter) -> Array:
     """Return the picture (height, width, 3) and close the plotter."""
     image = plotter.screenshot(return_img=True)
     plotter.close()

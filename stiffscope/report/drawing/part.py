@@ -19,12 +19,9 @@ from stiffscope.report.numbers import power
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
     from stiffscope.fea.experiment import Experiment
     from stiffscope.fea.mesh import TetMesh
-
-    Floats = NDArray[np.float64]
+    from stiffscope.runtime.types import Array
 
 WRENCHES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 LOADS = ("1 N", "1 N", "1 N", "1 N·m", "1 N·m", "1 N·m")
@@ -112,8 +109,8 @@ def stressed_part(target: Path, experiment: str, field: str, node: int, title: s
 
 
 def _draw_deformed(
-    mesh: TetMesh, points: Floats, values: Floats, colours: str, view: View, node: int | None = None
-) -> tuple[Floats, float, float]:
+    mesh: TetMesh, points: Array, values: Array, colours: str, view: View, node: int | None = None
+) -> tuple[Array, float, float]:
     """Return the image of a deformed part, colour limit and largest value; mark ``node``."""
     largest = float(values.max())
     limit = float(np.quantile(values[np.unique(mesh.facets)], 0.995)) if colours == "inferno" else largest

@@ -9,11 +9,9 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 
 if TYPE_CHECKING:
-    import numpy as np
     from matplotlib.axes import Axes
-    from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
+    from stiffscope.runtime.types import Array
 
 PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 WIDTH = 6.2  # of a cell, inches
@@ -33,7 +31,7 @@ def sheet_of(rows: int, columns: int, size: tuple[int, int], title: str) -> tupl
     return figure, list(figure.subplots(rows, columns, squeeze=False, gridspec_kw=edges).flat)
 
 
-def fill(axes: Axes, image: Floats, heading: str, remark: str = "") -> None:
+def fill(axes: Axes, image: Array, heading: str, remark: str = "") -> None:
     """Put a rendering into a cell, with a heading on the left and a remark on the right."""
     axes.imshow(image, interpolation="antialiased")
     axes.set_axis_off()

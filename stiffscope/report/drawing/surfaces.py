@@ -8,16 +8,13 @@ import numpy as np
 import pyvista as pv
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from stiffscope.fea.mesh import TetMesh
-
-    Floats = NDArray[np.float64]
+    from stiffscope.runtime.types import Array
 
 SPLIT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # 6-node triangle as 4 flat ones
 
 
-def surface(mesh: TetMesh, points: Floats, chosen: Any = slice(None), *, split: bool = True) -> pv.PolyData:
+def surface(mesh: TetMesh, points: Array, chosen: Any = slice(None), *, split: bool = True) -> pv.PolyData:
     """Return the boundary or chosen triangles, each as four flat ones, or one without mid nodes."""
     facets = mesh.facets[chosen]
     triangles = facets[:, SPLIT].reshape(-1, 3) if split else facets[:, :3]
@@ -30,14 +27,14 @@ def bulge(mesh: TetMesh) -> float:
     return float(np.linalg.norm(mesh.points[mesh.facets[:, 3:]] - ends, axis=2).max())
 
 
-def sides(mesh: TetMesh, points: Floats) -> pv.PolyData:
+def sides(mesh: TetMesh, points: Array) -> pv.PolyData:
     """Return the curved sides of the boundary's triangles."""
     halves = mesh.facets[:, [[0, 3], [3, 1], [1, 4], [4, 2], [2, 5], [5, 0]]].reshape(-1, 2)
     halves = np.unique(np.sort(halves, axis=1), axis=0)
     return pv.PolyData(points, lines=np.insert(halves, 0, 2, axis=1).ravel())
 
 
-def outline(mesh: TetMesh, points: Floats) -> pv.PolyData:
+def outline(mesh: TetMesh, points: Array) -> pv.PolyData:
     """Return the sharp edges between CAD faces, displaced with the points."""
     halves = mesh.facets[:, [[0, 3], [3, 1], [1, 4], [4, 2], [2, 5], [5, 0]]].reshape(-1, 2)
     owner = np.repeat(np.arange(len(mesh.facets)), 6)
