@@ -122,6 +122,10 @@ class Configurations:
                 return f"out of reach: the loop through {name} does not close"
         return "on another branch, or too close to one: no way leads there from home without passing a singular pose"
 
+    def refusal(self, index: int) -> str:
+        """Return what was expected in place of a configuration that is not valid, and why."""
+        return f"expected a pose that the robot reaches, got another: {self.reason(index)}"
+
     def require_valid(self) -> Configurations:
         """Return itself if all are valid. Raises InputError with the first that is not."""
         bad = np.flatnonzero(~self.valid)

@@ -58,7 +58,7 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
     for index, name in enumerate(names):
         if not found.valid[index]:
             named = name in robot.poses and not (at or joints)
-            reason = found.reason(index)
+            reason = found.refusal(index)
             raise robot.refuse(("poses", name), reason) if named else InputError(f"{name}: {reason}")
     if not joints and (note := start_note(mechanism)):
         log.warning("%s", note)

@@ -280,7 +280,7 @@ def _list_poses(found: ResponseSection, robot: RobotFile, key: Key) -> list[Pose
     configurations = configured_poses(robot, rigid_mechanism(robot), numbers)
     for index, valid in enumerate(configurations.valid):
         if not valid:
-            raise FieldError(where, configurations.reason(index))
+            raise FieldError(where, configurations.refusal(index))
     return out
 
 

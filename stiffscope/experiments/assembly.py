@@ -139,7 +139,7 @@ def check_reach(robot: RobotFile, poses: Mapping[str, Sequence[float]]) -> None:
     found = configured_poses(robot, rigid_mechanism(robot), list(poses.values()))
     for index, name in enumerate(poses):
         if not found.valid[index]:
-            reason = found.reason(index)
+            reason = found.refusal(index)
             if name in robot.poses:
                 raise robot.refuse(("poses", name), reason)
             raise InputError(f"{name}: {reason}")

@@ -35,6 +35,7 @@ _Result = TypeVar("_Result")
 
 FORMAT = 1
 _INDEX = "entry.json"
+_ENDS = {".step": b"END-ISO-10303-21;", ".vtu": b"</VTKFile>", ".png": b"IEND\xaeB`\x82"}  # of whole files
 
 
 @dataclass(frozen=True)
@@ -253,9 +254,19 @@ def _flaw(folder: Path, kind: str, key: str) -> str | None:
         if sorted(listed) != sorted(kept_files(folder)):
             return "its files are not those that were written"
         torn = [name for name, checksum in listed.items() if file_digest(folder / name) != checksum]
+        torn += [name for name in listed if not _is_whole(folder / name)]
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         return f"it cannot be read ({type(error).__name__})"
     return f"{torn[0]} is damaged" if torn else None
+
+
+def _is_whole(path: Path) -> bool:
+    """Return whether a file of a known format ends as it must, whatever its checksum is."""
+    with path.open("rb") as file:
+        count, size = int.from_bytes(file.read(84)[80:], "little"), file.seek(0, os.SEEK_END)
+        file.seek(max(size - 64, 0))
+        whole = _ENDS.get(path.suffix, b"") in file.read()
+    return whole if path.suffix != ".stl" else size == 84 + 50 * count
 
 
 def kept_files(folder: Path) -> Iterable[str]:

@@ -73,15 +73,13 @@ class Scheduler(Executor):
                 return take_answer(name, kind, content)
         raise WorkerError(f"{name}: {type(lost).__name__}: {lost}") from lost
 
-    def end(self) -> None:
-        """Drop all jobs."""
-        self.shutdown()
-
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
         """Close the client, which drops the remaining jobs."""
         del wait, cancel_futures
         with contextlib.suppress(Exception):
             self._client.close()
+
+    end = shutdown
 
 
 def _on_worker(function: Callable[..., Any], *arguments: Any) -> tuple[str, Any]:

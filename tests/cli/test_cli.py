@@ -47,7 +47,10 @@ def test_version():
     [
         (["stiffness", "nosuch"], "nosuch: expected a robot file or one of biglide, delta, "),
         (["stiffness", "biglide", "--at", "0,0,3", "--components", "published"], "out of reach"),
-        (["stiffness", "biglide", "--set", "poses.Q1=[0, 0, 9]"], "Q1: out of reach: the loop through joints."),
+        (
+            ["stiffness", "biglide", "--set", "poses.Q1=[0, 0, 9]"],
+            "Q1: expected a pose that the robot reaches, got another: out of reach: the loop through joints.",
+        ),
         (["stiffness", "biglide", "--at", "0,0,1e308"], "which is beyond 10000 m"),
         (
             ["stiffness", "biglide", "--set", "parameters.a_min=0.7"],

@@ -74,6 +74,22 @@ def test_an_entry_that_its_reader_refuses_is_absent_and_replaced(cache):
     assert cache.load(["condensed", "experiment"], KEY, read) == 43.0
 
 
+WHOLE = {
+    ".step": b"ISO-10303-21;\nEND-ISO-10303-21;\n",
+    ".vtu": b"<VTKFile>\n</VTKFile>\n",
+    ".png": b"\x89PNG....IEND\xaeB`\x82",
+    ".stl": bytes(80) + (2).to_bytes(4, "little") + bytes(100),
+}
+
+
+@pytest.mark.parametrize("suffix", WHOLE)
+def test_a_file_that_is_cut_off_is_absent_though_its_checksum_fits(cache, suffix):
+    for content, held in ((WHOLE[suffix], True), (WHOLE[suffix][:-20], False), (b"", False)):
+        cache.clear()
+        cache.put("experiment", KEY, lambda folder, content=content: (folder / f"a{suffix}").write_bytes(content))
+        assert (cache.get("experiment", KEY) is not None) == held
+
+
 def test_failed_writer_leaves_nothing(tmp_path):
     cache = Cache(tmp_path / "cache", tmp_path)
 

@@ -130,7 +130,7 @@ def configure_path(job: Job, assembled: Assembled, path: ToolPath) -> Iterator[C
     for found in configure_chunks(mechanism, values, BLOCK, given):
         if not found.valid.all():
             k = int(np.argmin(found.valid))
-            raise InputError(f"{job.path_file.name}:{path.lines[start + k]}: {found.reason(k)}")
+            raise InputError(f"{job.path_file.name}:{path.lines[start + k]}: {found.refusal(k)}")
         start += len(found)
         yield found
 
