@@ -19,9 +19,8 @@ from stiffscope.gap.diagnose import conclude, diagnose_campaign
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.findings import find
 from stiffscope.gap.lab.faults import inject
-from stiffscope.gap.lab.measuring import Noise, measure, true_readings
+from stiffscope.gap.lab.measuring import Noise, measure, true_readings, write_readings
 from stiffscope.gap.lab.plans import draw_plan
-from stiffscope.gap.lab.writing import write_readings
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
 from tests.gap.synthetic import linear_model

@@ -32,9 +32,8 @@ from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.findings import find
 from stiffscope.gap.lab.faults import ENTRIES, inject
-from stiffscope.gap.lab.measuring import Noise, measure
+from stiffscope.gap.lab.measuring import Noise, measure, write_readings
 from stiffscope.gap.lab.plans import draw_plan
-from stiffscope.gap.lab.writing import write_readings
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_dimensions import FOUNDATION, part_parameters, with_parameter
 from stiffscope.robot.reader import load_robot

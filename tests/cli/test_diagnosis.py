@@ -18,8 +18,7 @@ from stiffscope.cli.output import Output, emit
 from stiffscope.gap.campaigns import diagnose
 from stiffscope.gap.lab import measuring
 from stiffscope.gap.lab.faults import inject
-from stiffscope.gap.lab.measuring import Noise
-from stiffscope.gap.lab.writing import write_readings
+from stiffscope.gap.lab.measuring import Noise, write_readings
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.yielding import Load, respond

@@ -26,9 +26,8 @@ from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.lab.faults import bearing_words
-from stiffscope.gap.lab.measuring import Noise, measure, sigma_of, true_readings
+from stiffscope.gap.lab.measuring import Noise, measure, sigma_of, true_readings, write_readings
 from stiffscope.gap.lab.signatures import Signatures
-from stiffscope.gap.lab.writing import write_readings
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices

@@ -13,8 +13,7 @@ from stiffscope.gap.campaign.quantities import DEVIATION
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaign.sanity import find_doubts, inspect_readings
 from stiffscope.gap.campaigns import Case, open_case, predict_roughly
-from stiffscope.gap.lab.measuring import Noise, measure
-from stiffscope.gap.lab.writing import write_readings
+from stiffscope.gap.lab.measuring import Noise, measure, write_readings
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices

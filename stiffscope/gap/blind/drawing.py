@@ -10,9 +10,8 @@ from stiffscope.gap.blind.cases import BlindCase
 from stiffscope.gap.blind.judge import VISIBLE, Judge
 from stiffscope.gap.blind.sizes import can_have, choose, draw_known, draw_outside
 from stiffscope.gap.lab.faults import OUTSIDE
-from stiffscope.gap.lab.measuring import Noise, measure
+from stiffscope.gap.lab.measuring import Noise, measure, write_readings
 from stiffscope.gap.lab.plans import draw_plan
-from stiffscope.gap.lab.writing import write_readings
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -49,7 +48,8 @@ def draw_case(number: int, seed: int, lab: Lab) -> BlindCase:
     if kind == "outside":
         effect = choose(rng, [name for name in OUTSIDE if can_have(lab, name)])
         return BlindCase(kind, seed, (draw_outside(effect, rng, lab, style),), style)
-    judge = _judge_of(BlindCase(kind, seed, (), style), number, lab)
+    _, plan, located, _ = prepare_case(BlindCase(kind, seed, (), style), number, lab)
+    judge = Judge(lab, plan, located)
     turn = number // len(KINDS) * 3 + number % len(KINDS)  # single effects are taken in turn
     wanted, faults = _BY_COUNT.index(kind), ()
     for _ in range(_SERIES):
@@ -85,13 +85,9 @@ def is_imitated(case: BlindCase, number: int, lab: Lab) -> bool:
     They do if they leave less of its signature than a drawn fault must show. A fault that only
     shows in noisy readings, e.g. of a coarse converter, does not count as imitated.
     """
-    size, left = _judge_of(case, number, lab).distance(case.faults[0])
-    return left < VISIBLE <= size
-
-
-def _judge_of(case: BlindCase, number: int, lab: Lab) -> Judge:
     _, plan, located, _ = prepare_case(case, number, lab)
-    return Judge(lab, plan, located)
+    size, left = Judge(lab, plan, located).distance(case.faults[0])
+    return left < VISIBLE <= size
 
 
 def prepare_case(

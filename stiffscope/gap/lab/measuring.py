@@ -1,14 +1,16 @@
-"""Readings of the virtual machine: plan, nonlinear response, instrument and noise."""
+"""Readings of the virtual machine: plan, nonlinear response, instrument, noise and campaign."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from stiffscope.gap.campaign.quantities import DEVIATION, WRENCH
+from stiffscope.gap.campaign.writing import describe_sensor, number_cells, write_campaign
 from stiffscope.gap.lab.closure import COORDINATES
 from stiffscope.gap.lab.machine import GROUND, TOOL
 from stiffscope.gap.lab.nonlinear import settle
@@ -16,7 +18,8 @@ from stiffscope.gap.lab.response import Response, Spot, respond, tool_spot
 from stiffscope.gap.lab.rotations import lever, skew
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
     from numpy.typing import NDArray
 
@@ -58,10 +61,7 @@ class Plan:
     deviations: bool = True
     stiffness: Literal["", "k", "p"] = ""
     """Read diagonals of the stiffness matrix at M ("k") or pushes ("p")."""
-    directions: tuple[int, ...] = (0, 1, 2, 3, 4, 5)
-    """Components of the tool's pose that are read."""
     sessions: int = 1
-    repeats: int = 1
 
     def channels(self, machine: Machine) -> tuple[Sensor, ...]:
         """Return the sensors, or those equivalent to the tool's pose."""
@@ -154,15 +154,14 @@ def true_readings(machine: Machine, plan: Plan, located: Located | None = None) 
         blocks.append((1, _deviations(machine, response, channels, seen)[:, None]))
     if plan.stiffness:
         blocks.append((2, _stiffnesses(machine, plan, seen)[:, None]))
-    read = np.arange(c) if plan.sensors else np.array(plan.directions, dtype=np.int64)
     keys: list[Codes] = []
     for kind, shown in blocks:  # (p, loads, channels)
         loads = range(shown.shape[1]) if kind == 0 else (-1,)
-        every = [*product(range(p), loads, (kind,), read.tolist())]
+        every = [*product(range(p), loads, (kind,), range(c))]
         keys.append(np.array(every, dtype=np.int64).reshape(-1, 4).T)
-    value = np.concatenate([shown[:, :, read].ravel() for _, shown in blocks])
+    value = np.concatenate([shown.ravel() for _, shown in blocks])
     pose, load, kinds, channel = np.concatenate(keys, axis=1)
-    order = np.tile(np.argsort(pose, kind="stable"), plan.repeats)
+    order = np.argsort(pose, kind="stable")
     session = (np.arange(len(order)) * plan.sessions) // len(order)
     unknown = np.full(len(value), np.nan)
     codes = (pose, load, kinds, channel, value, unknown)
@@ -315,3 +314,56 @@ def measure(
     if noise.shuffle:
         kept = rng.permutation(kept)
     return replace(rows, value=value, sigma=stated).some(kept)
+
+
+def write_readings(
+    readings: Readings,
+    folder: Path,
+    *,
+    robot: str,
+    pose: Sequence[str],
+    modelled: Sequence[str] = ("gravity",),
+    components: str = "published",
+) -> None:
+    """Write a campaign folder.
+
+    Parameters
+    ----------
+    readings
+        The readings with their plan.
+    folder
+        Created if absent.
+    robot, modelled, components
+        Header fields: nominal robot, effects included in its model, source of its parts' matrices.
+    pose
+        Names of the pose columns.
+
+    """
+    plan = readings.plan
+    header: dict[str, Any] = {"robot": robot, "modelled": list(modelled), "components": components}
+    header["sensors"] = {
+        s.name: describe_sensor(s.measures, s.node, s.at, s.direction, against=s.against)
+        for s in plan.sensors
+    }  # fmt: skip
+    hooks = plan.hooks.items()
+    header["loads"] = {name: {"body": spot.node, "at": spot.at.tolist()} for name, spot in hooks}
+    columns = {name: number_cells(plan.poses[readings.pose, k]) for k, name in enumerate(pose)}
+    if plan.hooks:
+        columns["load"] = [plan.loads[k][0] if k >= 0 else "" for k in readings.load.tolist()]
+    wrench = np.full((len(readings.value), 6), np.nan)
+    for k, (_, stated) in enumerate(plan.loads):
+        wrench[readings.load == k] = stated
+    wrench[readings.kind == DEVIATION] = 0.0
+    columns |= {name: number_cells(wrench[:, k]) for k, name in enumerate(WRENCH)}
+    names = [sensor.name for sensor in readings.channels]
+    if plan.sensors:
+        columns["sensor"] = [names[k] for k in readings.channel.tolist()]
+        columns["kind"] = [KINDS[k] for k in readings.kind.tolist()]
+    else:
+        letters = ("d", "e", plan.stiffness)  # of deflections, deviations, stiffnesses at M
+        codes = zip(readings.kind.tolist(), readings.channel.tolist(), strict=True)
+        columns["quantity"] = [letters[kind] + names[channel] for kind, channel in codes]
+    columns |= {"value": number_cells(readings.value), "sigma": number_cells(readings.sigma)}
+    if plan.sessions > 1:
+        columns["session"] = [f"day {k + 1}" for k in readings.session.tolist()]
+    write_campaign(folder, header, columns)
