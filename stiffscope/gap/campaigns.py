@@ -15,8 +15,7 @@ from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.part_dimensions import tested_dimensions
-from stiffscope.gap.campaign.on_robot import match_robot
-from stiffscope.gap.campaign.readings import load_campaign
+from stiffscope.gap.campaign.readings import load_campaign, match_robot
 from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
 from stiffscope.gap.forward.robot_model import RobotModel

@@ -473,7 +473,7 @@ def test_a_packed_workbook_is_bounded(tmp_path, monkeypatch):
 
 
 def test_a_campaign_is_bounded_in_poses(tmp_path, monkeypatch):
-    monkeypatch.setattr("stiffscope.gap.campaign.on_robot.MOST_POSES", 1)
+    monkeypatch.setattr("stiffscope.gap.campaign.readings.MOST_POSES", 1)
     with pytest.raises(
         InputError, match=r"^readings.csv:4: x: expected at most 1 different poses, got more; leave some"
     ):

@@ -110,15 +110,12 @@ class Lab:
         for fault in faults:
             parameters = fault.parameters
             if fault.effect == "part-dimension":
-                parameters = self._part_of(fault.place, parameters["value"])
+                part, key = fault.place.rsplit(".", 1)
+                other = with_parameter(self.robot.nominal.robot, part, key, parameters["value"])
+                matrices = part_matrices(other, self.robot.components)
+                parameters = entries_of(matrices[part].compliance)
             machine = inject(machine, fault.effect, fault.place, parameters)
         return machine
-
-    def _part_of(self, place: str, value: float) -> dict[str, float]:
-        """Return the entries of a part's compliance with another value of a dimension."""
-        part, key = place.rsplit(".", 1)
-        other = with_parameter(self.robot.nominal.robot, part, key, value)
-        return entries_of(part_matrices(other, self.robot.components)[part].compliance)
 
     def places(self, effect: str, sensors: Sequence[str] = ()) -> tuple[str, ...]:
         """Return the places of an effect: elements and distinct sets, or instrument and sensors."""
@@ -132,8 +129,10 @@ class Lab:
         }  # fmt: skip
         if effect in fixed:
             return fixed[effect]
-        if effect == "part-dimension":
-            return self._dimensions()
+        if effect == "part-dimension":  # and material constants of parts computed by beam theory
+            sources = part_sources(file, self.robot.components).items()
+            parts = [n for n, source in sources if isinstance(source, str) and source == "beam"]
+            return tuple(f"{part}.{key}" for part in parts for key in part_parameters(file, part))
         if effect in {"payload", "larger-body"}:
             rigid = [name for name, body in machine.bodies.items() if len(body.nodes) == 1]
             return tuple(name for name in rigid if acts_on(machine, effect, name))
@@ -149,7 +148,8 @@ class Lab:
             return places
         bodies = {place: [machine.bodies[n] for n in machine.members(place)] for place in places}
         parts = {p: {(body.part, len(body.nodes)) for body in each} for p, each in bodies.items()}
-        return tuple(p for p, made in parts.items() if len(made) == 1 and {n for _, n in made} == {2})
+        one = {place: made.pop() for place, made in parts.items() if len(made) == 1}
+        return tuple(place for place, (_, ends) in one.items() if ends == 2)
 
     def _takes(self, effect: str, name: str) -> bool:
         """Return whether an effect may act on an element."""
@@ -165,13 +165,6 @@ class Lab:
         if body is not None and effect == "thermal":
             return body.expansion != 0.0
         return True
-
-    def _dimensions(self) -> tuple[str, ...]:
-        """Return the dimensions and material constants of parts computed by beam theory."""
-        file = self.robot.nominal.robot
-        sources = part_sources(file, self.robot.components)
-        parts = [n for n, source in sources.items() if isinstance(source, str) and source == "beam"]
-        return tuple(f"{part}.{key}" for part in parts for key in part_parameters(file, part))
 
     def words(self) -> tuple[str, ...]:
         """Return the known effects that this robot can have."""

@@ -8,15 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.campaign.quantities import (
-    AXES,
-    DEVIATION,
-    FREQUENCY,
-    POSITION,
-    QUANTITIES,
-    STIFFNESS,
-    kind_of,
-)  # fmt: skip
+from stiffscope.gap.campaign import quantities as of
+from stiffscope.gap.campaign.quantities import AXES, DEVIATION, kind_of
 
 if TYPE_CHECKING:
     from stiffscope.robot.file.parse import Source
@@ -175,27 +168,27 @@ class Campaign:
     @property
     def direction(self) -> Indices:
         """Index (n,) into x y z rx ry rz, the nearest for sensors; 0 for frequencies."""
-        return np.where(self.kind == FREQUENCY, 0, self.quantity % 6)
+        return np.where(self.kind == of.FREQUENCY, 0, self.quantity % 6)
 
     @property
     def relative(self) -> Flags:
         """Flags (n,) of readings with relative errors: stiffnesses, pushes and frequencies."""
-        return (self.kind >= STIFFNESS) & (self.kind < POSITION)
+        return (self.kind >= of.STIFFNESS) & (self.kind < of.POSITION)
 
     @property
     def is_motion(self) -> Flags:
         """Flags (n,) of readings of motions: deflections, deviations and positions."""
-        return (self.kind <= DEVIATION) | (self.kind == POSITION)
+        return (self.kind <= DEVIATION) | (self.kind == of.POSITION)
 
     @property
     def shows_rest(self) -> Flags:
         """Flags (n,) of readings that show weight and geometric errors: deviations, positions."""
-        return (self.kind == DEVIATION) | (self.kind == POSITION)
+        return (self.kind == DEVIATION) | (self.kind == of.POSITION)
 
     @property
     def kind_numbers(self) -> Indices:
         """Group numbers (n,) of readings of the same kind and instrument."""
-        plain = np.where(self.kind == FREQUENCY, 2 * FREQUENCY, 2 * self.kind + self.direction // 3)
+        plain = 2 * self.kind + self.direction // 3  # the direction of frequencies is 0
         key = np.where(self.sensor >= 0, 10 + 2 * self.sensor + self.shows_rest, plain)
         return np.unique(key, return_inverse=True)[1].ravel()
 
@@ -203,7 +196,7 @@ class Campaign:
         """Return the name of a reading's sensor or quantity, as in the file."""
         if self.sensor[reading] >= 0:
             return self.sensors[int(self.sensor[reading])].name
-        return QUANTITIES[int(self.quantity[reading])]
+        return of.QUANTITIES[int(self.quantity[reading])]
 
     def refuse(self, key: tuple[str, ...], message: str) -> InputError:
         """Return an error for a key of the campaign.toml."""
@@ -223,5 +216,5 @@ class Campaign:
     @property
     def channel(self) -> Indices:
         """Index (n,) into `instruments`."""
-        at_tool = len(self.sensors) + np.where(self.kind == FREQUENCY, len(AXES), self.direction)
+        at_tool = len(self.sensors) + np.where(self.kind == of.FREQUENCY, len(AXES), self.direction)
         return np.where(self.sensor >= 0, self.sensor, at_tool)

@@ -145,9 +145,10 @@ def _read_target(name: str, section: _Table, frames: tuple[str, ...]) -> tuple[S
             raise section.refuse("at_sigma", str(error)) from None
     body, at, frame = section.body(), section.point("at"), section.choice("frame", frames)
     zero = section.choice("zero", ZEROS, "none")
-    along = {f"{name}.x": (1.0, 0.0, 0.0), f"{name}.y": (0.0, 1.0, 0.0), f"{name}.z": (0.0, 0.0, 1.0)}
+    x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    along = {f"{name}.x": x, f"{name}.y": y, f"{name}.z": z}
     if measures == "distance":
-        along = {name: (1.0, 0.0, 0.0)}
+        along = {name: x}
     return tuple(
         Sensor(channel, body, way, at, measures, "ground", zero, frame, name, sigma)
         for channel, way in along.items()

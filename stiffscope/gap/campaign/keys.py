@@ -10,7 +10,8 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign import quantities as of
 from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, DEVIATION, KINDS, WRENCH, kind_of
-from stiffscope.robot.file.quantities import FORCE, LENGTH, MOMENT, NUMBER, Dimension, show_value, to_si
+from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.quantities import Dimension, show_value, to_si
 from stiffscope.runtime.table import check_columns, numbers
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ _STIFF = (
     Dimension("a rotational stiffness", "N*m/rad", "N*m/mrad", 1e-6, 1e18),
 )
 _OFTEN = Dimension("a frequency", "Hz", "Hz", 1e-9, 1e12)
-_THERE = Dimension("a position", "m", "mm", 1e-14, LENGTH.most)
+_THERE = Dimension("a position", "m", "mm", 1e-14, q.LENGTH.most)
 _MEASURED = {  # by kind: translation, rotation
     DEFLECTION: (MOVED, _TURNED),
     DEVIATION: (MOVED, _TURNED),
@@ -43,11 +44,11 @@ _MEASURED = {  # by kind: translation, rotation
     of.FREQUENCY: (_OFTEN, _OFTEN),
     of.POSITION: (_THERE, _THERE),
 }
-_PLACE = Dimension("a length", "m", "mm", most=LENGTH.most)
+_PLACE = Dimension("a length", "m", "mm", most=q.LENGTH.most)
 _TURN = Dimension("an angle", "rad", "deg", most=1e4)
 _WRENCH = (
-    Dimension("a force", "N", "N", most=FORCE.most),
-    Dimension("a moment", "N*m", "N*mm", most=MOMENT.most),
+    Dimension("a force", "N", "N", most=q.FORCE.most),
+    Dimension("a moment", "N*m", "N*mm", most=q.MOMENT.most),
 )
 
 
@@ -300,7 +301,7 @@ def _check_most(table: Table, column: str, values: Array, dimension: Dimension) 
 
 
 def _check_unit(header: Header, unit: str, column: str) -> None:
-    for dimension in (*(each for pair in _MEASURED.values() for each in pair), NUMBER):
+    for dimension in (*(each for pair in _MEASURED.values() for each in pair), q.NUMBER):
         try:
             to_si(f"1 {unit}", dimension)
         except ValueError:

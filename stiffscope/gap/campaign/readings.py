@@ -1,8 +1,9 @@
-"""Reading of campaign folders: header, tables, keys and values."""
+"""Reading of campaign folders: header, tables, keys and values, and check against the robot."""
 
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -10,19 +11,13 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign import keys as of_rows
+from stiffscope.gap.campaign import quantities as of
 from stiffscope.gap.campaign.campaign import Campaign
 from stiffscope.gap.campaign.campaign_header import load_header
 from stiffscope.gap.campaign.keys import LABEL, MOVED, OPTIONAL, coordinates_of, readings_in_si
-from stiffscope.gap.campaign.on_robot import match_robot
-from stiffscope.gap.campaign.quantities import (
-    AXES,
-    DEFLECTION,
-    FREQUENCY,
-    STIFFNESS,
-    WRENCH,
-    kind_of,
-    label_pose,
-)  # fmt: skip
+from stiffscope.gap.campaign.quantities import AXES, WRENCH, kind_of, label_pose
+from stiffscope.robot.file.description import GROUND
+from stiffscope.robot.file.quantities import show_value
 from stiffscope.runtime.reading import open_file
 from stiffscope.runtime.reading import show_path as shown_path
 from stiffscope.runtime.table import numbers, read_table
@@ -36,6 +31,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
 
 log = logging.getLogger(__name__)
+MOST_POSES = 2_000  # a diagnosis needs 0.02 s and 0.1 MB for each
 
 
 def load_campaign(
@@ -123,7 +119,7 @@ def _check_files(folder: Path, header: Header) -> None:
 
 def _check_some(c: Campaign) -> None:
     """Raise InputError if all readings are zero (no gap in percent), or no deflection is loaded."""
-    moved = c.kind == DEFLECTION
+    moved = c.kind == of.DEFLECTION
     if c.robot is not None and moved.any() and not c.wrench[moved].any():
         where, got = c.where(int(np.argmax(moved))), f"none in {int(moved.sum()):,} deflections"
         raise InputError(f"{where}: fx: expected a wrench other than zero, got {got}")
@@ -142,9 +138,9 @@ def _read_readings(path: Path, header: Header, *, planned: bool) -> tuple[Keys, 
     value = numbers(table, "value", empty=planned, expected="a finite reading in SI")
     value = readings_in_si(table, header, "value", value, keys.quantity)
     kind = kind_of(keys.quantity)
-    for frequency, what in ((False, "stiffness"), (True, "frequency")):
-        mine = (kind >= STIFFNESS) & (kind <= FREQUENCY) & ((kind == FREQUENCY) == frequency)
-        table.refuse_where(mine & (value <= 0), "value", f"a positive {what}")
+    stiff = (kind >= of.STIFFNESS) & (kind < of.FREQUENCY)
+    table.refuse_where(stiff & (value <= 0), "value", "a positive stiffness")
+    table.refuse_where((kind == of.FREQUENCY) & (value <= 0), "value", "a positive frequency")
     expected = "a positive number, or an empty cell if unknown"
     sigma = numbers(table, "sigma", empty=True, expected=expected)
     table.refuse_where(sigma <= 0, "sigma", expected)
@@ -194,3 +190,69 @@ def _read_predictions(path: Path, header: Header, parts: list[Keys]) -> dict[str
     if idle:
         log.warning("%s: %d predictions have no reading", table.name, idle)
     return {name: values[picked, k] for k, name in enumerate(models)}
+
+
+def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
+    """Return the campaign checked against the robot, with named poses looked up in its file.
+
+    Raises
+    ------
+    InputError
+        For too many poses, unknown poses, columns that are not the robot's coordinates, and sensors
+        and loads that are not on its bodies.
+
+    """
+    _check_bodies(campaign, robot)
+    if len(campaign.poses) > MOST_POSES:
+        where = campaign.where(int(np.argmax(campaign.pose >= MOST_POSES)))
+        most = f"expected at most {MOST_POSES:,} different poses"
+        got = "got more; leave some out, a few dozen tell as much"
+        raise InputError(f"{where}: {campaign.coordinates[0]}: {most}, {got}")
+    if not np.isnan(campaign.poses).any():
+        return _order_columns(campaign, robot)
+    for k, name in enumerate(campaign.pose_names):  # named poses
+        if name not in robot.poses:
+            where = campaign.where(int(np.argmax(campaign.pose == k)))
+            known = f"{robot.name}'s [poses] {', '.join(robot.poses) or '(none)'}"
+            raise InputError(f"{where}: pose: expected one of {known}, got {name!r}")
+    poses = np.array([robot.poses[name] for name in campaign.pose_names])
+    return replace(campaign, poses=poses, coordinates=tuple(robot.tool.pose))
+
+
+def _order_columns(campaign: Campaign, robot: RobotFile) -> Campaign:
+    """Put the coordinates in the robot's order."""
+    given, pose = campaign.coordinates, tuple(robot.tool.pose)
+    joints = tuple(f"{of.JOINT}{name}" for name in robot.drives())
+    wanted = next((names for names in (pose, joints) if names and set(names) == set(given)), None)
+    if wanted is None:
+        strange = [name for name in given if name not in {*pose, *joints}]
+        valid = joints if given[0].startswith(of.JOINT) else pose
+        lacking = [*strange, *(name for name in valid if name not in given)]
+        expected = f"{' '.join(pose)}, or {' '.join(joints)}, got {' '.join(given)}"
+        where = f"{campaign.files[0]}:1: {lacking[0]}"
+        command = f"the coordinates that command {robot.name}"
+        raise InputError(f"{where}: expected {command}: {expected}")
+    order = [given.index(name) for name in wanted]
+    return replace(campaign, poses=campaign.poses[:, order], coordinates=wanted)
+
+
+def _check_bodies(campaign: Campaign, robot: RobotFile) -> None:
+    """Raise InputError for sensors and loads not on a body, and sensors on the measured body."""
+    known = robot.nodes()
+
+    def check(name: str, *key: str, moves: bool) -> None:
+        if name not in known or (moves and name == GROUND):
+            valid = ", ".join(node for node in known if not (moves and node == GROUND))
+            expected = f"expected a body or an end of one ({valid})"
+            raise campaign.refuse(key, f"{expected}, got {show_value(name)}")
+
+    for sensor in campaign.sensors:
+        section = sensor.target or sensor.name
+        check(sensor.body, "sensors", section, "body", moves=False)
+        check(sensor.against, "sensors", section, "against", moves=False)
+        turns = sensor.body == GROUND and sensor.measures == "rotation"
+        if sensor.body == sensor.against and not turns:
+            key = "sensors", section, "against"
+            raise campaign.refuse(key, f"expected another body than {sensor.body}, got the same")
+    for load in campaign.loads:
+        check(load.body, "loads", load.name, "body", moves=True)

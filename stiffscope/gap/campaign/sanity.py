@@ -12,7 +12,8 @@ import numpy as np
 
 from stiffscope.effects.effect import Doubts
 from stiffscope.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
-from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, POSITION, STIFFNESS
+from stiffscope.gap.campaign import quantities as of
+from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -66,7 +67,8 @@ def inspect_readings(campaign: Campaign, predicted: Array) -> tuple[ReadingRemar
         Remarks by channel; empty if nothing is doubtful.
 
     """
-    found = [*_inspect_loads(campaign), *_find_far(campaign, predicted), *_find_contradictions(campaign)]
+    found = [*_inspect_loads(campaign), *_find_far(campaign, predicted)]
+    found += _find_contradictions(campaign)
     far = {remark.instrument for remark in found if remark.doubt == "outlier"}
     channels = [(name, rows) for name, rows in _channels(campaign) if name not in far]
     looks = _look_at_all(campaign, channels, predicted)
@@ -89,7 +91,8 @@ def _inspect_loads(c: Campaign) -> Iterator[ReadingRemark]:
     read = np.flatnonzero(~np.isnan(c.value))
     if 0 < len(read) < LEAST - 1:
         have = "1 reading has" if len(read) == 1 else f"{len(read)} readings have"
-        yield ReadingRemark("few", "", (c.where(int(read[0])),), f"{have} a value: too few for a diagnosis")
+        text = f"{have} a value: too few for a diagnosis"
+        yield ReadingRemark("few", "", (c.where(int(read[0])),), text)
     for k, load in enumerate(c.loads):
         rows = np.flatnonzero(c.load == k)
         if len(rows) and not np.nan_to_num(c.wrench[rows]).any():
@@ -102,7 +105,8 @@ def _find_far(c: Campaign, predicted: Array) -> Iterator[ReadingRemark]:
     for name, rows in _channels(c, 2):
         size, model = np.abs(c.value[rows]), np.abs(predicted[rows])
         usual = max(float(np.sort(size)[(len(rows) - 1) // 2]), float(np.nan_to_num(model).max()))
-        if int(c.kind[rows[0]]) in (DEFLECTION, DEVIATION) and usual and (far := size > _FAR * usual).any():
+        far = size > _FAR * usual
+        if int(c.kind[rows[0]]) in (DEFLECTION, DEVIATION) and usual and far.any():
             yield _name_rows(c, name, rows[far])
 
 
@@ -133,7 +137,8 @@ def _inspect_channel(
     kind = int(c.kind[rows[0]])
     value, model = c.value[rows], predicted[rows]
     known = bool(np.isfinite(model).all())
-    if not np.ptp(value) and (not known or np.ptp(model) > _SIZED * np.abs(model).max()) and kind != FREQUENCY:
+    varies = not known or np.ptp(model) > _SIZED * np.abs(model).max()
+    if not np.ptp(value) and varies and kind != FREQUENCY:
         text = f"{name} reads {value[0]:g} in all {len(rows)} {KINDS[kind]}s: is it stuck?"
         yield ReadingRemark("constant", name, (c.where(int(rows[0])),), text)
         return
@@ -141,7 +146,7 @@ def _inspect_channel(
         return
     if look is not None:
         yield from _compare(c, name, rows, look)
-    if kind in (DEFLECTION, DEVIATION, POSITION):
+    if kind in (DEFLECTION, DEVIATION, of.POSITION):
         yield from _find_breaks(c, name, rows, _scatter(c, rows, value, model))
     elif (model > 0).all():
         yield from _name_outliers(c, name, rows, _centre(np.log(value / model)))
@@ -188,7 +193,7 @@ def _look_at(c: Campaign, rows: Indices, value: Array, model: Array) -> _Look | 
     They must vary as much: geometric errors may exceed the weight's effect and resemble it.
     """
     kind = int(c.kind[rows[0]])
-    if kind in (DEVIATION, POSITION):
+    if kind in (DEVIATION, of.POSITION):
         value, model = value - np.median(value), model - np.median(model)
     sized = np.abs(model) > _SIZED * np.abs(model).max()
     if sized.sum() < LEAST:
@@ -201,7 +206,7 @@ def _look_at(c: Campaign, rows: Indices, value: Array, model: Array) -> _Look | 
     varies = len(value) >= 2 * LEAST and abs(float(value @ model)) > _AGREE * size
     alike = abs(agree) > _AGREE and (kind == DEFLECTION or (same and varies))
     factor = np.nan
-    if (kind >= STIFFNESS or alike) and ratio > 0.0:
+    if (kind >= of.STIFFNESS or alike) and ratio > 0.0:
         turns = bool(c.direction[rows[0]] >= 3) and kind <= DEVIATION
         known = [10.0 ** round(np.log10(ratio)), *([DEGREES, 1.0 / DEGREES] if turns else [])]
         nearest = min(known, key=lambda each: abs(np.log(ratio / each)))
@@ -216,9 +221,11 @@ def _compare(c: Campaign, name: str, rows: Indices, look: _Look) -> Iterator[Rea
     if np.isfinite(look.factor) and look.factor != 1.0:
         ten = round(np.log10(look.factor))
         size = f"1e{ten}" if np.isclose(look.factor, 10.0**ten) else f"{look.factor:.3g}"
-        yield ReadingRemark("unit", name, where, f"{name} reads about {size} times the model: wrong unit?")
+        text = f"{name} reads about {size} times the model: wrong unit?"
+        yield ReadingRemark("unit", name, where, text)
     if look.sign < 0.0:
-        text = f"{name} opposes the model in {look.against:.0%} of its {KINDS[int(c.kind[rows[0]])]}s"
+        kind = KINDS[int(c.kind[rows[0]])]
+        text = f"{name} opposes the model in {look.against:.0%} of its {kind}s"
         yield ReadingRemark("sensor-sign", name, where, f"{text}: is it reversed?")
 
 
@@ -278,7 +285,8 @@ def _scatter(c: Campaign, rows: Indices, value: Array, model: Array) -> Array:
     left = np.asarray(value, dtype=float)
     rounding = max(1e-15 * float(np.abs(value).max()), 1e-300)
     for _ in range(30):
-        fit: Any = np.linalg.lstsq(columns * weight[:, None], value * weight, rcond=1e-9)[0]  # pyright: ignore[reportUnknownVariableType]
+        solved: Any = np.linalg.lstsq(columns * weight[:, None], value * weight, rcond=1e-9)
+        fit = solved[0]
         left = np.asarray(value - columns @ fit, dtype=float)
         weight = np.sqrt(1.0 / (1.0 + (left / max(2.0 * _spread(left), rounding)) ** 2))
     return left

@@ -13,8 +13,8 @@ from stiffscope.effects.effect import Place, Setting
 from stiffscope.effects.gravity import Gravity
 from stiffscope.effects.part_compliance import PartCompliance
 from stiffscope.effects.vocabulary import find_candidates
-from stiffscope.gap.campaign.on_robot import match_robot
 from stiffscope.gap.campaign.quantities import POSITION
+from stiffscope.gap.campaign.readings import match_robot
 from stiffscope.gap.campaign.sanity import find_doubts
 from stiffscope.gap.forward.elastic_state import ElasticState
 from stiffscope.gap.forward.forward_model import Trial
