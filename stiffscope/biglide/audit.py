@@ -58,7 +58,7 @@ def findings_on_paper(robot: RobotFile, solid: np.ndarray | None) -> list[Findin
     """
     matrices = part_matrices(robot, "published")
     model = published_model(mechanism_of(robot, matrices), robot.parameters)
-    beam = beam_compliance(robot, "slider", lambda n, plate, *e: euler_bernoulli(n, polar(plate), *e))
+    beam = beam_compliance(robot, "slider", lambda n, of, *e: euler_bernoulli(n, polar(of), *e))
     found = compliance_findings("Eq. (29)", matrices["slider"].compliance, beam, solid)
     printed = read_published("stiffness")
     for source, point in (("Eq. (30a)", "P1"), ("Eq. (30b)", "P2")):

@@ -62,7 +62,7 @@ def literal_gravity(mechanism: Mechanism, poses: ArrayLike) -> Array:
 def require_biglide(mechanism: Mechanism) -> None:
     """Raise InputError if a mechanism lacks a body of the published equations."""
     elastic = {body.name for body in mechanism.bodies if body.elastic is not None}
-    needed = {*(f"{limb}.slider" for limb in LIMBS), *(n for links in LIMBS.values() for n in links)}
+    needed = {f"{limb}.slider" for limb in LIMBS}.union(*LIMBS.values())
     if not needed <= elastic or "platform" not in {body.name for body in mechanism.bodies}:
         expected = "expected the Biglide, whose paper has it"
         raise InputError(f"--gravity literal: {expected}; none or exact serve any robot")

@@ -47,7 +47,8 @@ class Dimensions:
     def tool_point(self, q: ArrayLike) -> Array:
         """Return the tool points (n, 3) in m at x = y = 0 for link angles (n,) in rad."""
         angle = np.atleast_1d(np.asarray(q, dtype=float))
-        return np.column_stack([0.0 * angle, 0.0 * angle, self.l1 + self.l2 + self.L * np.sin(angle)])
+        height = self.l1 + self.l2 + self.L * np.sin(angle)
+        return height[:, None] * np.eye(3)[2]
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,8 @@ def published_model(mechanism: Mechanism, parameters: Mapping[str, float]) -> Pu
     """Return the published model of a Biglide mechanism; raise InputError for any other robot."""
     missing = [name for name in _LENGTHS if name not in parameters]
     if missing:
-        raise InputError(f"parameters: expected {', '.join(_LENGTHS)} of the Biglide, got no {missing[0]}")
+        expected = f"expected {', '.join(_LENGTHS)} of the Biglide"
+        raise InputError(f"parameters: {expected}, got no {missing[0]}")
     link = mechanism.body("limb1.link1").elastic
     if link is None:
         raise InputError("bodies.limb1.link1: expected an elastic body, got a rigid one")
