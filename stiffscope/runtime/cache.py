@@ -69,12 +69,11 @@ class Cache:
         folder = self.root / kind / key
         if not os.path.lexists(folder):
             return None
-        reason = _flaw(folder, kind, key)
-        if reason is None:
-            return folder
-        log.info("cache entry %s/%s is not used: %s", kind, key[:12], reason)
-        self._discard(folder)
-        return None
+        if reason := _flaw(folder, kind, key):
+            log.info("cache entry %s/%s is not used: %s", kind, key[:12], reason)
+            self._discard(folder)
+            return None
+        return folder
 
     def load(
         self, kinds: Iterable[str], key: str, read: Callable[[Path], _Result]
@@ -176,8 +175,7 @@ def _reason(error: OSError) -> str:
 
 def cache_folder() -> Path:
     """Return the folder of the user's cache; the variable STIFFSCOPE_CACHE overrides it."""
-    chosen = os.environ.get("STIFFSCOPE_CACHE")
-    if chosen:
+    if chosen := os.environ.get("STIFFSCOPE_CACHE"):
         return Path(chosen).expanduser().absolute()
     return Path(platformdirs.user_cache_dir("stiffscope", appauthor=False))
 

@@ -33,7 +33,7 @@ from stiffscope.runtime.signals import STOPS, block, deaf_to
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
 
-    from stiffscope.runtime.progress import Report
+    from stiffscope.runtime.types import Progress
 
     Job = tuple[Any, tuple[Any, ...]]
 
@@ -56,7 +56,8 @@ class LateError(StiffscopeError):
     """A job exceeded its time limit: `job`, the `stage` reached, the limit in `seconds`."""
 
     def __init__(self, job: Any, stage: str, seconds: float) -> None:
-        super().__init__(f"{job}: expected its end within {seconds:g} s, got no further than its stage {stage}")
+        got = f"no further than its stage {stage}"
+        super().__init__(f"{job}: expected its end within {seconds:g} s, got {got}")
         self.job, self.stage, self.seconds = job, stage, seconds
 
 
@@ -73,7 +74,7 @@ class Here(Executor):
     width, ended = 1, False
 
     def submit(  # noqa: D102  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", report: Report | None = None,
+        self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", report: Progress | None = None,
         limit: float | None = None,
     ) -> Future[Any]:  # fmt: skip
         del name, limit
@@ -111,7 +112,7 @@ class Processes(Executor):
         self._threads = ThreadPoolExecutor(self.width, initializer=block, initargs=STOPS)
 
     def submit(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", report: Report | None = None,
+        self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", report: Progress | None = None,
         limit: float | None = None,
     ) -> Future[Any]:  # fmt: skip
         """Submit ``function(*arguments)``; function (importable), arguments and result are pickled.
@@ -133,7 +134,7 @@ class Processes(Executor):
         """
         return self._threads.submit(self._work, name, (function, arguments, report is not None), report, limit)
 
-    def _work(self, name: Any, job: Any, report: Report | None, limit: float | None) -> Any:
+    def _work(self, name: Any, job: Any, report: Progress | None, limit: float | None) -> Any:
         """Run a job; retry it once if its process was killed from outside."""
         for last in (False, True):
             child = getattr(self._mine, "child", None) or self._start()
@@ -200,7 +201,7 @@ class _Child:
         """Return whether the process is running."""
         return self._process.poll() is None
 
-    def work(self, name: Any, job: Any, report: Report | None, limit: float | None) -> Any:
+    def work(self, name: Any, job: Any, report: Progress | None, limit: float | None) -> Any:
         """Run a job and return its result."""
         stage, timer = "", threading.Timer(limit or 0.0, self._end_late)
         try:
@@ -234,7 +235,8 @@ class _Child:
         output = self._errors.read().decode(errors="replace")
         with contextlib.suppress(ValueError):
             how = f"was ended by {signal.Signals(-code).name}"
-            cause = "from outside; is there enough memory?" if code in KILLED else "in a library that it uses"
+            outside = "from outside; is there enough memory?"
+            cause = outside if code in KILLED else "in a library that it uses"
             return WorkerError(f"{name}: its process {how}, {cause}", code, output)
         said = (output.strip().splitlines() or [f"exit code {code}"])[-1]
         return WorkerError(f"{name}: its process ended without an answer ({said})", code, output)
@@ -242,7 +244,8 @@ class _Child:
     def end(self) -> None:
         """Kill the process and its children; their temporary folders are removed later."""
         with contextlib.suppress(psutil.NoSuchProcess):
-            for process in [*psutil.Process(self._process.pid).children(recursive=True), self._process]:
+            children = psutil.Process(self._process.pid).children(recursive=True)
+            for process in [*children, self._process]:
                 with contextlib.suppress(psutil.NoSuchProcess):
                     process.kill()
         self._process.wait()
@@ -297,7 +300,7 @@ def do_alone(function: Callable[..., Any], *arguments: Any, name: str, limit: fl
 
 
 def work_through(
-    executor: Any, function: Callable[..., Any], jobs: Iterable[Job], report: Callable[[Any], Report] | None = None,
+    executor: Any, function: Callable[..., Any], jobs: Iterable[Job], report: Callable[[Any], Progress] | None = None,
     limits: Mapping[Any, float] | None = None,
 ) -> Iterator[tuple[Any, Future[Any]]]:  # fmt: skip
     """Run jobs, drawn when needed; yield name and future of each as it finishes.

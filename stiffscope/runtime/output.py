@@ -102,16 +102,13 @@ def _check_absent(path: str | Path, kind: str) -> None:
 def check_json(path: Path) -> None:
     """Raise InputError for an existing nonempty file, unless it is our JSON or forced."""
     if not _forced and os.path.isfile(path) and os.path.getsize(path):  # noqa: PTH113, PTH202
-        try:
+        maker = None
+        with contextlib.suppress(ValueError, LookupError, TypeError, RecursionError):
             held = json.loads(read_bytes(path))
-            ours = (held[0] if isinstance(held, list) else held)["made_by"] == MAKER
-        except (ValueError, KeyError, IndexError, TypeError, RecursionError):
-            ours = False
-        if not ours:
-            raise InputError(
-                f"{show_path(path)}: expected a new file or JSON that stiffscope wrote, got another; "
-                "--force replaces it"
-            )
+            maker = (held[0] if isinstance(held, list) else held)["made_by"]
+        if maker != MAKER:
+            expected = "expected a new file or JSON that stiffscope wrote"
+            raise InputError(f"{show_path(path)}: {expected}, got another; --force replaces it")
     check_file(path)
 
 
@@ -283,19 +280,17 @@ def _foreign(folder: Path) -> dict[str, str]:
 
 def _digest_written(folder: Path) -> dict[str, str]:
     """Return the SHA-256 of our files in a folder by name; empty without a manifest of ours."""
-    try:
+    with contextlib.suppress(InputError, ValueError, KeyError, TypeError, RecursionError):
         manifest = json.loads(read_bytes(folder / MANIFEST))
         return dict(manifest["sha256"]) if manifest["made_by"] == MAKER else {}
-    except (InputError, ValueError, KeyError, TypeError, RecursionError):
-        return {}
+    return {}
 
 
 def _is(path: Path, checksum: str) -> bool:
     """Return whether a path is a regular file with this SHA-256 and not a link."""
-    try:
+    with contextlib.suppress(InputError):
         return not path.is_symlink() and file_digest(path) == checksum
-    except InputError:
-        return False
+    return False
 
 
 def _list_files(folder: Path) -> None:
@@ -305,9 +300,11 @@ def _list_files(folder: Path) -> None:
     for place, _, _ in os.walk(folder, topdown=False):
         if Path(place) != folder and not any(Path(place).iterdir()):
             Path(place).rmdir()
-    names = sorted(p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file() and p != path)
+    files = [each for each in folder.rglob("*") if each.is_file() and each != path]
+    names = sorted(each.relative_to(folder).as_posix() for each in files)
     sums = {name: file_digest(folder / name) for name in names}
-    path.write_text(to_json({"made_by": MAKER, **manifest, "files": names, "sha256": sums}), encoding="utf-8")
+    content = {"made_by": MAKER, **manifest, "files": names, "sha256": sums}
+    path.write_text(to_json(content), encoding="utf-8")
 
 
 def _exchange(aside: Path, goal: Path, target: str | Path) -> None:

@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    Report = Callable[[str, float], None]
+from types import SimpleNamespace
 
 
 def silence(_stage: str, _fraction: float) -> None:
     """Ignore a stage and its fraction."""
 
 
-class Listeners:
-    """Holder of `open_line(name)`, which returns `report(stage, fraction)` for a job."""
-
-    def __init__(self) -> None:
-        self.open_line: Callable[[str], Report] = lambda _name: silence
-
-
-LISTENERS = Listeners()
+LISTENERS = SimpleNamespace(open_line=lambda _name: silence)
+"""Holder of `open_line(name)`, which returns `report(stage, fraction)` for a job."""

@@ -17,12 +17,9 @@ if TYPE_CHECKING:
 MOST_TEXT = 1 << 20  # bytes of a file written by hand; a thousand bodies need a quarter of it
 MOST_BYTES = 1 << 28  # bytes of any other file, e.g. a STEP file or a table of readings
 _KINDS = {
-    stat.S_IFDIR: "a folder",
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}
+    stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device", stat.S_IFBLK: "a device",
+}  # fmt: skip
 
 
 def open_file(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -> BinaryIO:

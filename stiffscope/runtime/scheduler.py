@@ -45,9 +45,8 @@ class Scheduler(Executor):
         try:
             self._client = Client(address, timeout=CONNECT)
         except (OSError, ValueError) as error:
-            raise InputError(
-                f"--scheduler: expected the address of a Dask scheduler that answers, got {address}"
-            ) from error
+            expected = "expected the address of a Dask scheduler that answers"
+            raise InputError(f"--scheduler: {expected}, got {address}") from error
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", **_: Any) -> Future[Any]:
         """Submit ``function(*arguments)``; see `Processes.submit`."""

@@ -18,10 +18,8 @@ def block(*names: str) -> set[signal.Signals]:
     """Block signals for this thread and its child processes; return those blocked before."""
     if not hasattr(signal, "pthread_sigmask"):
         return set()
-    return {
-        signal.Signals(each)
-        for each in signal.pthread_sigmask(signal.SIG_BLOCK, [getattr(signal, name) for name in names])
-    }
+    numbers = [getattr(signal, name) for name in names]
+    return set(map(signal.Signals, signal.pthread_sigmask(signal.SIG_BLOCK, numbers)))
 
 
 @contextlib.contextmanager
@@ -36,7 +34,8 @@ def deaf_to(*names: str) -> Iterator[None]:
         return
     noted: list[int] = []
     main = threading.current_thread() is threading.main_thread()
-    handlers = {getattr(signal, name): signal.getsignal(getattr(signal, name)) for name in names if main}
+    numbers = [getattr(signal, name) for name in names if main]
+    handlers = {number: signal.getsignal(number) for number in numbers}
     for number in handlers:
         signal.signal(number, lambda number, _frame: noted.append(number))
     former = block(*names)

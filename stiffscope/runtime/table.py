@@ -218,13 +218,11 @@ def _header(name: str, row: list[str], line: int) -> list[str]:
     if len(header) > MOST_COLUMNS:
         message = f"expected at most {MOST_COLUMNS:,} columns, got more"
         raise InputError(f"{name}:{line}: column {MOST_COLUMNS + 1}: {message}")
-    seen: set[str] = set()
     for position, cell in enumerate(header):
         if not cell:
             raise InputError(f"{name}:{line}: column {position + 1}: expected a name in the header")
-        if cell in seen:
+        if cell in header[:position]:
             raise InputError(f"{name}:{line}: {cell}: expected each name once, got it twice")
-        seen.add(cell)
     return header
 
 
@@ -232,9 +230,9 @@ def _check_lengths(name: str, header: list[str], rows: list[list[str]], lines: l
     count = len(header)
     for row, line in zip(rows, lines, strict=True):
         if len(row) != count:
-            short = len(row) < count
-            at = header[len(row)] if short else f"column {count + 1}"
-            why = ": the row ends early" if short else ""
+            at, why = f"column {count + 1}", ""
+            if len(row) < count:
+                at, why = header[len(row)], ": the row ends early"
             raise InputError(f"{name}:{line}: {at}: expected {count} cells, got {len(row)}{why}")
 
 

@@ -14,7 +14,7 @@ from stiffscope.runtime.progress import LISTENERS
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from stiffscope.runtime.progress import Report
+    from stiffscope.runtime.types import Progress
 
 
 @dataclass(frozen=True)
@@ -30,14 +30,12 @@ class Workshop:
 
     cache: Cache
     executor: Here | Processes
-    open_line: Callable[[str], Report]
+    open_line: Callable[[str], Progress]
 
     def work(
-        self,
-        function: Callable[..., Any],
-        jobs: Mapping[Any, tuple[Any, ...]],
+        self, function: Callable[..., Any], jobs: Mapping[Any, tuple[Any, ...]],
         limits: Mapping[Any, float] | None = None,
-    ) -> dict[Any, Any]:
+    ) -> dict[Any, Any]:  # fmt: skip
         """Call ``function(*arguments, report)`` once for each job.
 
         Parameters
@@ -64,7 +62,9 @@ class Workshop:
 
 
 @contextmanager
-def workshop(open_line: Callable[[str], Report] | None = None, *, together: bool = False) -> Iterator[Workshop]:
+def workshop(
+    open_line: Callable[[str], Progress] | None = None, *, together: bool = False
+) -> Iterator[Workshop]:  # fmt: skip
     """Open a workshop with the user's cache; uncacheable results are kept until it closes.
 
     Parameters
