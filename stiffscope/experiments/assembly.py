@@ -79,7 +79,7 @@ def assemble(robot: RobotFile, components: Components = None) -> Mechanism:
     Examples
     --------
     >>> import stiffscope as ss
-    >>> machine = ss.assemble(ss.load_robot("biglide"), "published")  # or "beam", "fea", or a matrix a part
+    >>> machine = ss.assemble(ss.load_robot("biglide"), "published")  # or "beam", "fea", a matrix
     >>> machine.tool.pose
     ('x', 'y', 'z')
     """
@@ -128,8 +128,9 @@ def check_one_interface(robot: RobotFile, name: str) -> None:
     two_ended = any(body.part == name for body in robot.elastic_bodies().values())
     if getattr(robot.part(name), "pads", None) == "apart" and two_ended:
         expected = 'expected "together" for bodies between a base and a tip'
-        got = 'got "apart", whose three interfaces stand apart (a body with `at` instead of base and tip'
-        raise robot.refuse(("parts", name, "pads"), f"{expected}, {got} has them as ends)")
+        got = 'got "apart", whose three interfaces stand apart'
+        cure = "(a body with `at` instead of base and tip has them as ends)"
+        raise robot.refuse(("parts", name, "pads"), f"{expected}, {got} {cure}")
 
 
 def check_reach(robot: RobotFile, poses: Mapping[str, Sequence[float]]) -> None:

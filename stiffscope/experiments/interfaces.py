@@ -68,11 +68,6 @@ class Tested:
     compliance: np.ndarray
     error: np.ndarray
 
-    @property
-    def order(self) -> PartOrder:
-        """Order of the experiment."""
-        return self.result.order
-
 
 @dataclass(frozen=True)
 class Entry:
@@ -139,20 +134,24 @@ def choices(robot: RobotFile, part: str) -> list[Choice]:
     """
     section = robot.part(part)
     if not isinstance(section, SolidPart):
-        raise robot.refuse(("parts", part, "shape"), f'expected a part that is a solid, got "{section.shape}"')
+        message = f'expected a part that is a solid, got "{section.shape}"'
+        raise robot.refuse(("parts", part, "shape"), message)
     bed = _bed(robot, part)
 
     def choice(name: str, words: str, **values: float | str | None) -> Choice:
-        wanted = {key: value for key, value in values.items() if getattr(section, key, value) != value}
-        return Choice(name, words, tuple(wanted.items()), part)
+        changed = ((k, value) for k, value in values.items() if getattr(section, k, value) != value)
+        return Choice(name, words, tuple(changed), part)
 
     plate = section.shape == "plate"
     whole, face = ({"pad_height": 0.0}, {"clamp": "face"}) if plate else ({}, {})
     found = [
         choice("rigid face", "the loaded face moves as one body", interface="rigid", **whole),
-        choice("even traction", "the loaded face carries the load evenly", interface="distributed", **whole),
+        choice(
+            "even traction", "the loaded face carries the load evenly",
+            interface="distributed", **whole,
+        ),
         choice("rigid clamp", "the clamped face does not move", foundation=None, **face),
-    ]
+    ]  # fmt: skip
     if bed is not None:
         words = f"springs of {bed / 1e9:.12g} N/mm³ under the clamped face"
         found.append(choice("foundation", words, foundation=bed, **face))
@@ -160,13 +159,17 @@ def choices(robot: RobotFile, part: str) -> list[Choice]:
         shape: Any = section
         slider: Any = shape.parameters()
         height = slider.pad_height or PAD_HEIGHT * slider.thickness
-        rigid = {} if slider.pad_height else {"interface": "rigid"}  # pads that are there are loaded as they are
+        # pads that are there are loaded as they are
+        rigid = {} if slider.pad_height else {"interface": "rigid"}
         sizes = (height, "high"), (slider.pad_width, "wide"), (slider.pad_spacing, "apart")
         pads = ", ".join(f"{1e3 * size:g} mm {word}" for size, word in sizes)
         count = slider.hole_count or _hole_count(slider)
-        holes = f"held in {count} bolt holes of {1e3 * slider.hole_diameter:g} mm instead of by the face"
-        found.insert(2, choice("three pads", f"loaded on three joint pads, {pads}", pad_height=height, **rigid))
-        found.insert(4, choice("bolt holes", holes, hole_count=count, clamp="holes", foundation=None))
+        size = f"{1e3 * slider.hole_diameter:g} mm"
+        words = f"loaded on three joint pads, {pads}"
+        found.insert(2, choice("three pads", words, pad_height=height, **rigid))
+        words = f"held in {count} bolt holes of {size} instead of by the face"
+        holes = choice("bolt holes", words, hole_count=count, clamp="holes", foundation=None)
+        found.insert(4, holes)
     return found
 
 
@@ -181,7 +184,8 @@ def _bed(robot: RobotFile, part: str) -> float | None:
 
 def _with(robot: RobotFile, part: str, values: Mapping[str, Any]) -> RobotFile:
     """Return the robot with changed values of a part, SI; its bodies are not updated."""
-    return dataclasses.replace(robot, parts={**robot.parts, part: robot.part(part).model_copy(update=dict(values))})
+    changed = robot.part(part).model_copy(update=dict(values))
+    return dataclasses.replace(robot, parts={**robot.parts, part: changed})
 
 
 def _format_value(key: str, value: Any) -> str:
@@ -200,13 +204,16 @@ def _hole_count(slider: SliderParameters) -> int:
     return wanted
 
 
-def _orders(robot: RobotFile, part: str, own: PartOrder) -> tuple[dict[Choice, PartOrder], list[str], list[str]]:
+def _orders(
+    robot: RobotFile, part: str, own: PartOrder
+) -> tuple[dict[Choice, PartOrder], list[str], list[str]]:  # fmt: skip
     """Return orders that differ from the file's, names of choices equal to it, and omissions."""
     orders: dict[Choice, PartOrder] = {}
     same: list[str] = []
     known = choices(robot, part)
     names = {choice.name for choice in known}
-    left_out = [f"{name}: left out, since {why}" for name, why in UNKNOWN.items() if own.step and name not in names]
+    unknown = {n: why for n, why in UNKNOWN.items() if own.step and n not in names}
+    left_out = [f"{name}: left out, since {why}" for name, why in unknown.items()]
     for choice in known:
         try:
             order = order_part(_with(robot, part, dict(choice.values)), part, label=choice.name)
@@ -220,7 +227,9 @@ def _orders(robot: RobotFile, part: str, own: PartOrder) -> tuple[dict[Choice, P
     return orders, same, left_out
 
 
-def _compare_choices(robot: str, part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]) -> Comparison:
+def _compare_choices(
+    robot: str, part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]
+) -> Comparison:  # fmt: skip
     points = next(iter(found.values())).experiment.reference_points
     tested: list[Tested] = []
     for choice, result in found.items():  # at the same reference points, since pads protrude
@@ -238,12 +247,14 @@ def _compare_choices(robot: str, part: str, found: Mapping[Choice, PartResult], 
 def _entry(own: Tested, others: Sequence[Tested], i: int, j: int) -> Entry:
     """Return an entry; bounds of its changes add both errors in the worst case."""
     value, error = float(own.compliance[i, j]), float(own.error[i, j])
-    ratios = [float(t.compliance[i, j]) / value for t in others]
-    bars = [(float(t.error[i, j]) + abs(ratio) * error) / abs(value) for t, ratio in zip(others, ratios, strict=True)]
+    ratios = np.array([t.compliance[i, j] for t in others]) / value
+    bounds = np.array([t.error[i, j] for t in others])
+    bars = (bounds + np.abs(ratios) * error) / abs(value)
     name, unit = entry_name(i % 6, j % 6)
     if len(own.compliance) > 6:
         name = f"{own.result.experiment.interfaces[i // 6 + 1]} {name}"
-    return Entry(name, unit, value, error, tuple(ratio - 1 for ratio in ratios), tuple(bars), (i, j))
+    changes = tuple((ratios - 1).tolist())
+    return Entry(name, unit, value, error, changes, tuple(bars.tolist()), (i, j))
 
 
 def interfaces_csv(compared: Comparison) -> str:
@@ -253,11 +264,12 @@ def interfaces_csv(compared: Comparison) -> str:
     writer.writerow(["entry", "unit", "choice", "set", "value", "bound", "change", "change_bound"])
     for entry in compared.entries:
         i, j = entry.place
-        rows = [(compared.own, 0.0, 0.0), *zip(compared.others, entry.changes, entry.bars, strict=True)]
+        others = zip(compared.others, entry.changes, entry.bars, strict=True)
+        rows = [(compared.own, 0.0, 0.0), *others]
         for tested, change, bar in rows:
             values = (tested.compliance[i, j], tested.error[i, j], change, bar)
-            words = "; ".join(tested.choice.overrides)
-            writer.writerow([entry.name, entry.unit, tested.choice.name, words, *(f"{v:.9g}" for v in values)])
+            numbers, words = (f"{v:.9g}" for v in values), "; ".join(tested.choice.overrides)
+            writer.writerow([entry.name, entry.unit, tested.choice.name, words, *numbers])
     return text.getvalue()
 
 

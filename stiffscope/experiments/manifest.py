@@ -65,5 +65,6 @@ def manifest_of(robot: RobotFile | None, *inputs: Path) -> Manifest:
     if inputs:
         whole = [path.absolute() for path in inputs]
         folder = os.path.commonpath([path.parent for path in whole])
-        sources["inputs"] = {path.relative_to(folder).as_posix(): file_digest(path) for path in whole}
+        names = (path.relative_to(folder).as_posix() for path in whole)
+        sources["inputs"] = dict(zip(names, map(file_digest, whole), strict=True))
     return Manifest(sources)

@@ -109,10 +109,12 @@ def order_part(
     solid = _step_order(robot, name, step) or _dimensions(robot, name)
     material = robot.material(name)
     if material is None:
-        raise robot.refuse(("parts", name, "material"), "expected the material of the solid, got none")
+        message = "expected the material of the solid, got none"
+        raise robot.refuse(("parts", name, "material"), message)
     settings = Settings()
     if isinstance(part, SolidPart):
-        settings = Settings(interface=part.interface, foundation=part.foundation, **part.mesh.model_dump())
+        mesh = part.mesh.model_dump()
+        settings = Settings(interface=part.interface, foundation=part.foundation, **mesh)
     return PartOrder(name, solid, material, settings, label or name)
 
 

@@ -96,7 +96,8 @@ def _shares(material: AnyMaterial | None, key: str) -> tuple[float, ...]:
     poisson = material.poisson
     left = 0.5 * (1.0 + poisson)  # limit for auxetic materials
     above, below = min(0.5 - poisson, left), min(max(0.5 - poisson, LEAST), left)
-    growth = [1.0 + share * (above if share > 0.0 else below) / (1.0 + poisson) for share in POISSON]
+    steps = (share * (above if share > 0.0 else below) for share in POISSON)
+    growth = [1.0 + step / (1.0 + poisson) for step in steps]
     return tuple(growth if key == "youngs_modulus" else [1.0 / g for g in growth])
 
 

@@ -61,14 +61,14 @@ def write_robot(
     with output.staged_folder(out) as folder:
         for k, name in enumerate(names):
             held = superelement(mechanism, found[np.array([k])])
-            nodes, stiffness, mass = (np.asarray(a, dtype=float) for a in (held.tool[None], held.stiffness, held.mass))
+            arrays = (held.tool[None], held.stiffness, held.mass)
+            nodes, stiffness, mass = (np.asarray(each, dtype=float) for each in arrays)
+            place = zip(mechanism.tool.pose, found.poses[k], strict=True)
             squares = np.asarray(held.mode_squares, dtype=float)
             text = ROBOT_HELP.format(
-                robot=assembled.robot.name,
-                pose=", ".join(f"{c} {v:.9g}" for c, v in zip(mechanism.tool.pose, found.poses[k], strict=True)),
-                modes=len(squares),
-                nodes=node_lines(nodes, ["tool"]),
-            )
+                robot=assembled.robot.name, modes=len(squares), nodes=node_lines(nodes, ["tool"]),
+                pose=", ".join(f"{name} {value:.9g}" for name, value in place),
+            )  # fmt: skip
             path = folder / (name if name in assembled.robot.poses else f"pose{k + 1}")
             write_matrices(Superelement(stiffness, mass, nodes), path, text, mode_squares=squares)
         manifest.write(folder)

@@ -31,10 +31,10 @@ HEAVY = (
 def sources(robot: RobotFile) -> list[Path]:
     """Return the paths of the robot file and of its STEP files and meshes."""
     beside = robot.path.parent
-    parts = [beside / file for part in robot.parts.values() if (file := getattr(part, "file", None))]
+    solids = (getattr(part, "file", None) for part in robot.parts.values())
     drawn = (getattr(body, "mesh", None) for body in robot.bodies.values())
-    meshes = [beside / mesh for mesh in drawn if mesh]
-    return list(dict.fromkeys([robot.path, *parts, *meshes]))
+    files = [beside / file for file in (*solids, *drawn) if file]
+    return list(dict.fromkeys([robot.path, *files]))
 
 
 def changes(files: Sequence[Path]) -> Iterator[None]:

@@ -102,7 +102,7 @@ def _sketch(axes: Axes, tested: Tested) -> None:
     """Sketch the part from above, clamped at the top, loaded at the bottom; unit: part width."""
     from matplotlib.patches import Rectangle
 
-    shape: Any = None if tested.order.step else tested.order.solid
+    shape: Any = None if tested.result.order.step else tested.result.order.solid
     unit = getattr(shape, "width", 1.0)
     width, depth = (1.0, shape.depth / unit) if hasattr(shape, "depth") else SLENDER
     axes.set_title(tested.choice.name, fontsize=11, fontweight="bold", pad=4)
@@ -111,8 +111,8 @@ def _sketch(axes: Axes, tested: Tested) -> None:
         for y in shape.hole_positions:
             axes.plot(y / unit, depth - shape.hole_offset / unit, "o", ms=6, mfc=BEFORE, mec="white", mew=0.8)
     else:
-        _clamp(axes, width, depth, springs=tested.order.settings.foundation is not None)
-    pads, rigid = getattr(shape, "pad_height", 0.0), tested.order.settings.interface == "rigid"
+        _clamp(axes, width, depth, springs=tested.result.order.settings.foundation is not None)
+    pads, rigid = getattr(shape, "pad_height", 0.0), tested.result.order.settings.interface == "rigid"
     faces = [(y / unit, shape.pad_width / unit) for y in shape.pad_positions] if pads else [(0.0, width)]
     bottom = -max(pads / unit, 0.03) if pads else 0.0
     for middle, across in faces:
