@@ -18,7 +18,7 @@ from stiffscope.cli.main import Stopped
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit, open_workshop, warn_of_parts
 from stiffscope.cli.poses import find_poses
-from stiffscope.design.journal import SUFFIX, Journal
+from stiffscope.design.making import SUFFIX, Journal
 from stiffscope.design.sensitivities import part_sensitivities, robot_sensitivities
 from stiffscope.design.studies import WHOLE, find_study, merge_study, run_study
 from stiffscope.design.study_reading import load_study

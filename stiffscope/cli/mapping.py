@@ -89,8 +89,10 @@ def map_(
     manifest = manifest_of(robot)
     made = assemble(robot, components, output)
     points = points or _POINTS[len(ranges)]
-    sweep = evaluated.map_stiffness if len(ranges) == 2 else evaluated.map_volume
-    found = sweep(made.mechanism, ranges, points, gravity=gravity, at=fixed, frequencies=count, wanted=wanted)
+    swept = evaluated.map_volume(
+        made.mechanism, ranges, points, gravity=gravity, at=fixed, frequencies=count, wanted=wanted,
+    )  # fmt: skip
+    found = swept.maps[0] if len(ranges) == 2 else swept
     slices = maps.pick_slices(found)
     figures: dict[str, tuple[str, StiffnessMap, Callable[[StiffnessMap], list[maps.Panel]]]] = {}
     for number, each in enumerate(slices, 1):

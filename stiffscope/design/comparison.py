@@ -53,7 +53,9 @@ class RobotComparison:
     """Coordinates of the poses, m and rad."""
 
 
-def compare_robots(first: RobotFile, second: RobotFile, components: Components, shop: Workshop) -> RobotComparison:
+def compare_robots(
+    first: RobotFile, second: RobotFile, components: Components, shop: Workshop
+) -> RobotComparison:  # fmt: skip
     """Compare two robots at the named poses that both reach.
 
     Parameters
@@ -73,7 +75,8 @@ def compare_robots(first: RobotFile, second: RobotFile, components: Components, 
     """
     if first.tool.pose != second.tool.pose:
         got = " and ".join(" ".join(robot.tool.pose) for robot in (first, second))
-        raise InputError(f"compare: expected two robots whose poses have the same coordinates, got {got}")
+        expected = "expected two robots whose poses have the same coordinates"
+        raise InputError(f"compare: {expected}, got {got}")
     names = (first.name, second.name)
     if names[0] == names[1]:
         names = (first.path.stem, second.path.stem)
@@ -82,8 +85,11 @@ def compare_robots(first: RobotFile, second: RobotFile, components: Components, 
     made = assemble_robots({"first": first, "second": second}, components, shop)
     poses = {**{name: tuple(pose) for name, pose in second.poses.items()}, **first.poses}
     values = np.array(list(poses.values()), dtype=float)
-    reached = np.all([configure(each.mechanism, values).valid for each in made.values()], axis=0) if poses else []
-    if not np.any(reached):
+    reached = np.zeros(len(poses), dtype=bool)
+    if poses:
+        valid = [configure(each.mechanism, values).valid for each in made.values()]
+        reached = np.all(valid, axis=0)
+    if not reached.any():
         raise InputError("compare: expected a named pose that both robots reach, got none")
     both = [analyse(each.mechanism, values[reached], gravity="exact") for each in made.values()]
     plain = [analyse(each.mechanism, values[reached]) for each in made.values()]

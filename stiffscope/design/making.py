@@ -1,37 +1,160 @@
-"""Computing a study's designs (robot, parts' experiments, responses), here or on other machines."""
+"""Designs of a study: computed here or on other machines, and kept in a journal.
+
+The journal has one line per finished design, appended immediately. A kill leaves at most an
+incomplete last line, whose design is computed again. Its name is a digest of everything designs
+depend on, so that other methods, ranges or more designs can reuse them.
+"""
 
 from __future__ import annotations
 
+import json
 import math
 import threading
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from stiffscope.design.journal import Design
 from stiffscope.design.path.along import along
 from stiffscope.design.responses import mass_of_solids, of_modes, quantities
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.experiments.orders import LIBRARIES
+from stiffscope.robot.file.part_sections import StepPart
+from stiffscope.runtime.cache import code_version, digest
 from stiffscope.runtime.executor import Here, Shared, WorkerError, work_through
+from stiffscope.runtime.reading import file_digest, open_file
 from stiffscope.runtime.scheduler import workers
 from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
+    from pathlib import Path
 
     from stiffscope.design.path.job import Job
     from stiffscope.design.study_file import StudyFile, Values
 
     Row = tuple[int, Values]
 
+CODE = ("stiffscope.cad", "stiffscope.fea", "stiffscope.robot", "stiffscope.vjm")
+SUFFIX = ".jsonl"
+MOST_BYTES = 1 << 34  # of a journal: enough for a million designs with reasons
 _ENDED = "its worker ended before it did; the same study makes it again"
 _alone = threading.Lock()  # only one CAD operation at a time in a process
+
+
+@dataclass(frozen=True)
+class Design:
+    """A finished design: variables and responses, SI, in the study's order; reason of a failure.
+
+    ``again``: whether the same study should retry it, because the design did not cause the failure.
+    """
+
+    values: Values
+    responses: tuple[float, ...]
+    reason: str = ""
+    seconds: float = 0.0
+    again: bool = False
+
+
+class Journal:
+    """Finished designs of a study in a folder: existing ones and those added."""
+
+    def __init__(self, file: StudyFile, folder: Path) -> None:
+        self.path = folder / f"{identify(file)[:32]}{SUFFIX}"
+        self._file = file
+        self._stream: BinaryIO | None = None
+
+    def __enter__(self) -> Journal:
+        """Start; the file is opened with the first write."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        if self._stream is not None:
+            self._stream.close()
+            self._stream = None
+
+    def read(self) -> Iterator[Design]:
+        """Read the designs; skip invalid lines."""
+        if not self.path.is_file():
+            return
+        variables, responses = len(self._file.variables), len(self._file.responses)
+        with open_file(self.path, "designs of a study", MOST_BYTES) as stream:
+            for line in stream:
+                try:
+                    values, found, reason, seconds = json.loads(line)
+                    if len(values) == variables and len(found) == responses:
+                        numbers = tuple(math.nan if each is None else float(each) for each in found)
+                        yield Design(tuple(values), numbers, str(reason), float(seconds))
+                except (ValueError, TypeError):
+                    continue
+
+    def count(self) -> int:
+        """Count the written designs without parsing them."""
+        if not self.path.is_file():
+            return 0
+        with self.path.open("rb") as stream:
+            blocks = iter(lambda: stream.read(1 << 20), b"")
+            return max(0, sum(block.count(b"\n") for block in blocks) - 1)
+
+    def add(self, design: Design) -> None:
+        """Append a design with a single write."""
+        numbers = [None if math.isnan(each) else each for each in design.responses]
+        self._write([design.values, numbers, design.reason, round(design.seconds, 6)])
+
+    def _write(self, content: Any) -> None:
+        if self._stream is None:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._stream = self.path.open("ab", buffering=0)
+            if not self._stream.tell():
+                columns = [each.column for each in (*self._file.variables, *self._file.responses)]
+                self._write({"study": str(self._file.path.resolve()), "columns": columns})
+            else:
+                with self.path.open("rb") as held:
+                    held.seek(-1, 2)
+                    if held.read() != b"\n":  # killed while writing the last line
+                        self._stream.write(b"\n")
+        self._stream.write(json.dumps(content, ensure_ascii=False).encode() + b"\n")
+
+
+def name_study(journal: Path) -> str:
+    """Return the file of a journal's study; "" if unknown."""
+    with open_file(journal, "designs of a study", MOST_BYTES) as stream:
+        try:
+            return str(json.loads(stream.readline())["study"])
+        except (ValueError, TypeError, KeyError):
+            return ""
+
+
+def identify(file: StudyFile) -> str:
+    """Return a digest of all that designs depend on except values: robot, responses and code."""
+    source = file.robot.source
+    responses = [
+        {
+            "of": r.expression.text, "unit": r.unit, "name": r.name, "take": r.take,
+            "poses": [file.poses[k] for k in r.poses] if r.job is None else len(r.poses),
+            "job": r.job and [r.job.section.model_dump_json(), file_digest(r.job.path_file)],
+        }
+        for r in file.responses
+    ]  # fmt: skip
+    solids = {
+        name: file_digest(source.path.parent / part.file)
+        for name, part in file.robot.parts.items()
+        if isinstance(part, StepPart)
+    }
+    return digest(
+        {
+            "robot": source.text, "set": source.overrides, "solids": solids,
+            "components": file.components, "tolerance": file.tolerance,
+            "variables": [v.name for v in file.variables], "responses": responses,
+            "code": code_version(CODE, LIBRARIES),
+        }
+    )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -83,7 +206,8 @@ def make_design(file: StudyFile, values: Values) -> Design:
 
 def _respond(file: StudyFile, values: Values) -> tuple[float, ...]:
     robot = file.design(values)
-    names = dict.fromkeys(name for r in file.responses if r.job is None for name in r.expression.names)
+    of_robot = [response for response in file.responses if response.job is None]
+    names = dict.fromkeys(name for r in of_robot for name in r.expression.names)
     with workshop() as shop:
         whole = any(of_modes(name) for name in names)
         assembled = assemble_robots({"design": robot}, file.components, shop, whole=whole)["design"]

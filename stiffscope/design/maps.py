@@ -67,17 +67,21 @@ class Wanted:
         known = np.isfinite(translation).all(axis=(1, 2))
         yields = np.full((len(compliance), 3), np.nan)
         yields[known] = np.linalg.eigvalsh(translation[known])
-        softest, stiffest = yields[:, 2], np.where(yields[:, 0] > 1e-12 * yields[:, 2], yields[:, 0], np.nan)
+        stiffest, softest = yields[:, 0], yields[:, 2]
+        stiffest = np.where(stiffest > 1e-12 * softest, stiffest, np.nan)
         each = {"worst": 1.0 / softest, "best": 1.0 / stiffest, "condition": softest / stiffest}
         out = {name: Scalar(each[name], *PRINCIPAL[name]) for name in self.principal}
         if self.direction is not None:
             unit = np.array(self.direction) / np.linalg.norm(self.direction)
             words = "stiffness along " + ", ".join(f"{x:.3g}" for x in self.direction)
-            out["along"] = Scalar(1.0 / np.einsum("i,nij,j->n", unit, translation, unit), "N m-1", words)
+            soft = np.einsum("i,nij,j->n", unit, translation, unit)
+            out["along"] = Scalar(1.0 / soft, "N m-1", words)
         if self.wrench is not None:
             moved = compliance[:, :3] @ np.array(self.wrench)
-            force, moment = (", ".join(f"{x:.4g}" for x in each) for each in (self.wrench[:3], self.wrench[3:]))
-            words = f"error under ({force}) N" + (f", ({moment}) N·m" if any(self.wrench[3:]) else "")
+            texts = [f"{x:.4g}" for x in self.wrench]
+            words = f"error under ({', '.join(texts[:3])}) N"
+            if any(self.wrench[3:]):
+                words += f", ({', '.join(texts[3:])}) N·m"
             out["error"] = Scalar(np.linalg.norm(moved, axis=1), "m", words)
         return out
 
@@ -110,7 +114,9 @@ class StiffnessMap:
         return all(abs(coordinates[name] - value) < IN_PLANE for name, value in self.at.items())
 
 
-def map_robot(robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity) -> StiffnessMap:
+def map_robot(
+    robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity
+) -> StiffnessMap:  # fmt: skip
     """Evaluate `[map]` of a robot file. Raise InputError if it is missing or nothing is reachable.
 
     Parameters
@@ -139,15 +145,9 @@ def require_map(robot: RobotFile) -> MapSection:
 
 
 def map_stiffness(
-    mechanism: Mechanism,
-    ranges: Ranges,
-    points: int,
-    *,
-    gravity: Gravity = "none",
+    mechanism: Mechanism, ranges: Ranges, points: int, *, gravity: Gravity = "none",
     at: Sequence[float] | None = None,
-    frequencies: int = 0,
-    wanted: Wanted | None = None,
-) -> StiffnessMap:
+) -> StiffnessMap:  # fmt: skip
     """Evaluate the stiffness over two coordinates of the tool.
 
     Parameters
@@ -162,10 +162,6 @@ def map_stiffness(
         "exact" also evaluates the stiffness under own weight and the sag.
     at : (k,)
         Pose that fixes the other coordinates, by default home.
-    frequencies
-        Number of natural frequencies to add, drives held.
-    wanted
-        Further quantities.
 
     Raises
     ------
@@ -175,8 +171,7 @@ def map_stiffness(
     """
     if len(ranges) != 2:
         raise _refuse_ranges("two", mechanism, ranges)
-    options = {"gravity": gravity, "at": at, "frequencies": frequencies, "wanted": wanted}
-    return map_volume(mechanism, ranges, points, **options).maps[0]
+    return map_volume(mechanism, ranges, points, gravity=gravity, at=at).maps[0]
 
 
 def _refuse_ranges(count: str, mechanism: Mechanism, ranges: Ranges) -> InputError:
@@ -201,8 +196,12 @@ def map_volume(
 
     Parameters
     ----------
-    mechanism, points, gravity, frequencies, wanted
+    mechanism, points, gravity
         As in `map_stiffness`.
+    frequencies
+        Number of natural frequencies to add, drives held.
+    wanted
+        Further quantities.
     ranges
         Three coordinates of `mechanism.tool.pose` with their ends, m and rad; or two.
     at : (k,)
@@ -241,7 +240,8 @@ def map_volume(
             state = analyse(mechanism, found, gravity="exact")
             sag = state.sag
             lost = np.isnan(sag)[:, :1, None]
-            loaded, compliance = (np.where(lost, np.nan, k) for k in (state.finite, state.compliance))
+            both = (state.finite, state.compliance)
+            loaded, compliance = (np.where(lost, np.nan, each) for each in both)
         diagonals = (np.diagonal(matrix, axis1=1, axis2=2) for matrix in (plain, loaded))
         more = wanted.evaluate(compliance).items()
         sounds = frequencies_at(mechanism, found, frequencies) if frequencies else None
@@ -330,7 +330,9 @@ def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
         if name.startswith("r"):
             words = f"rotation vector of the tool from home, {name[-1]}"
         about = {"units": lengths[COORDINATES.index(name)], "long_name": words}
-        places[name] = (*value, about | ({"positive": "down"} if found.down and name == found.up else {}))
+        if found.down and name == found.up:
+            about["positive"] = "down"
+        places[name] = (*value, about)
     about = {"title": title or "stiffness map", "Conventions": "CF-1.8", "source": "stiffscope"}
     return xr.Dataset(variables, places, about)
 

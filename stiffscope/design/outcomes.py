@@ -28,10 +28,6 @@ class Outcomes:
     violations: Array
     failed: Flags
 
-    def __len__(self) -> int:
-        """Count the designs."""
-        return len(self.failed)
-
     def __getitem__(self, some: Any) -> Outcomes:
         """Return the outcomes of selected designs."""
         return Outcomes(self.objectives[some], self.violations[some], self.failed[some])

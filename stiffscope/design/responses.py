@@ -36,7 +36,8 @@ _TAKE: dict[str, Callable[[np.ndarray], Any]] = {
     "least": np.min, "greatest": np.max, "mean": np.mean,
     "worst": lambda each: np.max(np.abs(each)), "rms": lambda each: np.sqrt(np.mean(each**2)),
 }  # fmt: skip
-ALONG_PATH: tuple[str, ...] = ("error", "normal", "along", "binormal")  # m: size of the error on a path, its parts
+ALONG_PATH = ("error", "normal", "along", "binormal")
+"""Size of the error on a path and its parts, m."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +75,8 @@ def _entries() -> dict[str, tuple[str, int, int, str]]:
     """Return matrix, row, column and unit of the entries of K and C by name."""
     found = {}
     for i, axis in enumerate(_AXES):
-        found[f"K_{axis if axis[0] == 'r' else 't' + axis}"] = ("K", i, i, _ENTRY["K"][i // 3][i // 3])
+        name = axis if axis[0] == "r" else f"t{axis}"
+        found[f"K_{name}"] = ("K", i, i, _ENTRY["K"][i // 3][i // 3])
     for matrix, units in _ENTRY.items():
         for i in range(6):
             for j in range(6):
@@ -93,13 +95,14 @@ def known_units(robot: RobotFile) -> dict[str, str]:
     sag_y, sag_z under own weight; f1 … f12, Hz, drives held; mass of solids; PART.C11 …, PART.mass.
     """
     parts = [name for name in part_sources(robot) if re.fullmatch(r"[^\W\d]\w*", name)]
+    entries = {entry: unit for entry, (matrix, *_, unit) in ENTRIES.items() if matrix == "C"}
     return {
         "mass": "kg",
         **{name: unit for name, (*_, unit) in ENTRIES.items()},
         **dict.fromkeys(("sag", "sag_x", "sag_y", "sag_z"), "m"),
         **{f"f{k + 1}": "Hz" for k in range(MOST_MODES)},
         **{f"{name}.mass": "kg" for name in parts},
-        **{f"{name}.{entry}": unit for name in parts for entry, (matrix, *_, unit) in ENTRIES.items() if matrix == "C"},
+        **{f"{name}.{entry}": unit for name in parts for entry, unit in entries.items()},
     }
 
 
@@ -114,8 +117,9 @@ def of_modes(quantity: str) -> bool:
 
 
 def quantities(
-    names: Collection[str], mechanism: Mechanism, found: Configurations, parts: Mapping[str, PartMatrix], mass: float
-) -> dict[str, np.ndarray]:
+    names: Collection[str], mechanism: Mechanism, found: Configurations,
+    parts: Mapping[str, PartMatrix], mass: float,
+) -> dict[str, np.ndarray]:  # fmt: skip
     """Compute quantities (n,) at n configurations by their names in `known_units`.
 
     Parameters
@@ -150,13 +154,16 @@ def quantities(
         elif kind:
             out[name] = tool[kind][:, i, j]
         elif sag is not None and name.startswith("sag"):
-            out[name] = np.linalg.norm(sag[:, :3], axis=1) if name == "sag" else sag[:, "xyz".index(name[-1])]
+            size = np.linalg.norm(sag[:, :3], axis=1)
+            out[name] = size if name == "sag" else sag[:, "xyz".index(name[-1])]
         elif modes is not None:
             out[name] = modes[:, int(name[1:]) - 1]
     return out
 
 
-def mass_of_solids(robot: RobotFile, components: Components, experiments: Mapping[str, Any]) -> float:
+def mass_of_solids(
+    robot: RobotFile, components: Components, experiments: Mapping[str, Any]
+) -> float:  # fmt: skip
     """Return the mass of solids and rigid bodies, kg; masses of parts in the file are ignored."""
     rigid = sum(body.mass for body in robot.bodies.values() if isinstance(body, RigidBody))
     for name in part_sources(robot, components):

@@ -77,7 +77,8 @@ def _make_sensitivity(
     dimensions = {name: (value, partial(_built, order, name)) for name, value in lengths.items()}
     built = time.perf_counter() - begun
     report("derivatives", 0.2)
-    found = part_sensitivity(load_experiment(experiment / EXPERIMENT), part, order.settings, dimensions)
+    held = load_experiment(experiment / EXPERIMENT)
+    found = part_sensitivity(held, part, order.settings, dimensions)
     found = dataclasses.replace(found, seconds={"cad": built, **found.seconds})
     text = json.dumps({
         "part": found.part,
@@ -91,7 +92,8 @@ def _make_sensitivity(
 
 def _built(order: PartOrder, name: str, value: float) -> Part:
     """Build the part with another value (m) of a dimension."""
-    return dataclasses.replace(order, solid=dataclasses.replace(order.solid, **{name: value})).build()
+    solid = dataclasses.replace(order.solid, **{name: value})
+    return dataclasses.replace(order, solid=solid).build()
 
 
 def read_sensitivity(folder: Path) -> PartSensitivity:
@@ -128,8 +130,8 @@ def sensitivity(
     -------
     PartSensitivity or Sensitivity
         ``derivatives[NAME].compliance`` (6, 6) of a part, with ``error``, ``mass``, …; ``rows`` of
-        a robot with ``by.stiffness`` (n, 6, 6), ``by.sag``, ``by.frequency``; SI, per SI unit of the
-        parameter.
+        a robot with ``by.stiffness`` (n, 6, 6), ``by.sag``, ``by.frequency``; SI, per SI unit of
+        the parameter.
 
     Raises
     ------

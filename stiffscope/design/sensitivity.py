@@ -128,7 +128,8 @@ def robot_sensitivity(
         A pose is out of reach.
 
     """
-    model = _Model(robot, np.asarray(poses, dtype=float), components, experiments or {}, derivatives or {})
+    at = np.asarray(poses, dtype=float)
+    model = _Model(robot, at, components, experiments or {}, derivatives or {})
     middle = model.responses(robot)
     rows, notes = [], {}
     wanted = [each for each in parameters(robot, components) if names is None or each.name in names]
@@ -154,7 +155,8 @@ class _Model:
         _check_lengths(self.robot, changed[0], self.components)
         above, below = (self.responses(each) for each in changed)
         names = [f.name for f in fields(Responses)]
-        by = Responses(*((getattr(above, name) - getattr(below, name)) / (2 * step) for name in names))
+        pairs = ((getattr(above, name), getattr(below, name)) for name in names)
+        by = Responses(*((high - low) / (2 * step) for high, low in pairs))
         return Row(parameter, by, self._errors(changed[0], abs(step), middle, by))
 
     def responses(self, robot: RobotFile) -> Responses:
@@ -166,9 +168,12 @@ class _Model:
         if firm.any():
             sag[firm] = statics.sag(mechanism, found[firm])
         frequency = _first(frequencies(mechanism, found, MOST_MODES))
-        return Responses(state.finite, sag, frequency, mass_of_solids(robot, self.components, varied))
+        mass = mass_of_solids(robot, self.components, varied)
+        return Responses(state.finite, sag, frequency, mass)
 
-    def _assemble(self, robot: RobotFile, varied: Mapping[str, Any]) -> tuple[Mechanism, Configurations]:
+    def _assemble(
+        self, robot: RobotFile, varied: Mapping[str, Any]
+    ) -> tuple[Mechanism, Configurations]:  # fmt: skip
         mechanism = mechanism_of(robot, part_matrices(robot, self.components, varied))
         return mechanism, configure(mechanism, self.poses).require_valid()
 
@@ -176,13 +181,15 @@ class _Model:
         """Return bounds from those of the parts' derivatives; zeros if no experiment changes."""
         varied = self._vary_parts(robot)
         if not any(each.error.any() for each in varied.values()):
-            none = [np.zeros_like(each) for each in (middle.stiffness, middle.sag, middle.frequency)]
-            return Responses(none[0], none[1], none[2], 0.0)
+            shapes = (middle.stiffness, middle.sag, middle.frequency)
+            return Responses(*map(np.zeros_like, shapes), 0.0)
         mechanism, found = self._assemble(robot, varied)
         bars = statics.stiffness_error(mechanism, found) / step
-        sag = (np.abs(statics.compliance(mechanism, found)) @ bars @ np.abs(middle.sag)[..., None])[..., 0]
+        soft = np.abs(statics.compliance(mechanism, found))
+        sag = (soft @ bars @ np.abs(middle.sag)[..., None])[..., 0]
         shaken = modes(mechanism, found, MOST_MODES)
-        frequency = _first(shaken.frequencies, shaken.error) / step + OWN_MODES * np.abs(by.frequency)
+        first = _first(shaken.frequencies, shaken.error) / step
+        frequency = first + OWN_MODES * np.abs(by.frequency)
         return Responses(bars, sag, frequency, 0.0)
 
     def _vary_parts(self, robot: RobotFile) -> dict[str, Any]:
@@ -228,7 +235,8 @@ def _check_lengths(before: RobotFile, after: RobotFile, components: Components) 
             own, other = (robot.elastic_bodies()[body].length for robot in (before, after))
             if abs(own - other) > 1e-9 * own:
                 file = getattr(before.parts[name], "file", name)
-                raise before.refuse(("bodies", body, "tip"), f"expected the length of {file}, got another")
+                message = f"expected the length of {file}, got another"
+                raise before.refuse(("bodies", body, "tip"), message)
 
 
 def _changes(before: RobotFile, after: RobotFile, name: str) -> dict[str, float]:

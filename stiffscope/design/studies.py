@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.design.journal import SUFFIX, Design, Journal, name_study
-from stiffscope.design.making import Makers, open_makers
+from stiffscope.design.making import SUFFIX, Design, Journal, Makers, name_study, open_makers
 from stiffscope.design.outcomes import Outcomes, find_front
 from stiffscope.design.search import SWEEPS, Ending, search
 from stiffscope.design.study_reading import load_study

@@ -130,23 +130,26 @@ def load_study(path: str | Path) -> StudyFile:
 def _read(top: StudySection, source: Source) -> StudyFile:
     robot = load_robot_of(source.path, top.robot, top.set, top.tolerance)
     given = _list_entries(top.parameters, ("parameters",), RangeSection)
-    variables = tuple(_read_variable(key, name, each, robot, top) for key, name, each in given)
+    variables = tuple(_read_variable(*each, robot, top) for each in given)
     poses: dict[Pose, int] = {}
     wanted = _list_entries(top.responses, ("responses",), ResponseSection)
     find_job = cache(lambda path: load_job(source.path.parent / path, robot))
-    responses = tuple(_read_response(key, name, each, robot, poses, find_job) for key, name, each in wanted)
+    responses = tuple(_read_response(*each, robot, poses, find_job) for each in wanted)
     units = {response.name: response.unit for response in responses}
     for key, name, _ in wanted:
         if not _NAME.fullmatch(name):
             raise FieldError(key, f'expected a name of letters, digits and _, got "{name}"')
     limits = tuple(_read_limit(text, k, units) for k, text in enumerate(top.constraints))
     return StudyFile(
-        source.path, robot, top.components, top.tolerance, top.method, _count_designs(top, variables), top.seed,
-        variables, responses, limits, _read_goals(top, units), tuple(poses),
+        source.path, robot, top.components, top.tolerance, top.method,
+        _count_designs(top, variables), top.seed, variables, responses, limits,
+        _read_goals(top, units), tuple(poses),
     )  # fmt: skip
 
 
-def _list_entries(table: dict[str, Any], key: Key, model: type[Section]) -> list[tuple[Key, str, Any]]:
+def _list_entries(
+    table: dict[str, Any], key: Key, model: type[Section]
+) -> list[tuple[Key, str, Any]]:  # fmt: skip
     """Return key, name and value of a table's entries; slider.thickness = … may be a dotted key."""
     found: list[tuple[Key, str, Any]] = []
 
@@ -163,28 +166,35 @@ def _list_entries(table: dict[str, Any], key: Key, model: type[Section]) -> list
     return found
 
 
-def _read_variable(key: Key, name: str, given: Any, robot: RobotFile, top: StudySection) -> Variable:
+def _refuse(key: Key, expected: str, got: Any) -> FieldError:
+    """Return the error for a value of the file."""
+    return FieldError(key, f"expected {expected}, got {q.show_value(got)}")
+
+
+def _read_variable(
+    key: Key, name: str, given: Any, robot: RobotFile, top: StudySection
+) -> Variable:  # fmt: skip
     table = given if isinstance(given, dict) else {"range": given}
     found = read_table(RangeSection, table, key)
     if (found.range is None) == (found.values is None):
-        raise FieldError(key, f"expected {RANGE}, or a table with range or values, got {q.show_value(given)}")
+        raise _refuse(key, f"{RANGE}, or a table with range or values", given)
     known = {each.name: each for each in parameters(robot, top.components)}
     also = known[name].also if name in known else ()
     texts = found.range if found.values is None else found.values
     if found.values is None and (not isinstance(texts, list) or len(texts) != 2):
-        raise FieldError(key, f"expected {RANGE}, two ends, got {q.show_value(texts)}")
+        raise _refuse(key, f"{RANGE}, two ends", texts)
     _check_takes(name, texts or [], robot, also, key)
     unit = known[name].unit if name in known else unit_of((texts or [""])[0])
     if found.values is not None:
         values = tuple(_read_value(each, key) for each in found.values)
         if len({isinstance(each, str) for each in values}) > 1:
-            raise FieldError(key, f"expected values that are all numbers or all words, got {q.show_value(texts)}")
+            raise _refuse(key, "values that are all numbers or all words", texts)
         return Variable(name, unit, values, also=also)
     low, high = (_read_number(each, key) for each in texts or [])
     if any(isinstance(each, str) and unit_of(each) != unit for each in texts or []):
-        raise FieldError(key, f"expected {RANGE}, both ends in {unit}, got {q.show_value(texts)}")
+        raise _refuse(key, f"{RANGE}, both ends in {unit}", texts)
     if not low < high:
-        raise FieldError(key, f"expected {RANGE}, the lower end first, got {q.show_value(texts)}")
+        raise _refuse(key, f"{RANGE}, the lower end first", texts)
     levels = tuple(round_off(float(each)) for each in np.linspace(low, high, found.steps))
     return Variable(name, unit, levels, low, high, also)
 
@@ -206,7 +216,9 @@ def _read_value(value: Any, key: Key) -> Value:
         raise
 
 
-def _check_takes(name: str, texts: list[Any], robot: RobotFile, also: tuple[str, ...], key: Key) -> None:
+def _check_takes(
+    name: str, texts: list[Any], robot: RobotFile, also: tuple[str, ...], key: Key
+) -> None:  # fmt: skip
     """Raise FieldError if no value gives a valid robot; single invalid values fail later."""
     first: FieldError | None = None
     source = robot.source
@@ -220,15 +232,17 @@ def _check_takes(name: str, texts: list[Any], robot: RobotFile, also: tuple[str,
         changed = [each for each in made.source.changed if each not in source.changed]
         copied = [each[1] for each in changed if len(each) > 1 and each[1] in made.copied]
         if copied:
-            raise FieldError(key, f'expected what the robot file writes, got "{copied[0]}", a copy: vary its original')
+            got = f'"{copied[0]}", a copy: vary its original'
+            raise FieldError(key, f"expected what the robot file writes, got {got}")
         return
     if first is not None:
         raise first
 
 
 def _read_response(
-    key: Key, name: str, given: Any, robot: RobotFile, poses: dict[Pose, int], find_job: Callable[[str], Job]
-) -> Response:
+    key: Key, name: str, given: Any, robot: RobotFile, poses: dict[Pose, int],
+    find_job: Callable[[str], Job],
+) -> Response:  # fmt: skip
     found = read_table(ResponseSection, {"of": given} if isinstance(given, str) else given, key)
     where = (*key, "of") if isinstance(given, dict) else key
     job = None if found.path is None else find_job(found.path)
@@ -238,27 +252,29 @@ def _read_response(
         for each in expression.names:
             one_of(each, units, "a quantity")
     alone = expression.text if expression.text in units else None
-    unit, take = (units[alone] if alone else found.unit), found.take or (worst_of(alone) if alone else None)
+    unit, take, of_unit = found.unit, found.take, (*key, "unit")
+    if alone:
+        unit, take = units[alone], take or worst_of(alone)
     if unit is None:
-        raise FieldError((*key, "unit"), 'expected the SI unit of the expression such as "N/m/kg", got nothing')
+        expected = 'the SI unit of the expression such as "N/m/kg"'
+        raise FieldError(of_unit, f"expected {expected}, got nothing")
     given, measured = q.powers_of(unit), None
     with suppress(ValueError):  # an index may be a sum of unlike quantities
         measured = expression.powers({each: q.powers_of(units[each]) for each in expression.names})
     if given is None:
-        raise FieldError((*key, "unit"), f'expected a product of SI units such as "N/m/kg", got "{unit}"')
+        raise _refuse(of_unit, 'a product of SI units such as "N/m/kg"', unit)
     if unit != "1" and measured is not None and not np.allclose(given[:-1], measured[:-1]):
-        message = f'expected a unit of {q.show_powers(measured)}, which {expression.text} measures, got "{unit}"'
-        raise FieldError((*key, "unit"), message)
+        what = f"a unit of {q.show_powers(measured)}, which {expression.text} measures"
+        raise _refuse(of_unit, what, unit)
     if job is not None:
         if found.at is not None:
-            raise FieldError((*key, "at"), f"expected none beside a path, got {q.show_value(found.at)}")
-        points = np.flatnonzero(~job.path.rapid) if not job.path.rapid.all() else np.arange(len(job.path))
+            raise _refuse((*key, "at"), "none beside a path", found.at)
+        points = np.flatnonzero(~job.path.rapid | job.path.rapid.all())
         return Response(name, expression, unit, tuple(points.tolist()), found.take or "worst", job)
     at = [poses.setdefault(pose, len(poses)) for pose in _list_poses(found, robot, key)]
     if take is None and len(at) > 1:
-        raise FieldError(
-            (*key, "take"), "expected least, greatest, mean, worst or rms: what of several poses counts, got nothing"
-        )
+        which = "least, greatest, mean, worst or rms: what of several poses counts"
+        raise FieldError((*key, "take"), f"expected {which}, got nothing")
     return Response(name, expression, unit, tuple(at), take or "least")
 
 
@@ -266,14 +282,17 @@ def _list_poses(found: ResponseSection, robot: RobotFile, key: Key) -> list[Pose
     where = (*key, "at")
     if found.at == "map":
         return _list_grid(robot, found.points, where)
-    names = [found.at] if isinstance(found.at, str) else list(robot.poses) if found.at is None else found.at
+    names = list(robot.poses) if found.at is None else found.at
+    if isinstance(names, str):
+        names = [names]
     if not isinstance(names, list) or not names:
-        raise FieldError(where, f'expected names of poses, numbers in a list, or "map", got {q.show_value(found.at)}')
+        raise _refuse(where, 'names of poses, numbers in a list, or "map"', found.at)
     chosen = [names] if not isinstance(names[0], list) and names[0] not in robot.poses else names
     out: list[Pose] = []
     for each in names if isinstance(found.at, str) else chosen:
         try:
-            out.append(pose_of(robot, each) if isinstance(each, list) else one_of(each, robot.poses, "a pose"))
+            named = not isinstance(each, list)
+            out.append(one_of(each, robot.poses, "a pose") if named else pose_of(robot, each))
         except (InputError, ValueError) as error:
             raise FieldError(where, str(error).removeprefix("--at: ")) from error
     numbers = [robot.poses[each] if isinstance(each, str) else each for each in out]
@@ -293,7 +312,8 @@ def _list_grid(robot: RobotFile, points: int, where: Key) -> list[Pose]:
     mesh = np.meshgrid(*(np.linspace(*ends, points) for ends in ranges.values()), indexing="ij")
     base = mechanism.tool.home if robot.map.at is None else np.array(robot.map.at, dtype=float)
     grid = np.tile(base, (mesh[0].size, 1))
-    grid[:, [robot.tool.pose.index(name) for name in ranges]] = np.stack(mesh, axis=-1).reshape(-1, len(ranges))
+    for name, values in zip(ranges, mesh, strict=True):
+        grid[:, robot.tool.pose.index(name)] = values.ravel()
     reached = grid[configured_poses(robot, mechanism, grid).valid]
     if not len(reached):
         raise FieldError(where, "expected a map with points within reach, got none")
@@ -304,7 +324,8 @@ def _read_limit(text: str, number: int, units: dict[str, str]) -> Limit:
     key: Key = ("constraints", number)
     match = _LIMIT.fullmatch(text)
     if match is None:
-        raise FieldError(key, f'expected RESPONSE <= VALUE or RESPONSE >= VALUE such as "mass <= 3 kg", got "{text}"')
+        form = 'RESPONSE <= VALUE or RESPONSE >= VALUE such as "mass <= 3 kg"'
+        raise FieldError(key, f'expected {form}, got "{text}"')
     name, relation, value = match.groups()
     _check_response(name, units, key)
     unit = units[name]
@@ -326,9 +347,11 @@ def _read_goals(top: StudySection, units: dict[str, str]) -> tuple[Goal, ...]:
             _check_response(name, units, (word, number))
             found.append(Goal(name, sign))
     if top.method == "optimum" and len(found) != 1:
-        raise FieldError(("method",), f"expected one response to minimize or maximize for an optimum, got {len(found)}")
+        expected = "one response to minimize or maximize for an optimum"
+        raise _refuse(("method",), expected, len(found))
     if top.method == "pareto" and len(found) < 2:
-        raise FieldError(("method",), f"expected two or more to minimize and maximize for pareto, got {len(found)}")
+        expected = "two or more to minimize and maximize for pareto"
+        raise _refuse(("method",), expected, len(found))
     return tuple(found)
 
 
@@ -343,8 +366,9 @@ def _count_designs(top: StudySection, variables: tuple[Variable, ...]) -> int:
     if top.method != "grid":
         return top.designs or DESIGNS[top.method]
     if top.designs is not None:
-        raise FieldError(("designs",), "expected none for a grid, whose ranges have steps and values")
+        message = "expected none for a grid, whose ranges have steps and values"
+        raise FieldError(("designs",), message)
     count = math.prod(len(variable.levels) for variable in variables)
     if count > MOST_DESIGNS:
-        raise FieldError(("method",), f"expected a grid of at most {MOST_DESIGNS} designs, got {count}")
+        raise _refuse(("method",), f"a grid of at most {MOST_DESIGNS} designs", count)
     return count

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -82,13 +83,9 @@ class Along(Course):
     @cached_property
     def parts(self) -> dict[str, Array]:
         """Errors (n,) along the path's normal, tangent and binormal, m."""
-        named = {"normal": self.axes.normal, "along": self.axes.along, "binormal": self.axes.binormal}
-        return {name: np.einsum("ni,ni->n", self.error[:, :3], axes) for name, axes in named.items()}
-
-    @property
-    def commanded_poses(self) -> Array:
-        """Commanded coordinates (n, k) of the tool pose."""
-        return self.commanded[:, [COORDINATES.index(name) for name in self.job.robot.tool.pose]]
+        off = self.error[:, :3]
+        axes = {name: getattr(self.axes, name) for name in ("normal", "along", "binormal")}
+        return {name: np.einsum("ni,ni->n", off, each) for name, each in axes.items()}
 
     @property
     def size(self) -> Array:
@@ -102,7 +99,9 @@ class Along(Course):
         return int(np.argmax(np.where(acting, self.size, -1.0) if acting.any() else self.size))
 
 
-def along(job: Job | str | Path, assembled: Assembled | None = None, progress: Progress | None = None) -> Along:
+def along(
+    job: Job | str | Path, assembled: Assembled | None = None, progress: Progress | None = None
+) -> Along:  # fmt: skip
     """Predict the error of the tool along a path.
 
     Parameters
@@ -130,7 +129,9 @@ def along(job: Job | str | Path, assembled: Assembled | None = None, progress: P
         with workshop() as shop:
             assembled = assemble_robots({"robot": job.robot}, job.section.components, shop)["robot"]
     if job.section.free is None:
-        known = list(configure_path(job, assembled, job.path)) if len(job.path) <= _MOST_KEPT else None
+        known = None
+        if len(job.path) <= _MOST_KEPT:
+            known = list(configure_path(job, assembled, job.path))
         return predict(plan_course(job, assembled, known), assembled, job.path, progress, known)
     course = plan_course(job, assembled)
     freed = choose_free(course, assembled)
@@ -183,28 +184,23 @@ def predict(
         if progress is not None:
             progress("path", start / n)
     stations = np.unique(np.linspace(0, n - 1, _STATIONS).round().astype(int))
+    first = np.full(len(stations), np.nan)
+    with suppress(InputError):  # without masses
+        found = next(configure_path(job, assembled, path.command(path.values[stations])))
+        first = frequencies(mechanism, found, 1)[:, 0]
     return Along(
         job, course.length, course.time, course.tool, course.axes, course.wrench, course.cutting,
         path, commanded, error, bound, tuple(j.name for j in drives),
         tuple("N·m" if j.kind == "revolute" else "N" for j in drives),
-        forces, shares, stations, _first_frequencies(job, assembled, path, stations),
+        forces, shares, stations, first,
     )  # fmt: skip
 
 
 def respond_at_worst(state: Along, assembled: Assembled) -> tuple[Configurations, Response]:
     """Return configuration and response to process, weight and payload at the greatest error."""
-    found = configure(assembled.mechanism, state.commanded_poses[[state.worst]])
+    pose = [COORDINATES.index(name) for name in state.job.robot.tool.pose]
+    found = configure(assembled.mechanism, state.commanded[state.worst, pose][None])
     return found, respond_under(state.job, assembled, found, state.wrench[[state.worst]])
-
-
-def _first_frequencies(job: Job, assembled: Assembled, path: ToolPath, stations: Indices) -> Array:
-    """Return the first natural frequency (m,) at some points, Hz; NaN if there are no masses."""
-    some = path.command(path.values[stations])
-    try:
-        found = next(configure_path(job, assembled, some))
-        return frequencies(assembled.mechanism, found, 1)[:, 0]
-    except InputError:
-        return np.full(len(stations), np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +217,9 @@ class Compensated:
     refused: tuple[tuple[int, str], ...]
 
 
-def compensate(assembled: Assembled, before: Along, progress: Progress | None = None) -> Compensated:
+def compensate(
+    assembled: Assembled, before: Along, progress: Progress | None = None
+) -> Compensated:  # fmt: skip
     """Find commands that cancel the tool's error by fixed-point steps, compliance updated at each.
 
     Parameters
@@ -243,7 +241,9 @@ def compensate(assembled: Assembled, before: Along, progress: Progress | None = 
     pose = [COORDINATES.index(name) for name in before.job.robot.tool.pose]
     refused, state = dict[int, str](), before
     for number in range(ROUNDS):
-        wanted = _undo(state)[:, pose]
+        off, at = state.error, state.commanded
+        back = Rotation.from_rotvec(-off[:, 3:]) * Rotation.from_rotvec(at[:, 3:])
+        wanted = np.concatenate([at[:, :3] - off[:, :3], back.as_rotvec()], axis=1)[:, pose]
         drives = np.empty((len(wanted), len(before.drives)))
         for start in range(0, len(wanted), BLOCK):
             some = slice(start, start + BLOCK)
@@ -263,9 +263,3 @@ def compensate(assembled: Assembled, before: Along, progress: Progress | None = 
             break
     lines = tuple((int(before.path.lines[k]), why) for k, why in sorted(refused.items()))
     return Compensated(state.path, state, state.error[:, pose], lines)
-
-
-def _undo(state: Along) -> Array:
-    """Return the commanded tool poses (n, 6) shifted by the negative error."""
-    back = Rotation.from_rotvec(-state.error[:, 3:]) * Rotation.from_rotvec(state.commanded[:, 3:])
-    return np.concatenate([state.commanded[:, :3] - state.error[:, :3], back.as_rotvec()], axis=1)

@@ -68,7 +68,9 @@ class Course:
     cutting: CuttingForces | None
 
 
-def plan_course(job: Job, assembled: Assembled, known: Sequence[Configurations] | None = None) -> Course:
+def plan_course(
+    job: Job, assembled: Assembled, known: Sequence[Configurations] | None = None
+) -> Course:  # fmt: skip
     """Return the course of a job: its wanted poses and process loads. Raise InputError as `along`.
 
     Parameters
@@ -91,9 +93,15 @@ def plan_course(job: Job, assembled: Assembled, known: Sequence[Configurations] 
         tool = np.tile([*job.robot.tool.at, 0.0, 0.0, 0.0], (len(job.path), 1))
         tool[:, [COORDINATES.index(name) for name in job.path.columns]] = job.path.values
     axes = find_axes(job, tool)
-    length = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(tool[:, :3], axis=0), axis=1))])
+    steps = np.linalg.norm(np.diff(tool[:, :3], axis=0), axis=1)
+    length = np.concatenate([[0.0], np.cumsum(steps)])
     wrench, cutting = process_wrench(job, axes, length)
-    return Course(job, length, _times(job.path, length), tool, axes, wrench, cutting)
+    path, time = job.path, None
+    if path.time is not None:
+        time = path.time - path.time[0]
+    elif path.feed is not None and np.isfinite(path.feed[1:]).all() and not path.rapid[1:].any():
+        time = np.concatenate([[0.0], np.cumsum(np.diff(length) / path.feed[1:])])
+    return Course(job, length, time, tool, axes, wrench, cutting)
 
 
 def tool_error(target: Array, commanded: Array, twist: Array) -> Array:
@@ -125,7 +133,8 @@ def configure_path(job: Job, assembled: Assembled, path: ToolPath) -> Iterator[C
         known = [joint.name for joint in mechanism.drives]
         if sorted(names) != sorted(known):
             wanted = ", ".join(f"q:{name}" for name in known)
-            raise InputError(f"{job.path_file.name}:1: expected a column of every drive ({wanted}), got others")
+            expected = f"expected a column of every drive ({wanted})"
+            raise InputError(f"{job.path_file.name}:1: {expected}, got others")
         values = values[:, [names.index(name) for name in known]]
     for found in configure_chunks(mechanism, values, BLOCK, given):
         if not found.valid.all():
@@ -141,12 +150,13 @@ def find_axes(job: Job, tool: Array) -> Axes:
     sizes = np.linalg.norm(steps, axis=1)
     moving = np.flatnonzero(sizes > 1e-12)
     if not moving.size:
-        raise InputError(f"{job.path_file.name}: expected a path that moves the tool, got one point")
+        expected = "expected a path that moves the tool"
+        raise InputError(f"{job.path_file.name}: {expected}, got one point")
     ahead = np.concatenate([moving, moving[-1:]])[np.searchsorted(moving, np.arange(len(tool)))]
     tangent = steps[ahead] / sizes[ahead, None]
     axis = np.array(job.section.axis) / np.linalg.norm(job.section.axis)
-    blocks = range(0, len(tool), BLOCK)
-    spindle = np.concatenate([rotation_of(tool[start : start + BLOCK, 3:]) @ axis for start in blocks])
+    blocks = np.array_split(tool[:, 3:], range(BLOCK, len(tool), BLOCK))
+    spindle = np.concatenate([rotation_of(block) @ axis for block in blocks])
     across = np.cross(spindle, tangent)
     flat = np.linalg.norm(across, axis=1) < 1e-6
     if flat.any():  # a plunge: use one arbitrary transverse direction for all points
@@ -198,14 +208,6 @@ def _feeds(job: Job, otherwise: float | None, length: Array) -> Array:
     missing = np.isnan(feeds) & ~path.rapid
     if missing.any():
         line = path.lines[int(np.argmax(missing))]
-        raise InputError(f"{job.path_file.name}:{line}: feed: expected a feed of the path or of the cut, got none")
+        where, expected = f"{job.path_file.name}:{line}: feed", "a feed of the path or of the cut"
+        raise InputError(f"{where}: expected {expected}, got none")
     return feeds
-
-
-def _times(path: ToolPath, length: Array) -> Array | None:
-    """Return the time (n,) from the start, s; None if the path does not define it."""
-    if path.time is not None:
-        return path.time - path.time[0]
-    if path.feed is None or np.isnan(path.feed[1:]).any() or path.rapid[1:].any():
-        return None
-    return np.concatenate([[0.0], np.cumsum(np.diff(length) / path.feed[1:])])

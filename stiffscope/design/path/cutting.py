@@ -46,8 +46,9 @@ def specific_force(kc1: float, mc: float, chip: float) -> float:
 
 
 def mill(
-    kc1: float, mc: float, *, diameter: float, teeth: int, speed: float, feed: float, depth: float, width: float,
-    climb: bool = True, lead: float = 0.5 * np.pi, radial: float = 0.3, axial: float = 0.0,
+    kc1: float, mc: float, *, diameter: float, teeth: int, speed: float, feed: float, depth: float,
+    width: float, climb: bool = True, lead: float = 0.5 * np.pi, radial: float = 0.3,
+    axial: float = 0.0,
 ) -> CuttingForces:  # fmt: skip
     """Return the mean forces of a milling cutter that rotates clockwise seen from the spindle.
 
@@ -93,8 +94,9 @@ def mill(
 
 
 def drill(
-    kc1: float, mc: float, *, diameter: float, speed: float, feed: float, point: float = np.deg2rad(118.0)
-) -> CuttingForces:
+    kc1: float, mc: float, *, diameter: float, speed: float, feed: float,
+    point: float = np.deg2rad(118.0),
+) -> CuttingForces:  # fmt: skip
     """Return thrust and torque of a twist drill with two lips.
 
     Parameters
@@ -117,6 +119,8 @@ def drill(
     kc = specific_force(kc1, mc, chip)
     power = 0.25 * np.pi * diameter**2 * feed * kc * 0.5  # mean lip speed: half the rim speed
     thrust = 0.25 * kc * diameter * per_turn * np.sin(0.5 * point)
+    torque = power / (2.0 * np.pi * speed)
     return CuttingForces(
-        0.0, 0.0, float(thrust), float(power / (2.0 * np.pi * speed)), float(power), speed, 2.0 * speed, float(chip)
-    )
+        feed=0.0, across=0.0, axial=float(thrust), torque=float(torque), power=float(power),
+        speed=speed, tooth_passing=2.0 * speed, chip=float(chip),
+    )  # fmt: skip

@@ -90,7 +90,8 @@ class _Problem:
         """Return the commanded poses (m, k). Raise InputError if the robot lacks coordinates."""
         pose = [COORDINATES.index(name) for name in self.job.robot.tool.pose]
         home = np.array([*self.job.robot.tool.at, 0.0, 0.0, 0.0])
-        missing = [k for k in range(6) if k not in pose and np.ptp(course.tool[:, k] - home[k]) > 1e-9]
+        moves = np.ptp(course.tool - home, axis=0) > 1e-9
+        missing = [k for k in np.flatnonzero(moves) if k not in pose]
         if missing:
             names = ", ".join(COORDINATES[k] for k in missing)
             expected = f"expected a robot whose pose commands {names} too"
@@ -109,8 +110,8 @@ class _Problem:
             if not good.size:
                 continue
             found = found[good]
-            twist = respond_under(self.job, self.assembled, found, course.wrench[good]).twist[..., 0]
-            off = tool_error(course.tool[good], found.tool, twist)[:, :3]
+            state = respond_under(self.job, self.assembled, found, course.wrench[good])
+            off = tool_error(course.tool[good], found.tool, state.twist[..., 0])[:, :3]
             least = self.job.section.free.least  # type: ignore[union-attr]
             error[start + good] = np.linalg.norm(off, axis=1)
             if least != "size":
@@ -251,13 +252,17 @@ def _follow_valley(
     return found
 
 
-def _settle(problem: _Problem, values: Array, stations: Indices, limit: Array, single: Array) -> Array:
+def _settle(
+    problem: _Problem, values: Array, stations: Indices, limit: Array, single: Array
+) -> Array:  # fmt: skip
     """Return smooth values (n, c), blended with the constants if they exceed the limit (n,)."""
     every, acts = np.arange(len(limit)), np.isfinite(limit)
     scale = max(float(np.mean(limit[acts] ** 2)), 1e-300)
     for k in range(len(problem.motions)):
         values = _descend(problem, values, k, stations, acts[stations], scale)
-    spread = values[:1] if len(stations) == 1 else PchipInterpolator(stations, values, axis=0)(every)
+    spread = values[:1]
+    if len(stations) > 1:
+        spread = PchipInterpolator(stations, values, axis=0)(every)
     share, width = np.ones(len(limit)), max(2.0, len(limit) / 50)
     for number in range(_ROUNDS):
         tried = single + share[:, None] * (spread - single)
@@ -271,7 +276,9 @@ def _settle(problem: _Problem, values: Array, stations: Indices, limit: Array, s
     return single
 
 
-def _descend(problem: _Problem, values: Array, k: int, stations: Indices, acts: Flags, scale: float) -> Array:
+def _descend(
+    problem: _Problem, values: Array, k: int, stations: Indices, acts: Flags, scale: float
+) -> Array:  # fmt: skip
     """Minimize squared errors and second differences of a coordinate by Gauss-Newton steps."""
     motion = problem.motions[k]
     grid = motion.grid(FIXED)
@@ -281,7 +288,8 @@ def _descend(problem: _Problem, values: Array, k: int, stations: Indices, acts: 
         return values
     bends = np.diff(np.eye(m), 2, axis=0) / step
     stiff = 10.0 * _BEND * bends.T @ bends
-    banded = np.array([np.pad(np.diagonal(stiff, d), (max(d, 0), max(-d, 0))) for d in (2, 1, 0, -1, -2)])
+    bands = ((np.diagonal(stiff, d), d) for d in (2, 1, 0, -1, -2))
+    banded = np.array([np.pad(band, (max(d, 0), max(-d, 0))) for band, d in bands])
 
     def cost(tried: Array) -> tuple[float, Array]:
         error, _ = problem.evaluate(tried, stations)

@@ -178,7 +178,8 @@ def _arc(
     other = float(np.linalg.norm(two))
     if radius < 1e-9 or abs(radius - other) > max(1e-5, 2e-3 * radius):
         got = f"{1e3 * radius:g} mm and {1e3 * other:g} mm"
-        raise InputError(f"{here}: expected an arc whose ends are as far from its centre, got {got}")
+        expected = "expected an arc whose ends are as far from its centre"
+        raise InputError(f"{here}: {expected}, got {got}")
     begin = np.arctan2(one[1], one[0])
     turn = sense * float(np.mod(sense * (np.arctan2(two[1], two[0]) - begin), 2.0 * np.pi))
     if abs(turn) < 1e-9:

@@ -186,7 +186,8 @@ class Motion:
         if self.name == "slide":
             out[:, :3] += values[:, None] * axis
             return out, still
-        turn, turned = Rotation.from_rotvec(values[:, None] * axis), Rotation.from_rotvec(tool[:, 3:])
+        turn = Rotation.from_rotvec(values[:, None] * axis)
+        turned = Rotation.from_rotvec(tool[:, 3:])
         if self.name == "spindle":
             out[:, 3:] = (turned * turn).as_rotvec()
             return out, still

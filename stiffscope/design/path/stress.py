@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from stiffscope.design.path.along import Along
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.experiments.experiments import PartResult
-    from stiffscope.runtime.types import Array, Flags
+    from stiffscope.runtime.types import Array
     from stiffscope.vjm.loading import Response
 
 
@@ -62,18 +62,13 @@ def find_stresses(state: Along, assembled: Assembled, response: Response) -> tup
         wrench = response.find_wrench(assembled.mechanism.rows(body))[0, :, 0]
         motion = np.tensordot(wrench, result.experiment.displacement, axes=1).reshape(-1, 1)
         stress = von_mises(nodal_stresses(mesh, motion, material.elasticity())[:, 0])
-        node = int(np.argmax(np.where(_away_from_interfaces(result), stress, -1.0)))
-        greatest, strength = float(stress[node]), state.job.section.yield_strength.get(material.name)
+        faces, away = result.solid["faces"], np.ones(len(mesh.points), dtype=bool)
+        nodes = mesh.nodes_of(frozenset(faces["clamped"] + faces["loaded"]))
+        away[mesh.cells[np.isin(mesh.cells, nodes).any(axis=1)]] = False
+        node = int(np.argmax(np.where(away | ~away.any(), stress, -1.0)))
+        greatest, names = float(stress[node]), (body, result.name, material.name)
+        strength = state.job.section.yield_strength.get(material.name)
         factor = None if strength is None or greatest == 0.0 else strength / greatest
-        place, motion = mesh.points[node], motion.reshape(-1, 3)
-        out.append(PartStress(body, result.name, material.name, greatest, place, factor, result, motion, stress))
+        place, moved = mesh.points[node], motion.reshape(-1, 3)
+        out.append(PartStress(*names, greatest, place, factor, result, moved, stress))
     return tuple(sorted(out, key=lambda each: -each.von_mises))
-
-
-def _away_from_interfaces(result: PartResult) -> Flags:
-    """Return flags (k,) of nodes away from clamped and loaded faces; all nodes if none is left."""
-    mesh, faces = result.experiment.mesh, result.solid["faces"]
-    touching = np.isin(mesh.cells, mesh.nodes_of(frozenset(faces["clamped"] + faces["loaded"]))).any(axis=1)
-    away = np.ones(len(mesh.points), dtype=bool)
-    away[mesh.cells[touching]] = False
-    return away if away.any() else ~away

@@ -25,8 +25,10 @@ PROGRAMS = {".nc", ".ngc", ".gcode", ".tap", ".cnc", ".iso", ".mpf"}
 MOST_LOAD = 1e6  # N, N·m
 _MOST_ROW = 1000  # bytes
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
-_PLACE, _TURN = q.Dimension("a length", "m", "mm", most=1e4), q.Dimension("an angle", "rad", "deg", most=1e4)
-_FEED, _TIME = q.Dimension("a speed", "m/s", "mm/min", most=1e3), q.Dimension("a time", "s", "s", most=1e9)
+_PLACE = q.Dimension("a length", "m", "mm", most=1e4)
+_TURN = q.Dimension("an angle", "rad", "deg", most=1e4)
+_FEED = q.Dimension("a speed", "m/s", "mm/min", most=1e3)
+_TIME = q.Dimension("a time", "s", "s", most=1e9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +92,8 @@ class ToolPath:
         import pyarrow as pa
         import pyarrow.csv
 
-        columns = {name: self.values[:, k] / self.factors[name] for k, name in enumerate(self.columns)}
+        pairs = zip(self.columns, self.values.T, strict=True)
+        columns = {name: values / self.factors[name] for name, values in pairs}
         pyarrow.csv.write_csv(pa.table(columns | dict(self.free)), path)
 
 
