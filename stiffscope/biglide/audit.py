@@ -68,7 +68,9 @@ def findings_on_paper(robot: RobotFile, solid: np.ndarray | None) -> list[Findin
     rms: list[Finding] = []
     for source, point in (("Table 5", "Q1"), ("Table 6", "Q2")):
         table = principal[point]
-        rows = {row: [value * principal["unit"] for value in table[row]] for row in _ROWS}
+        rows: dict[str, Sequence[float]] = {
+            row: [value * principal["unit"] for value in table[row]] for row in _ROWS
+        }  # fmt: skip
         found += principal_findings(model, source, math.radians(table["q_deg"]), rows)
         percent = {row: values[point] for row, values in principal["rms_percent"].items()}
         rms += rms_findings(point, percent, rows)

@@ -36,7 +36,7 @@ _TAKE: dict[str, Callable[[np.ndarray], Any]] = {
     "least": np.min, "greatest": np.max, "mean": np.mean,
     "worst": lambda each: np.max(np.abs(each)), "rms": lambda each: np.sqrt(np.mean(each**2)),
 }  # fmt: skip
-ALONG_PATH = ("error", "normal", "along", "binormal")
+ALONG_PATH: tuple[str, ...] = ("error", "normal", "along", "binormal")
 """Size of the error on a path and its parts, m."""
 
 

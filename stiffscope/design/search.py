@@ -217,7 +217,8 @@ def _find_front(study: StudyFile, evaluate: Evaluate) -> Ending:
     sampler = optuna.samplers.NSGAIISampler(
         population_size=size, crossover=crossover, seed=study.seed,
     )  # fmt: skip
-    asked = optuna.create_study(directions=["minimize"] * len(study.goals), sampler=sampler)
+    least: Any = ["minimize"] * len(study.goals)
+    asked = optuna.create_study(directions=least, sampler=sampler)
     for point in _draw_sobol(study, size):
         shares = zip(study.variables, point, strict=True)
         asked.enqueue_trial({

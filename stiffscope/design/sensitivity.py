@@ -181,8 +181,8 @@ class _Model:
         """Return bounds from those of the parts' derivatives; zeros if no experiment changes."""
         varied = self._vary_parts(robot)
         if not any(each.error.any() for each in varied.values()):
-            shapes = (middle.stiffness, middle.sag, middle.frequency)
-            return Responses(*map(np.zeros_like, shapes), 0.0)
+            still, level = np.zeros_like(middle.stiffness), np.zeros_like(middle.sag)
+            return Responses(still, level, np.zeros_like(middle.frequency), 0.0)
         mechanism, found = self._assemble(robot, varied)
         bars = statics.stiffness_error(mechanism, found) / step
         soft = np.abs(statics.compliance(mechanism, found))

@@ -246,7 +246,8 @@ def _read_response(
     found = read_table(ResponseSection, {"of": given} if isinstance(given, str) else given, key)
     where = (*key, "of") if isinstance(given, dict) else key
     job = None if found.path is None else find_job(found.path)
-    units = known_units(robot) if job is None else dict.fromkeys(ALONG_PATH, "m")
+    along: dict[str, str] = dict.fromkeys(ALONG_PATH, "m")
+    units = known_units(robot) if job is None else along
     with blame(*where):
         expression = parse(found.of)
         for each in expression.names:

@@ -213,7 +213,7 @@ def _of_program(path: Path, robot: RobotFile, step: float, at: Array, axes: Arra
             got = f"{1e3 * world[row, k]:g} mm (at, x and y place the program)"
             raise InputError(f"{path.name}:{program.line[row] + 1}: expected {expected}, got {got}")
     feed = program.feed if np.isfinite(program.feed[~program.rapid]).any() else None
-    lines, factors = (program.line + 1).tolist(), dict.fromkeys(pose, 1.0)
+    lines, factors = (program.line + 1).tolist(), {str(name): 1.0 for name in pose}
     return ToolPath(
         pose, values, feed, None, None, program.rapid, lines, factors, program, (at, axes)
     )  # fmt: skip

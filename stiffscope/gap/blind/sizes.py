@@ -103,13 +103,14 @@ def _sizes_of_one(effect: str, lab: Lab, members: Sequence[str], sign: float) ->
     """Return the parameters of an effect of unit size."""
     lengths = [lab.sound.bodies[name].length for name in members if name in lab.sound.bodies]
     lever = max((lab.drive_lever(n) for n in members if n in lab.sound.joints), default=1.0)
+    turns: dict[str, float] = dict.fromkeys(COORDINATES[3:], 0.015)
     return {
         "joint-stiffness": {"factor": 3.0}, "sensor-sign": {},
         "rigid-ends": {"length": 0.04 * float(np.mean(lengths or [0.0]))},
         "joint-axis": {"y": 1e-4, "z": sign * 1e-4, "ry": 3e-4, "rz": sign * 3e-4},
         "backlash": {"half_width": 8e-6 / lever}, "encoder-offset": {"offset": sign * 5e-5 / lever},
         "link-length": {"error": sign * 3e-5}, "thermal": {"temperature": sign * 4.0},
-        "instrument-misalignment": dict.fromkeys(COORDINATES[3:], 0.015),
+        "instrument-misalignment": turns,
     }[effect]  # fmt: skip
 
 

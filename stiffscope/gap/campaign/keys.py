@@ -123,7 +123,7 @@ def read_keys(table: Table, header: Header, *, bare: bool) -> Keys:
     load = table.codes("load", names, f"{listed}, or an empty cell for M")
     wrench = _check_wrench(table, applied, quantity, sensor, load)
     if coordinates == LABEL:
-        cells = table.columns["pose"]
+        cells = table.column("pose")
         if "" in cells:
             raise table.fail(cells.index(""), "pose", "the label of a pose")
         place: tuple[tuple[Any, ...], ...] = tuple((cell,) for cell in cells)

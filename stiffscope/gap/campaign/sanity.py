@@ -285,8 +285,8 @@ def _scatter(c: Campaign, rows: Indices, value: Array, model: Array) -> Array:
     left = np.asarray(value, dtype=float)
     rounding = max(1e-15 * float(np.abs(value).max()), 1e-300)
     for _ in range(30):
-        solved: Any = np.linalg.lstsq(columns * weight[:, None], value * weight, rcond=1e-9)
-        fit = solved[0]
+        solve: Any = np.linalg.lstsq
+        fit = solve(columns * weight[:, None], value * weight, rcond=1e-9)[0]
         left = np.asarray(value - columns @ fit, dtype=float)
         weight = np.sqrt(1.0 / (1.0 + (left / max(2.0 * _spread(left), rounding)) ** 2))
     return left

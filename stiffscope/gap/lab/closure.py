@@ -172,8 +172,8 @@ class Located:
 
 def home_of(machine: Machine) -> Array:
     """Return the commanded coordinates (k,) of M at home."""
-    home = dict(zip(COORDINATES, (*machine.at, 0.0, 0.0, 0.0), strict=True))
-    return np.array([home[name] for name in machine.pose])
+    home = np.concatenate([machine.at, np.zeros(3)])
+    return home[[COORDINATES.index(name) for name in machine.pose]]
 
 
 def locate(machine: Machine, poses: Array) -> Located:

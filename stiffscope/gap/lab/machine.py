@@ -194,7 +194,7 @@ class Instrument:
     """Rotations (3,) and scales of channels, or of the whole "instrument"."""
     factors: Mapping[str, float] = field(default_factory=dict[str, float])
     """Factor on the recorded numbers of a channel, or of the "instrument"."""
-    steps: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    steps: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, Any])
     """First row of the table after a slip, and its size, m or rad, by channel."""
 
 

@@ -126,7 +126,8 @@ class Signatures:
                 way = joint_state(joint.drawn_joint, self._located.frames, *ends).displacement
                 astray, along = np.eye(6)[k].reshape(2, 3), way[:, None] * np.eye(3)[0]
                 if joint.kind == "prismatic":  # a rotated slide changes direction
-                    moved[name] = np.pad(np.cross(astray[1], along), ((0, 0), (0, 3)))
+                    turned = way[:, None] * np.cross(astray[1], np.eye(3)[0])
+                    moved[name] = np.hstack([turned, np.zeros((len(way), 3))])
                 else:
                     moved[name] = np.hstack([a - turn(along) @ a for a in astray])
             columns.append(self._move(moved))
@@ -183,6 +184,7 @@ def fit_residual(signature: Array, columns: Array, most: int) -> float:
     best = whole
     for some in combinations(range(len(pull)), min(most, len(pull))):
         part: Array = pull[list(some)]
-        inverse = np.linalg.pinv(gram[np.ix_(some, some)], rcond=_DEPENDENT, hermitian=True)
+        square: Array = gram[np.ix_(some, some)]
+        inverse = np.linalg.pinv(square, rcond=_DEPENDENT, hermitian=True)
         best = min(best, whole - float(part @ inverse @ part))
     return float(np.sqrt(max(best, 0.0)))
