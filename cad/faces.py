@@ -87,7 +87,7 @@ def _on_round(face: FaceGeometry, points: NDArray[np.float64]) -> NDArray[np.flo
     return face.origin + np.outer(height, face.axis) + distance[:, None] * outward
 
 
-def _directions(vectors: NDArray[np.float64], otherwise: NDArray[np.float64]) -> NDArray[np.float64]:
+def _directions(vectors: NDArray[np.float64], otherwise: NDArray[Any]) -> NDArray[np.float64]:
     """Normalize vectors (n, k); a zero vector becomes `otherwise` (k,)."""
     lengths = np.linalg.norm(vectors, axis=1)
     units = np.tile(otherwise, (len(vectors), 1))

@@ -106,8 +106,8 @@ def part_of(
         (rest, clamped), *others = interfaces.items()
         named = dict(others)
     if reference_point is not None and len(named) > 1:
-        valid = f"none with {len(named)} interfaces"
-        raise InputError(f"{name}.reference_point: expected {valid}, got one")
+        none = f"none with {len(named)} interfaces"
+        raise InputError(f"{name}.reference_point: expected {none}, got one")
     if reference_point is not None:
         _check_near(solid, reference_point, f"{name}.reference_point")
     solid, selected = select_interfaces(solid, {rest: clamped, **named}, name)

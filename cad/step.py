@@ -153,5 +153,5 @@ def write_step(part: Part, path: str | Path) -> None:
 def write_stl(part: Part, path: str | Path) -> None:
     """Write the part's surface as binary STL, in mm and part axes, to 0.05 mm and 0.2 rad."""
     vertices, triangles, _ = tessellate(part.solid, 5e-5, 0.2)
-    cells = [("triangle", triangles)]
-    meshio.Mesh(vertices * 1e3, cells).write(path, file_format="stl", binary=True)
+    mesh = meshio.Mesh(vertices * 1e3, [("triangle", triangles)])
+    mesh.write(path, file_format="stl", binary=True)

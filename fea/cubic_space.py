@@ -82,7 +82,8 @@ def enrich(mesh: TetMesh, elasticity: Floats) -> Cubic:
     cells = np.vstack([grid.dofs.element_dofs, base + dofs.element_dofs]).T
     signs = [np.ones(len(cells), dtype=int)] * 10
     signs += [element.orient(grid.mapping(), i) for i in range(10)]
-    tables, rules = zip(_straight_rule(), _curved_rule(), strict=True)
+    (straight, at_middle), (curved, inside) = _straight_rule(), _curved_rule()
+    tables, rules = (straight, curved), (at_middle, inside)
     law, groups = tensor(elasticity), []
     for elements, number, inverse, volumes in integrate_cells(mesh, rules, len(cells)):
         pulled = np.einsum("rkcq,ikjl,slcq->cqrisj", inverse, law, inverse, optimize=True)

@@ -76,22 +76,22 @@ def run_experiment(
         If the part cannot be meshed or solved.
     """
     started, settings = time.perf_counter(), settings or Settings()
-    progress = progress or LISTENERS.open_line(part.name)
-    progress("cad", 0.0)
+    report = progress or LISTENERS.open_line(part.name)
+    report("cad", 0.0)
     specimen = part if isinstance(part, Specimen) else specimen_of(part, settings)
     moved = None
     if near and isinstance(part, Part):
         moved = moved_along(near[1], near[0], part)
         moved = moved if moved and shape_error(specimen, moved) < GOOD_SHAPE else None
     seconds = {"cad": time.perf_counter() - started}
-    progress("mesh", 0.05)
+    report("mesh", 0.05)
     if former:
         mesh, seconds["mesh"] = former.mesh, former.seconds["mesh"]
     else:
         mesh = moved or make_mesh(specimen, settings, settings.time_limit - seconds["cad"])
         seconds["mesh"] = time.perf_counter() - started - seconds["cad"]
     solving = time.perf_counter()
-    progress("solve", 0.5)
+    report("solve", 0.5)
     if former:
         solution, note = solve_on(specimen, mesh, settings), former.note
     else:
@@ -99,16 +99,16 @@ def run_experiment(
         check_time(len(mesh.cells), left, cure_of(specimen, settings.size), meshed=True)
 
         def refining(stage: str, done: float) -> None:
-            progress(stage, 0.5 + 0.35 * done)
+            report(stage, 0.5 + 0.35 * done)
 
         mesh, solution, note = solve_within(specimen, mesh, settings, refining, left, modes=whole)
     statics = _statics(specimen, settings, mesh, solution)
     experiment = replace(statics, note=note, moved=moved is not None)
     if whole:
-        progress("modes", 0.85)
+        report("modes", 0.85)
         experiment = _with_fields(experiment, solution, settings)
     seconds["solve"] = time.perf_counter() - solving
-    progress("solve", 1.0)
+    report("solve", 1.0)
     return replace(experiment, seconds=seconds)
 
 

@@ -51,13 +51,14 @@ def snap(
         tags = smooth_tags(facets, tag_facets(surface, points[facets], size / 2))
     skin = _Skin(cells, facets, owner, local, tags)
     target = Target(project, size, len(surface.faces), surface.seams)
-    for attempt in range(4):
+    left = 3
+    while True:
         nodes, full, full_facets, edges = _curve_mesh(points, skin, target)
         inverted = jacobian_range(nodes[full]) < FLATTEST
         slivers = np.intersect1d(np.flatnonzero(inverted), _sliver_candidates(skin))
-        if attempt == 3 or not len(slivers):
+        if not left or not len(slivers):
             break
-        skin = _without(skin, slivers)
+        skin, left = _without(skin, slivers), left - 1
     nodes, pulled = _pull_back(nodes, full, points, edges)
     return compact(TetMesh(nodes, full, full_facets, skin.tags, pulled))
 

@@ -253,7 +253,7 @@ def interface_error(specimen: Specimen, mesh: TetMesh) -> tuple[float, float]:
 def face_areas(mesh: TetMesh, count: int) -> Floats:
     """Return the area (count,), m², of each CAD face on the mesh."""
     areas = area_elements(mesh.points[mesh.facets]).sum(axis=1)
-    return np.bincount(mesh.facet_face, areas, count)
+    return np.bincount(mesh.facet_face, areas, count).astype(float)
 
 
 def _check(specimen: Specimen, mesh: TetMesh) -> None:

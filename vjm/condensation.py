@@ -302,7 +302,7 @@ def _fold(state: Condensed, step: Fold) -> Folded:
         np.einsum("nii->ni", core)[:, : factor.shape[2]] += 1.0  # unit springs
     half = half_inverse(core)
     pull = half if columns is None else half @ columns.mT  # (n, m, 6)
-    reach = {c: pull @ stiffness for c, stiffness in around.items() if c != start}
+    reach: dict[str, Array] = {c: pull @ stiffness for c, stiffness in around.items() if c != start}
     if start is not None:
         everything = sum(reach.values(), np.zeros((1, pull.shape[-2], 6)))
         for c, mine in reach.items():

@@ -201,7 +201,8 @@ class ChainLoads:
 def chain_loads(where: Places, load: CondensedLoads, connection: Connection) -> ChainLoads:
     """Collect loads and offsets along a connection."""
     total: Array = np.zeros((1, 6, load.loads.cases))
-    each, offset, offsets = [total], total, load.loads.offsets
+    each: list[Array] = [total]
+    offset, offsets = total, load.loads.offsets
     for node in reversed(connection.inner):
         total = total + load.forces.get(node, 0.0)
         each.insert(0, total)

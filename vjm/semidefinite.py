@@ -68,7 +68,7 @@ def projector(directions: Array, tolerance: float = DROPPED) -> tuple[Array, Arr
         size = np.linalg.norm(directions, axis=1, keepdims=True)
         q, r = np.linalg.qr(directions / np.where(size > 0.0, size, 1.0))
         if (np.abs(np.einsum("nii->ni", r)) > tolerance).all():
-            return np.eye(d) - q @ q.mT, np.full(n, float(k))
+            return np.eye(d) - q @ q.mT, np.zeros(n) + float(k)
     columns = np.ascontiguousarray(directions.transpose(2, 1, 0))
     basis: list[Array] = []
     rank = np.zeros(n)

@@ -96,6 +96,8 @@ def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output
             write_pictures(orders, shop.cache, manifest)
 
         def carry() -> None:
+            if adopt is None or nominal is None:
+                return
             c, robot = case.campaign, NominalRobot(nominal.mechanism, nominal.robot)
             about = {"campaign": case.name, "components": c.components, "modelled": c.modelled}
             adopt_effects(adopt, nominal.robot, robot, diagnosis, **about)

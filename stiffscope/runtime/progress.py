@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    Report = Callable[[str, float], None]
 
 
 def silence(_stage: str, _fraction: float) -> None:
     """Ignore a stage and its fraction."""
 
 
-LISTENERS = SimpleNamespace(open_line=lambda _name: silence)
-"""Holder of `open_line(name)`, which returns `report(stage, fraction)` for a job."""
+class Listeners:
+    """Holder of `open_line(name)`, which returns `report(stage, fraction)` for a job."""
+
+    def __init__(self) -> None:
+        self.open_line: Callable[[str], Report] = lambda _name: silence
+
+
+LISTENERS = Listeners()

@@ -65,9 +65,13 @@ class RobotModel:
             campaign = replace(campaign, value=campaign.value - expected, expected=expected)
         object.__setattr__(self, "campaign", campaign)
 
-    @cached_property
+    @property
     def library(self) -> tuple[Candidate, ...]:
         """Effects that the nominal model lacks, with twins merged, and nuisance patterns."""
+        return self._library
+
+    @cached_property
+    def _library(self) -> tuple[Candidate, ...]:
         without = {self.without, Gravity.word if self._has_gravity else ""}
         known = find_candidates(self.setting, without)
         return (*merge_twins(tuple(known), self.predict()), *nuisance_patterns(self.predict()))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -53,8 +53,8 @@ def pack_solids(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, 
     meshes = []
     for shape in shapes:
         limit = max(FEWEST, min(TRIANGLES, round(kept * shape.n_cells)))
-        fits = shape.n_cells <= limit
-        meshes.append(_mesh(shape if fits else shape.decimate(1.0 - limit / shape.n_cells)))
+        fewer = shape if shape.n_cells <= limit else shape.decimate(1.0 - limit / shape.n_cells)
+        meshes.append(_mesh(cast("pv.PolyData", fewer)))
     return {
         "meshes": meshes,
         "solids": placed,

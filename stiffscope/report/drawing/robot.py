@@ -148,7 +148,7 @@ def robot(
 def _draw_frames(
     picture: dict[str, Any], solids: list[Solid], reach: float, up: Floats, tool: dict[str, Any],
     shares: dict[str, float] | None,
-) -> Iterator[tuple[Floats, View]]:  # fmt: skip
+) -> Iterator[tuple[NDArray[Any], View]]:  # fmt: skip
     """Yield the frames of a moving robot, with a fixed camera."""
     frames, home = [_moves(each) for each in picture["frames"]], np.array(tool["at"], float)
     shapes = [_by_colour(solids, moves, shares) for moves in frames]
@@ -256,7 +256,7 @@ def _scene(
     seen: Floats | None = None,
     width: int = WIDTH,
     arrows: Sequence[Arrow] = (),
-) -> tuple[Floats, View]:
+) -> tuple[NDArray[Any], View]:
     """Return the picture and its camera, which fits everything or only points (k, 3)."""
     if seen is None:
         tips = np.add([point], 0.12 * reach * np.eye(3))
