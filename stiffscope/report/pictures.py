@@ -92,8 +92,7 @@ def _draw_now(picture: str, targets: tuple[Path, ...], arguments: dict[str, Any]
     from stiffscope.report.drawing.part import part_pictures, stressed_part
     from stiffscope.report.drawing.robot import robot, warm_up
 
-    drawers: tuple[Callable[..., None], ...] = part_pictures, stressed_part, robot, warm_up
-    known = {f.__name__: f for f in drawers}
+    known: dict[str, Any] = {f.__name__: f for f in (part_pictures, stressed_part, robot, warm_up)}
     known[picture](*targets, **arguments)
 
 
