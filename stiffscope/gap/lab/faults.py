@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -71,9 +72,7 @@ def _driven(change: Callable[[Any, float], Any], parameter: str) -> Injector:
     return _every(_drives, lambda j, v: replace(j, drive=change(j.drive, v[parameter])))
 
 
-def _bodies(change: Callable[[Body, Parameters], Body]) -> Injector:
-    """Return an injector that changes every elastic body of a place."""
-    return _every(_find_elastic, change)
+_bodies = partial(_every, _find_elastic)
 
 
 def _support(parameters: Parameters) -> Array:
@@ -356,13 +355,10 @@ def acts_on(machine: Machine, effect: str, place: str) -> bool:
 
     Parameters
     ----------
-    machine
-        The machine.
-    effect
-        A name of `KNOWN` or `OUTSIDE`.
+    machine, effect
+        The machine, and a name of `KNOWN` or `OUTSIDE`.
     place
         An element, a set of them, or another place of the effect.
-
     """
     return bool({**KNOWN, **OUTSIDE}[effect].acts_on(machine, place))
 
@@ -383,7 +379,6 @@ def inject(machine: Machine, effect: str, place: str, parameters: Parameters) ->
     ------
     InputError
         For a name that is not in `KNOWN` or `OUTSIDE`, listing the valid ones.
-
     """
     words = {**KNOWN, **OUTSIDE}
     if effect not in words:
@@ -400,7 +395,6 @@ def inject(machine: Machine, effect: str, place: str, parameters: Parameters) ->
         raise InputError(f"{effect}, {word.names[0]}: expected this parameter")
     bad = [name for name, value in parameters.items() if not np.isfinite(value)]
     if bad or parameters.get("factor", 1.0) <= 0:
-        name = (bad or ["factor"])[0]
-        raise InputError(f"{effect}, {name}: expected a finite number, a factor above 0")
+        raise InputError(f"{effect}, {(bad or ['factor'])[0]}: expected a finite number, a factor above 0")
     part = place.rsplit(".", 1)[0] if effect == "part-dimension" else place
     return word.inject(machine, part, parameters)
