@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -55,6 +56,7 @@ _DARK_DOUBT = "#9a6a00"
 AXES = ("#d62728", "#2ca02c", "#1f4fd6")
 MARKS = {"sensor": "#8e24aa", "load": "#ef6c00"}
 CONTEXT = 1.7  # field of view of a close picture over the extent of its arrows
+SURROUNDINGS = 0.11  # least half field of view of a close picture over the robot's reach
 SHADES = 9  # shades of the colour scale in a page's viewer
 _NAMED = 5  # most parts in the key
 
@@ -132,8 +134,8 @@ def robot(
         seen = None
         if close:  # scaled from the middle, so that the view includes the surroundings
             ends = np.vstack([each.ends for each in arrows])
-            middle = (ends.max(axis=0) + ends.min(axis=0)) / 2
-            seen = middle + CONTEXT * (ends - middle)
+            half = np.maximum(0.5 * CONTEXT * np.ptp(ends, axis=0), SURROUNDINGS * reach)
+            seen = (ends.max(axis=0) + ends.min(axis=0)) / 2 + half * list(product((-1, 1), repeat=3))
         image, view = _scene(shapes, rotation @ home + position, upward, reach, seen, arrows=arrows)
         figure = frame_picture(image, view, picture["title"])
         if close:
