@@ -105,7 +105,7 @@ def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output
         emit(
             output, to_json(diagnosis), lambda: gap_tables.show_diagnosis(diagnosis), manifest=manifest, fill=fill,
             page=partial(_write_page, case, nominal, diagnosis), kept="diagnosis.json",
-            also=carry if adopt and nominal else None,
+            also=carry,
         )  # fmt: skip
         if adopt and nominal and output.loud:
             parts = f"with the parts' matrices of the diagnosis ({case.campaign.components})"

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.report.page import Figure
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.runtime.progress import Report
+    from stiffscope.runtime.types import Progress
     from stiffscope.vjm.statics import Stiffness
     from stiffscope.vjm.yielding import Deflection
 
@@ -109,7 +109,7 @@ def as_html(shown: Any, show: Callable[[Any], Sequence[Figure] | None] | None = 
     return page.templates().get_template("notebook.html").render(lines=lines, figures=figures)
 
 
-def open_bar(name: str) -> Report:
+def open_bar(name: str) -> Progress:
     """Open a progress bar in the output of a cell; it disappears when the job is done."""
     from IPython.display import HTML, display  # pyright: ignore[reportMissingImports, reportMissingModuleSource]
 

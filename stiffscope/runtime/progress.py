@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    Report = Callable[[str, float], None]
+    from stiffscope.runtime.types import Progress
 
 
 def silence(_stage: str, _fraction: float) -> None:
@@ -18,7 +18,7 @@ class Listeners:
     """Holder of `open_line(name)`, which returns `report(stage, fraction)` for a job."""
 
     def __init__(self) -> None:
-        self.open_line: Callable[[str], Report] = lambda _name: silence
+        self.open_line: Callable[[str], Progress] = lambda _name: silence
 
 
 LISTENERS = Listeners()
