@@ -207,7 +207,8 @@ def _below(leader: psutil.Process) -> dict[str, list[psutil.Process]]:
     """The processes that may be killed, by `WHOM`."""
     with contextlib.suppress(psutil.NoSuchProcess):
         children = leader.children()
-        return {"main": [leader], "child": children, "mesher": [each for one in children for each in one.children()]}
+        found = {"main": [leader], "child": children, "mesher": [each for one in children for each in one.children()]}
+        return {whom: [one for one in found[whom] if one.status() != psutil.STATUS_ZOMBIE] for whom in WHOM}
     return {}
 
 
@@ -233,15 +234,18 @@ class Bench:
     folder: Path
     words: tuple[str, ...]
     scheduler: tuple[str, ...] = ()
-    seconds: float = field(init=False, default=0.0)
+    seen: dict[str, float] = field(init=False, default_factory=dict)  # how long (s) there was whom one may kill
 
     def __post_init__(self) -> None:
         self.folder.mkdir()
         write_inputs(self.folder)
         begun = time.monotonic()
-        code, said = self.run(self.folder)
-        assert code == 0, said
-        self.seconds = time.monotonic() - begun
+        process = self.start(self.folder)
+        while process.poll() is None:
+            there = [whom for whom, found in _below(psutil.Process(process.pid)).items() if found]
+            self.seen.update(dict.fromkeys(there, time.monotonic() - begun))
+            time.sleep(0.02)
+        assert process.returncode == 0, process.communicate()[1]
 
     def start(self, folder: Path) -> subprocess.Popen:
         return stiffscope(*self.words, *self.scheduler, folder=folder)
@@ -251,28 +255,31 @@ class Bench:
         said = process.communicate(timeout=LONGEST)[1].decode()
         return process.returncode, said
 
-    def kill(self, seed: int, whom: str, act: Callable[..., str] = kill_one) -> tuple[str, list[str]]:
-        """Kill in a folder of its own; what was done, and what is wrong after it."""
+    def kill(
+        self, seed: int, whom: str, act: Callable[..., str] = kill_one, latest: float = 0.8
+    ) -> tuple[str, list[str]]:
+        """Kill in a folder of its own, sooner if the command ended first; what was done, and what is wrong after it."""
         chance = random.Random(seed)  # noqa: S311
         with tempfile.TemporaryDirectory(dir=self.folder.parent) as name:
             folder = Path(name)
             write_inputs(folder)
-            if former := (self.folder / "out").exists() and chance.random() < 0.5:
+            # with a former output little may be left to do: in vain at first, a case is soon tried without
+            if former := (self.folder / "out").exists() and chance.random() < latest * 0.6:
                 shutil.copytree(self.folder / "out", folder / "out")
             inputs = {path: path.read_bytes() for path in folder.glob("*.*")}
-            begun = time.monotonic()
             process = self.start(folder)
-            done = act(process, whom, chance.uniform(0.1, 0.8 * self.seconds), chance)
+            moment = chance.uniform(0, latest) * self.seen.get(whom, self.seen["main"])
+            done = act(process, whom, moment, chance)
             said = process.communicate(timeout=LONGEST)[1].decode()
-            if not done:  # the quicker by what former ones left, or by an idle machine
-                self.seconds = max(0.3, time.monotonic() - begun)
+            if whom == "main" and process.returncode == 0:
+                done = ""  # its work was done
             wrong = [f"alive: {each}" for each in left_alive(process.pid)]
             main = whom == "main" and bool(done)
             wrong += self._judge_words(said, process.returncode, main)
             wrong += ["an input changed"] * any(path.read_bytes() != held for path, held in inputs.items())
             wrong += self._judge_folder(folder, former=former, killed="KILL" in done and main)
             wrong += self._judge_again(folder)
-        return done or "ended first", wrong
+        return (done, wrong) if done or wrong else self.kill(seed, whom, act, latest / 2)
 
     @staticmethod
     def _judge_words(said: str, code: int, main: bool) -> list[str]:
@@ -341,8 +348,8 @@ def kill_commands(folder: Path, count: int, seed: int) -> Iterator[tuple[str, st
     """Kill commands in turn: yield what was run, what was done, what is wrong."""
     benches = {name: Bench(folder / name, COMMANDS[name]) for name in OFTEN}
     for number in range(seed, seed + count):
-        name, whom = OFTEN[number % len(OFTEN)], WHOM[number // len(OFTEN) % len(WHOM)]
-        yield name, *benches[name].kill(number, whom)
+        bench = benches[name := OFTEN[number % len(OFTEN)]]
+        yield name, *bench.kill(number, sorted(bench.seen)[number // len(OFTEN) % len(bench.seen)])
 
 
 def kill_workers(folder: Path, count: int, seed: int) -> Iterator[tuple[str, str, list[str]]]:

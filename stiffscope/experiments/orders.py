@@ -34,8 +34,9 @@ FORM = 8  # format version of cached experiments
 class StepOrder:
     """A STEP file's solid as a part: content, faces (default: least and greatest x), axes."""
 
-    path: Path
+    path: Path  # absolute, for workers in other folders
     sha256: str
+    given: str = field(default="", compare=False)  # path as the user gave it, for messages
     clamped: tuple[FaceSelector, ...] = LEAST_X
     loaded: tuple[FaceSelector, ...] = GREATEST_X
     interfaces: tuple[tuple[str, tuple[FaceSelector, ...]], ...] = ()
@@ -69,7 +70,7 @@ class PartOrder:
 
     def key(self) -> str:
         """Return the cache key: hash of shape, material, settings, STEP file's content and code."""
-        solid = dataclasses.replace(self.step, path=Path()) if self.step else self.solid
+        solid = dataclasses.replace(self.step, path=Path(), given="") if self.step else self.solid
         plain = {"solid": solid, "material": self.material, "settings": self.settings}
         return digest({
             "name": self.name, "shape": self.shape, "form": FORM,
@@ -87,12 +88,14 @@ class PartOrder:
         if not isinstance(self.solid, StepOrder):
             return build(self.solid, self.material, self.name)
         step = self.solid
-        return read_step(
-            step.path, name=self.name, material=self.material, clamped=step.clamped,
-            loaded=step.loaded, interfaces=dict(step.interfaces) or None,
-            couplings=dict(step.couplings), placement=step.placement,
-            reference_point=step.reference_point,
-        )  # fmt: skip
+        try:
+            return read_step(
+                step.path, name=self.name, material=self.material, clamped=step.clamped, loaded=step.loaded,
+                interfaces=dict(step.interfaces) or None, couplings=dict(step.couplings), placement=step.placement,
+                reference_point=step.reference_point,
+            )  # fmt: skip
+        except InputError as error:
+            raise InputError(str(error).replace(str(step.path), step.given, 1)) from error
 
 
 def order_part(
@@ -109,8 +112,7 @@ def order_part(
     solid = _step_order(robot, name, step) or _dimensions(robot, name)
     material = robot.material(name)
     if material is None:
-        message = "expected the material of the solid, got none"
-        raise robot.refuse(("parts", name, "material"), message)
+        raise robot.refuse(("parts", name, "material"), "expected the material of the solid, got none")
     settings = Settings()
     if isinstance(part, SolidPart):
         mesh = part.mesh.model_dump()
@@ -180,13 +182,10 @@ def _step_order(robot: RobotFile, name: str, given: str | Path | None) -> StepOr
     """Return the order of a given STEP file, with the robot file's faces, or of the part's own."""
     part = robot.part(name)
     section = part if isinstance(part, StepPart) else None
-    if given is not None and not str(given):
+    if given == "":
         raise InputError("--step: expected a STEP file, got no name")
-    if given is not None:
-        path = Path(given)
-    elif section is not None:
-        path = robot.path.parent / section.file
-    else:
+    path = Path(given) if given is not None else section and robot.path.parent / section.file
+    if path is None:
         return None
     try:
         content = file_digest(path, "a STEP file", MOST_BYTES)
@@ -196,12 +195,11 @@ def _step_order(robot: RobotFile, name: str, given: str | Path | None) -> StepOr
         message = str(error).removeprefix(f"{path}: ")
         raise robot.refuse(("parts", name, "file"), f"{message} ({path})") from error
     if section is None:
-        return StepOrder(path.absolute(), content)
-    given_faces = {"clamped": section.clamped, "loaded": section.loaded}
-    chosen = {tag: _select(faces) for tag, faces in given_faces.items() if faces is not None}
+        return StepOrder(path.absolute(), content, str(path))
+    chosen = {tag: _select(faces) for tag in ("clamped", "loaded") if (faces := getattr(section, tag)) is not None}
     ends = (section.interfaces or {}).items()
     return StepOrder(
-        path.absolute(), content, **chosen, placement=section.placement(),
+        path.absolute(), content, str(path), **chosen, placement=section.placement(),
         reference_point=section.reference_point,
         interfaces=tuple((end, _select(each.faces)) for end, each in ends),
         couplings=tuple((end, each.interface) for end, each in ends if each.interface),

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -56,6 +57,16 @@ def test_a_step_file_is_known_by_its_content_faces_and_axes(tmp_path):
     assert len(keys) == 5
     with pytest.raises(InputError, match=r'robot\.toml:6: parts\."bar 1"\.file: expected a STEP file, got no file'):
         order_part(one_part(tmp_path, STEP.replace("bar.step", "none.step")), NAME)
+
+
+def test_a_step_file_is_named_as_it_was_given(tmp_path, monkeypatch):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "bar.step").write_text("ISO-10303-21 cut")
+    monkeypatch.chdir(tmp_path)
+    robot = one_part(Path("parts"), STEP)
+    for build in (lambda: order_part(robot, NAME).build(), lambda: order_part(robot, NAME, "parts/bar.step").build()):
+        with pytest.raises(InputError, match=r"^parts/bar\.step: expected a whole STEP file, found a truncated one"):
+            build()
 
 
 def test_a_given_step_file_takes_the_place_of_any_part(tmp_path):

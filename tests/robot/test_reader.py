@@ -447,7 +447,8 @@ def test_set_reaches_parts_parameters_joints_bodies_and_copies(read):
         ),
         ("leg2.motor.drive.range=3", '^--set .*: joints."leg2.motor".drive.range: expected two angles'),
         ("parameters.th=nix", "^--set parameters.th=nix: parameters.th: expected a quantity"),
-        ("arm.length=230mm", r'robot.toml:\d+: bodies."leg1.arm".tip: expected a tip 230 mm from the base'),
+        ("arm.length=230mm", r'robot.toml:\d+: bodies."leg1.arm".tip: expected .* \(with --set arm.length=230mm\)$'),
+        ("arm.fitting_radius=9mm", r"robot.toml:8: .*fitting_length: .* \(with --set arm.fitting_radius=9mm\)$"),
     ],
 )
 def test_set_is_checked_alike(read, override, message):

@@ -74,13 +74,14 @@ class Source:
         return line_of(self.lines, key)
 
     def refuse(self, key: Key, message: str) -> InputError:
-        """Return an error for a key that names its `--set` override, or else file and line."""
+        """Return an error for a key that names its `--set` override, or else file, line and overrides."""
         key = as_written(key)
         by = next((self.changed[key[:n]] for n in range(len(key), 0, -1) if key[:n] in self.changed), None)
         for table in (key, key[:-1]):  # a table that exists only because of an override
             if by is None and len(table) > 1 and table not in self.lines:
                 by = next((text for each, text in self.changed.items() if each[: len(table)] == table), None)
-        return InputError(f"{by or f'{self.path}:{self.line(key)}'}: {field_name(key)}: {message}")
+        others = "" if by or not self.overrides else f" (with --set {', '.join(self.overrides[:3])})"
+        return InputError(f"{by or f'{self.path}:{self.line(key)}'}: {field_name(key)}: {message}{others}")
 
     @contextmanager
     def refusing(self) -> Iterator[None]:
