@@ -32,16 +32,18 @@ def save_figure(figure: Figure, *targets: Path, dpi: int = 110) -> None:
     The canvas writes it, because ``Figure.savefig`` would draw everything once more. So would
     asking for the extent of a text in a figure without a canvas.
     """
+    import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-    for target in targets:
-        figure.set_dpi(dpi)
-        if target.suffix == ".svg":
-            FigureCanvasSVG(figure).print_svg(target, metadata={"Date": None})
-        else:
-            FigureCanvasAgg(figure).print_png(target)
-        figure.set_layout_engine("none")  # the layout is computed only once
+    with mpl.rc_context(STYLE):
+        for target in targets:
+            figure.set_dpi(dpi)
+            if target.suffix == ".svg":
+                FigureCanvasSVG(figure).print_svg(target, metadata={"Date": None})
+            else:
+                FigureCanvasAgg(figure).print_png(target)
+            figure.set_layout_engine("none")  # the layout is computed only once
 
 
 def save_figures(folder: Path, figures: dict[str, Callable[[], Figure | None]]) -> list[str]:

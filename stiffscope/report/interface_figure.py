@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.report.figures import AFTER, BEFORE, EFFECT, STYLE, new_figure, save_figure
+from stiffscope.report.figures import AFTER, BEFORE, EFFECT, new_figure, save_figure
 from stiffscope.report.numbers import power
 from stiffscope.report.page import Section
 
@@ -30,19 +30,16 @@ SLENDER = (0.16, 0.4)  # sketched width and depth of a link or a STEP solid, not
 
 def draw(compared: Comparison, target: Path) -> None:
     """Draw the entries for the robot file's interface and their changes for the others, as PNG."""
-    import matplotlib as mpl
-
     count, title = len(compared.others), _title(compared)
-    with mpl.rc_context(STYLE):
-        figure = new_figure(3.6 + 2.75 * count, 2.9 + 0.42 * len(compared.entries), title)
-        grid = figure.subplots(2, count + 1, height_ratios=[1.3, 2.9], squeeze=False)
-        for axes, tested in zip(grid[0], (compared.own, *compared.others), strict=True):
-            _sketch(axes, tested)
-        _values(grid[1, 0], compared)
-        for k, axes in enumerate(grid[1, 1:]):
-            _changes(axes, compared, k)
-        figure.supxlabel(textwrap.fill(CAPTION, 42 * (count + 1)), fontsize=9, color=BEFORE)
-        save_figure(figure, target, dpi=130)
+    figure = new_figure(3.6 + 2.75 * count, 2.9 + 0.42 * len(compared.entries), title)
+    grid = figure.subplots(2, count + 1, height_ratios=[1.3, 2.9], squeeze=False)
+    for axes, tested in zip(grid[0], (compared.own, *compared.others), strict=True):
+        _sketch(axes, tested)
+    _values(grid[1, 0], compared)
+    for k, axes in enumerate(grid[1, 1:]):
+        _changes(axes, compared, k)
+    figure.supxlabel(textwrap.fill(CAPTION, 42 * (count + 1)), fontsize=9, color=BEFORE)
+    save_figure(figure, target, dpi=130)
 
 
 def _title(compared: Comparison) -> str:

@@ -6,6 +6,7 @@ import xarray as xr
 
 from stiffscope.design.maps import map_robot, map_stiffness, to_dataset, write_map
 from stiffscope.errors import InputError
+from stiffscope.report.figures import new_figure, save_figure
 from stiffscope.report.maps import _limits, held_text
 from stiffscope.report.notebook import stiffness_map as picture
 from stiffscope.robot.mechanism_of import mechanism_of
@@ -77,3 +78,11 @@ def test_a_few_stiff_poses_do_not_swallow_the_colours():
     low, high, clipped = _limits(values)
     assert clipped
     assert 1.0 < low < high < 2.0
+
+
+def test_a_figure_is_written_alike_every_time(tmp_path):
+    for name in ("one.svg", "other.svg"):
+        figure = new_figure(2.0, 2.0, "stiffness")
+        figure.subplots().imshow(np.eye(3))
+        save_figure(figure, tmp_path / name)
+    assert (tmp_path / "one.svg").read_bytes() == (tmp_path / "other.svg").read_bytes()
