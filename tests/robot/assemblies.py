@@ -299,7 +299,7 @@ def finger() -> Made:
     return made
 
 
-def _hexagon(flats: float, height: float) -> Any:
+def hexagon(flats: float, height: float) -> Any:
     return b.extrude(b.RegularPolygon(flats / np.sqrt(3.0), 6), height)
 
 
@@ -312,7 +312,7 @@ def lever() -> Made:
     made.add("Hebel", at(b.Box(90, 20, 10, align=LOW), (30, 0, 4.1)) - at(rod(6.05, 40), (0, 0, -5)))
     made.buy("Ring", at(ring(5.5, 8, 1.2) - at(b.Box(16, 3.3, 4), (8, 0, 0)), (0, 0, 14.2)))
     made.buy("Scheibe", at(ring(4.2, 8, 1.6), (0, 0, -11.6)))
-    made.buy("Mutter", at(_hexagon(13, 6.5) - rod(4, 20), (0, 0, -18.1)))
+    made.buy("Mutter", at(hexagon(13, 6.5) - rod(4, 20), (0, 0, -18.1)))
     made.join("Platte", "Achse", "fixed")
     made.join("Achse", "Hebel", "revolute", (0, 0, 0), Z)
     return made
@@ -341,8 +341,8 @@ def dovetail() -> Made:
         block -= at(rod(3.3, 60), (x, 40, 0)) + at(rod(2.1, 60), (x, -40, 0))
         plate -= at(rod(3.3, 60), (x, 40, 0)) + at(b.Cone(2.75, 5.5, 2.75, align=TOP), (x, -40, 38))
         plate -= at(rod(2.75, 60), (x, -40, 0))
-        made.buy(f"bolt{x:g}", at(_hexagon(10, 4) + b.Cylinder(3, 26, align=TOP), (x, 40, 38)))
-        made.buy(f"nut{x:g}", at(_hexagon(10, 5) - rod(3, 20), (x, 40, 15)))
+        made.buy(f"bolt{x:g}", at(hexagon(10, 4) + b.Cylinder(3, 26, align=TOP), (x, 40, 38)))
+        made.buy(f"nut{x:g}", at(hexagon(10, 5) - rod(3, 20), (x, 40, 15)))
         sunk = b.Cone(2.5, 5, 2.5, align=TOP) + b.Cylinder(2.5, 16, align=TOP)
         made.buy(f"sunk{x:g}", at(sunk, (x, -40, 37.75)))
     link = at(b.Box(20, 80, 6, align=LOW), (0, 90, 38)) - at(rod(4.05, 60), (0, 62, 0))
@@ -401,7 +401,7 @@ def ball_stud() -> Made:
     made.add("plate", at(b.Box(60, 60, 15, align=TOP), (0, 0, -16)) - at(b.Cylinder(3.4, 12, align=TOP), (0, 0, -16)))
     made.add("stud", b.Sphere(8) + b.Cylinder(4, 27, align=TOP) + at(rod(6.5, 4), (0, 0, -16)))
     made.add("end", end + at(rod(4, 18), (0, 0, 18)))
-    made.buy("nut", at(_hexagon(13, 5) - rod(4, 9), (0, 0, 19)))
+    made.buy("nut", at(hexagon(13, 5) - rod(4, 9), (0, 0, 19)))
     made.add("rod", at(rod(7.5, 90) - rod(3.4, 60), (0, 0, 24)))
     for first, second, kind in (("plate", "stud", "fixed"), ("stud", "end", "spherical"), ("end", "rod", "fixed")):
         made.join(first, second, kind)
@@ -488,6 +488,41 @@ def gib() -> Made:
     return made
 
 
-SMALL = (shoulder, case, ball_stud, bushed, spindle, gib, locked)
+def column() -> Made:
+    """A headed shaft with a hexagon nut in a bearing, which a turned housing and a circlip in its groove hold."""
+    made = Made()
+    made.add("house", rod(30, 40) - rod(17, 13) - rod(12, 60) - at(rod(18, 1), (0, 0, 12)))
+    made.buy("bearing", ring(8, 17, 12))
+    made.buy("clip", at(ring(14, 18, 1) - at(b.Box(16, 6, 4), (16, 0, 0)), (0, 0, 12)))
+    made.add("shaft", at(rod(8, 30), (0, 0, -1)) + at(rod(20, 10), (0, 0, -11)))
+    made.buy("piece", at(hexagon(24, 10) - rod(8, 30), (0, 0, 12)))
+    made.join("house", "shaft", "revolute", (0, 0, 0), Z)
+    return made
+
+
+def drive() -> Made:
+    """A carriage on a rod in a bushing between circlips; a nut of a spindle on it with screws of rounded heads."""
+    made, bores = Made(), [at(rod(12, 60), (0, 50, -9)), at(rod(14, 60), (0, -30, -9))]
+    carriage = b.Box(60, 140, 40, align=LOW) - bores
+    nut = rod(14, 40) + at(rod(26, 8), (0, 0, 40)) - at(rod(8, 99), (0, 0, -9))
+    for number, (x, y) in enumerate(((20, 0), (0, 20), (-20, 0), (0, -20))):
+        nut, carriage = nut - at(rod(2.7, 9), (x, y, 40)), carriage - at(rod(2.1, 20), (x, y - 30, 25))
+        head = at(b.Sphere(6) - at(b.Box(20, 20, 20, align=TOP), (0, 0, 2)), (0, 0, -2))
+        made.buy(f"piece{number}", at(head + b.Cylinder(2.5, 20, align=TOP), (x, y - 30, 48)))
+    made.buy("bush", at(ring(8, 12, 30), (0, 50, 5)))
+    for z in (3.5, 35.0):
+        carriage -= at(rod(13, 1.5), (0, 50, z))
+        made.buy(f"clip{z:g}", at(ring(10, 13, 1.5) - at(b.Box(16, 4, 9), (12, 0, 0)), (0, 50, z)))
+    made.add("nut", at(nut, (0, -30, 0)))
+    made.add("spindle", at(rod(8, 300), (0, -30, -150)))
+    made.add("guide", at(rod(8, 300), (0, 50, -150)))
+    made.add("carriage", carriage)
+    made.join("nut", "carriage", "fixed")
+    made.join("nut", "spindle", "cylindrical", (0, -30, 0), Z)
+    made.join("guide", "carriage", "cylindrical", (0, 50, 0), Z)
+    return made
+
+
+SMALL = (shoulder, case, ball_stud, bushed, spindle, gib, locked, column, drive)
 ALL = {"five-bar": five_bar, "delta": delta, "hexapod": hexapod, "slider": slider, "3-prs": three_prs, "finger": finger}
 ALL |= {"lever": lever, "dovetail": dovetail, "gears": gears}

@@ -57,13 +57,20 @@ def test_every_joint_is_found_and_none_invented(machine, tmp_path):
 
 @pytest.mark.parametrize("machine", assemblies.SMALL)
 def test_details_of_real_machines_make_the_joints_that_they_are(machine):
-    """As a STEP file would give them, but without names and without writing it."""
+    """As a STEP file would give them, but without writing it; names only where one is to be no reason."""
     place, made = b.Location((-31, 7, 120), (23, -140, 61)), machine()
-    children = [place * b.Solid(solid.wrapped) for solid in made.solids.values()]
-    solids, _ = read_built(b.Compound(children=children), "machine", [])
+    solids = _place_solids(made, place, named=machine is assemblies.drive)
     doubts = _check(made, solids, place)
     laid = sum("taken as fixed" in doubt.text for doubt in doubts)
     assert laid == (2 if machine is assemblies.case else 0)
+
+
+def _place_solids(made, place, named=True):
+    children = []
+    for name, solid in made.solids.items():
+        children.append(place * b.Solid(solid.wrapped))
+        children[-1].label = name if named else ""
+    return read_built(b.Compound(children=children), "machine", [])[0]
 
 
 def _check(made, solids, place):
@@ -155,16 +162,42 @@ def test_what_may_be_a_nut_on_a_thread_of_its_radius_is_told_with_both_readings(
     made.add("plate", b.Box(80, 60, 10, align=assemblies.TOP) - assemblies.at(assemblies.rod(6, 10), (0, 0, -10)))
     made.add("bar", assemblies.at(assemblies.rod(6, 50), (0, 0, -10)))
     made.add(name, nut)
-    children = []
-    for label, solid in made.solids.items():
-        children.append(b.Solid(solid.wrapped))
-        children[-1].label = label
-    solids, _ = read_built(b.Compound(children=children), "machine", [])
+    solids = _place_solids(made, b.Location())
     contacts = find_contacts(solids)
     joints, told = find_joints(solids, contacts, find_hardware(solids, contacts, {}))
     assert [joint.kind for joint in joints] == [kind] * bool(kind)
     assert [each.solids for each in told] == [("piece",)] * bool(kind)
     assert all('if it is a nut, say --weld "piece"' in each.text for each in told)
+
+
+@pytest.mark.parametrize(
+    ("upper", "name", "told"),
+    [
+        ("plate", "piece", 'revolute: taken as a screw with a nut; if it is a pin, say --joint "lower/upper='),
+        ("bearing", "piece", 'own between: taken as a screw with a nut; if it is a shaft, say --part "piece"'),
+        ("none", "piece", 'no joint: taken as a shaft with a nut; if it is a screw, say --weld "piece"'),
+        ("plate", "Schraube", ""),
+    ],
+)
+def test_a_headed_bar_with_a_nut_is_told_with_both_readings(upper, name, told):
+    """A screw of its holes' diameter, an axle in a bearing on an arm, or a shaft in a bearing of a housing."""
+    made, hole = assemblies.Made(), assemblies.at(assemblies.rod(8, 80), (0, 0, -40))
+    ring = assemblies.at(assemblies.ring(8, 17, 10), (0, 0, -10))
+    lower = b.Box(90, 50, 10, align=assemblies.TOP) - (ring + hole if upper == "none" else hole)
+    made.add("lower", lower)
+    if upper != "none":
+        plate = assemblies.at(b.Box(120, 50, 10, align=assemblies.LOW), (30, 0, 0)) - hole
+        made.add("upper", plate - assemblies.rod(17, 10) if upper == "bearing" else plate)
+    if upper != "plate":
+        made.buy("bearing", ring if upper == "none" else assemblies.ring(8, 17, 10))
+    top = 0.0 if upper == "none" else 10.0
+    made.add(name, assemblies.at(assemblies.rod(8, 60) + assemblies.rod(14, 8), (0, 0, -18)))
+    made.buy("nut", assemblies.at(assemblies.hexagon(24, 10) - assemblies.rod(8, 30), (0, 0, top)))
+    solids = _place_solids(made, b.Location())
+    contacts = find_contacts(solids)
+    _, doubts = find_joints(solids, contacts, find_hardware(solids, contacts, {}))
+    assert [each.solids for each in doubts] == [(name,)] * bool(told)
+    assert all(told in each.text for each in doubts)
 
 
 def test_an_import_runs_and_keeps_what_is_said(tmp_path):

@@ -18,8 +18,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.optimize import nnls
 
+from stiffscope.cad.turned import turned_form
 from stiffscope.robot.imports.doubts import Doubt, doubt_bores, doubt_built, doubt_threads
-from stiffscope.robot.imports.hardware import FIT, turned_form
+from stiffscope.robot.imports.hardware import FIT, NUTTED
 from stiffscope.robot.imports.part_motions import Bond, Freedom, held_by, holds_more, joint_freedom, relative_freedom
 from stiffscope.vjm.screws import shift, skew
 from stiffscope.vjm.subspaces import null_space, range_space
@@ -215,7 +216,8 @@ def find_joints(
             planes[found] = -sum(bond.contact.size for bond in held if bond.contact is not None)
         elif found.kind:
             joints.append(found)
-            doubts += doubt_threads(found, held, solids, hardware, contacts)
+            turning = _turning_kind(found, held, hardware, scale)
+            doubts += doubt_threads(found, turning, held, solids, hardware, contacts)
         else:
             left = f"{found.freedom.shape[1]} freedoms are left ({found.reason})"
             text = f"{left}, which no joint has; say which with --joint"
@@ -279,6 +281,17 @@ def _freedom(
     faces = _loaded_faces(i, touching, solids[i]), _loaded_faces(j, touching, solids[j])
     reason = _reason(i, j, bonds, solids, hardware)
     return Freedom(i, j, kind, at * scale, axis, axis2, reason, faces, scaled)
+
+
+def _turning_kind(found: Freedom, bonds: Sequence[Bond], hardware: Hardware, scale: float) -> str:
+    """Return the kind of a joint if its screws with nuts turn in their bores."""
+    nutted = {n for n in hardware.roles if hardware.reasons[n] == NUTTED}
+    if not nutted & {n for bond in bonds for n in (bond.first, bond.second)}:
+        return found.kind
+    pins = replace(hardware, roles=hardware.roles | dict.fromkeys(nutted, "pin"))
+    rows = [b.rows if b.contact is None or b.label else _held_by(b.contact, pins, scale) for b in bonds]
+    holds = [(b.first, b.second, held) for b, held in zip(bonds, rows, strict=True) if held is not None]
+    return kind_of(relative_freedom(holds, found.first, found.second), found.at / scale)[0]
 
 
 def _loaded_faces(end: int, touching: Sequence[Contact], solid: Instance) -> tuple[int, ...]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.robot.imports.hardware import FIT, may_be_nut, may_be_screw
+from stiffscope.robot.imports.hardware import FIT, is_ambiguous, may_be_nut
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -30,24 +30,40 @@ class Doubt:
 
 
 def doubt_threads(
-    joint: Freedom, bonds: Sequence[Bond], solids: Sequence[Instance], hardware: Hardware, contacts: Sequence[Contact]
-) -> list[Doubt]:
-    """Return doubts on headed pins and small rings of a moving joint, which would be fixed if they were threaded."""
-    if joint.kind == "fixed":
-        return []
-    numbers = dict.fromkeys(each for bond in bonds for each in (bond.first, bond.second))
-    pins = [n for n in numbers if may_be_screw(n, solids[n].name, hardware)]
-    rings = [n for n in (joint.first, joint.second) if may_be_nut(n, solids[n], contacts, hardware)]
-    pair = f"{solids[joint.first].name}/{solids[joint.second].name}"
-    readings = [(n, "clevis pin", "screw in holes of its own diameter", "screw") for n in pins]
-    readings += [(n, "part that turns on a shaft", "nut on a thread drawn with its own radius", "nut") for n in rings]
-    text = "a {1}, which makes {4} {5}, or a {2}, which makes it fixed: taken as a {1}; if it is a {3}, say --weld"
-    return [
-        Doubt(
-            (solids[each[0]].name,), f'{text.format(*each, pair, joint.kind)} "{solids[each[0]].name}"', tuple(joint.at)
-        )
-        for each in readings
-    ]
+    joint: Freedom, turning: str, bonds: Sequence[Bond], solids: Sequence[Instance], hardware: Hardware,
+    contacts: Sequence[Contact],
+) -> list[Doubt]:  # fmt: skip
+    """Return doubts on headed bars and small rings, which move if they turn and hold if they are threaded.
+
+    ``turning`` is the kind of the joint if its screws with nuts turn in their bores.
+    """
+    pair, moving = f"{solids[joint.first].name}/{solids[joint.second].name}", joint.kind != "fixed"
+    doubts = list[Doubt]()
+
+    def doubt(number: int, taken: str, other: str, makes: str, short: str, say: str = "") -> None:
+        name = solids[number].name
+        text = f"a {taken}, which makes {pair} {joint.kind}, or a {other}, which makes it {makes}: taken as a {taken}"
+        text += f"; if it is a {short}, say " + (say or f'--weld "{name}"')
+        doubts.append(Doubt((name,), text, tuple(joint.at)))
+
+    for n in dict.fromkeys(each for bond in bonds for each in (bond.first, bond.second)):
+        role, name = hardware.roles.get(n, ""), solids[n].name
+        if not is_ambiguous(n, name, hardware):
+            continue
+        if role == "pin" and moving:
+            doubt(n, "clevis pin", "screw in holes of its own diameter", "fixed", "screw")
+        elif role == "screw" and turning != joint.kind:
+            say = f'--joint "{pair}={turning or "KIND"}"'
+            doubt(n, "screw with a nut", "pin that turns in holes of its own diameter", turning or "move", "pin", say)
+        elif role == "screw" and moving:
+            makes = f"{turning} with a part of its own between"
+            doubt(n, "screw with a nut", "shaft that turns", makes, "shaft", f'--part "{name}"')
+        elif not role and moving:
+            doubt(n, "shaft with a nut", "screw with a nut", "no joint", "screw")
+    for n in (joint.first, joint.second):
+        if moving and may_be_nut(n, solids[n], contacts, hardware):
+            doubt(n, "part that turns on a shaft", "nut on a thread drawn with its own radius", "fixed", "nut")
+    return doubts
 
 
 def doubt_bores(

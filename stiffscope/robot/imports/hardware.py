@@ -9,19 +9,18 @@ are classified by width over section height: 0.7 to 1.6 for radial ball bearings
 from __future__ import annotations
 
 import re
-from collections import defaultdict
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.cad.turned import Turned, turned_form
+
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from stiffscope.cad.assembly import Instance, Product
+    from stiffscope.cad.assembly import Instance
     from stiffscope.cad.contacts import Contact
-    from stiffscope.cad.faces import FaceGeometry
-    from stiffscope.runtime.types import Array
 
 _WORDS = {
     "screw": r"screws?|bolts?|schrauben?|gewindestift|iso.?(4762|4014|4017|10642)|din.?(912|933|7991)",
@@ -44,70 +43,16 @@ _NUT = 15.0  # most volume of a nut over the cube of its thread's radius: 9 of I
 _WIDE = 3.2  # ratio of outer to inner diameter: washers up to 3 (ISO 7093), gears and wheels more
 _THIN, _END = 0.3, 5.0  # section and diameter ratio of washers at the end of a shaft
 HEADED = "a head and a shank that fits its bores"  # a clevis pin, or a screw in holes of its own diameter
+NUTTED = "a head and a nut on a shank that fits its bores"  # a screw, or a shaft with a thread of its own diameter
 _ALONG = 0.999999  # cosine of parallel axes
 _SLENDER = 12.0  # a bar with a larger ratio of length to diameter is not a pin
-
-
-@dataclass(frozen=True, eq=False)
-class Turned:
-    """A solid as a turned part: axis, surface fraction about it, outer and inner steps.
-
-    ``steps``, ``bores``: (low, high, radius), m, along the axis from ``point``; ``ends``: of all;
-    ``flare``: largest cone radius, m; ``hexagon``: half the width across flats of head or nut, m;
-    ``holed``: whether it has other holes along the axis; ``slotted``: alike slots all around.
-    """
-
-    point: Array
-    axis: Array
-    share: float
-    steps: tuple[tuple[float, float, float], ...]
-    bores: tuple[tuple[float, float, float], ...]
-    ends: tuple[float, float]
-    flare: float = 0.0
-    hexagon: float = 0.0
-    holed: bool = False
-    slotted: bool = False
-
-    @property
-    def length(self) -> float:
-        """Length along the axis, m."""
-        return self.ends[1] - self.ends[0]
-
-    @property
-    def radius(self) -> float:
-        """Radius of the widest step, cone or hexagon, m."""
-        return max((self.flare, self.hexagon, *(step[2] for step in self.steps)))
-
-    @property
-    def body(self) -> tuple[float, float]:
-        """Radius and length of the longest outer step, m."""
-        return max(_lengths(self.steps).items(), key=lambda each: each[1], default=(0.0, 0.0))
-
-    @property
-    def middle(self) -> float:
-        """Mean radius of a ring, m."""
-        return 0.5 * (self.bore + self.radius)
-
-    def place(self, solid: Instance) -> tuple[Array, Array]:
-        """Return the point and axis (3,) in the axes of the assembly."""
-        return solid.rotation @ self.point + solid.origin, solid.rotation @ self.axis
-
-    @property
-    def bore(self) -> float:
-        """Radius of the widest bore over a third of the length (grooves may divide it), m, or 0."""
-        return max((r for r, along in _lengths(self.bores).items() if along > 0.3 * self.length), default=0.0)
-
-    @property
-    def section(self) -> float:
-        """Ratio of a ring's width to the height of its section; 0 if it is not a ring."""
-        return self.length / (self.radius - self.bore) if 0.0 < self.bore < self.radius else 0.0
 
 
 @dataclass(frozen=True)
 class Hardware:
     """Roles of solids by number, reasons for them, and bearings modelled with rolling elements.
 
-    ``pairs``: inner and outer rings of these bearings.
+    ``reasons``: also of bars that are shafts; ``pairs``: inner and outer rings of these bearings.
     """
 
     roles: dict[int, str]
@@ -115,9 +60,10 @@ class Hardware:
     pairs: tuple[tuple[int, int], ...]
 
 
-def may_be_screw(number: int, name: str, hardware: Hardware) -> bool:
-    """Return whether a pin by shape may be a screw in holes of the same diameter."""
-    return hardware.reasons.get(number) == HEADED and not _NAMED["pin"].search(name)
+def is_ambiguous(number: int, name: str, hardware: Hardware) -> bool:
+    """Return whether a headed bar in bores of its diameter may be pin, screw or shaft, and its name tells not which."""
+    word = {HEADED: "pin", NUTTED: "screw"}.get(hardware.reasons.get(number, ""))
+    return word is not None and not _NAMED[word].search(name)
 
 
 def may_be_nut(number: int, solid: Instance, contacts: Iterable[Contact], hardware: Hardware) -> bool:
@@ -128,60 +74,6 @@ def may_be_nut(number: int, solid: Instance, contacts: Iterable[Contact], hardwa
     tight = any(each.kind == "cylinder" and not _stands_in(each, number) and each.gap <= 0.0 for each in bars)
     small = form is not None and solid.product.volume < _NUT * form.bore**3
     return small and tight and all(_is_about_axis(each, solid, form) for each in touching)
-
-
-def turned_form(product: Product) -> Turned | None:
-    """Return a product as turned about its main round axis, own axes; None without round faces."""
-    rounds = [face for face in product.faces if face.kind in {"cylinder", "cone"}]
-    if not rounds:
-        return None
-    best = max(rounds, key=lambda face: sum(other.area for other in rounds if _on_axis(other, face)))
-    hexagon, flats, slotted = _find_flats(product.faces, best)
-    about = [face for face in product.faces if _on_axis(face, best)]
-    flare = 0.0
-    steps, bores = [], []
-    ends: list[float] = []
-    for face in about:
-        shift = float(best.axis @ (face.origin - best.origin))
-        if face.kind in {"cylinder", "cone"}:
-            along = sorted(shift + float(best.axis @ face.axis) * end for end in face.extent)
-            ends += along
-            if face.kind == "cylinder":
-                (bores if face.hollow else steps).append((along[0], along[1], face.radius))
-            elif not face.hollow:
-                flare = max(flare, *(face.radius + np.tan(face.half_angle) * end for end in face.extent))
-        elif face.kind == "plane":
-            ends.append(shift)
-    share = sum(face.area for face in (*about, *flats)) / sum(face.area for face in product.faces)
-    limits = min(ends), max(ends)
-    holed = any(face.hollow and face not in about and abs(face.axis @ best.axis) > _ALONG for face in rounds)
-    return Turned(
-        best.origin, best.axis, share, tuple(steps), tuple(bores), limits, float(flare), hexagon, holed, slotted
-    )
-
-
-def _find_flats(faces: Sequence[FaceGeometry], of: FaceGeometry) -> tuple[float, list[FaceGeometry], bool]:
-    """Return half the width across flats, m, and faces of a hexagon about a face's axis, or 0; whether slots are."""
-    apart = defaultdict[float, list["FaceGeometry"]](list)
-    for face in faces:
-        if face.kind == "plane" and abs(face.axis @ of.axis) < 1e-4:
-            apart[round(float(face.axis @ (face.origin - of.origin)), 6)].append(face)
-    slotted = False
-    for distance, flats in sorted(apart.items(), reverse=True):
-        turned = np.array([face.axis for face in flats])
-        if distance > 0 and len(flats) == 6 and np.all(np.abs(np.abs(turned @ turned.T) - 0.75) < 0.2501):
-            return distance, flats, False
-        slotted |= distance > 0 and len(flats) > 2 and float(np.abs(turned.sum(axis=0)).max()) < 1e-4
-    return 0.0, [], slotted
-
-
-def _on_axis(face: FaceGeometry, of: FaceGeometry) -> bool:
-    """Return whether a face is turned about the axis of another."""
-    if face.kind == "other":
-        return False
-    aside = np.linalg.norm(np.cross(of.axis, face.origin - of.origin)) < 5e-6
-    along = face.kind == "sphere" or np.linalg.norm(np.cross(of.axis, face.axis)) < 1e-4
-    return bool(along and (aside or face.kind == "plane"))
 
 
 def find_hardware(solids: Sequence[Instance], contacts: Sequence[Contact], said: Mapping[int, str]) -> Hardware:
@@ -215,18 +107,24 @@ def find_hardware(solids: Sequence[Instance], contacts: Sequence[Contact], said:
             found[number] = _role_of(number, solid, form, touched[number])
     bearings = {number for number, (role, _) in found.items() if role in {"bearing", "ring"}}
     for number, turned in enumerate(form):
+        round_ = [each for each in touched[number] if each.kind == "cylinder"]
+        housing = {each.find_other(number) for each in round_ if not _stands_in(each, number)} & bearings
+        if found[number][0] in {"bushing", "washer"} and housing and not any(_stands_in(e, number) for e in round_):
+            found[number] = "", ""
+            continue
         beside = any(each.kind == "plane" and each.find_other(number) in bearings for each in touched[number])
         if found[number][0] or turned is None or not beside:
             continue
         ring = turned.bore > 0.5 * turned.radius and turned.share > _TURNED and not turned.holed
         if ring and all(_is_about_axis(each, solids[number], turned) for each in touched[number]):
             found[number] = "spacer", "a ring beside a bearing"
-    shafts = [n for n, (role, _) in found.items() if role == "pin" and len(_find_ends(n, found, touched)) < 2]
-    found |= dict.fromkeys(shafts, ("", ""))
+    bars = [n for n, (role, reason) in found.items() if role == "pin" or reason == NUTTED]
+    shafts = [n for n in bars if len(_find_ends(n, found, touched, dict(pairs))) < 2]
+    found |= {n: ("", found[n][1]) for n in shafts}
     found |= {number: ("" if role == "part" else role, "said so") for number, role in said.items()}
     roles = {number: role for number, (role, _) in found.items() if role}
     both = tuple(pair for pair in pairs if {roles.get(ring) for ring in pair} == {"ring"})
-    return Hardware(roles, {number: found[number][1] for number in roles}, both)
+    return Hardware(roles, {number: reason for number, (_, reason) in found.items() if reason}, both)
 
 
 def _role_of(
@@ -242,21 +140,27 @@ def _role_of(
     named = next((word for word, pattern in _NAMED.items() if pattern.search(solid.name)), "")
     share = 0.2 if named in {"screw", "nut", "circlip"} else 0.6  # turned, at least: no plate named after a screw
     may_be = form is not None and form.share > share
+    may_be &= all(_is_about_axis(each, solid, form) for each in touched if each.kind == "cylinder")
     if named and ((not role and may_be) or (role, named) == ("pin", "screw")):
         return named, "its name"
     return role, reason
 
 
-def _find_ends(pin: int, found: Mapping[int, tuple[str, str]], touched: Mapping[int, Sequence[Contact]]) -> set[int]:
-    """Return the solids whose bores hold a pin; for bushings and bearings, those around them."""
+def _find_ends(
+    pin: int, found: Mapping[int, tuple[str, str]], touched: Mapping[int, Sequence[Contact]], outer: Mapping[int, int]
+) -> set[int]:
+    """Return the solids whose bores hold a pin, nuts on a bearing's shaft excepted; those around bushings, bearings."""
     ends = set[int]()
+    bearings = {found[each.find_other(pin)][0] for each in touched[pin]} & {"bearing", "ring"}
+    nuts = {"shaft nut", "nut"} if bearings else {"shaft nut"}
     for each in touched[pin]:
         other = each.find_other(pin)
         loose = each.kind != "cylinder" or not _stands_in(each, pin) or each.gap > FIT[1] * each.radius
-        if loose or found[other][0] == "shaft nut":
+        if loose or found[other][0] in nuts:
             continue
-        around = [c.find_other(other) for c in touched[other] if c.kind == "cylinder" and _stands_in(c, other)]
-        ends |= set(around) if found[other][0] in {"bushing", "bearing"} else {other}
+        ring = outer.get(other, other)
+        around = [c.find_other(ring) for c in touched[ring] if c.kind == "cylinder" and _stands_in(c, ring)]
+        ends |= set(around) if found[other][0] in {"bushing", "bearing", "ring"} else {other}
     return ends
 
 
@@ -270,14 +174,18 @@ def _role_by_shape(
     inside = [each for each in round_ if _stands_in(each, number)]
     around = len(round_) > len(inside)
     if form.bore:
-        return _role_of_ring(form, any(each.gap < FIT[1] * each.radius for each in inside), around)
+        fits = [each for each in inside if each.gap < FIT[1] * each.radius]
+        host = fits[0].find_other(number) if fits else None
+        sides = [each.axis for each in touched if each.kind == "plane" and each.find_other(number) == host]
+        grooved = any(float(one @ other) < -_ALONG for one in sides for other in sides)
+        return _role_of_ring(form, bool(fits), around, grooved)
     if inside and _is_shoulder_screw(form, number, inside, touched):
         return "shoulder screw", "a head, a shoulder in a bore and a thread that the shoulder rests on"
     return _role_of_bar(form, number, inside, forms) if inside else ("", "")
 
 
-def _role_of_ring(form: Turned, inside: bool, around: bool) -> tuple[str, str]:
-    """Return role and reason of a solid with a bore, inside or around other solids."""
+def _role_of_ring(form: Turned, inside: bool, around: bool, grooved: bool) -> tuple[str, str]:
+    """Return role and reason of a ring inside or around other solids, or in a groove of a bore."""
     low, high = _BEARING
     if around and not inside and form.hexagon and form.share > _TURNED and form.length < 3.0 * form.radius:
         return "nut", "a hexagon around a thread"
@@ -288,8 +196,9 @@ def _role_of_ring(form: Turned, inside: bool, around: bool) -> tuple[str, str]:
         return "bearing", _BETWEEN
     plain = form.share > _TURNED and not form.holed
     wide = _END if form.section < _THIN else _WIDE
-    if plain and 0.0 < form.section < _WASHER and form.radius < wide * form.bore and not inside:
-        return "washer", "a flat ring"
+    clips = (grooved and not around) if inside else form.radius < wide * form.bore
+    if plain and clips and 0.0 < form.section < _WASHER:
+        return "circlip" if inside else "washer", "a flat ring"
     if plain and around and form.body[0] < 2.0 * form.bore and form.length < 4.0 * form.radius:
         return "bushing", "a ring around a pin or shaft"
     return "", ""
@@ -310,8 +219,9 @@ def _role_of_bar(
     if form.radius >= 1.3 * radius and form.share > 0.5 and length > 0.5 * form.length:
         if any(each.radius > 1.05 * radius for each in fitting):
             return "", ""
-        if len(fitting) < len(inside) or nuts:
-            return "screw", "a head and a shank in a bore with play or a thread"
+        loose = len(fitting) < len(inside)
+        if loose or nuts:
+            return "screw", "a head and a shank in a bore with play or a thread" if loose else NUTTED
         return ("pin", HEADED) if len(bores) > 1 else ("", "")
     plain = form.share > _BORED and form.radius < 1.15 * radius and form.length <= _SLENDER * 2.0 * radius
     if not plain or len(bores) < 2:
@@ -350,15 +260,6 @@ def _is_about_axis(contact: Contact, solid: Instance, form: Turned | None) -> bo
 
 def _stands_in(contact: Contact, number: int) -> bool:
     return (contact.first, contact.second)[contact.inner or 0] == number
-
-
-def _lengths(steps: Sequence[tuple[float, float, float]]) -> dict[float, float]:
-    """Return the axial length of all steps by radius, m; both halves of a step count once."""
-    spans = {(round(low, 7), round(high, 7), round(radius, 7)) for low, high, radius in steps}
-    lengths = dict.fromkeys((radius for _, _, radius in spans), 0.0)
-    for low, high, radius in spans:
-        lengths[radius] += high - low
-    return lengths
 
 
 def _rolling_bearings(
