@@ -5,6 +5,7 @@ A file is read in a subprocess with a time limit, as the kernel may crash or han
 
 import json
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -232,7 +233,8 @@ def gather_solids(found: "Sequence[PlacedProduct]", shown: str) -> "tuple[list[S
     loose = list[str]()
     for each in found:
         shapes = cad.kernel.solids(each.shape)
-        loose += [] if shapes else [each.path[-1] or "one without a name"]
+        named = [name for name in each.path if not _is_nameless(name)]
+        loose += [] if shapes else [named[-1] if named else "one without a name"]
         for index, solid in enumerate(shapes):
             key = each.product, index
             if key not in numbers:
@@ -247,6 +249,7 @@ def gather_solids(found: "Sequence[PlacedProduct]", shown: str) -> "tuple[list[S
         what = f"{len(loose)} shapes that are no closed solid (surfaces, wires or points)"
         got = what if loose else "none"
         raise InputError(f"{shown}: expected at least one closed solid, got {got}")
-    listed = ", ".join(loose[:8]) + (f" and {len(loose) - 8} more" if len(loose) > 8 else "")
+    alike = [f"{name} ({n} times)" if n > 1 else name for name, n in Counter(loose).items()]
+    listed = ", ".join(alike[:8]) + (f" and {len(alike) - 8} more" if len(alike) > 8 else "")
     left_out = [f"{len(loose)} shapes that are no closed solid ({listed}): left out"] if loose else []
     return solids, {"products": products, "instances": instances, "left_out": left_out}

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import replace
+from itertools import combinations
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,10 +10,12 @@ import psutil
 import pytest
 import pyvista as pv
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from examples.delta import delta as hanging_delta
 from stiffscope.gap.inference.diagnosis import Where
-from stiffscope.report.drawing.robot import ABOVE, frame_picture, key_of
+from stiffscope.report.drawing.robot import ABOVE, _put_labels, frame_picture, key_of
 from stiffscope.report.drawing.solids import solids_of
 from stiffscope.report.pictures import PictureError, draw, open_drawing
 from stiffscope.report.robot_scene import place_robot, scene
@@ -199,3 +202,20 @@ def test_a_process_without_a_home_leaves_nothing_when_it_is_killed(tmp_path, mon
             time.sleep(0.05)
         assert time.monotonic() < ends
     assert not list(tmp_path.iterdir())
+
+
+def test_labels_of_crowded_joints_stand_beside_each_other_and_near():
+    """As in an imported machine: 60 joints on a few centimetres, each of six universal ones twice in one place."""
+    points = np.random.default_rng(3).uniform(300, 600, (60, 2))
+    view = SimpleNamespace(size=(1200, 960), pixel=lambda point: point)
+    labels = [(point, "cylindrical" if n % 3 else f"rod{n}?", "black") for n, point in enumerate(points)]
+    labels += [(np.array([40.0, 100.0 * n]), "revolute", "black") for n in range(1, 7)] * 2
+    figure = Figure(figsize=(12, 10.36), dpi=100)
+    _put_labels(figure, view, labels, raised=30.0)
+    FigureCanvasAgg(figure).draw()
+    boxes = [text.get_window_extent() for text in figure.texts]
+    assert sum(text.get_text() == "2 x revolute" for text in figure.texts) == 6
+    assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
+    ends = [np.diff(line.get_xydata() * (1200, 1036), axis=0) for line in figure.findobj(Line2D)]
+    assert len(ends) >= 60
+    assert max(np.linalg.norm(end) for end in ends) < 250

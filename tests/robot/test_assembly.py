@@ -200,6 +200,24 @@ def test_a_headed_bar_with_a_nut_is_told_with_both_readings(upper, name, told):
     assert all(told in each.text for each in doubts)
 
 
+def test_the_tool_is_a_part_that_moves_and_the_settings_are_not_written_over(tmp_path):
+    """Whatever is stacked on the ground, and however small what turns at the end is."""
+    made, hole = assemblies.Made(), assemblies.at(assemblies.rod(5, 99), (0, 0, -30))
+    made.add("base", b.Box(300, 60, 20, align=assemblies.TOP) - hole)
+    for n in range(3):
+        made.add(f"block{n}", assemblies.at(b.Box(40, 40, 20, align=assemblies.LOW), (120, 0, 20 * n)))
+    eye = assemblies.at(assemblies.rod(1.5, 40), (-60, 0, -5))
+    made.add("arm", assemblies.at(b.Box(120, 20, 16, align=assemblies.LOW), (-50, 0, 0)) - hole - eye)
+    made.buy("pin", assemblies.at(assemblies.rod(5, 36), (0, 0, -20)))
+    made.add("peg", assemblies.at(assemblies.screw(3, 10), (-60, 0, 16)))
+    made.write(tmp_path / "machine.step")
+    said = Said(material=("*=steel",))
+    found = import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml", said)
+    assert found.model.tool_body.partition(".")[0] == "arm"
+    with pytest.raises(InputError, match=r"assembly\.toml: expected another name, as assembly\.toml holds settings"):
+        import_assembly(tmp_path / "machine.step", tmp_path / "assembly.toml", said)
+
+
 def test_an_import_runs_and_keeps_what_is_said(tmp_path):
     made = assemblies.five_bar()
     made.write(tmp_path / "machine.step")

@@ -6,6 +6,7 @@ Geometry is given at home in base axes; pictures give the motion of nodes, ``x =
 from __future__ import annotations
 
 import json
+from collections import Counter
 from dataclasses import dataclass
 from itertools import product
 from typing import TYPE_CHECKING, Any
@@ -17,6 +18,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize, to_hex
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from PIL import Image
 
@@ -59,6 +61,8 @@ CONTEXT = 1.7  # field of view of a close picture over the extent of its arrows
 SURROUNDINGS = 0.11  # least half field of view of a close picture over the robot's reach
 SHADES = 9  # shades of the colour scale in a page's viewer
 _NAMED = 5  # most parts in the key
+_ALIKE = 12.0  # pixels within which equal labels are one
+_STEPS = sorted(product(48.0 * np.arange(-8, 9), 24.0 * np.arange(-12, 13)), key=lambda step: np.hypot(*step))
 
 
 def robot(
@@ -229,18 +233,27 @@ def _name_joints(figure: Figure, view: View, joints: list[dict[str, Any]], moves
 def _put_labels(
     figure: Figure, view: View, labels: list[tuple[Floats, str, str]], weight: str = "normal", raised: float = 0.0
 ) -> None:
-    """Write coloured labels above points (3,); shift a label up if it would overlap another."""
-    width, height = view.size
-    taken: list[tuple[float, float]] = []
-    for point, text, colour in labels:
-        across, above = view.pixel(point)
-        across, above = float(np.clip(across, 60, width - 60)), float(np.clip(above + raised, 20, height - 20))
-        while any(abs(across - x) < 120 and abs(above - y) < 22 for x, y in taken):
-            above += 24
-        taken.append((across, above))
+    """Write coloured labels above points (3,), or at the nearest free place, with lines to the points.
+
+    Equal labels of one point are one, with their number.
+    """
+    size, below = np.array(view.size), np.array((0, BELOW))
+    pixels = [np.array(view.pixel(point)) for point, _, _ in labels]
+    texts = [(tuple(np.round(pixel / _ALIKE)), *rest) for pixel, (_, *rest) in zip(pixels, labels, strict=True)]
+    taken: list[tuple[Floats, Floats]] = []
+    for key, number in Counter(texts).items():
+        pixel, (_, text, colour) = pixels[texts.index(key)], key
+        text = f"{number} x {text}" if number > 1 else text
+        half = np.array((4.5 * len(text) + 4.0, 11.0))
+        places = [np.clip(pixel + step, half, size - half) for step in np.add((0.0, raised), _STEPS)]
+        free = (p for p in places if all((np.abs(p - q) > half + r).any() for q, r in taken))
+        place = next(free, places[0])
+        taken.append((place, half))
+        x, y = np.transpose((np.array([pixel, place]) + below) / np.add(size, (0, ABOVE + BELOW)))
+        if np.linalg.norm(place - pixel) > half[1]:
+            figure.add_artist(Line2D(x, y, color=colour, linewidth=0.8, marker="o", markersize=3, markevery=[0]))
         figure.text(
-            across / width, (BELOW + above) / (height + ABOVE + BELOW), text, fontsize=11, ha="center",
-            va="center", color=colour, fontweight=weight, parse_math=False,
+            x[1], y[1], text, fontsize=11, ha="center", va="center", color=colour, fontweight=weight, parse_math=False,
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5},
         )  # fmt: skip
 

@@ -17,6 +17,7 @@ from stiffscope.cad.contacts import find_contacts
 from stiffscope.cad.materials import MATERIALS
 from stiffscope.errors import InputError
 from stiffscope.robot.file.parse import place_of
+from stiffscope.robot.file.tables import list_some
 from stiffscope.robot.imports.assembly_parts import PartFile, choose_materials, interface_names, part_lines, part_name
 from stiffscope.robot.imports.compiled_model import GROUND, print_safely
 from stiffscope.robot.imports.contact_joints import find_joints, measure_size
@@ -133,7 +134,7 @@ def from_assembly(assembly: Any, out: str | Path | None = None, **said: Any) -> 
     """
     from stiffscope.cad.built_assembly import read_built
 
-    label = print_safely(str(getattr(assembly, "label", "") or "assembly")).replace("/", "_")
+    label = print_safely(str(getattr(assembly, "label", "") or "machine")).replace("/", "_")
     out = Path(f"{label}.toml" if out is None else out)
     earlier = check_place(out)
     words = said_beside(out, said_of(said))
@@ -198,35 +199,48 @@ class _Found:
 
 
 def _choose_ground(found: _Found, wanted: str | None) -> int:
-    """Return the ground part: as given, else by a usual name, else the largest."""
+    """Return the ground part: as given, else the largest of those with a usual name or of all."""
     parts = [n for n in range(len(found.solids)) if n not in found.hardware.roles]
-    if wanted is not None:
-        named = sorted(match_solids(found.solids, (wanted,), "--ground") & set(parts))
-        if not named:
-            raise InputError(f'{place_of("--ground", wanted)}: expected a part, got "{wanted}", which is hardware')
-        return named[0]
     if not parts:
-        raise InputError("expected an assembly with parts, got hardware alone; say --part NAME of what is a part")
-    named = [n for n in parts if _GROUND.search(found.solids[n].name)] or parts
+        what = "got hardware alone; say --part NAME of what is a part"
+        raise InputError(f"expected an assembly with parts, {what}")
+    if wanted is not None:
+        return _find_wanted(found, "--ground", wanted, parts, "a part, no hardware")
+    named = [n for n in parts if _GROUND.search(found.solids[n].name.split(".")[-1])]
+    named = named or [n for n in parts if _GROUND.search(found.solids[n].name)] or parts
     return max(named, key=lambda n: (found.solids[n].product.volume, -n))
 
 
-def _choose_tool(found: _Found, ground: int, wanted: str | None, distance: Mapping[int, int]) -> int:
-    """Return the tool part: as given, else by a usual name, else the farthest from the ground."""
-    able = [n for n in distance if n != ground]
-    if wanted is not None:
-        named = sorted(match_solids(found.solids, (wanted,), "--tool") & set(able))
-        if not named:
-            names = ", ".join(found.solids[n].name for n in able)
-            raise InputError(f'{place_of("--tool", wanted)}: expected a part that moves ({names}), got "{wanted}"')
-        return named[0]
+def _choose_tool(found: _Found, ground: int, wanted: str | None, reached: Mapping[int, int]) -> int:
+    """Return the tool part: as given, else with a usual name, else behind most moving joints."""
+    solids, able = found.solids, [n for n in reached if n != ground]
     if not able:
         raise InputError(
-            f"expected parts that joints connect, got none that touches {found.solids[ground].name}, the ground; "
+            f"expected parts that joints connect, got none that touches {solids[ground].name}, the ground; "
             "say --ground or --joint"
         )
-    named = [n for n in able if _TOOL.search(found.solids[n].name)] or able
-    return max(named, key=lambda n: (distance[n], len(found.find_joints(n)), -n))
+    if wanted is not None:
+        return _find_wanted(found, "--tool", wanted, able, "a part that moves")
+    fixed = [joint for joint in found.joints if joint.kind == "fixed"]
+    whole = {n: min(find_distances(fixed, n)) for n in reached}  # rigid groups, by their first part
+    ends = [replace(j, first=whole[j.first], second=whole[j.second]) for j in found.joints]
+    distance = find_distances(ends, whole[ground])
+    tiny = _TINY * sum(solids[n].product.volume for n in able)
+    for kind in (
+        lambda n: distance[whole[n]] > 0 and _TOOL.search(solids[n].name),
+        lambda n: distance[whole[n]] > 0 and solids[n].product.volume > tiny,
+    ):
+        able = [n for n in able if kind(n)] or able
+    return max(able, key=lambda n: (distance[whole[n]], reached[n], len(found.find_joints(n)), -n))
+
+
+def _find_wanted(found: _Found, option: str, wanted: str, able: Sequence[int], what: str) -> int:
+    """Return the first part that a pattern names among those able."""
+    named = match_solids(found.solids, (wanted,), option).intersection(able)
+    if not named:
+        names = list_some([found.solids[n].name for n in able])
+        raise InputError(f'{place_of(option, wanted)}: expected {what} ({names}), got "{wanted}"')
+    return min(named)
 
 
 def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tuple[SimulatorModel, list[PartFile]]:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from stiffscope.cad.assembly import Instance
     from stiffscope.robot.imports.part_motions import Freedom
 
-RECORD = "import.json"
+RECORD, SETTINGS = "import.json", "assembly.toml"
 _SAME = 1e-6  # relative tolerance of volume and inertia; m and 1 for places
 
 
@@ -77,6 +77,8 @@ def read_record(folder: Path) -> ImportRecord | None:
 
 def check_place(out: Path) -> ImportRecord | None:
     """Return the record of an earlier import; refuse to overwrite a file changed since, or files not written by it."""
+    if out.name == SETTINGS:
+        raise InputError(f"{show_path(out)}: expected another name, as {SETTINGS} holds settings of an import")
     folder = parts_folder(out)
     earlier = read_record(folder)
     if not out.exists() or not (earlier or is_forced()):

@@ -13,6 +13,7 @@ from stiffscope.errors import InputError
 from stiffscope.robot.file.parse import Source, Text, parse_text, place_of
 from stiffscope.robot.file.tables import list_some
 from stiffscope.robot.imports.contact_joints import measure_size
+from stiffscope.robot.imports.import_record import SETTINGS
 from stiffscope.robot.imports.part_motions import Freedom, joint_freedom
 from stiffscope.runtime.reading import read_text, show_path
 from stiffscope.vjm.joints import FREE
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from stiffscope.cad.contacts import Contact
 
 
-SAID = "assembly.toml"
 _SINGLE = {"ground", "tool"}
 
 
@@ -45,7 +45,7 @@ class Said:
 
 def said_beside(path: Path, said: Said) -> Said:
     """Read `assembly.toml` beside a file; ``said`` takes precedence. InputError if invalid."""
-    file = path.with_name(SAID)
+    file = path.with_name(SETTINGS)
     if not file.is_file():
         return said
     source = Source(file, read_text(file, what := "what is said of an assembly"))
