@@ -18,6 +18,7 @@ import numpy as np
 from stiffscope import cad
 from stiffscope.cad.faces import FaceGeometry, face_geometries
 from stiffscope.cad.step import check_file, check_unit, read_alone
+from stiffscope.cad.turned import Turned, turned_form
 from stiffscope.errors import InputError
 from stiffscope.runtime.output import scratch_folder
 from stiffscope.runtime.types import Array
@@ -61,6 +62,11 @@ class Product:
     def faces(self) -> tuple[FaceGeometry, ...]:
         """Faces in the product's own axes, SI."""
         return face_geometries(self.solid)
+
+    @cached_property
+    def form(self) -> Turned | None:
+        """The solid as a turned part; None without round faces."""
+        return turned_form(self.faces, cad.kernel.faces(self.solid))
 
 
 @dataclass(frozen=True, eq=False)

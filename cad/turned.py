@@ -13,8 +13,9 @@ from stiffscope import cad
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.cad.assembly import Instance, Product
+    from stiffscope.cad.assembly import Instance
     from stiffscope.cad.faces import FaceGeometry
+    from stiffscope.cad.kernel import Face
     from stiffscope.runtime.types import Array
 
 _ALONG = 0.999999  # cosine of parallel axes
@@ -75,14 +76,14 @@ class Turned:
         return self.length / (self.radius - self.bore) if 0.0 < self.bore < self.radius else 0.0
 
 
-def turned_form(product: Product) -> Turned | None:
-    """Return a product as turned about its main round axis, own axes; None without round faces."""
-    rounds = [face for face in product.faces if face.kind in {"cylinder", "cone"}]
+def turned_form(faces: Sequence[FaceGeometry], shapes: Sequence[Face]) -> Turned | None:
+    """Return a solid of faces as turned about its main round axis; None without round faces."""
+    rounds = [face for face in faces if face.kind in {"cylinder", "cone"}]
     if not rounds:
         return None
     best = max(rounds, key=lambda face: sum(other.area for other in rounds if _on_axis(other, face)))
-    hexagon, flats, slotted = _find_flats(product.faces, best)
-    about = [face for face in product.faces if _on_axis(face, best)]
+    hexagon, flats, slotted = _find_flats(faces, best)
+    about = [face for face in faces if _on_axis(face, best)]
     steps, bores = [], []
     ends: list[float] = []
     for face in about:
@@ -94,11 +95,11 @@ def turned_form(product: Product) -> Turned | None:
                 (bores if face.hollow else steps).append((along[0], along[1], face.radius))
         elif face.kind == "plane":
             ends.append(shift)
-    shapes, curved = cad.kernel.faces(product.solid), [f for f in about if f.kind not in {"plane", "cylinder"}]
-    corners = [v for face in curved if not face.hollow for v in cad.kernel.vertices(shapes[face.index])]
+    curved = [f for f in about if f.kind not in {"plane", "cylinder"} and not f.hollow]
+    corners = [v for face in curved for v in cad.kernel.vertices(shapes[face.index])]
     levers = 1e-3 * np.reshape([cad.kernel.position(corner) for corner in corners], (-1, 3)) - best.origin
     flare = float(np.linalg.norm(np.cross(best.axis, levers), axis=1).max(initial=0.0))
-    share = sum(face.area for face in (*about, *flats)) / sum(face.area for face in product.faces)
+    share = sum(face.area for face in (*about, *flats)) / sum(face.area for face in faces)
     limits = min(ends), max(ends)
     holed = any(face.hollow and face not in about and abs(face.axis @ best.axis) > _ALONG for face in rounds)
     return Turned(best.origin, best.axis, share, tuple(steps), tuple(bores), limits, flare, hexagon, holed, slotted)

@@ -105,25 +105,10 @@ def print_safely(text: str) -> str:
 
 
 def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
-    """Compile a model and move it to its home.
+    """Compile a model, whose meshes need not exist, and evaluate its kinematics at home.
 
-    Parameters
-    ----------
-    path
-        File of the model; its meshes need not exist.
-    home
-        Positions of hinges (rad) and slides (m); default: keyframe "home" or zero pose.
-
-    Returns
-    -------
-    CompiledModel
-        Model with kinematics evaluated at home.
-
-    Raises
-    ------
-    InputError
-        If MuJoCo is not installed, the file is not a model, or its loops do not close.
-
+    ``home``: positions of hinges (rad) and slides (m); by default keyframe "home" or the zero pose.
+    Raises InputError if MuJoCo is missing, the file is not a model, or its loops do not close.
     """
     try:
         import mujoco

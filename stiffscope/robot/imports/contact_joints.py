@@ -16,9 +16,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.cluster.hierarchy import DisjointSet
 from scipy.optimize import nnls
 
-from stiffscope.cad.turned import turned_form
 from stiffscope.robot.imports.doubts import Doubt, doubt_bores, doubt_built, doubt_threads
 from stiffscope.robot.imports.hardware import FIT, NUTTED
 from stiffscope.robot.imports.part_motions import Bond, Freedom, held_by, holds_more, joint_freedom, relative_freedom
@@ -79,7 +79,7 @@ def _bonds_of(
             at = joint.motions[0][1]
             found.append(Bond(joint.first, joint.second, rows, each, joint.label, at))
     for small, large in hardware.pairs:  # a cone leaves the spin alone, too
-        form, ring = turned_form(solids[small].product), solids[small]
+        form, ring = solids[small].product.form, solids[small]
         axis = np.array([0.0, 0.0, 1.0]) if form is None else form.place(ring)[1]
         found.append(Bond(small, large, hold("cone", axis, ring.centre / scale), None))
     return found
@@ -107,20 +107,9 @@ def _held_by(contact: Contact, hardware: Hardware, scale: float) -> Array | None
 
 
 def kind_of(freedom: Array, near: Array) -> tuple[str, Array, Array | None, Array | None]:
-    """Return the kind and geometry of the joint with given free twists.
+    """Return kind, place and axes of the joint with free twists (6, k) at the base origin, near a point (3,).
 
-    Parameters
-    ----------
-    freedom
-        Free twists (6, k) at the base origin.
-    near
-        Point (3,); the joint is placed as near to it as possible.
-
-    Returns
-    -------
-    kind, at, axis, axis2
-        Kind "" if a robot file has no such joint.
-
+    The kind is "" if a robot file has no such joint.
     """
     turns, slides = range_space(freedom[3:]), range_space(freedom[:3] @ null_space(freedom[3:]))
     counts = turns.shape[1], slides.shape[1]
@@ -178,20 +167,9 @@ def find_joints(
     solids: Sequence[Instance], contacts: Sequence[Contact], hardware: Hardware,
     built: Sequence[BuiltJoint] = (),
 ) -> tuple[list[Freedom], list[Doubt]]:  # fmt: skip
-    """Find the joints between the parts of an assembly.
+    """Find the joints between parts, numbered as the solids, and doubts on ambiguous contacts.
 
-    Parameters
-    ----------
-    solids, contacts, hardware
-        Solids of the assembly, their contacts, and hardware.
-    built
-        Joints of the assembly itself, which take precedence over contacts.
-
-    Returns
-    -------
-    joints, doubts
-        Joints between parts, numbered as the solids, and doubts on ambiguous contacts.
-
+    ``built``: joints of the assembly itself, which take precedence over contacts.
     """
     scale = measure_size(solids)
     bonds = _bonds_of(solids, contacts, hardware, scale, built)
@@ -200,7 +178,8 @@ def find_joints(
         if bond.first not in hardware.roles and bond.second not in hardware.roles:
             between[bond.first, bond.second].append(bond)
     direct = set(between)
-    for cluster in _clusters(bonds, hardware):
+    bought = [b for b in bonds if {b.first, b.second} <= hardware.roles.keys()]
+    for cluster in _join(hardware.roles, bought).subsets():
         inside = [bond for bond in bonds if bond.first in cluster or bond.second in cluster]
         ends = sorted({each for bond in inside for each in (bond.first, bond.second)} - cluster)
         for i, j in _pair_up(ends, inside, direct):
@@ -233,18 +212,12 @@ def find_joints(
     return joints, doubts + doubt_bores(solids, contacts, hardware, adds)
 
 
-def _clusters(bonds: Sequence[Bond], hardware: Hardware) -> list[set[int]]:
-    """Return the sets of hardware connected by bonds."""
-    of: dict[int, set[int]] = {}
-    for bond in bonds:
-        _merge(of, *(each for each in (bond.first, bond.second) if each in hardware.roles))
-    return list({id(cluster): cluster for cluster in of.values()}.values())
-
-
-def _merge(groups: dict[int, set[int]], *pieces: int) -> None:
-    """Merge the groups of pieces."""
-    merged = set(pieces).union(*(groups[each] for each in pieces if each in groups))
-    groups.update(dict.fromkeys(merged, merged))
+def _join(pieces: Iterable[int], links: Iterable[Bond | Freedom]) -> DisjointSet:
+    """Return the sets of pieces that links connect."""
+    joined = DisjointSet(pieces)
+    for link in links:
+        joined.merge(link.first, link.second)
+    return joined
 
 
 def _pair_up(ends: Sequence[int], bonds: Sequence[Bond], direct: set[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -258,12 +231,10 @@ def _pair_up(ends: Sequence[int], bonds: Sequence[Bond], direct: set[tuple[int, 
     order = sorted(ends, key=lambda end: float(axis @ places[end]))
     candidates = ((i, j) for i in ends for j in ends if i < j)
     rank = {pair: 0 if pair in direct else abs(order.index(pair[1]) - order.index(pair[0])) for pair in candidates}
-    group = {end: {end} for end in ends}
-    pairs = []
+    group, pairs = DisjointSet(ends), list[tuple[int, int]]()
     for i, j in sorted(rank, key=lambda pair: (rank[pair], pair)):
-        if group[i] is not group[j] or (i, j) in direct:
+        if group.merge(i, j) or (i, j) in direct:
             pairs.append((i, j))
-            _merge(group, i, j)
     return pairs
 
 
@@ -331,10 +302,8 @@ def _add_planes(
 
     Planes between parts already guided by other joints are not joints. Doubts report both.
     """
-    kept, bodies, groups = list(joints), dict[int, set[int]](), dict[int, set[int]]()
-    for joint in kept:
-        _merge(groups, joint.first, joint.second)
-        _merge(bodies, *((joint.first, joint.second) if joint.kind == "fixed" else ()))
+    kept, groups = list(joints), _join(range(len(solids)), joints)
+    bodies = _join(range(len(solids)), [joint for joint in joints if joint.kind == "fixed"])
 
     def settle(plane: Freedom, joint: Freedom | None, text: str) -> None:
         planes.remove(plane)
@@ -344,25 +313,25 @@ def _add_planes(
         doubts.extend([Doubt(names, text + say, tuple(plane.at))] if text else [])
         if joint is not None:
             kept.append(joint)
-            _merge(groups, joint.first, joint.second)
+            groups.merge(joint.first, joint.second)
 
     screwed = {each for each in planes if _count_holes(solids[each.first], solids[each.second], each) > 1}
     for guide in planes:
         if guide.kind == "prismatic" and not _lifts_off(guide, contacts, bodies):
-            _merge(groups, guide.first, guide.second)
+            groups.merge(guide.first, guide.second)
 
     def is_laid(plane: Freedom) -> bool:
-        joined = plane.second in groups.get(plane.first, ())  # else what moves with either is lifted off with it
+        joined = groups.connected(plane.first, plane.second)  # else what moves with either is lifted off with it
         return plane in screwed or _lifts_off(plane, contacts, bodies if joined else groups)
 
     while laid := next(filter(is_laid, planes), None):
         i, j = laid.first, laid.second
-        if j in groups.get(i, ()):
+        if groups.connected(i, j):
             settle(laid, None, _IDLE)
             continue
         fixed = replace(laid, kind="fixed", axis=None, freedom=np.zeros((6, 0)))
         settle(laid, fixed, _SCREWED if laid in screwed else _LAID)
-        _merge(bodies, i, j)
+        bodies.merge(i, j)
     for plane in [*planes]:
         adds = plane.kind == "prismatic" or holds_more(held_by(plane)[2], kept, plane.first, plane.second)
         settle(plane, plane if adds else None, _IDLE if not adds else _SLIDES if plane.kind == "planar" else "")
@@ -382,9 +351,9 @@ def _count_holes(one: Instance, other: Instance, plane: Freedom) -> int:
     return len(places(one, plane.axis) & places(other, plane.axis))
 
 
-def _lifts_off(plane: Freedom, contacts: Sequence[Contact], bodies: dict[int, set[int]]) -> bool:
+def _lifts_off(plane: Freedom, contacts: Sequence[Contact], bodies: DisjointSet) -> bool:
     """Whether nothing keeps one of two parts that planes touch, with its ``bodies``, from being lifted off."""
-    ends = [bodies.get(each, {each}) for each in (plane.first, plane.second)]
+    ends = [bodies.subset(each) for each in (plane.first, plane.second)]
     for one, other in (ends, ends[::-1]):
         touching = [each for each in contacts if each.kind == "plane" and (each.first in one) != (each.second in one)]
         outward = np.array([each.axis * (1.0 if each.first in one else -1.0) for each in touching])

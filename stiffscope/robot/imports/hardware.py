@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.cad.turned import Turned, turned_form
-
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from stiffscope.cad.assembly import Instance
     from stiffscope.cad.contacts import Contact
+    from stiffscope.cad.turned import Turned
 
 _WORDS = {
     "screw": r"screws?|bolts?|schrauben?|gewindestift|iso.?(4762|4014|4017|10642)|din.?(912|933|7991)",
@@ -68,55 +67,39 @@ def is_ambiguous(number: int, name: str, hardware: Hardware) -> bool:
 
 def may_be_nut(number: int, solid: Instance, contacts: Iterable[Contact], hardware: Hardware) -> bool:
     """Return whether a part may be a nut on a thread drawn with its radius: small, and touched about its axis alone."""
-    form = turned_form(solid.product)
+    form = solid.product.form
     touching = [each for each in contacts if number in {each.first, each.second}]
     bars = [each for each in touching if hardware.roles.get(each.find_other(number), "pin") == "pin"]
     tight = any(each.kind == "cylinder" and not _stands_in(each, number) and each.gap <= 0.0 for each in bars)
     small = form is not None and solid.product.volume < _NUT * form.bore**3
-    return small and tight and all(_is_about_axis(each, solid, form) for each in touching)
+    return small and tight and all(_is_about_axis(each, solid) for each in touching)
 
 
 def find_hardware(solids: Sequence[Instance], contacts: Sequence[Contact], said: Mapping[int, str]) -> Hardware:
-    """Distinguish hardware from parts.
-
-    Parameters
-    ----------
-    solids, contacts
-        Solids and contacts of the assembly.
-    said
-        Roles given by the user, by number: a role known here, or "part".
-
-    Returns
-    -------
-    Hardware
-        Hardware only; parts are omitted.
-
-    """
-    products = {solid.product.number: solid.product for solid in solids}
-    forms = {number: turned_form(product) for number, product in products.items()}
-    form = [forms[solid.product.number] for solid in solids]
-    pairs, elements = _rolling_bearings(solids, form)
+    """Distinguish hardware from parts; ``said``: roles given by the user, or "part", by number."""
+    pairs, elements = _rolling_bearings(solids)
     found = {ring: ("ring", "ring of rolling elements") for pair in pairs for ring in pair}
     found |= dict.fromkeys(elements, ("rolling element", "between two rings"))
     touched: dict[int, list[Contact]] = {number: [] for number in range(len(solids))}
     for contact in contacts:
         touched[contact.first].append(contact)
         touched[contact.second].append(contact)
-    for number, solid in enumerate(solids):
+    for number in range(len(solids)):
         if number not in found:
-            found[number] = _role_of(number, solid, form, touched[number])
+            found[number] = _role_of(number, solids, touched[number])
     bearings = {number for number, (role, _) in found.items() if role in {"bearing", "ring"}}
-    for number, turned in enumerate(form):
+    for number, solid in enumerate(solids):
         round_ = [each for each in touched[number] if each.kind == "cylinder"]
         housing = {each.find_other(number) for each in round_ if not _stands_in(each, number)} & bearings
         if found[number][0] in {"bushing", "washer"} and housing and not any(_stands_in(e, number) for e in round_):
             found[number] = "", ""
             continue
         beside = any(each.kind == "plane" and each.find_other(number) in bearings for each in touched[number])
+        turned = solid.product.form
         if found[number][0] or turned is None or not beside:
             continue
         ring = turned.bore > 0.5 * turned.radius and turned.share > _TURNED and not turned.holed
-        if ring and all(_is_about_axis(each, solids[number], turned) for each in touched[number]):
+        if ring and all(_is_about_axis(each, solid) for each in touched[number]):
             found[number] = "spacer", "a ring beside a bearing"
     bars = [n for n, (role, reason) in found.items() if role == "pin" or reason == NUTTED]
     shafts = [n for n in bars if len(_find_ends(n, found, touched, dict(pairs))) < 2]
@@ -127,20 +110,18 @@ def find_hardware(solids: Sequence[Instance], contacts: Sequence[Contact], said:
     return Hardware(roles, {number: reason for number, (_, reason) in found.items() if reason}, both)
 
 
-def _role_of(
-    number: int, solid: Instance, forms: Sequence[Turned | None], touched: Sequence[Contact]
-) -> tuple[str, str]:
+def _role_of(number: int, solids: Sequence[Instance], touched: Sequence[Contact]) -> tuple[str, str]:
     """Return role and reason: by shape if all contacts are about the solid's axis, else by name."""
-    form = forms[number]
+    solid, form = solids[number], solids[number].product.form
     if any(each.kind == "sphere" for each in touched):
         return "", ""  # a ball stud or rod end
-    role, reason = _role_by_shape(number, form, touched, forms)
-    if role and not all(_is_about_axis(each, solid, form) for each in touched):
+    role, reason = _role_by_shape(number, solids, touched)
+    if role and not all(_is_about_axis(each, solid) for each in touched):
         return "", ""
     named = next((word for word, pattern in _NAMED.items() if pattern.search(solid.name)), "")
     share = 0.2 if named in {"screw", "nut", "circlip"} else 0.6  # turned, at least: no plate named after a screw
     may_be = form is not None and form.share > share
-    may_be &= all(_is_about_axis(each, solid, form) for each in touched if each.kind == "cylinder")
+    may_be &= all(_is_about_axis(each, solid) for each in touched if each.kind == "cylinder")
     if named and ((not role and may_be) or (role, named) == ("pin", "screw")):
         return named, "its name"
     return role, reason
@@ -164,10 +145,9 @@ def _find_ends(
     return ends
 
 
-def _role_by_shape(
-    number: int, form: Turned | None, touched: Sequence[Contact], forms: Sequence[Turned | None]
-) -> tuple[str, str]:
+def _role_by_shape(number: int, solids: Sequence[Instance], touched: Sequence[Contact]) -> tuple[str, str]:
     """Return role and reason, or two empty texts."""
+    form = solids[number].product.form
     if form is None or (not form.steps and not form.bores):
         return "", ""
     round_ = [each for each in touched if each.kind == "cylinder"]
@@ -181,7 +161,7 @@ def _role_by_shape(
         return _role_of_ring(form, bool(fits), around, grooved)
     if inside and _is_shoulder_screw(form, number, inside, touched):
         return "shoulder screw", "a head, a shoulder in a bore and a thread that the shoulder rests on"
-    return _role_of_bar(form, number, inside, forms) if inside else ("", "")
+    return _role_of_bar(form, number, inside, solids) if inside else ("", "")
 
 
 def _role_of_ring(form: Turned, inside: bool, around: bool, grooved: bool) -> tuple[str, str]:
@@ -204,9 +184,7 @@ def _role_of_ring(form: Turned, inside: bool, around: bool, grooved: bool) -> tu
     return "", ""
 
 
-def _role_of_bar(
-    form: Turned, number: int, inside: Sequence[Contact], forms: Sequence[Turned | None]
-) -> tuple[str, str]:
+def _role_of_bar(form: Turned, number: int, inside: Sequence[Contact], solids: Sequence[Instance]) -> tuple[str, str]:
     """Return role and reason of a solid with a shank in bores.
 
     A screw's bores have play or are threads, drawn with overlap or equal radius. A bar guiding a
@@ -215,7 +193,7 @@ def _role_of_bar(
     radius, length = form.body
     bores = {each.find_other(number) for each in inside}
     fitting = [each for each in inside if FIT[0] <= each.gap / each.radius <= FIT[1]]
-    nuts = [each for each in bores if (other := forms[each]) is not None and other.hexagon and other.bore]
+    nuts = [each for each in bores if (other := solids[each].product.form) is not None and other.hexagon and other.bore]
     if form.radius >= 1.3 * radius and form.share > 0.5 and length > 0.5 * form.length:
         if any(each.radius > 1.05 * radius for each in fitting):
             return "", ""
@@ -249,11 +227,11 @@ def _is_shoulder_screw(form: Turned, number: int, inside: Sequence[Contact], tou
     return (head - shoulder) * (shoulder - thread) >= 0.0
 
 
-def _is_about_axis(contact: Contact, solid: Instance, form: Turned | None) -> bool:
+def _is_about_axis(contact: Contact, solid: Instance) -> bool:
     """Return whether a contact is about the axis of a solid."""
-    if form is None:
+    if solid.product.form is None:
         return False
-    point, axis = form.place(solid)
+    point, axis = solid.product.form.place(solid)
     aside = np.linalg.norm(np.cross(axis, contact.point - point))
     return bool(np.linalg.norm(np.cross(axis, contact.axis)) < 1e-4 and (contact.kind == "plane" or aside < 1e-5))
 
@@ -262,15 +240,14 @@ def _stands_in(contact: Contact, number: int) -> bool:
     return (contact.first, contact.second)[contact.inner or 0] == number
 
 
-def _rolling_bearings(
-    solids: Sequence[Instance], forms: Sequence[Turned | None]
-) -> tuple[list[tuple[int, int]], set[int]]:
+def _rolling_bearings(solids: Sequence[Instance]) -> tuple[list[tuple[int, int]], set[int]]:
     """Return pairs of rings with three or more equal rolling elements, and elements with cages."""
-    rings = [number for number, form in enumerate(forms) if form and form.bore and form.share > _TURNED]
+    forms = [solid.product.form for solid in solids]
+    rings = [n for n, form in enumerate(forms) if form and form.bore and form.share > _TURNED]
     pairs, within = [], set[int]()
     for inner in rings:
         for outer in rings:
-            between = _find_between(inner, outer, solids, forms)
+            between = _find_between(inner, outer, solids)
             volumes = np.array([solids[number].product.volume for number in between])
             if any(np.isclose(volumes, volume, rtol=1e-6).sum() >= 3 for volume in volumes):
                 pairs.append((inner, outer))
@@ -278,9 +255,9 @@ def _rolling_bearings(
     return pairs, within
 
 
-def _find_between(inner: int, outer: int, solids: Sequence[Instance], forms: Sequence[Turned | None]) -> list[int]:
+def _find_between(inner: int, outer: int, solids: Sequence[Instance]) -> list[int]:
     """Return the solids between two coaxial rings."""
-    small, large = forms[inner], forms[outer]
+    small, large = solids[inner].product.form, solids[outer].product.form
     if inner == outer or small is None or large is None or not small.radius < large.radius:
         return []
     (point, axis), (other, along) = small.place(solids[inner]), large.place(solids[outer])
@@ -290,8 +267,8 @@ def _find_between(inner: int, outer: int, solids: Sequence[Instance], forms: Seq
     if parallel > 1e-4 or across > 2e-5 or abs(middles[0] - middles[1]) > 0.5 * small.length or large.bore < small.bore:
         return []
     found = []
-    for number, (solid, form) in enumerate(zip(solids, forms, strict=True)):
-        away = solid.centre - point
+    for number, solid in enumerate(solids):
+        away, form = solid.centre - point, solid.product.form
         along, apart = float(axis @ away) - middles[0], float(np.linalg.norm(np.cross(axis, away)))
         reach = float(np.linalg.norm(np.diff(solid.box, axis=0)))
         ball = small.middle < apart < large.middle and reach < 2.0 * (large.radius - small.bore)

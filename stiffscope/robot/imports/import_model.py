@@ -140,24 +140,8 @@ def robot_text(
 ) -> str:
     """Return the text of a robot file.
 
-    Parameters
-    ----------
-    model
-        Bodies, joints and tool.
-    file
-        Name of the source.
-    drives
-        Stiffness of each driven joint, as TOML.
-    head
-        Header; ``{file}`` is the name of the source.
-    parts
-        Lines of the parts of elastic bodies, and of groups.
-
-    Returns
-    -------
-    str
-        TOML.
-
+    ``drives``: stiffness of each driven joint, as TOML; ``head``: header with ``{file}`` for the
+    source's name; ``parts``: lines of the parts of elastic bodies, and of groups.
     """
     lines = [head.format(file=file).rstrip()]
     lines += [f"# Note: {note}." for note in model.notes]

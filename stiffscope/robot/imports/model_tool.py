@@ -46,18 +46,7 @@ def _last_body(source: CompiledModel) -> int:
 
 
 def movable_coordinates(source: CompiledModel, body: int, at: Array) -> tuple[str, ...]:
-    """Return the coordinates of a body's point that the mechanism moves, translations first.
-
-    Parameters
-    ----------
-    source
-        Compiled model.
-    body
-        Number of the body.
-    at
-        Point (3,) in base axes, m.
-
-    """
+    """Return the coordinates of a body's point (3,), m, that the mechanism moves, translations first."""
     m, d = source.model, source.data
     jacobian = _jacobian(source, d, body, at)
     _, closures = source.equality_rows(closures_only=True)

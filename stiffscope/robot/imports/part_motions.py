@@ -73,20 +73,9 @@ def joint_freedom(kind: str, at: Array, axis: Array | None, axis2: Array | None)
 
 
 def relative_freedom(holds: Iterable[tuple[int, int, Array]], first: int, second: int) -> Array:
-    """Return the relative twists of two parts that constraints leave free.
+    """Return the orthonormal relative twists (6, k) of two parts that constraints leave free.
 
-    Parameters
-    ----------
-    holds
-        Pairs of parts and constraint rows (m, 6) on their relative twist at the base origin.
-    first, second
-        The two parts.
-
-    Returns
-    -------
-    Array
-        Orthonormal twists (6, k).
-
+    ``holds``: pairs of parts, and rows (m, 6) on their relative twist at the base origin.
     """
     network: _Network = defaultdict(dict)
     for one, other, rows in holds:
