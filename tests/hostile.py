@@ -51,7 +51,8 @@ def mutate(rng: random.Random, data: bytes, suffix: str) -> tuple[bytes, str]:
     if broken < 0.07:
         return data.decode().encode("utf-16"), "UTF-16"
     lines = data.decode().split("\n")
-    at = rng.choice([k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")])
+    unlike = {line: k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")}
+    at = rng.choice(list(unlike.values()))  # STEP repeats many lines that mean little
     old = lines[at]
     lines[at : at + 1] = _mutate_line(rng, old, suffix, lines)
     return "\n".join(lines).encode("utf-8", "surrogatepass"), f"{at + 1}: {old!r} -> {lines[at][:120]!r}"

@@ -121,7 +121,8 @@ def study(names: tuple[Path, ...], *, scheduler: str | None, part: str | None, o
                 file, store, open_line("study"), workers=processors(), scheduler=scheduler, part=share or WHOLE
             )
     except (KeyboardInterrupt, Stopped) as error:
-        kept = Journal(file, store).count()
+        if not (kept := Journal(file, store).count()):
+            raise
         raise Stopped(f"stopped; {kept} finished designs are kept in {store}, the same command goes on") from error
     _emit_study(found, output, manifest, [store])
     if not remove_copied(store, out, f"{DESIGNS}/"):

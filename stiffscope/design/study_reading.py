@@ -171,28 +171,27 @@ def _refuse(key: Key, expected: str, got: Any) -> FieldError:
     return FieldError(key, f"expected {expected}, got {q.show_value(got)}")
 
 
-def _read_variable(
-    key: Key, name: str, given: Any, robot: RobotFile, top: StudySection
-) -> Variable:  # fmt: skip
+def _read_variable(key: Key, name: str, given: Any, robot: RobotFile, top: StudySection) -> Variable:
     table = given if isinstance(given, dict) else {"range": given}
     found = read_table(RangeSection, table, key)
     if (found.range is None) == (found.values is None):
         raise _refuse(key, f"{RANGE}, or a table with range or values", given)
     known = {each.name: each for each in parameters(robot, top.components)}
     also = known[name].also if name in known else ()
-    texts = found.range if found.values is None else found.values
-    if found.values is None and (not isinstance(texts, list) or len(texts) != 2):
+    texts = (found.range if found.values is None else found.values) or []
+    if found.values is None and len(texts) != 2:
         raise _refuse(key, f"{RANGE}, two ends", texts)
-    _check_takes(name, texts or [], robot, also, key)
-    unit = known[name].unit if name in known else unit_of((texts or [""])[0])
+    _check_takes(name, texts, robot, also, key)
+    unit = known[name].unit if name in known else unit_of(texts[0])
+    values = tuple((_read_number if found.values is None else _read_value)(each, key) for each in texts)
+    if len({isinstance(each, str) for each in values}) > 1:
+        raise _refuse(key, "values that are all numbers or all words", texts)
+    if not isinstance(values[0], str) and any(isinstance(each, str) and unit_of(each) != unit for each in texts):
+        what = f"{RANGE}, both ends" if found.values is None else "values that are all"
+        raise _refuse(key, f"{what} in {unit}", texts)
     if found.values is not None:
-        values = tuple(_read_value(each, key) for each in found.values)
-        if len({isinstance(each, str) for each in values}) > 1:
-            raise _refuse(key, "values that are all numbers or all words", texts)
         return Variable(name, unit, values, also=also)
-    low, high = (_read_number(each, key) for each in texts or [])
-    if any(isinstance(each, str) and unit_of(each) != unit for each in texts or []):
-        raise _refuse(key, f"{RANGE}, both ends in {unit}", texts)
+    low, high = map(float, values)
     if not low < high:
         raise _refuse(key, f"{RANGE}, the lower end first", texts)
     levels = tuple(round_off(float(each)) for each in np.linspace(low, high, found.steps))
@@ -219,24 +218,28 @@ def _read_value(value: Any, key: Key) -> Value:
 def _check_takes(
     name: str, texts: list[Any], robot: RobotFile, also: tuple[str, ...], key: Key
 ) -> None:  # fmt: skip
-    """Raise FieldError if no value gives a valid robot; single invalid values fail later."""
-    first: FieldError | None = None
-    source = robot.source
+    """Raise FieldError if a word is invalid itself, or no value gives a valid robot; other single ones fail later."""
+    refused, valid, source = list[FieldError](), False, robot.source
     for value in texts:
         text = write_override(name, value)
+        is_word = isinstance(value, str) and isinstance(_read_value(value, key), str)
         try:
             made = read_robot(source.path, source.text, [*source.overrides, *also, text])
         except InputError as error:
-            first = first or FieldError(key, str(error).removeprefix(f"--set {text}: "))
+            message = str(error).removeprefix(f"--set {text}: ")
+            refused.append(FieldError(key, message))
+            if is_word and message != str(error):
+                raise refused[-1] from error
             continue
-        changed = [each for each in made.source.changed if each not in source.changed]
-        copied = [each[1] for each in changed if len(each) > 1 and each[1] in made.copied]
+        copied = [each[1] for each in made.source.changed.keys() - source.changed if each[1] in made.copied]
         if copied:
             got = f'"{copied[0]}", a copy: vary its original'
             raise FieldError(key, f"expected what the robot file writes, got {got}")
-        return
-    if first is not None:
-        raise first
+        if not is_word:
+            return
+        valid = True
+    if refused and not valid:
+        raise refused[0]
 
 
 def _read_response(
@@ -328,47 +331,34 @@ def _read_limit(text: str, number: int, units: dict[str, str]) -> Limit:
         form = 'RESPONSE <= VALUE or RESPONSE >= VALUE such as "mass <= 3 kg"'
         raise FieldError(key, f'expected {form}, got "{text}"')
     name, relation, value = match.groups()
-    _check_response(name, units, key)
-    unit = units[name]
+    with blame(*key):
+        unit = units[one_of(name, units, "a response")]
     dimension = q.Dimension(f"a value of {name}", "" if unit == "1" else unit, f"3 {unit}")
     given: Any = value
     with suppress(ValueError):
         given = float(value)
-    try:
-        si = q.to_si(given, dimension, sign="any")
-    except ValueError as error:
-        raise FieldError(key, str(error)) from error
-    return Limit(name, relation == "<=", si, text)
+    with blame(*key):
+        return Limit(name, relation == "<=", q.to_si(given, dimension, sign="any"), text)
 
 
 def _read_goals(top: StudySection, units: dict[str, str]) -> tuple[Goal, ...]:
     found = []
     for word, sign in (("minimize", 1.0), ("maximize", -1.0)):
         for number, name in enumerate(getattr(top, word)):
-            _check_response(name, units, (word, number))
-            found.append(Goal(name, sign))
+            with blame(word, number):
+                found.append(Goal(one_of(name, units, "a response"), sign))
     if top.method == "optimum" and len(found) != 1:
-        expected = "one response to minimize or maximize for an optimum"
-        raise _refuse(("method",), expected, len(found))
+        raise _refuse(("method",), "one response to minimize or maximize for an optimum", len(found))
     if top.method == "pareto" and len(found) < 2:
-        expected = "two or more to minimize and maximize for pareto"
-        raise _refuse(("method",), expected, len(found))
+        raise _refuse(("method",), "two or more to minimize and maximize for pareto", len(found))
     return tuple(found)
-
-
-def _check_response(name: str, units: dict[str, str], key: Key) -> None:
-    try:
-        one_of(name, units, "a response")
-    except ValueError as error:
-        raise FieldError(key, str(error)) from error
 
 
 def _count_designs(top: StudySection, variables: tuple[Variable, ...]) -> int:
     if top.method != "grid":
         return top.designs or DESIGNS[top.method]
     if top.designs is not None:
-        message = "expected none for a grid, whose ranges have steps and values"
-        raise FieldError(("designs",), message)
+        raise FieldError(("designs",), "expected none for a grid, whose ranges have steps and values")
     count = math.prod(len(variable.levels) for variable in variables)
     if count > MOST_DESIGNS:
         raise _refuse(("method",), f"a grid of at most {MOST_DESIGNS} designs", count)

@@ -104,6 +104,19 @@ def test_finished_designs_are_stored_and_not_made_again(rod, tmp_path, monkeypat
     assert len(made) == 18  # another study's designs are not this one's
 
 
+def test_a_study_that_is_stopped_says_what_it_keeps(rod, tmp_path, monkeypatch, capsys):
+    def stop(file, store, *_, **__):
+        if store.parent.name == "some":
+            study(file.path, folder=store)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("stiffscope.cli.design.run_study", stop)
+    for name, said in (("some", "6 finished designs are kept in"), ("none", "nothing half-written is left")):
+        out = tmp_path / name / "out"
+        assert _guarded(["study", str(rod(GRID)), "--out", str(out), "--quiet"]) == 1
+        assert capsys.readouterr().err.strip().startswith(f"stiffscope: stopped; {said}")
+
+
 @pytest.mark.parametrize(
     ("method", "part"), [("optimum", "1/2"), ("grid", "0/2"), ("grid", "3/2"), ("grid", "x"), ("grid", "1/7")]
 )
@@ -163,6 +176,14 @@ REFUSED = {
         '["5 N/um", "25 N/um"]',
         '{ values = ["5 N/um", "stiff"] }',
     ): r"study.toml:5: .*: expected values that are all num",
+    (
+        '["5 N/um", "25 N/um"]',
+        '{ values = ["5 N/um", "5 kg"] }',
+    ): r"study.toml:5: .*: expected values that are all in N/m, got",
+    (
+        'radius" = { values = ["5 mm", "6 mm"] }',
+        'material" = { values = ["steel", "stell", "titanium"] }',
+    ): r"study.toml:6: .*material: expected one of steel.* got .stell.",
     ('"5 N/um", "25 N/um"', '"5 N/um"'): r"study.toml:5: .*: expected a range such as .*two ends",
     ('"5 N/um", "25 N/um"', '"25 N/um", "5 N/um"'): r"study.toml:5: .*the lower end first",
     ('"sobol"', '"sobel"'): r"study.toml:2: method: expected 'grid', 'latin-hypercube', 'sobol', 'optimum' or 'pareto'",

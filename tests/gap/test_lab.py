@@ -11,14 +11,15 @@ from stiffscope.errors import InputError
 from stiffscope.gap.lab import faults as lab_faults
 from stiffscope.gap.lab.closure import locate
 from stiffscope.gap.lab.faults import KNOWN, OUTSIDE, beam, inject, section_of
-from stiffscope.gap.lab.machine import Slot
+from stiffscope.gap.lab.machine import Slot, machine_of
 from stiffscope.gap.lab.measuring import Noise, Plan, Sensor, true_readings
 from stiffscope.gap.lab.nonlinear import settle
+from stiffscope.gap.lab.plans import draw_plan, workspace
 from stiffscope.gap.lab.response import Spot, respond, tool_spot
 from stiffscope.gap.lab.rotations import rates_of_vector, turn, vector_of
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
-from stiffscope.robot.reader import load_robot
+from stiffscope.robot.reader import load_robot, read_robot
 from stiffscope.vjm import statics
 from tests.labs import (
     FEA_SLIDER,
@@ -445,6 +446,43 @@ def test_lab_imports_no_mechanics_of_the_diagnosis():
     for file in Path(lab_faults.__file__).parent.glob("*.py"):
         for module in re.findall(r"from stiffscope\.?(\S*) import", file.read_text()):
             assert re.match(own, module), (file.name, module)
+
+
+ARM = """
+name = "arm"
+[bodies.upper]
+[bodies.fore]
+[joints.shoulder]
+between = ["ground", "upper"]
+type = "KIND"
+at = [0, 0, 0]
+axis = AXIS
+drive = { stiffness = 1e5 }
+[joints.elbow]
+between = ["upper", "fore"]
+type = "KIND"
+at = [0.3, 0, 0]
+axis = [0, 0, 1]
+drive = { stiffness = 2e5 }
+[tool]
+body = "fore"
+at = [0.3, 0.2, 0]
+pose = POSE
+"""
+
+
+@pytest.mark.parametrize(
+    ("kind", "axis", "pose"),
+    [("revolute", "[0, 0, 1]", '["x", "y"]'), ("prismatic", "[1, 0, 0]", '["x", "z"]')],
+)
+def test_a_lab_loads_a_robot_that_is_rigid_in_most_directions_as_it_does_others(kind, axis, pose):
+    text = ARM.replace("KIND", kind).replace("AXIS", axis).replace("POSE", pose)
+    where = workspace(machine_of(read_robot(Path("arm.toml"), text), {}), 9, np.random.default_rng(2))
+    for style in ("tool", "gauges"):
+        plan, _ = draw_plan(where, np.random.default_rng(3), style, poses=4)
+        sizes = np.abs([wrench for _, wrench in plan.loads]).max(axis=0)
+        assert (sizes[:3] > 1).all()
+        assert (sizes < 1e4).all()
 
 
 def test_drives_are_ideal_by_default():

@@ -22,6 +22,7 @@ Style = Literal["tool", "gauges", "sag"]
 
 FORCE, MOMENT = 500.0, 100.0  # N, N·m: loads of a device, increased for robots stiffer than
 _STIFF = (8e-8, 1.3e-6)  # m/N, rad/(N·m)
+_RIGID = 1e-6  # compliance over that of a stiff robot, below which an axis counts as rigid
 _DEFLECTION = (4e-4, 8e-4)  # m, rad: largest intended deflections at home
 _INSIDE = 0.85  # fraction of a coordinate's range that is used
 _TILT = 0.12  # rad: default range of rotations
@@ -93,7 +94,8 @@ def workspace(machine: Machine, count: int, rng: np.random.Generator) -> Workspa
     """
     box, yields = ranges(machine), diagonal_at(machine, home_of(machine)[None])[0].reshape(2, 3)
     limit = _SOFT * yields.max(axis=1).repeat(3)
-    scale = Scale(*np.median(yields, axis=1).tolist())
+    own = (row[row > _RIGID * stiff] for row, stiff in zip(yields, _STIFF, strict=True))
+    scale = Scale(*(float(np.median(row if len(row) else stiff)) for row, stiff in zip(own, _STIFF, strict=True)))
     found = np.empty((0, len(box)))
     for _ in range(_GIVEN_UP):
         trial = np.round(rng.uniform(box[:, 0], box[:, 1], (count, len(box))), 4)
