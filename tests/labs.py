@@ -21,6 +21,28 @@ FEA_SLIDER = np.diag([5.7974e-11, 1.92533e-10, 4.33624e-9, 1.29600e-7, 1.72818e-
 """Plate 85 x 320 x 20 mm, rigid end face: structured quadratic mesh, 457k dofs."""
 FEA_SLIDER[1, 5] = FEA_SLIDER[5, 1] = 2.97414e-10
 FEA_SLIDER[2, 4] = FEA_SLIDER[4, 2] = -7.34478e-8
+ARM = """
+name = "arm"
+[bodies.upper]
+[bodies.fore]
+[joints.shoulder]
+between = ["ground", "upper"]
+type = "{kind}"
+at = [0, 0, 0]
+axis = {axis}
+drive = {{ stiffness = 1e5 }}
+[joints.elbow]
+between = ["upper", "fore"]
+type = "{kind}"
+at = [0.3, 0, 0]
+axis = [0, 0, 1]
+drive = {{ stiffness = 2e5 }}
+[tool]
+body = "fore"
+at = {at}
+pose = {pose}
+"""
+"""Two rigid bodies, two drives."""
 
 
 def machine(name="biglide", *overrides, components=None):

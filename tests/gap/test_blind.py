@@ -20,7 +20,7 @@ from stiffscope.gap.blind import check as blind
 from stiffscope.gap.blind.cases import BlindCase, Fault, unseal
 from stiffscope.gap.blind.check import run_blind
 from stiffscope.gap.blind.drawing import draw_case, is_imitated, prepare_case, write_case
-from stiffscope.gap.blind.laboratory import BlindRobot, Lab
+from stiffscope.gap.blind.laboratory import BlindRobot, Lab, blind_robots
 from stiffscope.gap.blind.scores import Outcome, outcome_of, score
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import diagnose_campaign
@@ -31,7 +31,8 @@ from stiffscope.gap.lab.signatures import Signatures
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
-from stiffscope.robot.reader import load_robot
+from stiffscope.robot.reader import load_robot, read_robot
+from tests.labs import ARM
 from tests.robots import nominal_robot
 
 ROBOT = nominal_robot()
@@ -249,6 +250,13 @@ def test_an_interrupted_check_goes_on_and_ends_the_same(scheduler, tmp_path, mon
     with pytest.raises(InputError, match=r"campaign-001/outcome\.json: expected the outcome of a case"):
         run_blind(tmp_path / "b", robots, 8, 3, scheduler=scheduler)
     assert mine.read_text() == "mine"
+
+
+def test_a_robot_whose_home_is_singular_is_refused():
+    text = ARM.format(kind="revolute", axis="[0, 0, 1]", pose='["x", "y"]', at="[0.5, 0, 0]")
+    straight = read_robot(Path("arm.toml"), text)
+    with pytest.raises(InputError, match=r"^arm\.toml: expected a regular home, .*; home is singular: .*elbow = 5"):
+        blind_robots([straight], None, None)
 
 
 def test_a_folder_for_cases_with_other_files_is_refused(tmp_path):

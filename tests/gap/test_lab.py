@@ -22,6 +22,7 @@ from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot, read_robot
 from stiffscope.vjm import statics
 from tests.labs import (
+    ARM,
     FEA_SLIDER,
     LINKS,
     PLACES,
@@ -448,35 +449,12 @@ def test_lab_imports_no_mechanics_of_the_diagnosis():
             assert re.match(own, module), (file.name, module)
 
 
-ARM = """
-name = "arm"
-[bodies.upper]
-[bodies.fore]
-[joints.shoulder]
-between = ["ground", "upper"]
-type = "KIND"
-at = [0, 0, 0]
-axis = AXIS
-drive = { stiffness = 1e5 }
-[joints.elbow]
-between = ["upper", "fore"]
-type = "KIND"
-at = [0.3, 0, 0]
-axis = [0, 0, 1]
-drive = { stiffness = 2e5 }
-[tool]
-body = "fore"
-at = [0.3, 0.2, 0]
-pose = POSE
-"""
-
-
 @pytest.mark.parametrize(
     ("kind", "axis", "pose"),
     [("revolute", "[0, 0, 1]", '["x", "y"]'), ("prismatic", "[1, 0, 0]", '["x", "z"]')],
 )
 def test_a_lab_loads_a_robot_that_is_rigid_in_most_directions_as_it_does_others(kind, axis, pose):
-    text = ARM.replace("KIND", kind).replace("AXIS", axis).replace("POSE", pose)
+    text = ARM.format(kind=kind, axis=axis, pose=pose, at="[0.3, 0.2, 0]")
     where = workspace(machine_of(read_robot(Path("arm.toml"), text), {}), 9, np.random.default_rng(2))
     for style in ("tool", "gauges"):
         plan, _ = draw_plan(where, np.random.default_rng(3), style, poses=4)

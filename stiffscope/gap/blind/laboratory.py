@@ -16,10 +16,12 @@ from stiffscope.gap.lab.faults import ENTRIES, KNOWN, acts_on, inject, is_unifor
 from stiffscope.gap.lab.machine import machine_of
 from stiffscope.gap.lab.plans import Workspace, workspace
 from stiffscope.robot.library import robot_names
+from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_dimensions import find_vanishing, part_parameters, with_parameter
 from stiffscope.robot.part_matrices import part_matrices, part_sources
 from stiffscope.robot.reader import load_robot
+from stiffscope.vjm.kinematics import start_note
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -65,10 +67,8 @@ class BlindRobot:
         return path.stem if bundled else str(path.resolve())
 
 
-def blind_robots(
-    robots: Sequence[RobotFile], components: str | None, shop: Workshop,
-) -> list[BlindRobot]:  # fmt: skip
-    """Return the robots with their parts' matrices.
+def blind_robots(robots: Sequence[RobotFile], components: str | None, shop: Workshop) -> list[BlindRobot]:
+    """Return the robots with their parts' matrices; raise InputError for one whose home is singular.
 
     Parameters
     ----------
@@ -83,6 +83,8 @@ def blind_robots(
     """
     out: list[BlindRobot] = []
     for robot in robots:
+        if note := start_note(rigid_mechanism(robot)):
+            raise InputError(f"{robot.path}: expected a regular home, where the laboratory starts; {note}")
         published = any(getattr(part, "published", None) for part in robot.parts.values())
         source = components or ("published" if published else "beam")
         made = assemble_robots({robot.name: robot}, source, shop)[robot.name]
@@ -121,8 +123,7 @@ class Lab:
         """Return the places of an effect: elements and distinct sets, or instrument and sensors."""
         file, machine = self.robot.nominal.robot, self.sound
         fixed = {
-            "base-compliance": ("base",), "platform-compliance": ("tool",),
-            "cable-chain": ("tool",),
+            "base-compliance": ("base",), "platform-compliance": ("tool",), "cable-chain": ("tool",),
             "force-scale": (INSTRUMENT,), **dict.fromkeys(_OF_SENSORS, (INSTRUMENT, *sensors)),
             **dict.fromkeys(_OF_CHANNELS, (INSTRUMENT, *(sensors or COORDINATES))),
             "sensor-step": tuple(sensors or COORDINATES),
@@ -162,9 +163,7 @@ class Lab:
             return joint.drive is None or joint.kind != "prismatic"
         if body is not None and effect == "rigid-ends":
             return is_uniform(body)
-        if body is not None and effect == "thermal":
-            return body.expansion != 0.0
-        return True
+        return effect != "thermal" or body is None or body.expansion != 0.0
 
     def words(self) -> tuple[str, ...]:
         """Return the known effects that this robot can have."""
