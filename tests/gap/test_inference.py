@@ -114,6 +114,11 @@ def test_parameters_that_are_summed_over_leave_the_gaussian_of_the_readings():
     left, log = eliminate(np.full((1, 3, 3), 1e20), gone[1:4], np.ones(2))  # two that are one, the prior lost in them
     assert np.isfinite(left).all()
     assert np.isfinite(log).all()
+    x = 1e3 * np.linspace(-1.0, 1.0, 90)[:, None] ** np.arange(61)  # hardly independent, of sizes over many decades
+    gone = np.append(rng.permutation(60) < 40, False)
+    left, _ = eliminate((x.T @ x)[None], gone, 10.0 ** rng.choice([-3.0, 9.0], 40))
+    assert np.abs(left - left.mT).max() < 1e-12 * np.diagonal(left[0]).max()
+    assert np.linalg.eigvalsh(left[0, :-1, :-1])[0] > 0.0
 
 
 def test_prior_sizes_are_averaged_effect_by_effect():

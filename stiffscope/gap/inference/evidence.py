@@ -263,9 +263,12 @@ def eliminate(inner: Array, gone: Flags, scales: Array) -> tuple[Array, Array]:
     whole = (wide[:, :, gone] * scales + np.eye(len(scales))) * (1.0 + _ROUNDING * np.eye(len(scales)))
     beside = wide[:, :, ~gone]
     rest = inner[:, ~gone][:, :, ~gone]
-    left = rest - np.swapaxes(beside, 1, 2) @ np.linalg.solve(whole, beside)
+    size = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))[..., None]
+    root = np.linalg.cholesky(whole / size / size.mT)  # of equal diagonals: what is left stays definite
+    reach = np.linalg.solve(root, beside / size)
+    left = rest - reach.mT @ reach
     left[:, :-1, :-1] += _ROUNDING * np.eye(rest.shape[1] - 1) * rest[:, :-1, :-1]
-    return left, -0.5 * np.linalg.slogdet(whole)[1]
+    return left, -np.log(size[..., 0] * np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
 
 
 def _likeliest_together(priors: Sequence[Spreads], logs_of: Callable[[Array], Array]) -> Array:
