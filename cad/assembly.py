@@ -31,7 +31,7 @@ TIME_LIMIT = 600.0  # s, for reading
 _NAMELESS = ("SOLID", "COMPOUND", "PRODUCT", "NONE", "PART", "OPEN CASCADE", "=>[", "SHELL", "NAUO")
 _TEXT, _USED, _DEFINED = re.compile(rb"'[^']*'"), re.compile(rb"#(\d+)(?!\d*\s*=)"), re.compile(rb"#(\d+)\s*=")
 _POINT = re.compile(rb"#(\d+)\s*=\s*(?:CARTESIAN_POINT|DIRECTION)\s*\(\s*''\s*,\s*\(([^()]*)\)")
-_THREE = re.compile(rb"(?:\s*[+-]?\d+\.?\d*(?:[eE](?:-\d+|\+?\d\d?))?\s*(?:,|$)){3}(?<!,)")
+_THREE = re.compile(rb"(?:\s*[+-]?\d+\.?\d*(?:[eE](?:-\d+|\+?0*\d\d?))?\s*(?:,|$)){3}(?<!,)")
 _PLACED = re.compile(rb"\b(?:AXIS2_PLACEMENT_3D|VERTEX_POINT)\s*\(\s*''\s*,([^()]*)\)")
 _HOLDS = re.compile(rb"\bNEXT_ASSEMBLY_USAGE_OCCURRENCE\s*\((?:\s*(?:''|\$)\s*,){3}\s*#(\d+)\s*,\s*#(\d+)")
 _EXTERNAL = re.compile(rb"\bDOCUMENT_FILE\s*\(\s*'([^']+\.(?:stp|step|p21))'", re.IGNORECASE)
@@ -200,6 +200,7 @@ def _check_references(path: Path, content: bytes) -> None:
 
 def _name_distinct(paths: Sequence[Sequence[str]]) -> list[str]:
     """Name instances from the names on their paths: last name, with its assembly's, or a number."""
+    paths = [_cut_path(path) for path in paths]
     own = [("" if _is_nameless(path[-1]) else path[-1]) for path in paths]
     for depth in range(2, max(map(len, paths), default=0) + 1):
         doubled = {name for name in own if own.count(name) > 1 and name}
@@ -221,6 +222,11 @@ def _name_distinct(paths: Sequence[Sequence[str]]) -> list[str]:
     return found
 
 
+def _cut_path(path: Sequence[str]) -> Sequence[str]:
+    """Return a path up to its last name below the root: a nameless solid is its product."""
+    return next((path[:n] for n in range(len(path), 1, -1) if not _is_nameless(path[n - 1])), path[:2])
+
+
 def _is_nameless(name: str) -> bool:
     return not name or name.upper().startswith(_NAMELESS)
 
@@ -237,10 +243,12 @@ def gather_solids(found: "Sequence[PlacedProduct]", shown: str) -> "tuple[list[S
     products, instances, numbers = [], [], dict[tuple[int, int], int]()
     solids: list[Any] = []
     loose = list[str]()
+    whole = {(*_cut_path(each.path),) for each in found if cad.kernel.solids(each.shape)}
     for each in found:
         shapes = cad.kernel.solids(each.shape)
-        named = [name for name in each.path if not _is_nameless(name)]
-        loose += [] if shapes else [named[-1] if named else "one without a name"]
+        name = _cut_path(each.path)
+        if not shapes and (name == each.path or (*name,) not in whole):
+            loose.append(name[-1] or "one without a name")
         for index, solid in enumerate(shapes):
             key = each.product, index
             if key not in numbers:

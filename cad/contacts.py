@@ -58,21 +58,11 @@ class Contact:
 
 
 def find_contacts(solids: Sequence[Instance], progress: Progress | None = None) -> list[Contact]:
-    """Find the contacts between solids.
+    """Find all pairs of faces in contact between the solids of one assembly.
 
-    Parameters
-    ----------
-    solids
-        Solids of one assembly.
-    progress
-        Progress callback.
-
-    Returns
-    -------
-    list of Contact
-        All pairs of faces in contact: parallel to 1e-4 rad, coaxial or concentric to 5 um; planes
-        within 20 um, or with a play of up to 0.22 mm if other planes or a pin bound it; radii
-        within the range of screw clearances and thread undercuts (-20 to +24 %).
+    They are parallel to 1e-4 rad, coaxial or concentric to 5 um; planes within 20 um, or with a
+    play of up to 0.22 mm if other planes or a pin bound it; radii within the range of screw
+    clearances and thread undercuts (-20 to +24 %).
     """
     boxes = np.array([solid.box for solid in solids])
     near = np.all(boxes[:, None, 0] <= boxes[None, :, 1] + PLAY, axis=-1)

@@ -102,26 +102,21 @@ def face_geometries(shape: "Shape") -> tuple[FaceGeometry, ...]:
 
 def _geometry(index: int, face: "Face") -> FaceGeometry:
     properties = cad.kernel.area_properties(face)
-    kind, surface = cad.kernel.surface_under(face)
+    kind, form = cad.kernel.surface_under(face)
     origin, axis, sizes = np.zeros(3), np.zeros(3), dict[str, Any]()
-    if kind in KINDS:
-        form = getattr(surface, kind.capitalize())()
+    if form is not None:
         origin = cad.kernel.xyz(form.Location()) * 1e-3
         if kind != "sphere":
             axis = cad.kernel.xyz(form.Axis().Direction())
         sizes = _sizes(kind, form)
     if sizes:
-        hollow, ends = cad.kernel.round_extent(face, 1e3 * origin, axis)
-        share = 1e-3 * np.cos(sizes.get("half_angle", 0.0))
-        sizes |= {"hollow": hollow, "extent": tuple(share * np.array(ends))}
+        hollow, ends = cad.kernel.round_extent(face, 1e3 * origin, axis, sizes.get("half_angle", 0.0))
+        sizes |= {"hollow": hollow, "extent": tuple(1e-3 * ends)}
     if kind == "plane":
-        form = surface.Plane()
-        # a left-handed plane's natural normal is opposite to its main direction
-        natural = form.Position().Direct() != cad.kernel.reversed_in_solid(face)
-        axis = axis * (1 if natural else -1)
+        axis = axis * np.sign(axis @ cad.kernel.middle_of(face)[1])
     return FaceGeometry(
         index=index,
-        kind=kind if kind in KINDS else "other",
+        kind=kind,
         area=properties.Mass() * 1e-6,
         centroid=cad.kernel.xyz(properties.CentreOfMass()) * 1e-3,
         origin=origin,

@@ -27,9 +27,10 @@ from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.BRepTools import BRepTools
 from OCP.GeomAbs import GeomAbs_CurveType
 from OCP.GeomAPI import GeomAPI_ProjectPointOnSurf
-from OCP.gp import gp_Ax2, gp_Ax3, gp_Circ, gp_Dir, gp_Pnt, gp_Trsf, gp_Vec
+from OCP.gp import gp_Ax2, gp_Ax3, gp_Circ, gp_Cone, gp_Cylinder, gp_Dir, gp_Pln, gp_Pnt, gp_Sphere, gp_Trsf, gp_Vec
 from OCP.GProp import GProp_GProps
 from OCP.Message import Message, Message_PrinterOStream
+from OCP.ShapeAnalysis import ShapeAnalysis_CanonicalRecognition
 from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
 from OCP.TopExp import TopExp_Explorer
 from OCP.TopLoc import TopLoc_Location
@@ -52,6 +53,10 @@ Solid: TypeAlias = TopoDS_Solid
 Face: TypeAlias = TopoDS_Face
 Edge: TypeAlias = TopoDS_Edge
 Vertex: TypeAlias = TopoDS_Vertex
+
+
+_FORMS: dict[str, Any] = {"Plane": gp_Pln, "Cylinder": gp_Cylinder, "Cone": gp_Cone, "Sphere": gp_Sphere}
+_SAME = 1e-4  # mm: tolerance of splines that are one of these
 
 
 def silence() -> None:
@@ -225,14 +230,16 @@ def self_intersects(shape: Shape) -> bool:
 
 
 def surface_under(face: Face) -> tuple[str, Any]:
-    """Return the kind of a face's surface ("plane", "bsplinesurface", ...) and its adaptor."""
-    surface = BRepAdaptor_Surface(face)
-    return surface.GetType().name.removeprefix("GeomAbs_").lower(), surface
-
-
-def reversed_in_solid(face: Face) -> bool:
-    """Return whether the face's outward normal is opposite to its surface's."""
-    return face.Orientation() == TopAbs_Orientation.TopAbs_REVERSED
+    """Return the kind of a face's surface, splines recognized, and its `gp_Pln` or the like or None."""
+    surface, form = BRepAdaptor_Surface(face), None
+    kind = surface.GetType().name.removeprefix("GeomAbs_")
+    if kind in {*_FORMS, "Torus"}:
+        form = getattr(surface, kind)()
+    else:
+        known = ShapeAnalysis_CanonicalRecognition(face)
+        found = ((each, empty()) for each, empty in _FORMS.items())
+        kind, form = next((e for e in found if getattr(known, f"Is{e[0]}")(_SAME, e[1])), ("other", None))
+    return kind.lower(), form
 
 
 def xyz(point: Any) -> Floats:
@@ -310,14 +317,24 @@ def bounds(shape: Shape) -> Floats:
     return np.array([xyz(box.CornerMin()), xyz(box.CornerMax())])
 
 
-def round_extent(face: Face, origin: Floats, axis: Floats) -> tuple[bool, tuple[float, float]]:
-    """Return whether a round face is hollow (solid outside), and its extent along v."""
+def middle_of(face: Face) -> tuple[Floats, Floats]:
+    """Return the point (3,) at the middle of a face's parameters, and its normal out of the solid."""
     u, u_end, v, v_end = BRepTools.UVBounds_s(face)
     point, normal = gp_Pnt(), gp_Vec()
     BRepGProp_Face(face).Normal(0.5 * (u + u_end), 0.5 * (v + v_end), point, normal)
-    out = xyz(point) - origin
+    return xyz(point), xyz(normal)
+
+
+def round_extent(face: Face, origin: Floats, axis: Floats, half_angle: float) -> tuple[bool, Floats]:
+    """Return whether a round face is hollow (solid outside), and its ends (2,) along its axis."""
+    point, normal = middle_of(face)
+    out = point - origin
     out -= axis * (axis @ out)  # for a sphere, whose axis is zero, from its centre
-    return bool(xyz(normal) @ out < 0.0), (v, v_end)
+    if BRepAdaptor_Surface(face).GetType().name.removeprefix("GeomAbs_") in {*_FORMS, "Torus"}:
+        ends = np.cos(half_angle) * np.array(BRepTools.UVBounds_s(face)[2:])
+    else:
+        ends = np.array([axis @ (position(vertex) - origin) for vertex in vertices(face)])
+    return bool(normal @ out < 0.0), np.array([ends.min(), ends.max()])
 
 
 def common_area(faces: tuple[Face, Face], step: Floats) -> tuple[float, Floats]:
@@ -377,4 +394,5 @@ def _triangles(face: Face) -> tuple[Floats, NDArray[np.int64]]:
     move = place.Transformation()
     nodes = np.array([xyz(mesh.Node(i).Transformed(move)) for i in range(1, mesh.NbNodes() + 1)])
     triangles = np.array([mesh.Triangle(i).Get() for i in range(1, mesh.NbTriangles() + 1)], dtype=np.int64) - 1
-    return nodes, cast("NDArray[np.int64]", triangles[:, ::-1] if reversed_in_solid(face) else triangles)
+    turned = face.Orientation() == TopAbs_Orientation.TopAbs_REVERSED
+    return nodes, cast("NDArray[np.int64]", triangles[:, ::-1] if turned else triangles)

@@ -11,7 +11,7 @@ import build123d as b
 import numpy as np
 import pytest
 from OCP.BRep import BRep_Builder
-from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeSolid, BRepBuilderAPI_Sewing
+from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeSolid, BRepBuilderAPI_NurbsConvert, BRepBuilderAPI_Sewing
 from OCP.TopoDS import TopoDS_Shell
 
 from stiffscope import cad
@@ -379,6 +379,41 @@ def test_files_that_are_no_whole_machine_are_refused(case, tmp_path):
     with pytest.raises(InputError, match=message) as told:
         import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml", Said(material=("*=steel",)))
     assert "\n" not in str(told.value)
+
+
+def test_solids_without_names_are_named_after_their_product(tmp_path):
+    """As of products with a solid and its sketch, or with several solids; an assembly's name alone names none."""
+    plate, foot, bar, other = b.Box(10, 10, 1), b.Box(2, 2, 2), b.Box(1, 1, 9), b.Box(1, 1, 8)
+    sketch = b.Pos(0, 0, 5) * b.Face.make_rect(1, 1)
+    plates = [b.Compound(label="plate", children=[b.Pos(0, 0, 40 * n) * plate.solid(), sketch]) for n in range(2)]
+    plates[1].children[0].label = ""
+    bars = b.Compound(label="bars", children=[b.Pos(30, 0, 0) * bar.solid(), b.Pos(60, 0, 0) * other.solid()])
+    b.export_step(b.Compound(label="machine", children=[*plates, bars, foot.solid()]), tmp_path / "machine.step")
+    left_out = []
+    solids = read_assembly(tmp_path / "machine.step", left_out)
+    assert [solid.name for solid in solids] == ["plate1", "plate2", "bars1", "bars2", "solid1"]
+    assert left_out == []
+
+
+def test_bores_that_are_splines_guide(tmp_path):
+    """As of programs that write all curved faces as B-splines."""
+    made = assemblies.lever()
+    splines = {name: b.Solid(BRepBuilderAPI_NurbsConvert(solid.wrapped).Shape()) for name, solid in made.solids.items()}
+    solids = _place_solids(assemblies.Made(splines), b.Location())
+    assert not {f.kind for solid in solids for f in solid.faces} & {"other"}
+    _check(made, solids, b.Location())
+
+
+def test_exponents_of_three_digits_are_read(tmp_path):
+    """As older programs on Windows write them, 1.E+001."""
+    assemblies.finger().write(tmp_path / "machine.step")
+    text = re.sub(r"(?<=[(,])0\.(?=[,)])", "0.E+000", (tmp_path / "machine.step").read_text())
+    text = text.replace("(-14.,0.E+000,", "(-1.4E+001,0.E+000,")
+    assert "(-1.4E+001,0.E+000," in text
+    before = read_assembly(tmp_path / "machine.step")
+    (tmp_path / "machine.step").write_text(text)
+    after = read_assembly(tmp_path / "machine.step")
+    assert all(np.allclose(one.centre, two.centre) for one, two in zip(before, after, strict=True))
 
 
 def test_a_solid_that_is_not_manifold_is_refused_by_that_name(tmp_path):

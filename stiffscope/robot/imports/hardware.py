@@ -32,7 +32,8 @@ _WORDS = {
     "bearing": r"(ball|roller|needle)?.?bearings?|(kugel|w[aä]lz|rillenkugel|nadel|zylinderrollen)?lager"
     r"|6[0-3]\d\d|6[0-9]{2}(zz|2rs)?|6[89]\d\d|iso.?15",
 }
-_NAMED = {role: re.compile(rf"(?<![a-z])({words})(?![a-z])", re.IGNORECASE) for role, words in _WORDS.items()}
+_HELD = r"(?![a-z]|[-_. ](cover|cap|hold|hous|mount|block|support|plate|seat|deckel|halter|bock))"
+_NAMED = {role: re.compile(rf"(?<![a-z])({words}){_HELD}", re.IGNORECASE) for role, words in _WORDS.items()}
 FIT = (-0.01, 0.03)  # of the radius: guiding fit; beyond are threads and clearance holes
 _THREAD = -0.05  # of the radius: only threads overlap more
 _TURNED, _BORED = 0.9, 0.8  # surface fraction turned about the axis; of cross-drilled pins
@@ -118,7 +119,8 @@ def _role_of(number: int, solids: Sequence[Instance], touched: Sequence[Contact]
     role, reason = _role_by_shape(number, solids, touched)
     if role and not all(_is_about_axis(each, solid) for each in touched):
         return "", ""
-    named = next((word for word, pattern in _NAMED.items() if pattern.search(solid.name)), "")
+    words = ((each.start(), word) for word, pattern in _NAMED.items() for each in pattern.finditer(solid.name))
+    named = max(words, default=(0, ""))[1]  # the last one, as in "nut-bolt-assembly.nut"
     share = 0.2 if named in {"screw", "nut", "circlip"} else 0.6  # turned, at least: no plate named after a screw
     may_be = form is not None and form.share > share
     may_be &= all(_is_about_axis(each, solid) for each in touched if each.kind == "cylinder")

@@ -77,29 +77,12 @@ class SimulatorModel:
 
 
 def read_model(path: str | Path, tool: str | None = None, home: Mapping[str, float] | None = None) -> SimulatorModel:
-    """Read a URDF or MJCF file.
+    """Read a URDF or MJCF file, whose meshes need not exist, as a model at its home.
 
-    Parameters
-    ----------
-    path
-        File of the model; its meshes need not exist.
-    tool
-        Body or site of the tool; by default a usually named site, or else the last body of the
-        longest chain.
-    home
-        Positions of hinges (rad) and slides (m) at home; by default those of the keyframe "home" or
-        the zero pose, as far as loops permit.
-
-    Returns
-    -------
-    SimulatorModel
-        Model at home.
-
-    Raises
-    ------
-    InputError
-        If MuJoCo is missing, the file is not a model, loops do not close, or there is no such tool.
-
+    ``tool``: body or site; by default a usually named site, else the last body of the longest
+    chain. ``home``: positions of hinges (rad) and slides (m); by default those of the keyframe
+    "home" or the zero pose, as far as loops permit. Raises InputError if MuJoCo is missing, the
+    file is not a model, loops do not close, or there is no such tool.
     """
     source = compile_at_home(Path(path), home or {})
     joints = _name_apart([*_tree_joints(source), *_closing_joints(source)])
