@@ -38,7 +38,7 @@ _CONSISTENT = 1e-7  # of a right-hand side: allowed residual
 
 _TOOL = slice(0, 6)  # the tool's twist comes first
 _LOOSE = {
-    "response": "the tool, or a body, moves freely under its load: ask for its mobility, not its deflection",
+    "response": "the tool, or a body, moves freely: drive the joints that should hold it, or ask for its mobility",
     "held": "a body moves freely under its load: there is no equilibrium",
 }
 
