@@ -13,6 +13,7 @@ from functools import reduce
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
+from scipy.cluster.hierarchy import DisjointSet
 
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.dynamics import factor_semidefinite
@@ -212,19 +213,11 @@ def _invert_columns(e: Element, unit: Array) -> Array | None:
 
 def _grow_forest(elements: list[Element]) -> tuple[list[Element], list[Element]]:
     """Return a spanning forest, elements with few coordinates first, and those that close loops."""
-    parent: dict[str, str] = {}
-
-    def top(node: str) -> str:
-        while (above := parent.get(node, node)) != node:
-            node = above
-        return node
-
+    joined = DisjointSet({node for e in elements for node in (e.first, e.second)})
     tree: list[Element] = []
     chords: list[Element] = []
     for e in sorted(elements, key=lambda e: e.factor.shape[1] + e.free.shape[1]):
-        a, b = top(e.first), top(e.second)
-        (chords if a == b else tree).append(e)
-        parent[a] = b
+        (tree if joined.merge(e.first, e.second) else chords).append(e)
     return tree, chords
 
 

@@ -109,16 +109,8 @@ def span_tree(edges: Edges) -> tuple[dict[str, Way], list[int]]:
 
     ``edges``: the two bodies of each joint. A path is joint numbers with signs, -1 if reversed.
     """
-    paths: dict[str, Way] = {GROUND: []}
-    queue, used = deque([GROUND]), set[int]()
-    while queue:
-        here = queue.popleft()
-        for k, (first, second) in enumerate(edges):
-            there = second if here == first else first if here == second else None
-            if there is not None and there not in paths:
-                paths[there] = [*paths[here], (k, 1.0 if here == first else -1.0)]
-                used.add(k)
-                queue.append(there)
+    paths = _find_paths(edges, range(len(edges)), GROUND)
+    used = {k for path in paths.values() for k, _ in path}
     return paths, [k for k in range(len(edges)) if k not in used]
 
 
@@ -128,7 +120,7 @@ def _close_loops(edges: Edges, paths: dict[str, Way], chords: list[int]) -> list
     out: list[Way] = []
     left = list(chords)
     while left:
-        found = {k: [(k, 1.0), *_shortest(edges, open_edges, edges[k][1], edges[k][0])] for k in left}
+        found = {k: [(k, 1.0), *_find_paths(edges, sorted(open_edges), edges[k][1])[edges[k][0]]] for k in left}
         best = min(left, key=lambda k: len(found[k]))
         out.append(found[best])
         open_edges.add(best)
@@ -136,15 +128,16 @@ def _close_loops(edges: Edges, paths: dict[str, Way], chords: list[int]) -> list
     return out
 
 
-def _shortest(edges: Edges, some: set[int], start: str, end: str) -> Way:
+def _find_paths(edges: Edges, some: Sequence[int], start: str) -> dict[str, Way]:
+    """Return breadth-first paths along some edges from a body to all others."""
     ways: dict[str, Way] = {start: []}
     queue = deque([start])
-    while end not in ways:
+    while queue:
         here = queue.popleft()
-        for k in sorted(some):
+        for k in some:
             first, second = edges[k]
             there = second if here == first else first if here == second else None
             if there is not None and there not in ways:
                 ways[there] = [*ways[here], (k, 1.0 if here == first else -1.0)]
                 queue.append(there)
-    return ways[end]
+    return ways

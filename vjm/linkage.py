@@ -13,6 +13,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
+from scipy.cluster.hierarchy import DisjointSet
 
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.screws import rotation_of, skew
@@ -129,22 +130,11 @@ class Linkage:
             known = j.drive is not None and self.given == "drives"
             return count - known, j.drive is None
 
-        parent = list(range(links))
-
-        def root(i: int) -> int:
-            while parent[i] != i:
-                i = parent[i]
-            return i
-
+        joined = DisjointSet(range(links))
         if self.given == "tool":
-            parent[self.link_of[self.mechanism.tool.body]] = root(self.link_of[GROUND])
-        tree: set[str] = set()
-        for j in sorted(joints, key=unknown):
-            a, b = root(self.link_of[j.first]), root(self.link_of[j.second])
-            if a != b:
-                parent[a] = b
-                tree.add(j.name)
-        return tree
+            joined.merge(self.link_of[self.mechanism.tool.body], self.link_of[GROUND])
+        ends = {j.name: (self.link_of[j.first], self.link_of[j.second]) for j in sorted(joints, key=unknown)}
+        return {name for name, pair in ends.items() if joined.merge(*pair)}
 
     def _grow(self, joints: list[Joint], tree: set[str]) -> None:
         """Create frames and motions along the tree, outward from the ground."""

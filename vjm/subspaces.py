@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
@@ -77,32 +78,13 @@ def find_blocks(basis: Array, sizes: list[int]) -> list[tuple[list[int], int]]:
 
     The orthogonal projector onto a space is block diagonal exactly if the space is a direct sum.
     """
-    starts = np.cumsum([0, *sizes])
-    projector = basis @ basis.T
-    touch = np.array(
-        [
-            [
-                np.abs(projector[starts[i] : starts[i + 1], starts[j] : starts[j + 1]]).max(initial=0.0) > ZERO
-                for j in range(len(sizes))
-            ]
-            for i in range(len(sizes))
-        ]
-    ).reshape(len(sizes), len(sizes))
-    out: list[tuple[list[int], int]] = []
-    seen = set[int]()
-    for start in range(len(sizes)):
-        if start in seen or not touch[start, start]:
-            continue
-        group, queue = {start}, [start]
-        while queue:
-            for j in np.flatnonzero(touch[queue.pop()]).tolist():
-                if j not in group:
-                    group.add(j)
-                    queue.append(j)
-        seen |= group
-        trace = sum(float(np.trace(projector[starts[i] : starts[i + 1], starts[i] : starts[i + 1]])) for i in group)
-        out.append((sorted(group), round(trace)))
-    return out
+    projector, owner = basis @ basis.T, np.repeat(np.arange(len(sizes)), sizes)
+    rows, columns = np.nonzero(np.abs(projector) > ZERO)
+    touch = np.zeros((len(sizes), len(sizes)), dtype=bool)
+    touch[owner[rows], owner[columns]] = True
+    _, label = connected_components(touch, directed=False)
+    groups = [np.flatnonzero(label == k) for k in dict.fromkeys(label[touch.diagonal()].tolist())]
+    return [(g.tolist(), round(float(projector.diagonal()[np.isin(owner, g)].sum()))) for g in groups]
 
 
 def name_directions(basis: Array, bound: str, free: str, length: float) -> list[Direction]:
