@@ -9,7 +9,7 @@ rigid loops are solved with multipliers (``stiffscope.vjm.saddle``). No singular
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import combinations
 from typing import TYPE_CHECKING, Any
 
@@ -24,10 +24,9 @@ from stiffscope.vjm.order import (
     fit_free_motions,
     form_stiffness,
     stack_columns,
-    stack_rows,
 )
 from stiffscope.vjm.screws import Frame
-from stiffscope.vjm.semidefinite import half_inverse
+from stiffscope.vjm.semidefinite import half_inverse, multiply_transposed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -69,34 +68,37 @@ class Stiff:
         """Carry loads to its ends; return them, and the wrench (n, 6, c) that holds the end."""
         along = chain_loads(self.where, load, self.connection)
         preload: Array = np.zeros((1, 6, load.loads.cases))
-        if along.offset.any():
-            preload = preload - self.stiffness @ along.offset
-        if along.loaded:
-            preload = preload + self._hold_end(along, load.loads.balanced)
-        load.add(self.connection.end, -preload)
-        load.add(self.connection.start, preload + along.carried[0])
+        spans = [along.offset] if along.offset.any() else []
+        if any(along.laden):
+            preload, strains = self._hold_end(along, load.loads.balanced)
+            spans += strains
+        if spans:
+            preload = preload - self.stiffness @ reduce(np.add, spans)
+        if spans or any(along.laden):
+            load.add(self.connection.end, -preload)
+            load.add(self.connection.start, preload + along.carried[0])
         return along, preload
 
-    def _hold_end(self, along: ChainLoads, balanced: float) -> Array:
-        """Return the wrench (n, 6, c) that holds the end under loads on inner nodes.
+    def _hold_end(self, along: ChainLoads, balanced: float) -> tuple[Array, list[Array]]:
+        """Return a wrench (n, 6, c) on the end in balance with loads on inner nodes, and the strains.
 
-        ``w = w₀ - K (τ + C w₀)`` with Nᵀ w₀ = -ν, the loads along the free directions.
+        The wrench that holds the end is ``w₀ - K (τ + C w₀)`` with Nᵀ w₀ = -ν, the loads along the free directions.
         """
         members, where = self.connection.members, self.where
         hold: Array = np.zeros((1, 6, 1))
         if self.fit is not None:
-            work = stack_rows(along.project()[len(members) :])
+            work = along.project((1,))
             hold = -self.fit.mT @ work
             if balanced < HELD:
                 left = np.abs(self.free.mT @ hold + work)
                 if (left > balanced * np.abs(work).max(axis=(1, 2), keepdims=True)).any():
                     _refuse([e.name for e, _ in members])
-        tau: Array = np.zeros((1, 6, 1))
-        for (e, _), wrench in zip(members, along.carried, strict=True):
+        strains: list[Array] = []
+        for (e, _), wrench, laden in zip(members, along.carried, along.laden, strict=True):
             factor = where.columns(e)[0]
             if factor.shape[2]:
-                tau = tau + factor @ (factor.mT @ (wrench + hold))
-        return hold - self.stiffness @ tau
+                strains.append(factor @ (factor.mT @ (wrench + hold if laden else hold)))
+        return hold, strains
 
     def recover(self, kept: tuple[ChainLoads, Array], out: Response) -> None:
         """Recover its members and inner nodes from its ends."""
@@ -109,7 +111,7 @@ class Stiff:
         along, preload = kept
         for (e, _), carried in zip(self.connection.members, along.carried, strict=True):
             factor = self.where.columns(e)[0]
-            if along.loaded and factor.shape[2]:
+            if any(along.laden) and factor.shape[2]:
                 yield factor.mT @ (preload + carried)
 
 
@@ -147,12 +149,14 @@ class Folded:
         else:
             names = [e.name for e, _ in connection.members]
             along = chain_loads(self.where, load, connection)
+            if self.step.node not in load.forces and not any(along.laden) and not along.offset.any():
+                return along, np.zeros((1, self.half.shape[1], load.loads.cases)), force
             load.add(self.start, force + along.carried[0])
             if along.offset.any():
                 drive = drive - self.own @ along.offset
             drive = self.columns.mT @ drive
-            if along.loaded:
-                drive = drive + stack_rows(along.project())
+            if any(along.laden):
+                drive = drive + along.project()
         push = self.half @ drive
         moved = self.half.mT @ push
         self._check_balance(names, moved, drive, load.loads.balanced)
@@ -237,6 +241,8 @@ def condense_network(order: Order, where: Places) -> Condensed:
 def condense_loads(state: Condensed, loads: Loads) -> CondensedLoads:
     """Carry loads through all condensation steps."""
     out = CondensedLoads(loads, {node: w for node, w in loads.nodes.items() if node != GROUND})
+    if state.where.rigid:
+        _carry_columns(state.order, state.where)
     for gone in state.gone:
         out.kept.append(gone.carry(out))
     return out
@@ -254,7 +260,7 @@ def store_energy(state: Condensed, load: CondensedLoads) -> Array:
     out: Array = np.zeros((1, load.loads.cases, load.loads.cases))
     for gone, kept in zip(state.gone, load.kept, strict=True):
         for stress in gone.stresses(kept):
-            out = out + stress.mT @ stress
+            out = out + multiply_transposed(stress)
     return out
 
 
@@ -273,6 +279,18 @@ def _carry_constants(order: Order, where: Places) -> Iterator[Array]:
     place = Frame(rotation, (rotation @ origins)[..., 0] + moved - where.tool)
     back = place.inverse_adjoint()
     yield from back.mT @ np.array([constant for _, constant in order.constant]) @ back
+
+
+def _carry_columns(order: Order, where: Places) -> None:
+    """Place columns that are constant in a connection's axes with it, not one by one."""
+    for c, _ in order.constant:
+        if c.columns is not None and c.members[0][0].name not in where.seen:
+            placed = (c.frame(where).adjoint().reshape(-1, 6) @ c.columns).reshape(-1, *c.columns.shape)
+            r, k = 0, sum(e.factor.shape[1] for e, _ in c.members)
+            for e, _ in c.members:
+                after = r + e.factor.shape[1], k + e.free.shape[1]
+                where.seen[e.name] = e, placed[..., r : after[0]], placed[..., k : after[1]]
+                r, k = after
 
 
 def _stiffen(state: Condensed, connection: Connection, ready: Iterator[Array]) -> Stiff:

@@ -123,7 +123,7 @@ class Masses:
         if rest is not None:
             back = Frame(rotation, away).inverse_adjoint()
             rest = back.mT @ rest @ rotation.mT
-        return Masses(self.mass, (rotation @ self.moment[..., None])[..., 0] + self.mass * away, rest)
+        return Masses(self.mass, np.einsum("nij,nj->ni", rotation, self.moment) + self.mass * away, rest)
 
 
 def split_load(load: Array) -> Masses:

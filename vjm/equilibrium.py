@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from stiffscope.vjm.condensation import Condensed
-    from stiffscope.vjm.loading import ElementState
+    from stiffscope.vjm.loading import ElementState, Wanted
     from stiffscope.vjm.network import Places
     from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
@@ -50,7 +50,7 @@ def tool_stiffness(state: Condensed) -> Array:
     return np.zeros((1, 6, 6))
 
 
-def solve_loads(order: Order, where: Places, loads: Loads) -> Response:
+def solve_loads(order: Order, where: Places, loads: Loads, wanted: Wanted = "all") -> Response:
     """Solve the equilibrium under loads on nodes, including the tool, and offsets.
 
     Raises InputError if something moves freely under its load.
@@ -63,12 +63,14 @@ def solve_loads(order: Order, where: Places, loads: Loads) -> Response:
         Places of all nodes at n configurations.
     loads
         Wrenches on nodes and imposed offsets, c cases.
+    wanted
+        What to recover of nodes and elements; less takes less time.
     """
     try:
         state = condense_network(order, where)
     except InfiniteStiffnessError:
         state = condense_network(order.unstiffened_order, where)
-    return solve_condensed(state, loads)
+    return solve_condensed(state, loads, wanted=wanted)
 
 
 def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
@@ -178,7 +180,7 @@ def _pad(cases: Array, more: int) -> Array:
     return np.pad(cases, ((0, 0), (0, 0), (0, more)))
 
 
-def solve_condensed(state: Condensed, loads: Loads, tool: Array | None = None) -> Response:
+def solve_condensed(state: Condensed, loads: Loads, tool: Array | None = None, wanted: Wanted = "all") -> Response:
     """``solve_loads`` of a condensed network; the tool is free, or held at a twist (n or 1, 6, c)."""
     load = condense_loads(state, loads)
     if state.order.left:
@@ -186,7 +188,7 @@ def solve_condensed(state: Condensed, loads: Loads, tool: Array | None = None) -
     if tool is None:
         tool = _solve_tool(tool_stiffness(state), load.force(END))
     ends = {GROUND: np.zeros((1, 6, loads.cases)), END: tool}
-    return recover_response(state, load, Response(state.where, ends))
+    return recover_response(state, load, Response(state.where, ends, wanted=wanted))
 
 
 def _solve_tool(stiffness: Array, wrench: Array) -> Array:

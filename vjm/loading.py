@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from functools import cached_property, reduce
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.order import Connection
     from stiffscope.vjm.screws import Array
 
+Wanted = Literal["all", "nodes", "wrenches"]
 HELD = 1e12  # value of `balanced` if friction holds all motions that do not move the tool
 _SLIGHT = 1e-2  # of a load: friction limit along a motion that does not move the tool
 
@@ -84,11 +85,6 @@ class ElementState:
         """Wrench (n, 6, c) that it carries, at its own point in its own axes."""
         return self.where.adjoint(self.element).mT @ self.carried
 
-    @cached_property
-    def twist(self) -> Array:
-        """Twist (n, 6, c) across the element, at its point in its axes."""
-        return self.where.frame(self.element).inverse_adjoint() @ self.across
-
     @property
     def motions(self) -> Array:
         """Motions (n, k, c) along its joint's free directions, including those with springs."""
@@ -121,6 +117,8 @@ class Response:
     where: Places
     nodes: dict[str, Array]
     elements: dict[str, ElementState] = field(default_factory=dict[Any, Any])
+    wanted: Wanted = "all"
+    """What to recover: nodes without most elements, or elements' wrenches without their motions."""
 
     @property
     def twist(self) -> Array:
@@ -154,18 +152,20 @@ class ChainLoads:
     connection: Connection
     where: Places
     carried: list[Array]
+    laden: list[bool]
+    """Whether ``carried`` is not zero."""
+
     moved: list[Array | None]
     offset: Array
 
-    @cached_property
-    def loaded(self) -> bool:
-        """Whether there is a load on its inner nodes."""
-        return any(w.any() for w in self.carried)
-
-    def project(self) -> list[Array]:
-        """Return inner loads along its coordinates, strains then free motions: (n, k, c) each."""
-        columns = zip(*(self.where.columns(e) for e, _ in self.connection.members), strict=True)
-        return [c.mT @ w for kind in columns for c, w in zip(kind, self.carried, strict=True)]
+    def project(self, kinds: tuple[int, ...] = (0, 1)) -> Array:
+        """Return inner loads (n, k, c) along its coordinates: strains (kind 0), then free motions (1)."""
+        columns = [self.where.columns(e) for e, _ in self.connection.members]
+        work: list[Array] = []
+        for kind in kinds:
+            for c, w, laden in zip((c[kind] for c in columns), self.carried, self.laden, strict=True):
+                work.append(c.mT @ w if laden else np.zeros((1, c.shape[2], w.shape[2])))
+        return stack_rows(work)
 
     def follow(self, out: Response, wrench: Array, span: Array, rates: Array | Callable[[Array], Array]) -> None:
         """Recover members and inner nodes; the end moved by ``span`` carries ``wrench``.
@@ -174,41 +174,49 @@ class ChainLoads:
         """
         nothing = np.zeros((1, 6, span.shape[2]))
         members = self.connection.members
-        wrenches: list[Array] = []
+        wrenches = [wrench + w if laden else wrench for w, laden in zip(self.carried, self.laden, strict=True)]
+        if out.wanted == "wrenches" and self.connection.bare:
+            for (e, sign), w in zip(members, wrenches, strict=True):
+                out.elements[e.name] = ElementState(e, out.where, sign * w, nothing, nothing[:, :0])
+            return
         strained: list[Array | None] = []
-        for (e, _), carried, moved in zip(members, self.carried, self.moved, strict=True):
-            w, f = wrench, out.where.columns(e)[0]
-            if self.loaded and carried.any():
-                w = wrench + carried
-            wrenches.append(w)
+        for (e, _), w, moved in zip(members, wrenches, self.moved, strict=True):
+            f = out.where.columns(e)[0]
             part = f @ (f.mT @ w) if f.shape[2] else None
             strained.append(moved if part is None else part if moved is None else part + moved)
         if callable(rates):
-            rates = rates(span - sum(part for part in strained if part is not None))
+            rates = rates(reduce(np.subtract, (part for part in strained if part is not None), span))
         node, at, ends = out.nodes[self.connection.start], 0, (*self.connection.inner, None)
         for (e, sign), w, part, end in zip(members, wrenches, strained, ends, strict=True):
+            wanted = out.wanted != "nodes" or e.is_split
+            if end is None and not wanted:
+                break
             free, across = out.where.columns(e)[1], nothing if part is None else part
             rate = rates[:, at : at + free.shape[2]]
             at += free.shape[2]
             if free.shape[2]:
                 across = across + free @ rate
-            state = (w, across, rate) if sign > 0.0 else (-w, -across, -rate)
-            out.elements[e.name] = ElementState(e, out.where, *state)
+            if wanted:
+                state = (w, across, rate) if sign > 0.0 else (-w, -across, -rate)
+                out.elements[e.name] = ElementState(e, out.where, *state)
             if end is not None:
                 node = out.nodes[end] = node + across
 
 
 def chain_loads(where: Places, load: CondensedLoads, connection: Connection) -> ChainLoads:
     """Collect loads and offsets along a connection."""
-    total: Array = np.zeros((1, 6, load.loads.cases))
-    each: list[Array] = [total]
-    offset, offsets = total, load.loads.offsets
+    none: Array = np.zeros((1, 6, load.loads.cases))
+    total, offset, offsets = none, none, load.loads.offsets
+    each, laden = [none], [False]
     for node in reversed(connection.inner):
-        total = total + load.forces.get(node, 0.0)
+        if node in load.forces:
+            total = load.forces[node] if total is none else total + load.forces[node]
         each.insert(0, total)
+        laden.insert(0, bool(total.any()))
     moved: list[Array | None] = []
     for e, sign in connection.members:
         twist = where.adjoint(e) @ (sign * offsets[e.name]) if e.name in offsets else None
         moved.append(twist)
-        offset = offset if twist is None else offset + twist
-    return ChainLoads(connection, where, each, moved, offset)
+        if twist is not None:
+            offset = twist if offset is none else offset + twist
+    return ChainLoads(connection, where, each, laden, moved, offset)

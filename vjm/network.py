@@ -71,6 +71,16 @@ class Element:
         return self.factor @ self.factor.T
 
     @property
+    def is_ordered(self) -> bool:
+        """Whether its rotations succeed each other; a ball joint rotates along one geodesic."""
+        return self.joint is None or self.joint.kind != "spherical"
+
+    @property
+    def is_split(self) -> bool:
+        """Whether rotations of its spring, in three directions, and of its joint succeed each other."""
+        return self.is_ordered and self.factor.shape[1] > self.sprung and self.sprung + self.free.shape[1] > 0
+
+    @property
     def is_displaced(self) -> bool:
         """True if its unloaded ends are not in their nominal places."""
         return self.offset is not None or self.drawn is not None
@@ -119,8 +129,15 @@ class Places:
 
     def frame(self, element: Element) -> Frame:
         """Return an element's frame relative to M: (n or 1, 3, 3) and (n or 1, 3)."""
-        r = self.rotation[element.carrier] @ element.axes
-        return Frame(r, self.point(element.second, element.at) - self.tool)
+        return Frame(self.axes(element.carrier, element.axes), self.point(element.second, element.at) - self.tool)
+
+    def axes(self, node: str, home: Array) -> Array:
+        """Return axes (n or 1, 3, 3), as columns, that are fixed to a node's body."""
+        return (self.rotation[node].reshape(-1, 3) @ home).reshape(-1, 3, 3)  # one product, not n small ones
+
+    def turn(self, element: Element, axes: Array) -> Array:
+        """Rotation (n or 1, 3, 3) of an element's second node against its first, in the given axes."""
+        return self.axes(element.first, axes).mT @ self.axes(element.second, axes)
 
     def adjoint(self, element: Element) -> Array:
         """Return the twist transform (n or 1, 6, 6) of an element's frame to M in base axes."""
@@ -161,9 +178,9 @@ class Places:
             return self._spring_factor(element, element.joint)
         if self.rigid or element.joint is not None or not element.factor.shape[1]:
             return element.factor[None]
-        turn = element.axes.T @ self.rotation_across(element) @ element.axes
+        turn = self.turn(element, element.axes)
         out = np.repeat(element.factor[None], len(turn), axis=0)
-        out[:, 3:] = euler_axes(turn) @ element.factor[3:]
+        out[:, 3:] = (euler_axes(turn).reshape(-1, 3) @ element.factor[3:]).reshape(len(turn), 3, -1)
         return out
 
     def _spring_factor(self, element: Element, joint: Joint) -> Array:
@@ -175,7 +192,7 @@ class Places:
             return out
         if self.rigid:
             return element.factor[None]
-        vector = rotation_vector(element.axes.T @ self.rotation_across(element) @ element.axes)
+        vector = rotation_vector(self.turn(element, element.axes))
         out = np.repeat(element.factor[None], len(vector), axis=0)
         out[:, 3:, -3:] = _soften_turned(vector) @ out[:, 3:, -3:]
         return out
@@ -186,7 +203,7 @@ class Places:
 
     def point(self, node: str, home: Array) -> Array:
         """Return the base coordinates (n or 1, 3) of a point (3,) of a node's body."""
-        return self.rotation[node] @ home + self.position[node]
+        return (self.rotation[node].reshape(-1, 3) @ home).reshape(-1, 3) + self.position[node]
 
     def wrenches(self, node: str, home: Array) -> Array:
         """Wrenches (n or 1, 6, 6) at M for unit wrenches at a point of a node's body, base axes."""
@@ -340,13 +357,11 @@ def free_directions(element: Element, where: Places) -> Array:
 
 def euler_axes(turn: Array) -> Array:
     """Return the axes (n, 3, 3), as columns, of successive small Rx, Ry, Rz at ``turn``."""
-    b = np.arcsin(turn[..., 0, 2])
-    a = np.arctan2(-turn[..., 1, 2], turn[..., 2, 2])
+    across = np.hypot(turn[..., 1, 2], turn[..., 2, 2])
     out = np.zeros(turn.shape)
     out[..., 0, 0] = 1.0
-    out[..., 1, 1], out[..., 2, 1] = np.cos(a), np.sin(a)
-    out[..., 0, 2] = np.sin(b)
-    out[..., 1, 2], out[..., 2, 2] = -np.sin(a) * np.cos(b), np.cos(a) * np.cos(b)
+    out[..., 1, 1], out[..., 2, 1] = turn[..., 2, 2] / across, -turn[..., 1, 2] / across
+    out[..., 2] = turn[..., 2]
     return out
 
 

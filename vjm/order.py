@@ -17,6 +17,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from stiffscope.vjm.checks import GROUND
+from stiffscope.vjm.joints import DRIVEN
 from stiffscope.vjm.network import (
     END,
     Element,
@@ -27,7 +28,7 @@ from stiffscope.vjm.network import (
     moves_with,
 )
 from stiffscope.vjm.screws import Frame
-from stiffscope.vjm.semidefinite import inverse, pivot, projector
+from stiffscope.vjm.semidefinite import inverse, multiply_transposed, pivot, projector
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -49,7 +50,8 @@ class Connection:
     """Elements in series from node ``start`` to ``end``; -1 marks an element passed in reverse.
 
     ``anchor``: node whose body carries the connection's axes; ``origin`` (3,): their origin at
-    home. ``constant``: stiffness (6, 6) in its own axes if it is independent of the pose.
+    home. In its own axes, ``constant``: stiffness (6, 6), and ``columns``: factors, then free
+    directions (6, m) of its members, if they are independent of the pose.
     """
 
     start: str
@@ -58,6 +60,10 @@ class Connection:
     anchor: str
     origin: Array
     constant: Array | None = None
+    columns: Array | None = None
+    bare: bool = True
+    """Whether nothing else was attached to its inner nodes."""
+
     formable: bool | None = None
     """Whether it can be stiffened; None if not yet tried."""
 
@@ -163,6 +169,7 @@ class _Planner:
         self.stiff: dict[frozenset[str], None] = {}  # ordered, so that runs are reproducible
         self.nodes = [n for n in list_nodes(mechanism) if n not in {GROUND, END}]
         self.steps: list[Step] = []
+        self.attached: set[str] = set()  # nodes from which, or to which, others were eliminated
 
     def order(self, *, stiffen: bool = True) -> Order:
         while True:
@@ -201,7 +208,8 @@ class _Planner:
             if a.start == b.end:  # in parallel
                 continue
             self.flexible = [c for c in self.flexible if c not in here]
-            self.flexible.append(_connection(a.start, b.end, a.members + b.members))
+            bare = a.bare and b.bare and node not in self.attached
+            self.flexible.append(replace(_connection(a.start, b.end, a.members + b.members), bare=bare))
             self.nodes.remove(node)
 
     def _prune(self) -> bool:
@@ -234,6 +242,7 @@ class _Planner:
         self.steps.append(Fold(node, tuple(around), connection))
         if connection and around:
             around = list(dict.fromkeys([*around, connection.start]))
+        self.attached.update(around, [connection.start] if connection else [])
         left = [pair for pair in self.stiff if node not in pair]
         self.stiff = dict.fromkeys([*left, *(frozenset(pair) for pair in combinations(around, 2))])
         self.nodes.remove(node)
@@ -245,8 +254,14 @@ class _Planner:
             return replace(c, formable=False)
         k, formable = form_stiffness(factor, free, self.length)
         if formable and all(moves_with(e, self.links[c.anchor], self.links) for e, _ in c.members):
-            carry = c.frame(self.home).adjoint()
-            return replace(c, constant=carry.mT @ k @ carry, formable=True)
+            frame, own = c.frame(self.home), self.links[c.anchor]
+            still = (
+                self.links[e.carrier] == own or (e.joint and e.joint.kind in DRIVEN and not e.factor.shape[1])
+                for e, _ in c.members
+            )
+            columns = (frame.inverse_adjoint() @ stack_columns([factor, free]))[0] if all(still) else None
+            carry = frame.adjoint()
+            return replace(c, constant=carry.mT @ k @ carry, columns=columns, formable=True)
         return replace(c, formable=formable)
 
 
@@ -292,22 +307,22 @@ def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bo
     p, rank = np.eye(6)[None], np.zeros(1)
     if free.shape[2]:
         p, rank = projector(free * scale)
-        p = np.where((rank < 6.0)[:, None, None], p, 0.0)
-        size = np.linalg.norm(f, axis=1, keepdims=True)
+        p = p * (rank < 6.0)[:, None, None]
+        size = np.einsum("nij,nij->nj", f, f)
         f = p @ f
-        f = np.where(np.linalg.norm(f, axis=1, keepdims=True) > ROUNDING * size, f, 0.0)
-    core = f @ f.mT
+        f = f * (np.einsum("nij,nij->nj", f, f) > ROUNDING**2 * size)[:, None]
+    core = multiply_transposed(f.mT)
     mean = np.where(rank < 6.0, np.einsum("nii->n", core) / np.maximum(6.0 - rank, 1.0), 1.0)
     core = core + mean[:, None, None] * (np.eye(6) - p)
     half, pivots = pivot(core, RIGID)
     least = np.minimum.accumulate(np.clip(pivots[:, :-1], _LOST, 1.0), axis=1)
     finite = bool((pivots > RIGID).all() and (pivots[:, 1:] * least > _LOST).all())
     half = half @ p * scale[:, 0]
-    return half.mT @ half, finite
+    return multiply_transposed(half), finite
 
 
 def fit_free_motions(free: Array, length: float) -> Array:
     """Return the map (n, k, 6) from a twist to nearest coordinates of free directions (n, 6, k)."""
     scale = np.array([1.0 / length] * 3 + [1.0] * 3)
     unit = free * scale[:, None]
-    return inverse(unit.mT @ unit) @ unit.mT * scale
+    return inverse(multiply_transposed(unit)) @ unit.mT * scale

@@ -13,7 +13,7 @@ Ry Rz.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from stiffscope.vjm.condensation import Condensed
+    from stiffscope.vjm.dynamics import Masses
     from stiffscope.vjm.loading import ElementState, Response
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.network import Element
@@ -45,6 +46,7 @@ _SMALL = 1e-4  # rad or relative length: displacement beyond which equilibrium i
 _SETTLED = 1e-7
 _STEPS = 12
 _STILL = np.zeros((1, 6, 6))  # six cases with the tool at rest
+_NONE = np.zeros((1, 1, 1))
 _SLOW = 3e-4  # of the motions, as root energy; less changes the stiffness by below 1e-10
 
 
@@ -95,14 +97,14 @@ def bend_network(order: Order, where: Places, small: float = _SMALL) -> Bent:
     small
         Rad, or of the mechanism's length, up to which one step is enough; smaller costs more steps.
     """
-    moved = solve_loads(order, where, own_loads(order, where))
+    moved = solve_loads(order, replace(where), own_loads(order, where), "nodes")  # what it caches is not kept
     n = len(where.tool)
     there, size = bend_places(where, moved), _find_size(moved, order.length)
     far = size > small
     if far.any():
         rest, bent, left = where.some(far), there.some(far), size[far]
         for _ in range(_STEPS):
-            step = solve_loads(order, bent, _remaining_loads(order, bent, rest))
+            step = solve_loads(order, bent, _remaining_loads(order, bent, rest), "nodes")
             bent, last, left = bend_places(bent, step), left, _find_size(step, order.length)
             if not (left * np.minimum(left / last, 1.0) > _SETTLED).any():  # next step, estimated
                 break
@@ -117,8 +119,9 @@ def _tangent(order: Order, there: Places, rest: Places, *, thorough: bool = Fals
     ``thorough``: iterate internal motions to convergence instead of first order.
     """
     state = condense_network(order, there)
-    work = SecondOrder(solve_condensed(state, _remaining_loads(order, there, rest)), order.mechanism)
-    unit = Motion.of(solve_condensed(state, Loads(6, balanced=HELD), np.eye(6)[None]))
+    carried = solve_condensed(state, _remaining_loads(order, there, rest), wanted="wrenches")
+    work = SecondOrder(carried, order.mechanism)
+    unit = Motion.of(solve_condensed(state, Loads(6, balanced=HELD), np.eye(6)[None], "nodes"))
     stiffness = tool_stiffness(state)
     change, slack = _relax(state, work, unit, stiffness, thorough=thorough)
     n = len(there.tool)
@@ -185,8 +188,8 @@ def _remaining_loads(order: Order, there: Places, rest: Places) -> Loads:
 
 def _find_size(moved: Response, length: float) -> Array:
     """Return the largest rotation, or relative translation, of any node (n,)."""
-    unit = np.repeat([1.0 / length, 1.0], 3)
-    return np.max(np.broadcast_arrays(*(np.abs(u[..., 0] * unit).max(axis=1) for u in moved.nodes.values())), axis=0)
+    moves = np.abs(stack_rows(moved.nodes.values())[..., 0])
+    return (moves * np.tile(np.repeat([1.0 / length, 1.0], 3), len(moved.nodes))).max(axis=1)
 
 
 def bend_places(where: Places, response: Response) -> Places:
@@ -198,7 +201,7 @@ def bend_places(where: Places, response: Response) -> Places:
         v, turn = twist[:, :3, 0], rotation_of(twist[:, 3:, 0])
         rotation[node] = turn @ where.rotation[node]
         arm = where.position[node] - where.tool
-        position[node] = where.tool + v + (turn @ arm[..., None])[..., 0]
+        position[node] = where.tool + v + np.einsum("nij,nj->ni", turn, arm)
     tool = where.tool + response.nodes[END][:, :3, 0]
     return Places(rotation, position, tool, rigid=False)
 
@@ -207,31 +210,23 @@ def bend_places(where: Places, response: Response) -> Places:
 class Motion:
     """Six motions of a network.
 
-    Node twists (n, 6, 6) at M in base axes; for elements with several motions, their twist and
-    their rotations (n, k, 6) about the axes of ``list_axes``, in element axes.
+    Node twists (n, 6, 6) at M in base axes; for elements that rotate by strain and freely, their
+    rotations (n, k, 6) about the axes of ``list_axes``, which their twist does not tell apart.
     """
 
     nodes: dict[str, Array]
-    twist: dict[str, Array]
     turns: dict[str, Array]
 
     @classmethod
     def of(cls, response: Response) -> Motion:
         """Those of a response's cases."""
-        out = cls(response.nodes, {}, {})
+        out = cls(response.nodes, {})
         for name, state in response.elements.items():
             e = state.element
-            if e.factor.shape[1] + e.free.shape[1] < 2:
-                continue
-            twist = out.twist[name] = state.twist
-            if e.joint is None:  # no free motions: all of its twist is strain
-                out.turns[name] = twist[:, 3:]
-                continue
-            factor, rates = state.where.factor(e), state.rates
-            stress = factor.mT @ state.wrench
-            own = factor.shape[2] - e.sprung
-            strained = [factor[:, 3:, :own] @ stress[:, :own]] if own and _is_ordered(e) else []
-            out.turns[name] = stack_rows([*strained, stress[:, own:], rates])
+            if e.is_split:
+                factor, own = state.where.factor(e), e.factor.shape[1] - e.sprung
+                stress = factor.mT @ state.wrench
+                out.turns[name] = stack_rows([factor[:, 3:, :own] @ stress[:, :own], stress[:, own:], state.rates])
         return out
 
     @property
@@ -241,14 +236,9 @@ class Motion:
 
     def plus(self, other: Motion, times: float) -> Motion:
         """Return the sum with ``times`` the other."""
-        keys = ("nodes", "twist", "turns")
+        keys = ("nodes", "turns")
         mine, theirs = ([getattr(m, key) for key in keys] for m in (self, other))
         return Motion(*({k: a[k] + times * b[k] for k in a} for a, b in zip(mine, theirs, strict=True)))
-
-
-def _is_ordered(element: Element) -> bool:
-    """Return whether its rotations are successive; a ball joint rotates along one geodesic."""
-    return element.joint is None or element.joint.kind != "spherical"
 
 
 @dataclass(eq=False)
@@ -259,47 +249,14 @@ class SecondOrder:
     mechanism: Mechanism
 
     @cached_property
-    def _brackets(self) -> list[tuple[ElementState, Array]]:
-        """Elements that deform, with half the bracket matrix of their wrenches."""
-        states = self.response.elements.values()
-        moving = [s for s in states if s.element.factor.shape[1] + s.element.free.shape[1]]
-        return [(s, 0.5 * bracket(s.carried[..., 0])) for s in moving]
+    def _masses(self) -> dict[str, Masses]:
+        return lump_masses(self.mechanism, self.response.where) if self.mechanism.gravity.any() else {}
 
     @cached_property
-    def _wrenches(self) -> dict[str, Array]:
-        """Wrenches (n, 6) on elements, at their points in their axes."""
-        where = self.response.where
-        first = ((s.element, s.carried[..., :1]) for s, _ in self._brackets)
-        return {e.name: (where.adjoint(e).mT @ carried)[..., 0] for e, carried in first}
-
-    @cached_property
-    def _weights(self) -> dict[str, Array]:
-        """For every node with mass the matrix (n, 6, 6) of ``½ f·(ω × v)`` and ``½ f·(ω × (ω × r))``."""
-        out: dict[str, Array] = {}
-        gravity = self.mechanism.gravity
-        for node, m in lump_masses(self.mechanism, self.response.where).items() if gravity.any() else ():
-            lever = m.moment[:, :, None] * gravity
-            matrix = out[node] = np.zeros((len(lever), 6, 6))
-            matrix[:, :3, 3:] = 0.5 * skew(m.mass * gravity)
-            matrix[:, 3:, :3] = -matrix[:, :3, 3:]
-            matrix[:, 3:, 3:] = 0.5 * (lever + lever.mT) - np.einsum("nii->n", lever)[:, None, None] * np.eye(3)
-        return out
-
-    @cached_property
-    def _orders(self) -> dict[str, tuple[Array, Array]]:
-        """Half the Hessian (n, k, k) by an element's ordered rotations, and the map to moments."""
-        out: dict[str, tuple[Array, Array]] = {}
-        for state, _ in self._brackets:
-            e, moment = state.element, self._wrenches[state.element.name][:, 3:]
-            if not _is_ordered(e) or e.factor.shape[1] + e.free.shape[1] < 2 or not moment.any():
-                continue
-            axes = list_axes(state)
-            k = axes.shape[1]
-            hessian = 0.5 * np.triu(axes @ skew(moment) @ axes.mT, 1)
-            hessian = hessian + hessian.mT
-            back = axes.mT @ inverse(axes @ axes.mT) if k < 4 else inverse(axes.mT @ axes) @ axes.mT
-            out[e.name] = hessian, back
-        return out
+    def _turns(self) -> list[tuple[Element, Array, Array]]:
+        """Elements with rotations in ``Motion.turns``, half the Hessian by these, and the map to wrenches."""
+        states = (s for s in self.response.elements.values() if s.element.is_split)
+        return [(s.element, *order_rotations(s)) for s in states]
 
     def differentiate(self, motion: Motion, *, held: bool = True) -> tuple[Array, dict[str, Array]]:
         """Return twice the second-order work (n, 6, 6), and minus its gradient (n, 6, 6) on nodes.
@@ -308,58 +265,85 @@ class SecondOrder:
         """
         on_nodes: dict[str, Array] = {}
 
-        def add(node: str, wrench: Array) -> None:
-            on_nodes[node] = on_nodes[node] + wrench if node in on_nodes else wrench
+        def add(node: str, wrench: Array, sum_up: np.ufunc = np.add) -> None:
+            have = on_nodes.get(node, _NONE)
+            on_nodes[node] = sum_up(have, wrench, out=have if have.shape == wrench.shape else None)
 
-        for state, matrix in self._brackets:
+        for state in self.response.elements.values():  # no matrix is kept: memory takes longer than products
             e = state.element
-            add(e.first, -matrix @ motion.nodes[e.second])
-            add(e.second, matrix @ motion.nodes[e.first])
-        for node, matrix in self._weights.items():
-            add(node, matrix @ motion.nodes[node])
+            count = e.factor.shape[1] + e.free.shape[1]
+            if not count:
+                continue
+            half, first, second = bracket(0.5 * state.carried[..., 0]), motion.nodes[e.first], motion.nodes[e.second]
+            add(e.first, half @ second, np.subtract)
+            add(e.second, half @ first)
+            if count > 1:
+                work = differentiate_order(state) @ (second - first)
+                add(e.first, work)
+                add(e.second, work, np.subtract)
+        gravity = self.mechanism.gravity
+        for node, m in self._masses.items():
+            add(node, lever_work(m.mass * gravity, m.moment[:, :, None] * gravity) @ motion.nodes[node])
         square: Array = np.zeros((1, 6, 6))
         for node, wrench in on_nodes.items():
-            if node != GROUND:
-                square = square - motion.nodes[node].mT @ wrench
-        for state, _ in self._brackets:
-            if state.element.name in motion.twist:
-                more, wrench = self._differentiate_own(state, motion)
-                square = square + more
-                add(state.element.first, wrench)
-                add(state.element.second, -wrench)
+            square = square - motion.nodes[node].mT @ wrench
+        for e, hessian, back in self._turns:
+            work = hessian @ motion.turns[e.name]
+            square = square + motion.turns[e.name].mT @ work
+            add(e.first, back @ work)
+            add(e.second, back @ work, np.subtract)
         still = {GROUND, END} if held else {GROUND}
         return square, {node: wrench for node, wrench in on_nodes.items() if node not in still}
 
-    def _differentiate_own(self, state: ElementState, motion: Motion) -> tuple[Array, Array]:
-        """Return the same for the order of an element's motions: slides, spring, rotations.
 
-        The work is ``-½ Σ_{a<b} w·[s_a, s_b] y_a y_b``; the wrench (n, 6, 6), at M, is on its first
-        node.
-        """
-        name, twist = state.element.name, motion.twist[state.element.name]
-        force = 0.5 * skew(self._wrenches[name][:, :3])
-        push, turn = force @ twist[:, 3:], -force @ twist[:, :3]
-        square = twist[:, :3].mT @ push
-        square = square + square.mT
-        if name in self._orders:
-            hessian, back = self._orders[name]
-            work = hessian @ motion.turns[name]
-            square, turn = square + motion.turns[name].mT @ work, turn + back @ work
-        frame = state.where.frame(state.element)
-        return square, frame.inverse_adjoint().mT @ np.concatenate([push, turn], axis=1)
+def differentiate_order(state: ElementState) -> Array:
+    """Return the Hessian (n, 6, 6) of an element's work for the order of its motions, by its twist at M.
+
+    The work is ``-½ Σ_{a<b} w·[s_a, s_b] y_a y_b``: slides, spring, rotations.
+    """
+    e = state.element
+    arm, force = state.where.frame(e).origin(), state.carried[:, :3, 0]
+    out = lever_work(force, arm[:, :, None] * force[:, None])
+    if e.is_ordered and not e.is_split:
+        hessian, back = order_rotations(state)
+        out[:, 3:, 3:] += back[:, 3:] @ hessian @ back[:, 3:].mT
+    return out
+
+
+def order_rotations(state: ElementState) -> tuple[Array, Array]:
+    """Return half the Hessian (n, k, k) by an element's ordered rotations, and the map (n, 6, k) to wrenches at M."""
+    hessian, moment = skew(0.5 * state.wrench[:, 3:, 0]), state.where.frame(state.element).matrix()
+    if state.element.joint is not None:
+        axes = list_axes(state)
+        hessian = axes @ hessian @ axes.mT
+        fits = axes.shape[1] < 4
+        moment = moment @ (axes.mT @ inverse(axes @ axes.mT) if fits else inverse(axes.mT @ axes) @ axes.mT)
+    k = np.arange(hessian.shape[1])
+    return hessian * np.sign(k - k[:, None]), np.concatenate([np.zeros_like(moment), moment], axis=1)
 
 
 def list_axes(state: ElementState) -> Array:
-    """Return axes (n or 1, k, 3) of ordered rotations: the spring's three, then the joint's."""
+    """Return axes (n or 1, k, 3) of a joint's ordered rotations: its spring's three, then its own."""
     e = state.element
-    sprung = state.where.factor(e)[..., e.factor.shape[1] - e.sprung :]
     own = [np.eye(3)[None]] if e.factor.shape[1] > e.sprung else []
-    return stack_rows([*own, stack_columns([sprung, free_directions(e, state.where)])[:, 3:].mT])
+    sprung = [state.where.factor(e)[:, 3:, -e.sprung :].mT] if e.sprung else []
+    free = [free_directions(e, state.where)[:, 3:].mT] if e.free.shape[1] else []
+    return stack_rows([*own, *sprung, *free])
+
+
+def lever_work(force: Array, lever: Array) -> Array:
+    """Return the Hessian (n, 6, 6) of ``½ f·(ω × (v + ω × r))`` for a force f (n or none, 3) and ``r fᵀ`` (n, 3, 3)."""
+    out = np.zeros((len(lever), 6, 6))
+    skew(0.5 * force, out[:, :3, 3:])
+    skew(-0.5 * force, out[:, 3:, :3])
+    out[:, 3:, 3:] = 0.5 * (lever + lever.mT) - np.einsum("nii->n", lever)[:, None, None] * np.eye(3)
+    return out
 
 
 def bracket(wrench: Array) -> Array:
     """Return B (n, 6, 6) with ``uᵀ B v = -w·[u, v]`` for twists u, v and a wrench w (n, 6)."""
     out = np.zeros((len(wrench), 6, 6))
-    out[:, :3, 3:] = out[:, 3:, :3] = skew(wrench[:, :3])
-    out[:, 3:, 3:] = skew(wrench[:, 3:])
+    skew(wrench[:, :3], out[:, :3, 3:])
+    skew(wrench[:, :3], out[:, 3:, :3])
+    skew(wrench[:, 3:], out[:, 3:, 3:])
     return out

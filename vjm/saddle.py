@@ -106,7 +106,7 @@ def solve_saddle(state: Condensed, load: CondensedLoads, tool: Array | None = No
         if along.connection.start in system.nodes:
             right[:, system.nodes[along.connection.start]] += along.carried[0]
         right[:, tie.w] += along.offset
-        right[:, tie.y] += stack_rows(along.project())
+        right[:, tie.y] += along.project()
     matrix, use = system.matrix, "response"
     if tool is not None:
         use, right = "held", right[:, 6:] - matrix[:, 6:, _TOOL] @ tool

@@ -26,10 +26,10 @@ HALF_TURN = np.diag([-1.0, -1.0, 1.0, -1.0, -1.0, 1.0])
 """Half turn about z; the opposite part's compliance is ``HALF_TURN @ C @ HALF_TURN``."""
 
 
-def skew(r: ArrayLike) -> Array:
-    """Return the cross-product matrix S(r), with ``S(r) @ a = r × a``; (..., 3) to (..., 3, 3)."""
+def skew(r: ArrayLike, out: Array | None = None) -> Array:
+    """Return S(r), with ``S(r) @ a = r × a``, for vectors (..., 3); written into zeros ``out`` (..., 3, 3) if given."""
     r = np.asarray(r, dtype=float)
-    s = np.zeros((*r.shape, 3))
+    s = np.zeros((*r.shape, 3)) if out is None else out
     s[..., 0, 1], s[..., 0, 2] = -r[..., 2], r[..., 1]
     s[..., 1, 0], s[..., 1, 2] = r[..., 2], -r[..., 0]
     s[..., 2, 0], s[..., 2, 1] = -r[..., 1], r[..., 0]
@@ -61,11 +61,6 @@ class Frame:
     rotation: Array | None = None  # (..., 3, 3)
     translation: Array | None = None  # (..., 3) m
 
-    @property
-    def identity(self) -> bool:
-        """True if the child's frame is its parent's."""
-        return self.rotation is None and self.translation is None
-
     def matrix(self) -> Array:
         """Return the rotation as a matrix, (..., 3, 3)."""
         return np.eye(3) if self.rotation is None else self.rotation
@@ -94,10 +89,10 @@ class Frame:
 
 def rotation_of(vector: Array) -> Array:
     """Return the rotation matrix (..., 3, 3) of a rotation vector (..., 3) in rad."""
-    angle = np.linalg.norm(vector, axis=-1)[..., None, None]
+    angle = np.sqrt(np.einsum("...i,...i->...", vector, vector))[..., None, None]
     s = skew(vector)
     half = np.sinc(angle / (2.0 * np.pi))
-    return np.eye(3) + np.sinc(angle / np.pi) * s + 0.5 * half**2 * (s @ s)
+    return np.eye(3) + half * np.cos(0.5 * angle) * s + 0.5 * half**2 * (s @ s)
 
 
 def _blocks(diagonal: Array, corner: Array | None) -> Array:

@@ -51,8 +51,7 @@ def find_remaining_offsets(order: Order, where: Places, rest: Places) -> dict[st
         strain = _strain(e, where, rest)
         lack = -strain if e.offset is None else e.offset - strain
         if e.joint is None and lack.any():
-            turn = e.axes.T @ where.rotation_across(e) @ e.axes
-            lack[:, 3:] = (euler_axes(turn) @ lack[:, 3:, None])[..., 0]
+            lack[:, 3:] = np.einsum("nij,nj->ni", euler_axes(where.turn(e, e.axes)), lack[:, 3:])
         if lack.any():
             out[e.name] = lack[..., None]
     return out
@@ -109,8 +108,7 @@ def _relative(e: Element, where: Places, drawn: Joint | None = None) -> tuple[Ar
     """
     own, at = (e.axes, e.at) if drawn is None else (drawn.axes, drawn.at)
     moved = where.point(e.second, at) - where.point(e.first, at)
-    gap = (own.T @ (where.rotation[e.first].mT @ moved[..., None]))[..., 0]
-    return gap, own.T @ where.rotation_across(e) @ own
+    return np.einsum("nji,nj->ni", where.axes(e.first, own), moved), where.turn(e, own)
 
 
 def _universal(joint: Joint, turn: Array) -> Array:
