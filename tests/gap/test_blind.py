@@ -89,7 +89,7 @@ def test_cases_of_any_robot_are_written_and_named(name, labs, tmp_path):
     """One of each kind and way of measuring: its columns, its sensors, places of the robot's own, finite readings."""
     lab = labs(name)
     robot = lab.robot.nominal.robot
-    for number, style in ((3, "tool"), (15, "gauges"), (58, "sag"), (9, "tool")):
+    for number, style in ((3, "tool"), (15, "gauges"), (58, "sag"), (9, "tool"), (63, "tracker")):
         case = draw_case(number, 4, lab)
         assert case.style == style
         assert case == draw_case(number, 4, lab) != draw_case(number, 5, lab)
@@ -105,7 +105,8 @@ def test_cases_of_any_robot_are_written_and_named(name, labs, tmp_path):
         assert header["robot"] == name
         rows = [line.split(",") for line in (folder / "readings.csv").read_text().splitlines()]
         assert tuple(rows[0][: len(robot.tool.pose)]) == tuple(robot.tool.pose)
-        assert set(header.get("sensors", {})) == (GAUGES if style == "gauges" else set())
+        targets = {"smr1", "smr2", "smr3"} if style == "tracker" else set()
+        assert set(header.get("sensors", {})) == (GAUGES if style == "gauges" else targets)
         values = np.array([float(row[rows[0].index("value")]) for row in rows[1:]])
         assert np.isfinite(values).all()
         assert len({len(row) for row in rows}) == 1
@@ -153,7 +154,7 @@ def test_what_a_mislaid_axis_does_is_known_to_the_judge_and_to_the_model(name, p
     assert expected[still] == pytest.approx(change[still], abs=2e-3 * np.abs(change[still]).max())
 
 
-@pytest.mark.parametrize(("number", "style"), [(0, "tool"), (3, "tool"), (15, "gauges")])
+@pytest.mark.parametrize(("number", "style"), [(0, "tool"), (3, "tool"), (15, "gauges"), (66, "tracker")])
 def test_what_is_drawn_shows_beside_whatever_the_others_do(number, style, labs):
     """By least squares on the laboratory's own readings, with steps of the others' parameters."""
     lab = labs("five-bar")
@@ -175,7 +176,7 @@ def test_what_is_drawn_shows_beside_whatever_the_others_do(number, style, labs):
 
 
 @pytest.mark.parametrize("name", ["five-bar", *SLOWER])
-@pytest.mark.parametrize("style", ["tool", "gauges"])
+@pytest.mark.parametrize("style", ["tool", "gauges", "tracker"])
 def test_the_laboratory_plants_whatever_the_model_has_a_share_for(name, style, labs, tmp_path):
     """Every effect at every place: a word's share is divided by its places, of which none may be in vain."""
     lab = labs(name)
@@ -353,6 +354,31 @@ def test_the_pattern_of_a_larger_body_is_what_the_laboratory_reads(robot, body, 
     assert change[still] == pytest.approx(expected[still], abs=3e-3 * np.abs(change).max())
 
 
+POSITIONS = {
+    "force-scale @ instrument": {"factor": 0.999},
+    "actuator-stiffness @ left.motor": {"factor": 0.999},
+    "joint-axis @ wrist": {"y": 1e-6, "z": 2e-6, "ry": 3e-6, "rz": -1e-6},
+}
+
+
+@pytest.mark.parametrize("name", POSITIONS)
+def test_positions_in_an_unknown_frame_change_as_the_laboratory_reads(name, labs, tmp_path):
+    """Beside motions of the frame. How deflections change with the geometry is left out of the model's columns."""
+    lab, (effect, place) = labs("five-bar"), name.split(" @ ")
+    model, change = read_in_the_laboratory("five-bar", Fault(effect, place, POSITIONS[name]), tmp_path, lab, "tracker")
+    known = next(c for c in model.library if c.name == name)
+    sound, plan, located, _ = prepare_case(BlindCase("single", 7, (), "tracker"), 0, lab)
+    axes, _ = plan.frame
+    change = (change.reshape(-1, 3) @ axes).ravel()
+    frame = Signatures(sound, plan, located, true_readings(sound, plan, located), Noise()).frame
+    frame = np.swapaxes(frame.reshape(-1, 3, 6), 1, 2) @ axes
+    columns = np.hstack([np.swapaxes(frame, 1, 2).reshape(-1, 6), model.predict().columns(known)])
+    values = np.linalg.lstsq(columns, change, rcond=None)[0]
+    assert np.linalg.norm(change - columns @ values) < 1e-2 * np.linalg.norm(change)
+    expected = [v - 1.0 if n == "factor" else v for n, v in POSITIONS[name].items()]
+    assert np.abs(values[6:]) == pytest.approx(np.abs(expected), rel=2e-2)
+
+
 STIFFENING = Fault("stiffening-joint", "wrist", {"radial": 1e-7, "knee": 1e-5})
 HARDENING = Fault("hardening-drive", "leg2.motor", {"cubic": 1e8})
 PRELOADED = Fault("stiffening-joint", "leg1.rod1.end", {"radial": 3e-7, "knee": 3e-5})
@@ -404,7 +430,7 @@ def test_many_patterns_leave_outliers_to_be_seen(labs, tmp_path):
 
 
 @pytest.mark.parametrize(("robot", "drive"), [("biglide", "stage.actuator"), ("serial-arm", "J6")])
-@pytest.mark.parametrize("style", ["tool", "gauges", "sag"])
+@pytest.mark.parametrize("style", ["tool", "gauges", "sag", "tracker"])
 def test_the_signature_of_backlash_is_what_the_laboratory_reads(robot, drive, style, labs):
     """A drive that no weight loads has none in sag."""
     lab = labs(robot)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 KINDS = (*["single"] * 3, *["pair"] * 2, *["triple"] * 2, "none", *["outside"] * 2)
 """Kinds of cases in turn, with a fixed share of each in every ten."""
-STYLES: tuple[Style, ...] = ("tool", "gauges", "tool", "gauges", "tool", "sag")
+STYLES: tuple[Style, ...] = ("tool", "gauges", "tool", "gauges", "tool", "sag", "tracker")
 """Styles of measurement in turn, ten campaigns each."""
 _BY_COUNT = ("none", "single", "pair", "triple")
 _ATTEMPTS = 24  # most attempts to add a fault
@@ -46,7 +46,7 @@ def draw_case(number: int, seed: int, lab: Lab) -> BlindCase:
     if kind == "none":
         return BlindCase(kind, seed, (), style)
     if kind == "outside":
-        effect = choose(rng, [name for name in OUTSIDE if can_have(lab, name)])
+        effect = choose(rng, [name for name in OUTSIDE if can_have(lab, name, style)])
         return BlindCase(kind, seed, (draw_outside(effect, rng, lab, style),), style)
     _, plan, located, _ = prepare_case(BlindCase(kind, seed, (), style), number, lab)
     judge = Judge(lab, plan, located)
@@ -64,10 +64,9 @@ def _draw_faults(
 ) -> tuple[Fault, ...]:  # fmt: skip
     """Draw up to `count` identifiable faults of different effects; a single one by its turn."""
     lab = judge.lab
-    words = lab.words()
     faults: tuple[Fault, ...] = ()
     for _ in range(count):
-        left = [word for word in words if word not in {fault.effect for fault in faults}]
+        left = [word for word in judge.words if word not in {fault.effect for fault in faults}]
         for attempt in range(_ATTEMPTS if count > 1 else max(_ATTEMPTS, 3 * len(left))):
             word = left[(turn + attempt // 3) % len(left)] if count == 1 else choose(rng, left)
             tried = (*faults, draw_known(word, rng, lab, judge.sensors, alone=count == 1))

@@ -10,6 +10,7 @@ import numpy as np
 
 from stiffscope.effects.vocabulary import word_of
 from stiffscope.gap.blind.cases import Fault
+from stiffscope.gap.blind.laboratory import OF_READINGS
 from stiffscope.gap.lab.measuring import Noise, true_readings
 from stiffscope.gap.lab.signatures import Signatures, fit_residual, orthonormal_basis, project_out
 
@@ -43,7 +44,9 @@ class Judge:
         self.lab, self._plan, self._located = lab, plan, located
         self._sound = self._read(())
         self._elements = Signatures(lab.sound, self._plan, self._located, self._sound, Noise())
+        self._frame = orthonormal_basis(self._elements.frame)
         self.sensors = tuple(sensor.name for sensor in self._plan.sensors)
+        self.words = [w for w in lab.words() if plan.frame is None or w not in OF_READINGS]
         self._own: dict[str, Array] = {}
         self._spans: dict[str, Array] = {}
         self._vain: dict[str, bool] = {}
@@ -55,7 +58,8 @@ class Judge:
         """Return the changes of readings (r,) by a fault alone, over their noise."""
         key = repr(fault)
         if key not in self._own:
-            self._own[key] = (self._read((fault,)).value - self._sound.value) / self._elements.sigma
+            change = (self._read((fault,)).value - self._sound.value) / self._elements.sigma
+            self._own[key] = project_out(change[:, None], self._frame)[:, 0]
         return self._own[key]
 
     def _columns(self, fault: Fault) -> Array:
@@ -74,13 +78,15 @@ class Judge:
         if effect in _BY_STEPS:
             steps = (Fault(effect, place, step) for step in _BY_STEPS[effect])
             return np.stack([self._signature(step) for step in steps], axis=1)
-        return self._elements.find_columns(effect, place, self.lab.softer(effect, place))
+        columns = self._elements.find_columns(effect, place, self.lab.softer(effect, place))
+        return None if columns is None else project_out(columns, self._frame)
 
     @cached_property
     def _all_columns(self) -> dict[str, Array]:
         """Columns (r, k) of all known effects that have some, at all places."""
         everywhere = self.lab.everywhere(self.sensors).items()
-        found = {name: self._isolate_fault(*each) for name, each in everywhere}
+        listed = {name: each for name, each in everywhere if each[0] in self.words}
+        found = {name: self._isolate_fault(*each) for name, each in listed.items()}
         return {name: columns for name, columns in found.items() if columns is not None}
 
     def can_decide(self, faults: Sequence[Fault]) -> bool:

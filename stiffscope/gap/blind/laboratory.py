@@ -37,6 +37,8 @@ _ALL_DRIVES, _ALL_JOINTS, _ALL_BODIES = "drives", "joints", "robot"
 INSTRUMENT = "instrument"
 _OF_SENSORS = {"instrument-misalignment", "displacement-scale"}
 _OF_CHANNELS = {"unit", "sensor-sign"}
+OF_READINGS = _OF_SENSORS | _OF_CHANNELS | {"sensor-step"}
+"""Faults of displacements as they are read; a tracker's are none of them."""
 
 
 @dataclass(frozen=True)

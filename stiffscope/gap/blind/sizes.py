@@ -131,8 +131,10 @@ def _outside_places(lab: Lab, effect: str, channels: Sequence[str]) -> tuple[str
     return (INSTRUMENT,) if effect in _OF_INSTRUMENT else lab.places(effect)
 
 
-def can_have(lab: Lab, effect: str) -> bool:
-    """Return whether a robot can have an outside fault that readings may show."""
+def can_have(lab: Lab, effect: str, style: Style) -> bool:
+    """Return whether a robot can have an outside fault that readings of a style may show."""
+    if style == "tracker" and effect in {*_OF_INSTRUMENT, "cross-talk"} - {"wrench-off-centre"}:
+        return False
     if effect == "screw-pitch":
         members = [name for place in lab.places(effect) for name in lab.sound.members(place)]
         return any(lab.sound.joints[name].kind == "prismatic" for name in members)

@@ -172,6 +172,18 @@ class RobotReadings(InstrumentReadings):
         return self.instrument(-1) @ self.compliance * self.force_scale
 
     @cached_property
+    def pushed_targets(self) -> Array:
+        """Part (n,) of positions and distances that is due to applied wrenches; zero for others."""
+        c, out = self.campaign, np.zeros(len(self.campaign))
+        pushes = self.applied_loads - np.where(c.shows_rest[:, None], self._dead, 0.0)
+        for k, sensor in enumerate(c.sensors):
+            mine = np.flatnonzero(c.sensor == k)
+            if sensor.absolute and mine.size:
+                moved = np.einsum("nij,nj->ni", self.elastic_state.move_sensor(sensor)[c.pose[mine]], pushes[mine])
+                out[mine] = np.einsum("ni,ni->n", self.axis[mine], moved)
+        return out
+
+    @cached_property
     def sense(self) -> Array:
         """Sensed terminal directions a (n, cases), signs as in ``a · D b``."""
         c, at = self.campaign, self.robot_at_poses

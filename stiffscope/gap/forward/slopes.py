@@ -62,7 +62,7 @@ def _of_others(prediction: RobotReadings, ahead: Influence, behind: Influence, w
         out += rate * _SIGNS[c.kind] * prediction.plain_readings * prediction.shown_by(name)
     if ahead.force_gain != behind.force_gain:
         rate = (ahead.force_gain - behind.force_gain) / width / prediction.force_scale
-        out += rate * _FORCE_SIGNS[c.kind] * prediction.plain_readings
+        out += rate * (_FORCE_SIGNS[c.kind] * prediction.plain_readings + prediction.pushed_targets)
     return out
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from stiffscope.gap.campaign.quantities import DEVIATION, WRENCH
 from stiffscope.gap.campaign.writing import describe_sensor, number_cells, write_campaign
-from stiffscope.gap.lab.closure import COORDINATES
+from stiffscope.gap.lab.closure import COORDINATES, locate
 from stiffscope.gap.lab.machine import GROUND, TOOL
 from stiffscope.gap.lab.nonlinear import settle
 from stiffscope.gap.lab.response import Response, Spot, respond, tool_spot
@@ -62,6 +62,11 @@ class Plan:
     stiffness: Literal["", "k", "p"] = ""
     """Read diagonals of the stiffness matrix at M ("k") or pushes ("p")."""
     sessions: int = 1
+    frame: tuple[Array, Array] | None = None
+    """Axes (3, 3) as columns and origin (3,), in {O}, of an instrument that reads positions.
+
+    Its sensors are x, y and z of each target in turn, displacements along the base's axes.
+    """
 
     def channels(self, machine: Machine) -> tuple[Sensor, ...]:
         """Return the sensors, or those equivalent to the tool's pose."""
@@ -130,6 +135,7 @@ class Readings:
 def true_readings(machine: Machine, plan: Plan, located: Located | None = None) -> Readings:
     """Return the noise-free readings of a machine.
 
+    Those of positions are displacements from the drawn positions, loaded or not; see `measure`.
     Raises InputError for poses that the machine cannot reach.
 
     Parameters
@@ -148,10 +154,12 @@ def true_readings(machine: Machine, plan: Plan, located: Located | None = None) 
     seen = _gains(machine, response, channels)
     p, c = len(plan.poses), len(channels)
     blocks: list[tuple[int, Array]] = []
+    deviations = _deviations(machine, response, channels, seen)[:, None]
     if plan.loads:
-        blocks.append((0, _deflections(machine, plan, response, seen)))
+        beside = 0.0 if plan.frame is None else deviations
+        blocks.append((0, beside + _deflections(machine, plan, response, seen)))
     if plan.deviations:
-        blocks.append((1, _deviations(machine, response, channels, seen)[:, None]))
+        blocks.append((1, deviations))
     if plan.stiffness:
         blocks.append((2, _stiffnesses(machine, plan, seen)[:, None]))
     keys: list[Codes] = []
@@ -309,11 +317,22 @@ def measure(
     wild = rng.random(n) < noise.outliers
     value = value + np.where(wild, sigma * rng.uniform(20, 100, n) * rng.choice([-1, 1], n), 0.0)
     value = np.where(rows.kind == 2, np.maximum(np.abs(value), 1.0), value)
+    if plan.frame is not None:  # rows: x, y, z of each target
+        axes, origin = plan.frame
+        at = drawn_targets(machine, plan, located)[rows.pose[::3], rows.channel[::3] // 3]
+        value = ((at + value.reshape(-1, 3) - origin) @ axes).ravel()
     stated = np.full(n, np.nan) if noise.stated is None else noise.stated * sigma
     kept = np.flatnonzero(rng.random(n) >= noise.missing)
     if noise.shuffle:
         kept = rng.permutation(kept)
     return replace(rows, value=value, sigma=stated).some(kept)
+
+
+def drawn_targets(machine: Machine, plan: Plan, located: Located | None) -> Array:
+    """Return the drawn positions (p, t, 3) of a plan's targets."""
+    frames = (located or locate(machine, plan.poses)).frames
+    targets = plan.sensors[::3]
+    return np.stack([frames.point(machine.carrier(s.node), s.at) for s in targets], axis=1)
 
 
 def write_readings(
@@ -345,6 +364,14 @@ def write_readings(
         s.name: describe_sensor(s.measures, s.node, s.at, s.direction, against=s.against)
         for s in plan.sensors
     }  # fmt: skip
+    if plan.frame is not None:
+        header["frames"] = {"tracker": {"pose": "unknown"}}
+        header["sensors"] = {
+            s.name.partition(".")[0]: {
+                "measures": "position", "frame": "tracker", "body": s.node, "at": s.at.tolist(),
+            }
+            for s in plan.sensors
+        }  # fmt: skip
     hooks = plan.hooks.items()
     header["loads"] = {name: {"body": spot.node, "at": spot.at.tolist()} for name, spot in hooks}
     columns = {name: number_cells(plan.poses[readings.pose, k]) for k, name in enumerate(pose)}
@@ -358,7 +385,8 @@ def write_readings(
     names = [sensor.name for sensor in readings.channels]
     if plan.sensors:
         columns["sensor"] = [names[k] for k in readings.channel.tolist()]
-        columns["kind"] = [KINDS[k] for k in readings.kind.tolist()]
+        if plan.frame is None:
+            columns["kind"] = [KINDS[k] for k in readings.kind.tolist()]
     else:
         letters = ("d", "e", plan.stiffness)  # of deflections, deviations, stiffnesses at M
         codes = zip(readings.kind.tolist(), readings.channel.tolist(), strict=True)

@@ -11,14 +11,16 @@ from stiffscope.errors import InputError
 from stiffscope.gap.lab.closure import home_of, locate
 from stiffscope.gap.lab.measuring import Plan, Sensor
 from stiffscope.gap.lab.response import Spot, respond, tool_spot
+from stiffscope.gap.lab.rotations import turn
 
 if TYPE_CHECKING:
     from stiffscope.gap.lab.closure import Located
     from stiffscope.gap.lab.machine import Machine
     from stiffscope.gap.lab.rotations import Array
 
-Style = Literal["tool", "gauges", "sag"]
-"""The tool's pose with and without loads; five gauges and a hook; the unloaded tool only."""
+Style = Literal["tool", "gauges", "sag", "tracker"]
+"""The tool's pose with and without loads; five gauges and a hook; the unloaded tool only; positions
+of three targets on the tool, with and without loads, by a tracker that stands anywhere."""
 
 FORCE, MOMENT = 500.0, 100.0  # N, N·m: loads of a device, increased for robots stiffer than
 _STIFF = (8e-8, 1.3e-6)  # m/N, rad/(N·m)
@@ -123,7 +125,8 @@ def draw_plan(
     """Return a plan with poses throughout a workspace, and the sound machine's configuration there.
 
     Loads act along each axis, then in random directions, at M, or for gauges at a hook. Without
-    loads, three times as many poses are read.
+    loads, three times as many poses are read; by a tracker twice as many, each with four loads in
+    random directions.
 
     Parameters
     ----------
@@ -132,7 +135,7 @@ def draw_plan(
     rng
         Random generator of poses and loads.
     style
-        Loading and reading: "tool", "gauges", or "sag" without loads.
+        Loading and reading: "tool", "gauges", "tracker", or "sag" without loads.
     poses, wrenches
         Numbers of poses, and of wrenches at each.
     stiffness
@@ -142,15 +145,24 @@ def draw_plan(
 
     """
     machine, scale = where.machine, where.scale
-    chosen = rng.permutation(len(where.poses))[: poses if style != "sag" else 3 * poses]
+    times = {"sag": 3, "tracker": 2}.get(style, 1)
+    chosen = rng.permutation(len(where.poses))[: times * poses]
     plan = Plan(where.poses[chosen], (), stiffness=stiffness, sessions=sessions)
+    size = np.array([scale.force] * 3 + [scale.moment] * 3)
+    reach = float(np.clip(np.sqrt(scale.linear / scale.angular), 0.03, 0.15))
     if style == "tool":
-        size = np.array([scale.force] * 3 + [scale.moment] * 3)
         mixed = rng.uniform(-1, 1, (max(wrenches - 6, 0), 6)) * size
         loads = np.round(np.vstack([np.diag(size), mixed])[:wrenches], 3)
         plan = replace(plan, loads=tuple(("", wrench) for wrench in loads))
+    elif style == "tracker":
+        loads = np.round(rng.uniform(-1, 1, (4, 6)) * size, 3)
+        plan = replace(
+            plan,
+            loads=tuple(("", wrench) for wrench in loads),
+            sensors=_draw_targets(machine, reach, rng),
+            frame=(turn(rng.uniform(-np.pi, np.pi, 3)), rng.uniform(-3.0, 3.0, 3)),
+        )
     elif style == "gauges":  # with the lever at which forces rotate as much as they translate
-        reach = float(np.clip(np.sqrt(scale.linear / scale.angular), 0.03, 0.15))
         hook = Spot(machine.tool, np.round(machine.at + rng.uniform(-1, 1, 3) * reach, 4))
         mixed = rng.uniform(-1, 1, (max(wrenches - 4, 0), 3))
         pulls = scale.force * np.vstack([np.eye(3), -np.eye(3)[2:], mixed])[:wrenches]
@@ -172,4 +184,14 @@ def _draw_gauges(machine: Machine, reach: float, rng: np.random.Generator) -> tu
     return tuple(
         Sensor(f"gauge{k}", "displacement", machine.tool, point, direction)
         for k, (point, direction) in enumerate(zip(points, directions, strict=True), 1)
+    )
+
+
+def _draw_targets(machine: Machine, reach: float, rng: np.random.Generator) -> tuple[Sensor, ...]:
+    """Return the channels x, y, z of three targets around M on the tool's body."""
+    points = np.round(machine.at + reach * (np.eye(3) + rng.uniform(-0.2, 0.2, (3, 3))), 4)
+    return tuple(
+        Sensor(f"smr{k}.{axis}", "displacement", machine.tool, point, direction)
+        for k, point in enumerate(points, 1)
+        for axis, direction in zip("xyz", np.eye(3), strict=True)
     )

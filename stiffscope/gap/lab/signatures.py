@@ -9,7 +9,7 @@ import numpy as np
 
 from stiffscope.gap.lab.closure import joint_state
 from stiffscope.gap.lab.machine import BASE, DRIVEN, FREE, TOOL
-from stiffscope.gap.lab.measuring import sigma_of
+from stiffscope.gap.lab.measuring import drawn_targets, sigma_of
 from stiffscope.gap.lab.nonlinear import rounding_force
 from stiffscope.gap.lab.response import Spot, respond, tool_spot
 from stiffscope.gap.lab.rotations import turn
@@ -146,12 +146,25 @@ class Signatures:
         return self._column(out)
 
     @property
+    def frame(self) -> Array:
+        """Columns (r, 6 or 0) of rigid motions of an instrument that stands anywhere."""
+        rows = self._rows
+        if self._plan.frame is None:
+            return np.zeros((len(self.sigma), 0))
+        targets = drawn_targets(self._machine, self._plan, self._located)
+        at = targets[rows.pose, rows.channel // 3]
+        along = np.array([sensor.direction for sensor in self._plan.sensors])[rows.channel]
+        return np.hstack([along, np.cross(at, along)]) / self.sigma[:, None]
+
+    @property
     def _nothing(self) -> Array:
         return np.zeros((len(self._plan.poses), len(self._looks), len(self._pulls)))
 
     def _column(self, shown: Array) -> Array:
         """Return readings (r, 1) over their noise from channel values (n, c, loads)."""
         rows = self._rows  # load -1: the last
+        if self._plan.frame is not None:  # positions show both
+            shown = np.concatenate([shown[..., :-1] + shown[..., -1:], shown[..., -1:]], axis=2)
         return (shown[rows.pose, rows.channel, rows.load] / self.sigma)[:, None]
 
 
