@@ -360,18 +360,15 @@ def write_readings(
     """
     plan = readings.plan
     header: dict[str, Any] = {"robot": robot, "modelled": list(modelled), "components": components}
-    header["sensors"] = {
-        s.name: describe_sensor(s.measures, s.node, s.at, s.direction, against=s.against)
-        for s in plan.sensors
-    }  # fmt: skip
-    if plan.frame is not None:
-        header["frames"] = {"tracker": {"pose": "unknown"}}
+    if plan.frame is None:
         header["sensors"] = {
-            s.name.partition(".")[0]: {
-                "measures": "position", "frame": "tracker", "body": s.node, "at": s.at.tolist(),
-            }
+            s.name: describe_sensor(s.measures, s.node, s.at, s.direction, against=s.against)
             for s in plan.sensors
         }  # fmt: skip
+    else:
+        header["frames"], seen = {"tracker": {"pose": "unknown"}}, {"measures": "position", "frame": "tracker"}
+        targets = {s.name.partition(".")[0]: {"body": s.node, "at": s.at.tolist()} for s in plan.sensors}
+        header["sensors"] = {name: {**seen, **where} for name, where in targets.items()}
     hooks = plan.hooks.items()
     header["loads"] = {name: {"body": spot.node, "at": spot.at.tolist()} for name, spot in hooks}
     columns = {name: number_cells(plan.poses[readings.pose, k]) for k, name in enumerate(pose)}

@@ -148,32 +148,28 @@ def draw_plan(
     times = {"sag": 3, "tracker": 2}.get(style, 1)
     chosen = rng.permutation(len(where.poses))[: times * poses]
     plan = Plan(where.poses[chosen], (), stiffness=stiffness, sessions=sessions)
+    located = where.located.some(chosen)
     size = np.array([scale.force] * 3 + [scale.moment] * 3)
     reach = float(np.clip(np.sqrt(scale.linear / scale.angular), 0.03, 0.15))
+    if style == "sag":
+        return plan, located
     if style == "tool":
+        point, loads = "", np.diag(size)[:wrenches]
         mixed = rng.uniform(-1, 1, (max(wrenches - 6, 0), 6)) * size
-        loads = np.round(np.vstack([np.diag(size), mixed])[:wrenches], 3)
-        plan = replace(plan, loads=tuple(("", wrench) for wrench in loads))
     elif style == "tracker":
-        loads = np.round(rng.uniform(-1, 1, (4, 6)) * size, 3)
-        plan = replace(
-            plan,
-            loads=tuple(("", wrench) for wrench in loads),
-            sensors=_draw_targets(machine, reach, rng),
-            frame=(turn(rng.uniform(-np.pi, np.pi, 3)), rng.uniform(-3.0, 3.0, 3)),
-        )
-    elif style == "gauges":  # with the lever at which forces rotate as much as they translate
-        hook = Spot(machine.tool, np.round(machine.at + rng.uniform(-1, 1, 3) * reach, 4))
-        mixed = rng.uniform(-1, 1, (max(wrenches - 4, 0), 3))
-        pulls = scale.force * np.vstack([np.eye(3), -np.eye(3)[2:], mixed])[:wrenches]
-        loads = np.round(np.pad(pulls, ((0, 0), (0, 3))), 3)
-        plan = replace(
-            plan,
-            loads=tuple(("hook", wrench) for wrench in loads),
-            hooks={"hook": hook},
-            sensors=_draw_gauges(machine, reach, rng),
-        )
-    return plan, where.located.some(chosen)
+        point, loads, mixed = "", np.zeros((0, 6)), rng.uniform(-1, 1, (4, 6)) * size
+        targets = _draw_targets(machine, reach, rng)
+        frame = turn(rng.uniform(-np.pi, np.pi, 3)), rng.uniform(-3.0, 3.0, 3)
+        plan = replace(plan, sensors=targets, frame=frame)
+    else:  # with the lever at which forces rotate as much as they translate
+        at = np.round(machine.at + rng.uniform(-1, 1, 3) * reach, 4)
+        point, loads = "hook", scale.force * np.eye(6)[[0, 1, 2, 2]][:wrenches]
+        loads[3:] *= -1
+        mixed = np.pad(scale.force * rng.uniform(-1, 1, (max(wrenches - 4, 0), 3)), ((0, 0), (0, 3)))
+        gauges = _draw_gauges(machine, reach, rng)
+        plan = replace(plan, hooks={point: Spot(machine.tool, at)}, sensors=gauges)
+    every = np.round(np.vstack([loads, mixed]), 3)
+    return replace(plan, loads=tuple((point, wrench) for wrench in every)), located
 
 
 def _draw_gauges(machine: Machine, reach: float, rng: np.random.Generator) -> tuple[Sensor, ...]:
