@@ -51,7 +51,7 @@ def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
     pairs, place = np.unique(mesh.cells[:, :, None] * count + mesh.cells[:, None, :], return_inverse=True)
     place = place.reshape(len(mesh.cells), 100)
     blocks = np.zeros((len(pairs), 9))
-    for elements, slopes, weights in _slopes(mesh):
+    for elements, slopes, weights in _slopes(mesh, CURVED_ORDER):
         c, q = weights.shape
         flat = slopes.reshape(c, q, 30)
         products = np.swapaxes(flat, 1, 2) @ (flat * weights[:, :, None])  # (c, 30, 30), [(k, a), (l, b)]
@@ -63,7 +63,7 @@ def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
     return bsr_array(rows, shape=(3 * count, 3 * count)).tocsr()
 
 
-def _slopes(mesh: TetMesh, curved: int = CURVED_ORDER) -> Iterator[tuple[Ints, Floats, Floats]]:
+def _slopes(mesh: TetMesh, curved: int) -> Iterator[tuple[Ints, Floats, Floats]]:
     """Yield elements (c,), gradients (c, q, 3, 10) in 1/m and weights (c, q) in m³, in chunks."""
     rules = tuple(get_quadrature(RefTet, order) for order in (STRAIGHT_ORDER, curved))
     tables = [tabulate(at)[1][..., :10] for at, _ in rules]

@@ -338,9 +338,10 @@ def kill_worker(workers: Any) -> Callable[..., str]:
         time.sleep(moment)
         while process.poll() is None:
             nanny = chance.choice(list(workers.values()))
-            with contextlib.suppress(TypeError, ProcessLookupError):  # while it starts anew it has no process
+            if nanny.process and nanny.process.status.name == "running":  # whoever dies at its start is not replaced
                 os.kill(nanny.pid, signal.SIGKILL)
                 return f"SIGKILL to {whom}"
+            time.sleep(0.005)
         return ""
 
     return act

@@ -90,6 +90,12 @@ def meshed(name, factor=1.0, layers=1):
     )  # fmt: skip
 
 
+def load(path):
+    """A stored Problem."""
+    with np.load(path) as held:
+        return Problem(**{name: values if values.ndim else values.item() for name, values in held.items()})
+
+
 def for_calculix(problem):
     """The problem as CalculiX's model data."""
     return calculix.model(
@@ -186,8 +192,7 @@ def solved(job):
         path = job.get("mesh") or f"{folder}/mesh.npz"
         if "mesh" not in job:  # by a process that ends, so that the CAD kernel's memory does not add to the solver's
             subprocess.run(command(job | {"code": "mesh", "mesh": path}), check=True, stdout=subprocess.DEVNULL)
-        with np.load(path) as held:
-            problem = Problem(**held)
+        problem = load(path)
     return {"compliance": CODES[job["code"]](problem, job).tolist(), "dofs": 3 * len(problem.points)}
 
 

@@ -2,6 +2,7 @@
 
 import json
 import sys
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -26,12 +27,19 @@ def coarse():
 
 
 @pytest.mark.parametrize("code", ["CalculiX", "MFEM"])
-def test_other_codes_on_one_mesh(code):
+@pytest.mark.parametrize("part", ["link", "slider"])  # of curved elements, and of straight ones
+def test_other_codes_on_one_mesh(code, part, coarse):
     test_codes.need(code)
-    plane = meshed("slider", 2.0)  # of straight elements: nearly flat curved ones differ
-    ours, theirs = (CODES[each](plane, {"order": 2}) for each in ("ours", code))
+    mesh = coarse if part == "link" else meshed(part, 2.0)
+    ours, theirs = (CODES[each](mesh, {"order": 2}) for each in ("ours", code))
     scale = np.sqrt(np.outer(ours.diagonal(), ours.diagonal()))
     assert (np.abs(ours - theirs) / scale).max() < 2e-5  # CalculiX prints seven digits
+
+
+def test_a_process_of_a_stored_mesh(coarse, tmp_path):
+    np.savez(tmp_path / "mesh.npz", **asdict(coarse))
+    found = measured(code="ours", mesh=str(tmp_path / "mesh.npz"), order=2)["compliance"]
+    assert np.allclose(found, CODES["ours"](coarse, {"order": 2}), rtol=1e-9, atol=1e-9 * np.abs(found).max())
 
 
 def test_a_whole_process_from_the_cad(monkeypatch):

@@ -24,7 +24,7 @@ import pytest
 from stiffscope.cli.main import _guarded
 from stiffscope.fea.multigrid import prepare
 from tests.benchmarks import calculix
-from tests.benchmarks.codes import PARAMETERS, Problem, build, for_calculix, measured, meshed
+from tests.benchmarks.codes import PARAMETERS, build, for_calculix, load, measured, meshed
 
 pytest.importorskip("psutil", reason="psutil is missing (pip install psutil)")
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(1800)]
@@ -120,8 +120,7 @@ def test_same_mesh_same_frequencies(stored, tmp_path, monkeypatch):
     name, path = stored
     for module, order in ((elasticity, "CURVED_ORDER"), (mass, "CURVED_ORDER"), (mass, "STRAIGHT_ORDER")):
         monkeypatch.setattr(module, order, 2)
-    with np.load(path) as held:
-        problem = Problem(**held)
+    problem = load(path)
     supports, loads = problem.supported()
     stiffness = elasticity.assemble(problem.mesh, problem.elasticity)
     weight = mass.Mass(problem.mesh, problem.density).nodes
