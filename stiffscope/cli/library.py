@@ -108,9 +108,9 @@ def import_(
         emit(output, import_json(found), lambda: show_import(found))
         return
     for name, value in said.items():
-        if value:
+        if value and name != "material":
             raise InputError(f"--{name}: expected a STEP assembly, got {model.name}")
-    read = import_model(model, goal, drives, tool, home)
+    read = import_model(model, goal, drives, tool, home, said["material"])
     driven = ", ".join(each.partition("=")[0].strip() for each in drives) or "none"
     counts = f"{len(read.bodies)} bodies, {len(read.joints)} joints (driven: {driven})"
     emit(output, model_json(read, goal), lambda: show_written(read, goal, counts))

@@ -333,3 +333,65 @@ def test_a_link_without_mass_is_taken_and_the_others_keep_theirs(imported):
     model, robot, _ = imported(bare, ".urdf", drives=["j*=9 kN*m/rad"])
     assert (robot.bodies["upper"].mass, robot.bodies["lower"].mass) == (0.0, 2.0)
     assert not any("meshes" in note for note in model.notes)
+
+
+def _solid_arm(folder, origin='<origin xyz="0 0 0.12" rpy="0 -1.5707963267948966 0"/>', file="upper.step", more=""):
+    """An arm with two joints along its x, whose visual is a bar with holes of 8 and 6 mm, in axes of its own."""
+    build123d = pytest.importorskip("build123d")
+    bar = build123d.Box(300, 40, 20)
+    for x, radius in ((-120, 8), (120, 6)):
+        bar -= build123d.Pos(x, 0, 0) * build123d.Cylinder(radius, 20)
+    (folder / "meshes").mkdir()
+    build123d.export_step(bar.solid(), folder / "meshes" / "upper.step")
+    mass = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    visual = f'<visual>{origin}<geometry><mesh filename="package://arm/meshes/{file}"/></geometry></visual>'
+    joints = (("shoulder", "base", "upper", "0 0 0.5", "0.2 0 0.7"), ("elbow", "upper", "fore", "0 0 0.24", "0.4 0 0"))
+    return (
+        f'<robot name="arm"><link name="base"/><link name="upper">{mass}{visual}</link>'
+        f'<link name="fore">{mass}</link>{more}'
+        + "".join(
+            f'<joint name="{name}" type="revolute"><parent link="{one}"/><child link="{two}"/><origin xyz="{xyz}" '
+            f'rpy="{rpy}"/><axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+            for name, one, two, xyz, rpy in joints
+        )
+        + "</robot>"
+    )
+
+
+def test_a_body_bends_as_the_solid_of_its_visual(imported, tmp_path):
+    """The axis of each joint is that of its hole, wherever the joints and the visual stand."""
+    model, robot, _ = imported(_solid_arm(tmp_path), ".urdf", materials=["up*=steel"])
+    body = robot.bodies["upper"]
+    frame = np.column_stack((body.x, body.y, np.cross(body.x, body.y)))
+    for name, radius in (("shoulder", 0.008), ("elbow", 0.006)):
+        joint, (selector,) = robot.joints[name], robot.parts["upper"].interfaces[name].faces
+        lever = frame @ selector.position + body.at - np.array(joint.at)
+        assert np.linalg.norm(np.cross(lever, joint.axis)) == pytest.approx(radius, abs=1e-9)
+        assert f"upper.{name}" in joint.between
+    volume = 0.3 * 0.04 * 0.02 - np.pi * (0.008**2 + 0.006**2) * 0.02
+    assert f"upper bends, and has its solid's {7850 * volume:.4g} kg, not 1 kg" in model.notes
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ({}, 'say --material "upper=NAME" to let it bend'),
+        ({"file": "lost.step"}, "expected a STEP file"),
+        ({"origin": '<origin xyz="0 0 0.2"/>'}, "no face of the solid is at shoulder, elbow"),
+        ({"more": '<link name="rack"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" '
+          'iyz="0"/></inertial></link><joint name="weld" type="fixed"><parent link="upper"/><child link="rack"/>'
+          "</joint>"}, "expected one visual and no other link fixed to it, got more"),
+    ],
+)  # fmt: skip
+def test_a_body_that_stays_rigid_beside_its_solid_says_why(imported, tmp_path, options, why):
+    model, robot, _ = imported(_solid_arm(tmp_path, **options), ".urdf", materials=["u*=steel"] if options else [])
+    assert not robot.parts
+    (note,) = [note for note in model.notes if note.startswith("upper stays rigid")]
+    assert why in note
+
+
+def test_a_material_that_is_none_is_refused_for_a_urdf(imported, tmp_path):
+    with pytest.raises(InputError, match="--material upper=wood: expected PATTERN=NAME"):
+        imported(_solid_arm(tmp_path), ".urdf", materials=["upper=wood"])
+    with pytest.raises(InputError, match="--material: expected a STEP assembly or a URDF"):
+        imported(FOUR_BAR, ".xml", materials=["*=steel"])

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import fnmatch
+import hashlib
+import json
 import re
 from collections import defaultdict
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from stiffscope import cad
@@ -13,8 +15,9 @@ from stiffscope.cad.materials import MATERIALS
 from stiffscope.errors import InputError
 from stiffscope.robot.file.parse import place_of
 from stiffscope.robot.imports.compiled_model import print_safely
-from stiffscope.robot.imports.import_model import to_toml, toml_key, vector_text
-from stiffscope.robot.imports.import_record import parts_folder
+from stiffscope.robot.imports.import_model import check_text, to_toml, toml_key, vector_text
+from stiffscope.robot.imports.import_record import RECORD, parts_folder
+from stiffscope.runtime.output import scratch_folder, write_bytes
 from stiffscope.runtime.reading import show_path
 
 if TYPE_CHECKING:
@@ -22,6 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.cad.assembly import Instance
+    from stiffscope.robot.imports.import_record import ImportRecord
     from stiffscope.robot.imports.part_motions import Freedom
 
 
@@ -105,6 +109,26 @@ def part_lines(parts: Sequence[PartFile], out: Path) -> list[str]:
     if groups:
         lines += ["[groups]", *(f"{toml_key(part.name + 's')} = {to_toml(part.bodies)}" for part in groups), ""]
     return lines
+
+
+def write_import(
+    path: Path, out: Path, text: str, parts: Sequence[PartFile], what: str, record: ImportRecord | None = None
+) -> None:
+    """Write a robot file, if a robot can be read from it, its parts' STEP files and its record."""
+    folder, content, files = parts_folder(out), text.encode(), [f"{part.name}.step" for part in parts]
+    with scratch_folder(out.parent) as scratch:
+        trial = scratch / folder.name
+        trial.mkdir()
+        for name, part in zip(files, parts, strict=True):
+            cad.kernel_files.write_step(part.solid.product.solid, trial / name)
+        check_text(path, scratch / out.name, text, what)
+        if record is not None:
+            record = replace(record, files=files, robot=hashlib.sha256(content).hexdigest())
+            (trial / RECORD).write_text(json.dumps(asdict(record), ensure_ascii=False), encoding="utf-8")
+        folder.mkdir(exist_ok=True)
+        for each in sorted(trial.iterdir()):
+            each.replace(folder / each.name)
+    write_bytes(out, content)
 
 
 def _selectors(solid: Instance, faces: Sequence[int]) -> str:

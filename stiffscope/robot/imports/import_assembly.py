@@ -2,34 +2,37 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import re
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope import cad
 from stiffscope.cad.assembly import read_assembly
 from stiffscope.cad.contacts import find_contacts
 from stiffscope.cad.materials import MATERIALS
 from stiffscope.errors import InputError
 from stiffscope.robot.file.parse import place_of
 from stiffscope.robot.file.tables import list_some
-from stiffscope.robot.imports.assembly_parts import PartFile, choose_materials, interface_names, part_lines, part_name
+from stiffscope.robot.imports.assembly_parts import (
+    PartFile,
+    choose_materials,
+    interface_names,
+    part_lines,
+    part_name,
+    write_import,
+)
 from stiffscope.robot.imports.compiled_model import GROUND, print_safely
 from stiffscope.robot.imports.contact_joints import find_joints, measure_size
 from stiffscope.robot.imports.doubts import Doubt, doubt_twins, gather_alike
 from stiffscope.robot.imports.hardware import find_hardware
-from stiffscope.robot.imports.import_model import check_text, driven, robot_text
-from stiffscope.robot.imports.import_record import RECORD, check_place, make_record, parts_folder, tell_changes
+from stiffscope.robot.imports.import_model import driven, robot_text
+from stiffscope.robot.imports.import_record import check_place, make_record, parts_folder, tell_changes
 from stiffscope.robot.imports.model_tool import choose_coordinates
 from stiffscope.robot.imports.part_motions import Freedom, tool_motions
 from stiffscope.robot.imports.said import Said, as_said, match_solids, said_beside, said_of
 from stiffscope.robot.imports.simulator_model import ModelBody, ModelJoint, SimulatorModel, find_distances
-from stiffscope.runtime.output import scratch_folder, write_bytes
 from stiffscope.runtime.reading import show_path
 
 if TYPE_CHECKING:
@@ -177,7 +180,7 @@ def _import(
     drives = driven(model, said.drive)
     text = robot_text(model, print_safely(path.name), drives, head, part_lines(parts, out))
     record = make_record(solids, hardware.roles, found.joints, doubts)
-    _write(path, out, text, parts, record)
+    write_import(path, out, text, parts, "an assembly", record)
     changes = None if earlier is None else tuple(tell_changes(earlier, record))
     for name in () if earlier is None else {*earlier.files} - {f"{part.name}.step" for part in parts}:
         (parts_folder(out) / name).unlink(missing_ok=True)
@@ -327,22 +330,3 @@ def _rigid_reason(number: int, joints: Sequence[Freedom], said: set[int], share:
     if len({each for group in faces for each in group}) < sum(map(len, faces)):
         return "rigid: two of its joints share a face"
     return "rigid: tiny" if share < _TINY else ""
-
-
-def _write(path: Path, out: Path, text: str, parts: Sequence[PartFile], record: ImportRecord) -> None:
-    """Write the robot file, if a robot can be read from it, and the parts' STEP files."""
-    folder = parts_folder(out)
-    with scratch_folder(out.parent) as scratch:
-        trial = scratch / folder.name
-        trial.mkdir()
-        for part in parts:
-            cad.kernel_files.write_step(part.solid.product.solid, trial / f"{part.name}.step")
-        check_text(path, scratch / out.name, text, "an assembly")
-        content = text.encode()
-        files = [f"{part.name}.step" for part in parts]
-        record = replace(record, files=files, robot=hashlib.sha256(content).hexdigest())
-        (trial / RECORD).write_text(json.dumps(asdict(record), ensure_ascii=False), encoding="utf-8")
-        folder.mkdir(exist_ok=True)
-        for name in (*files, RECORD):
-            (trial / name).replace(folder / name)
-    write_bytes(out, content)

@@ -16,6 +16,7 @@ from stiffscope.robot.file.copies import SIX
 from stiffscope.robot.file.parse import place_of
 from stiffscope.robot.file.values import any_quantity
 from stiffscope.robot.imports.compiled_model import print_safely
+from stiffscope.robot.imports.import_record import parts_folder
 from stiffscope.robot.imports.simulator_model import read_model
 from stiffscope.robot.reader import read_robot
 from stiffscope.runtime.output import check_new, write_new
@@ -45,6 +46,7 @@ def import_model(
     drives: Sequence[str] = (),
     tool: str | None = None,
     home: Sequence[str] = (),
+    materials: Sequence[str] = (),
 ) -> SimulatorModel:
     """Write a robot file from a URDF or MJCF file.
 
@@ -58,6 +60,8 @@ def import_model(
         Body or site of the tool.
     home
         As in `--home`, for a home other than the model's: "elbow=90 deg".
+    materials
+        As in `--material`, for bodies of a URDF whose visual is a STEP file: "arm*=steel".
 
     Returns
     -------
@@ -70,11 +74,24 @@ def import_model(
         If the file is not a model, or an option matches nothing in it.
 
     """
+    from stiffscope.robot.imports.assembly_parts import part_lines, write_import  # which import this
+    from stiffscope.robot.imports.model_solids import add_solids
+
     check_new(out)
+    path, out, urdf = Path(path), Path(out), Path(path).suffix.lower() == ".urdf"
+    if materials and not urdf:
+        raise InputError(f"--material: expected a STEP assembly or a URDF, got {path.name}")
     model = read_model(path, tool, _positions(home))
-    text = robot_text(model, print_safely(Path(path).name), driven(model, drives))
-    check_text(path, Path(out), text, "the model")
-    write_new(Path(out), text.encode())
+    model, parts = add_solids(path, model, materials) if urdf else (model, [])
+    lines = part_lines(parts, out)
+    text = robot_text(model, print_safely(path.name), driven(model, drives), parts=lines)
+    if not parts:
+        check_text(path, out, text, "the model")
+        write_new(out, text.encode())
+        return model
+    for part in parts if parts_folder(out).exists() else ():
+        check_new(parts_folder(out) / f"{part.name}.step")
+    write_import(path, out, text, parts, "the model")
     return model
 
 

@@ -30,7 +30,8 @@ _LARGE = 30.0  # m: hardly any arm is as large, unless its lengths are in mm
 class ModelBody:
     """A body and those welded to it: mass, kg, centre (3,), m, inertia (3, 3) about it, base axes.
 
-    If elastic, it has a ``part``, with its origin ``centre`` and its axes, columns of ``axes``.
+    ``axes``: its own axes as columns. If elastic, it has a ``part`` with these, and its origin
+    ``centre``.
     """
 
     name: str
@@ -116,7 +117,7 @@ def _merge(source: CompiledModel, mover: int, name: str) -> ModelBody:
         turn, r = d.ximat[b].reshape(3, 3), d.xipos[b] - centre
         inertia += turn @ np.diag(m.body_inertia[b]) @ turn.T
         inertia += m.body_mass[b] * (r @ r * np.eye(3) - np.outer(r, r))
-    return ModelBody(name, mass, centre, inertia)
+    return ModelBody(name, mass, centre, inertia, axes=d.xmat[mover].reshape(3, 3).copy())
 
 
 def _note_omissions(source: CompiledModel, joints: Iterable[ModelJoint]) -> None:
