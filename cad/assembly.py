@@ -115,20 +115,12 @@ class Instance:
 
 
 def read_assembly(path: str | Path, left_out: list[str] | None = None) -> tuple[Instance, ...]:
-    """Read the solids of a STEP file with their names and places.
+    """Return the solids of a STEP file, in its order, with their names and places.
 
     The file (AP203, AP214, AP242) contains one or more solids, in any unit of length; ``left_out``
-    receives a line for each kind of content that was not read.
-
-    Returns
-    -------
-    tuple of Instance
-        In the order of the file. Unnamed solids: "solid1", "solid2", …; equal names are numbered.
-
-    Raises
-    ------
-    InputError
-        If the file contains no closed solid; the message states what was found and expected.
+    receives a line for each kind of content that was not read. Unnamed solids: "solid1", "solid2",
+    …; equal names are numbered. Raises InputError, which states what was found and expected, if the
+    file contains no closed solid.
     """
     path = Path(path)
     content = check_file(path)

@@ -36,26 +36,11 @@ class BuiltJoint:
 
 
 def read_built(assembly: Any, shown: str, left_out: list[str]) -> tuple[tuple[Instance, ...], list[BuiltJoint]]:
-    """Read a build123d assembly.
+    """Return the solids of a build123d assembly, named by their labels, and their connected joints.
 
-    Parameters
-    ----------
-    assembly
-        Compound of solids and compounds, at any depth.
-    shown
-        Name for messages.
-    left_out
-        Receives a line for each kind of content that was not read.
-
-    Returns
-    -------
-    instances, joints
-        Solids named by their labels, and their connected joints.
-
-    Raises
-    ------
-    InputError
-        If it is not an assembly, or contains no closed solid.
+    ``assembly``: Compound of solids and compounds, at any depth; ``shown``: its name in messages;
+    ``left_out`` receives a line for each kind of content that was not read. Raises InputError if it
+    is not an assembly, or contains no closed solid.
     """
     if getattr(assembly, "wrapped", None) is None or not hasattr(assembly, "leaves"):
         got = type(assembly).__name__

@@ -21,19 +21,7 @@ def mm(length: float) -> str:
 
 
 def require(valid: bool, field: str, expected: str, got: object) -> None:
-    """Raise InputError ``FIELD: expected …, got …`` unless `valid`.
-
-    Parameters
-    ----------
-    valid
-        Whether the value is valid.
-    field
-        Field for the message.
-    expected
-        Expected value for the message.
-    got
-        Given value for the message.
-    """
+    """Raise InputError ``FIELD: expected …, got …`` unless `valid`."""
     if not valid:
         raise InputError(f"{field}: expected {expected}, got {got}")
 
@@ -63,34 +51,14 @@ def optional_length(field: str, value: object) -> float:
 
 
 def count(field: str, value: object, largest: int = 100) -> int:
-    """Return `value` as a whole number from 0 to `largest`. Raises InputError.
-
-    Parameters
-    ----------
-    field
-        Field for messages.
-    value
-        Value to check.
-    largest
-        Largest valid number.
-    """
+    """Return `value` as a whole number from 0 to `largest`; else raise InputError on the field."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) <= largest:
         raise InputError(f"{field}: expected a whole number from 0 to {largest}, got {value!r}")
     return int(value)
 
 
 def choice(field: str, value: object, valid: tuple[str, ...]) -> None:
-    """Raise InputError unless `value` is one of `valid`.
-
-    Parameters
-    ----------
-    field
-        Field for messages.
-    value
-        Value to check.
-    valid
-        Valid values.
-    """
+    """Raise InputError on the field unless `value` is one of `valid`."""
     require(value in valid, field, "one of " + ", ".join(map(repr, valid)), repr(value))
 
 

@@ -203,19 +203,8 @@ class FaceSelector:
 def select(shape: "Shape", selectors: Iterable[FaceSelector], field: str = "faces") -> frozenset[int]:
     """Return the indices of faces that at least one selector selects.
 
-    Parameters
-    ----------
-    shape
-        Solid of the CAD kernel.
-    selectors
-        Selectors whose union is returned.
-    field
-        Field for error messages.
-
-    Raises
-    ------
-    InputError
-        If a selector matches no face, or all together every face; the message lists the faces.
+    Raises InputError, which names the ``field`` and lists the faces, if a selector matches no face,
+    or all together every face.
     """
     geometries, faces = face_geometries(shape), cad.kernel.faces(shape)
     chosen: set[int] = set()

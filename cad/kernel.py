@@ -135,22 +135,9 @@ def round_holes(face: Face) -> list[tuple[Edge, Floats, float]]:
 
 
 def imprint_circle(solid: Solid, face: Face, centre: Floats, normal: Floats, radius: float) -> tuple[Solid, list[Face]]:
-    """Split a plane face along a circle.
+    """Split a plane face along a circle; return the solid, and the pieces of the face in it.
 
-    Parameters
-    ----------
-    solid
-        Solid that has the face.
-    face
-        Plane face.
-    centre, normal : (3,)
-        Centre and axis of the circle, in the unit of the solid.
-    radius
-        Radius, in the same unit.
-
-    Returns
-    -------
-    The solid, and the pieces of the face in it.
+    ``centre``, ``normal``: (3,), of the circle; lengths in the unit of the solid.
     """
     circle = gp_Circ(gp_Ax2(gp_Pnt(*centre), gp_Dir(*normal)), radius)
     split = BRepFeat_SplitShape(solid)
@@ -283,21 +270,7 @@ def distance(shape: Shape, point: Floats) -> float:
 
 
 def in_axes(solid: Solid, origin: Floats, x: Floats, z: Floats) -> Solid:
-    """Return the solid in other axes.
-
-    Parameters
-    ----------
-    solid
-        Solid in the axes of its file.
-    origin : (3,)
-        Origin of the new axes, in the old ones.
-    x, z : (3,)
-        Directions of the new x and z, in the old axes.
-
-    Returns
-    -------
-    The same solid, its coordinates in the new axes.
-    """
+    """Return the solid in axes of an origin (3,) and directions x, z (3,), in its present axes."""
     change = gp_Trsf()
     change.SetTransformation(gp_Ax3(gp_Pnt(*origin), gp_Dir(*z), gp_Dir(*x)))
     return TopoDS.Solid(solid.Moved(TopLoc_Location(change)))
@@ -366,20 +339,10 @@ def inertia(properties: GProp_GProps) -> Floats:
 
 
 def triangulate(shape: Shape, deflection: float, angle: float) -> list[tuple[Floats, NDArray[np.int64]]]:
-    """Tessellate each face of a shape.
+    """Return nodes (n, 3) and outward triangles (t, 3) of each face of a shape.
 
-    Parameters
-    ----------
-    shape
-        Solid or assembly.
-    deflection
-        Largest distance of a triangle from its face, in the unit of the shape.
-    angle
-        Largest angle between adjacent triangles' normals, rad.
-
-    Returns
-    -------
-    Nodes (n, 3) and outward triangles (t, 3) of each face.
+    ``deflection``: largest distance of a triangle from its face, in the unit of the shape;
+    ``angle``: largest angle between normals of adjacent triangles, rad.
     """
     BRepTools.Clean_s(shape)
     BRepMesh_IncrementalMesh(shape, deflection, False, angle, False)

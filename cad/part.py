@@ -143,21 +143,10 @@ class Surface:
 
 
 def surface(part: Part, deflection: float = 5e-4, angle: float = 0.8) -> Surface:
-    """Tessellate a part.
+    """Tessellate a part; raise InputError if the result is not closed.
 
-    Parameters
-    ----------
-    part
-        The part.
-    deflection
-        Largest distance between a chord and the surface, m.
-    angle
-        Largest angle between neighbouring chords, rad.
-
-    Raises
-    ------
-    InputError
-        If the tessellation is not closed.
+    ``deflection``: largest distance between a chord and the surface, m; ``angle``: largest angle
+    between neighbouring chords, rad.
     """
     vertices, triangles, face_of_triangle = tessellate(part.solid, deflection, angle)
     gaps = open_edges(triangles)
@@ -201,25 +190,11 @@ def open_edges(triangles: Ints) -> int:
 
 
 def project(part: Part, place: int, points: Floats, borders: "Sequence[Shape] | None" = None) -> Floats:
-    """Project points on a face's surface, or on a border of faces.
+    """Return the closest points (n, 3), m, on a face's surface, or on a border of faces.
 
     Planes and round surfaces are unbounded, others bounded by the face's parameter range.
-
-    Parameters
-    ----------
-    part
-        The part.
-    place
-        Index of a face; ``len(part.faces) + k`` for the k-th border.
-    points
-        (n, 3) m.
-    borders
-        Borders; by default the part's seams.
-
-    Returns
-    -------
-    (n, 3)
-        Closest points, m.
+    ``place``: index of a face; ``len(part.faces) + k`` for the k-th border, by default of the
+    part's seams.
     """
     points = np.asarray(points, dtype=float)
     if place >= len(part.faces):

@@ -87,7 +87,7 @@ def keys(section: str | None, *, output: Output) -> None:
     _said("weld", "PATTERN", 'solids that hold together what they touch, as screws do: "clamp?"'),
     _said("part", "PATTERN", 'solids that are parts, though they look like hardware: "shaft?"'),
     _said("rigid", "PATTERN", 'parts that do not bend: "motor?"'),
-    _said("material", '"PATTERN=NAME"', 'materials of parts, by a pattern of their names: "arm?=aluminium-7075"'),
+    _said("material", '"PATTERN=NAME"', 'materials of parts or URDF links by patterns of names: "arm?=aluminium-7075"'),
     options.json,
 )  # fmt: skip
 def import_(

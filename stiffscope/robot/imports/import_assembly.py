@@ -73,30 +73,12 @@ class Imported:
 def import_assembly(
     path: str | Path, out: str | Path, said: Said | None = None, progress: Progress | None = None
 ) -> Imported:
-    """Write a robot file from a STEP assembly.
+    """Write a robot file from a STEP assembly, and its elastic parts to a folder named after it.
 
-    Parameters
-    ----------
-    path
-        STEP file of an assembly. `said` takes precedence over an `assembly.toml` beside it.
-    out
-        Robot file to write. Its elastic parts are written as STEP files to a folder beside it,
-        named after it. A file from an earlier import is overwritten unless it was changed since.
-    said
-        Ground, tool, joints, hardware, rigid parts, materials and drives.
-    progress
-        Callback for the progress of reading and of the search for contacts.
-
-    Returns
-    -------
-    Imported
-        Bodies, joints and doubts.
-
-    Raises
-    ------
-    InputError
-        If the file is not an assembly, an option matches nothing, or a part's material is unknown.
-
+    ``said`` takes precedence over an `assembly.toml` beside the assembly. A robot file from an
+    earlier import is overwritten unless it was changed since. ``progress`` receives the progress of
+    reading and of the search for contacts. Raises InputError if the file is not an assembly, an
+    option matches nothing, or a part's material is unknown.
     """
     path, out = Path(path), Path(out)
     earlier = check_place(out)

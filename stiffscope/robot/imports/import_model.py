@@ -48,31 +48,11 @@ def import_model(
     home: Sequence[str] = (),
     materials: Sequence[str] = (),
 ) -> SimulatorModel:
-    """Write a robot file from a URDF or MJCF file.
+    """Write a robot file, which must not exist, from a URDF or MJCF file.
 
-    Parameters
-    ----------
-    path, out
-        Model, and robot file to write, which must not exist.
-    drives
-        As in `--drive`: "joint1=25 kN*m/rad".
-    tool
-        Body or site of the tool.
-    home
-        As in `--home`, for a home other than the model's: "elbow=90 deg".
-    materials
-        As in `--material`, for bodies of a URDF whose visual is a STEP file: "arm*=steel".
-
-    Returns
-    -------
-    SimulatorModel
-        The model read; its `notes` list omissions and guesses.
-
-    Raises
-    ------
-    InputError
-        If the file is not a model, or an option matches nothing in it.
-
+    ``drives``, ``home`` and ``materials`` are as in the options `--drive`, `--home`, `--material`;
+    ``tool`` is a body or site. The `notes` of the model list omissions and guesses. Raises
+    InputError if the file is not a model, or an option matches nothing in it.
     """
     from stiffscope.robot.imports.assembly_parts import part_lines, write_import  # which import this
     from stiffscope.robot.imports.model_solids import add_solids
