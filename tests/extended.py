@@ -5,8 +5,12 @@
 
 EXTENDED = {
     "benchmarks/test_alive.py": (
+        "test_a_dimension_of_a_part",
         "test_a_whole_process_from_the_cad",
         "test_bounds_of_a_random_part",
+        "test_campaigns_of_a_hexapod_and_of_a_template",
+        "test_derivatives_of_a_part",
+        "test_four_interfaces_beside_two",
         "test_two_levels_and_a_large_mesh",
     ),
     "cad/test_step.py": (

@@ -1,12 +1,19 @@
 """Each benchmark that the documentation names, in small: what it calls is there, and what it compares agrees."""
 
 import json
+import re
 import sys
 from dataclasses import asdict
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from stiffscope.gap.diagnose import conclude
+from stiffscope.gap.forward.robot_model import RobotModel
+from stiffscope.gap.inference.findings import find
+from stiffscope.robot.library import find_robot
+from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm.statics import stiffness
 from tests.benchmarks import (
     test_assembly_speed,
@@ -14,11 +21,18 @@ from tests.benchmarks import (
     test_fea_coverage,
     test_gap_speed,
     test_modes_speed,
+    test_part_dimensions,
+    test_rerun_speed,
+    test_sensitivity,
     test_solvers,
     test_vjm_speed,
 )
 from tests.benchmarks.codes import CODES, measured, meshed
+from tests.benchmarks.second_lab import campaign_of, names_of, scored
+from tests.experiments.one_part import ROD, one_part
 from tests.robots import random_poses
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -76,6 +90,54 @@ def test_poses_modes_and_a_map(rng, capsys, monkeypatch):
 
 def test_effects_of_a_linear_model():
     test_gap_speed.test_four_effects_among_two_hundred(14, 6, 60)
+
+
+def test_campaigns_of_a_hexapod_and_of_a_template(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(test_gap_speed, "POSES", 8)
+    monkeypatch.setattr(test_gap_speed, "STANCES", 8)
+    for folder in (tmp_path / "hexapod", tmp_path / "template"):
+        folder.mkdir()
+    test_gap_speed.test_eight_thousand_readings_of_a_hexapod(test_gap_speed.FAULTS[:1], tmp_path / "hexapod")
+    test_gap_speed.test_a_template_filled_in("delta", tmp_path / "template", monkeypatch)
+    assert "delta, 128 readings, run 2" in capsys.readouterr().out
+
+
+def test_a_campaign_of_the_second_laboratory():
+    campaign, planted, nominal = campaign_of("five-bar", 0)
+    model = RobotModel(campaign, nominal)
+    assert scored(conclude(find(model)), names_of(model, planted.name)) in {"right", "honest"}
+
+
+def test_a_dimension_of_a_part(tmp_path, monkeypatch):
+    monkeypatch.setenv("STIFFSCOPE_CACHE", str(tmp_path / "cache"))
+    one_part(tmp_path, ROD)
+    with workshop() as shop:
+        lab = test_part_dimensions._lab(str(tmp_path / "robot.toml"), (), shop)
+        answer, said = test_part_dimensions.answered("robot.toml", 1, lab, tmp_path / "campaign", shop)
+    assert answer.right, said
+
+
+def test_derivatives_of_a_part():
+    rows = test_sensitivity.table("link", only=("radius",))
+    assert [entry for _, entry, *_ in rows] == [f"C{k}{k}" for k in range(1, 7)]
+
+
+def test_what_a_watched_run_changes_is_in_the_file():
+    text = find_robot("biglide").read_text()
+    assert all(re.search(pattern, text) for pattern, _ in (test_rerun_speed.DRIVE, test_rerun_speed.THICKNESS))
+    assert test_rerun_speed.timed("-c", "pass")[0] > 0
+
+
+def test_four_interfaces_beside_two(monkeypatch):
+    monkeypatch.setattr(test_solvers, "RUNS", 1)
+    test_solvers.test_four_interfaces_take_less_than_1_6_times_as_long_as_two_on_the_same_mesh()
+
+
+def test_every_benchmark_that_the_documentation_names_is_here():
+    pages = [path.read_text() for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]]
+    named = set(re.findall(r"benchmarks/(\w+)\.py", " ".join(pages))) - {"humanoid"}  # tests/gap/test_geometry.py
+    assert named
+    assert named <= set(re.findall(r"\w+", Path(__file__).read_text()))
 
 
 def test_joints_of_an_assembly(tmp_path):

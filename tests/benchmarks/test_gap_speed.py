@@ -27,6 +27,7 @@ from tests.gap.synthetic import linear_model
 from tests.gap.test_blind import blind_robot
 from tests.gap.test_inference import planted
 
+POSES, STANCES = 111, 32  # of the hexapod, and of a template
 FAULTS = (
     ("platform-compliance", "tool", {"x": 1e-7, "y": 5e-8, "z": 8e-8, "rx": 1e-6, "ry": 8e-7, "rz": 4e-7}),
     ("instrument-misalignment", "instrument", {"rx": 0.01, "ry": -0.015, "rz": 0.008}),
@@ -56,9 +57,9 @@ def test_four_effects_among_two_hundred(poses, loads, effects):
 @pytest.mark.benchmark
 @pytest.mark.parametrize("faults", [FAULTS[:1], FAULTS], ids=["one effect", "four effects"])
 def test_eight_thousand_readings_of_a_hexapod(faults, tmp_path):
-    lab = Lab(blind_robot("stewart"), 111)
+    lab = Lab(blind_robot("stewart"), POSES)
     rng = np.random.default_rng(3)
-    plan, located = draw_plan(lab.workspace, rng, poses=111, wrenches=11)
+    plan, located = draw_plan(lab.workspace, rng, poses=POSES, wrenches=11)
     machine = lab.sound
     for fault in faults:
         machine = inject(machine, *fault)
@@ -81,7 +82,7 @@ def test_eight_thousand_readings_of_a_hexapod(faults, tmp_path):
 @pytest.mark.parametrize("robot", ["biglide", "delta"])
 def test_a_template_filled_in(robot, tmp_path, monkeypatch):
     """As a command, of 512 readings; parts by virtual experiments that are in the cache (the first run makes them)."""
-    monkeypatch.setattr(campaign_template, "POSES", 32)
+    monkeypatch.setattr(campaign_template, "POSES", STANCES)
     folder, file = tmp_path / "campaign", load_robot(robot)
     campaign_template.write_template(file, robot, folder)
     header = folder / "campaign.toml"

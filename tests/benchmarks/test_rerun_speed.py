@@ -17,6 +17,7 @@ from stiffscope.robot.library import find_robot
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.skipif(sys.platform == "win32", reason="processor time of children")]
 SIZE = "slider.thickness=21.3mm"
+DRIVE, THICKNESS = (r'"12\.7 N/um"', '"13 N/um"'), (r'"20 mm"      # z', '"22 mm"      # z')  # as in the robot's file
 
 
 def timed(*words):
@@ -86,9 +87,9 @@ def test_watched_changes(tmp_path, monkeypatch):
     try:
         watch.until_shown(1)
         time.sleep(20)  # until the page is drawn
-        drive = watch.save(r'"12\.7 N/um"', '"13 N/um"', 2)
+        drive = watch.save(*DRIVE, 2)
         time.sleep(10)
-        slider = watch.save(r'"20 mm"      # z', '"22 mm"      # z', 3)
+        slider = watch.save(*THICKNESS, 3)
     finally:
         watch.process.kill()
     cold = timed("-m", "stiffscope", "compliance", "biglide", "--part", "slider", "--set", "slider.thickness=22.5mm")
