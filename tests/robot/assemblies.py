@@ -523,6 +523,28 @@ def drive() -> Made:
     return made
 
 
-SMALL = (shoulder, case, ball_stud, bushed, spindle, gib, locked, column, drive)
+def jackshaft() -> Made:
+    """A plain shaft in bearings of two housings on a plate, one of rings and balls."""
+    made, plate = Made(), b.Box(240, 100, 12, align=TOP)
+    for name, x in (("left", -50), ("right", 50)):
+        house = at(b.Box(12, 60, 70, align=LOW), (x, 0, 0)) - at(rod(14, 30), (x - 15, 0, 40), X)
+        for y in (-22, 22):
+            house, plate = house - at(rod(2.5, 14), (x, y, 0)), plate - at(rod(3.3, 40), (x, y, -30))
+            made.buy(f"screw {name} {y}", at(screw(6, 24), (x, y, -12), -Z))
+        made.add(name, house)
+        made.join("plate", name, "fixed")
+        made.join(name, "shaft", "revolute", (0, 0, 40), X)
+    made.buy("bearing", at(ring(6, 14, 8), (-54, 0, 40), X))
+    groove = at(b.Torus(10, 2.05), (50, 0, 40), X)
+    made.buy("inner", at(ring(6, 8.6, 8), (46, 0, 40), X) - groove)
+    made.buy("outer", at(ring(11.4, 14, 8), (46, 0, 40), X) - groove)
+    for number, turn in enumerate(np.deg2rad(range(0, 360, 45))):
+        made.buy(f"ball {number}", at(b.Sphere(2), (50, 10 * np.cos(turn), 40 + 10 * np.sin(turn))))
+    made.add("shaft", at(rod(6, 130), (-65, 0, 40), X))
+    made.add("plate", plate)
+    return made
+
+
+SMALL = (shoulder, case, ball_stud, bushed, spindle, gib, locked, column, drive, jackshaft)
 ALL = {"five-bar": five_bar, "delta": delta, "hexapod": hexapod, "slider": slider, "3-prs": three_prs, "finger": finger}
 ALL |= {"lever": lever, "dovetail": dovetail, "gears": gears}

@@ -132,8 +132,8 @@ def _role_of(number: int, solids: Sequence[Instance], touched: Sequence[Contact]
 def _find_ends(
     pin: int, found: Mapping[int, tuple[str, str]], touched: Mapping[int, Sequence[Contact]], outer: Mapping[int, int]
 ) -> set[int]:
-    """Return the solids whose bores hold a pin, nuts on a bearing's shaft excepted; those around bushings, bearings."""
-    ends = set[int]()
+    """Return the solids that a pin joins, beyond bushings and bearings; none if bearings alone hold it, as a shaft."""
+    ends, held = set[int](), set[str]()
     bearings = {found[each.find_other(pin)][0] for each in touched[pin]} & {"bearing", "ring"}
     nuts = {"shaft nut", "nut"} if bearings else {"shaft nut"}
     for each in touched[pin]:
@@ -141,10 +141,11 @@ def _find_ends(
         loose = each.kind != "cylinder" or not _stands_in(each, pin) or each.gap > FIT[1] * each.radius
         if loose or found[other][0] in nuts:
             continue
+        held.add(found[other][0])
         ring = outer.get(other, other)
         around = [c.find_other(ring) for c in touched[ring] if c.kind == "cylinder" and _stands_in(c, ring)]
         ends |= set(around) if found[other][0] in {"bushing", "bearing", "ring"} else {other}
-    return ends
+    return set() if held <= {"bearing", "ring"} else ends
 
 
 def _role_by_shape(number: int, solids: Sequence[Instance], touched: Sequence[Contact]) -> tuple[str, str]:
