@@ -197,10 +197,9 @@ def _name_distinct(paths: Sequence[Sequence[str]]) -> list[str]:
     for depth in range(2, max(map(len, paths), default=0) + 1):
         doubled = {name for name in own if own.count(name) > 1 and name}
         named = ([part for part in path[-depth:] if not _is_nameless(part)] for path in paths)
-        longer = [".".join(parts) for parts in named]
         again = [
-            long if name in doubled and len(path) > depth else name
-            for name, long, path in zip(own, longer, paths, strict=True)
+            ".".join(parts) if name in doubled and len(path) > depth else name
+            for name, parts, path in zip(own, named, paths, strict=True)
         ]
         if len(set(again)) > len(set(own)):
             own = again

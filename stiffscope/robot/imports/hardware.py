@@ -134,8 +134,8 @@ def _find_ends(
 ) -> set[int]:
     """Return the solids that a pin joins, beyond bushings and bearings; none if bearings alone hold it, as a shaft."""
     ends, held = set[int](), set[str]()
-    bearings = {found[each.find_other(pin)][0] for each in touched[pin]} & {"bearing", "ring"}
-    nuts = {"shaft nut", "nut"} if bearings else {"shaft nut"}
+    roles = {found[each.find_other(pin)][0] for each in touched[pin]}
+    nuts = {"shaft nut", "nut"} if roles & {"bearing", "ring"} else {"shaft nut"}
     for each in touched[pin]:
         other = each.find_other(pin)
         loose = each.kind != "cylinder" or not _stands_in(each, pin) or each.gap > FIT[1] * each.radius
