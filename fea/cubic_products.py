@@ -5,7 +5,7 @@ If the quadratic problem is factorized, element blocks are kept and nodes can be
 
 from __future__ import annotations
 
-from functools import partial
+from functools import cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,18 +51,34 @@ def apply_by_blocks(
     """
     chunks = [chunk for batch in space.batches() for chunk in batch]
     blocks, cells = on_all_cores(partial(_stiffness, space), chunks), [space.cells[chunk.elements] for chunk in chunks]
-    every = np.concatenate(cells)
+    across = [block[:, :30].swapaxes(1, 2) for block in blocks]
+    every, starts = np.concatenate(cells), np.cumsum([0, *map(len, cells)])
     base, count, held = space.base, space.count, free - space.base
     on_all, on_cubics = sum_matrix(every, count), sum_matrix(every[:, 10:] - base, count - base)
+    nodes_of, cubics_of = [at[:, :10] for at in cells], [at[:, 10:] - base for at in cells]
     bedding = (csr_array((count, count)) if springs is None else springs)[:, base:]
+
+    @cache
+    def scratch(width: int, loads: int) -> Floats:  # tens of megabytes, slow to allocate anew
+        return np.empty((len(every), width, loads))
+
+    def sum_forces(blocks: list[Floats], motion: Floats, places: list[Ints], scatter: csr_array) -> Floats:
+        """Return the elements' forces (functions, 3 loads) due to motion (functions, 3, loads) at places."""
+        loads = motion.shape[2]
+        local = scratch(blocks[0].shape[1], loads)
+
+        def fill(block: Floats, at: Ints, start: int) -> None:
+            np.matmul(block, motion[at].reshape(-1, 30, loads), out=local[start : start + len(at)])
+
+        on_all_cores(fill, blocks, places, starts[:-1])
+        return scatter @ local.reshape(-1, 3 * loads)
 
     def push(coordinates: Floats) -> tuple[Floats, Floats]:
         """Return the forces due to motion of the cubics, on nodes and on cubics."""
         loads = coordinates.shape[1]
         high = np.zeros((count - base, 3, loads))
         high[held] = coordinates.reshape(-1, 3, loads)
-        parts = on_all_cores(lambda a, at: a @ high[at[:, 10:] - base].reshape(-1, 30, loads), blocks, cells)
-        forces = on_all @ np.concatenate(parts).reshape(-1, 3 * loads)
+        forces = sum_forces(blocks, high, cubics_of, on_all)
         if springs is not None:
             forces += bedding @ high.reshape(-1, 3 * loads)
         return supports.restrict(forces[:base].reshape(-1, loads)), forces[base:][held].reshape(-1, loads)
@@ -71,10 +87,7 @@ def apply_by_blocks(
         """Return the forces on the cubics due to motion of the nodes."""
         loads = coordinates.shape[1]
         low = supports.expand(coordinates).reshape(-1, 3, loads)
-        parts = on_all_cores(
-            lambda a, at: a[:, :30].swapaxes(1, 2) @ low[at[:, :10]].reshape(-1, 30, loads), blocks, cells
-        )
-        forces = on_cubics @ np.concatenate(parts).reshape(-1, 3 * loads)
+        forces = sum_forces(across, low, nodes_of, on_cubics)
         return (forces + bedding[:base].T @ low.reshape(-1, 3 * loads))[held].reshape(-1, loads)
 
     def apply(coordinates: Floats) -> Floats:
