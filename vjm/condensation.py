@@ -29,7 +29,7 @@ from stiffscope.vjm.screws import Frame
 from stiffscope.vjm.semidefinite import half_inverse, multiply_transposed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Container, Iterator, Sequence
 
     from stiffscope.vjm.loading import ChainLoads, Loads, Response
     from stiffscope.vjm.network import Places
@@ -59,10 +59,6 @@ class Stiff:
     def fit(self) -> Array | None:
         """Least-squares map (n, k, 6) from a twist to free coordinates; None without any."""
         return fit_free_motions(self.free, self.length) if self.free.shape[2] else None
-
-    def find_rates(self, free: Array) -> Array:
-        """Return rates (n, k, c) of the free motions from the twist (n, 6, c) without strain."""
-        return np.zeros((1, 0, free.shape[2])) if self.fit is None else self.fit @ free
 
     def carry(self, load: CondensedLoads) -> tuple[ChainLoads, Array]:
         """Carry loads to its ends; return them, and the wrench (n, 6, c) that holds the end."""
@@ -104,7 +100,7 @@ class Stiff:
         """Recover its members and inner nodes from its ends."""
         along, preload = kept
         span = out.nodes[self.connection.end] - out.nodes[self.connection.start]
-        along.follow(out, self.stiffness @ span + preload, span, self.find_rates)
+        along.follow(out, self.stiffness @ span + preload, span, None, self.fit)
 
     def stresses(self, kept: tuple[ChainLoads, Array]) -> Iterator[Array]:
         """Yield strains (n, k, c) with its ends fixed, whose squares are twice the energy."""
@@ -216,23 +212,22 @@ class Condensed:
 
     def add(self, a: str, b: str, stiffness: Array) -> None:
         """Add a stiffness (n or 1, 6, 6) between two nodes."""
-        if (b, a) in self.pairs:
-            self.pairs[b, a] = self.pairs[b, a] + stiffness.mT
-        elif (a, b) in self.pairs:
-            self.pairs[a, b] = self.pairs[a, b] + stiffness
-        else:
-            self.pairs[a, b] = stiffness
+        pair, k = ((b, a), stiffness.mT) if (b, a) in self.pairs else ((a, b), stiffness)
+        self.pairs[pair] = self.pairs[pair] + k if pair in self.pairs else k
 
 
 def condense_network(order: Order, where: Places) -> Condensed:
     """Condense a network. Raises InfiniteStiffnessError if a connection is infinitely stiff."""
     state = Condensed(order, where)
+    ready: dict[Connection, Array] = {}
+    if where.rigid:
+        ready.update(zip((c for c, _ in order.constant), _carry_constants(order, where), strict=True))
     if len(where.tool) <= FEW:
         where.look_at(order.moving if where.rigid else order.elements)
-    ready = iter(_carry_constants(order, where) if where.rigid else ())
+        ready.update(_stiffen_alike(order, where, ready))
     for step in order.steps:
         if isinstance(step, Connection):
-            state.gone.append(_stiffen(state, step, ready))
+            state.gone.append(_stiffen(state, step, ready.get(step)))
         else:
             state.gone.append(_fold(state, step))
     return state
@@ -293,10 +288,23 @@ def _carry_columns(order: Order, where: Places) -> None:
                 r, k = after
 
 
-def _stiffen(state: Condensed, connection: Connection, ready: Iterator[Array]) -> Stiff:
-    if connection.constant is not None and state.where.rigid:
-        stiffness = next(ready)
-    else:
+def _stiffen_alike(order: Order, where: Places, ready: Container[Connection]) -> Iterator[tuple[Connection, Array]]:
+    """Stiffen other connections of as many columns at once: for few poses call overhead dominates."""
+    alike: dict[tuple[int, ...], list[tuple[Connection, Array, Array]]] = {}
+    for c in order.steps:
+        if isinstance(c, Connection) and c not in ready:
+            factor, free = c.flexible(where)
+            if len(factor) == len(free):
+                alike.setdefault((factor.shape[2], free.shape[2]), []).append((c, factor, free))
+    for some in alike.values():
+        connections, *columns = zip(*some, strict=True)
+        stiffness, finite = form_stiffness(*map(np.concatenate, columns), order.length)
+        if finite:
+            yield from zip(connections, np.split(stiffness, len(some)), strict=True)
+
+
+def _stiffen(state: Condensed, connection: Connection, stiffness: Array | None) -> Stiff:
+    if stiffness is None:
         columns = connection.flexible(state.where)
         stiffness, finite = form_stiffness(*columns, state.order.length)
         if not finite:

@@ -234,22 +234,16 @@ def _own_rows(out: Coordinates, e: Element, own: dict[str, Rows]) -> Rows:
 
 def _place_nodes(out: Coordinates, tree: list[Element], own: dict[str, Rows]) -> None:
     """Set the twists of all nodes, outward from the ground and from free roots."""
-    at: dict[str, list[Element]] = {}
-    for e in tree:
-        at.setdefault(e.first, []).append(e)
-        at.setdefault(e.second, []).append(e)
     for start in list_nodes(out.mechanism):
         if start in out.twists:
             continue
-        still = start == GROUND
-        columns = out.more(0 if still else 6)
+        columns = out.more(0 if start == GROUND else 6)
         out.twists[start] = Rows(columns, np.eye(6)[None, :, : len(columns)])
         queue = [start]
-        while queue:
-            here = queue.pop()
-            for e in at.get(here, []):
+        for here in queue:
+            for e in tree:
                 there = e.second if e.first == here else e.first
-                if there in out.twists:
+                if here not in {e.first, e.second} or there in out.twists:
                     continue
                 own[e.name] = _own_rows(out, e, own)
                 step = own[e.name].after(stack_columns(out.where.columns(e)))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -131,9 +130,8 @@ def _close_loops(edges: Edges, paths: dict[str, Way], chords: list[int]) -> list
 def _find_paths(edges: Edges, some: Sequence[int], start: str) -> dict[str, Way]:
     """Return breadth-first paths along some edges from a body to all others."""
     ways: dict[str, Way] = {start: []}
-    queue = deque([start])
-    while queue:
-        here = queue.popleft()
+    queue = [start]
+    for here in queue:
         for k in some:
             first, second = edges[k]
             there = second if here == first else first if here == second else None

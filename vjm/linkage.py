@@ -7,7 +7,6 @@ equations: the held components of the relative displacement of its two links.
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
@@ -145,9 +144,8 @@ class Linkage:
         if self.given == "tool":
             edges.insert(0, ("", self.link_of[GROUND], self.link_of[tool.body], TOOL_MOTIONS, tool.at))
         count, frames = 0, 1
-        queue = deque([self.link_of[GROUND]])
-        while queue:
-            link = queue.popleft()
+        queue = [self.link_of[GROUND]]
+        for link in queue:
             for name, first, second, motions, at in edges:
                 if name in self.columns or link not in {first, second}:
                     continue

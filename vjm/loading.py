@@ -13,7 +13,7 @@ from stiffscope.vjm.network import END
 from stiffscope.vjm.order import stack_rows
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from stiffscope.vjm.joints import Law
     from stiffscope.vjm.network import Element, Places
@@ -161,16 +161,14 @@ class ChainLoads:
     def project(self, kinds: tuple[int, ...] = (0, 1)) -> Array:
         """Return inner loads (n, k, c) along its coordinates: strains (kind 0), then free motions (1)."""
         columns = [self.where.columns(e) for e, _ in self.connection.members]
-        work: list[Array] = []
-        for kind in kinds:
-            for c, w, laden in zip((c[kind] for c in columns), self.carried, self.laden, strict=True):
-                work.append(c.mT @ w if laden else np.zeros((1, c.shape[2], w.shape[2])))
-        return stack_rows(work)
+        members = list(zip(columns, self.carried, self.laden, strict=True))
+        each = ((c[kind], w, laden) for kind in kinds for c, w, laden in members)
+        return stack_rows(c.mT @ w if laden else np.zeros((1, c.shape[2], w.shape[2])) for c, w, laden in each)
 
-    def follow(self, out: Response, wrench: Array, span: Array, rates: Array | Callable[[Array], Array]) -> None:
+    def follow(self, out: Response, wrench: Array, span: Array, rates: Array | None, fit: Array | None = None) -> None:
         """Recover members and inner nodes; the end moved by ``span`` carries ``wrench``.
 
-        ``rates`` (n, k, c) of the free motions, or their function of the twist without strain.
+        ``rates`` (n, k, c) of the free motions, if not by ``fit`` (n, k, 6) to the twist without strain.
         """
         nothing = np.zeros((1, 6, span.shape[2]))
         members = self.connection.members
@@ -184,8 +182,9 @@ class ChainLoads:
             f = out.where.columns(e)[0]
             part = f @ (f.mT @ w) if f.shape[2] else None
             strained.append(moved if part is None else part if moved is None else part + moved)
-        if callable(rates):
-            rates = rates(reduce(np.subtract, (part for part in strained if part is not None), span))
+        if rates is None:
+            left = reduce(np.subtract, (part for part in strained if part is not None), span)
+            rates = nothing[:, :0] if fit is None else fit @ left
         node, at, ends = out.nodes[self.connection.start], 0, (*self.connection.inner, None)
         for (e, sign), w, part, end in zip(members, wrenches, strained, ends, strict=True):
             wanted = out.wanted != "nodes" or e.is_split

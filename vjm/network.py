@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 FOOT = "<base>"  # node on the base
 END = "<tool>"  # node at M
 _NOTHING = np.zeros((1, 6, 0))
+_STEADY = ("fixed", "prismatic", "spherical")  # kinds whose free directions keep to the first body
 _SEVERAL = 5  # elements from which it is faster to find their adjoints at once
 
 
@@ -96,8 +97,6 @@ class Places:
     rigid: bool = True
     """True if nothing is bent: nodes of a rigid link keep their places relative to each other."""
 
-    softened: dict[str, Array] = field(default_factory=dict[Any, Any])
-    """Factors (n, 6, 6) that replace the compliance factors of some elements."""
     known: dict[str, Array] = field(default_factory=dict[Any, Any], init=False)
     """Cached adjoints of elements."""
     seen: dict[str, tuple[Element, Array, Array]] = field(default_factory=dict[Any, Any], init=False)
@@ -105,21 +104,15 @@ class Places:
 
     def some(self, mask: NDArray[np.bool_] | NDArray[np.intp]) -> Places:
         """Return the places at some of the configurations."""
-
-        def pick(a: Array) -> Array:
-            return a[mask] if len(a) > 1 else a
-
-        rotation = {node: pick(r) for node, r in self.rotation.items()}
-        position = {node: pick(p) for node, p in self.position.items()}
-        softened = {name: pick(f) for name, f in self.softened.items()}
-        return Places(rotation, position, self.tool[mask], self.rigid, softened)
+        each = self.rotation, self.position
+        picked = ({node: a[mask] if len(a) > 1 else a for node, a in nodes.items()} for nodes in each)
+        return Places(*picked, self.tool[mask], self.rigid)
 
     def replace_some(self, mask: NDArray[np.bool_], others: Places) -> Places:
         """Return the places with those of ``others`` at some of the configurations."""
-        n = len(self.tool)
 
         def put(a: Array, b: Array) -> Array:
-            out = np.array(np.broadcast_to(a, (n, *a.shape[1:])))
+            out = np.array(np.broadcast_to(a, (len(mask), *a.shape[1:])))
             out[mask] = b
             return out
 
@@ -172,8 +165,6 @@ class Places:
 
         A spring's factor is along its joint's motions, for a rotated ball joint along geodesics.
         """
-        if element.name in self.softened:
-            return self.softened[element.name]
         if element.sprung and element.joint is not None:
             return self._spring_factor(element, element.joint)
         if self.rigid or element.joint is not None or not element.factor.shape[1]:
@@ -186,7 +177,7 @@ class Places:
     def _spring_factor(self, element: Element, joint: Joint) -> Array:
         if joint.axis2 is not None and joint.kind == "universal":
             size = np.sqrt(1.0 / joint.resistance)
-            second = (self.rotation_across(element) @ joint.axis2) @ element.axes
+            second = self.see_axis(element, joint.axis2)
             out = np.repeat(element.factor[None], len(second), axis=0)
             out[:, 3:, -1] = size * second
             return out
@@ -197,9 +188,10 @@ class Places:
         out[:, 3:, -3:] = _soften_turned(vector) @ out[:, 3:, -3:]
         return out
 
-    def rotation_across(self, element: Element) -> Array:
-        """Rotation (n or 1, 3, 3) of an element's second node against its first."""
-        return self.rotation[element.first].mT @ self.rotation[element.second]
+    def see_axis(self, element: Element, axis: Array) -> Array:
+        """Return an axis (3,) fixed to an element's second node in the element's axes, (n or 1, 3)."""
+        turned = (self.rotation[element.second].reshape(-1, 3) @ axis).reshape(-1, 3)
+        return np.einsum("nji,nj->ni", self.axes(element.first, element.axes), turned)
 
     def point(self, node: str, home: Array) -> Array:
         """Return the base coordinates (n or 1, 3) of a point (3,) of a node's body."""
@@ -339,17 +331,13 @@ def _soften_turned(vector: Array) -> Array:
 def free_directions(element: Element, where: Places) -> Array:
     """Return free directions (n or 1, 6, k) in the element's axes."""
     joint = element.joint
-    if (
-        joint is None
-        or (where.rigid and joint.kind != "universal")
-        or joint.kind in {"fixed", "prismatic", "spherical"}
-    ):
+    if joint is None or joint.kind in _STEADY or (where.rigid and joint.kind != "universal"):
         return element.free[None]
     axis = joint.axis2 if joint.kind == "universal" else joint.axis
     turn = np.flatnonzero(element.free[3:].any(axis=0))  # its axis is on the second body
     if axis is None or not turn.size:
         return element.free[None]
-    second = (where.rotation_across(element) @ axis) @ element.axes
+    second = where.see_axis(element, axis)
     out = np.repeat(element.free[None], len(second), axis=0)
     out[:, 3:, turn[-1]] = second
     return out

@@ -260,8 +260,8 @@ class _Planner:
                 for e, _ in c.members
             )
             columns = (frame.inverse_adjoint() @ stack_columns([factor, free]))[0] if all(still) else None
-            carry = frame.adjoint()
-            return replace(c, constant=carry.mT @ k @ carry, columns=columns, formable=True)
+            k = frame.adjoint().mT @ k @ frame.adjoint()
+            return replace(c, constant=k, columns=columns, formable=True)
         return replace(c, formable=formable)
 
 
@@ -277,15 +277,17 @@ def stack_columns(blocks: Iterable[Array]) -> Array:
     parts = [b for b in parts if b.shape[2]] or parts[:1]
     if len(parts) == 1:
         return parts[0]
-    n = max(map(len, parts))
-    return np.concatenate([b if len(b) == n else np.broadcast_to(b, (n, *b.shape[1:])) for b in parts], axis=-1)
+    return _concatenate(parts, -1)
 
 
 def stack_rows(blocks: Iterable[Array]) -> Array:
     """Concatenate rows (n or 1, r, c) of blocks."""
-    parts = list(blocks)
+    return _concatenate(list(blocks), 1)
+
+
+def _concatenate(parts: list[Array], axis: int) -> Array:
     n = max(map(len, parts))
-    return np.concatenate([b if len(b) == n else np.broadcast_to(b, (n, *b.shape[1:])) for b in parts], axis=1)
+    return np.concatenate([b if len(b) == n else np.broadcast_to(b, (n, *b.shape[1:])) for b in parts], axis=axis)
 
 
 def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bool]:
@@ -317,8 +319,7 @@ def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bo
     half, pivots = pivot(core, RIGID)
     least = np.minimum.accumulate(np.clip(pivots[:, :-1], _LOST, 1.0), axis=1)
     finite = bool((pivots > RIGID).all() and (pivots[:, 1:] * least > _LOST).all())
-    half = half @ p * scale[:, 0]
-    return multiply_transposed(half), finite
+    return multiply_transposed(half @ p * scale[:, 0]), finite
 
 
 def fit_free_motions(free: Array, length: float) -> Array:

@@ -89,7 +89,7 @@ def _strain_spring(e: Element, joint: Joint, where: Places) -> Array:
     """Displacement (n, 6) of a passive joint's free motions from its spring's rest, own axes."""
     back = where.rotation[e.first].mT
     gap = (back @ (where.point(e.second, e.at) - where.point(e.first, e.at))[..., None])[..., 0]
-    away = find_free_coordinates(joint, where.rotation_across(e), gap) - joint.rest
+    away = find_free_coordinates(joint, where.turn(e, np.eye(3)), gap) - joint.rest
     out = np.zeros((len(away), 6))
     if joint.kind == "spherical":
         out[:, 3:] = away @ e.axes

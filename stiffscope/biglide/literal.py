@@ -77,7 +77,7 @@ def literal_stiffness(
     """
     found = configure(mechanism, poses).require_valid()
     order, where = find_order(mechanism, found.linkage), place_nodes(found)
-    softened: dict[str, Array] = {}
+    softened = replace(where, rigid=False)
     for e in order.elements:
         if e.name not in behind:
             continue
@@ -89,8 +89,9 @@ def literal_stiffness(
             lever = (to_own @ away[..., None])[..., 0]
             hessian = hessian + load_hessian(to_own @ load.force, lever)
         c = np.linalg.solve(np.eye(6) - e.compliance @ hessian, e.compliance)
-        softened[e.name] = np.linalg.cholesky(0.5 * (c + np.swapaxes(c, -1, -2)))
-    return tool_stiffness(condense_network(order, replace(where, rigid=False, softened=softened)))
+        factor = where.adjoint(e) @ np.linalg.cholesky(0.5 * (c + np.swapaxes(c, -1, -2)))
+        softened.seen[e.name] = e, factor, where.columns(e)[1]
+    return tool_stiffness(condense_network(order, softened))
 
 
 def load_hessian(force: Array, lever: Array) -> Array:
