@@ -210,8 +210,15 @@ def _below(leader: psutil.Process) -> dict[str, list[psutil.Process]]:
     with contextlib.suppress(psutil.NoSuchProcess):
         children = leader.children()
         found = {"main": [leader], "child": children, "mesher": [each for one in children for each in one.children()]}
-        return {whom: [one for one in found[whom] if one.status() != psutil.STATUS_ZOMBIE] for whom in WHOM}
+        return {whom: list(filter(_is_ours, found[whom])) for whom in WHOM}
     return {}
+
+
+def _is_ours(process: psutil.Process) -> bool:
+    """Return whether a process lives and is of this package: one that draws also asks `xset`."""
+    with contextlib.suppress(psutil.NoSuchProcess):
+        return any("stiffscope" in word for word in process.cmdline())
+    return False
 
 
 def kill_one(process: subprocess.Popen, whom: str, moment: float, chance: random.Random) -> str:

@@ -81,7 +81,7 @@ def meshed(name, factor=1.0, layers=1):
 
     part = build(name)
     size = factor * default_size(mass_properties(part).volume, sum(face.area for face in part.faces))
-    mesh = mesh_specimen(specimen_of(part, Settings(size=size)), size=size, layers=layers)
+    mesh = mesh_specimen(specimen_of(part, Settings(size=size)), size=size, layers=layers, time_limit=1800)
     face = part.loaded[0]
     return Problem(
         mesh.points, mesh.cells, mesh.facets, mesh.facet_face, np.array(sorted(part.clamped)),
