@@ -88,6 +88,10 @@ class Instance:
         """Inertia (3, 3) about the centre for a density of 1, m⁵, assembly axes."""
         return self.rotation @ self.product.inertia @ self.rotation.T
 
+    def place_axis(self, form: Turned) -> tuple[Array, Array]:
+        """Return point and axis (3,) of the form at the instance's place."""
+        return self.rotation @ form.point + self.origin, self.rotation @ form.axis
+
     @cached_property
     def solid(self) -> "Solid":
         """The solid at its place, mm."""

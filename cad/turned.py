@@ -13,7 +13,6 @@ from stiffscope import cad
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.cad.assembly import Instance
     from stiffscope.cad.faces import FaceGeometry
     from stiffscope.cad.kernel import Face
     from stiffscope.runtime.types import Array
@@ -60,10 +59,6 @@ class Turned:
     def middle(self) -> float:
         """Mean radius of a ring, m."""
         return 0.5 * (self.bore + self.radius)
-
-    def place(self, solid: Instance) -> tuple[Array, Array]:
-        """Return the point and axis (3,) in the axes of the assembly."""
-        return solid.rotation @ self.point + solid.origin, solid.rotation @ self.axis
 
     @property
     def bore(self) -> float:

@@ -35,27 +35,11 @@ class _Hole:
 def select_interfaces(
     solid: "Solid", chosen: Mapping[str, Sequence[FaceSelector]], name: str
 ) -> tuple["Solid", dict[str, frozenset[int]]]:
-    """Select the faces of every interface, and imprint its washers.
+    """Return a solid with the rims of its washers as edges, and face indices by interface.
 
-    Parameters
-    ----------
-    solid
-        Solid of the CAD kernel, mm.
-    chosen
-        Selectors by interface; those with a ``washer`` select holes, others faces without washers.
-    name
-        Name of the part for messages.
-
-    Returns
-    -------
-    solid, faces
-        The solid with the washer rims as edges, and face indices by interface.
-
-    Raises
-    ------
-    InputError
-        If a selector matches nothing, or a washer is no wider than its hole, reaches beyond its
-        face, or overlaps another one.
+    ``chosen``: selectors by interface; those with a ``washer`` select holes, others faces without
+    washers. Raises InputError, which names the part, if a selector matches nothing, or a washer is
+    no wider than its hole, reaches beyond its face, or overlaps another one.
     """
     plain = {each: [one for one in some if one.washer is None] for each, some in chosen.items()}
     wanted = {each: some for each, some in plain.items() if some or not chosen[each]}

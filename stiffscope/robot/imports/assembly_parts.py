@@ -15,8 +15,8 @@ from stiffscope.cad.materials import MATERIALS
 from stiffscope.errors import InputError
 from stiffscope.robot.file.parse import place_of
 from stiffscope.robot.imports.compiled_model import print_safely
-from stiffscope.robot.imports.import_model import check_text, to_toml, toml_key, vector_text
 from stiffscope.robot.imports.import_record import RECORD, parts_folder
+from stiffscope.robot.imports.robot_text import check_text, to_toml, toml_key, vector_text
 from stiffscope.runtime.output import scratch_folder, write_bytes
 from stiffscope.runtime.reading import show_path
 

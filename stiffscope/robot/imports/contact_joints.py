@@ -80,7 +80,7 @@ def _bonds_of(
             found.append(Bond(joint.first, joint.second, rows, each, joint.label, at))
     for small, large in hardware.pairs:  # a cone leaves the spin alone, too
         form, ring = solids[small].product.form, solids[small]
-        axis = np.array([0.0, 0.0, 1.0]) if form is None else form.place(ring)[1]
+        axis = np.array([0.0, 0.0, 1.0]) if form is None else ring.place_axis(form)[1]
         found.append(Bond(small, large, hold("cone", axis, ring.centre / scale), None))
     return found
 

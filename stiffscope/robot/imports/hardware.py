@@ -234,7 +234,7 @@ def _is_about_axis(contact: Contact, solid: Instance) -> bool:
     """Return whether a contact is about the axis of a solid."""
     if solid.product.form is None:
         return False
-    point, axis = solid.product.form.place(solid)
+    point, axis = solid.place_axis(solid.product.form)
     aside = np.linalg.norm(np.cross(axis, contact.point - point))
     return bool(np.linalg.norm(np.cross(axis, contact.axis)) < 1e-4 and (contact.kind == "plane" or aside < 1e-5))
 
@@ -263,7 +263,7 @@ def _find_between(inner: int, outer: int, solids: Sequence[Instance]) -> list[in
     small, large = solids[inner].product.form, solids[outer].product.form
     if inner == outer or small is None or large is None or not small.radius < large.radius:
         return []
-    (point, axis), (other, along) = small.place(solids[inner]), large.place(solids[outer])
+    (point, axis), (other, along) = solids[inner].place_axis(small), solids[outer].place_axis(large)
     across = np.linalg.norm(np.cross(axis, other - point))
     parallel = np.linalg.norm(np.cross(axis, along))
     middles = [float(axis @ (solids[n].centre - point)) for n in (inner, outer)]

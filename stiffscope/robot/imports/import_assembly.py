@@ -27,10 +27,10 @@ from stiffscope.robot.imports.compiled_model import GROUND, print_safely
 from stiffscope.robot.imports.contact_joints import find_joints, measure_size
 from stiffscope.robot.imports.doubts import Doubt, doubt_twins, gather_alike
 from stiffscope.robot.imports.hardware import find_hardware
-from stiffscope.robot.imports.import_model import driven, robot_text
 from stiffscope.robot.imports.import_record import check_place, make_record, parts_folder, tell_changes
 from stiffscope.robot.imports.model_tool import choose_coordinates
 from stiffscope.robot.imports.part_motions import Freedom, tool_motions
+from stiffscope.robot.imports.robot_text import driven, robot_text
 from stiffscope.robot.imports.said import Said, as_said, match_solids, said_beside, said_of
 from stiffscope.robot.imports.simulator_model import ModelBody, ModelJoint, SimulatorModel, find_distances
 from stiffscope.runtime.reading import show_path

@@ -114,8 +114,8 @@ def _faces_at(solid: Instance, joint: ModelJoint) -> tuple[int, ...]:
         lever, off = joint.at - face.origin, np.inf
         if face.kind == "sphere" and joint.kind == "spherical":
             off = np.linalg.norm(lever)
-        elif face.kind == "cylinder" and joint.kind in LED:
-            off = np.linalg.norm(np.cross(face.axis, [lever, joint.axis]))
+        elif face.kind == "cylinder" and joint.kind in LED and joint.axis is not None:
+            off = np.linalg.norm(np.cross(face.axis, np.array([lever, joint.axis])))
         if off < _NEAR:
             about.append((float(np.linalg.norm(face.centroid - joint.at)), face.radius, face.index))
     if about:
