@@ -297,10 +297,10 @@ def _stiffen_alike(order: Order, where: Places, ready: Container[Connection]) ->
             if len(factor) == len(free):
                 alike.setdefault((factor.shape[2], free.shape[2]), []).append((c, factor, free))
     for some in alike.values():
-        connections, *columns = zip(*some, strict=True)
-        stiffness, finite = form_stiffness(*map(np.concatenate, columns), order.length)
+        factors, free = np.concatenate([f for _, f, _ in some]), np.concatenate([n for _, _, n in some])
+        stiffness, finite = form_stiffness(factors, free, order.length)
         if finite:
-            yield from zip(connections, np.split(stiffness, len(some)), strict=True)
+            yield from zip([c for c, _, _ in some], np.split(stiffness, len(some)), strict=True)
 
 
 def _stiffen(state: Condensed, connection: Connection, stiffness: Array | None) -> Stiff:

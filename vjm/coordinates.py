@@ -13,7 +13,7 @@ from functools import reduce
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from scipy.cluster.hierarchy import DisjointSet
+from scipy.cluster.hierarchy import DisjointSet  # pyright: ignore[reportMissingTypeStubs]
 
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.dynamics import factor_semidefinite
@@ -213,7 +213,7 @@ def _invert_columns(e: Element, unit: Array) -> Array | None:
 
 def _grow_forest(elements: list[Element]) -> tuple[list[Element], list[Element]]:
     """Return a spanning forest, elements with few coordinates first, and those that close loops."""
-    joined = DisjointSet({node for e in elements for node in (e.first, e.second)})
+    joined: Any = DisjointSet({node for e in elements for node in (e.first, e.second)})
     tree: list[Element] = []
     chords: list[Element] = []
     for e in sorted(elements, key=lambda e: e.factor.shape[1] + e.free.shape[1]):

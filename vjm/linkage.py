@@ -9,10 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-from scipy.cluster.hierarchy import DisjointSet
+from scipy.cluster.hierarchy import DisjointSet  # pyright: ignore[reportMissingTypeStubs]
 
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.screws import rotation_of, skew
@@ -129,7 +129,7 @@ class Linkage:
             known = j.drive is not None and self.given == "drives"
             return count - known, j.drive is None
 
-        joined = DisjointSet(range(links))
+        joined: Any = DisjointSet(range(links))
         if self.given == "tool":
             joined.merge(self.link_of[self.mechanism.tool.body], self.link_of[GROUND])
         ends = {j.name: (self.link_of[j.first], self.link_of[j.second]) for j in sorted(joints, key=unknown)}

@@ -206,7 +206,8 @@ def chain_loads(where: Places, load: CondensedLoads, connection: Connection) -> 
     """Collect loads and offsets along a connection."""
     none: Array = np.zeros((1, 6, load.loads.cases))
     total, offset, offsets = none, none, load.loads.offsets
-    each, laden = [none], [False]
+    each: list[Array] = [none]
+    laden = [False]
     for node in reversed(connection.inner):
         if node in load.forces:
             total = load.forces[node] if total is none else total + load.forces[node]

@@ -104,9 +104,11 @@ class Places:
 
     def some(self, mask: NDArray[np.bool_] | NDArray[np.intp]) -> Places:
         """Return the places at some of the configurations."""
-        each = self.rotation, self.position
-        picked = ({node: a[mask] if len(a) > 1 else a for node, a in nodes.items()} for nodes in each)
-        return Places(*picked, self.tool[mask], self.rigid)
+        rotation, position = (
+            {node: a[mask] if len(a) > 1 else a for node, a in nodes.items()}
+            for nodes in (self.rotation, self.position)
+        )
+        return Places(rotation, position, self.tool[mask], self.rigid)
 
     def replace_some(self, mask: NDArray[np.bool_], others: Places) -> Places:
         """Return the places with those of ``others`` at some of the configurations."""

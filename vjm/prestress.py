@@ -318,7 +318,7 @@ def order_rotations(state: ElementState) -> tuple[Array, Array]:
         hessian = axes @ hessian @ axes.mT
         fits = axes.shape[1] < 4
         moment = moment @ (axes.mT @ inverse(axes @ axes.mT) if fits else inverse(axes.mT @ axes) @ axes.mT)
-    k = np.arange(hessian.shape[1])
+    k: Array = np.arange(hessian.shape[1], dtype=float)
     return hessian * np.sign(k - k[:, None]), np.concatenate([np.zeros_like(moment), moment], axis=1)
 
 

@@ -54,7 +54,6 @@ def findings_on_paper(robot: RobotFile, solid: np.ndarray | None) -> list[Findin
     -------
     list of Finding
         One finding for each published number.
-
     """
     matrices = part_matrices(robot, "published")
     model = published_model(mechanism_of(robot, matrices), robot.parameters)

@@ -118,7 +118,6 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     ------
     SystemExit
         Exit code: 0 success, 2 bad input (one line on standard error), 1 any other error.
-
     """
     sys.exit(_guarded(sys.argv[1:] if arguments is None else arguments))
 

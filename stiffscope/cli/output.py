@@ -84,7 +84,6 @@ def emit(
         Name of a JSON file of the folder with the answer, if any.
     also
         Writes further files of the command after folder and JSON were written.
-
     """
     if callable(answer) and (output.json or kept):
         answer = answer()

@@ -42,7 +42,6 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
         Tool poses as text: names of poses, or coordinates such as "0,0,350 mm".
     joints
         Displacements of drives from home as text, e.g. "leg1.motor=10 deg"; excludes ``at``.
-
     """
     if at and joints:
         raise InputError("--joints: expected either poses with --at or drives with --joints, got both")

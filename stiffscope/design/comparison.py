@@ -71,7 +71,6 @@ def compare_robots(
     ------
     InputError
         Their poses have different coordinates, or no named pose is reachable for both.
-
     """
     if first.tool.pose != second.tool.pose:
         got = " and ".join(" ".join(robot.tool.pose) for robot in (first, second))

@@ -129,7 +129,6 @@ def map_robot(
         Points along each side of the map.
     gravity
         Whether the robot's own weight acts.
-
     """
     section = require_map(robot)
     return map_stiffness(mechanism, section.ranges(), points, gravity=gravity, at=section.at)
@@ -167,7 +166,6 @@ def map_stiffness(
     ------
     InputError
         The ranges are not two coordinates of the tool, or no pose is reachable.
-
     """
     if len(ranges) != 2:
         raise _refuse_ranges("two", mechanism, ranges)
@@ -211,7 +209,6 @@ def map_volume(
     ------
     InputError
         The ranges are not such coordinates, or no pose is reachable.
-
     """
     pose = mechanism.tool.pose
     if len(ranges) not in {2, 3} or not set(ranges) <= set(pose):

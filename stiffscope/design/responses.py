@@ -132,7 +132,6 @@ def quantities(
         The parts' matrices by name.
     mass
         Mass of the robot's solids, kg.
-
     """
     n = len(found)
     out: dict[str, np.ndarray] = {}

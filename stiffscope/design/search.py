@@ -66,7 +66,6 @@ def search(study: StudyFile, evaluate: Evaluate, part: tuple[int, int] = (1, 1))
         Evaluates designs.
     part
         (i, n): share i of n of a sweep.
-
     """
     if study.method not in SWEEPS:
         return _SEARCHES[study.method](study, evaluate)

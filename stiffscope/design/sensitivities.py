@@ -49,7 +49,6 @@ def part_sensitivities(orders: Sequence[PartOrder], shop: Workshop) -> list[Part
     ------
     InputError
         A part cannot be built, meshed or clamped as requested.
-
     """
     load = partial(shop.cache.load, [KIND], read=read_sensitivity)
     held = {order: load(key=order.key()) for order in dict.fromkeys(orders)}
@@ -137,7 +136,6 @@ def sensitivity(
     ------
     InputError
         The part does not exist or is not a solid, or a pose is out of reach.
-
     """
     with workshop() as shop:
         if part is not None:

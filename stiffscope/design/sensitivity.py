@@ -126,7 +126,6 @@ def robot_sensitivity(
     ------
     InputError
         A pose is out of reach.
-
     """
     at = np.asarray(poses, dtype=float)
     model = _Model(robot, at, components, experiments or {}, derivatives or {})

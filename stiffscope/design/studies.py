@@ -136,7 +136,6 @@ def study(
     ------
     InputError
         The file is invalid, or the scheduler does not respond.
-
     """
     place = None if folder is None else Path(folder)
     return run_study(load_study(path), place, workers=workers, scheduler=scheduler, part=part)
@@ -162,7 +161,6 @@ def run_study(
         Address of a Dask scheduler; None for local processes.
     part
         (i, n): share i of n of a sweep.
-
     """
     check_part(file, part)
     with (
@@ -180,7 +178,6 @@ def merge_study(file: StudyFile, folders: Sequence[Path]) -> Study:
     ------
     InputError
         A folder has no share of the study in its current state, or a share is missing.
-
     """
     if file.method not in SWEEPS:
         sweep = f"a sweep ({', '.join(SWEEPS)}), which has shares"

@@ -119,7 +119,6 @@ def load_study(path: str | Path) -> StudyFile:
     ------
     InputError
         The file is invalid; the message names file, line, field, expected and found value.
-
     """
     path = Path(path)
     source = Source(path, reading.read_text(path, "a study's file in TOML"))

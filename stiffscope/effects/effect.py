@@ -278,7 +278,6 @@ class Effect:
             Parameters at this place; by default all of the effect's.
         more
             Fields of the candidate that override the defaults.
-
         """
         given = self.parameters if parameters is None else parameters
         physical, internal = self.conversion or (_keep, _keep)

@@ -57,7 +57,6 @@ def soften(nominal: NominalRobot, names: Sequence[str], u: Array) -> Changes:
         Names of the elements.
     u
         Relative growth of the compliances (1,).
-
     """
     out: Changes = {}
     for name in names:

@@ -73,7 +73,6 @@ def apply_effect(robot: NominalRobot, effect: str, place: str, parameters: Mappi
     ------
     InputError
         For names that are not in the vocabulary, and for an effect that is not part of the robot.
-
     """
     if effect not in EFFECTS:
         raise InputError(f"effect: expected one of {', '.join(EFFECTS)}, got {effect!r}")

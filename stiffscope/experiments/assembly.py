@@ -107,7 +107,6 @@ def assemble_robots(
         Runs the experiments.
     whole, near
         See `solve_parts`, by part; without `whole` modes are omitted, in half the time.
-
     """
     orders: dict[tuple[str, str], PartOrder] = {}
     for label, robot in robots.items():

@@ -179,7 +179,6 @@ def solve_parts(
     ------
     InputError
         If a part cannot be built, meshed or held as requested.
-
     """
     kinds = [WHOLE] if whole else [CONDENSED, WHOLE] if near is None else [CONDENSED, WHOLE, MOVED]
     found: dict[PartOrder, PartResult] = {}

@@ -111,7 +111,6 @@ def compare_interfaces(robot: RobotFile, part: str, shop: Workshop) -> Compariso
     ------
     InputError
         If the part does not exist or is not a testable solid.
-
     """
     apart = getattr(robot.parts.get(part), "pads", None) == "apart"
     base = _with(robot, part, {"pads": "together"}) if apart else robot

@@ -26,7 +26,6 @@ def robot_document(robot: RobotFile, target: Path, components: str | None = None
         Path of the new file; paths of STEP files and meshes become relative to it.
     components
         Source of the matrices of rods and plates to write; None keeps that of the file.
-
     """
     document: Any = tomlkit.parse(robot.source.text)
     for key, text in robot.source.changed.items():

@@ -55,7 +55,6 @@ def write_robot(
         Output folder.
     manifest
         Record of the run.
-
     """
     mechanism = assembled.mechanism
     with output.staged_folder(out) as folder:

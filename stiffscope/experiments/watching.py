@@ -103,7 +103,6 @@ def differences(
         Robot before and after a file was saved.
     former, present
         Checksums of its files before and after, from `digest_sources`.
-
     """
     known, now = former or {}, present or {}
     files = [f"content of {name}" for name in now if known.get(name, now[name]) != now[name]]

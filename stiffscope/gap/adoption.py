@@ -59,7 +59,6 @@ def adopt(
     ------
     InputError
         The verdict is neither "identified" nor "partly", or the file cannot contain all effects.
-
     """
     if diagnosis.verdict not in {"identified", "partly"}:  # whose effects are certain
         raise InputError(

@@ -71,7 +71,6 @@ def diagnose_campaign(
     ------
     InputError
         For unreachable poses, or if there is neither a robot nor predictions.
-
     """
     return conclude(find(forward_model(campaign, robot), progress))
 

@@ -217,7 +217,6 @@ def draw_sensors(
         Campaign whose sensors and loads are marked.
     folder
         Folder to write to.
-
     """
     mechanism, shown = found.mechanism, []
     arrows = marks(campaign, mechanism)

@@ -60,7 +60,6 @@ def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Com
     -------
     Comparison
         Entries side by side, and findings as sentences.
-
     """
     simple = parts_of.beam_compliance(robot, name, euler_bernoulli)
     beam = parts_of.beam_compliance(robot, name)

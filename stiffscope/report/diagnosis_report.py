@@ -67,7 +67,6 @@ def write_diagnosis_report(
         Heading, and facts about the campaign and the model.
     view
         Rotatable view of the robot from `share_view`.
-
     """
 
     def figures(stem: str) -> list[Figure]:
@@ -108,7 +107,6 @@ def share_view(report: Draft, assembled: Assembled, diagnosis: Diagnosis, found:
         Diagnosis of the campaign.
     found
         Configurations at the campaign's poses.
-
     """
     still = report.figure("robot.png", "", "the robot, its components coloured by their share of the gap")
     if still is None:

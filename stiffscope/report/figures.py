@@ -88,7 +88,6 @@ def write_cells(axes: Axes, grid: np.ndarray, form: str, shade: Callable[[Any], 
         Function returning the darkness (0 to 1) of each cell; dark cells get white text.
     size
         Font size (points).
-
     """
     dark = np.ma.filled(shade(grid), 0.0) > 0.45
     for i, j in np.argwhere(np.isfinite(grid)):

@@ -70,7 +70,6 @@ def write_pictures(orders: Sequence[Order], cache: Cache, manifest: Manifest) ->
         Cache of results.
     manifest
         Record of how the results were made.
-
     """
     with ThreadPoolExecutor(AT_ONCE) as pool:
         made = [pool.submit(_keep_pictures, order, cache) for order in orders]
@@ -114,7 +113,6 @@ def shares_ahead(
         Files of the campaign with their checksums, which determine the diagnosis together with the robot.
     cache
         Cache of results.
-
     """
     packages = ("stiffscope", "stiffscope.cad", "stiffscope.fea", "stiffscope.vjm")
     code = code_version(packages, ("numpy", "scipy", "pyvista", "vtk", "matplotlib"))
@@ -161,7 +159,6 @@ def order_shares(
         Folder to write to.
     ahead
         Prepared picture from `shares_ahead`.
-
     """
     where, mechanism = diagnosis.where, assembled.mechanism
     if not where.component:
@@ -224,7 +221,6 @@ def draw_deflection(
         Wrenches to show, by pose.
     folder
         Folder to write to.
-
     """
     shown = []
     for k, (name, (case,)) in enumerate(zip(names, cases, strict=True)):

@@ -236,7 +236,6 @@ def view_html(assembled: Assembled, setting: Setting, draw_now: Callable[..., No
         Robot, and its pose and load; an unreachable pose is replaced by home.
     draw_now
         Drawing function from `stiffscope.report.pictures.open_drawing`.
-
     """
     mechanism = assembled.mechanism
     found = configure(mechanism, [setting.pose])

@@ -249,7 +249,6 @@ def open_server(robot: LiveRobot, port: int = 0) -> Server:
     ------
     InputError
         The port is taken.
-
     """
     loop, token = asyncio.get_running_loop(), secrets.token_urlsafe(16)
     sockets: set[_Socket] = set()

@@ -46,7 +46,6 @@ def draw_load_curve(names: Sequence[str], curve: LoadCurve, folder: Path) -> Non
         Displacements at each load.
     folder
         Folder to write to.
-
     """
 
     def draw() -> Figure:

@@ -99,7 +99,6 @@ def draw_map(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: 
         Title.
     *targets
         Files, PNG or SVG according to their suffix.
-
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -58,7 +58,6 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
         Modes to draw.
     folder
         Folder to write to.
-
     """
     steps = np.arange(-_STEPS // 4, _STEPS // 4 + 1)
     sines = np.sin(0.5 * np.pi * steps / (_STEPS // 4))

@@ -139,7 +139,6 @@ def deformed(experiment: Experiment) -> Picture:
     ------
     PictureError
         This machine cannot draw; the message names what is missing.
-
     """
     with scratch_folder() as folder:
         held = folder / "experiment.npz"
@@ -178,7 +177,6 @@ def stiffness_map(
     ------
     InputError
         The ranges are not two coordinates of the tool, or no pose is reachable.
-
     """
     found = map_stiffness(mechanism, ranges, points, at=at)
     with scratch_folder() as folder:
@@ -204,7 +202,6 @@ def view(shown: Mechanism | Configurations | Stiffness | Modes, robot: RobotFile
     ------
     InputError
         A pose is unreachable, or ``shown`` has another type.
-
     """
     from stiffscope.report.robot_scene import scene
     from stiffscope.report.robot_view import mode_cases, unit_wrenches

@@ -206,7 +206,6 @@ def write_page(
         Leading sentence.
     watched
         Name of this state of a reloading page; empty for a static page.
-
     """
     filled = [section for section in sections if section]
     given = {"title": title, "facts": facts, "sections": filled, "lead": lead, "watched": watched}

@@ -269,7 +269,6 @@ def write_path_page(
         The path, and its compensated commands, if any.
     found, cases
         Configuration at the greatest error, and the loads to show there.
-
     """
     still = report.figure("deflection_1.png", "The robot at the greatest error.", "the robot deformed")
     said = "Von Mises stress of the part where it is greatest, at the greatest error."

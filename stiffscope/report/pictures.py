@@ -51,7 +51,6 @@ def draw(picture: str, target: Path, **arguments: Any) -> None:
         Drawing failed; the message states cause and remedy in one line.
     OSError
         The disk is full.
-
     """
     with open_drawing() as draw_now:
         draw_now(picture, target, **arguments)

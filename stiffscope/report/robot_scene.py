@@ -98,7 +98,6 @@ def scene(
         Robot file and its mechanism; without a file, parts are drawn as rods.
     results
         Virtual experiments by part; these parts are drawn as solids.
-
     """
     down = mechanism.gravity
     return {

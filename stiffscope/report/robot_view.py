@@ -63,7 +63,6 @@ def robot_view(
         Kind of case ("load", "mode"), and the quantity of the shares.
     moving
         Whether the viewer starts with an animated vibration.
-
     """
     mechanism = found.mechanism
     nodes = [node for body in mechanism.bodies for node in body.nodes]
@@ -114,7 +113,6 @@ def wrench_cases(mechanism: Mechanism, found: Configurations, loads: Mapping[str
         Configurations at the poses.
     loads
         Wrenches (6,) at M, N and N·m, by label on the page.
-
     """
     return read_cases(respond(mechanism, found, np.column_stack(list(loads.values()))), loads)
 

@@ -63,7 +63,6 @@ class Draft:
             Caption and still picture.
         start
             Initial deformation, in percent of the default exaggeration.
-
         """
         source = self.folder / GEOMETRY
         if not source.exists():
@@ -85,7 +84,6 @@ class Draft:
         ----------
         title, facts, sections, lead, watched
             As in `stiffscope.report.page.write_page`.
-
         """
         there = []
         for section in sections:
@@ -105,7 +103,6 @@ class Draft:
             What the page is about, for its title.
         sections, watched
             As in `stiffscope.report.page.write_page`.
-
         """
         weight = ", ".join(f"{g:z.4g}" for g in assembled.mechanism.gravity)
         facts = [f"parts: {sources(assembled)}", AT_M, f"gravity ({weight}) m/s²"]
@@ -125,7 +122,6 @@ def write_run_report(report: Draft, assembled: Assembled, parts: Sequence[Shown]
         Tables of the parts, as the terminal showed them.
     watched
         Name of this state of a reloading page; empty for a static page.
-
     """
     view = _show_loaded(report, assembled, assembled.robot.poses)
     kinds = "compliance.json", "experiment.npz", "fields.vtu", "{}.step", "{}.stl"
@@ -153,7 +149,6 @@ def write_modes_report(report: Draft, assembled: Assembled, names: Sequence[str]
         Names of the poses (n,).
     found
         Modes to show.
-
     """
     captions = {}
     for file in sorted(report.folder.glob("mode_*.png"))[:STILLS]:
@@ -182,7 +177,6 @@ def write_map_report(report: Draft, assembled: Assembled, titles: Mapping[str, s
         Robot with its parts' matrices.
     titles
         Titles of the figures by file stem.
-
     """
     poses = dict(assembled.robot.poses) or {"home": assembled.mechanism.tool.home}
     view = _show_loaded(report, assembled, poses)
@@ -212,7 +206,6 @@ def write_deflection_report(
         Configurations at the poses.
     cases
         Wrenches to show, by pose.
-
     """
     words = "the robot deformed, coloured by the " + ENERGY
     captions = {

@@ -198,7 +198,6 @@ def write_page(report: Draft, title: str, words: str) -> None:
         Title.
     words
         Description of the chart, its text alternative.
-
     """
     drawn = report.figures({"sensitivity.svg": (f"{words[0].upper()}{words[1:]} (95 %)", words)})
     sections = [Section("Sensitivities", report.shown, drawn, files=("sensitivity.json",))]

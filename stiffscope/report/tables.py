@@ -52,7 +52,6 @@ def show_stiffness(
         95 % bounds on the stiffness, propagated from the parts' experiments.
     title
         Title above the table.
-
     """
     pose = state.configurations.mechanism.tool.pose
     sags = np.any(state.sag)
@@ -93,7 +92,6 @@ def show_full_matrices(names: Sequence[str], state: Stiffness, bars: Any | None 
         Stiffness at the poses.
     bars : (n, 6, 6)
         95 % bounds on the stiffness; those of C are ``|C| |δK| |C|`` to first order.
-
     """
     scale = np.full((6, 6), 1e-3)
     scale[:3, :3] = 1e-6
@@ -147,7 +145,6 @@ def show_deflection(
         Wrench as text.
     error
         95 % bounds of the same shape; 0 if unknown.
-
     """
     groups = (("pose",), ("x µm", "y µm", "z µm"), ("rx µrad", "ry µrad", "rz µrad"))
     halves = np.abs(twist).reshape(-1, 2, 3)
@@ -172,7 +169,6 @@ def show_modes(names: Sequence[str], found: Modes, title: str) -> None:
         Modes to show.
     title
         Title.
-
     """
     rows: list[Sequence[str]] = []
     for i, name in enumerate(names):
@@ -203,7 +199,6 @@ def show_change(names: Sequence[str], old: Any, new: Any, overrides: Sequence[st
         Stiffnesses (n, 6, 6) after.
     overrides
         Overrides as given with `--set`.
-
     """
     factor, units = _scale(old)
     rows = []

@@ -41,7 +41,6 @@ def mechanism_of(robot: RobotFile, matrices: Mapping[str, PartMatrix]) -> Mechan
     ------
     InputError
         If it is not a mechanism; the message names the body or joint as in the file.
-
     """
     bodies = tuple(_body(robot, name, body, matrices) for name, body in robot.bodies.items())
     joints = tuple(_joint(robot, name, joint) for name, joint in robot.joints.items())
@@ -69,7 +68,6 @@ def configured_poses(robot: RobotFile, mechanism: Mechanism, poses: ArrayLike) -
         Bodies, joints, tool and gravity of the robot.
     poses
         Tool poses (n, k), SI.
-
     """
     try:
         return configure(mechanism, poses)

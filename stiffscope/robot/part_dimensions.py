@@ -74,7 +74,6 @@ def find_vanishing(robot: RobotFile, name: str, parameter: str) -> float:
         Name of the part.
     parameter
         Name of the parameter.
-
     """
     part = robot.parts[name]
     size = part.lengths() if isinstance(part, ParametricPart) else {}
@@ -99,7 +98,6 @@ def with_parameter(robot: RobotFile, name: str, parameter: str, value: float) ->
         Name of the parameter.
     value
         New value, SI.
-
     """
     part = robot.parts[name]
     if parameter == FOUNDATION or (isinstance(part, ParametricPart) and parameter in part.dimensions()):
@@ -152,7 +150,6 @@ def interpolate_between(
         Value at which the part vanishes (see `find_vanishing`).
     legal
         Lower and upper bound of admissible values.
-
     """
     return partial(_interpolate_near, tuple(values), np.array(matrices), limit, legal)
 
@@ -181,7 +178,6 @@ def on_foundation(rigid: Array, values: Sequence[float], matrices: Sequence[Arra
         Stiffnesses of the foundations, N/m³.
     matrices
         Compliances (6, 6) at the values.
-
     """
     softer = [(v, m - rigid) for v, m in zip(values, matrices, strict=True) if (np.diagonal(m - rigid) > 0.0).all()]
     return partial(_add_foundation, rigid, np.array([v for v, _ in softer]), np.array([added for _, added in softer]))
@@ -223,7 +219,6 @@ def is_beam(robot: RobotFile, name: str, compliance: Array) -> bool:
         Name of the part.
     compliance
         Compliance (6, 6), SI.
-
     """
     part = robot.parts.get(name)
     if not isinstance(part, ParametricPart) or robot.material(name) is None:

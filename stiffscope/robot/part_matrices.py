@@ -161,7 +161,6 @@ def part_matrices(
     ------
     InputError
         If a part has no such matrix.
-
     """
     experiments = experiments or {}
     sources = part_sources(robot, components)
@@ -260,7 +259,6 @@ def beam_compliance(robot: RobotFile, name: str, theory: Theory = timoshenko) ->
     ------
     InputError
         If the part has no dimensions or no material.
-
     """
     material = robot.material(name)
     segments = beam_segments(robot, name)

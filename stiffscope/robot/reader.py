@@ -72,7 +72,6 @@ def load_robot_of(file: Path, robot: str, overrides: Sequence[str] = (), toleran
         If the robot does not exist, or an override matches nothing in it.
     InputError
         If the robot file itself is invalid; the message names its line.
-
     """
     beside = file.parent / robot
     bundled = robot in robot_names() and not beside.is_file()
@@ -98,7 +97,6 @@ def read_robot(path: Path, text: str, overrides: Sequence[str] = (), tolerance: 
         Changes of the file, as in `--set`.
     tolerance
         Relative accuracy of the experiments, such as "1 %"; by default as in the file.
-
     """
     data = parse_text(path, text)
     source = Source(path, text, tuple(overrides))

@@ -58,7 +58,6 @@ class Cache:
         Folder of the cache.
     spare
         Folder for results that cannot be stored; by default the system's temporary folder (kept).
-
     """
 
     root: Path
@@ -103,7 +102,6 @@ class Cache:
             Cache key.
         write
             Writes the result to a folder.
-
         """
         made = Path(tempfile.mkdtemp(prefix=f"{kind}-", dir=self.spare))
         try:

@@ -98,7 +98,6 @@ class Processes(Executor):
         Most processes; by default the number of processors, at least two.
     share
         Processors per process; by default all.
-
     """
 
     def __init__(self, width: int = 0, share: int = 0) -> None:
@@ -130,7 +129,6 @@ class Processes(Executor):
         -------
         Future
             Result, or InputError raised by the job, WorkerError or LateError.
-
         """
         return self._threads.submit(self._work, name, (function, arguments, report is not None), report, limit)
 
@@ -293,7 +291,6 @@ def do_alone(function: Callable[..., Any], *arguments: Any, name: str, limit: fl
         The job exceeded the limit.
     WorkerError
         Its process ended.
-
     """
     with Processes(1) as executor:
         return executor.submit(function, *arguments, name=name, limit=limit).result()
@@ -322,7 +319,6 @@ def work_through(
     ------
     GoneError
         The connection to the scheduler was lost.
-
     """
     left = iter(jobs)
     running: dict[Future[Any], Any] = {}

@@ -195,7 +195,6 @@ def staged_folder(target: str | Path, *, new: bool = False) -> Iterator[Path]:
         `target` is a file, cannot be written, contains foreign files, or exists and must be new.
     StiffscopeError
         The disk is full.
-
     """
     _check_absent(target, "folder" * new)
     check_output(target)

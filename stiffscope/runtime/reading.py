@@ -38,7 +38,6 @@ def open_file(path: str | Path, what: str = "a file", most: int = MOST_BYTES) ->
     ------
     InputError
         The file does not exist, cannot be read, is not regular or is too large.
-
     """
     try:
         handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
@@ -63,7 +62,6 @@ def read_bytes(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -
     ----------
     path, what, most
         As in `open_file`.
-
     """
     try:
         with open_file(path, what, most) as stream:
@@ -82,7 +80,6 @@ def file_digest(path: Path, what: str = "a file", most: int = 1 << 40) -> str:
     ----------
     path, what, most
         As in `open_file`.
-
     """
     with open_file(path, what, most) as stream:
         return hashlib.file_digest(stream, "sha256").hexdigest()  # pyright: ignore[reportArgumentType]
@@ -95,7 +92,6 @@ def read_text(path: str | Path, what: str = "a text file", most: int = MOST_TEXT
     ----------
     path, what, most
         As in `open_file`.
-
     """
     content = read_bytes(path, what, most)
     try:

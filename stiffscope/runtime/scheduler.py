@@ -32,7 +32,6 @@ class Scheduler(Executor):
     ------
     InputError
         The scheduler does not respond.
-
     """
 
     width = 64

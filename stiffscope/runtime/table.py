@@ -94,7 +94,6 @@ def read_table(
     InputError
         The file cannot be read, is not UTF-8, has no valid header, or has a row with another number
         of cells.
-
     """
     told, most = most is not None, most or MOST_ROWS
     read = _sheet if path.suffix.lower() == ".xlsx" else _lines

@@ -55,7 +55,6 @@ class Workshop:
             A job crashed.
         LateError
             A job exceeded its time limit.
-
         """
         done = work_through(self.executor, function, jobs.items(), self.open_line, limits)
         return {name: future.result() for name, future in done}
@@ -73,7 +72,6 @@ def workshop(
         Opens a progress line; by default silent, in a notebook a progress bar.
     together
         Whether several jobs run in parallel, in separate processes.
-
     """
     with scratch_folder() as spare, Processes() if together else Here() as executor:
         yield Workshop(Cache(cache_folder(), spare), executor, open_line or LISTENERS.open_line)

@@ -122,7 +122,6 @@ def along(
     ------
     InputError
         A point is out of reach (with file and line), or the robot moves freely under its load.
-
     """
     job = job if isinstance(job, Job) else load_job(job)
     if assembled is None:
@@ -156,7 +155,6 @@ def predict(
         Called with the name of a stage and its completed fraction.
     known
         Known configurations along the path, in blocks.
-
     """
     job, mechanism, n = course.job, assembled.mechanism, len(path)
     drives = mechanism.drives
@@ -236,7 +234,6 @@ def compensate(
     Compensated
         New commands and the remaining error predicted with them. Coordinates that are not commanded
         remain uncompensated.
-
     """
     pose = [COORDINATES.index(name) for name in before.job.robot.tool.pose]
     refused, state = dict[int, str](), before

@@ -81,7 +81,6 @@ def plan_course(
         Robot with its parts' matrices.
     known
         Known configurations along the path, in blocks.
-
     """
     if job.section.free is None:
         every = known or configure_path(job, assembled, job.path)
@@ -175,7 +174,6 @@ def process_wrench(job: Job, axes: Axes, length: Array) -> tuple[Array, CuttingF
         Job with process and path.
     axes, length
         Axes of the path, and length (n,) from its start, m.
-
     """
     path, process = job.path, job.section.process
     out = np.zeros((len(path), 6)) if path.wrench is None else path.wrench.copy()

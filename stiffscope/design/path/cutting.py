@@ -73,7 +73,6 @@ def mill(
     -------
     CuttingForces
         Forces averaged over one turn.
-
     """
     per_tooth = feed / (speed * teeth)
     swept = np.arccos(1.0 - 2.0 * width / diameter)
@@ -112,7 +111,6 @@ def drill(
     -------
     CuttingForces
         Forces; the thrust pushes the tool back.
-
     """
     per_turn = feed / speed
     chip = 0.5 * per_turn * np.sin(0.5 * point)

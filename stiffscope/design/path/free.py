@@ -141,7 +141,6 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
     ------
     InputError
         No constant value reaches the whole path, or the robot cannot command the free motion.
-
     """
     job, section = course.job, course.job.section
     motions = section.free.motions(section.axis) if section.free is not None else ()

@@ -77,7 +77,6 @@ def read_program(path: Path, step: float) -> Program:
     ------
     InputError
         A word is invalid, an arc does not close, or a motion code is not supported.
-
     """
     text = tuple(read_text(path, "a program in G-code", MOST_BYTES).splitlines())
     state = _State()
@@ -218,7 +217,6 @@ def program_text(program: Program, points: Array) -> str:
     -------
     str
         Program in mm with absolute coordinates; reading it gives these points.
-
     """
     by_line: dict[int, list[int]] = {}
     for k, line in enumerate(program.line.tolist()):

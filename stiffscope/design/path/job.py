@@ -279,7 +279,6 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
     ------
     InputError
         The file is invalid; the message names file, line, field, expected and found value.
-
     """
     path = Path(path)
     source = Source(path, reading.read_text(path, "a job's file in TOML"))

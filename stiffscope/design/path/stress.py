@@ -50,7 +50,6 @@ def find_stresses(state: Along, assembled: Assembled, response: Response) -> tup
         Assembled robot of the job.
     response
         Response of the robot at the greatest error.
-
     """
     out: list[PartStress] = []
     for body, section in assembled.robot.bodies.items():

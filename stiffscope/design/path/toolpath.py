@@ -121,7 +121,6 @@ def read_toolpath(
     ------
     InputError
         A column or number is invalid; the message names file, line and column.
-
     """
     if path.suffix.lower() in PROGRAMS:
         return _of_program(path, robot, step, np.array(at, dtype=float), axes)

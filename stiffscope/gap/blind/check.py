@@ -86,7 +86,6 @@ def run_blind(
     ------
     InputError
         The folder contains another check, or the scheduler does not answer.
-
     """
     check = _check(robots, seed)
     check_cases(folder)

@@ -81,7 +81,6 @@ def blind_robots(robots: Sequence[RobotFile], components: str | None, shop: Work
         matrix, else beam theory, neither of which needs a virtual experiment.
     shop
         Workshop that runs experiments if needed.
-
     """
     out: list[BlindRobot] = []
     for robot in robots:

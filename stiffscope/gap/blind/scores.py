@@ -95,7 +95,6 @@ def outcome_of(
         Function to the canonical name of an effect at a place.
     left_out, robot, imitated
         See `Outcome`.
-
     """
     truth = {same(fault.name): fault.parameters for fault in case.faults}
     listed = [*found["effects"], *found.get("possible", ())]

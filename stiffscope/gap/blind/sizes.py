@@ -56,7 +56,6 @@ def draw_known(
     -------
     Fault
         The fault with its parameters, SI.
-
     """
     place = choose(rng, lab.places(effect, sensors))
     size = _draw_size(rng, 0.3, 3.0)
@@ -159,7 +158,6 @@ def draw_outside(effect: str, rng: np.random.Generator, lab: Lab, style: Style) 
     -------
     Fault
         The fault with its parameters, SI.
-
     """
     channels = [f"gauge{k + 1}" for k in range(5)] if style == "gauges" else COORDINATES
     place = choose(rng, _outside_places(lab, effect, channels))

@@ -113,7 +113,6 @@ def read_keys(table: Table, header: Header, *, bare: bool) -> Keys:
     -------
     Keys
         n rows, SI.
-
     """
     coordinates = coordinates_of(table.columns, bare=bare)
     applied = _read_applied(table, header)
@@ -265,7 +264,6 @@ def readings_in_si(
     ------
     InputError
         The unit does not fit a row's quantity, or a value is implausibly large or fine.
-
     """
     unit_of = unit_of or column
     unit = header.units.get(unit_of)

@@ -58,7 +58,6 @@ def load_campaign(
     ------
     InputError
         With the file, line and column, and what was expected.
-
     """
     header = load_header(folder)
     _check_files(folder, header)
@@ -200,7 +199,6 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
     InputError
         For too many poses, unknown poses, columns that are not the robot's coordinates, and sensors
         and loads that are not on its bodies.
-
     """
     _check_bodies(campaign, robot)
     if len(campaign.poses) > MOST_POSES:

@@ -65,7 +65,6 @@ def inspect_readings(campaign: Campaign, predicted: Array) -> tuple[ReadingRemar
     -------
     tuple of ReadingRemark
         Remarks by channel; empty if nothing is doubtful.
-
     """
     found = [*_inspect_loads(campaign), *_find_far(campaign, predicted)]
     found += _find_contradictions(campaign)

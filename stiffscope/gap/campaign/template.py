@@ -82,7 +82,6 @@ def write_template(
     ------
     InputError
         The folder exists or cannot be written.
-
     """
     plan = plan or example_plan(robot)
     with output.staged_folder(folder, new=True) as aside:

@@ -31,7 +31,6 @@ def write_campaign(
         Cells of each column of the readings, all of equal length.
     comment
         Text above the header (default: none).
-
     """
     folder.mkdir(parents=True, exist_ok=True)
     lines = "".join(f"# {line}".rstrip() + "\n" for line in comment.splitlines())
@@ -61,7 +60,6 @@ def describe_sensor(
         Point (3,), m, and direction (3,).
     more
         Further keys, `against` and `zero`.
-
     """
     place = {} if measures == "rotation" else {"at": np.asarray(at).tolist()}
     axis = np.asarray(direction).tolist()

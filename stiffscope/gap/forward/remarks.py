@@ -39,7 +39,6 @@ def find_remarks(
         Residuals (n,) without effects, in standard deviations.
     weight
         Change (n,) of the readings by the robot's weight; zero if the model includes it.
-
     """
     return (*_beyond_bounds(nominal, noise), *_mistaken(nominal, swap, noise), *_too_weak(weight, noise, unexplained))
 

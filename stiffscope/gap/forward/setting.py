@@ -28,7 +28,6 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting
         The nominal robot at a campaign's poses.
     suspect
         Whether the (slow) virtual experiments on a part are worthwhile.
-
     """
     at, c = sound.at, sound.at.campaign
     translation, rotation = np.split(np.einsum("pii->pi", sound.compliance), 2, axis=1)

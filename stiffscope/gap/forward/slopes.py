@@ -38,7 +38,6 @@ def find_slopes(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
         The robot with its effects.
     steps
         For each parameter: the effect's changes a step ahead and behind, and their distance.
-
     """
     out = _of_elements(prediction, [(ahead.elements, behind.elements, width) for ahead, behind, width in steps])
     for k, step in enumerate(steps):

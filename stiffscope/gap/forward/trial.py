@@ -39,7 +39,6 @@ def plan_trial(c: Campaign, nominal: NominalRobot, sigma: Array) -> tuple[Campai
     -------
     tuple
         Possible next readings (t,), their expected noise (t,) and measurement numbers (t,).
-
     """
     poses, cases = _trial_poses(c, nominal), _trial_loads(c)
     channels = np.unique(c.channel[c.is_motion])

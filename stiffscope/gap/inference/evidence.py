@@ -109,7 +109,6 @@ def errors_of(campaign: Campaign, noise: Noise, log_odds: float) -> Errors:
     References
     ----------
     Kennedy and O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63 (2001), 425-464.
-
     """
     none = np.zeros((len(campaign), 2)), np.zeros(0)
     group = np.zeros(len(campaign), dtype=np.int64)
@@ -202,7 +201,6 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
     References
     ----------
     MacKay, Information Theory, Inference, and Learning Algorithms, ch. 28 (Occam factors).
-
     """
     projected = errors.project(np.column_stack([x, y]))
     inner, k = errors.inner(projected, projected), x.shape[1]
@@ -316,7 +314,6 @@ def log_evidences(
     Returns
     -------
         Ln evidence (..., q, s), means (..., q, s, k), and (..., q, s, k, k): posterior precision over prior precision.
-
     """
     wide = scales[..., None, :, :]  # (..., 1, s, k)
     cores = wide[..., :, None] * grams[..., :, None, :, :] * wide[..., None, :]

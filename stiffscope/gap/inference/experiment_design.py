@@ -37,7 +37,6 @@ def next_measurement(trial: Trial, first: Hypothesis, others: Iterable[Hypothesi
     Returns
     -------
         None if no reading is expected to gain `WORTHWHILE`.
-
     """
     here = _predict(trial, first)
     for second in others:
@@ -80,7 +79,6 @@ def expected_log_odds(trial: Trial, first: Predicted, second: Predicted) -> Arra
     References
     ----------
     MacKay, Information-based objective functions for active data selection, Neural Computation 4 (1992), 590-604.
-
     """
     (m1, x1, c1), (m2, x2, c2) = first, second
     gain = np.zeros(int(trial.group.max()) + 1)

@@ -189,7 +189,6 @@ class Problem:
         target
             Ln of evidence times prior; a fit of several effects is abandoned if it starts far off.
             A single one may far exceed its first-order score, e.g. a compliant foundation.
-
         """
         safe = np.zeros(len(start)) if origin is None else origin
         u, (residual, slopes) = self._start(candidates, start, safe)

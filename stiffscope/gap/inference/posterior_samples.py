@@ -87,7 +87,6 @@ def draw_samples(
         Hypothesis whose predictions are shown (default: `joint`).
     seed
         Seed of the random numbers.
-
     """
     rng = np.random.default_rng(seed)
     u = _internal_draws(joint, CHAINS * DRAWS, rng)
@@ -173,7 +172,6 @@ def write_posterior(path: Path, samples: Samples) -> None:
     References
     ----------
     ArviZ, InferenceData schema specification.
-
     """
     opened: Any = h5netcdf.File  # pyright: ignore[reportUnknownMemberType]
     chains: dict[str, NDArray[Any]] = {"chain": np.arange(CHAINS)}

@@ -89,7 +89,6 @@ def settle_verdict(found: Findings, judgement: Judgement, others: Mapping[str, F
         A search and its verdict.
     others
         The same hypotheses under other priors, by description of the prior.
-
     """
     for prior, other in others.items() if judgement.verdict == "identified" else ():
         names = [c.name for c in judgement.effects]
@@ -156,7 +155,6 @@ def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
     References
     ----------
     Shapley, A value for n-person games (1953); Lipovetsky and Conklin, Appl. Stoch. Models Bus. Ind. 17 (2001) 319.
-
     """
     names = [c.name for c in hypothesis.candidates]
     if len(names) < 2:

@@ -80,7 +80,6 @@ def joint_state(
         Names of the nodes that it connects.
     commanded
         Displacement of its drive from home (n,), m or rad.
-
     """
     axes = frames.rotation[first] @ joint.axes
     back = np.swapaxes(axes, -1, -2)
@@ -129,7 +128,6 @@ def spring_state(joint: Joint, frames: Frames, first: str, second: str) -> tuple
     -------
     Free motions (n, k, 6) as rows, and the displacement (n, 6) from rest; in the joint's axes at
     its point.
-
     """
     back = np.swapaxes(frames.rotation[first] @ joint.axes, -1, -2)
     relative = back @ frames.rotation[second] @ joint.axes

@@ -45,7 +45,6 @@ def multiply(machine: Machine, place: str, factor: float, what: str = "factors")
         Factor besides the present one.
     what
         "factors" on the recorded numbers, for a wrong unit or sign; or "scales" of motions.
-
     """
     known = getattr(machine.instrument, what)
     return change_instrument(machine, **{what: {**known, place: factor * known.get(place, 1.0)}})

@@ -250,7 +250,6 @@ def machine_of(robot: RobotFile, parts: Mapping[str, Any]) -> Machine:
         The robot file; its adopted effects are not applied.
     parts
         Compliance, mass, condensed mass and places of the ends of every part used, by name.
-
     """
     bodies: dict[str, Body] = {}
     for name, section in robot.bodies.items():

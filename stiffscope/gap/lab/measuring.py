@@ -146,7 +146,6 @@ def true_readings(machine: Machine, plan: Plan, located: Located | None = None) 
         Poses, loads and instruments.
     located
         Configuration of the machine at the plan's poses, if already known.
-
     """
     tool, channels = tool_spot(machine), plan.channels(machine)
     spots = [tool, *plan.hooks.values()]
@@ -304,7 +303,6 @@ def measure(
         Noise of each kind of reading.
     rng
         Random generator of the noise.
-
     """
     rows, instrument = true_readings(machine, plan, located), machine.instrument
     n = len(rows.value)
@@ -356,7 +354,6 @@ def write_readings(
         Header fields: nominal robot, effects included in its model, source of its parts' matrices.
     pose
         Names of the pose columns.
-
     """
     plan = readings.plan
     header: dict[str, Any] = {"robot": robot, "modelled": list(modelled), "components": components}

@@ -34,7 +34,6 @@ def settle(slots: Sequence[Slot], coupling: Array, force: Array, *, gaps: bool) 
         Forces (n, s) without lost motion.
     gaps
         Whether play is included; otherwise only the smooth laws are.
-
     """
     out = np.zeros_like(force)
     if not slots:

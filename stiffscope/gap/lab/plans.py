@@ -142,7 +142,6 @@ def draw_plan(
         "k" or "p" to read stiffnesses too, from all six unit wrenches or from single pushes.
     sessions
         Number of sessions.
-
     """
     machine, scale = where.machine, where.scale
     times = {"sag": 3, "tracker": 2}.get(style, 1)

@@ -93,7 +93,6 @@ def respond(machine: Machine, poses: Array | Located, spots: Sequence[Spot]) -> 
     ------
     InputError
         For an unreachable pose, or one where the machine moves freely.
-
     """
     located = locate(machine, poses) if isinstance(poses, np.ndarray) else poses
     if not located.closed.all():

@@ -63,7 +63,6 @@ def view_of(
         Width of the picture (pixels).
     up
         Upward direction in the picture.
-
     """
     direction = np.array(towards) / np.linalg.norm(towards)
     right = np.cross(-direction, up)

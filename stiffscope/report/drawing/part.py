@@ -52,7 +52,6 @@ def part_pictures(
         Indices of the CAD faces.
     sheet, mesh
         Names of the PNG files.
-
     """
     solved = load_experiment(experiment)
     _contact_sheet(folder / sheet, solved, title)
@@ -93,7 +92,6 @@ def stressed_part(target: Path, experiment: str, field: str, node: int, title: s
         Node with the greatest stress.
     title
         Title.
-
     """
     mesh, fields = load_experiment(experiment).mesh, meshio.read(field).point_data
     motion, stress = fields["displacement"], fields["von_mises"]

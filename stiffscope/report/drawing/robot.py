@@ -107,7 +107,6 @@ def robot(
         at home, along directions (3,) in base axes.
     geometry
         JSON file for the solids of a page's viewer.
-
     """
     upward, home = np.array(up, float), np.array(tool["at"], float)
     solids = solids_of(bodies, joints, tool, upward)

@@ -53,7 +53,6 @@ def scale_bar(axes: Axes, limit: float, largest: float, unit: str, colours: str)
         SI unit without a prefix.
     colours
         Name of the colour map.
-
     """
     factor, prefix = next((f, p) for f, p in PREFIXES if limit >= f or f == PREFIXES[-1][0])
     scale = ScalarMappable(Normalize(0, limit / factor), colours)

@@ -42,7 +42,6 @@ def make_copies(data: dict[str, Any]) -> dict[str, Turned]:
     ------
     FieldError
         If a set does not exist, a name is taken, or there are too many copies.
-
     """
     tables: list[dict[str, Any]] = [data.setdefault(key, {}) for key in ("bodies", "joints")]
     listed = data.get("copies", [])

@@ -138,7 +138,6 @@ def find_element(place: str, bodies: Collection[str], joints: Collection[str]) -
         Names of the bodies.
     joints
         Names of the joints.
-
     """
     if place in bodies and f"joints.{place}" in joints:
         raise InputError(f'expected bodies.{place} or joints.{place}, got "{place}", which both have')

@@ -50,7 +50,6 @@ def evaluate(data: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float], di
     ------
     FieldError
         If a value is invalid, a name is unknown, or parameters depend on each other circularly.
-
     """
     tolerances: dict[Key, float] = {}
     data = _map_texts(data, lambda text, key: _nominal(text, key, tolerances))
@@ -78,7 +77,6 @@ def evaluate_value(data: Any, values: Mapping[str, float], key: Key = ()) -> Any
         Values of the names.
     key
         Key of the value: keys of its tables, outermost first.
-
     """
 
     def number(text: str, here: Key) -> Any:

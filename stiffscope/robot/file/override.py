@@ -58,7 +58,6 @@ def apply_overrides(data: dict[str, Any], source: Source, tolerance: str | None 
     -------
     list of Override
         Overrides of copies, which do not exist yet.
-
     """
     names = {key: list(value) for key, value in data.items() if isinstance(value, dict)}
     copied = {key: list(copied_names(data, names.get(key, []))) for key in ("bodies", "joints")}
@@ -132,7 +131,6 @@ def assign(data: dict[str, Any], key: Key, value: Any, text: str) -> None:
         New value.
     text
         Text of the override, for messages.
-
     """
     table: Any = data
     for part in key[:-1]:

@@ -145,7 +145,6 @@ def parse_text(path: Path, text: str, what: str = "a robot file") -> dict[str, A
     ------
     InputError
         If the text is invalid; the message names line and column, or line and field.
-
     """
     deep = _DOTTED.search(text)
     if deep:

@@ -129,7 +129,6 @@ def to_si(value: Any, dimension: Dimension, *, sign: str = "positive") -> float:
     ------
     ValueError
         If the value is invalid: one line with what was expected, what was found and an example.
-
     """
     expected = f'expected {dimension.noun} such as "{dimension.example}", got {show_value(value)}'
     if isinstance(value, bool) or not isinstance(value, int | float | str):
@@ -158,7 +157,6 @@ def several(text: str, *dimensions: Dimension) -> tuple[float, ...]:
     ------
     ValueError
         If the length of the list or one of its values is wrong (one line).
-
     """
     words = text.split(",")
     if len(words) != len(dimensions):

@@ -34,7 +34,6 @@ def read_table(model: type[Model], value: Any, key: Key) -> Model:
         Value in the file.
     key
         Key of the value: keys of its tables, outermost first.
-
     """
     try:
         return model.model_validate(value)
@@ -54,7 +53,6 @@ def one_of(word: Any, valid: Iterable[str], what: str) -> str:
         Valid words.
     what
         Description of the expected value, for messages.
-
     """
     valid = list(valid)
     if isinstance(word, str) and word in valid:

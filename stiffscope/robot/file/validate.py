@@ -71,7 +71,6 @@ def validate(
     ------
     FieldError
         For the first error found.
-
     """
 
     def read(key: str, function: Callable[[str, Any], Any]) -> Mapping[str, Any]:
@@ -235,7 +234,6 @@ def read_pose(value: Any, tool: sections.ToolSection, key: Key) -> tuple[float, 
         Section of the tool, with the coordinates.
     key
         Key of the value: keys of its tables, outermost first.
-
     """
     if not isinstance(value, list | tuple) or len(value) != len(tool.pose):
         what = f"a pose of {len(tool.pose)}, {' '.join(tool.pose)}"

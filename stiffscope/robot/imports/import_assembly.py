@@ -115,7 +115,6 @@ def from_assembly(assembly: Any, out: str | Path | None = None, **said: Any) -> 
     ------
     InputError
         If it is not an assembly, a name is not in it, or a part's material is unknown.
-
     """
     from stiffscope.cad.built_assembly import read_built
 
