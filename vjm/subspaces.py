@@ -1,16 +1,18 @@
 """Subspaces of twists, wrenches and joint rates: ranks, direct sums and named directions."""
 
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
+# pyright: reportUnknownVariableType=false
+# (scipy declares few types)
+
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.sparse.csgraph import connected_components  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
+from scipy.sparse.csgraph import connected_components
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from stiffscope.vjm.screws import Array
 
 RANK = 1e-9  # relative singular value below which a direction is free
@@ -84,7 +86,7 @@ def find_blocks(basis: Array, sizes: list[int]) -> list[tuple[list[int], int]]:
     rows, columns = np.nonzero(np.abs(projector) > ZERO)
     touch = np.zeros((len(sizes), len(sizes)), dtype=bool)
     touch[owner[rows], owner[columns]] = True
-    label: NDArray[np.int32] = connected_components(touch, directed=False)[1]
+    label = connected_components(touch, directed=False)[1]
     groups = [np.flatnonzero(label == k) for k in dict.fromkeys(label[touch.diagonal()].tolist())]
     return [(g.tolist(), round(float(projector.diagonal()[np.isin(owner, g)].sum()))) for g in groups]
 
