@@ -169,6 +169,10 @@ ALUMINIUM_7075 = Material(
     "aluminium-7075", 71.7e9, 26.9e9, 2810.0, 23.6e-6,
     "7075-T6: ASM Handbook vol. 2 (1990), Alcoa data sheet",
 )  # fmt: skip
+ALUMINIUM_6082 = Material(
+    "aluminium-6082", 70e9, 27e9, 2700.0, 23e-6,
+    "EN AW-6082 (AlMgSi1): EN 1999-1-1, 3.2.5, design values of wrought aluminium alloys",
+)  # fmt: skip
 CAST_IRON = Material(
     "cast-iron", 110e9, 110e9 / 2.52, 7200.0, 11.7e-6,
     "grey iron EN-GJL-250, EN 1561 annex A: E 103-118 GPa, Poisson 0.26, expansion 20-400 C",
@@ -188,25 +192,18 @@ CFRP_TUBE = TransverselyIsotropic(
 )  # fmt: skip
 
 MATERIALS: dict[str, AnyMaterial] = {
-    material.name: material for material in (STEEL, ALUMINIUM_7075, CAST_IRON, DUCTILE_IRON, TITANIUM, CFRP_TUBE)
+    material.name: material
+    for material in (STEEL, ALUMINIUM_7075, ALUMINIUM_6082, CAST_IRON, DUCTILE_IRON, TITANIUM, CFRP_TUBE)
 }
+DESIGNATIONS = {
+    "AlMgSi1": "aluminium-6082", "EN AW-6082": "aluminium-6082", "EN AW-7075": "aluminium-7075",
+    "EN-GJL-250": "cast-iron", "EN-GJS-400-15": "ductile-iron", "Ti-6Al-4V": "titanium", "TiAl6V4": "titanium",
+}  # fmt: skip
+"""Designations of materials in CAD and standards, and their names here."""
 
 
 def material(name: str, own: Mapping[str, AnyMaterial] | None = None) -> AnyMaterial:
-    """Return a material by name.
-
-    Parameters
-    ----------
-    name
-        Key of `own` or of `MATERIALS`.
-    own
-        Additional materials by name; they take precedence.
-
-    Raises
-    ------
-    InputError
-        If there is no such material; the message lists the names.
-    """
+    """Return a material by name: of ``own``, or else of `MATERIALS`; InputError lists the names."""
     known = MATERIALS | dict(own or {})
     if name not in known:
         raise InputError(f"material: expected one of {', '.join(known)}, got {name!r}")

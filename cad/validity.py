@@ -19,17 +19,7 @@ def valid_solid(shape: Shape, name: str) -> Solid:
     consistent, closed, of positive volume and of a size between `SMALLEST` and `LARGEST`.
     Self-intersection of a face is detected if it is free-form, not if it is a whole spindle torus.
 
-    Parameters
-    ----------
-    shape
-        Kernel shape, mm.
-    name
-        Name of the part or file for messages.
-
-    Raises
-    ------
-    InputError
-        If the shape is not a valid solid; the message reports what was found.
+    Lengths in mm. Raises InputError, which names the part or file and what was found.
     """
 
     def refuse(found: str, valid: str = "one closed solid") -> InputError:

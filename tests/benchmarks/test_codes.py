@@ -1,7 +1,7 @@
 """CalculiX and MFEM beside ours: the same mesh, clamp, rigid face and six loads; then from the CAD.
 
 ``pytest -m benchmark -s tests/benchmarks/test_codes.py``; prints Markdown tables. Every figure is of a whole fresh
-process: imports, reading or meshing, deck, solver, result.
+process: imports, reading or meshing, deck, solver, result; seconds are of processor.
 
 Quadrature in curved elements matters: CalculiX's C3D10 has four points, ours eleven, and on the link, all curved, that
 moves entries by 1e-3 (MFEM with four points agrees with CalculiX, with more with ours). So all take four points on the

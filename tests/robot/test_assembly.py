@@ -446,8 +446,13 @@ def test_what_assembly_toml_says_wrongly_is_refused_with_its_line(tmp_path):
 
 def test_a_name_counts_more_than_a_pattern_wherever_it_stands():
     solids = [SimpleNamespace(name=name, product=SimpleNamespace(material="")) for name in ("arm", "armrest")]
-    for said in (["arm=titanium", "arm*=steel"], ["arm*=steel", "arm=titanium"]):
+    for said in (["arm=titanium", "arm*=steel"], ["arm*=steel", "arm=TiAl6V4"]):
         assert choose_materials([0, 1], solids, said, Path("a.step")) == {0: "titanium", 1: "steel"}
+
+
+def test_designations_of_materials_are_known():
+    solid = SimpleNamespace(name="arm", product=SimpleNamespace(material="EN AW-6082"))
+    assert choose_materials([0], [solid], (), Path("a.step")) == {0: "aluminium-6082"}
 
 
 @pytest.mark.parametrize(

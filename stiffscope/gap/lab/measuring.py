@@ -18,7 +18,7 @@ from stiffscope.gap.lab.response import Response, Spot, respond, tool_spot
 from stiffscope.gap.lab.rotations import lever, skew
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -153,12 +153,12 @@ def true_readings(machine: Machine, plan: Plan, located: Located | None = None) 
     seen = _gains(machine, response, channels)
     p, c = len(plan.poses), len(channels)
     blocks: list[tuple[int, Array]] = []
-    deviations = _deviations(machine, response, channels, seen)[:, None]
+    away = partial(_displacements, machine, plan, response, channels, seen)
     if plan.loads:
-        beside = 0.0 if plan.frame is None else deviations
-        blocks.append((0, beside + _deflections(machine, plan, response, seen)))
+        at = _deflections(machine, plan, response, seen) if plan.frame is None else away(plan.loads)
+        blocks.append((0, at))
     if plan.deviations:
-        blocks.append((1, deviations))
+        blocks.append((1, away([("", np.zeros(6))])))
     if plan.stiffness:
         blocks.append((2, _stiffnesses(machine, plan, seen)[:, None]))
     keys: list[Codes] = []
@@ -217,43 +217,57 @@ def _true_wrench(instrument: Instrument, stated: Array) -> Array:
     return np.concatenate([out[..., :3], out[..., 3:] + moment], axis=-1)
 
 
+def _apply(
+    machine: Machine, plan: Plan, loads: Sequence[tuple[str, Array]], shape: tuple[int, int],
+) -> Array:  # fmt: skip
+    """Return the cases (p, m, cases) of true wrenches; shape: poses and cases."""
+    first = {name: 6 * (k + 1) for k, name in enumerate(plan.hooks)} | {"": 0}
+    cases = np.zeros((shape[0], len(loads), shape[1]))
+    for k, (name, wrench) in enumerate(loads):
+        cases[:, k, first[name] : first[name] + 6] = _true_wrench(machine.instrument, wrench)
+    return cases
+
+
+def _settle_slots(machine: Machine, response: Response) -> Callable[..., Array]:
+    """Return the lost motion (p, m, slots) at slot forces (p, m, slots); see `settle`."""
+
+    def lost(force: Array, *, gaps: bool) -> Array:
+        p, m, s = force.shape
+        own = response.force[:, None, :, response.dead + 1 :]
+        coupling = np.broadcast_to(own, (p, m, s, s)).reshape(p * m, s, s)
+        return settle(machine.slots, coupling, force.reshape(p * m, s), gaps=gaps).reshape(p, m, s)
+
+    return lost
+
+
 def _deflections(machine: Machine, plan: Plan, response: Response, seen: Array) -> Array:
     """Return deflections (p, m, c): loaded minus unloaded."""
-    first = {name: 6 * (k + 1) for k, name in enumerate(plan.hooks)} | {"": 0}
-    p, m = len(plan.poses), len(plan.loads)
-    cases = np.zeros((p, m, seen.shape[2]))
-    for k, (name, wrench) in enumerate(plan.loads):
-        cases[:, k, first[name] : first[name] + 6] = _true_wrench(machine.instrument, wrench)
+    cases = _apply(machine, plan, plan.loads, seen.shape[::2])
     if machine.slots:
-        lost = response.dead + 1
         force = np.einsum("nsc,nmc->nms", response.force, cases)
         dead = np.broadcast_to(response.force[:, None, :, response.dead], force.shape)
-        each = (*force.shape, force.shape[2])
-        coupling = np.broadcast_to(response.force[:, None, :, lost:], each)
-        flat = (p * m, force.shape[2])
-        force, dead = force.reshape(flat), dead.reshape(flat)
-        moved = partial(settle, machine.slots, coupling.reshape(*flat, flat[1]))
-        smooth = moved(force + dead, gaps=False) - moved(dead, gaps=False)
-        gap = moved(force, gaps=True) - moved(force, gaps=False)
-        cases[:, :, lost:] = (smooth + gap).reshape(p, m, -1)
+        lost = _settle_slots(machine, response)
+        smooth = lost(force + dead, gaps=False) - lost(dead, gaps=False)
+        gap = lost(force, gaps=True) - lost(force, gaps=False)
+        cases[:, :, response.dead + 1 :] = smooth + gap
     return np.einsum("nkc,nmc->nmk", seen, cases)
 
 
-def _deviations(
-    machine: Machine, response: Response, channels: tuple[Sensor, ...], seen: Array,
+def _displacements(
+    machine: Machine, plan: Plan, response: Response, channels: tuple[Sensor, ...], seen: Array,
+    loads: Sequence[tuple[str, Array]],
 ) -> Array:  # fmt: skip
-    """Return deviations (p, c) of the unloaded machine from its commands."""
-    cases = np.zeros((len(seen), seen.shape[2]))
-    cases[:, response.dead] = 1.0
-    coupling = response.force[:, :, response.dead + 1 :]
-    dead = response.force[:, :, response.dead]
-    cases[:, response.dead + 1 :] = settle(machine.slots, coupling, dead, gaps=True)
+    """Return displacements (p, m, c) of the machine under loads from where it is commanded."""
+    cases = _apply(machine, plan, loads, seen.shape[::2])
+    cases[:, :, response.dead] = 1.0
+    force = np.einsum("nsc,nmc->nms", response.force, cases)
+    cases[:, :, response.dead + 1 :] = _settle_slots(machine, response)(force, gaps=True)
     rigid: list[Array] = []
     for s in channels:
         moved = response.shift(Spot(s.node, s.at)) - response.shift(Spot(s.against, s.at))
         rigid.append(_read_channel(machine.instrument, s, moved))
     shift = np.stack(rigid, axis=1) @ _make_mixing(machine.instrument, channels).T
-    return shift + np.einsum("nkc,nc->nk", seen, cases)
+    return shift[:, None] + np.einsum("nkc,nmc->nmk", seen, cases)
 
 
 def _stiffnesses(machine: Machine, plan: Plan, seen: Array) -> Array:

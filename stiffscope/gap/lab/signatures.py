@@ -54,6 +54,10 @@ class Signatures:
         self._pulls[-1, -1] = 1.0
         for k, (name, wrench) in enumerate(plan.loads):
             self._pulls[k, where[name] : where[name] + 6] = wrench
+        self._still = slice(-1, None)  # what shows the unloaded machine: of positions every reading
+        if plan.frame is not None:
+            self._pulls[:-1] += self._pulls[-1]
+            self._still = slice(None)
 
     def find_columns(self, effect: str, place: str, softer: Mapping[str, Array]) -> Array | None:
         """Return the cached columns of an effect; see `_columns`."""
@@ -103,7 +107,7 @@ class Signatures:
         for name, compliance in compliances.items():
             looks, pulls = self._carry(name)
             if name == TOOL:
-                pulls[:, :, -1] = 0.0  # it does not carry the machine's weight
+                pulls[:, :, self._still] -= pulls[:, :, -1:].copy()  # it does not carry the weight
             out += looks @ compliance @ pulls
         return self._column(out)
 
@@ -113,7 +117,7 @@ class Signatures:
         for name, twist in offsets.items():
             looks, _ = self._carry(name)
             each = np.broadcast_to(twist, looks[:, 0].shape)
-            out[:, :, -1] += np.einsum("nki,ni->nk", looks, each)
+            out[:, :, self._still] += np.einsum("nki,ni->nk", looks, each)[:, :, None]
         return self._column(out)
 
     def _mislay(self, joints: Mapping[str, Joint]) -> Array:
@@ -163,8 +167,6 @@ class Signatures:
     def _column(self, shown: Array) -> Array:
         """Return readings (r, 1) over their noise from channel values (n, c, loads)."""
         rows = self._rows  # load -1: the last
-        if self._plan.frame is not None:  # positions show both
-            shown = np.concatenate([shown[..., :-1] + shown[..., -1:], shown[..., -1:]], axis=2)
         return (shown[rows.pose, rows.channel, rows.load] / self.sigma)[:, None]
 
 

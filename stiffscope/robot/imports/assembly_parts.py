@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from stiffscope import cad
-from stiffscope.cad.materials import MATERIALS
+from stiffscope.cad.materials import DESIGNATIONS, MATERIALS
 from stiffscope.errors import InputError
 from stiffscope.robot.file.parse import place_of
 from stiffscope.robot.imports.compiled_model import print_safely
@@ -62,7 +62,7 @@ def choose_materials(
 
     A name or word itself counts more than a pattern, and of several patterns the last.
     """
-    known = {name.lower(): name for name in MATERIALS}
+    known = {word.lower(): name for word, name in {**{name: name for name in MATERIALS}, **DESIGNATIONS}.items()}
     rules, words = [], {word.lower() for each in solids for word in (each.name, each.product.material)}
     for text in said:
         pattern, equals, name = (each.strip() for each in text.partition("="))

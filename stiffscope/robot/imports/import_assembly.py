@@ -263,9 +263,10 @@ def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tup
     at = solids[tool].centre if tool_body == solids[tool].name else last.at
     motions = tool_motions(found.joints, tool, ground, at, measure_size(solids))
     if not motions.size:
+        joined = f"{len(moving)} of {len(solids) - len(found.hardware.roles) - 1} parts are joined to it"
         raise InputError(
             f"{show_path(path)}: expected a tool that joints let move, got {solids[tool].name}, which they fix to the "
-            f"ground, {solids[ground].name}; say --tool, --ground or --joint"
+            f"ground, {solids[ground].name} ({joined}); say --tool, --ground or --joint"
         )
     model = SimulatorModel(
         print_safely(path.stem), tuple(bodies), tuple(joints), tool_body=tool_body, tool_at=at,
