@@ -18,7 +18,7 @@ from stiffscope.gap.lab.response import Response, Spot, respond, tool_spot
 from stiffscope.gap.lab.rotations import lever, skew
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -228,16 +228,12 @@ def _apply(
     return cases
 
 
-def _settle_slots(machine: Machine, response: Response) -> Callable[..., Array]:
+def _settle_slots(machine: Machine, response: Response, force: Array, *, gaps: bool) -> Array:
     """Return the lost motion (p, m, slots) at slot forces (p, m, slots); see `settle`."""
-
-    def lost(force: Array, *, gaps: bool) -> Array:
-        p, m, s = force.shape
-        own = response.force[:, None, :, response.dead + 1 :]
-        coupling = np.broadcast_to(own, (p, m, s, s)).reshape(p * m, s, s)
-        return settle(machine.slots, coupling, force.reshape(p * m, s), gaps=gaps).reshape(p, m, s)
-
-    return lost
+    p, m, s = force.shape
+    own = response.force[:, None, :, response.dead + 1 :]
+    coupling = np.broadcast_to(own, (p, m, s, s)).reshape(p * m, s, s)
+    return settle(machine.slots, coupling, force.reshape(p * m, s), gaps=gaps).reshape(p, m, s)
 
 
 def _deflections(machine: Machine, plan: Plan, response: Response, seen: Array) -> Array:
@@ -246,7 +242,7 @@ def _deflections(machine: Machine, plan: Plan, response: Response, seen: Array) 
     if machine.slots:
         force = np.einsum("nsc,nmc->nms", response.force, cases)
         dead = np.broadcast_to(response.force[:, None, :, response.dead], force.shape)
-        lost = _settle_slots(machine, response)
+        lost = partial(_settle_slots, machine, response)
         smooth = lost(force + dead, gaps=False) - lost(dead, gaps=False)
         gap = lost(force, gaps=True) - lost(force, gaps=False)
         cases[:, :, response.dead + 1 :] = smooth + gap
@@ -261,7 +257,7 @@ def _displacements(
     cases = _apply(machine, plan, loads, seen.shape[::2])
     cases[:, :, response.dead] = 1.0
     force = np.einsum("nsc,nmc->nms", response.force, cases)
-    cases[:, :, response.dead + 1 :] = _settle_slots(machine, response)(force, gaps=True)
+    cases[:, :, response.dead + 1 :] = _settle_slots(machine, response, force, gaps=True)
     rigid: list[Array] = []
     for s in channels:
         moved = response.shift(Spot(s.node, s.at)) - response.shift(Spot(s.against, s.at))
