@@ -155,8 +155,7 @@ def true_readings(machine: Machine, plan: Plan, located: Located | None = None) 
     blocks: list[tuple[int, Array]] = []
     away = partial(_displacements, machine, plan, response, channels, seen)
     if plan.loads:
-        at = _deflections(machine, plan, response, seen) if plan.frame is None else away(plan.loads)
-        blocks.append((0, at))
+        blocks.append((0, away(plan.loads) if plan.frame else _deflections(machine, plan, response, seen)))
     if plan.deviations:
         blocks.append((1, away([("", np.zeros(6))])))
     if plan.stiffness:
