@@ -114,10 +114,9 @@ def in_calculix(problem, job):
 
 def in_ours(problem, job):
     """Our quadratic elements, with quadrature of the order "order" in curved ones."""
-    from stiffscope.fea import elasticity as fea_elasticity
+    from stiffscope.fea.elasticity import assemble
 
-    fea_elasticity.CURVED_ORDER = job.get("order", 4)
-    return tied(problem, fea_elasticity.assemble(problem.mesh, problem.elasticity))
+    return tied(problem, assemble(problem.mesh, problem.elasticity, job.get("order", 4)))
 
 
 def in_mfem(problem, job):
