@@ -31,7 +31,7 @@ def tensor(elasticity: Floats) -> Floats:
     return elasticity[VOIGT[:, :, None, None], VOIGT[None, None]]
 
 
-def assemble(mesh: TetMesh, elasticity: Floats, curved: int = CURVED_ORDER) -> csr_array:
+def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
     """Return the stiffness matrix of a mesh without supports.
 
     Element matrices A_kl = ∫ ∂_k v ∂_l u give the blocks K_ij = C_ikjl A_kl: the matrix of
@@ -41,7 +41,6 @@ def assemble(mesh: TetMesh, elasticity: Floats, curved: int = CURVED_ORDER) -> c
     ----------
     mesh : quadratic tetrahedra with n nodes.
     elasticity : (6, 6) Pa, Voigt order xx, yy, zz, yz, xz, xy.
-    curved : order of quadrature in curved elements; straight ones are integrated exactly.
 
     Returns
     -------
@@ -52,7 +51,7 @@ def assemble(mesh: TetMesh, elasticity: Floats, curved: int = CURVED_ORDER) -> c
     pairs, place = np.unique(mesh.cells[:, :, None] * count + mesh.cells[:, None, :], return_inverse=True)
     place = place.reshape(len(mesh.cells), 100)
     blocks = np.zeros((len(pairs), 9))
-    for elements, slopes, weights in _slopes(mesh, curved):
+    for elements, slopes, weights in _slopes(mesh, CURVED_ORDER):
         c, q = weights.shape
         flat = slopes.reshape(c, q, 30)
         products = np.swapaxes(flat, 1, 2) @ (flat * weights[:, :, None])  # (c, 30, 30), [(k, a), (l, b)]
