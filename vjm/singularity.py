@@ -16,11 +16,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from stiffscope.vjm.screws import Array
+    from stiffscope.vjm.subspaces import Direction
 
 _FREE = 1e-9  # relative principal stiffness below which a direction is free
 _RIGID = 1e-10  # relative principal compliance below which a direction is rigid
 _ROUNDING = 1e-9  # of a wrench's largest component
 _NEAR = 1e-6  # relative principal stiffness below which a pose is near singular
+_SHORT = 1e-6  # m from the tool to a line that passes through it, but for rounding
 _LENGTHS = 1e-3, 10.0  # m, bounds of a robot's characteristic length; beyond, rounding
 
 
@@ -85,8 +87,16 @@ def rigid_note(rigid: Array) -> str | None:
     if not len(rigid):
         return None
     space = np.linalg.qr(rigid.T)[0]
-    names = ", ".join(str(each) for each in name_directions(space, "force", "moment", 1.0))
+    names = ", ".join(_name_rigid(each) for each in name_directions(space, "force", "moment", 1.0))
     return f"the tool is rigid in {len(rigid)} direction(s): {names}; its stiffness is infinite, see its compliance"
+
+
+def _name_rigid(direction: Direction) -> str:
+    """Return a rigid direction with the way from the tool to the line of its force."""
+    offset = np.zeros(3) if direction.offset is None else direction.offset
+    if np.linalg.norm(offset) < _SHORT:
+        return str(direction)
+    return f"{direction}, its line ({', '.join(f'{1e3 * d + 0.0:.4g}' for d in offset.round(9))}) mm away"
 
 
 def singular_note(matrix: Array) -> str | None:

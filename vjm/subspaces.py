@@ -29,6 +29,7 @@ class Direction:
     kind: str
     axis: Array
     pitch: float = 0.0  # m/rad, of a screw
+    offset: Array | None = None  # (3,) from the reference to the nearest point of its line, m
 
     def __str__(self) -> str:
         along = axis_name(self.axis)
@@ -118,7 +119,8 @@ def name_directions(basis: Array, bound: str, free: str, length: float) -> list[
         if couples.shape[1] and np.linalg.norm(couples.T @ axis) > ZERO:
             pitch = 0.0  # a couple about the same axis removes the pitch
         real = abs(pitch) > 1e-6
-        out.append(Direction("screw" if real else bound, axis, pitch * length if real else 0.0))
+        offset = length * np.cross(axis, off @ screw[3:])
+        out.append(Direction("screw" if real else bound, axis, pitch * length if real else 0.0, offset))
     return out
 
 

@@ -8,6 +8,7 @@ from stiffscope.vjm.joints import Drive, Joint
 from stiffscope.vjm.kinematics import configure, configure_drives
 from stiffscope.vjm.mechanism import Mechanism, Tool
 from stiffscope.vjm.screws import rotation
+from stiffscope.vjm.singularity import rigid_note
 from stiffscope.vjm.statics import analyse, compliance, sag, stiffness
 from stiffscope.vjm.yielding import deflection, respond
 
@@ -92,6 +93,15 @@ def test_rigid_directions_of_a_planar_arm_are_out_of_its_plane():
     (rigid,) = analyse(PLANAR_2R, PLANAR_2R.tool.home[None]).rigid
     for axis in np.eye(6)[2:5]:
         assert np.abs(np.abs(rigid) - axis).max(axis=1).min() < 1e-12
+
+
+def test_a_rigid_force_is_told_with_its_line():
+    """A force through the only axis of a boom turns nothing; the same force at its tip does."""
+    m = arm([(0, 0, 1)], [(0, 0, 0)], (0.6, 0, 0), ("rz",))
+    note = rigid_note(analyse(m, np.zeros((1, 1))).rigid[0])
+    assert "5 direction(s)" in note
+    assert "force along y, its line (-600, 0, 0) mm away" in note
+    assert "force along x, force" in note
 
 
 @pytest.mark.parametrize("m", [PLANAR_2R, SPATIAL_3R])
