@@ -55,9 +55,7 @@ COMMANDS = {
         "sensitivity": ("design", "Rank the parameters by their effect on the stiffness."),
         "study": ("design", "Evaluate many designs: a sweep, an optimum under constraints, a Pareto front."),
     },
-    "A machine at work": {
-        "path": ("work", "Error of the tool along a path under process forces."),
-    },
+    "A machine at work": {"path": ("work", "Error of the tool along a path under process forces.")},
     "A machine": {
         "diagnose": ("campaigns", "Find the effects that explain the gap between model and measurements."),
         "campaign": ("campaigns", "Create or check a campaign of measurements."),

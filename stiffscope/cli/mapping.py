@@ -149,9 +149,8 @@ def _figures(
     gravity: str, found: StiffnessMap, *, frequencies: bool
 ) -> list[tuple[str, str, Callable[[StiffnessMap], list[maps.Panel]]]]:
     """Return title, file stem and panels of each figure of a map."""
-    held = maps.held_text(found)
-    where = f", {held}" if held else ""
-    figures = [(f"stiffness at M (diagonal of K){where}, gravity {gravity}", "map", maps.stiffness_panels)]
+    where = maps.held_text(found)
+    figures = [(f"{maps.stiffness_title(found)}, gravity {gravity}", "map", maps.stiffness_panels)]
     if found.more:
         figures.append((f"translation of M{where}, gravity {gravity}", "quantities", maps.scalar_panels))
     if frequencies:

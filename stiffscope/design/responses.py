@@ -28,10 +28,7 @@ if TYPE_CHECKING:
 MOST_MODES = 12  # number of modes computed, including free motions
 FREE = 1e-3  # Hz; lower modes are free motions
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
-_ENTRY = {
-    "K": (("N/m", "N"), ("N", "N*m/rad")),
-    "C": (("m/N", "1/N"), ("1/N", "rad/(N*m)")),
-}
+_ENTRY = {"K": (("N/m", "N"), ("N", "N*m/rad")), "C": (("m/N", "1/N"), ("1/N", "rad/(N*m)"))}
 _TAKE: dict[str, Callable[[np.ndarray], Any]] = {
     "least": np.min, "greatest": np.max, "mean": np.mean,
     "worst": lambda each: np.max(np.abs(each)), "rms": lambda each: np.sqrt(np.mean(each**2)),

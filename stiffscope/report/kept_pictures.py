@@ -60,21 +60,20 @@ class Order:
 
 
 def write_pictures(orders: Sequence[Order], cache: Cache, manifest: Manifest) -> None:
-    """Draw pictures that are not cached, and copy all to their folders; warn if drawing is impossible.
+    """Draw pictures that are not cached, and copy all to their folders; warn if it is impossible.
 
     Parameters
     ----------
-    orders
-        Pictures to draw.
-    cache
-        Cache of results.
+    orders, cache
+        Pictures to draw, and cache of results.
     manifest
         Record of how the results were made.
     """
     with ThreadPoolExecutor(AT_ONCE) as pool:
         made = [pool.submit(_keep_pictures, order, cache) for order in orders]
         try:
-            for order, (held, reused, seconds) in zip(orders, (each.result() for each in made), strict=True):
+            for order, each in zip(orders, made, strict=True):
+                held, reused, seconds = each.result()
                 if held is not None:
                     for file in kept_files(held):
                         shutil.copyfile(held / file, order.target / file)
@@ -107,16 +106,15 @@ def shares_ahead(
 
     Parameters
     ----------
-    assembled
-        Robot with its parts' matrices.
+    assembled, cache
+        Robot with its parts' matrices, and cache of results.
     campaign
-        Files of the campaign with their checksums, which determine the diagnosis together with the robot.
-    cache
-        Cache of results.
+        Files of the campaign with their checksums; with the robot they determine the diagnosis.
     """
     packages = ("stiffscope", "stiffscope.cad", "stiffscope.fea", "stiffscope.vjm")
     code = code_version(packages, ("numpy", "scipy", "pyvista", "vtk", "matplotlib"))
-    key = digest({**_facts(assembled), "skins": _skins(assembled), "campaign": campaign, "code": code})
+    facts = {**_facts(assembled), "skins": _skins(assembled)}
+    key = digest({**facts, "campaign": campaign, "code": code})
     if cache.get("pictures", key) is not None:
         yield key, draw
         return
@@ -128,12 +126,10 @@ def order_figures(diagnosis: Diagnosis, target: Path) -> Order:
     """Order the figures of a diagnosis."""
     samples = diagnosis.samples
     draws = {} if samples is None else {**samples.parameters, "held out": samples.held_out}
-    drawn = {
-        "numbers": to_json(diagnosis),
-        "not in JSON": repr((diagnosis.steps, diagnosis.signature_correlation)),
-        "units": samples and samples.units,
-        "draws": {name: hashlib.sha256(values.tobytes()).hexdigest() for name, values in draws.items()},
-    }
+    sums = {name: hashlib.sha256(values.tobytes()).hexdigest() for name, values in draws.items()}
+    more = repr((diagnosis.steps, diagnosis.signature_correlation))
+    drawn = {"numbers": to_json(diagnosis), "not in JSON": more, "draws": sums}
+    drawn["units"] = samples and samples.units
     code = code_version(("stiffscope.report",), ("matplotlib", "numpy"))
     key = digest({"diagnosis": drawn, "code": code})
     return Order("figures", key, lambda folder: draw_figures(diagnosis, folder), target)
@@ -149,21 +145,17 @@ def order_shares(
 
     Parameters
     ----------
-    assembled
-        Robot with its parts' matrices.
-    diagnosis
-        Diagnosis of the campaign.
-    found
-        Configurations at the campaign's poses.
-    target
-        Folder to write to.
+    assembled, target
+        Robot with its parts' matrices, and folder to write to.
+    diagnosis, found
+        Diagnosis of the campaign, and configurations at the campaign's poses.
     ahead
         Prepared picture from `shares_ahead`.
     """
     where, mechanism = diagnosis.where, assembled.mechanism
     if not where.component:
         return []
-    worst = int(np.argmax([np.nansum(np.square(row)) for row in np.array(where.pose, dtype=float)]))
+    worst = int(np.argmax(np.nansum(np.square(np.array(where.pose, dtype=float)), axis=1)))
     place = pose_text(mechanism, found.tool[worst, mechanism.tool.commanded_axes].tolist())
     title = f"Share of the gap by component, at the pose of the largest residual, {place}"
     shown = {"file": "robot.png", "title": title, "moves": place_robot(found, worst).moves}
@@ -182,23 +174,22 @@ def draw_named_poses(assembled: Assembled, folder: Path) -> None:
         _draw_poses(assembled, folder)
 
 
-def draw_inspection(found: Inspection, folder: Path, parts: Mapping[str, Part], draw_now: Callable[..., None]) -> None:
+def draw_inspection(
+    found: Inspection, folder: Path, parts: Mapping[str, Part], draw_now: Callable[..., None]
+) -> None:  # fmt: skip
     """Draw the rigid robot at home and at every reachable named pose, if drawing is possible.
 
     ``parts``: parts from STEP files, drawn transparent; ``draw_now``: from `open_drawing`.
     """
-    mechanism, configurations, pictures = found.mechanism, found.configurations, []
-    if configurations is None:
+    if found.configurations is None:
         return
-    for k, pose in enumerate(found.poses):
-        if pose.is_reached:
-            title = f"{found.robot.name} at {pose.name}: {pose_text(mechanism, pose.tool)}"
-            there = place_robot(configurations, k).moves
-            file = f"robot_{pose.name}.png"
-            pictures.append({"file": file, "title": title, "moves": there, "kinds": True})
+    reached = np.array([pose.is_reached for pose in found.poses], dtype=bool)
+    poses = {pose.name: pose.tool for pose in found.poses if pose.is_reached}
+    pictures = _picture_poses(found.robot, found.configurations[reached], poses)
     if pictures:
+        pictures = [picture | {"kinds": True} for picture in pictures]
         with optional_pictures():
-            drawn = scene(found.robot, mechanism)
+            drawn = scene(found.robot, found.mechanism)
             add_solids(drawn["bodies"], found.robot, parts)
             drawn["joints"] = mark_doubts(drawn["joints"], found)
             draw_now("robot", folder, pictures=pictures, geometry=GEOMETRY, **drawn)
@@ -211,33 +202,29 @@ def draw_deflection(
 
     Parameters
     ----------
-    assembled
-        Robot with its parts' matrices.
-    names
-        Names of the poses (n,).
-    found
-        Configurations at the poses.
-    cases
-        Wrenches to show, by pose.
-    folder
-        Folder to write to.
+    assembled, folder
+        Robot with its parts' matrices, and folder to write to.
+    names, found, cases
+        Names (n,) of the poses, configurations there, and wrenches to show, by pose.
     """
     shown = []
     for k, (name, (case,)) in enumerate(zip(names, cases, strict=True)):
         here = place_robot(found, k)
         factor = here.exaggeration(case.twists)
         title = f"{assembled.robot.name} at {name} under {case.label}; deformed × {factor:g}"
-        bent = {"moves": here.deform(case.twists, factor), "before": here.moves, "shares": case.shares}
-        shown.append({"file": f"deflection_{k + 1}.png", "title": title, **bent})
+        bent = {"moves": here.deform(case.twists, factor), "before": here.moves}
+        file = f"deflection_{k + 1}.png"
+        shown.append({"file": file, "title": title, **bent, "shares": case.shares})
+    drawn = scene_of(assembled)
     with optional_pictures():
-        draw("robot", folder, pictures=shown, scale=ENERGY, geometry=GEOMETRY, **scene_of(assembled))
+        draw("robot", folder, pictures=shown, scale=ENERGY, geometry=GEOMETRY, **drawn)
 
 
 def plain_robot(robot: RobotFile) -> dict[str, Any]:
     """Return the robot file as plain SI data with copies expanded; it determines the pictures."""
-    left = {"source", "copied"}
-    content = {field.name: getattr(robot, field.name) for field in fields(robot) if field.name not in left}
-    plain = {key: dict(value) if isinstance(value, Mapping) else value for key, value in content.items()}
+    names = (each.name for each in fields(robot) if each.name not in {"source", "copied"})
+    content = {name: getattr(robot, name) for name in names}
+    plain = {key: dict(v) if isinstance(v, Mapping) else v for key, v in content.items()}
     return to_jsonable_python(plain, by_alias=True, inf_nan_mode="constants")
 
 
@@ -269,9 +256,9 @@ def _order_part(result: PartResult, target: Path) -> Order:
 def _facts(assembled: Assembled) -> dict[str, Any]:
     """Return the data that determine a robot with its parts' matrices."""
     matrices = {
-        name: [part.compliance.tolist(), part.mass, None if part.dynamics is None else part.dynamics.load.tolist()]
+        name: [part.compliance, part.mass, part.dynamics and part.dynamics.load]
         for name, part in assembled.matrices.items()
-    }
+    }  # fmt: skip
     return {"robot": plain_robot(assembled.robot), "matrices": matrices}
 
 
@@ -293,18 +280,24 @@ def _draw_map(assembled: Assembled, folder: Path) -> None:
     robot = assembled.robot
     found = map_robot(robot, assembled.mechanism, MAP_POINTS, "exact")
     write_map(found, folder)
-    held = maps.held_text(found)
-    title = f"{robot.name}: stiffness at M (diagonal of K)" + (held and f", {held}")
+    title = f"{robot.name}: {maps.stiffness_title(found)}"
     maps.draw_map(found, maps.stiffness_panels(found), robot.poses, title, folder / "map.png")
 
 
 def _draw_poses(assembled: Assembled, folder: Path) -> None:
-    robot, mechanism = assembled.robot, assembled.mechanism
-    poses: dict[str, Any] = dict(robot.poses) or {"home": mechanism.tool.home}
-    found = configure(mechanism, list(poses.values()))
-    shown = []
-    for k, (name, pose) in enumerate(poses.items()):
-        title = f"{robot.name} at {name}: {pose_text(mechanism, pose)}"
-        moves = place_robot(found, k).moves
-        shown.append({"file": f"robot_{name}.png", "title": title, "moves": moves})
+    mechanism = assembled.mechanism
+    poses: dict[str, Any] = dict(assembled.robot.poses) or {"home": mechanism.tool.home}
+    shown = _picture_poses(assembled.robot, configure(mechanism, list(poses.values())), poses)
     draw("robot", folder, pictures=shown, geometry=GEOMETRY, **scene_of(assembled))
+
+
+def _picture_poses(
+    robot: RobotFile, found: Configurations, poses: Mapping[str, Sequence[float]]
+) -> list[dict[str, Any]]:  # fmt: skip
+    """Return pictures of the robot at named poses."""
+    pictures = []
+    for k, (name, pose) in enumerate(poses.items()):
+        title = f"{robot.name} at {name}: {pose_text(found.mechanism, pose)}"
+        moves = place_robot(found, k).moves
+        pictures.append({"file": f"robot_{name}.png", "title": title, "moves": moves})
+    return pictures

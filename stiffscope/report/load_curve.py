@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,14 +22,14 @@ _COLOURS = (AFTER, EFFECT, BEFORE, NOISE)
 
 
 def show_load_curve(names: Sequence[str], curve: LoadCurve) -> None:
-    """Show displacement and tangent stiffness along the wrench for each load up to the full load."""
+    """Show displacement and tangent stiffness along the wrench at each load up to the full one."""
     size, along, unit, stiff = _project_curve(curve)
-    rows = [
-        ("" if k else name, f"{size * load:.4g}", f"{1e6 * moved:.5g}", f"{tangent:.5g}".replace("nan", "–"))
-        for name, displaced, tangents in zip(names, along, stiff, strict=True)
-        for k, (load, moved, tangent) in enumerate(zip(curve.load, displaced, tangents, strict=True))
-        if k <= len(curve.load) // 4  # the way there; all others repeat it
-    ]
+    rows, count = [], len(curve.load) // 4 + 1  # the way there; all others repeat it
+    for i, name in enumerate(names):
+        for k in range(count):
+            tangent = f"{stiff[i, k]:.5g}".replace("nan", "–")
+            load, moved = f"{size * curve.load[k]:.4g}", f"{1e6 * along[i, k]:.5g}"
+            rows.append(("" if k else name, load, moved, tangent))
     force = "N" if unit == "m" else "N·m"
     groups = (("pose",), (force, f"µ{unit}", f"tangent {force}/{unit}"))
     show_table("Along the wrench; loading and unloading coincide", groups, rows)
@@ -40,22 +40,20 @@ def draw_load_curve(names: Sequence[str], curve: LoadCurve, folder: Path) -> Non
 
     Parameters
     ----------
-    names
-        Names of the poses (n,).
-    curve
-        Displacements at each load.
+    names, curve
+        Names of the poses (n,), and displacements there at each load.
     folder
         Folder to write to.
     """
 
     def draw() -> Figure:
         size, along, unit, _ = _project_curve(curve)
-        figure = new_figure(7.0, 4.6, "Force over deflection" if unit == "m" else "Moment over rotation")
+        title = "Force over deflection" if unit == "m" else "Moment over rotation"
+        figure = new_figure(7.0, 4.6, title)
         axes = figure.subplots()
         for i, name in enumerate(names):
-            axes.plot(
-                1e6 * along[i], size * curve.load, color=_COLOURS[i % 4], ls=("-", "--", ":")[i // 4 % 3], label=name
-            )
+            style: Any = {"color": _COLOURS[i % 4], "ls": ("-", "--", ":")[i // 4 % 3]}
+            axes.plot(1e6 * along[i], size * curve.load, label=name, **style)
         axes.axhline(0.0, color=NOISE, lw=0.6)
         axes.axvline(0.0, color=NOISE, lw=0.6)
         axes.set_xlabel(f"deflection at M along the wrench, µ{unit}")
@@ -80,4 +78,5 @@ def _project_curve(curve: LoadCurve) -> tuple[float, Array, str, Array]:
     yielding = np.linalg.pinv(np.where(known, matrices, 0.0), rcond=1e-9, hermitian=True) @ unit
     held = np.abs((matrices @ yielding[..., None])[..., 0] - unit).max(axis=2) < 1e-6
     stiff = np.where(held, 1.0 / np.where(held, yielding @ unit, 1.0), 0.0)
-    return size, along, "m" if part.start == 0 else "rad", np.where(known.reshape(stiff.shape), stiff, np.nan)
+    stiff[~known[..., 0, 0]] = np.nan
+    return size, along, "m" if part.start == 0 else "rad", stiff

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 TITLES = tuple(f"$K_{{{name[2:]}}}$" for name in DIAGONAL)
 UNITS = (("N/µm", 1e-6),) * 3 + (("kN·m/rad", 1e-3),) * 3
-SAGS = (*(f"sag along {axis} (µm)" for axis in "xyz"), *(f"sag about {axis} (µrad)" for axis in "xyz"))
+SAGS = [f"sag along {axis} (µm)" for axis in "xyz"] + [f"sag about {axis} (µrad)" for axis in "xyz"]
 MARK = "#14181c"
 CHANGE = "coolwarm"  # diverging colours, centred at zero
 _FEW = 2.0  # percent of the values clipped at either end,
@@ -42,7 +42,8 @@ class Panel(NamedTuple):
 
 def stiffness_panels(found: StiffnessMap) -> list[Panel]:
     """Return panels of the diagonal of K, including the robot's own weight if it acts."""
-    return [Panel(f"{TITLES[k]} ({unit})", factor * found.loaded[..., k]) for k, (unit, factor) in enumerate(UNITS)]
+    each = zip(TITLES, UNITS, np.moveaxis(found.loaded, -1, 0), strict=True)
+    return [Panel(f"{title} ({unit})", factor * values) for title, (unit, factor), values in each]
 
 
 def difference_panels(
@@ -56,10 +57,8 @@ def difference_panels(
 def scalar_panels(found: StiffnessMap) -> list[Panel]:
     """Return panels of the additional quantities requested."""
     units = {"N m-1": (" (N/µm)", 1e-6), "m": (" (µm)", 1e6), "1": ("", 1.0)}
-    return [
-        Panel(fill(scalar.words, 34) + units[scalar.unit][0], units[scalar.unit][1] * scalar.values)
-        for scalar in found.more.values()
-    ]
+    each = [(scalar, *units[scalar.unit]) for scalar in found.more.values()]
+    return [Panel(fill(s.words, 34) + unit, factor * s.values) for s, unit, factor in each]
 
 
 def pick_slices(found: StiffnessMap | StiffnessVolume) -> list[StiffnessMap]:
@@ -89,16 +88,12 @@ def draw_map(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: 
 
     Parameters
     ----------
-    found
-        Map of the robot.
-    panels
-        Quantities to draw.
+    found, panels
+        Map of the robot, and the quantities to draw.
     poses
         Named poses to mark, in all coordinates.
-    title
-        Title.
-    *targets
-        Files, PNG or SVG according to their suffix.
+    title, *targets
+        Title, and files, PNG or SVG according to their suffix.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -106,8 +101,10 @@ def draw_map(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: 
     columns = min(len(panels), 3)
     rows = -(-len(panels) // columns)
     across, up = (float(np.ptp(values)) for values in (found.columns, found.rows))
-    slim = np.clip(up / across, 0.4, 1.6) if shown_unit(found.across) == shown_unit(found.up) else 0.8
-    figure = Figure(figsize=(4.5 * columns, 0.8 + (0.6 + 3.6 * slim) * rows), layout="constrained", facecolor="white")
+    alike = shown_unit(found.across) == shown_unit(found.up)
+    slim = np.clip(up / across, 0.4, 1.6) if alike else 0.8
+    size = 4.5 * columns, 0.8 + (0.6 + 3.6 * slim) * rows
+    figure = Figure(figsize=size, layout="constrained", facecolor="white")
     FigureCanvasAgg(figure)  # without a canvas, each contour label would redraw the whole sheet
     heading: Any = {"fontsize": 14 if columns > 1 else 11, "fontweight": "bold"}
     figure.suptitle(title, x=0.01, ha="left", parse_math=False, **heading)
@@ -125,18 +122,19 @@ def draw_map(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: 
 def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
     values, change = panel.values, panel.colours == CHANGE
     low, high, clipped = _limits(values)
+    largest = max(abs(low), abs(high))
     if change:
-        low, high = -max(abs(low), abs(high)), max(abs(low), abs(high))
-    if high - low < 1e-9 * max(abs(low), abs(high)) or high == low:  # constant up to rounding
+        low, high = -largest, largest
+    if high - low <= 1e-9 * largest:  # constant up to rounding
         low, high = low - max(abs(low), 1e-6), high + max(abs(high), 1e-6)
     (across, wide), (up, tall) = shown_unit(found.across), shown_unit(found.up)
-    x, y = across * found.columns, up * found.rows
-    image = axes.pcolormesh(x, y, values, cmap=panel.colours, shading="nearest", vmin=low, vmax=high, rasterized=True)
+    grid = across * found.columns, up * found.rows
+    colours: Any = {"cmap": panel.colours, "vmin": low, "vmax": high}
+    image = axes.pcolormesh(*grid, values, shading="nearest", rasterized=True, **colours)
     if np.nanmax(values) - np.nanmin(values) > 1e-6 * abs(high):
         ink = "#3c4650" if change and np.nanmedian(np.abs(values)) < 0.5 * high else "white"
-        drawn = axes.contour(
-            x, y, values.clip(low, high), levels=6, colors=ink, linewidths=0.6, linestyles="solid", alpha=0.8
-        )
+        lines: Any = {"colors": ink, "linewidths": 0.6, "linestyles": "solid", "alpha": 0.8}
+        drawn = axes.contour(*grid, values.clip(low, high), levels=6, **lines)
         axes.clabel(drawn, fontsize=7, fmt="%.5g")
     figure: Any = axes.get_figure()
     bar = axes.inset_axes((1.03, 0.0, 0.045, 1.0))  # as high as the map for any aspect ratio
@@ -165,13 +163,12 @@ def _mark(axes: Axes, found: StiffnessMap, poses: Poses) -> None:
     swept = {found.across, found.up}
     names = [name for name in COORDINATES if name in swept or name in found.at]
     for label, pose in poses.items():
-        coordinates = dict(zip(names, pose, strict=True))
-        if not found.holds(coordinates):
+        if not found.holds(coordinates := dict(zip(names, pose, strict=True))):
             continue
         place: Any = [shown_unit(name)[0] * coordinates[name] for name in (found.across, found.up)]
         axes.plot(*place, "o", color=MARK, markersize=5, markeredgecolor="white")
-        offset: Any = {"xytext": (6, 5), "textcoords": "offset points"}
-        axes.annotate(label, place, color=MARK, weight="bold", path_effects=halo, parse_math=False, **offset)
+        style: Any = {"weight": "bold", "path_effects": halo, "parse_math": False}
+        axes.annotate(label, place, (6, 5), textcoords="offset points", color=MARK, **style)
 
 
 def write_volume(found: xr.Dataset, folder: Path) -> None:
@@ -181,20 +178,23 @@ def write_volume(found: xr.Dataset, folder: Path) -> None:
     found.to_netcdf(folder / "map.nc", engine="scipy", format="NETCDF3_64BIT")
     order = next(iter(found.data_vars.values())).dims[::-1]
     places = [found[name].to_numpy() for name in order]
-    image = pv.ImageData(
-        dimensions=tuple(map(len, places)),
-        spacing=tuple(float(each[1] - each[0]) for each in places),
-        origin=tuple(float(each[0]) for each in places),
-    )
+    starts, nexts = np.array([each[:2] for each in places]).T
+    sizes: Any = {"spacing": (nexts - starts).tolist(), "origin": starts.tolist()}
+    image = pv.ImageData(dimensions=tuple(map(len, places)), **sizes)
     for name, values in found.data_vars.items():
         image.point_data[str(name)] = np.ascontiguousarray(values.to_numpy()).ravel()
     image.save(folder / "map.vti")
 
 
 def held_text(found: StiffnessMap) -> str:
-    """Return the fixed coordinates for a title: "y = 0 mm"."""
-    return ", ".join(
-        f"{name} = {factor * value:z.5g} {unit}"
-        for name, value in found.at.items()
-        for factor, unit in [shown_unit(name)]
-    )
+    """Return the fixed coordinates for the end of a title: ", y = 0 mm"; "" if there are none."""
+    said = ""
+    for name, value in found.at.items():
+        factor, unit = shown_unit(name)
+        said += f", {name} = {factor * value:z.5g} {unit}"
+    return said
+
+
+def stiffness_title(found: StiffnessMap) -> str:
+    """Return the title of a map's `stiffness_panels`."""
+    return f"stiffness at M (diagonal of K){held_text(found)}"

@@ -29,7 +29,7 @@ _WITHIN = 0.2  # share of a mode's energy within parts above which the title men
 def modes_json(found: Modes) -> dict[str, Any]:
     """Return modes for JSON output; node twists at M in base axes are [pose][mode][component]."""
     names = {END: "tool", FOOT: "base"}
-    shapes = {names.get(node, node): np.moveaxis(twist, 1, 2) for node, twist in found.shapes.items()}
+    shapes = {names.get(node, node): each.swapaxes(1, 2) for node, each in found.shapes.items()}
     return {
         "poses": found.configurations.poses,
         "tool": found.configurations.tool,
@@ -50,14 +50,10 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
 
     Parameters
     ----------
-    assembled
-        Robot with its parts' matrices.
-    names
-        Names of the poses (n,).
-    found
-        Modes to draw.
-    folder
-        Folder to write to.
+    assembled, folder
+        Robot with its parts' matrices, and folder to write to.
+    names, found
+        Names (n,) of the poses, and modes there.
     """
     steps = np.arange(-_STEPS // 4, _STEPS // 4 + 1)
     sines = np.sin(0.5 * np.pi * steps / (_STEPS // 4))
@@ -67,7 +63,8 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
     for k, (name, cases) in enumerate(zip(names, mode_cases(found), strict=True)):
         here = place_robot(found.configurations, k)
         pose = name if name.replace("_", "").replace("-", "").isalnum() else str(k + 1)
-        for i, case in zip(np.flatnonzero(np.isfinite(found.frequencies[k])), cases, strict=True):
+        known = np.flatnonzero(np.isfinite(found.frequencies[k]))
+        for i, case in zip(known, cases, strict=True):
             hertz, within = found.frequencies[k, i], float(found.internal[k, i])
             title = f"{assembled.robot.name} at {name}: mode {i + 1}, {hertz:.4g} Hz"
             if within > _WITHIN:
@@ -79,7 +76,8 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
             still = {"file": f"{stem}.png", "moves": frames[-1], "before": here.moves}
             stills.append(shown | still)
             moving.append(shown | {"file": f"{stem}.gif", "frames": frames, "order": order})
-    jobs = [each[k : k + _TOGETHER] for each in (moving, stills) for k in range(0, len(each), _TOGETHER)]
+    starts = ((each, k) for each in (moving, stills) for k in range(0, len(each), _TOGETHER))
+    jobs = [each[k : k + _TOGETHER] for each, k in starts]
     common: dict[str, Any] = {**scene_of(assembled), "scale": ENERGY}
     with ThreadPoolExecutor(2) as pool:
         drawn = []

@@ -10,7 +10,7 @@ import html
 import sys
 import time
 from dataclasses import dataclass
-from importlib import import_module
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +38,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
     from stiffscope.cad.part import Part
+    from stiffscope.design.sensitivity import Sensitivity
+    from stiffscope.design.studies import Study
     from stiffscope.fea.derivatives import PartSensitivity
     from stiffscope.fea.experiment import Experiment
     from stiffscope.gap.inference.diagnosis import Diagnosis
@@ -75,10 +77,9 @@ class View:
     html: str = dataclasses.field(repr=False)
 
     def _repr_html_(self) -> str:
-        return (
-            f'<iframe srcdoc="{html.escape(self.html)}" title="the robot in three dimensions" loading="lazy" '
-            f'style="width:100%;height:{HEIGHT}px;border:0"></iframe>'
-        )
+        style = f'loading="lazy" style="width:100%;height:{HEIGHT}px;border:0"'
+        content = f'srcdoc="{html.escape(self.html)}" title="the robot in three dimensions"'
+        return f"<iframe {content} {style}></iframe>"
 
     def save(self, path: str | Path) -> None:
         """Write the page to a self-contained HTML file."""
@@ -96,14 +97,15 @@ def register() -> None:
     formatter = shell.display_formatter.formatters["text/html"]
     for name, show in SHOWN.items():
         module, _, kind = name.rpartition(".")
-        formatter.for_type_by_name(f"stiffscope.{module}", kind, lambda shown, show=show: as_html(shown, show))
+        formatter.for_type_by_name(f"stiffscope.{module}", kind, partial(as_html, show=show))
     if hasattr(shell, "kernel"):  # not if IPython runs in a terminal
         LISTENERS.open_line = open_bar
 
 
 def as_html(shown: Any, show: Callable[[Any], Sequence[Figure] | None] | None = None) -> str:
     """Return an object's tables and figures as HTML for a notebook."""
-    show = show or SHOWN[f"{type(shown).__module__.removeprefix('stiffscope.')}.{type(shown).__name__}"]
+    kind = type(shown)
+    show = show or SHOWN[f"{kind.__module__.removeprefix('stiffscope.')}.{kind.__name__}"]
     with record_shown() as lines:
         figures = show(shown) or ()
     return page.templates().get_template("notebook.html").render(lines=lines, figures=figures)
@@ -122,7 +124,8 @@ def open_bar(name: str) -> Progress:
         if (bar is None and done) or (not done and now - last < PACE):
             return
         last = now
-        words = f'<label>{html.escape(name)} <progress value="{fraction:.3f}"></progress> {html.escape(stage)}</label>'
+        bar_html = f'<progress value="{fraction:.3f}"></progress>'
+        words = f"<label>{html.escape(name)} {bar_html} {html.escape(stage)}</label>"
         shown = HTML("" if done else words)
         if bar is None:
             bar = display(shown, display_id=True)
@@ -141,11 +144,11 @@ def deformed(experiment: Experiment) -> Picture:
         This machine cannot draw; the message names what is missing.
     """
     with scratch_folder() as folder:
-        held = folder / "experiment.npz"
+        held, sheet = folder / "experiment.npz", folder / "loads.png"
         experiment.save(held)
-        title, sheet = experiment.part, "loads.png"
-        draw("part_pictures", folder, experiment=held, title=title, clamped=[], loaded=[], sheet=sheet)
-        return Picture((folder / sheet).read_bytes())
+        faces: dict[str, Any] = {"clamped": [], "loaded": []}
+        draw("part_pictures", folder, experiment=held, title=experiment.part, sheet=sheet.name, **faces)
+        return Picture(sheet.read_bytes())
 
 
 def stiffness_map(
@@ -161,8 +164,8 @@ def stiffness_map(
     mechanism
         Any mechanism.
     ranges
-        Two coordinates of its tool pose and the ends of each, m and rad: ``{"x": (-0.1, 0.1), "z": (0.3, 0.5)}``, or
-        ``robot.map.ranges()`` of a robot file.
+        Two coordinates of its tool pose and the ends of each, m and rad, such as
+        ``{"x": (-0.1, 0.1), "z": (0.3, 0.5)}`` or ``robot.map.ranges()`` of a robot file.
     points
         Number of poses along each coordinate.
     at : (k,)
@@ -181,10 +184,7 @@ def stiffness_map(
     found = map_stiffness(mechanism, ranges, points, at=at)
     with scratch_folder() as folder:
         target = folder / "map.png"
-        held = maps.held_text(found)
-        maps.draw_map(
-            found, maps.stiffness_panels(found), {}, "stiffness at M (diagonal of K)" + (held and f", {held}"), target
-        )
+        maps.draw_map(found, maps.stiffness_panels(found), {}, maps.stiffness_title(found), target)
         return Picture(target.read_bytes())
 
 
@@ -206,27 +206,24 @@ def view(shown: Mechanism | Configurations | Stiffness | Modes, robot: RobotFile
     from stiffscope.report.robot_scene import scene
     from stiffscope.report.robot_view import mode_cases, unit_wrenches
 
-    names: list[str] = []
     if isinstance(shown, Mechanism):
-        poses: Any = dict(robot.poses) if robot and robot.poses else {"home": shown.tool.home}
+        poses: Any = robot.poses if robot and robot.poses else {"home": shown.tool.home}
         names, found = list(poses), configure(shown, list(poses.values())).require_valid()
     else:
-        found = shown if isinstance(shown, Configurations) else getattr(shown, "configurations", None)
-        if found is None:
-            kind = type(shown).__name__
-            raise InputError(
-                f"view: expected a mechanism, as `assemble` makes it, or what was found of one, got {kind}"
-            )
+        found = getattr(shown, "configurations", shown)
+        if not isinstance(found, Configurations):
+            expected = "expected a mechanism, as `assemble` makes it, or what was found of one"
+            raise InputError(f"view: {expected}, got {type(shown).__name__}")
+        names = _names(found)
     mechanism = found.mechanism
-    names = names or _names(found)
-    cases, choice = (
-        (mode_cases(shown), "mode") if isinstance(shown, Modes) else (unit_wrenches(mechanism, found), "load")
-    )
+    choice = "mode" if isinstance(shown, Modes) else "load"
+    cases = mode_cases(shown) if isinstance(shown, Modes) else unit_wrenches(mechanism, found)
     with scratch_folder() as folder:
         draw("robot", folder, pictures=[], geometry=GEOMETRY, **scene(robot, mechanism))
         caption = f"Components coloured by their {ENERGY}."
         turned = Draft(folder).turn_robot(found, names, cases, caption, choice=choice)
-    return View(page.templates().get_template("inline.html").render(view=turned, title="The robot").lstrip())
+    template = page.templates().get_template("inline.html")
+    return View(template.render(view=turned, title="The robot").lstrip())
 
 
 def _names(found: Configurations) -> list[str]:
@@ -235,15 +232,15 @@ def _names(found: Configurations) -> list[str]:
 
 def _part(shown: Part) -> None:
     properties = mass_properties(shown)
-    loaded = [
-        (f"loaded: {each.name}", f"{_numbers(each.faces)}; reference point ({point(each.reference_point)}) mm")
-        for each in shown.loaded
-    ]
     rows = [
         ("material", shown.material.name),
         ("faces", str(len(shown.faces))),
         ("clamped", _numbers(shown.clamped)),
-        *loaded,
+    ]
+    for each in shown.loaded:
+        place = f"reference point ({point(each.reference_point)}) mm"
+        rows.append((f"loaded: {each.name}", f"{_numbers(each.faces)}; {place}"))
+    rows += [
         ("volume", f"{1e6 * properties.volume:.5g} cm³"),
         ("mass", f"{properties.mass:.5g} kg"),
         ("centre of mass", f"({point(properties.centre.round(9))}) mm"),
@@ -256,18 +253,19 @@ def _numbers(faces: Iterable[int]) -> str:
 
 
 def _mechanism(shown: Mechanism) -> None:
-    bodies = [
-        (b.name, "elastic" if b.elastic else "rigid", f"{b.mass:.4g}", "" if b.centre is None else point(b.centre))
-        for b in shown.bodies
-    ]
-    show_table("Bodies", (("body", "", "mass kg", "centre at home mm"),), bodies)
-    joints = [
-        (j.name, j.kind, j.first, j.second, point(j.at), f"{j.drive.stiffness:.4g}" if j.drive else "")
-        for j in shown.joints
-    ]
+    rows: list[Sequence[str]] = []
+    for body in shown.bodies:
+        kind, centre = "elastic" if body.elastic else "rigid", body.centre
+        rows.append((body.name, kind, f"{body.mass:.4g}", "" if centre is None else point(centre)))
+    show_table("Bodies", (("body", "", "mass kg", "centre at home mm"),), rows)
+    rows = []
+    for j in shown.joints:
+        stiffness = f"{j.drive.stiffness:.4g}" if j.drive else ""
+        rows.append((j.name, j.kind, j.first, j.second, point(j.at), stiffness))
     columns = ("joint", "kind", "between", "and", "at home mm", "drive N/m or N·m/rad")
-    show_table("Joints", (columns,), joints)
-    place = f"tool: {shown.tool.body}, M at ({point(shown.tool.at)}) mm, commanded: {', '.join(shown.tool.pose)}"
+    show_table("Joints", (columns,), rows)
+    tool = shown.tool
+    place = f"tool: {tool.body}, M at ({point(tool.at)}) mm, commanded: {', '.join(tool.pose)}"
     show_line(f"{place}; gravity ({vector(shown.gravity)}) m/s²")
 
 
@@ -282,9 +280,8 @@ def _configurations(shown: Configurations) -> None:
 
 
 def _stiffness(shown: Stiffness) -> None:
-    first = dataclasses.replace(
-        shown, **{each.name: getattr(shown, each.name)[:MOST] for each in dataclasses.fields(shown)}
-    )
+    names = [each.name for each in dataclasses.fields(shown)]
+    first = dataclasses.replace(shown, **{name: getattr(shown, name)[:MOST] for name in names})
     tables.show_stiffness([str(k + 1) for k in range(len(first.matrix))], first)
     _show_omitted(len(shown.matrix))
 
@@ -297,12 +294,11 @@ def _deflection(shown: Deflection) -> None:
 
 
 def _part_sensitivity(shown: PartSensitivity) -> None:
-    entries = tuple(f"C{k}{k}" for k in range(1, 7))
-    rows = [
-        (name, f"{each.value:.5g}", each.unit, *(f"{c:.4g}" for c in each.compliance.diagonal()), f"{each.mass:.4g}")
-        for name, each in shown.derivatives.items()
-    ]
-    columns = ("parameter", "value", "unit", *entries, "mass")
+    rows = []
+    for name, each in shown.derivatives.items():
+        numbers = (f"{value:.4g}" for value in (*each.compliance.diagonal(), each.mass))
+        rows.append((name, f"{each.value:.5g}", each.unit, *numbers))
+    columns = ("parameter", "value", "unit", *(f"C{k}{k}" for k in range(1, 7)), "mass")
     show_table(f"Derivatives of the {shown.part} by each parameter, SI", (columns,), rows)
 
 
@@ -325,13 +321,27 @@ def _fields(shown: Any) -> None:
 
 def _text(value: Any) -> str:
     if isinstance(value, np.ndarray):
-        listed = value.ndim == 1 and value.size <= SMALL
-        return f"({vector(value, 6)})" if listed else f"{' × '.join(map(str, value.shape))} numbers"
+        if value.ndim == 1 and value.size <= SMALL:
+            return f"({vector(value, 6)})"
+        return f"{' × '.join(map(str, value.shape))} numbers"
     if dataclasses.is_dataclass(value):
-        return ", ".join(f"{each.name} {_text(getattr(value, each.name))}" for each in dataclasses.fields(value))
+        names = [each.name for each in dataclasses.fields(value)]
+        return ", ".join(f"{name} {_text(getattr(value, name))}" for name in names)
     if isinstance(value, tuple):
         return ", ".join(map(str, value))
-    return f"{value:g}" if isinstance(value, float) else str(value) if value not in {None, ""} else "–"
+    return f"{value:g}" if isinstance(value, float) else "–" if value in {None, ""} else str(value)
+
+
+def _study(shown: Study) -> None:
+    from stiffscope.report.studies import show_study
+
+    show_study(shown)
+
+
+def _sensitivity(shown: Sensitivity) -> None:
+    from stiffscope.report.sensitivities import show_sensitivity
+
+    show_sensitivity(shown, [name_pose(pose, shown.robot.tool.pose) for pose in shown.poses])
 
 
 def _show_omitted(count: int) -> None:
@@ -347,13 +357,11 @@ SHOWN: dict[str, Callable[[Any], Sequence[Figure] | None]] = {
     "fea.derivatives.PartSensitivity": _part_sensitivity,
     "fea.settings.Settings": _fields,
     "gap.inference.diagnosis.Diagnosis": _diagnosis,
-    "design.studies.Study": lambda shown: import_module("stiffscope.report.studies").show_study(shown),
+    "design.studies.Study": _study,
     "report.compare.Comparison": part_tables.show_comparison,
     "robot.file.description.RobotFile": lambda shown: show_check(inspect_robot(shown)),
     "robot.imports.import_assembly.Imported": show_import,
-    "design.sensitivity.Sensitivity": lambda shown: import_module("stiffscope.report.sensitivities").show_sensitivity(
-        shown, [name_pose(pose, shown.robot.tool.pose) for pose in shown.poses]
-    ),
+    "design.sensitivity.Sensitivity": _sensitivity,
     "vjm.kinematics.Configurations": _configurations,
     "vjm.bodies.Body": _fields,
     "vjm.joints.Drive": _fields,

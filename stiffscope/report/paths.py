@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from stiffscope.design.path.along import Along, Compensated
+    from stiffscope.design.path.free import Freed
     from stiffscope.design.path.stress import PartStress
     from stiffscope.report.robot_view import Case
     from stiffscope.report.run_report import Draft
@@ -48,16 +49,16 @@ def path_columns(state: Along) -> dict[str, np.ndarray]:
     return columns | {name: state.forces[:, k] for k, name in enumerate(state.drives)}
 
 
-def path_json(state: Along, after: Compensated | None, stresses: Sequence[PartStress] = ()) -> dict[str, Any]:
+def path_json(state: Along, after: Compensated | None, stresses: list[PartStress]) -> dict[str, Any]:
     """Return the results of a path for JSON output."""
-    k = state.worst
+    k, section = state.worst, state.job.section
     answer: dict[str, Any] = {
         "job": state.job.file.name, "robot": state.job.robot.name, "points": len(state.path),
-        "length": state.length[-1], "rms": _rms(state), "columns": path_columns(state),
+        "length": state.length[-1], "rms": _rms(state.size), "columns": path_columns(state),
         "worst": {
-            "line": int(state.path.lines[k]), "s": state.length[k], "error": state.error[k], "size": state.size[k],
-            "normal": state.parts["normal"][k], "along": state.parts["along"][k],
-            "binormal": state.parts["binormal"][k], "bound": state.bound[k],
+            "line": int(state.path.lines[k]), "s": state.length[k],
+            "error": state.error[k], "size": state.size[k],
+            **{name: each[k] for name, each in state.parts.items()}, "bound": state.bound[k],
             "shares": {name: share[k] for name, share in state.shares.items()},
             "drives": dict(zip(state.drives, state.forces[k], strict=True)),
             "stress": [{key: getattr(each, key) for key in _STRESS} for each in stresses],
@@ -66,28 +67,35 @@ def path_json(state: Along, after: Compensated | None, stresses: Sequence[PartSt
     }  # fmt: skip
     if state.cutting is not None:
         answer["process"] = vars(state.cutting)
-    if state.freed is not None and state.job.section.free is not None:
-        answer["free"] = {"least": state.job.section.free.least, "fixed": state.freed.fixed, **_gain(state)}
+    if state.freed is not None and section.free is not None:
+        fixed, gain = state.freed.fixed, _gain(state.freed, state)
+        answer["free"] = {"least": section.free.least, "fixed": fixed, **gain}
     if after is not None:
+        left, refused = np.linalg.norm(after.left, axis=1), [list(each) for each in after.refused]
+        largest = float(np.abs(after.left).max())
         answer["compensated"] = {
-            "before": _rms(state), "after": float(np.sqrt((after.left**2).sum(axis=1).mean())),
-            "largest": float(np.abs(after.left).max()), "refused": [list(each) for each in after.refused],
-        }  # fmt: skip
+            "before": _rms(state.size),
+            "after": _rms(left),
+            "largest": largest,
+            "refused": refused,
+        }
     return answer
 
 
-def _gain(state: Along) -> dict[str, dict[str, float]]:
+def _gain(freed: Freed, state: Along) -> dict[str, dict[str, float]]:
     """Return greatest and rms error, m, for the best constant and the chosen free coordinates."""
-    freed, acting = state.freed, ~state.path.rapid
-    if freed is None:
-        return {}
-    some = acting if acting.any() else ~acting
-    each = {"single": freed.before[some], "chosen": freed.error[some]}
-    return {name: {"greatest": float(e.max()), "rms": float(np.sqrt((e**2).mean()))} for name, e in each.items()}
+    some = _acting(state)
+    errors = ("single", freed.before[some]), ("chosen", freed.error[some])
+    return {name: {"greatest": float(each.max()), "rms": _rms(each)} for name, each in errors}
 
 
-def _rms(state: Along) -> float:
-    return float(np.sqrt((state.size**2).mean()))
+def _acting(state: Along) -> np.ndarray:
+    """Return which points (n,) are no rapid moves; all points if there are none."""
+    return ~state.path.rapid if not state.path.rapid.all() else state.path.rapid
+
+
+def _rms(values: np.ndarray) -> float:
+    return float(np.sqrt((values**2).mean()))
 
 
 def write_csv(state: Along, file: Path) -> None:
@@ -97,65 +105,62 @@ def write_csv(state: Along, file: Path) -> None:
     with pyarrow.csv.CSVWriter(file, schema) as writer:
         for start in range(0, len(state.path), BLOCK):
             some = slice(start, start + BLOCK)
-            writer.write(pa.table({name: np.ascontiguousarray(each[some]) for name, each in columns.items()}, schema))
+            rows = {name: np.ascontiguousarray(each[some]) for name, each in columns.items()}
+            writer.write(pa.table(rows, schema))
 
 
-def show_path(state: Along, after: Compensated | None, stresses: Sequence[PartStress] = ()) -> None:
+def show_path(state: Along, after: Compensated | None, stresses: list[PartStress]) -> None:
     """Print the greatest error and its causes, process, drive loads and the compensated error."""
-    k, parts = state.worst, state.parts
-    acting = ~state.path.rapid
-    at = f"line {state.path.lines[k]} of {state.job.path_file.name}, s = {1e3 * state.length[k]:,.1f} mm"
+    k, path, file = state.worst, state.path, state.job.path_file.name
     facts = [
-        ("path", f"{len(state.path):,} points, {1e3 * state.length[-1]:,.1f} mm"),
-        ("error of the tool", f"rms {_mm(_rms(state))}, greatest {_mm(state.size[k])} ± {_mm(state.bound[k])}"),
-        ("greatest at", at),
-        ("there", ", ".join(f"{name} {_mm(each[k])}" for name, each in parts.items())),
+        ("path", f"{len(path):,} points, {1e3 * state.length[-1]:,.1f} mm"),
+        ("error of the tool", f"{_two(_rms(state.size), state.size[k])} ± {_mm(state.bound[k])}"),
+        ("greatest at", f"line {path.lines[k]} of {file}, s = {1e3 * state.length[k]:,.1f} mm"),
+        ("there", ", ".join(f"{name} {_mm(each[k])}" for name, each in state.parts.items())),
     ]
-    if state.cutting is not None:
-        cut = state.cutting
-        forces = f"feed {cut.feed:.4g} N, across {cut.across:.4g} N, axial {cut.axial:.4g} N, {cut.power:.4g} W"
+    if (cut := state.cutting) is not None:
+        forces = f"feed {cut.feed:.4g} N, across {cut.across:.4g} N, axial {cut.axial:.4g} N"
         chip = f"{1e3 * cut.chip:.4g} mm; tooth passing {cut.tooth_passing:.4g} Hz"
-        facts += [("process", forces), ("mean chip", chip)]
+        facts += [("process", f"{forces}, {cut.power:.4g} W"), ("mean chip", chip)]
     if state.freed is not None:
-        gain = {key: f"rms {_mm(each['rms'])}, greatest {_mm(each['greatest'])}" for key, each in _gain(state).items()}
-        facts.append((f"free: {', '.join(state.freed.values)}", f"{gain['chosen']}; held still {gain['single']}"))
+        gain = _gain(state.freed, state).values()
+        single, chosen = (_two(each["rms"], each["greatest"]) for each in gain)
+        facts.append((f"free: {', '.join(state.freed.values)}", f"{chosen}; held still {single}"))
     known = state.first[np.isfinite(state.first)]
     if known.size:
-        facts.append(("first frequency", f"{known.min():.4g} to {known.max():.4g} Hz along the path"))
-    show_facts(f"Path {state.job.path_file.name} on {state.job.robot.name}", facts)
+        band = f"{known.min():.4g} to {known.max():.4g} Hz along the path"
+        facts.append(("first frequency", band))
+    show_facts(f"Path {file} on {state.job.robot.name}", facts)
+    acting = _acting(state)
     shares = sorted(state.shares.items(), key=lambda each: -each[1][k])
     rows = [
-        (name, f"{100 * share[k]:.1f}", f"{100 * float(share[acting].mean() if acting.any() else share.mean()):.1f}")
+        (name, f"{100 * share[k]:.1f}", f"{100 * share[acting].mean():.1f}")
         for name, share in shares if share[k] > 5e-4
     ]  # fmt: skip
-    show_table("Share of the strain energy (%)", [["element"], ["at the greatest error", "mean of the path"]], rows)
+    columns = [["element"], ["at the greatest error", "mean of the path"]]
+    show_table("Share of the strain energy (%)", columns, rows)
     least = 1e-12 * np.abs(state.forces).max(initial=0.0)  # smaller values are rounding errors
-    rows = [
-        (name, *(f"{0.0 if abs(end) < least else end:.4g}" for end in (force.min(), force.max())), unit)
-        for name, force, unit in zip(state.drives, state.forces.T, state.units, strict=True)
-    ]
+    rows = []
+    for name, force, unit in zip(state.drives, state.forces.T, state.units, strict=True):
+        ends = (0.0 if abs(end) < least else end for end in (force.min(), force.max()))
+        rows.append((name, *(f"{end:.4g}" for end in ends), unit))
     show_table("Drive loads", [["drive"], ["least", "greatest", "unit"]], rows)
     if stresses:
-        rows = [
-            (each.body, f"{1e-6 * each.von_mises:.3g}", ", ".join(f"{1e3 * x:z.1f}" for x in each.at), each.material,
-             "" if each.factor is None else f"{each.factor:.3g}")
-            for each in stresses
-        ]  # fmt: skip
-        show_table(
-            "Greatest von Mises stress, at the greatest error",
-            [["body"], ["MPa"], ["x, y, z in the part (mm)"], ["material"], ["yield strength over stress"]], rows,
-        )  # fmt: skip
+        rows = []
+        for each in stresses:
+            place = ", ".join(f"{1e3 * x:z.1f}" for x in each.at)
+            factor = "" if each.factor is None else f"{each.factor:.3g}"
+            rows.append((each.body, f"{1e-6 * each.von_mises:.3g}", place, each.material, factor))
+        columns = [["body"], ["MPa"], ["x, y, z in the part (mm)"], ["material"], ["yield strength over stress"]]
+        show_table("Greatest von Mises stress, at the greatest error", columns, rows)
     if after is not None:
         _show_compensation(state, after)
 
 
 def _show_compensation(state: Along, after: Compensated) -> None:
-    left = np.abs(after.left).max(axis=0)
-    names = state.job.robot.tool.pose
-    worst = ", ".join(
-        f"{name} {value:.2g} {'m' if len(name) == 1 else 'rad'}" for name, value in zip(names, left, strict=True)
-    )
-    show_line(f"Compensated: the error of {_mm(_rms(state))} rms is reduced to at most {worst}.")
+    left = zip(state.job.robot.tool.pose, np.abs(after.left).max(axis=0), strict=True)
+    worst = ", ".join(f"{name} {most:.2g} {'m' if name in 'xyz' else 'rad'}" for name, most in left)
+    show_line(f"Compensated: the error of {_mm(_rms(state.size))} rms falls to at most {worst}.")
     for line, why in after.refused[:_MOST_TOLD]:
         show_line(f"  line {line} keeps its command: {why}")
     if len(after.refused) > _MOST_TOLD:
@@ -166,9 +171,14 @@ def _mm(value: float) -> str:
     return f"{1e3 * value:.4g} mm"
 
 
+def _two(rms: float, greatest: float) -> str:
+    return f"rms {_mm(rms)}, greatest {_mm(greatest)}"
+
+
 def draw_path(state: Along, after: Compensated | None, folder: Path) -> None:
     """Write path (coloured by error) and error (over length of the path) as PNG and SVG."""
-    save_figures(folder, {"path": lambda: _draw_map(state), "error": lambda: _draw_error(state, after)})
+    figures = {"path": lambda: _draw_map(state), "error": lambda: _draw_error(state, after)}
+    save_figures(folder, figures)
 
 
 def write_stress(stresses: Sequence[PartStress], folder: Path) -> None:
@@ -178,12 +188,11 @@ def write_stress(stresses: Sequence[PartStress], folder: Path) -> None:
         field = folder / "stress.vtu"
         write_fields(mesh, field, {"displacement": each.displacement, "von_mises": each.stress})
         node = int(np.argmin(np.linalg.norm(mesh.points - each.at, axis=1)))
-        title = f"{each.body} ({each.material}) at the greatest error: {1e-6 * each.von_mises:.3g} MPa"
+        stress = f"{1e-6 * each.von_mises:.3g} MPa"
+        title = f"{each.body} ({each.material}) at the greatest error: {stress}"
+        given = {"experiment": each.tested.folder / EXPERIMENT, "field": field, "node": node}
         with optional_pictures():
-            draw(
-                "stressed_part", folder / "stress.png", experiment=each.tested.folder / EXPERIMENT, field=field,
-                node=node, title=title,
-            )  # fmt: skip
+            draw("stressed_part", folder / "stress.png", title=title, **given)
 
 
 def _thinned(n: int) -> np.ndarray:
@@ -196,23 +205,24 @@ def _draw_map(state: Along) -> Figure:
 
     some = _thinned(len(state.path))
     points = 1e3 * state.tool[some, :3]
-    drawn = new_figure(7.5, 5.6, f"{state.job.robot.name}: error of the tool along {state.job.path_file.name}")
+    job = state.job
+    drawn = new_figure(7.5, 5.6, f"{job.robot.name}: error of the tool along {job.path_file.name}")
     axes: Any = drawn.add_subplot(projection="3d")
-    lines = Line3DCollection(np.stack([points[:-1], points[1:]], axis=1), cmap="viridis", linewidths=2.0)
+    segments = np.stack([points[:-1], points[1:]], axis=1)
+    lines = Line3DCollection(segments, cmap="viridis", linewidths=2.0)
     lines.set_array(1e3 * state.size[some][1:])
     axes.add_collection3d(lines)
     worst = 1e3 * state.tool[state.worst, :3]
     axes.scatter(*worst, color="#b3372f", s=30, depthshade=False, label="greatest error")
     axes.legend(frameon=False, loc="upper left")
     low, high = points.min(axis=0), points.max(axis=0)
-    least = 0.05 * float((high - low).max())
-    spans = np.maximum(high - low, least)
-    middle = 0.5 * (low + high)
-    for name, k in zip("xyz", range(3), strict=True):
-        getattr(axes, f"set_{name}lim")(middle[k] - 0.5 * spans[k], middle[k] + 0.5 * spans[k])
+    spans = np.maximum(high - low, 0.05 * (high - low).max())
+    shares = spans / spans.max()
+    for name, middle, span, share in zip("xyz", 0.5 * (low + high), spans, shares, strict=True):
+        getattr(axes, f"set_{name}lim")(middle - 0.5 * span, middle + 0.5 * span)
         getattr(axes, f"set_{name}label")(f"{name} (mm)")
-        getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(max(1, round(6 * spans[k] / spans.max()))))
-    axes.set_box_aspect(spans / spans.max())
+        getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(max(1, round(6 * share))))
+    axes.set_box_aspect(shares)
     drawn.colorbar(lines, ax=axes, shrink=0.7, pad=0.1, label="size of the error (mm)")
     return drawn
 
@@ -220,8 +230,9 @@ def _draw_map(state: Along) -> Figure:
 def _draw_error(state: Along, after: Compensated | None) -> Figure:
     some = _thinned(len(state.path))
     length = 1e3 * state.length[some]
-    drawn = new_figure(8.0, 5.2 if after is None else 6.6, f"{state.job.robot.name}: error of the tool over length")
-    rows = drawn.subplots(2 if after is None else 3, 1, sharex=True, squeeze=False)[:, 0]
+    count, height = (2, 5.2) if after is None else (3, 6.6)
+    drawn = new_figure(8.0, height, f"{state.job.robot.name}: error of the tool over length")
+    rows = drawn.subplots(count, 1, sharex=True)
     low, high = (1e3 * (state.size + sign * state.bound)[some] for sign in (-1, 1))
     rows[0].fill_between(length, low, high, color=BEFORE, alpha=0.2, lw=0)
     rows[0].plot(length, 1e3 * state.size[some], color=BEFORE, lw=1.2)
@@ -231,7 +242,8 @@ def _draw_error(state: Along, after: Compensated | None) -> Figure:
     rows[1].set_ylabel("component (mm)")
     rows[1].legend(frameon=False, ncol=3, loc="lower right", bbox_to_anchor=(1.0, 0.97))
     if after is not None:
-        rows[2].semilogy(length, 1e3 * np.maximum(after.after.size[some], 1e-15), color=AFTER, lw=1.2)
+        left = np.maximum(after.after.size[some], 1e-15)
+        rows[2].semilogy(length, 1e3 * left, color=AFTER, lw=1.2)
         rows[2].set_ylabel("compensated (mm)")
     rows[-1].set_xlabel("length along the path (mm)")
     for axes in rows:
@@ -244,16 +256,16 @@ def _chart_error(state: Along, after: Compensated | None) -> page.Chart:
     """Return an interactive chart of error over length, before and after compensation."""
     some = _thinned(len(state.path))
     series = []
-    for name, colour, each in (("as commanded", BEFORE, state), ("compensated", AFTER, after and after.after)):
-        if each is not None:
-            errors = {"size": each.size, **each.parts}
-            columns = {"line": [str(line) for line in np.asarray(state.path.lines)[some]]}
-            columns |= {"length, mm": 1e3 * state.length[some]}
-            columns |= {f"{word}, mm": 1e3 * values[some] for word, values in errors.items()}
-            columns |= {f"{axis}, mm": 1e3 * state.tool[some, k] for k, axis in enumerate("xyz")}
-            series.append(page.Series(name, colour, columns, size=3))
-    _, *shown = series[0].columns
-    return page.Chart(series, [shown[0], *shown[5:]], shown[1:5], "Error at every point.", joined=True)
+    drawn = [("as commanded", BEFORE, state)] + ([("compensated", AFTER, after.after)] if after else [])
+    for name, colour, each in drawn:
+        errors = {"size": each.size, **each.parts}
+        columns: dict[str, Any] = {"line": np.asarray(state.path.lines)[some].astype(str)}
+        columns |= {"length, mm": 1e3 * state.length[some]}
+        columns |= {f"{word}, mm": 1e3 * values[some] for word, values in errors.items()}
+        columns |= {f"{axis}, mm": 1e3 * state.tool[some, k] for k, axis in enumerate("xyz")}
+        series.append(page.Series(name, colour, columns, size=3))
+    _, length, *y = series[0].columns
+    return page.Chart(series, [length, *y[4:]], y[:4], "Error at every point.", joined=True)
 
 
 def write_path_page(
@@ -270,21 +282,21 @@ def write_path_page(
     found, cases
         Configuration at the greatest error, and the loads to show there.
     """
-    still = report.figure("deflection_1.png", "The robot at the greatest error.", "the robot deformed")
+    here = "The robot at the greatest error"
+    still = report.figure("deflection_1.png", f"{here}.", "the robot deformed")
     said = "Von Mises stress of the part where it is greatest, at the greatest error."
     hot = report.figures({"stress.png": (said, "stress of a part")})
-    drawn = report.figures(
-        {
-            "path.png": ("The path, coloured by the size of the tool's error.", "path in three dimensions"),
-            "error.svg": ("Error of the tool over the length of the path.", "error over length"),
-        }
-    )
-    caption = f"The robot at the greatest error, under all its loads, components coloured by their {ENERGY}."
+    drawn = report.figures({
+        "path.png": ("The path, coloured by the tool's error.", "path in three dimensions"),
+        "error.svg": ("Error of the tool over the length of the path.", "error over length"),
+    })  # fmt: skip
+    caption = f"{here}, under all its loads, components coloured by their {ENERGY}."
     view = report.turn_robot(found, ["greatest error"], cases, caption, still)
     charts = [_chart_error(state, after)]
     sections = [
         page.Section("The path", report.shown, drawn, charts=charts, files=("path.csv",)),
-        page.Section("The robot at the greatest error", figures=hot, view=view),
+        page.Section(here, figures=hot, view=view),
     ]
-    facts = [f"robot: {state.job.robot.name}", f"job: {state.job.file.name}", AT_M]
-    report.write(f"{state.job.robot.name}: {state.job.path_file.name}", facts, sections)
+    job = state.job
+    facts = [f"robot: {job.robot.name}", f"job: {job.file.name}", AT_M]
+    report.write(f"{job.robot.name}: {job.path_file.name}", facts, sections)

@@ -31,36 +31,32 @@ MOST_BARS = 15
 
 def part_json(found: PartSensitivity, result: PartResult) -> dict[str, Any]:
     """Return a part's derivatives per unit of each parameter for JSON output, SI."""
-    several = len(result.experiment.reference_points) > 1
-    together = {"flexibility": "full_compliance", "flexibility_error": "full_error"} if several else {}
-    keys = ("value", "unit", "compliance", "error", "self_weight", "self_weight_error", "mass", "centre")
-    return {
-        "part": found.part,
-        "parameters": {
-            name: {key: getattr(each, key) for key in keys}
-            | {key: getattr(each, held) for key, held in together.items()}
-            | {"condensed_mass": each.condensed_mass}
-            for name, each in found.derivatives.items()
-        },
-        "notes": found.notes,
-        "seconds": found.seconds,
-    }
+    names = ("value", "unit", "compliance", "error", "self_weight", "self_weight_error", "mass", "centre")
+    keys = dict(zip(names, names, strict=True))
+    if len(result.experiment.reference_points) > 1:
+        keys |= {"flexibility": "full_compliance", "flexibility_error": "full_error"}
+    keys["condensed_mass"] = "condensed_mass"
+    parameters = {
+        name: {key: getattr(each, held) for key, held in keys.items()}
+        for name, each in found.derivatives.items()
+    }  # fmt: skip
+    return {"part": found.part, "parameters": parameters, "notes": found.notes, "seconds": found.seconds}
 
 
 def robot_json(found: Sensitivity) -> dict[str, Any]:
     """Return a robot's derivatives at n poses and its scatter by tolerances for JSON output, SI."""
-    scatter = found.scatter()
+    scatter, responses = found.scatter(), ("stiffness", "sag", "frequency")
     parameters = {}
     for row in found.rows:
         parameters[row.parameter.name] = {
             **{name: getattr(row.parameter, name) for name in ("value", "unit", "tolerance")},
-            **_responses(row.by),
-            **{f"{name}_error": getattr(row.error, name) for name in ("stiffness", "sag", "frequency")},
+            **_responses(row.by), **{f"{name}_error": getattr(row.error, name) for name in responses},
             "stiffness_per_kilogram": row.per_kilogram,
-        }
+        }  # fmt: skip
     return {
         "poses": found.poses, **_responses(found.at), "parameters": parameters,
-        "scatter": None if scatter is None else _responses(scatter), "notes": found.notes, "convention": CONVENTION,
+        "scatter": None if scatter is None else _responses(scatter),
+        "notes": found.notes, "convention": CONVENTION,
     }  # fmt: skip
 
 
@@ -73,8 +69,8 @@ def show_part_sensitivity(found: PartSensitivity, result: PartResult) -> None:
     for k, interface in enumerate(result.experiment.interfaces[1:]):
         several = len(result.experiment.interfaces) > 2
         _show_at(found, result, slice(6 * k, 6 * k + 6), f" at {interface}" if several else "")
-    show_line("  sag: at the loaded face, by own weight along x, y, z; ± 95 % if larger than one digit.")
-    show_line("  per kg: the largest gain of an entry of 1/C_ii per kilogram added by this parameter.")
+    show_line("  sag: at the loaded face, by own weight along x, y, z; ± 95 % if above one digit.")
+    show_line("  per kg: the largest gain of an entry of 1/C_ii per kilogram that this adds.")
     _show_notes(found.notes)
 
 
@@ -84,7 +80,7 @@ def _show_at(found: PartSensitivity, result: PartResult, own: slice, where: str)
     weight = np.abs(result.experiment.self_weight).max(axis=1)
     at = np.abs(result.experiment.self_weight).argmax(axis=1)
     rows = []
-    for name, each in sorted(found.derivatives.items(), key=lambda item: -_largest(item[1], compliance, own)):
+    for name, each in _rank_derivatives(found, compliance, own):
         shares = each.value * each.full_compliance.diagonal()[own] / compliance
         bounds = each.value * each.full_error.diagonal()[own] / compliance
         sags = each.value * each.self_weight[range(3), at] / weight
@@ -103,49 +99,57 @@ def _show_at(found: PartSensitivity, result: PartResult, own: slice, where: str)
     show_table(f"Sensitivity of the {found.part}{where}: % per % of each parameter", groups, rows)
 
 
-def _largest(each: Derivative, compliance: np.ndarray, own: slice = slice(0, 6)) -> float:
-    return float(np.abs(each.value * each.full_compliance.diagonal()[own] / compliance).max())
+def _rank_derivatives(
+    found: PartSensitivity, compliance: np.ndarray, own: slice = slice(0, 6)
+) -> list[tuple[str, Derivative]]:
+    """Return derivatives by name, the greatest effect on the diagonal of an interface first."""
+
+    def effect(item: tuple[str, Derivative]) -> float:
+        return np.abs(item[1].value * item[1].full_compliance.diagonal()[own] / compliance).max()
+
+    return sorted(found.derivatives.items(), key=effect, reverse=True)
 
 
 def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
     """Show % of K's diagonal, sag and first frequency per % of each parameter, by pose, sorted."""
     for index, pose in enumerate(names):
-        stiffness = np.diagonal(found.at.stiffness[index])
-        sag = np.linalg.norm(found.at.sag[index, :3])
+        stiffness, sag = np.diagonal(found.at.stiffness[index]), found.at.sag[index, :3]
         rows = []
         for row in rank_rows(found, index):
-            shares, bounds = (_diagonal(each.stiffness[index], row, stiffness) for each in (row.by, row.error))
             value = row.parameter.value
-            along = found.at.sag[index, :3] @ row.by.sag[index, :3] * value / sag**2 if sag > 0 else np.nan
-            frequency = value / found.at.frequency[index]
-            first = _share(frequency * row.by.frequency[index], frequency * row.error.frequency[index])
+            along = value * (sag @ row.by.sag[index, :3]) / (sag @ sag) if sag.any() else np.nan
+            share = value / found.at.frequency[index]
+            first = (share * each.frequency[index] for each in (row.by, row.error))
             massive = ["", "", ""]
             if row.per_kilogram is not None:
                 gains = np.diagonal(row.per_kilogram[index])[:3] / stiffness[:3]
                 massive = [f"{100 * gain:+.3g} %" if abs(gain) > LEAST else "·" for gain in gains]
+            stiff = map(_share, *_diagonals(found, row, index))
             shown = row.parameter.name, quantity(value, row.parameter.unit)
-            rows.append((*shown, *map(_share, shares, bounds), _share(float(along)), first, *massive))
-        each = (DIAGONAL[:3], DIAGONAL[3:], ("|sag|", "f1"), ("K_tx per kg", "K_ty per kg", "K_tz per kg"))
-        groups = [("parameter", "value"), *each]
+            rows.append((*shown, *stiff, _share(float(along)), _share(*first), *massive))
+        per_kilogram = tuple(f"{name} per kg" for name in DIAGONAL[:3])
+        groups = [("parameter", "value"), DIAGONAL[:3], DIAGONAL[3:], ("|sag|", "f1"), per_kilogram]
         show_table(f"Sensitivity at {pose}: % of K per % of each parameter", groups, rows)
         _show_scatter(found, index)
-    show_line("  per kg: % of K per kilogram added by this parameter; ± 95 % if larger than one digit.")
+    show_line("  per kg: % of K per kilogram that this adds; ± 95 % if above one digit.")
     _show_notes(found.notes)
 
 
 def rank_rows(found: Sensitivity, index: int) -> list[Row]:
     """Return rows sorted by their largest effect on K's diagonal at a pose; omit zero effects."""
-    stiffness = np.diagonal(found.at.stiffness[index])
 
     def effect(row: Row) -> float:
         on_frequency = row.parameter.value * row.by.frequency[index] / found.at.frequency[index]
-        return float(np.nanmax(np.abs([*_diagonal(row.by.stiffness[index], row, stiffness), 1e-6 * on_frequency])))
+        return np.nanmax(np.abs([*_diagonals(found, row, index)[0], 1e-6 * on_frequency]))
 
-    return sorted((row for row in found.rows if effect(row) > LEAST * 1e-6), key=effect, reverse=True)
+    rows = (row for row in found.rows if effect(row) > LEAST * 1e-6)
+    return sorted(rows, key=effect, reverse=True)
 
 
-def _diagonal(matrix: np.ndarray, row: Row, stiffness: np.ndarray) -> np.ndarray:
-    return np.diagonal(matrix) * row.parameter.value / stiffness
+def _diagonals(found: Sensitivity, row: Row, index: int) -> np.ndarray:
+    """Return the effect of a parameter on K's diagonal at a pose, and its bounds (2, 6)."""
+    each = np.array([np.diagonal(each.stiffness[index]) for each in (row.by, row.error)])
+    return each * row.parameter.value / np.diagonal(found.at.stiffness[index])
 
 
 def _show_scatter(found: Sensitivity, index: int) -> None:
@@ -153,7 +157,8 @@ def _show_scatter(found: Sensitivity, index: int) -> None:
     if scatter is None:
         return
     shares = np.diagonal(scatter.stiffness[index]) / np.diagonal(found.at.stiffness[index])
-    words = ", ".join(f"{name} ± {100 * share:.2g} %" for name, share in zip(DIAGONAL, shares, strict=True))
+    each = zip(DIAGONAL, shares, strict=True)
+    words = ", ".join(f"{name} ± {100 * share:.2g} %" for name, share in each)
     more = f", f1 ± {100 * scatter.frequency[index] / found.at.frequency[index]:.2g} %"
     sag = np.linalg.norm(found.at.sag[index, :3])
     if sag > 0:
@@ -172,11 +177,11 @@ _SCALES = {"m": (1e-3, "mm"), "Pa": (1e9, "GPa"), "1": (1.0, "")} | {
 }
 
 
-def quantity(value: float, unit: str) -> str:
-    """Return a value as shown in tables: lengths in mm, stiffnesses in N/µm, moduli in GPa."""
+def quantity(value: float, unit: str, digits: int = 6) -> str:
+    """Return a rounded value as in tables: lengths in mm, stiffnesses in N/µm, moduli in GPa."""
     unit = unit.replace("*", "·")
     factor, shown = _SCALES.get(unit, (1.0, unit))
-    return f"{value / factor:.6g} {shown}".strip()
+    return f"{float(f'{value:.{digits}g}') / factor:.6g} {shown}".strip()
 
 
 def _share(value: float, bound: float = 0.0) -> str:
@@ -206,20 +211,20 @@ def write_page(report: Draft, title: str, words: str) -> None:
 
 def draw_robot(found: Sensitivity, pose: str) -> Figure:
     """Draw bars of K_tx at the first pose, named ``pose``: relative and per kilogram."""
-    stiffness = np.diagonal(found.at.stiffness[0])
-    rows = [row for row in rank_rows(found, 0) if abs(_diagonal(row.by.stiffness[0], row, stiffness)[0]) > LEAST]
-    rows.sort(key=lambda row: -abs(_diagonal(row.by.stiffness[0], row, stiffness)[0]))
-    massive = [row for row in rows if row.per_kilogram is not None]  # add mass, change K_tx
-    drawn = new_figure(11.0, 1.6 + 0.32 * min(len(rows), MOST_BARS), f"{found.robot.name}: what changes K_tx at {pose}")
+    stiffness = found.at.stiffness[0, 0, 0]
+    shares, kilograms = [], []
+    for row in found.rows:
+        share, bound = _diagonals(found, row, 0)[:, 0]
+        if abs(share) > LEAST:
+            shares.append((row.parameter.name, share, bound))
+            if row.per_kilogram is not None:  # adds mass
+                gained = 100 * row.per_kilogram[0, 0, 0] / stiffness
+                bound = 100 * row.error.stiffness[0, 0, 0] / abs(row.by.mass) / stiffness
+                kilograms.append((row.parameter.name, gained, bound))
+    height = 1.6 + 0.32 * min(len(shares), MOST_BARS)
+    drawn = new_figure(11.0, height, f"{found.robot.name}: what changes K_tx at {pose}")
     left, right = drawn.subplots(1, 2)
-    shares = [(row.parameter.name, *(_diagonal(each.stiffness[0], row, stiffness)[0] for each in (row.by, row.error)))
-              for row in rows]  # fmt: skip
-    _bars(left, shares, "% of K_tx per % of the parameter")
-    kilograms = []
-    for row in massive:
-        gained = 100 * np.diagonal(np.asarray(row.per_kilogram)[0])[0] / stiffness[0]
-        bound = 100 * row.error.stiffness[0, 0, 0] / abs(row.by.mass) / stiffness[0]
-        kilograms.append((row.parameter.name, gained, bound))
+    _bars(left, sorted(shares, key=lambda bar: -abs(bar[1])), "% of K_tx per % of the parameter")
     _bars(right, sorted(kilograms, key=lambda bar: -abs(bar[1])), "% of K_tx per kilogram added")
     return drawn
 
@@ -227,13 +232,13 @@ def draw_robot(found: Sensitivity, pose: str) -> Figure:
 def draw_part(found: PartSensitivity, result: PartResult) -> Figure:
     """Draw bars for each diagonal entry of the part's compliance."""
     compliance = result.experiment.compliance.diagonal()
-    order = sorted(found.derivatives.items(), key=lambda item: -_largest(item[1], compliance))
-    drawn = new_figure(13.0, 2.4 + 0.5 * min(len(order), MOST_BARS), f"{found.part}: what changes its compliance")
+    order = _rank_derivatives(found, compliance)[:MOST_BARS]
+    drawn = new_figure(13.0, 2.4 + 0.5 * len(order), f"{found.part}: what changes its compliance")
     for i, axes in enumerate(drawn.subplots(2, 3, sharey=True).ravel()):
-        bars = [
-            (name, each.value * each.compliance[i, i] / compliance[i], each.value * each.error[i, i] / compliance[i])
-            for name, each in order
-        ]
+        bars = []
+        for name, each in order:
+            factor = each.value / compliance[i]
+            bars.append((name, factor * each.compliance[i, i], factor * each.error[i, i]))
         _bars(axes, bars, f"% of {COMPLIANCES[i]} per %")
     return drawn
 
@@ -242,7 +247,8 @@ def _bars(axes: Any, bars: Iterable[tuple[str, float, float]], label: str) -> No
     """Draw horizontal bars (name, value, 95 % bound), the first on top."""
     some = list(bars)[:MOST_BARS]
     values, bounds = (np.array([bar[k] for bar in some], dtype=float) for k in (1, 2))
-    axes.barh(range(len(some)), values, color=np.where(values >= 0, BAR, LOSS), xerr=bounds, ecolor=BOUND, capsize=2)
+    colours = np.where(values >= 0, BAR, LOSS)
+    axes.barh(range(len(some)), values, color=colours, xerr=bounds, ecolor=BOUND, capsize=2)
     axes.set_yticks(range(len(some)), [bar[0] for bar in some], fontsize=8, parse_math=False)
     if not axes.yaxis_inverted():
         axes.invert_yaxis()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from stiffscope.report.sensitivities import quantity
 from stiffscope.report.terminal import Shown, show_line, show_table
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -41,21 +43,19 @@ def write_study(study: Study, folder: Path) -> None:
     table = study.table
     table.to_csv(folder / f"{TABLE}.csv", index=False)
     table.to_parquet(folder / f"{TABLE}.parquet", index=False)
-    save_figures(
-        folder,
-        {"pareto": lambda: _front(study), "progress": lambda: _progress(study), "parallel": lambda: _parallel(study)},
-    )
+    figures = {"pareto": _front, "progress": _progress, "parallel": _parallel}
+    save_figures(folder, {stem: partial(draw, study) for stem, draw in figures.items()})
 
 
 def write_study_page(study: Study, report: Draft) -> None:
     """Write the page with the shown tables, the folder's pictures and the manifest."""
     stem = "pareto" if len(study.file.goals) > 1 else "progress"
-    still = report.figure(f"{stem}.png", CAPTIONS[stem], CAPTIONS[stem])
-    parallel = report.figures({"parallel.png": (CAPTIONS["parallel"], CAPTIONS["parallel"])})
+    words = {each: {f"{each}.png": (CAPTIONS[each],) * 2} for each in (stem, "parallel")}
+    still, parallel = map(report.figures, words.values())
     facts = [f"method {study.file.method}", f"{len(study.designs)} designs", "files in SI units"]
     sections = [
         Section("Designs", report.shown, files=(f"{TABLE}.csv", f"{TABLE}.parquet")),
-        Section("Every design", [_list_designs(study)], charts=[_chart_designs(study, still)]),
+        Section("Every design", [_list_designs(study)], charts=[_chart_designs(study, *still)]),
         Section("Parameters and responses", (), parallel),
     ]
     report.write(f"{study.file.path.stem}: a study of {study.file.robot.name}", facts, sections)
@@ -63,21 +63,21 @@ def write_study_page(study: Study, report: Draft) -> None:
 
 def _list_designs(study: Study) -> Shown:
     """Return a table with one design per row, at most `MOST_LISTED`, the best first."""
-    file = study.file
+    file, states = study.file, study.outcomes.states.astype(object)
     names = "design", *(v.name for v in file.variables), *(r.name for r in file.responses), "state"
-    states = study.outcomes.states
-    order = dict.fromkeys([*study.best, *range(len(study.designs))])
-    rows = [(*_row(study, k), "best" if k in study.best else str(states[k])) for k in list(order)[:MOST_LISTED]]
-    more = len(study.designs) - len(rows)
-    title = f"The first {len(rows)} designs, the best first; {TABLE}.csv has {more} more" if more else "All designs"
-    return Shown(title, names, tuple(rows), folded=True)
+    states[list(study.best)] = "best"
+    order = list(dict.fromkeys([*study.best, *range(len(study.designs))]))[:MOST_LISTED]
+    more = len(study.designs) - len(order)
+    ends = f"the best first; {TABLE}.csv has {more} more"
+    title = f"The first {len(order)} designs, {ends}" if more else "All designs"
+    return Shown(title, names, tuple((*_row(study, k), states[k]) for k in order), folded=True)
 
 
-def _chart_designs(study: Study, still: PageFigure | None) -> Chart:
+def _chart_designs(study: Study, still: PageFigure | None = None) -> Chart:
     """Return a chart of all responses and parameters; a click on a point finds its row."""
     table = study.table
     goals = [_column(study, goal.response) for goal in study.file.goals]
-    order = [*goals, *(r.column for r in study.file.responses), *(v.column for v in study.file.variables)]
+    order = [*goals, *(each.column for each in (*study.file.responses, *study.file.variables))]
     columns: dict[str, Any] = {"design": table["design"].astype(str).to_numpy()}
     axes = {"design, number": table["design"].to_numpy()} if len(goals) < 2 else {}
     for name in dict.fromkeys(order):
@@ -88,34 +88,33 @@ def _chart_designs(study: Study, still: PageFigure | None) -> Chart:
         factor, shown = choose_unit(unit, values[np.isfinite(values)])
         axes[title if shown in {"", "1"} else f"{title}, {shown}"] = values / factor
     columns |= axes
-    groups = [(word, COLOURS[word], 6, np.setdiff1d(some, study.best)) for word, some in _group_by_state(study)]
-    groups.append(("best", EFFECT, 10, np.array(study.best[:MOST_DRAWN], dtype=int)))
-    series = [
-        Series(word, colour, {name: values[some] for name, values in columns.items()}, size=size)
-        for word, colour, size, some in groups
-        if len(some)
-    ]
+    groups = [(word, np.setdiff1d(some, study.best)) for word, some in _group_by_state(study)]
+    groups.append(("best", np.array(study.best[:MOST_DRAWN], dtype=int)))
+    series = []
+    for word, some in groups:
+        if len(some):
+            colour, size = (EFFECT, 10) if word == "best" else (COLOURS[word], 6)
+            shown = {name: values[some] for name, values in columns.items()}
+            series.append(Series(word, colour, shown, size=size))
     x, *y = axes
-    return Chart(series, [x, *y], [*y, x], "All designs; click a point to find its row in the table.", still)
+    caption = "All designs; click a point to find its row in the table."
+    return Chart(series, [x, *y], [*y, x], caption, still)
 
 
 def study_json(study: Study) -> dict[str, Any]:
     """Return a study for JSON output: one row per design, SI; missing values are null."""
-    table = study.table
-    nearest, (converged, how) = find_nearest(study), judge_convergence(study)
+    table, (converged, how) = study.table, judge_convergence(study)
+    found = find_bounds(study)
+    bounds = [{"parameter": b.variable.name, "end": b.end, "designs": b.count} for b in found]
+    near = (n := find_nearest(study)) and {
+        "design": n.design + 1, "constraint": n.limit.text, "value": n.found,
+    }  # fmt: skip
     return {
-        "study": study.file.path,
-        "method": study.file.method,
-        "columns": list(table.columns),
-        "rows": table.astype(object).to_numpy().tolist(),
-        "best": [k + 1 for k in study.best],
-        "converged": converged,
-        "search": list(how),
-        "bounds": [
-            {"parameter": each.variable.name, "end": each.end, "designs": each.count} for each in find_bounds(study)
-        ],
-        "nearest": nearest and {"design": nearest.design + 1, "constraint": nearest.limit.text, "value": nearest.found},
-    }
+        "study": study.file.path, "method": study.file.method,
+        "columns": list(table.columns), "rows": table.astype(object).to_numpy().tolist(),
+        "best": [k + 1 for k in study.best], "converged": converged, "search": list(how),
+        "bounds": bounds, "nearest": near,
+    }  # fmt: skip
 
 
 def show_study(study: Study) -> None:
@@ -126,9 +125,11 @@ def show_study(study: Study) -> None:
     nearest = find_nearest(study)
     chosen = study.best or ([nearest.design] if nearest else range(len(study.designs)))
     rows = [_row(study, k) for k in chosen[:MOST_ROWS]]
-    groups = [("design",), tuple(v.name for v in file.variables), tuple(r.name for r in file.responses)]
-    goals = ", ".join(f"{'least' if goal.sign > 0 else 'greatest'} {goal.response}" for goal in file.goals)
-    what = f"Best designs ({goals})" if study.best and goals else "Nearest design" if nearest else "Designs"
+    groups = [("design",), [v.name for v in file.variables], [r.name for r in file.responses]]
+    goals = ", ".join(f"{'least' if g.sign > 0 else 'greatest'} {g.response}" for g in file.goals)
+    what = "Nearest design" if nearest else "Designs"
+    if study.best and goals:
+        what = f"Best designs ({goals})"
     limits = f" with {', '.join(limit.text for limit in file.limits)}" if file.limits else ""
     show_table(f"{what}{limits}", groups, rows)
     more = len(chosen) - MOST_ROWS
@@ -147,11 +148,9 @@ def _describe_search(study: Study) -> list[str]:
     nearest, (converged, how) = find_nearest(study), judge_convergence(study)
     if nearest is not None:
         unit = next(r.unit for r in study.file.responses if r.name == nearest.limit.response)
-        found = quantity(float(f"{nearest.found:.4g}"), unit)
-        lines.append(
-            f"No design is feasible: the nearest, design {nearest.design + 1}, has {nearest.limit.response} {found}, "
-            f"wanted {nearest.limit.text}"
-        )
+        limit, found = nearest.limit, quantity(nearest.found, unit, 4)
+        has = f"design {nearest.design + 1}, has {limit.response} {found}, wanted {limit.text}"
+        lines.append(f"No design is feasible: the nearest, {has}")
         made = int((~study.outcomes.failed).sum())
         lines += [
             f"{limit.text}: met by {count or 'none'} of {made} designs"
@@ -160,13 +159,15 @@ def _describe_search(study: Study) -> list[str]:
     elif len(study.designs) and study.outcomes.failed.all():
         lines.append("No design is feasible: all failed")
     if how:
-        word = "the search converged" if converged else "the search did not converge: allow more designs"
-        lines.append(f"{word} ({'; '.join(how)})")
+        word = "converged" if converged else "did not converge: allow more designs"
+        lines.append(f"the search {word} ({'; '.join(how)})")
     for each in find_bounds(study):
         value = each.variable.low if each.end == "lower" else each.variable.high
         shown = quantity(value, each.variable.unit) if value is not None else ""
-        which = "the best design" if len(study.best) == 1 else f"{each.count} of {len(study.best)} best designs"
-        lines.append(f"{each.variable.name} of {which} is at its {each.end} bound, {shown}: widen the range")
+        many = len(study.best) > 1
+        which = f"{each.count} of {len(study.best)} best designs" if many else "the best design"
+        bound = f"{each.end} bound, {shown}"
+        lines.append(f"{each.variable.name} of {which} is at its {bound}: widen the range")
     return lines
 
 
@@ -176,8 +177,8 @@ def _row(study: Study, index: int) -> list[str]:
         value if isinstance(value, str) else quantity(value, v.unit)
         for v, value in zip(file.variables, design.values, strict=True)
     ]
-    found = [quantity(float(f"{value:.5g}"), r.unit) for r, value in zip(file.responses, design.responses, strict=True)]
-    return [str(index + 1), *values, *found]
+    found = zip(design.responses, file.responses, strict=True)
+    return [str(index + 1), *values, *(quantity(value, r.unit, 5) for value, r in found)]
 
 
 def _choose_drawn(study: Study) -> np.ndarray:
@@ -196,12 +197,13 @@ def _front(study: Study) -> Figure | None:
     axes = drawn.subplots()
     values = study.outcomes.objectives * [goal.sign for goal in goals]
     for word, some in _group_by_state(study):
-        axes.plot(values[some, 0], values[some, 1], "o", ms=4, color=COLOURS[word], alpha=0.6, label=word)
-    best = list(study.best)
-    axes.plot(values[best, 0], values[best, 1], "o-" if len(goals) == 2 else "o", ms=5, color=EFFECT, label="best")
+        colour = COLOURS[word]
+        axes.plot(*values[some, :2].T, "o", ms=4, color=colour, alpha=0.6, label=word)
+    mark = "o-" if len(goals) == 2 else "o"
+    axes.plot(*values[list(study.best), :2].T, mark, ms=5, color=EFFECT, label="best")
     for set_label, goal in zip((axes.set_xlabel, axes.set_ylabel), goals, strict=False):
-        set_label(f"{_column(study, goal.response)}, {'less' if goal.sign > 0 else 'more'} is better", parse_math=False)
-    axes.legend(frameon=False)
+        words = f"{_column(study, goal.response)}, {'less' if goal.sign > 0 else 'more'} is better"
+        set_label(words, parse_math=False)
     _tidy(axes)
     return drawn
 
@@ -228,7 +230,6 @@ def _progress(study: Study) -> Figure | None:
         axes.plot(best + 1, values[best], "o", ms=9, color=EFFECT, label="best")
     axes.set_xlabel("design")
     axes.set_ylabel(_column(study, goal.response), parse_math=False)
-    axes.legend(frameon=False)
     _tidy(axes)
     return drawn
 
@@ -240,43 +241,45 @@ def _column(study: Study, response: str) -> str:
 def _parallel(study: Study) -> Figure | None:
     """Draw parallel coordinates: parameters and responses, each scaled from minimum to maximum."""
     done, states = _choose_drawn(study).tolist(), study.outcomes.states
-    columns: list[tuple[str, list[Any]]] = [
-        (v.name, [study.designs.values[k][i] for k in done]) for i, v in enumerate(study.file.variables)
-    ] + [(r.name, study.designs.responses[done, i].tolist()) for i, r in enumerate(study.file.responses)]
     if not done:
         return None
+    shown: list[Any] = [*study.file.variables, *study.file.responses]
+    columns = [*zip(*(study.designs.values[k] for k in done), strict=True), *study.designs.responses[done].T.tolist()]
     drawn = new_figure(max(7.5, 1.5 * len(columns)), 5.0, f"{study.file.path.stem}: parameters and responses")
     axes = drawn.subplots()
-    heights = np.array([_heights(values) for _, values in columns])
+    heights = np.array([_heights(values) for values in columns])
     best = set(study.best)
     for column, k in enumerate(done):
-        shade, width, order = (EFFECT, 1.6, 3) if k in best else (COLOURS[states[k]], 0.6, 1)
-        axes.plot(heights[:, column], color=shade, lw=width, zorder=order, alpha=0.9 if k in best else 0.5)
-    units = [v.unit for v in study.file.variables] + [r.unit for r in study.file.responses]
-    for place, ((_, values), unit) in enumerate(zip(columns, units, strict=True)):
+        style: Any = {"color": COLOURS[states[k]], "lw": 0.6, "zorder": 1, "alpha": 0.5}
+        if k in best:
+            style = {"color": EFFECT, "lw": 1.6, "zorder": 3, "alpha": 0.9}
+        axes.plot(heights[:, column], **style)
+    for place, (each, values) in enumerate(zip(shown, columns, strict=True)):
         axes.axvline(place, color=BEFORE, lw=0.8)
         marked = [(-0.06, min(values)), (1.03, max(values))]
         if isinstance(values[0], str):
-            marked = [(height + 0.02, value) for height, value in set(zip(heights[place], values, strict=True))]
+            marked = {(at + 0.02, word) for at, word in zip(heights[place], values, strict=True)}
         for height, value in marked:
-            text = value if isinstance(value, str) else quantity(float(f"{value:.4g}"), unit)
+            text = value if isinstance(value, str) else quantity(value, each.unit, 4)
             axes.text(place, height, text, ha="center", fontsize=7, parse_math=False)
-    axes.set_xticks(range(len(columns)), [name for name, _ in columns], fontsize=8, rotation=20, parse_math=False)
+    names = [each.name for each in shown]
+    axes.set_xticks(range(len(shown)), names, fontsize=8, rotation=20, parse_math=False)
     axes.set_yticks([])
     axes.set_ylim(-0.1, 1.1)
     axes.spines[["top", "right", "left", "bottom"]].set_visible(False)
     return drawn
 
 
-def _heights(values: list[Any]) -> np.ndarray:
+def _heights(values: Sequence[Any]) -> np.ndarray:
     """Return numbers, or indices of words, scaled from 0 to 1."""
-    words = sorted({str(value) for value in values}) if any(isinstance(value, str) for value in values) else []
-    numbers = np.array([words.index(str(value)) for value in values] if words else values, dtype=float)
+    words = any(isinstance(value, str) for value in values)
+    numbers = np.unique([*map(str, values)], return_inverse=True)[1] if words else np.array(values)
     spread = np.ptp(numbers)
     return (numbers - numbers.min()) / spread if spread else np.full(len(numbers), 0.5)
 
 
 def _tidy(axes: Axes) -> None:
+    axes.legend(frameon=False)
     axes.ticklabel_format(useMathText=True, scilimits=(-3, 5))
     axes.grid(color="#e3e7eb", lw=0.6)
     axes.set_axisbelow(True)

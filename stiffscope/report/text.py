@@ -11,14 +11,7 @@ from stiffscope.report.numbers import WRENCH, name_pose, percent
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.gap.inference.diagnosis import (
-        Diagnosis,
-        Effect,
-        Gap,
-        NextMeasurement,
-        Parameter,
-        Where,
-    )
+    from stiffscope.gap.inference.diagnosis import Diagnosis, Effect, Gap, NextMeasurement, Parameter, Where
     from stiffscope.robot.file.description import RobotFile
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
@@ -30,10 +23,10 @@ def sentence(diagnosis: Diagnosis) -> str:
     """Return the verdict in one plain sentence."""
     gap = diagnosis.gap
     nominal, explained, held_out, noise = gap_sizes(gap)
-    shrinks = f"the gap shrinks from {nominal} to {explained} rms ({held_out} at poses held out, noise {noise})"
+    others = f"{held_out} at poses held out, noise {noise}"
+    shrinks = f"the gap shrinks from {nominal} to {explained} rms ({others})"
     if diagnosis.verdict == "no-gap":
-        sizes = f"{nominal} rms, noise {noise}"
-        return f"No gap: model and readings agree within the noise ({sizes})."
+        return f"No gap: model and readings agree within the noise ({nominal} rms, noise {noise})."
     if diagnosis.verdict == "unexplained":
         return (
             f"Unexplained: no known effect accounts for the gap of {nominal} rms "
@@ -42,18 +35,16 @@ def sentence(diagnosis: Diagnosis) -> str:
     said = []
     for effect in diagnosis.effects:
         few = effect.parameters.items() if len(effect.parameters) <= 3 else ()
-        said.append(", ".join([name(effect.effect, effect.place), *(f"{key} {quantity(p)}" for key, p in few)]))
+        sizes = (f", {key} {quantity(parameter)}" for key, parameter in few)
+        said.append("".join([name(effect.effect, effect.place), *sizes]))
     named = " and ".join(said) or "no effect"
     if diagnosis.verdict == "ambiguous":
-        rivals = _rivals(diagnosis)
-        return (
-            f"Ambiguous: {named} fits, but these readings cannot distinguish it from {rivals}; with it {shrinks}."
-            f"{_proposal(diagnosis)}"
-        )
+        rivals = f"these readings cannot distinguish it from {_rivals(diagnosis)}"
+        return f"Ambiguous: {named} fits, but {rivals}; with it {shrinks}.{_proposal(diagnosis)}"
     if diagnosis.verdict == "partly":
         rest = _largest(diagnosis.where.left or diagnosis.where.direction)
-        size = f"{percent(gap.left)} rms beyond the noise" if gap.left > 0.0 else "something within the noise"
-        left = f"{size} remains unexplained, mostly in {rest}"
+        size = f"{percent(gap.left)} rms beyond" if gap.left > 0.0 else "something within"
+        left = f"{size} the noise remains unexplained, mostly in {rest}"
         return f"Partly: {named}; {shrinks}; {left}.{_group(diagnosis)}"
     return f"Identified: {named}; {shrinks}.{_group(diagnosis)}"
 
@@ -68,21 +59,22 @@ def gap_sizes(gap: Gap) -> tuple[str, ...]:
 
 def absolute_sizes(gap: Gap) -> dict[str, tuple[str, ...]]:
     """Return gap before, after, held out, and noise of each kind of motion, in mm or mrad."""
-    return {
-        name: tuple(f"{1e3 * v:.3g} m{each.unit}" for v in (each.before, each.after, each.held_out, each.noise))
-        for name, each in gap.absolute.items()
-        if each.unit in {"m", "rad"}
-    }
+    sizes: dict[str, tuple[str, ...]] = {}
+    for name, each in gap.absolute.items():
+        if each.unit in {"m", "rad"}:
+            known = (each.before, each.after, each.held_out, each.noise)
+            sizes[name] = tuple(f"{1e3 * value:.3g} m{each.unit}" for value in known)
+    return sizes
 
 
 def _group(diagnosis: Diagnosis) -> str:
     """Return the confusable effects, and the reading that would distinguish them."""
-    groups = [
-        f" These readings cannot distinguish {name(e.effect, e.place)} from {_list_keys(e.confused_with)}."
-        for e in diagnosis.effects
-        if e.confused_with
-    ]
-    return "".join(groups) + (_proposal(diagnosis) if groups else "")
+    said = ""
+    for each in diagnosis.effects:
+        if each.confused_with:
+            pair = f"{name(each.effect, each.place)} from {_list_keys(each.confused_with)}"
+            said += f" These readings cannot distinguish {pair}."
+    return said and said + _proposal(diagnosis)
 
 
 def _proposal(diagnosis: Diagnosis) -> str:
@@ -110,39 +102,38 @@ def label(key: str) -> str:
 
 def _rivals(diagnosis: Diagnosis) -> str:
     named = {f"{e.effect} @ {e.place}" for e in diagnosis.effects}
-    confused = dict.fromkeys(other for effect in diagnosis.effects for other in effect.confused_with)
+    confused = [other for effect in diagnosis.effects for other in effect.confused_with]
     near = [f"{a.effect} @ {a.place}" for a in diagnosis.alternatives if a.probability > 0.02]
-    others = [other for other in (confused or dict.fromkeys(near)) if other not in named]
+    others = [other for other in dict.fromkeys(confused or near) if other not in named]
     return _list_keys(others) or "no effect at all"
 
 
 def _largest(share: dict[str, float]) -> str:
-    largest = sorted(share, key=lambda axis: -share[axis])[:2]
-    return " and ".join(f"{axis} ({100 * share[axis]:.0f} %)" for axis in largest) or "no single direction"
+    largest = sorted(share.items(), key=lambda each: -each[1])[:2]
+    return " and ".join(f"{axis} ({100 * s:.0f} %)" for axis, s in largest) or "no single direction"
 
 
 def parameters(effect: Effect) -> list[tuple[str, ...]]:
     """Return a row for each parameter of an effect, empty where there is nothing to say.
 
-    Name, value, model's value, 95 % interval, ratio to the model's value, deviation from it (0 if it
-    has none) in standard uncertainties, and a remark if that exceeds `NOTABLE`.
+    Name, value, model's value, 95 % interval, ratio to the model's value, deviation from it (0 if
+    it has none) in standard uncertainties, and a remark if that exceeds `NOTABLE`.
     """
     rows: list[tuple[str, ...]] = []
     for key, p in effect.parameters.items():
         nominal, (factor, unit) = p.nominal, _multiple(p)
         deviation = (p.value - (nominal or 0.0)) / p.sigma if p.sigma > 0 else math.nan
         low, high = (end / factor for end in p.interval)
-        rows.append(
-            (
-                key,
-                quantity(p) + ("" if p.plausible else " (not plausible)"),
-                "" if nominal is None else f"{nominal / factor:.4g}{unit}",
-                f"{low:.4g} to {high:.4g}{unit}" if math.isfinite(low) and math.isfinite(high) else "",
-                f"{p.value / nominal:.4g}" if nominal else "",
-                f"{deviation:+.1f}" if math.isfinite(deviation) else "",
-                "differs from the model" if nominal is not None and abs(deviation) > NOTABLE else "",
-            )
-        )
+        differs = nominal is not None and abs(deviation) > NOTABLE
+        rows.append((
+            key,
+            quantity(p) + ("" if p.plausible else " (not plausible)"),
+            "" if nominal is None else f"{nominal / factor:.4g}{unit}",
+            f"{low:.4g} to {high:.4g}{unit}" if math.isfinite(high - low) else "",
+            f"{p.value / nominal:.4g}" if nominal else "",
+            f"{deviation:+.1f}" if math.isfinite(deviation) else "",
+            "differs from the model" if differs else "",
+        ))  # fmt: skip
     return rows
 
 
@@ -153,7 +144,9 @@ def quantity(parameter: Parameter) -> str:
     if not (math.isfinite(sigma) and sigma > 0):
         return f"{value:.4g}{unit}"
     digits = max(1 - math.floor(math.log10(sigma)), 0)
-    return f"{value:.4g} ± {sigma:.2g}{unit}" if digits > 9 else f"{value:z.{digits}f} ± {sigma:.{digits}f}{unit}"
+    if digits > 9:
+        return f"{value:.4g} ± {sigma:.2g}{unit}"
+    return f"{value:z.{digits}f} ± {sigma:.{digits}f}{unit}"
 
 
 def _multiple(parameter: Parameter) -> tuple[float, str]:
@@ -164,7 +157,8 @@ def _multiple(parameter: Parameter) -> tuple[float, str]:
     if unit.split("/")[0] not in {"m", "rad"}:
         return 1.0, f" {unit}"
     greatest = max(abs(parameter.value), parameter.sigma if math.isfinite(parameter.sigma) else 0.0)
-    factor, prefix = next(((f, p) for f, p in _PREFIXES if greatest >= f), _PREFIXES[-1 if greatest else 0])
+    least = _PREFIXES[-1 if greatest else 0]
+    factor, prefix = next((each for each in _PREFIXES if greatest >= each[0]), least)
     return factor, f" {prefix}{unit}"
 
 
@@ -185,14 +179,12 @@ def checks(diagnosis: Diagnosis) -> list[str]:
         + "".join(f", {label(effect)} {probability(p)}" for effect, p in s.probability.items())
         for s in diagnosis.sensitivity
     ]
-    held = diagnosis.held_out_check
+    held, unknown = diagnosis.held_out_check, diagnosis.gap.discrepancy
     if held is not None:
-        lines.append(
-            f"poses held out: {100 * held.inside_95:.1f} % of the readings within their 95 % predictive interval, "
-            f"χ² per reading {held.chi2_per_reading:.3g}"
-        )
-    if diagnosis.gap.discrepancy > 0.01:
-        lines.append(f"inferred unknown cause: {percent(diagnosis.gap.discrepancy)} of the readings")
+        share = f"{100 * held.inside_95:.1f} % of the readings within their 95 % predictive interval"
+        lines.append(f"poses held out: {share}, χ² per reading {held.chi2_per_reading:.3g}")
+    if unknown > 0.01:
+        lines.append(f"inferred unknown cause: {percent(unknown)} of the readings")
     return lines
 
 
@@ -201,9 +193,10 @@ def steps(diagnosis: Diagnosis) -> Sequence[tuple[str, float]]:
     if diagnosis.steps:
         return diagnosis.steps
     gap = diagnosis.gap
-    alone = [(f"{e.effect} @ {e.place}", e.gap_after) for e in diagnosis.effects]
-    together = [("together", gap.explained)] if len(alone) > 1 else []
-    return [("nominal", gap.nominal), *alone, *together, ("held out", gap.held_out), ("noise", gap.noise)]
+    effects = [(f"{e.effect} @ {e.place}", e.gap_after) for e in diagnosis.effects]
+    if len(effects) > 1:
+        effects.append(("together", gap.explained))
+    return [("nominal", gap.nominal), *effects, ("held out", gap.held_out), ("noise", gap.noise)]
 
 
 def what_next(step: NextMeasurement) -> str:
@@ -216,11 +209,12 @@ def what_next(step: NextMeasurement) -> str:
         action = f"read {', '.join(step.sensors)} ({step.quantity}) {place}"
     if step.wrench is not None and any(step.wrench):
         components = zip(WRENCH, step.wrench, ("N",) * 3 + ("N·m",) * 3, strict=True)
-        action += " under " + ", ".join(f"{axis} = {value:.4g} {unit}" for axis, value, unit in components if value)
-        action += f" at {step.load}" if step.load else ""
+        words = (f"{axis} = {value:.4g} {unit}" for axis, value, unit in components if value)
+        action += f" under {', '.join(words)}" + (f" at {step.load}" if step.load else "")
     elif step.wrench is not None:
         action += " without load, against the commanded pose"
-    return f"{action}: distinguishes {' from '.join(step.separates)} (expected ln-odds {step.expected_gain:.3g})"
+    pair = " from ".join(step.separates)
+    return f"{action}: distinguishes {pair} (expected ln-odds {step.expected_gain:.3g})"
 
 
 def shares(robot: RobotFile, diagnosis: Diagnosis) -> dict[str, float]:
@@ -235,14 +229,15 @@ def shares(robot: RobotFile, diagnosis: Diagnosis) -> dict[str, float]:
 
 def describe_location(where: Where) -> list[str]:
     """Return where the gap lies: by direction, by component, and the worst poses."""
-    lines = ["by direction: " + ", ".join(f"{axis} {100 * s:.0f} %" for axis, s in where.direction.items() if s > 5e-3)]
-    shares = sorted(where.component.items(), key=lambda item: -item[1])
-    if shares:
-        lines.append("by component: " + ", ".join(f"{part} {100 * s:.0f} %" for part, s in shares[:6] if s > 5e-3))
+    largest = sorted(where.component.items(), key=lambda item: -item[1])[:6]
+    shares = {"by direction": where.direction, "by component": dict(largest), "left": where.left}
+    lines = []
+    for words, each in shares.items():
+        if each or words == "by direction":
+            listed = (f"{name} {100 * share:.0f} %" for name, share in each.items() if share > 5e-3)
+            lines.append(f"{words}: {', '.join(listed)}")
     sizes = [math.sqrt(sum(v * v for v in row if math.isfinite(v))) for row in where.pose]
     worst = sorted(range(len(sizes)), key=lambda k: -sizes[k])[:3]
-    if where.left:
-        lines.append("left: " + ", ".join(f"{axis} {100 * s:.0f} %" for axis, s in where.left.items() if s > 5e-3))
     if len(sizes) > 1:
         lines.append("worst poses: " + ", ".join(where.pose_names[k] for k in worst))
     return lines

@@ -48,7 +48,7 @@ def test_an_angle_against_a_length_at_another_pose(stewart, tmp_path):
     at = (0.01, 0.0, robot.poses["home"][2], 0.0, 0.0, 0.1)
     found = map_stiffness(mechanism, {"z": (0.27, 0.3), "ry": (-0.1, 0.1)}, 4, at=at)
     write_map(found, tmp_path)
-    assert held_text(found) == "x = 10 mm, y = 0 mm, rx = 0 deg, rz = 5.7296 deg"
+    assert held_text(found) == ", x = 10 mm, y = 0 mm, rx = 0 deg, rz = 5.7296 deg"
     with xr.open_dataset(tmp_path / "map.nc") as file:
         assert (file["K_tx"].dims, file["ry"].units, float(file["rz"])) == (("ry", "z"), "rad", 0.1)
         here = file.isel(z=1, ry=3)
