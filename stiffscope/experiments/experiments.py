@@ -285,19 +285,16 @@ def _write(part: Part, experiment: Experiment, folder: Path, *, whole: bool) -> 
 
 
 def describe_solid(part: Part) -> dict[str, Any]:
-    """Return a CAD solid's properties, SI: mass, inertia, clamped faces and their centre."""
-    solid, clamped = mass_properties(part), sorted(map(int, part.clamped))
-    held = [face for face in face_geometries(part.solid) if face.index in clamped]
+    """Return a CAD solid's properties, SI: mass, inertia, clamp's centre, interfaces' faces."""
+    solid, interfaces = mass_properties(part), (part.clamped, *(port.faces for port in part.loaded))
+    held = [face for face in face_geometries(part.solid) if face.index in part.clamped]
     areas, centres = [face.area for face in held], [face.centroid for face in held]
     return {
         "mass": solid.mass,
         "mass_centre": list(map(float, solid.centre)),
         "inertia": [list(map(float, row)) for row in solid.inertia],
         "clamped_centre": np.average(centres, axis=0, weights=areas).tolist(),
-        "faces": {
-            "clamped": clamped,
-            "loaded": sorted(int(face) for port in part.loaded for face in port.faces),
-        },
+        "faces": {name: sorted(map(int, faces)) for name, faces in zip(part.names, interfaces, strict=True)},
     }
 
 

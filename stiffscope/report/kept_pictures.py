@@ -246,9 +246,8 @@ def _order_part(result: PartResult, target: Path) -> Order:
     key = digest({"experiment": file_digest(experiment), "code": _drawing_code()})
 
     def write(folder: Path) -> None:
-        faces = {tag: result.solid["faces"][tag] for tag in ("clamped", "loaded")}
         files = {"sheet": "loads.png", "mesh": "mesh.png"}
-        draw("part_pictures", folder, experiment=experiment, title=result.name, **files, **faces)
+        draw("part_pictures", folder, experiment=experiment, title=result.name, faces=result.solid["faces"], **files)
 
     return Order(f"{result.name} pictures", key, write, target)
 

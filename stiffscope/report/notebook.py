@@ -146,8 +146,7 @@ def deformed(experiment: Experiment) -> Picture:
     with scratch_folder() as folder:
         held, sheet = folder / "experiment.npz", folder / "loads.png"
         experiment.save(held)
-        faces: dict[str, Any] = {"clamped": [], "loaded": []}
-        draw("part_pictures", folder, experiment=held, title=experiment.part, sheet=sheet.name, **faces)
+        draw("part_pictures", folder, experiment=held, title=experiment.part, faces={}, sheet=sheet.name)
         return Picture(sheet.read_bytes())
 
 

@@ -114,13 +114,13 @@ def scene_of(assembled: Assembled) -> dict[str, Any]:
 
 
 def pose_text(mechanism: Mechanism, pose: Sequence[float]) -> str:
-    """Commanded coordinates in mm and degrees: x = 20 mm, ry = 6 deg; rotations of zero are left out."""
-    said = []
+    """Commanded coordinates in mm and degrees; rotations of zero are left out beside others."""
+    shown, still = [], []
     for name, value in zip(mechanism.tool.pose, pose, strict=True):
         factor, unit = shown_unit(name)
-        if value or unit != "deg":
-            said.append(f"{name} = {factor * value:.{4 if unit == 'deg' else 5}g} {unit}")
-    return ", ".join(said)
+        text = f"{name} = {factor * value:.{4 if unit == 'deg' else 5}g} {unit}"
+        (shown if value or unit != "deg" else still).append(text)
+    return ", ".join(shown or still)
 
 
 def _body(robot: RobotFile | None, body: Body, results: Mapping[str, PartResult]) -> dict[str, Any]:

@@ -274,11 +274,11 @@ def _caption_parts(assembled: Assembled) -> dict[str, tuple[str, str]]:
     for name in assembled.results:
         captions[f"{name}/loads.png"] = (
             f"The {name} under each unit wrench: displacement and von Mises stress",
-            f"twelve pictures of the {name} deformed, coloured by magnitude",
+            f"the {name} deformed by each wrench, coloured by magnitude",
         )
         captions[f"{name}/mesh.png"] = (
-            f"Mesh of the {name}, its clamped and loaded faces in colour",
-            f"the {name} in tetrahedra, from both ends",
+            f"Mesh of the {name}, its interfaces in colour",
+            f"the {name} in tetrahedra, from two sides",
         )
     return captions
 

@@ -72,7 +72,10 @@ def test_every_interface_is_a_node_of_the_robot(folder):
     assert not [line for line in inspect_robot(robot).remarks if "stands" in line]
     with workshop() as shop:
         made = assemble_robots({"robot": robot}, None, shop)["robot"]
-    experiment = made.results["bracket"].experiment
+    experiment, solid = made.results["bracket"].experiment, made.results["bracket"].solid
+    planes = {name: experiment.mesh.nodes_of(frozenset(faces)) for name, faces in solid["faces"].items()}
+    middles = {name: 1e3 * experiment.mesh.points[nodes].mean(axis=0) for name, nodes in planes.items()}
+    assert middles == {name: pytest.approx((*place, 9.0), abs=0.5) for name, place in PADS.items()}
     assert experiment.interfaces == tuple(PADS)
     free = np.r_[11, 12:18]  # the right end's rz, then the motor's twist
     held = np.linalg.inv(experiment.stiffness[np.ix_(free, free)])[1:, 1:]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,8 +62,8 @@ def find_stresses(state: Along, assembled: Assembled, response: Response) -> tup
         wrench = response.find_wrench(assembled.mechanism.rows(body))[0, :, 0]
         motion = np.tensordot(wrench, result.experiment.displacement, axes=1).reshape(-1, 1)
         stress = von_mises(nodal_stresses(mesh, motion, material.elasticity())[:, 0])
-        faces, away = result.solid["faces"], np.ones(len(mesh.points), dtype=bool)
-        nodes = mesh.nodes_of(frozenset(faces["clamped"] + faces["loaded"]))
+        away = np.ones(len(mesh.points), dtype=bool)
+        nodes = mesh.nodes_of(frozenset(chain(*result.solid["faces"].values())))
         away[mesh.cells[np.isin(mesh.cells, nodes).any(axis=1)]] = False
         node = int(np.argmax(np.where(away | ~away.any(), stress, -1.0)))
         greatest, names = float(stress[node]), (body, result.name, material.name)

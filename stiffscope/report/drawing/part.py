@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain, cycle, product
 from typing import TYPE_CHECKING
 
 import meshio
@@ -25,18 +26,14 @@ if TYPE_CHECKING:
 
 WRENCHES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 LOADS = ("1 N", "1 N", "1 N", "1 N·m", "1 N·m", "1 N·m")
-CLAMPED, LOADED, FREE = "#1f5fa8", "#e08214", "#d9dde2"
+INTERFACES = ("#1f5fa8", "#e08214", "#1b9e77", "#c51b7d", "#7570b3", "#a6761d")  # the one at rest first
+FREE = "#d9dde2"
+UP_Z = (0.0, 0.0, 1.0)
 DEFORMATION = 0.12  # largest drawn displacement over the part's diagonal
 
 
 def part_pictures(
-    folder: Path,
-    experiment: str,
-    title: str,
-    clamped: list[int],
-    loaded: list[int],
-    sheet: str,
-    mesh: str | None = None,
+    folder: Path, experiment: str, title: str, faces: dict[str, list[int]], sheet: str, mesh: str | None = None
 ) -> None:
     """Draw a part's deformations and, if a file is given, its mesh.
 
@@ -48,34 +45,51 @@ def part_pictures(
         File of the experiment.
     title
         Name of the part.
-    clamped, loaded
-        Indices of the CAD faces.
+    faces
+        Indices of the CAD faces of each interface, the one at rest first.
     sheet, mesh
         Names of the PNG files.
     """
     solved = load_experiment(experiment)
-    _contact_sheet(folder / sheet, solved, title)
+    above = _best_seen_from_above(solved.mesh, faces)
+    _contact_sheet(folder / sheet, solved, title, above=above)
     if mesh:
-        _tagged_mesh(folder / mesh, solved, title, clamped, loaded)
+        _tagged_mesh(folder / mesh, solved, title, faces, above=above)
 
 
-def _contact_sheet(target: Path, experiment: Experiment, title: str) -> None:
+def _best_seen_from_above(mesh: TetMesh, faces: dict[str, list[int]]) -> bool:
+    """Return whether more of the interfaces' area faces up, along z, than down."""
+    corners = mesh.points[mesh.facets[np.isin(mesh.facet_face, [*chain(*faces.values())]), :3]]
+    up = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2]
+    return bool(up.clip(min=0.0).sum() > 1.01 * (-up).clip(min=0.0).sum())
+
+
+def _view(points: Array, side: float, width: int, *, above: bool) -> View:
+    """Return a view from a side along x, from above, or with z down."""
+    if above:
+        return view_of(points, towards=(side, -1.0, 0.75), width=width, up=UP_Z)
+    return view_of(points, towards=(side, 1.0, -0.75), width=width)
+
+
+def _contact_sheet(target: Path, experiment: Experiment, title: str, *, above: bool) -> None:
     """Draw the part deformed by each unit wrench: displacement above, von Mises stress below."""
-    mesh, motion, stress = experiment.mesh, experiment.displacement[:6], experiment.von_mises[:6]
-    size = np.linalg.norm(motion, axis=2)  # (6, nodes)
+    mesh, motion, stress = experiment.mesh, experiment.displacement, experiment.von_mises
+    size = np.linalg.norm(motion, axis=2)  # (6n, nodes)
     diagonal = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
     scales = DEFORMATION * diagonal / size.max(axis=1)
     shapes = [mesh.points + scale * u for scale, u in zip(scales, motion, strict=True)]
-    view = view_of(np.vstack([mesh.points, *shapes]), towards=(0.55, 1.0, -0.75), width=900)
-    figure, cells = sheet_of(4, 3, view.size, f"{title} under unit wrenches: displacement and von Mises stress")
-    for row, (values, unit, word, colours) in enumerate(
-        ((size, "m", "displacement", "viridis"), (stress, "Pa", "von Mises stress", "inferno"))
-    ):
-        for j in range(6):
-            image, limit, largest = _draw_deformed(mesh, shapes[j], values[j], colours, view)
-            cell = cells[6 * row + j]
-            fill(cell, image, f"{WRENCHES[j]} = {LOADS[j]}   {word}", f"deformation × {power(scales[j])}")
-            scale_bar(cell, limit, largest, unit, colours)
+    view = _view(np.vstack([mesh.points, *shapes]), 0.55, 900, above=above)
+    rest, *loaded = experiment.interfaces
+    held = f", {rest} at rest" if len(loaded) > 1 else ""
+    heading = f"{title} under unit wrenches{held}: displacement and von Mises stress"
+    figure, cells = sheet_of(4 * len(loaded), 3, view.size, heading)
+    drawn = ((size, "m", "displacement", "viridis"), (stress, "Pa", "von Mises stress", "inferno"))
+    for k, (name, (values, unit, word, colours), j) in enumerate(product(loaded, drawn, range(6))):
+        i = 6 * (k // 12) + j
+        image, limit, largest = _draw_deformed(mesh, shapes[i], values[i], colours, view)
+        place = f" at {name}" if len(loaded) > 1 else ""
+        fill(cells[k], image, f"{WRENCHES[j]} = {LOADS[j]}{place}   {word}", f"deformation × {power(scales[i])}")
+        scale_bar(cells[k], limit, largest, unit, colours)
     save_figure(figure, target, dpi=100)
 
 
@@ -132,24 +146,28 @@ def _draw_deformed(
     return shot(plotter), limit, largest
 
 
-def _tagged_mesh(target: Path, experiment: Experiment, title: str, clamped: list[int], loaded: list[int]) -> None:
-    """Draw the mesh from both ends with coloured clamped and loaded faces."""
-    mesh = experiment.mesh
-    views = [view_of(mesh.points, towards=(side, 1.0, -0.75), width=1100) for side in (0.55, -0.9)]
-    counts = f"{len(mesh.cells):,} quadratic tetrahedra, {len(mesh.points):,} nodes"
-    figure, cells = sheet_of(1, 2, views[0].size, f"{title}: {counts}")
-    for view, cell, heading in zip(
-        views, cells, ("seen from the loaded end", "seen from the clamped end"), strict=True
-    ):
+def _tagged_mesh(target: Path, experiment: Experiment, title: str, faces: dict[str, list[int]], *, above: bool) -> None:
+    """Draw the mesh from both ends, its interfaces in colours."""
+    mesh, several = experiment.mesh, len(faces) > 2
+    views = [_view(mesh.points, side, 1100, above=above) for side in (0.55, -0.9)]
+    figure, cells = sheet_of(
+        1, 2, views[0].size, f"{title}: {len(mesh.cells):,} quadratic tetrahedra, {len(mesh.points):,} nodes"
+    )
+    along = (experiment.reference_points[0] - experiment.clamp_point)[0] > 0.0
+    headings = ("seen from the loaded end", "seen from the clamped end") if along else ("", "")
+    tagged = list(zip(faces.values(), cycle(INTERFACES), strict=False))
+    for view, cell, heading in zip(views, cells, ("", "") if several else headings, strict=True):
         plotter = new_plotter(view)
-        for faces, colour in ((clamped, CLAMPED), (loaded, LOADED), (None, FREE)):
-            chosen = np.isin(mesh.facet_face, clamped + loaded if faces is None else faces, invert=faces is None)
-            if chosen.any():
-                plotter.add_mesh(surface(mesh, mesh.points, chosen), color=colour, ambient=0.5, diffuse=0.55)
+        for chosen, colour in (*tagged, (None, FREE)):
+            shown = np.isin(mesh.facet_face, [*chain(*faces.values())] if chosen is None else chosen)
+            shown = ~shown if chosen is None else shown
+            if shown.any():
+                plotter.add_mesh(surface(mesh, mesh.points, shown), color=colour, ambient=0.5, diffuse=0.55)
         plotter.add_mesh(sides(mesh, mesh.points + view.lift), color="#3c4650", line_width=0.9)
         plotter.add_mesh(outline(mesh, mesh.points + 2 * view.lift), color="#14181c", line_width=2.2)
         fill(cell, shot(plotter), heading)
-    meanings = (CLAMPED, "clamped"), (LOADED, f"loaded ({experiment.interface})"), (FREE, "free")
+    labels = [*faces] if several else ["clamped", f"loaded ({experiment.interface})"]
+    meanings = zip((colour for _, colour in (*tagged, (None, FREE))), (*labels, "free"), strict=True)
     handles = [Patch(facecolor=colour, edgecolor="#3c4650", label=label) for colour, label in meanings]
     figure.legend(handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=11)
     save_figure(figure, target, dpi=100)
