@@ -16,6 +16,7 @@ from stiffscope.runtime.worker import answer
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+log = logging.getLogger(__name__)
 CONNECT = "20s"
 ASKED = 3  # attempts to get a result that the scheduler lost
 
@@ -46,6 +47,8 @@ class Scheduler(Executor):
         except (OSError, ValueError) as error:
             expected = "expected the address of a Dask scheduler that answers"
             raise InputError(f"--scheduler: {expected}, got {address}") from error
+        if not self._client.scheduler_info()["workers"]:
+            log.warning("--scheduler: %s has no workers yet; waiting for one: dask worker %s", address, address)
 
     def submit(self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", **_: Any) -> Future[Any]:
         """Submit ``function(*arguments)``; see `Processes.submit`."""

@@ -98,3 +98,11 @@ def square(number):
 
 def refuse():
     raise InputError("no such thing")
+
+
+def test_a_scheduler_without_workers_is_told(caplog):
+    with (
+        LocalCluster(n_workers=0, protocol="tcp://", dashboard_address=None) as local,
+        Scheduler(local.scheduler_address),
+    ):
+        assert f"{local.scheduler_address} has no workers yet" in caplog.text
