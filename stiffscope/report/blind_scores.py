@@ -31,7 +31,7 @@ MEASURES = (
 )
 FIGURES = {
     "confusion": ("Planted and diagnosed effects", "matrix of planted and diagnosed effects"),
-    "gaps": ("Gap over noise of each campaign: before, after, held out", "points of the gap over noise, by campaign"),
+    "gaps": ("Gap over noise of each campaign: before, after, held out", "points of the gaps"),
     "calibration": ("Reliability of stated probabilities", "reliability diagram"),
 }
 HELD_OUT = 1.2
@@ -45,19 +45,20 @@ def scores_json(scores: Scores) -> dict[str, Any]:
     for o in scores.outcomes:
         gap = dict(zip(("nominal", "explained", "held_out", "noise"), o.gap, strict=True))
         outcomes.append({
-            "robot": o.robot, "campaign": o.number, "kind": o.kind, "measured": o.style, "truth": list(o.truth),
-            "left_out": o.left_out or None, "imitated": o.imitated, "verdict": o.verdict, "named": list(o.named),
-            "confused_with": [list(group) for group in o.groups], "right": o.right, "evidence": o.evidence,
-            "gap": gap, "covered": list(o.covered),
+            "robot": o.robot, "campaign": o.number, "kind": o.kind, "measured": o.style,
+            "truth": list(o.truth), "left_out": o.left_out or None, "imitated": o.imitated,
+            "verdict": o.verdict, "named": list(o.named), "confused_with": list(map(list, o.groups)),
+            "right": o.right, "evidence": o.evidence, "gap": gap, "covered": list(o.covered),
         })  # fmt: skip
+    rates, every = ("stated", "true", "count"), {"": scores, **scores.by_robot()}
+    keys = [key for key, *_ in MEASURES]
+    measured = {name: {key: getattr(own, key) for key in keys} for name, own in every.items()}
     return {
-        **{key: getattr(scores, key) for key, *_ in MEASURES},
-        "held_out_over_noise": scores.held_out,
-        "calibration": [dict(zip(("stated", "true", "count"), row, strict=True)) for row in scores.calibration()],
-        "robots": {name: {key: getattr(own, key) for key, *_ in MEASURES} for name, own in scores.by_robot().items()},
+        **measured.pop(""), "held_out_over_noise": scores.held_out, "robots": measured,
+        "calibration": [dict(zip(rates, row, strict=True)) for row in scores.calibration()],
         "confusion": {"planted": planted, "answered": answered, "counts": counts},
         "outcomes": outcomes,
-    }
+    }  # fmt: skip
 
 
 def show_scores(scores: Scores) -> None:
@@ -74,13 +75,15 @@ def show_scores(scores: Scores) -> None:
         met = "yes" if scores.held_out <= HELD_OUT else "no"
         words = "correctly identified: largest held-out gap over noise"
         rows.append((words, f"{scores.held_out:.3f}", f"≤ {HELD_OUT}", met))
-    show_table("Blind check", (("measure",), ("measured", "target", "met")), rows, prose=("measure",))
+    groups = (("measure",), ("measured", "target", "met"))
+    show_table("Blind check", groups, rows, prose=("measure",))
     own = scores.by_robot()
     keys = [key for key, *_ in MEASURES]
     rows = [(name, *(_percent(getattr(each, key)) for key in keys)) for name, each in own.items()]
     if len(own) > 1:
         show_table("Each robot, %", (("robot",), [key.replace("_", " ") for key in keys]), rows)
-    rows = [(_percent(stated), _percent(true), str(count)) for stated, true, count in scores.calibration()]
+    rates = scores.calibration()
+    rows = [(_percent(stated), _percent(true), str(count)) for stated, true, count in rates]
     if rows:
         show_table("Stated probabilities, %", (("stated",), ("true", "effects")), rows)
     _show_gaps(scores)
@@ -103,7 +106,8 @@ def _show_gaps(scores: Scores) -> None:
     for kind in dict.fromkeys(o.kind for o in scores.outcomes):
         here = [o for o in scores.outcomes if o.kind == kind and not o.left_out]
         medians = np.nanmedian([o.gap for o in here], axis=0)
-        rows.append((kind, str(len(here)), str(sum(o.right for o in here)), *(f"{v:.3g}" for v in medians)))
+        right = str(sum(o.right for o in here))
+        rows.append((kind, str(len(here)), right, *(f"{value:.3g}" for value in medians)))
     groups = (("",), ("campaigns", "right"), ("before", "after", "held out", "noise"))
     show_table("Gap, % rms, median", groups, rows)
 
@@ -127,7 +131,7 @@ def draw_scores(scores: Scores, folder: Path) -> None:
 
 
 def write_blind_report(scores: Scores, report: Draft) -> None:
-    """Write ``report.html`` of a blind check: the shown tables, the folder's figures, the manifest."""
+    """Write ``report.html`` of a blind check: tables shown, the folder's figures, the manifest."""
     robots = scores.by_robot()
     figures = report.figures({f"{stem}.svg": words for stem, words in FIGURES.items()})
     facts = [f"robots: {', '.join(robots) or 'none'}", f"{len(scores.outcomes)} campaigns"]
@@ -139,10 +143,11 @@ def write_blind_report(scores: Scores, report: Draft) -> None:
 def confusion(scores: Scores) -> Figure:
     """Draw the confusion matrix: single effects, no effect and effects outside the library."""
     planted, answered, counts = scores.confusion()
-    figure = new_figure(4.2 + 0.34 * len(answered), 3.4 + 0.27 * len(planted), "Planted (rows), diagnosed (columns)")
-    axes = figure.subplots()
+    size = 4.2 + 0.34 * len(answered), 3.4 + 0.27 * len(planted)
+    axes = (figure := new_figure(*size, "Planted (rows), diagnosed (columns)")).subplots()
     grid = np.array(counts, dtype=float).reshape(len(planted), len(answered))
-    axes.imshow(np.where(grid > 0, grid, np.nan), cmap="Purples", vmin=0, vmax=max(grid.max(initial=1.0) * 1.4, 2.0))
+    most = max(grid.max(initial=1.0) * 1.4, 2.0)
+    axes.imshow(np.where(grid > 0, grid, np.nan), cmap="Purples", vmin=0, vmax=most)
     name_columns(axes, answered)
     name_rows(axes, planted)
     for i, j in np.argwhere(grid > 0):
@@ -154,7 +159,8 @@ def gaps(scores: Scores) -> Figure:
     """Draw each campaign's gap before, after and at held-out poses, divided by its noise."""
     from matplotlib.ticker import LogFormatter
 
-    shown = sorted((o for o in scores.outcomes if not o.left_out), key=lambda o: (o.kind, o.gap[0] / o.gap[3]))
+    shown = [o for o in scores.outcomes if not o.left_out]
+    shown.sort(key=lambda o: (o.kind, o.gap[0] / o.gap[3]))
     figure = new_figure(9.5, 4.2, "Gap over noise, each campaign")
     axes = figure.subplots()
     over_noise = np.array([o.gap for o in shown]) / np.array([[o.gap[3]] for o in shown])
@@ -184,7 +190,8 @@ def calibration(scores: Scores) -> Figure:
     for stated, true, count in scores.calibration():
         error = 2 * np.sqrt(max(stated * (1 - stated), 0.25 / count) / count)
         axes.errorbar(stated, true, error, fmt="o", color=EFFECT, ecolor=BEFORE, elinewidth=1)
-        axes.text(stated, 1.01, str(count), transform=axes.get_xaxis_transform(), ha="center", fontsize=7)
+        above = axes.get_xaxis_transform()
+        axes.text(stated, 1.01, str(count), transform=above, ha="center", fontsize=7)
     axes.set(xlabel="stated probability (number of cases above)", ylabel="observed frequency")
     axes.set(xlim=(-0.03, 1.05), ylim=(-0.03, 1.05))
     axes.spines[["top", "right"]].set_visible(False)

@@ -46,10 +46,8 @@ def plan_json(proposal: Proposal) -> dict[str, Any]:
         "loads": [hook.name for hook in proposal.plan.hooks],
         "enough": ENOUGH,
         "pairs": [
-            {
-                "first": pair.first, "second": pair.second, "ln_odds": pair.log_odds, "hidden": list(pair.hidden),
-                "asked": pair.asked,
-            }
+            {"first": pair.first, "second": pair.second, "ln_odds": pair.log_odds,
+             "hidden": list(pair.hidden), "asked": pair.asked}
             for pair in proposal.pairs
         ],
     }  # fmt: skip
@@ -63,18 +61,20 @@ def show_plan(proposal: Proposal, names: Sequence[str]) -> None:
         for pull, (hook, force) in enumerate(plan.pulls):
             here = (plan.settings[:, :2] == (pose, pull)).all(axis=1)
             read = ", ".join(plan.sensors[k].name for k in plan.settings[here, 2])
-            load = f"{plan.hooks[hook].name} {', '.join(f'{f:g}' for f in force)}" if hook >= 0 else "none"
+            newtons = ", ".join(f"{f:g}" for f in force)
+            load = f"{plan.hooks[hook].name} {newtons}" if hook >= 0 else "none"
             rows += [[pose_values(values, names), load, read]] if here.any() else []
     show_table("Readings", [[coordinates(names)], ["load, N", "sensors"]], rows, prose=("sensors",))
-    asked = [pair for pair in proposal.pairs if pair.asked]
+    asked, others = ([p for p in proposal.pairs if p.asked == wanted] for wanted in (True, False))
     _show_pairs("The question: expected ln-odds if the first is true", asked)
-    _show_pairs("Against other causes: the smallest", [pair for pair in proposal.pairs if not pair.asked])
+    _show_pairs("Against other causes: the smallest", others)
 
 
 def _show_pairs(title: str, pairs: Sequence[Answered]) -> None:
     rows = [[p.first, p.second, f"{p.log_odds:.3g}", ", ".join(p.hidden)] for p in pairs[:_PAIRS]]
+    pair = "true", "instead"
     if rows:
-        show_table(title, [["true", "instead"], ["ln-odds", "unresolved"]], rows, prose=("true", "instead"))
+        show_table(title, [pair, ["ln-odds", "unresolved"]], rows, prose=pair)
     if len(pairs) > _PAIRS:
         show_line(f"and {len(pairs) - _PAIRS} more: see --json")
 
@@ -83,34 +83,31 @@ def campaign_json(campaign: Campaign, remarks: Iterable[ReadingRemark] = ()) -> 
     """Return the campaign as read, as plain data in SI units."""
     c = campaign
     largest = np.abs(np.nan_to_num(c.wrench)).max(axis=0, initial=0.0)
+    counts = ((name, int((c.kind == k).sum())) for k, name in enumerate(KINDS))
+    loads = {}
+    for k, load in enumerate(c.loads):
+        count = int((c.load == k).sum())
+        loads[load.name] = {"body": load.body, "at": list(load.at), "readings": count}
     return {
-        "robot": c.robot,
-        "readings": len(c),
-        "empty": int(np.isnan(c.value).sum()),
-        "kinds": {name: int((c.kind == k).sum()) for k, name in enumerate(KINDS) if (c.kind == k).any()},
-        "coordinates": list(c.coordinates),
+        "robot": c.robot, "readings": len(c), "empty": int(np.isnan(c.value).sum()),
+        "kinds": {name: n for name, n in counts if n}, "coordinates": list(c.coordinates),
         "poses": {name: pose.tolist() for name, pose in zip(c.pose_names, c.poses, strict=True)},
         "sessions": {name: int((c.session == k).sum()) for k, name in enumerate(c.session_names)},
-        "without_sigma": int(np.isnan(c.sigma).sum()),
-        "copies": copies(c)[1] or None,
-        "remarks": [asdict(remark) for remark in remarks],
-        "channels": _channels(c),
-        "sensors": {s.name: _sensor(c, k) for k, s in enumerate(c.sensors)},
-        "loads": {
-            load.name: {"body": load.body, "at": list(load.at), "readings": int((c.load == k).sum())}
-            for k, load in enumerate(c.loads)
-        },
+        "without_sigma": int(np.isnan(c.sigma).sum()), "copies": copies(c)[1] or None,
+        "remarks": [asdict(remark) for remark in remarks], "channels": _channels(c),
+        "sensors": {s.name: _sensor(c, k) for k, s in enumerate(c.sensors)}, "loads": loads,
         "largest_wrench": dict(zip(WRENCH, largest.tolist(), strict=True)),
-    }
+    }  # fmt: skip
 
 
 def _sensor(c: Campaign, k: int) -> dict[str, Any]:
     s = c.sensors[k]
     at = {} if s.rotates else {"at": list(s.at)}
-    rest = {"measures": s.measures, "body": s.body, "direction": list(s.direction), "against": s.against}
-    if s.absolute:
-        rest |= {"frame": s.frame, "at_sigma": s.at_sigma}
-    return {**rest, **at, "zero": s.zero, "readings": int((c.sensor == k).sum())}
+    frame = {"frame": s.frame, "at_sigma": s.at_sigma} if s.absolute else {}
+    return {
+        "measures": s.measures, "body": s.body, "direction": list(s.direction),
+        "against": s.against, **frame, **at, "zero": s.zero, "readings": int((c.sensor == k).sum()),
+    }  # fmt: skip
 
 
 def _channels(c: Campaign) -> list[dict[str, Any]]:
@@ -121,10 +118,10 @@ def _channels(c: Campaign) -> list[dict[str, Any]]:
         rows.setdefault((c.what(i), kind), []).append(i)
     for (reads, kind), mine in rows.items():
         value, sigma = (each[mine][~np.isnan(each[mine])] for each in (c.value, c.sigma))
+        low, high = (float(value.min()), float(value.max())) if len(value) else (None, None)
         out.append({
             "reads": reads, "kind": KINDS[kind], "count": len(mine), "unit": _unit(c, mine[0]),
-            "low": float(value.min()) if len(value) else None, "high": float(value.max()) if len(value) else None,
-            "sigma": float(np.median(sigma)) if len(sigma) else None,
+            "low": low, "high": high, "sigma": float(np.median(sigma)) if len(sigma) else None,
         })  # fmt: skip
     return out
 
@@ -140,8 +137,10 @@ def _unit(c: Campaign, reading: int) -> str:
 
 def show_campaign(facts: Mapping[str, Any], name: str) -> None:
     """Print the facts of a campaign returned by `campaign_json`."""
-    kinds = ", ".join(f"{count} {_PLURAL.get(kind, kind + 's')}" for kind, count in facts["kinds"].items())
-    show_line(f"{name}: {facts['readings']} readings ({kinds}) at {len(facts['poses'])} poses", "bold")
+    counts = facts["kinds"].items()
+    kinds = ", ".join(f"{count} {_PLURAL.get(kind, kind + 's')}" for kind, count in counts)
+    readings = f"{facts['readings']} readings ({kinds})"
+    show_line(f"{name}: {readings} at {len(facts['poses'])} poses", "bold")
     if facts["empty"]:
         show_line(f"  {facts['empty']} of them have no value yet")
     if facts["copies"]:
@@ -150,14 +149,15 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
         show_line(f"  {remark['text']}", "yellow")
     if facts["without_sigma"]:
         show_line(f"  {facts['without_sigma']} have no uncertainty; it will be estimated")
-    sessions = ", ".join(f"{label or 'without a name'} {count}" for label, count in facts["sessions"].items())
+    counts = facts["sessions"].items()
+    sessions = ", ".join(f"{label or 'without a name'} {count}" for label, count in counts)
     show_line("  one session\n" if [*facts["sessions"]] == [""] else f"  sessions: {sessions}\n")
-    rows = [
-        [row["reads"], row["kind"], str(row["count"]), row["unit"], _number(row["low"]), _number(row["high"]),
-         _number(row["sigma"])]
-        for row in facts["channels"]
-    ]  # fmt: skip
-    show_table("Readings, SI", [["reads"], ["kind", "count", "unit", "least", "greatest", "sigma"]], rows)
+    rows = []
+    for row in facts["channels"]:
+        numbers = (_number(row[key]) for key in ("low", "high", "sigma"))
+        rows.append([row["reads"], row["kind"], str(row["count"]), row["unit"], *numbers])
+    columns = ["kind", "count", "unit", "least", "greatest", "sigma"]
+    show_table("Readings, SI", [["reads"], columns], rows)
     if facts["sensors"]:
         rows = [
             [key, s["measures"], s["body"], _three(s.get("at")), _three(s["direction"]),
@@ -167,10 +167,11 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
         columns = ["measures", "body", "at, m", "direction", "against or frame", "zero"]
         show_table("Sensors", [["sensor"], columns], rows)
     if facts["loads"]:
-        rows = [[key, s["body"], _three(s["at"]), str(s["readings"])] for key, s in facts["loads"].items()]
+        loads = facts["loads"].items()
+        rows = [[key, at["body"], _three(at["at"]), str(at["readings"])] for key, at in loads]
         show_table("Loads", [["load"], ["body", "at, m", "readings"]], rows)
-    largest = ", ".join(f"{key} {value:g}" for key, value in facts["largest_wrench"].items() if value)
-    show_line(f"Largest wrench: {largest or 'none'} (N, N·m)")
+    largest = (f"{key} {value:g}" for key, value in facts["largest_wrench"].items() if value)
+    show_line(f"Largest wrench: {', '.join(largest) or 'none'} (N, N·m)")
     names = facts["coordinates"]
     if not np.isfinite([*facts["poses"].values()]).any():
         show_line(f"Poses: {', '.join(facts['poses'])}, given by name only")
@@ -209,14 +210,10 @@ def draw_sensors(
     ----------
     draw
         Drawing function from `stiffscope.report.pictures.open_drawing`.
-    robot
-        Robot file.
-    found
-        Configurations at its poses.
-    campaign
-        Campaign whose sensors and loads are marked.
-    folder
-        Folder to write to.
+    robot, found
+        Robot file, and configurations at its poses.
+    campaign, folder
+        Campaign whose sensors and loads are marked, and folder to write to.
     """
     mechanism, shown = found.mechanism, []
     arrows = marks(campaign, mechanism)
@@ -226,18 +223,17 @@ def draw_sensors(
         shown.append({"file": file, "title": title, "moves": place_robot(found, k).moves})
     close, first, last = shown
     close["close"] = True
-    pictures = [*([close] if arrows else []), first, *([last] if len(found) > 1 else [])]
+    pictures = [close] * bool(arrows) + [first] + [last] * (len(found) > 1)
     with optional_pictures():
         draw("robot", folder, pictures=pictures, marks=arrows, **scene(robot, mechanism))
 
 
 def marks(campaign: Campaign, mechanism: Mechanism) -> list[dict[str, Any]]:
     """Return arrows for `drawing.robot`: each sensor's direction and each load's largest force."""
-    out: list[dict[str, Any]] = []
+    arrows: list[tuple[Any, ...]] = []
     for sensor in campaign.sensors:
         at = _place(mechanism, sensor.body) if sensor.rotates else np.array(sensor.at)
-        direction = np.array(sensor.direction)
-        out.append({"kind": "sensor", "name": sensor.name, "node": sensor.body, "at": at, "direction": direction})
+        arrows.append(("sensor", sensor.name, sensor.body, at, np.array(sensor.direction)))
     places = [
         ("load at M", mechanism.tool.body, mechanism.tool.at),
         *((load.name, load.body, np.array(load.at)) for load in campaign.loads),
@@ -247,9 +243,9 @@ def marks(campaign: Campaign, mechanism: Mechanism) -> list[dict[str, Any]]:
         size = np.linalg.norm(forces, axis=1)
         if size.any():
             best = int(np.argmax(size))
-            direction = forces[best] / size[best]
-            out.append({"kind": "load", "name": name, "node": node, "at": at, "direction": direction})
-    return out
+            arrows.append(("load", name, node, at, forces[best] / size[best]))
+    keys = ("kind", "name", "node", "at", "direction")
+    return [dict(zip(keys, arrow, strict=True)) for arrow in arrows]
 
 
 def _place(mechanism: Mechanism, node: str) -> np.ndarray:

@@ -49,10 +49,8 @@ def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Com
 
     Parameters
     ----------
-    robot
-        Robot with the part.
-    name
-        Name of a parametric part.
+    robot, name
+        Robot, and name of a parametric part of it.
     result
         Result of the part's virtual experiment.
 
@@ -67,27 +65,28 @@ def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Com
     fea, error = result.compliance, result.error
     scale = np.sqrt(np.outer(np.diag(fea), np.diag(fea)))
     entries = []
-    for i in range(6):
-        for j in range(i, 6):
-            known = beam[i, j] or (printed is not None and printed[i, j])
-            if known or abs(fea[i, j]) > max(error[i, j], 1e-4 * scale[i, j]):
-                name_and_unit = parts_of.entry_name(i, j)
-                published = None if printed is None else float(printed[i, j])
-                entries.append(Entry(*name_and_unit, fea[i, j], error[i, j], simple[i, j], beam[i, j], published))
-    return Comparison(name, tuple(entries), tuple(_findings(robot, name, fea, simple, beam, printed)))
+    for at in zip(*np.triu_indices(6), strict=True):
+        known = beam[at] or (printed is not None and printed[at])
+        if known or abs(fea[at]) > max(error[at], 1e-4 * scale[at]):
+            published = None if printed is None else float(printed[at])
+            sources = (fea[at], error[at], simple[at], beam[at], published)
+            entries.append(Entry(*parts_of.entry_name(*at), *sources))
+    findings = _findings(robot, name, fea, simple, beam, printed)
+    return Comparison(name, tuple(entries), tuple(findings))
 
 
 def _find_printed(robot: RobotFile, name: str) -> np.ndarray | None:
     """Return the published compliance (6, 6) that applies to the part, or None."""
-    own = getattr(robot.part(name), "published", None)
-    if own or (robot.part(name).shape == "rod" and any(getattr(p, "published", None) for p in robot.parts.values())):
+    known = {n for n, part in robot.parts.items() if getattr(part, "published", None)}
+    if name in known or (known and robot.part(name).shape == "rod"):
         return parts_of.published_compliance(robot, name)
     return None
 
 
 def _findings(
-    robot: RobotFile, name: str, fea: np.ndarray, simple: np.ndarray, beam: np.ndarray, printed: np.ndarray | None
-) -> list[str]:
+    robot: RobotFile, name: str, fea: np.ndarray, simple: np.ndarray, beam: np.ndarray,
+    printed: np.ndarray | None,
+) -> list[str]:  # fmt: skip
     """Return one sentence per assumption that fails."""
     part, material = robot.part(name), robot.material(name)
     if not isinstance(part, ParametricPart) or material is None:
@@ -101,29 +100,30 @@ def _findings(
         if share > 0.02:
             slender = length / part.measure_across(axis)
             found.append(
-                f"C{i + 1}{i + 1}: shear makes {100 * share:.0f} % of the deflection along {axis}, where the part is "
-                f"only {slender:.2g} times as long as deep; Euler-Bernoulli neglects it"
+                f"C{i + 1}{i + 1}: shear makes {100 * share:.0f} % of the deflection along {axis}, where the "
+                f"part is only {slender:.2g} times as long as deep; Euler-Bernoulli neglects it"
             )
     narrowing = 1 - fea[4, 4] / beam[4, 4]
     if plate and narrowing > 0.03 and not _not_in_beam_theory(robot, name):
         found.append(
-            f"C33, C35, C55: a wide plate bends {100 * narrowing:.0f} % less about y than a beam, whose section is "
-            "free to contract and expand sideways"
+            f"C33, C35, C55: a wide plate bends {100 * narrowing:.0f} % less about y than a beam, whose "
+            "section is free to contract and expand sideways"
         )
     found += _torsion(section, material, length, fea[3, 3] / beam[3, 3])
     if printed is not None and printed[3, 3] < 0.5 * beam[3, 3]:
+        over = polar(section).torsion / section.torsion
         found.append(
-            f"C44 as published is {fea[3, 3] / printed[3, 3]:.1f} times too stiff: its torsion constant is "
-            f"I_y + I_z, {polar(section).torsion / section.torsion:.1f} times Saint-Venant's; they are equal for "
-            "round sections alone"
+            f"C44 as published is {fea[3, 3] / printed[3, 3]:.1f} times too stiff: its torsion constant "
+            f"is I_y + I_z, {over:.1f} times Saint-Venant's; they are equal for round sections alone"
         )
     if printed is not None and printed[1, 1] < 0.5 * fea[1, 1]:
-        found.append(f"C22 as published is {fea[1, 1] / printed[1, 1]:.1f} times too stiff: it has no shear")
+        over = fea[1, 1] / printed[1, 1]
+        found.append(f"C22 as published is {over:.1f} times too stiff: it has no shear")
     if not found:
         worst = np.max(np.abs(np.diag(fea) / np.diag(beam) - 1))
         found.append(
-            f"Beam theory holds: the diagonal is within {100 * worst:.2f} % of Timoshenko's; the clamped end, which "
-            "cannot contract sideways, explains such a difference"
+            f"Beam theory holds: the diagonal is within {100 * worst:.2f} % of Timoshenko's; the clamped "
+            "end, which cannot contract sideways, explains such a difference"
         )
     return found
 
@@ -134,17 +134,16 @@ def _torsion(section: Section, material: AnyMaterial, length: float, torsion: fl
     if abs(torsion - 1) > 0.02:
         effect = "the part is too short for the end effect to decay (Saint-Venant)"
         if section.warping:
-            twist = restrained_torsion(length, section, material.youngs_modulus, material.shear_modulus)
-            held = twist * material.shear_modulus * section.torsion / length
+            modulus = material.shear_modulus
+            twist = restrained_torsion(length, section, material.youngs_modulus, modulus)
+            held = twist * modulus * section.torsion / length
             effect = f"Vlasov's theory gives {held:.2f} times with warping restrained at both ends"
-        found.append(
-            f"C44: {torsion:.2f} times Saint-Venant's torsion, in which the ends warp freely; here they cannot, and "
-            + effect
-        )
+        where = "in which the ends warp freely; here they cannot"
+        found.append(f"C44: {torsion:.2f} times Saint-Venant's torsion, {where}, and {effect}")
     if section.shear_centre:
         found.append(
-            f"C34: the shear centre is {1e3 * abs(section.shear_centre):.3g} mm from the centroid, on the web's side: "
-            "a force along z through the centroid twists the beam"
+            f"C34: the shear centre is {1e3 * abs(section.shear_centre):.3g} mm from the centroid, on the "
+            "web's side: a force along z through the centroid twists the beam"
         )
     return found
 
@@ -152,5 +151,5 @@ def _torsion(section: Section, material: AnyMaterial, length: float, torsion: fl
 def _not_in_beam_theory(robot: RobotFile, name: str) -> list[str]:
     part = robot.part(name)
     extras = {"ribs": "rib_count", "bolt holes": "hole_count", "joint pads": "pad_height"}
-    present = [word for word, key in extras.items() if getattr(part, key, 0)]
-    return [f"Beam theory models the bare plate: the {' and '.join(present)} are in the FEA only"] if present else []
+    present = " and ".join(word for word, key in extras.items() if getattr(part, key, 0))
+    return [f"Beam theory models the bare plate: the {present} are in the FEA only"] if present else []

@@ -6,7 +6,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.cluster.hierarchy import leaves_list, linkage, optimal_leaf_ordering
+from scipy.cluster.hierarchy import leaves_list, linkage
 from scipy.spatial.distance import squareform
 
 from stiffscope.report.figures import (
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from stiffscope.gap.inference.diagnosis import Diagnosis
+    from stiffscope.gap.inference.posterior_samples import Samples
     from stiffscope.report.page import Figure as PageFigure
 
 CORNERS = 10  # most parameters in a corner plot
@@ -38,8 +39,8 @@ NAMED = 40  # most poses named in a map
 NUMBERED = 24  # most rows with legible numbers
 ALIKE = (0.3, 0.9)  # smallest correlation written for few effects, and for many
 EXCEEDS = (
-    "A bar longer than the first: an effect alone can enlarge the gap where it offsets another effect; at poses held\n"
-    "out, the gap also contains the error of parameters fitted elsewhere."
+    "A bar longer than the first: an effect alone can enlarge the gap where it offsets another;\n"
+    "at poses held out, the gap also contains the error of parameters fitted elsewhere."
 )
 PREDICTIONS = {"the nominal model": BEFORE, "with the effects found": AFTER}
 STEPS = {
@@ -68,12 +69,13 @@ def waterfall(diagnosis: Diagnosis) -> Figure:
     shown = [(key, value) for key, value in steps(diagnosis) if np.isfinite(value)]
     figure = new_figure(8.6, 0.9 + 0.42 * len(shown), "The gap, % rms")
     axes = figure.subplots()
-    words, colours = zip(*(STEPS.get(key, (f"with {label(key)}", EFFECT)) for key, _ in shown), strict=True)
+    bars = [STEPS.get(key, (f"with {label(key)}", EFFECT)) for key, _ in shown]
+    words, colours = zip(*bars, strict=True)
     values = [value for _, value in shown]
-    bars = axes.barh(range(len(shown)), values, color=colours, height=0.66)
+    drawn = axes.barh(range(len(shown)), values, color=colours, height=0.66)
     axes.set_yticks(range(len(shown)), words, parse_math=False)
     axes.axvline(diagnosis.gap.noise, color=BEFORE, lw=0.9, ls=":")
-    for text in axes.bar_label(bars, [f"{value:.3g}" for value in values], padding=5):
+    for text in axes.bar_label(drawn, [f"{value:.3g}" for value in values], padding=5):
         text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1})
     axes.invert_yaxis()
     axes.set_xlim(0, 1.12 * max(values, default=1.0) or 1.0)
@@ -91,18 +93,19 @@ def residual_map(diagnosis: Diagnosis) -> Figure | None:
     where = diagnosis.where
     if not where.pose:
         return None
-    grids = [np.array(grid, dtype=float) for grid in (where.pose, where.unexplained) if grid]
+    grids = np.array([grid for grid in (where.pose, where.unexplained) if grid], dtype=float)
     read = np.flatnonzero(np.isfinite(grids[0]).any(axis=0))  # directions that were measured
-    grids = [grid[:, read] for grid in grids]
-    greatest = max((float(np.nanmax(grid)) for grid in grids if np.isfinite(grid).any()), default=1.0)
+    grids = grids[:, :, read]
+    greatest = np.nanmax(grids) if len(read) else 1.0
     shade = LogNorm(0.5, max(2.0 * greatest / 1.9, 4.0), clip=True)
-    rows = len(where.pose)
+    rows, width = len(where.pose), 4.6 * len(grids) + 1.6
     height = float(np.clip(1.4 + 0.27 * rows, 2.4, 14.0))
-    figure = new_figure(4.6 * len(grids) + 1.6, height, "Residuals over noise (rms of residual / σ)")
+    figure = new_figure(width, height, "Residuals over noise (rms of residual / σ)")
     panels = np.atleast_1d(figure.subplots(1, len(grids), sharey=True))
+    style: Any = {"aspect": "auto", "cmap": "magma_r", "norm": shade, "interpolation": "nearest"}
     image: Any = None
-    for axes, grid, title in zip(panels, grids, ("the nominal model", "with the effects found"), strict=False):
-        image = axes.imshow(grid, aspect="auto", cmap="magma_r", norm=shade, interpolation="nearest")
+    for axes, grid, title in zip(panels, grids, PREDICTIONS, strict=False):
+        image = axes.imshow(grid, **style)
         axes.set_xticks(range(len(read)), [DIRECTIONS[k] for k in read])
         axes.set_title(title, fontsize=10)
         axes.tick_params(length=0)
@@ -113,7 +116,7 @@ def residual_map(diagnosis: Diagnosis) -> Figure | None:
     else:
         panels[0].set_ylabel("pose, in the order of the readings")
     bar = figure.colorbar(image, ax=list(panels), pad=0.015, fraction=0.05)
-    ticks = [t for t in (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000) if t <= float(shade.vmax or 0)]
+    ticks = [k * 10**n for n in range(4) for k in (1, 2, 5) if k * 10**n <= float(shade.vmax or 0)]
     bar.set_ticks(ticks, labels=[str(t) for t in ticks], minor=False)
     bar.minorticks_off()
     return figure
@@ -126,17 +129,25 @@ def draw_readings(diagnosis: Diagnosis) -> Figure | None:
         return None
     count = len(samples.kinds)
     figure = new_figure(min(4.2 * count + 0.4, 13.0), 4.2, "Readings against their prediction")
-    for axes, (kind, (si, mine)) in zip(np.atleast_1d(figure.subplots(1, count)), samples.kinds.items(), strict=True):
+    panels = np.atleast_1d(figure.subplots(1, count))
+    for axes, (kind, (si, mine)) in zip(panels, samples.kinds.items(), strict=True):
         measured = samples.observed[mine]
         factor, unit = choose_unit(si, measured)
-        for (name, colour), predicted in zip(PREDICTIONS.items(), (samples.before, samples.after), strict=True):
-            axes.plot(measured / factor, predicted[mine] / factor, ".", ms=4, color=colour, alpha=0.7, label=name)
+        for name, colour, predicted in _predictions(samples):
+            style = {"color": colour, "alpha": 0.7, "label": name}
+            axes.plot(measured / factor, predicted[mine] / factor, ".", ms=4, **style)
         axes.axline((0.0, 0.0), slope=1.0, color=NOISE, lw=0.9, zorder=0)
         axes.set_xlabel(f"measured {kind}, {unit}")
         axes.set_ylabel(f"predicted, {unit}")
         axes.spines[["top", "right"]].set_visible(False)
     figure.axes[0].legend(frameon=False, fontsize=8)
     return figure
+
+
+def _predictions(samples: Samples) -> list[tuple[str, str, np.ndarray]]:
+    """Return name, colour and values (n,) of the predictions."""
+    (nominal, grey), (with_effects, green) = PREDICTIONS.items()
+    return [(nominal, grey, samples.before), (with_effects, green, samples.after)]
 
 
 def chart_readings(diagnosis: Diagnosis, still: PageFigure | None) -> list[Chart]:
@@ -150,18 +161,20 @@ def chart_readings(diagnosis: Diagnosis, still: PageFigure | None) -> list[Chart
         measured, sigma = samples.observed[rows], samples.sigma[rows]
         factor, unit = choose_unit(si, measured)
         series = []
-        for (name, colour), predicted in zip(PREDICTIONS.items(), (samples.before, samples.after), strict=True):
+        texts = {"reading": samples.where, "pose": samples.pose, "quantity": samples.quantity}
+        words = {name: [column[k] for k in rows] for name, column in texts.items()}
+        for name, colour, predicted in _predictions(samples):
             error = predicted[rows] - measured
-            columns = {
-                "reading": [samples.where[k] for k in rows], "pose": [samples.pose[k] for k in rows],
-                "quantity": [samples.quantity[k] for k in rows], f"measured, {unit}": measured / factor,
-                f"predicted, {unit}": predicted[rows] / factor, f"predicted − measured, {unit}": error / factor,
+            numbers = {
+                f"measured, {unit}": measured / factor,
+                f"predicted, {unit}": predicted[rows] / factor,
+                f"predicted − measured, {unit}": error / factor,
                 "(predicted − measured) / σ": error / sigma,
             }  # fmt: skip
-            series.append(Series(name, colour, columns))
-        numbers = list(series[0].columns)[3:]
+            series.append(Series(name, colour, words | numbers))
+        x, *y = list(series[0].columns)[3:]
         caption = f"{kind.capitalize()}: every reading against its prediction."
-        charts.append(Chart(series, numbers[:1], numbers[1:], caption, None if charts else still, equal=True))
+        charts.append(Chart(series, [x], y, caption, None if charts else still, equal=True))
     return charts
 
 
@@ -184,7 +197,8 @@ def signature_correlation(diagnosis: Diagnosis) -> Figure | None:
     name_rows(axes, labels)
     written = np.tril(matrix) >= ALIKE[len(names) > NUMBERED]
     write_cells(axes, np.where(written, matrix, np.nan), "{:.2f}", Normalize(0, 1.4), size=6)
-    figure.colorbar(image, ax=axes, pad=0.015, fraction=0.04, label="|cosine|; 1: indistinguishable")
+    key = "|cosine|; 1: indistinguishable"
+    figure.colorbar(image, ax=axes, pad=0.015, fraction=0.04, label=key)
     return figure
 
 
@@ -194,15 +208,15 @@ def _cluster_rows(correlation: np.ndarray) -> list[int]:
     distance = 0.5 * (distance + distance.T)
     np.fill_diagonal(distance, 0.0)
     condensed = squareform(distance, checks=False)
-    return [int(k) for k in leaves_list(optimal_leaf_ordering(linkage(condensed, "average"), condensed))]
+    return leaves_list(linkage(condensed, "average", optimal_ordering=True)).tolist()
 
 
 def corner(diagnosis: Diagnosis) -> Figure | None:
     """Draw the joint posterior of the effects' parameters; None if there are none or too many."""
     if diagnosis.samples is None:
         return None
-    units = diagnosis.samples.units
-    draws = {name: v.ravel() for name, v in diagnosis.samples.parameters.items() if " @ " in name and np.ptp(v) > 0.0}
+    units, sampled = diagnosis.samples.units, diagnosis.samples.parameters.items()
+    draws = {name: v.ravel() for name, v in sampled if " @ " in name and np.ptp(v) > 0.0}
     if not 0 < len(draws) <= CORNERS:
         return None
     n = len(draws)
@@ -266,9 +280,8 @@ def predictive_check(diagnosis: Diagnosis) -> Figure | None:
     figure = new_figure(6.4, 3.0, "Readings at poses held out against their prediction")
     axes = figure.subplots()
     edges = np.linspace(-5.0, 5.0, 51)
-    axes.hist(
-        z.clip(-5.0, 5.0), bins=edges.tolist(), density=True, color=NOISE, label="readings", histtype="stepfilled"
-    )
+    style: Any = {"color": NOISE, "label": "readings", "histtype": "stepfilled"}
+    axes.hist(z.clip(-5.0, 5.0), bins=edges.tolist(), density=True, **style)
     axes.plot(edges, np.exp(-0.5 * edges**2) / np.sqrt(2.0 * np.pi), color=AFTER, label="predicted")
     axes.set_xlabel("residual / predictive standard deviation")
     axes.set_yticks([])

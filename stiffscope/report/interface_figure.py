@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 PLATE = "#dfe4e8"
 LINEAR = 10.0  # %; the scale of changes is linear below it
 CAPTION = (
-    "Sketches from above: clamped at the top, loaded at the bottom. Yellow: the entry grows, green: it shrinks. "
-    f"Whiskers: 95 % bounds. The scale is linear up to {LINEAR:g} %, logarithmic beyond."
+    "Sketches from above: clamped at the top, loaded at the bottom. Yellow: the entry grows, green: "
+    f"it shrinks. Whiskers: 95 % bounds. The scale is linear up to {LINEAR:g} %, logarithmic beyond."
 )
 SLENDER = (0.16, 0.4)  # sketched width and depth of a link or a STEP solid, not to scale
 
@@ -48,11 +48,12 @@ def _title(compared: Comparison) -> str:
 
 def write_page(compared: Comparison, report: Draft) -> None:
     """Write ``report.html`` with the shown tables and the folder's figure."""
-    words = "a sketch of each choice of interface, below it the change of every entry, with its bound"
+    words = "a sketch of each choice of interface, below it each entry's change, with its bound"
     drawn = report.figures({"interfaces.png": (CAPTION, words)})
-    about = f"the {compared.part}'s 6×6 compliance, SI, at the reference point of the robot file's own choice"
+    about = f"the {compared.part}'s 6×6 compliance, SI"
+    where = "at the reference point of the robot file's own choice"
     sections = [Section("Compliance by interface", report.shown, drawn)]
-    report.write(_title(compared), [about, "95 % bounds"], sections)
+    report.write(_title(compared), [f"{about}, {where}", "95 % bounds"], sections)
 
 
 def _values(axes: Axes, compared: Comparison) -> None:
@@ -63,24 +64,25 @@ def _values(axes: Axes, compared: Comparison) -> None:
     for row, entry in enumerate(compared.entries):
         percent = 100 * entry.error / abs(entry.own)
         where, _, name = entry.name.rpartition("C")
+        style: Any = {"va": "center", "ha": "right"}
         axes.text(0.0, row, f"{where}$C_{{{name}}}$", va="center", fontsize=11)
-        axes.text(0.70, row, f"{power(entry.own, 3)} {entry.unit}", va="center", ha="right", fontsize=9.5)
-        axes.text(1.0, row, f"± {percent:.2g} %", va="center", ha="right", fontsize=9, color=BEFORE)
+        axes.text(0.70, row, f"{power(entry.own, 3)} {entry.unit}", fontsize=9.5, **style)
+        axes.text(1.0, row, f"± {percent:.2g} %", fontsize=9, color=BEFORE, **style)
 
 
 def _changes(axes: Axes, compared: Comparison, k: int) -> None:
     """Draw bars of the change in % with bounds, on a symmetric logarithmic scale."""
-    changes = 100 * np.array([entry.changes[k] for entry in compared.entries])
-    bars = 100 * np.array([entry.bars[k] for entry in compared.entries])
-    rows = np.arange(len(changes))
-    axes.barh(rows, changes, 0.62, xerr=bars, color=np.where(changes > 0, EFFECT, AFTER), ecolor=BEFORE, capsize=2.5)
-    for row, (change, bar) in enumerate(zip(changes, bars, strict=True)):
-        end, side = (change + bar, 1) if change > 0 else (change - bar, -1)
-        text = f"{change:+z.{0 if abs(change) >= 99.95 else 1}f}".replace("-", "−")
-        place: Any = {"va": "center", "ha": "left" if side > 0 else "right"}
-        axes.annotate(text, (end, row), (5 * side, 0), textcoords="offset points", fontsize=9, **place)
-    axes.set_xscale("symlog", linthresh=LINEAR, linscale=0.7)
     every = 100 * np.array([entry.changes for entry in compared.entries])
+    changes, bars = every[:, k], 100 * np.array([entry.bars[k] for entry in compared.entries])
+    rows = np.arange(len(changes))
+    colours = np.where(changes > 0, EFFECT, AFTER)
+    axes.barh(rows, changes, 0.62, xerr=bars, color=colours, ecolor=BEFORE, capsize=2.5)
+    for row, (change, bar) in enumerate(zip(changes, bars, strict=True)):
+        end, side, ha = (change + bar, 5, "left") if change > 0 else (change - bar, -5, "right")
+        text = f"{change:+z.{0 if abs(change) >= 99.95 else 1}f}".replace("-", "−")
+        place: Any = {"textcoords": "offset points", "va": "center", "ha": ha}
+        axes.annotate(text, (end, row), (side, 0), fontsize=9, **place)
+    axes.set_xscale("symlog", linthresh=LINEAR, linscale=0.7)
     low, high = 6 * min(float(every.min()), -LINEAR), 6 * max(float(every.max()), LINEAR)
     ticks = [t for t in (-100, -10, 0, 10, 100, 1000, 10000, 100000) if low < t < high]
     axes.set_xticks(ticks, [f"{t:+d}".replace("-", "−") if t else "0" for t in ticks])
@@ -103,18 +105,22 @@ def _sketch(axes: Axes, tested: Tested) -> None:
     unit = getattr(shape, "width", 1.0)
     width, depth = (1.0, shape.depth / unit) if hasattr(shape, "depth") else SLENDER
     axes.set_title(tested.choice.name, fontsize=11, fontweight="bold", pad=4)
-    axes.add_patch(Rectangle((-width / 2, 0), width, depth, facecolor=PLATE, edgecolor=BEFORE, lw=1.0))
+    look: Any = {"facecolor": PLATE, "edgecolor": BEFORE, "lw": 1.0}
+    axes.add_patch(Rectangle((-width / 2, 0), width, depth, **look))
+    settings = tested.result.order.settings
     if getattr(shape, "clamp", "face") == "holes":
+        row = depth - shape.hole_offset / unit
         for y in shape.hole_positions:
-            axes.plot(y / unit, depth - shape.hole_offset / unit, "o", ms=6, mfc=BEFORE, mec="white", mew=0.8)
+            axes.plot(y / unit, row, "o", ms=6, mfc=BEFORE, mec="white", mew=0.8)
     else:
-        _clamp(axes, width, depth, springs=tested.result.order.settings.foundation is not None)
-    pads, rigid = getattr(shape, "pad_height", 0.0), tested.result.order.settings.interface == "rigid"
-    faces = [(y / unit, shape.pad_width / unit) for y in shape.pad_positions] if pads else [(0.0, width)]
+        _clamp(axes, width, depth, springs=settings.foundation is not None)
+    pads, rigid = getattr(shape, "pad_height", 0.0), settings.interface == "rigid"
+    places = shape.pad_positions if pads else ()
+    faces = [(y / unit, shape.pad_width / unit) for y in places] or [(0.0, width)]
     bottom = -max(pads / unit, 0.03) if pads else 0.0
     for middle, across in faces:
         if pads:
-            axes.add_patch(Rectangle((middle - across / 2, bottom), across, -bottom, facecolor=PLATE, edgecolor=BEFORE))
+            axes.add_patch(Rectangle((middle - across / 2, bottom), across, -bottom, **look))
         _load(axes, middle, across, bottom, rigid=rigid)
     if pads and rigid:
         _load(axes, 0.0, abs(faces[1][0] - faces[2][0]) + faces[0][1], bottom, rigid=rigid)
@@ -129,8 +135,8 @@ def _clamp(axes: Axes, width: float, depth: float, *, springs: bool) -> None:
     from matplotlib.patches import Rectangle
 
     ground = depth + (0.09 if springs else 0.0)
-    band = Rectangle((-width / 2, ground), width, 0.05, facecolor="none", edgecolor=BEFORE, hatch="//////", lw=0)
-    axes.add_patch(band)
+    look: Any = {"facecolor": "none", "edgecolor": BEFORE, "hatch": "//////", "lw": 0}
+    axes.add_patch(Rectangle((-width / 2, ground), width, 0.05, **look))
     axes.plot([-width / 2, width / 2], [ground] * 2, color=BEFORE, lw=1.6)
     if springs:
         heights = np.linspace(depth, ground, 8)
@@ -145,7 +151,6 @@ def _load(axes: Axes, middle: float, width: float, bottom: float, *, rigid: bool
     if rigid:
         axes.plot([left, right], [bottom - 0.012] * 2, color=EFFECT, lw=4, solid_capstyle="butt")
         return
+    arrow: Any = {"arrowstyle": "-|>", "color": EFFECT, "lw": 1.2}
     for x in np.linspace(left, right, max(2, round(13 * width))):
-        axes.annotate(
-            "", (x, bottom - 0.005), (x, bottom - 0.12), arrowprops={"arrowstyle": "-|>", "color": EFFECT, "lw": 1.2}
-        )
+        axes.annotate("", (x, bottom - 0.005), (x, bottom - 0.12), arrowprops=arrow)

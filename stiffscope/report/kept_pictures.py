@@ -174,9 +174,7 @@ def draw_named_poses(assembled: Assembled, folder: Path) -> None:
         _draw_poses(assembled, folder)
 
 
-def draw_inspection(
-    found: Inspection, folder: Path, parts: Mapping[str, Part], draw_now: Callable[..., None]
-) -> None:  # fmt: skip
+def draw_inspection(found: Inspection, folder: Path, parts: Mapping[str, Part], draw_now: Callable[..., None]) -> None:
     """Draw the rigid robot at home and at every reachable named pose, if drawing is possible.
 
     ``parts``: parts from STEP files, drawn transparent; ``draw_now``: from `open_drawing`.

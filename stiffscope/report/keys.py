@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 import tomllib
 from dataclasses import astuple, dataclass
 from functools import cache
@@ -29,12 +30,15 @@ TOP = {
     "[parameters]": ("numbers with units by name", "–"),
     "[groups]": ("lists of bodies or joints by name", "–"),
     "[poses]": ("by name, as many numbers as `[tool] pose` has coordinates", "–"),
-    **dict.fromkeys(("[parts.NAME]", "[bodies.NAME]", "[joints.NAME]"), ("a table for each", "–")),
+    **{f"[{kind}.NAME]": ("a table for each", "–") for kind in ("parts", "bodies", "joints")},
     "[[copies]]": ("tables in a list", "–"),
     **dict.fromkeys(("[tool]", "[gravity]", "[map]"), ("a table", "–")),
     "[materials.NAME]": ("a table for each", "–"),
     "[[effects]]": ("tables in a list", "–"),
 }
+_KINDS: dict[Any, list[str]] = {}  # of bearings, by the section that describes them
+for _kind, _model in element_sections.ELEMENTS.items():
+    _KINDS.setdefault(_model, []).append(_kind)
 TABLES = (
     ('[parts.NAME], shape = "rod"', part_sections.RodPart),
     ('[parts.NAME], shape = "plate"', part_sections.PlatePart),
@@ -54,13 +58,7 @@ TABLES = (
     ("drive of a slide", sections.LinearDrive),
     ("drive about an axis", sections.RotaryDrive),
     ("compliance of a joint", sections.Bearing),
-    *(
-        (
-            f"bearing of a joint, kind = {' or '.join(k for k, m in element_sections.ELEMENTS.items() if m is model)}",
-            model,
-        )
-        for model in dict.fromkeys(element_sections.ELEMENTS.values())
-    ),
+    *((f"bearing of a joint, kind = {' or '.join(kinds)}", model) for model, kinds in _KINDS.items()),
     ("[[copies]]", sections.Copies),
     ("[tool]", sections.ToolSection),
     ("[gravity]", sections.GravitySection),
@@ -98,9 +96,10 @@ def _meanings() -> dict[str, dict[str, Any]]:
 
 def _meaning(kind: str, title: str, key: str) -> str:
     """Return a key's meaning: the one of the section if it has its own, else the general one."""
-    meanings = _meanings()[kind]
-    words = (name.rpartition(".")[0] for name in meanings if name.endswith(f".{key}") and name != key)
-    return next((meanings[f"{word}.{key}"] for word in words if word in title), "") or meanings.get(key, "")
+    meanings, end = _meanings()[kind], f".{key}"
+    words = (name.removesuffix(end) for name in meanings if name.endswith(end))
+    own = next((meanings[word + end] for word in words if word in title), "")
+    return own or meanings.get(key, "")
 
 
 def _section_keys(kind: str, tables: Iterable[tuple[str, Any]]) -> dict[str, list[Key]]:
@@ -120,15 +119,10 @@ def _section_keys(kind: str, tables: Iterable[tuple[str, Any]]) -> dict[str, lis
 
 def _robot_keys() -> dict[str, list[Key]]:
     """Return the keys of a robot file by section, and the built-in materials."""
-    title = "the top level"
-    materials = [
-        Key(
-            name,
-            each.source,
-            f"E {each.youngs_modulus / 1e9:.4g} GPa, G {each.shear_modulus / 1e9:.3g} GPa, {each.density:g} kg/m³",
-        )
-        for name, each in MATERIALS.items()
-    ]
+    title, materials = "the top level", list[Key]()
+    for name, each in MATERIALS.items():
+        moduli = f"E {each.youngs_modulus / 1e9:.4g} GPa, G {each.shear_modulus / 1e9:.3g} GPa"
+        materials.append(Key(name, each.source, f"{moduli}, {each.density:g} kg/m³"))
     return {
         title: [Key(key, _meaning("robot", title, key), *rest) for key, rest in TOP.items()],
         **_section_keys("robot", TABLES),
@@ -139,11 +133,11 @@ def _robot_keys() -> dict[str, list[Key]]:
 def all_keys() -> dict[str, dict[str, list[Key]]]:
     """Return all keys by kind of file and section."""
     described = _meanings()["campaign"].items()
-    campaign = {title: [Key(key, means) for key, means in keys.items()] for title, keys in described}
-    campaign["effects"] = [
-        Key(name, ", ".join(f"{parameter} ({unit})" for parameter, unit in parameters[:9]) or "no parameters")
-        for name, parameters in EFFECTS.items()
-    ]
+    campaign = {title: [Key(*each) for each in keys.items()] for title, keys in described}
+    campaign["effects"] = []
+    for name, parameters in EFFECTS.items():
+        said = ", ".join(f"{parameter} ({unit})" for parameter, unit in parameters[:9])
+        campaign["effects"].append(Key(name, said or "no parameters"))
     others = {"study": SECTIONS, "job": JOB}
     return {
         "robot": _robot_keys(),
@@ -165,7 +159,8 @@ def find_keys(wanted: str | None) -> dict[str, dict[str, list[Key]]]:
     if not found:
         titles = [title for titles in every.values() for title in titles]
         guess = meant(wanted, [*every, *titles], cutoff=0.4)
-        raise InputError(f'keys: expected {", ".join(every)} or part of a section\'s title, got "{wanted}"{guess}')
+        expected = f"expected {', '.join(every)} or part of a section's title"
+        raise InputError(f'keys: {expected}, got "{wanted}"{guess}')
     return found
 
 
@@ -175,13 +170,14 @@ def show_keys(found: dict[str, dict[str, list[Key]]]) -> None:
         show_line(f"{kind[0].upper()}{kind[1:]} file" if kind != "campaign" else "Campaign", "bold")
         show_line("")
         for title, rows in titles.items():
-            cells = [[cell.replace("`", "").replace("**", "") for cell in astuple(row)] for row in rows]
-            show_table(title, [["key"], ["means", "takes", "default"]], cells, prose={"means", "takes"})
+            cells = [[re.sub(r"`|\*\*", "", cell) for cell in astuple(row)] for row in rows]
+            groups = [["key"], ["means", "takes", "default"]]
+            show_table(title, groups, cells, prose={"means", "takes"})
 
 
 def _said(metadata: Iterable[Any]) -> str:
-    said = [each.says if isinstance(each, Reads) else each for each in metadata if isinstance(each, Reads | Says)]
-    return str(said[0]) if said else ""
+    said = (each for each in metadata if isinstance(each, Reads | Says))
+    return next((each.says if isinstance(each, Reads) else str(each) for each in said), "")
 
 
 def _words_of(annotation: Any) -> str:  # noqa: PLR0911 (one return per kind of type)
@@ -199,9 +195,11 @@ def _words_of(annotation: Any) -> str:  # noqa: PLR0911 (one return per kind of 
     if origin is dict:
         return "a table by name"
     if origin in {tuple, list}:
-        return "a list of " + " and ".join(dict.fromkeys(_words_of(each) for each in inner if each is not Ellipsis))
+        words = (_words_of(each) for each in inner if each is not Ellipsis)
+        return f"a list of {' and '.join(dict.fromkeys(words))}"
     known = {str: "a text", int: "a whole number", float: "a number", bool: "true or false"}
-    return known.get(annotation, "a table of its own" if inspect.isclass(annotation) else "any value")
+    other = "a table of its own" if inspect.isclass(annotation) else "any value"
+    return known.get(annotation, other)
 
 
 def _default(field: Any) -> str:

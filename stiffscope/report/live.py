@@ -124,7 +124,8 @@ def read_setting(robot: RobotFile, asked: Any) -> Setting:
         values = {str(name): float(value) for name, value in asked["values"].items()}
         lists = {name: tuple(float(c) for c in asked[name]) for name in sizes}
     except (TypeError, KeyError, ValueError, AttributeError) as error:
-        raise InputError(f"expected values, a pose and a load as numbers, got {str(asked)[:200]}") from error
+        got = f"got {str(asked)[:200]}"
+        raise InputError(f"expected values, a pose and a load as numbers, {got}") from error
     if not np.isfinite([*values.values(), *lists["pose"], *lists["load"]]).all():
         raise InputError("expected finite numbers")
     for name, size in sizes.items():
@@ -146,14 +147,14 @@ def answer(assembled: Assembled, setting: Setting) -> dict[str, Any]:
         tables.show_stiffness(["now"], state, stiffness_bars(assembled, found))
         if load.any():
             bent = deflection(mechanism, found, load)
+            bars = deflection_bars(assembled, found, bent.twist)
             words = ", ".join(f"{c:g}" for c in load)
-            tables.show_deflection(
-                ["now"], bent.twist, bent.shares, words, deflection_bars(assembled, found, bent.twist)
-            )
-        tables.show_modes(["now"], modes(mechanism, found, MODES), "Natural frequencies, drives held")
+            tables.show_deflection(["now"], bent.twist, bent.shares, words, bars)
+        sounds = modes(mechanism, found, MODES)
+        tables.show_modes(["now"], sounds, "Natural frequencies, drives held")
     return {
         "tables": as_html(shown),
-        "view": robot_view({}, found, ["now"], _cases(assembled, found, load), choice="load"),
+        "view": robot_view({}, found, ["now"], _cases(assembled, found, load)),
     }
 
 
@@ -195,7 +196,7 @@ def draw_maps(assembled: Assembled) -> str:
 
 
 def compare_readings(case: Case, assembled: Assembled) -> dict[str, Any]:
-    """Return readings and an assembled robot's predictions, newest first, as HTML, and the sensors' marks."""
+    """Return readings and a robot's predictions, newest first, as HTML, and the sensors' marks."""
     read = case.campaign.select(np.flatnonzero(~np.isnan(case.campaign.value)))
     model = RobotModel(read, NominalRobot(assembled.mechanism, assembled.robot))
     campaign, predicted = model.campaign, model.predict().values
@@ -204,27 +205,30 @@ def compare_readings(case: Case, assembled: Assembled) -> dict[str, Any]:
     with record_shown() as shown:
         gap = 100 * np.linalg.norm(left) / size if size else 0.0
         show_line(f"{len(campaign)} readings; gap {gap:.3g} % rms, before fitting")
-        rows = [
-            (campaign.pose_names[campaign.pose[i]], campaign.what(i), f"{campaign.value[i]:.5g}", f"{predicted[i]:.5g}",
-             f"{left[i]:.3g}", f"{left[i] / campaign.sigma[i]:.2f}" if campaign.sigma[i] > 0.0 else "")
-            for i in range(len(campaign))[: -MOST_READINGS - 1 : -1]
-        ]  # fmt: skip
+        rows = []
+        for i in range(len(campaign))[: -MOST_READINGS - 1 : -1]:
+            name, sigma = campaign.pose_names[campaign.pose[i]], campaign.sigma[i]
+            numbers = f"{campaign.value[i]:.5g}", f"{predicted[i]:.5g}", f"{left[i]:.3g}"
+            ratio = f"{left[i] / sigma:.2f}" if sigma > 0.0 else ""
+            rows.append((name, campaign.what(i), *numbers, ratio))
         columns = ("pose", "reads", "measured", "predicted", "residual", "in sigma")
         show_table("Newest readings, SI", (columns,), rows)
     sure = campaign.sigma > 0.0
     of = [sure & (campaign.sensor == k) for k in range(len(campaign.sensors))]
     sizes = [left[mine] / campaign.sigma[mine] for mine in of]
     drawn = [each for each in marks(campaign, assembled.mechanism) if each["kind"] == "sensor"]
-    return {"readings": as_html(shown), "marks": [_mark(*each) for each in zip(drawn, sizes, strict=True)]}
+    return {"readings": as_html(shown), "marks": list(map(_mark, drawn, sizes))}
 
 
 def _mark(arrow: Mapping[str, Any], sizes: np.ndarray) -> dict[str, Any]:
     """Return a sensor's mark for the viewer, coloured by its residuals over their uncertainty."""
     rms = float(np.sqrt(np.mean(np.square(sizes)))) if len(sizes) else np.nan
     kind = "sensor without readings" if np.isnan(rms) else FAR if rms > 3.0 else NEAR
-    words = f"{arrow['name']}: {len(sizes)} readings" + ("" if np.isnan(rms) else f", residuals {rms:.3g} σ rms")
+    words = f"{arrow['name']}: {len(sizes)} readings"
+    words += "" if np.isnan(rms) else f", residuals {rms:.3g} σ rms"
     place = {name: np.round(arrow[name], 9).tolist() for name in ("at", "direction")}
-    return {"node": arrow["node"], **place, "words": words, "kind": kind, "colour": MARKS.get(kind, "#8a949e")}
+    look = {"kind": kind, "colour": MARKS.get(kind, "#8a949e")}
+    return {"node": arrow["node"], **place, "words": words, **look}
 
 
 def view_html(assembled: Assembled, setting: Setting, draw_now: Callable[..., None]) -> str:
@@ -241,13 +245,15 @@ def view_html(assembled: Assembled, setting: Setting, draw_now: Callable[..., No
     found = configure(mechanism, [setting.pose])
     if not found.valid.all():
         found = configure(mechanism, [mechanism.tool.home])
+    drawn = scene(assembled.robot, mechanism)
     with scratch_folder() as folder:
         try:
-            draw_now("robot", folder, pictures=[], geometry=GEOMETRY, **scene(assembled.robot, mechanism))
+            draw_now("robot", folder, pictures=[], geometry=GEOMETRY, **drawn)
         except PictureError:
             return ""
         cases = _cases(assembled, found, np.array(setting.load))
-        view = Draft(folder).turn_robot(found, ["now"], cases, f"Components coloured by their {ENERGY}.")
+        caption = f"Components coloured by their {ENERGY}."
+        view = Draft(folder).turn_robot(found, ["now"], cases, caption)
     return page.templates().get_template("live_view.html").render(view=view)
 
 
@@ -257,7 +263,7 @@ def render_page(robot: RobotFile, sliders: Sequence[Slider], campaign: Path | No
     for each in sliders:
         groups.setdefault(each.group, []).append(each)
     given = {
-        "title": f"{robot.name}: live", "groups": groups, "sliders": [asdict(each) for each in sliders],
+        "title": f"{robot.name}: live", "groups": groups, "sliders": list(map(asdict, sliders)),
         "campaign": campaign.name if campaign else "",
     }  # fmt: skip
     return page.templates().get_template("live.html").render(given).lstrip()

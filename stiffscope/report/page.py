@@ -29,14 +29,15 @@ if TYPE_CHECKING:
 QUALITY = 86  # WebP quality of embedded pictures
 WIDE = 1000  # pixels; wider pictures scroll on a phone
 BUTTONS = (
-    ("left", "◀", "Turn left"), ("right", "▶", "Turn right"), ("up", "▲", "Tilt up"), ("down", "▼", "Tilt down"),
-    ("nearer", "+", "Zoom in"), ("farther", "−", "Zoom out"), ("reset", "↺", "Initial view"),
+    ("left", "◀", "Turn left"), ("right", "▶", "Turn right"), ("up", "▲", "Tilt up"),
+    ("down", "▼", "Tilt down"), ("nearer", "+", "Zoom in"), ("farther", "−", "Zoom out"),
+    ("reset", "↺", "Initial view"),
 )  # fmt: skip
 MOST_POINTS = 5000  # per series; longer ones are thinned evenly
-HOW = "Drag to turn, or use the arrow keys; with Shift or the right button to move; + and − to zoom."
+HOW = "Drag or use the arrow keys to turn, with Shift or the right button to move; + and − to zoom."
 FACTOR = (
-    "Displacements are multiplied by the factor at the slider, and interpolated between the ends of elastic bodies "
-    "as a beam bends."
+    "Displacements are multiplied by the factor at the slider, and interpolated between the ends of "
+    "elastic bodies as a beam bends."
 )
 
 
@@ -121,9 +122,7 @@ class Chart:
 def _round_column(values: Sequence[Any] | np.ndarray) -> list[Any]:
     """Return a column, thinned if long, with numbers to six digits and None for missing ones."""
     some = values[:: max(1, -(-len(values) // MOST_POINTS))]
-    return [
-        value if isinstance(value, str) else float(f"{value:.6g}") if np.isfinite(value) else None for value in some
-    ]
+    return [v if isinstance(v, str) else float(f"{v:.6g}") if np.isfinite(v) else None for v in some]
 
 
 @dataclass(frozen=True)
@@ -156,13 +155,15 @@ def figures(folder: Path, captions: Mapping[str, tuple[str, str]]) -> list[Figur
 
     Each has links to the files of the same stem.
     """
-    return [_embed(folder, name, *words) for name, words in captions.items() if (folder / name).exists()]
+    known = ((name, words) for name, words in captions.items() if (folder / name).exists())
+    return [_embed(folder, name, *words) for name, words in known]
 
 
 def _embed(folder: Path, name: str, caption: str, words: str) -> Figure:
     """Embed a PNG, or an SVG by matplotlib, whose header states the size in points."""
     image = folder / name
-    files = tuple(sorted(f.relative_to(folder).as_posix() for f in image.parent.glob(f"{image.stem}.*")))
+    alike = image.parent.glob(f"{image.stem}.*")
+    files = tuple(sorted(file.relative_to(folder).as_posix() for file in alike))
     if image.suffix == ".svg":
         content, kind = image.read_bytes(), "svg+xml"
         found = re.search(rb'viewBox="0 0 ([\d.]+) ([\d.]+)"', content)
@@ -196,22 +197,18 @@ def write_page(
     ----------
     target
         File to write.
-    title
-        Title.
-    facts
-        Facts below the title.
-    sections
-        Sections in order.
-    lead
-        Leading sentence.
+    title, facts, lead, sections
+        Title, facts below it, leading sentence, and sections in order.
     watched
         Name of this state of a reloading page; empty for a static page.
     """
     filled = [section for section in sections if section]
     given = {"title": title, "facts": facts, "sections": filled, "lead": lead, "watched": watched}
-    given["repeated"] = {view.still.source for section in filled if (view := section.view) and view.still}
+    views = [section.view for section in filled if section.view]
+    given["repeated"] = {view.still.source for view in views if view.still}
     given["charts"] = read_library() if any(section.charts for section in filled) else ""
-    target.write_text(templates().get_template("report.html").render(given).lstrip(), encoding="utf-8")
+    text = templates().get_template("report.html").render(given).lstrip()
+    target.write_text(text, encoding="utf-8")
     if watched:
         state = templates().get_template("state.html").render(watched=watched)
         target.with_name("state.html").write_text(state, encoding="utf-8")
@@ -220,13 +217,13 @@ def write_page(
 @functools.cache
 def templates() -> Environment:
     """Return the environment of the page templates, which escapes all text."""
-    return Environment(
-        loader=PackageLoader("stiffscope.report"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
+    loader: Any = PackageLoader("stiffscope.report")
+    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
 
 
 @functools.cache
 def read_library() -> Markup:
     """Return BokehJS from the installed package, without its slow import."""
     folder = Path(str(distribution("bokeh").locate_file("bokeh/server/static/js")))
-    return Markup("\n".join((folder / f"{name}.min.js").read_text("utf-8") for name in ("bokeh", "bokeh-api")))  # noqa: S704
+    texts = ((folder / f"{name}.min.js").read_text("utf-8") for name in ("bokeh", "bokeh-api"))
+    return Markup("\n".join(texts))  # noqa: S704

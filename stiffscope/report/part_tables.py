@@ -34,21 +34,18 @@ if TYPE_CHECKING:
 
 def show_parts(results: Sequence[PartResult]) -> None:
     """Show mesh, mass, error bound and stage times of each part, and notes on unmet tolerances."""
-    groups = (
-        ("part",),
-        ("nodes", "tetrahedra", "volume error", "mass kg", "bound", "wanted"),
-        ("cad s", "mesh s", "solve s", ""),
-    )
+    sizes = ("nodes", "tetrahedra", "volume error", "mass kg", "bound", "wanted")
+    groups = (("part",), sizes, ("cad s", "mesh s", "solve s", ""))
     rows = []
     for result in results:
         facts = result.facts
         mesh, seconds, wanted = facts["mesh"], facts["seconds"], facts["tolerance"]
-        counts = f"{mesh['nodes']:,}", f"{mesh['tetrahedra']:,}"
-        volume_error = f"{100 * (facts['volume'] / facts['cad_volume'] - 1):+z.4f} %"
+        error = f"{100 * (facts['volume'] / facts['cad_volume'] - 1):+z.4f} %"
+        counts = f"{mesh['nodes']:,}", f"{mesh['tetrahedra']:,}", error, f"{facts['mass']:.3f}"
         bounds = percent(100 * facts["relative_bound"], 2), percent(100 * wanted) if wanted else ""
         times = (f"{seconds[stage]:.1f}" for stage in ("cad", "mesh", "solve"))
         how = "reused" if result.reused else f"computed in {result.seconds:.1f} s"
-        rows.append((result.name, *counts, volume_error, f"{facts['mass']:.3f}", *bounds, *times, how))
+        rows.append((result.name, *counts, *bounds, *times, how))
     show_table("Parts", groups, rows)
     for result in results:
         if result.note:
@@ -72,9 +69,10 @@ def show_comparison(comparison: Comparison) -> None:
     groups = (("entry", "unit"), ("FEA", "± 95 %"), *beams, ("published", "FEA/publ."))
     rows = []
     for e in comparison.entries:
-        others = (e.timoshenko, e.euler_bernoulli, e.published)
-        cells = (cell for v in others for cell in (("", "") if v is None else (f"{v:.5g}", ratio(e.fea, v))))
-        rows.append((e.name, e.unit, f"{e.fea:.6g}", relative(e.error, e.fea), *cells))
+        cells = [f"{e.fea:.6g}", relative(e.error, e.fea)]
+        for v in (e.timoshenko, e.euler_bernoulli, e.published):
+            cells += ("", "") if v is None else (f"{v:.5g}", ratio(e.fea, v))
+        rows.append((e.name, e.unit, *cells))
     show_table(f"Compliance of the {comparison.part}, clamped at one end", groups, rows)
     for finding in comparison.findings:
         show_line(f"  {finding}.")
@@ -84,12 +82,15 @@ def show_comparison(comparison: Comparison) -> None:
 def show_interfaces(compared: Interfaces) -> None:
     """Show how each choice of interface changes each entry, and describe the choices."""
     own = compared.own.choice
-    groups = [("entry", "unit"), ("value", "± 95 %"), *((tested.choice.name,) for tested in compared.others)]
+    names = ((tested.choice.name,) for tested in compared.others)
+    groups = [("entry", "unit"), ("value", "± 95 %"), *names]
     rows = []
     for e in compared.entries:
-        changes = (f"{100 * c:+z.1f} ± {100 * b:.2g} %" for c, b in zip(e.changes, e.bars, strict=True))
+        pairs = zip(e.changes, e.bars, strict=True)
+        changes = (f"{100 * c:+z.1f} ± {100 * b:.2g} %" for c, b in pairs)
         rows.append((e.name, e.unit, f"{e.own:.6g}", relative(e.error, e.own), *changes))
-    show_table(f"Compliance of the {compared.part} ({own.name}), and its change with other interfaces", groups, rows)
+    title = f"Compliance of the {compared.part} ({own.name}), and its change with other interfaces"
+    show_table(title, groups, rows)
     for tested in compared.others:
         choice = tested.choice
         overrides = " ".join(f"--set '{o}'" if " " in o else f"--set {o}" for o in choice.overrides)
@@ -99,7 +100,7 @@ def show_interfaces(compared: Interfaces) -> None:
 
 
 def show_matrices(matrices: Mapping[str, tuple[Any, Any]]) -> None:
-    """Show compliances (6, 6) and bounds, SI, by title, with a dot for entries within their bound."""
+    """Show compliances (6, 6) and bounds, SI, by title; a dot stands for entries within bounds."""
     rows: list[Sequence[str]] = []
     for title, (matrix, error) in matrices.items():
         shown = np.where(find_resolved(matrix, error), matrix, np.nan)
@@ -113,33 +114,32 @@ def show_element(kind: str, found: MachineElement) -> None:
     """Show a machine element's stiffness, rolling element loads, source and limits."""
     k = np.where(np.abs(found.stiffness) > 0.0, found.stiffness, np.nan)
     rows = [(name, *format_cells(row, ".5g")) for name, row in zip(WRENCH, k, strict=True)]
-    show_table(f"Stiffness of the {kind}, x along its axis; SI", (("",), TWIST[:3], TWIST[3:]), rows)
+    groups = (("",), TWIST[:3], TWIST[3:])
+    show_table(f"Stiffness of the {kind}, x along its axis; SI", groups, rows)
     if len(found.loads):
-        angle = np.degrees(found.angles)
-        show_line(
-            f"Rolling elements: {len(found.loads)}, carrying {found.loads.min():.4g} to {found.loads.max():.4g} N, "
-            f"contact angles {angle.min():.4g} to {angle.max():.4g} degrees"
-        )
+        loads, angle = found.loads, np.degrees(found.angles)
+        carried = f"{len(loads)}, carrying {loads.min():.4g} to {loads.max():.4g} N"
+        angles = f"contact angles {angle.min():.4g} to {angle.max():.4g} degrees"
+        show_line(f"Rolling elements: {carried}, {angles}")
     show_line(f"Source: {found.source}")
     for note in (*found.notes, "at rest or slow; rings, housing, carriage and rail rigid"):
         show_line(f"Valid: {note}")
 
 
 def show_experiment(experiment: Experiment) -> None:
-    """Show the compliance (6, 6) at the first interface's reference point, each entry with its bound, SI."""
+    """Show the compliance (6, 6) at the first interface's reference point with bounds, SI."""
     matrix, error = experiment.compliance, experiment.error
     clear = find_resolved(matrix, error)
     rows = [
         (name, *(with_bound(matrix[i, j], error[i, j]) if clear[i, j] else ZERO for j in range(6)))
         for i, name in enumerate(TWIST)
     ]
-    title = (
-        f"{experiment.part}, {experiment.interface}: twist per unit wrench at "
-        f"({point(experiment.reference_point)}) mm; m/N, m/(N·m), rad/N, rad/(N·m)"
-    )
+    where = f"twist per unit wrench at ({point(experiment.reference_point)}) mm"
+    title = f"{experiment.part}, {experiment.interface}: {where}; m/N, m/(N·m), rad/N, rad/(N·m)"
     show_table(title, (("",), WRENCH[:3], WRENCH[3:]), rows)
     explain_zeros(rows)
-    show_line(f"Largest relative bound {experiment.relative_bound:.2%}, mass {experiment.mass:.4g} kg")
+    bound = f"{experiment.relative_bound:.2%}"
+    show_line(f"Largest relative bound {bound}, mass {experiment.mass:.4g} kg")
     if experiment.note:
         show_line(experiment.note)
 
@@ -155,22 +155,21 @@ def show_each_interface(result: PartResult) -> None:
         title = f"Compliance of the {result.name} at {where}, loaded alone; SI"
         matrices[title] = compliance[own, own], error[own, own]
     show_matrices(matrices)
-    size = len(compliance)
-    show_line(
-        f"Clamped: {tested.interfaces[0]}. All {len(points)} interfaces together: {size} x {size}, with --json or "
-        "--superelement\n"
-    )
+    together = f"All {len(points)} interfaces together: {len(compliance)} x {len(compliance)}"
+    show_line(f"Clamped: {tested.interfaces[0]}. {together}, with --json or --superelement\n")
 
 
 def show_faces(file: str, rows: Sequence[Mapping[str, Any]]) -> None:
     """Show the faces of a solid, and how to select them in a robot file."""
-    groups = (("index", "kind"), ("area mm²",), ("centroid mm",), ("normal or axis",), ("radius mm",))
+    columns = ("area mm²", "centroid mm", "normal or axis", "radius mm")
+    groups = (("index", "kind"), *((name,) for name in columns))
     cells = []
     for row in rows:
         centroid = ", ".join(f"{c:z.6g}" for c in row["centroid_mm"])
         axis = ", ".join(f"{c:z.4g}" for c in row["axis"] or ())
         radius = f"{row['radius_mm']:g}" if row["radius_mm"] else ""
-        cells.append((str(row["index"]), row["kind"], f"{row['area_mm2']:.6g}", centroid, axis, radius))
+        area = f"{row['area_mm2']:.6g}"
+        cells.append((str(row["index"]), row["kind"], area, centroid, axis, radius))
     show_table(f"Faces of {file}", groups, cells)
     show_line("Choose faces by geometry in a robot file, or by index:")
     show_line(f'  [parts.NAME]\n  shape = "step"\n  file = "{file}"')

@@ -45,9 +45,8 @@ def robot_view(
     names: Sequence[str],
     cases: Sequence[Sequence[Case]],
     *,
-    choice: str,
+    choice: str = "load",
     quantity: str = "share of the strain energy",
-    moving: bool = False,
 ) -> dict[str, Any]:
     """Return the data of a page's viewer, JSON-compatible.
 
@@ -60,9 +59,7 @@ def robot_view(
     cases
         Selectable cases at each pose.
     choice, quantity
-        Kind of case ("load", "mode"), and the quantity of the shares.
-    moving
-        Whether the viewer starts with an animated vibration.
+        Kind of case ("load", or "mode", which the viewer animates), and the quantity of the shares.
     """
     mechanism = found.mechanism
     nodes = [node for body in mechanism.bodies for node in body.nodes]
@@ -72,19 +69,20 @@ def robot_view(
     placed = np.zeros((len(names), len(nodes), 12))
     for k, (name, each) in enumerate(zip(names, cases, strict=True)):
         here = place_robot(found, k)
-        placed[k] = [np.append(rotation, position) for rotation, position in (here.moves[node] for node in nodes)]
+        placed[k] = [np.append(*here.moves[node]) for node in nodes]
         listed = [
             {"label": c.label, "note": c.note, "factor": here.exaggeration(c.twists),
              "coloured": bool(c.shares), "load": c.load}
             for c in each
         ]  # fmt: skip
-        place = pose_text(mechanism, found.poses[k])
-        poses.append({"name": name, "place": place, "at": np.round(here.at, 7).tolist(), "cases": listed})
+        place, at = pose_text(mechanism, found.poses[k]), np.round(here.at, 7).tolist()
+        poses.append({"name": name, "place": place, "at": at, "cases": listed})
     twists = [[case.twists.get(node, np.zeros(6)) for node in nodes] for case in flat]
     shares = [[case.shares.get(element, 0.0) for element in elements] for case in flat]
     return {
-        **geometry, "nodes": nodes, "elements": elements, "poses": poses, "choice": choice, "quantity": quantity,
-        "moving": moving, "moves": base64_of(placed), "twists": base64_of(twists), "shares": base64_of(shares),
+        **geometry, "nodes": nodes, "elements": elements, "poses": poses, "choice": choice,
+        "quantity": quantity, "moving": choice == "mode", "moves": base64_of(placed),
+        "twists": base64_of(twists), "shares": base64_of(shares),
     }  # fmt: skip
 
 
@@ -107,10 +105,8 @@ def wrench_cases(mechanism: Mechanism, found: Configurations, loads: Mapping[str
 
     Parameters
     ----------
-    mechanism
-        Bodies, joints, tool and gravity of the robot.
-    found
-        Configurations at the poses.
+    mechanism, found
+        Robot, and its configurations at the poses.
     loads
         Wrenches (6,) at M, N and N·m, by label on the page.
     """
@@ -119,9 +115,9 @@ def wrench_cases(mechanism: Mechanism, found: Configurations, loads: Mapping[str
 
 def read_cases(done: Response, loads: Mapping[str, np.ndarray]) -> list[list[Case]]:
     """Return the cases of a response to wrenches (6,) at M, including all other loads in it."""
-    n = len(done.twist)
-    energies = {name: np.broadcast_to(each, (n, len(loads))) for name, each in done.energies.items()}
-    moved = {node: np.broadcast_to(twist, (n, 6, len(loads))) for node, twist in done.nodes.items()}
+    n, m = len(done.twist), len(loads)
+    energies = {name: np.broadcast_to(each, (n, m)) for name, each in done.energies.items()}
+    moved = {node: np.broadcast_to(twist, (n, 6, m)) for node, twist in done.nodes.items()}
     cases: list[list[Case]] = []
     for k in range(n):
         cases.append([])
@@ -148,6 +144,7 @@ def mode_cases(found: Modes) -> list[list[Case]]:
                 bound = f" Hz, mesh error ± {found.error[k, i]:.2g}" if found.error[k, i] else ""
                 note = f"{hertz:.5g}{bound} Hz" if hertz else "moves freely"
                 twists = {node: shape[k, :, i] for node, shape in found.shapes.items()}
-                shares = {name: float(share[k, i]) for name, share in found.energy.items()} if hertz else {}
+                energies = found.energy.items() if hertz else ()
+                shares = {name: float(share[k, i]) for name, share in energies}
                 cases[-1].append(Case(f"{i + 1}: {hertz:.4g} Hz", note, twists, shares))
     return cases

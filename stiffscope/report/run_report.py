@@ -36,7 +36,7 @@ STILLS = 6  # embedded pictures of modes; the viewer has all of them
 
 @dataclass(frozen=True)
 class Draft:
-    """A report that is not yet written: its output folder, and the tables that the terminal shows."""
+    """A report that is not yet written: its output folder, and the tables shown in the terminal."""
 
     folder: Path
     shown: Sequence[Shown] = ()
@@ -50,15 +50,15 @@ class Draft:
         return next(iter(self.figures({name: (caption, words)})), None)
 
     def turn_robot(
-        self, found: Configurations, names: Sequence[str], cases: Sequence[Sequence[Case]], caption: str,
-        still: Figure | None = None, *, choice: str = "load", quantity: str = ENERGY, start: int = 100,
+        self, found: Configurations, names: Sequence[str], cases: Sequence[Sequence[Case]],
+        caption: str, still: Figure | None = None, *, start: int = 100, **more: str,
     ) -> RobotView | None:  # fmt: skip
         """Return a rotatable robot from the solids drawn to the folder; None if nothing was drawn.
 
         Parameters
         ----------
-        found, names, cases, choice, quantity
-            As in `stiffscope.report.robot_view.robot_view`; modes are animated.
+        found, names, cases, **more
+            As in `stiffscope.report.robot_view.robot_view`.
         caption, still
             Caption and still picture.
         start
@@ -67,16 +67,14 @@ class Draft:
         source = self.folder / GEOMETRY
         if not source.exists():
             return None
-        data = json.loads(source.read_text())
+        data = robot_view(json.loads(source.read_text()), found, names, cases, **more)
         source.unlink()
-        moving = choice == "mode"
-        data = robot_view(data, found, names, cases, choice=choice, quantity=quantity, moving=moving)
         words = "the robot in three dimensions: arrow keys rotate it; choose pose, "
-        return RobotView(data, caption, f"{words}{choice} and deformation below", still, start)
+        return RobotView(data, caption, f"{words}{data['choice']} and deformation below", still, start)
 
     def write(
-        self, title: str, facts: Sequence[str], sections: Sequence[Section], lead: Lead | None = None, *,
-        watched: str = "",
+        self, title: str, facts: Sequence[str], sections: Sequence[Section],
+        lead: Lead | None = None, *, watched: str = "",
     ) -> None:  # fmt: skip
         """Write ``report.html``: the sections, and the provenance of the folder.
 
@@ -97,10 +95,8 @@ class Draft:
 
         Parameters
         ----------
-        assembled
-            Robot with its parts' matrices.
-        what
-            What the page is about, for its title.
+        assembled, what
+            Robot with its parts' matrices, and what the page is about, for its title.
         sections, watched
             As in `stiffscope.report.page.write_page`.
         """
@@ -114,10 +110,8 @@ def write_run_report(report: Draft, assembled: Assembled, parts: Sequence[Shown]
 
     Parameters
     ----------
-    report
-        Folder and tables of the robot.
-    assembled
-        Robot with its parts' matrices.
+    report, assembled
+        Folder and tables of the robot, and robot with its parts' matrices.
     parts
         Tables of the parts, as the terminal showed them.
     watched
@@ -128,9 +122,10 @@ def write_run_report(report: Draft, assembled: Assembled, parts: Sequence[Shown]
     of_parts = [f"{name}/{kind.format(name)}" for name in assembled.results for kind in kinds]
     numbers = "stiffness.json", "matrices.npz"
     pictures = report.figures(_caption_parts(assembled)) if parts else ()
+    drawn = report.figures(_caption_robot(assembled))
     sections = [
         Section("The robot under load", view=view),
-        Section("Stiffness", report.shown, report.figures(_caption_robot(assembled)), files=numbers),
+        Section("Stiffness", report.shown, drawn, files=numbers),
         Section("Parts", parts, pictures, files=of_parts),
     ]
     report.write_robot(assembled, "stiffness", sections, watched)
@@ -141,14 +136,10 @@ def write_modes_report(report: Draft, assembled: Assembled, names: Sequence[str]
 
     Parameters
     ----------
-    report
-        Folder and tables.
-    assembled
-        Robot with its parts' matrices.
-    names
-        Names of the poses (n,).
-    found
-        Modes to show.
+    report, assembled
+        Folder and tables, and robot with its parts' matrices.
+    names, found
+        Names (n,) of the poses, and modes there.
     """
     captions = {}
     for file in sorted(report.folder.glob("mode_*.png"))[:STILLS]:
@@ -171,16 +162,16 @@ def write_map_report(report: Draft, assembled: Assembled, titles: Mapping[str, s
 
     Parameters
     ----------
-    report
-        Folder with the figures.
-    assembled
-        Robot with its parts' matrices.
+    report, assembled
+        Folder with the figures, and robot with its parts' matrices.
     titles
         Titles of the figures by file stem.
     """
     poses = dict(assembled.robot.poses) or {"home": assembled.mechanism.tool.home}
     view = _show_loaded(report, assembled, poses)
-    captions = {f"{stem}.png": (title[:1].upper() + title[1:], f"map: {title}") for stem, title in titles.items()}
+    captions = {}
+    for stem, title in titles.items():
+        captions[f"{stem}.png"] = title[:1].upper() + title[1:], f"map: {title}"
     sections = [
         Section("Maps", (), report.figures(captions)),
         Section("The robot under load", view=view),
@@ -196,16 +187,10 @@ def write_deflection_report(
 
     Parameters
     ----------
-    report
-        Folder and tables.
-    assembled
-        Robot with its parts' matrices.
-    names
-        Names of the poses (n,).
-    found
-        Configurations at the poses.
-    cases
-        Wrenches to show, by pose.
+    report, assembled
+        Folder and tables, and robot with its parts' matrices.
+    names, found, cases
+        Names (n,) of the poses, configurations there, and wrenches to show, by pose.
     """
     words = "the robot deformed, coloured by the " + ENERGY
     captions = {
@@ -248,10 +233,11 @@ def write_check_report(report: Draft, found: Inspection) -> None:
 def _show_loaded(report: Draft, assembled: Assembled, poses: Mapping[str, Any]) -> RobotView | None:
     """Return the robot at poses under unit wrenches."""
     found = configure(assembled.mechanism, list(poses.values()))
-    stills = (report.figure(f"robot_{n}.png", f"The robot at {n}.", f"the robot at {n}") for n in poses)
+    captions = {f"robot_{n}.png": (f"The robot at {n}.", f"the robot at {n}") for n in poses}
+    still = next(iter(report.figures(captions)), None)
     caption = f"The robot under unit wrenches at M, components coloured by their {ENERGY}."
     cases = unit_wrenches(assembled.mechanism, found)
-    return report.turn_robot(found, list(poses), cases, caption, next(filter(None, stills), None))
+    return report.turn_robot(found, list(poses), cases, caption, still)
 
 
 def _caption_robot(assembled: Assembled) -> dict[str, tuple[str, str]]:
@@ -301,9 +287,11 @@ def origin(folder: Path) -> Section:
         for name, each in held["results"].items()
     ]
     versions = {held["made_by"]: held["version"], **held["versions"]}
-    tables = [Shown("Run", ("", "value"), tuple((k, v) for k, v in facts.items() if v), frozenset({"value"}))]
+    known = tuple((name, value) for name, value in facts.items() if value)
+    tables = [Shown("Run", ("", "value"), known, frozenset({"value"}))]
     if results:
         columns = ("result", "", "seconds", "key")
         tables.append(Shown("Results", columns, tuple(results), frozenset({"key"})))
     rows = tuple((name, str(version)) for name, version in versions.items())
-    return Section("Provenance", [*tables, Shown("Versions", ("program or library", "version"), rows)])
+    tables.append(Shown("Versions", ("program or library", "version"), rows))
+    return Section("Provenance", tables)

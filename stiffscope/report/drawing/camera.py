@@ -57,25 +57,22 @@ def view_of(
     ----------
     points
         Points to show (n, 3), m.
-    towards
-        Direction towards the camera.
+    towards, up
+        Direction towards the camera, and upward direction in the picture.
     width
         Width of the picture (pixels).
-    up
-        Upward direction in the picture.
     """
     direction = np.array(towards) / np.linalg.norm(towards)
     right = np.cross(-direction, up)
     right /= np.linalg.norm(right)
-    upward = np.cross(right, -direction)
-    flat = points @ np.array([right, upward]).T
+    plane = np.array([right, np.cross(right, -direction)])
+    flat = points @ plane.T
     low, high = flat.min(axis=0), flat.max(axis=0)
     extent = 1.06 * (high - low)
     height = int(np.clip(width * extent[1] / extent[0], 0.34 * width, 0.8 * width))
     half_height = max(extent[1], extent[0] * height / width) / 2
-    middle = (low + high) / 2
-    depth = float((points @ direction).mean())
-    return View(towards, middle @ np.array([right, upward]) + depth * direction, half_height, (width, height), up)
+    focus = (low + high) / 2 @ plane + float((points @ direction).mean()) * direction
+    return View(towards, focus, half_height, (width, height), up)
 
 
 def new_plotter(view: View) -> pv.Plotter:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 
 from stiffscope.report.drawing.solids import upright
+from stiffscope.report.drawing.surfaces import SHARP, sharp_edges
 from stiffscope.report.numbers import base64_of
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
 # Most triangles of a mesh and in total; smaller meshes than the last are not decimated. Without a
 # graphics card a browser needs about 50 µs per triangle.
 TRIANGLES, ALL_TRIANGLES, FEWEST = 6_000, 24_000, 400
-SHARP = 35.0  # degrees; edges above this angle are drawn
 
 
 def pack_solids(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, Any]:
@@ -55,19 +55,15 @@ def pack_solids(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, 
         limit = max(FEWEST, min(TRIANGLES, round(kept * shape.n_cells)))
         fewer = shape if shape.n_cells <= limit else shape.decimate(1.0 - limit / shape.n_cells)
         meshes.append(_mesh(cast("pv.PolyData", fewer)))
-    return {
-        "meshes": meshes,
-        "solids": placed,
-        "upright": upright(up).ravel().tolist(),
-        "reach": reach,
-    }
+    turned = upright(up).ravel().tolist()
+    return {"meshes": meshes, "solids": placed, "upright": turned, "reach": reach}
 
 
 def _mesh(shape: pv.PolyData) -> dict[str, str]:
     """Return a surface with separate normals at sharp edges, in base64."""
-    lines = shape.extract_feature_edges(SHARP, boundary_edges=False, manifold_edges=False, non_manifold_edges=False)
+    lines, split = sharp_edges(shape), {"split_vertices": True, "feature_angle": SHARP}
     pairs = np.asarray(lines.lines).reshape(-1, 3)[:, 1:]
-    smooth: Any = shape.compute_normals(cell_normals=False, split_vertices=True, feature_angle=SHARP)
+    smooth: Any = shape.compute_normals(cell_normals=False, **split)
     return {
         "points": base64_of(smooth.points),
         "normals": base64_of(np.round(127.0 * np.asarray(smooth["Normals"])), "i1"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import chain, cycle, product
+from itertools import chain, cycle, islice, product
 from typing import TYPE_CHECKING
 
 import meshio
@@ -39,16 +39,12 @@ def part_pictures(
 
     Parameters
     ----------
-    folder
-        Folder to write to.
-    experiment
-        File of the experiment.
-    title
-        Name of the part.
+    folder, sheet, mesh
+        Folder to write to, and names of the PNG files.
+    experiment, title
+        File of the experiment, and name of the part.
     faces
         Indices of the CAD faces of each interface, the one at rest first.
-    sheet, mesh
-        Names of the PNG files.
     """
     solved = load_experiment(experiment)
     above = _best_seen_from_above(solved.mesh, faces)
@@ -83,12 +79,12 @@ def _contact_sheet(target: Path, experiment: Experiment, title: str, *, above: b
     held = f", {rest} at rest" if len(loaded) > 1 else ""
     heading = f"{title} under unit wrenches{held}: displacement and von Mises stress"
     figure, cells = sheet_of(4 * len(loaded), 3, view.size, heading)
-    drawn = ((size, "m", "displacement", "viridis"), (stress, "Pa", "von Mises stress", "inferno"))
-    for k, (name, (values, unit, word, colours), j) in enumerate(product(loaded, drawn, range(6))):
-        i = 6 * (k // 12) + j
+    kinds = (size, "m", "displacement", "viridis"), (stress, "Pa", "von Mises stress", "inferno")
+    for k, (name, (values, unit, word, colours), j) in enumerate(product(loaded, kinds, range(6))):
+        i, place = 6 * (k // 12) + j, f" at {name}" if len(loaded) > 1 else ""
         image, limit, largest = _draw_deformed(mesh, shapes[i], values[i], colours, view)
-        place = f" at {name}" if len(loaded) > 1 else ""
-        fill(cells[k], image, f"{WRENCHES[j]} = {LOADS[j]}{place}   {word}", f"deformation × {power(scales[i])}")
+        remark = f"deformation × {power(scales[i])}"
+        fill(cells[k], image, f"{WRENCHES[j]} = {LOADS[j]}{place}   {word}", remark)
         scale_bar(cells[k], limit, largest, unit, colours)
     save_figure(figure, target, dpi=100)
 
@@ -98,24 +94,25 @@ def stressed_part(target: Path, experiment: str, field: str, node: int, title: s
 
     Parameters
     ----------
-    target
-        PNG file.
+    target, title
+        PNG file, and its title.
     experiment, field
         Files of the experiment, and of the nodal ``displacement`` and ``von_mises`` (VTU).
     node
         Node with the greatest stress.
-    title
-        Title.
     """
     mesh, fields = load_experiment(experiment).mesh, meshio.read(field).point_data
     motion, stress = fields["displacement"], fields["von_mises"]
-    scale = DEFORMATION * float(np.linalg.norm(np.ptp(mesh.points, axis=0))) / np.linalg.norm(motion, axis=1).max()
+    size = np.ptp(mesh.points, axis=0)
+    scale = DEFORMATION * float(np.linalg.norm(size)) / np.linalg.norm(motion, axis=1).max()
     bent = mesh.points + scale * motion
-    _, y, z = np.where(mesh.points[node] > np.ptp(mesh.points, axis=0) / 2 + mesh.points.min(axis=0), 1.0, -1.0)
-    view = view_of(np.vstack([mesh.points, bent]), towards=(0.55, float(y), 0.75 * float(z)), width=1300)
+    beyond = mesh.points[node] > size / 2 + mesh.points.min(axis=0)
+    _, y, z = np.where(beyond, 1.0, -1.0).tolist()
+    view = view_of(np.vstack([mesh.points, bent]), towards=(0.55, y, 0.75 * z), width=1300)
     image, _, _ = _draw_deformed(mesh, bent, stress, "inferno", view, node)
     figure, (cell,) = sheet_of(1, 1, view.size, title)
-    fill(cell, image, "von Mises stress, the ring is at its greatest", f"deformation × {power(scale)}")
+    remark = f"deformation × {power(scale)}"
+    fill(cell, image, "von Mises stress, the ring is at its greatest", remark)
     scale_bar(cell, float(stress[node]), float(stress[node]), "Pa", "inferno")
     save_figure(figure, target, dpi=150)
 
@@ -124,9 +121,11 @@ def _draw_deformed(
     mesh: TetMesh, points: Array, values: Array, colours: str, view: View, node: int | None = None
 ) -> tuple[Array, float, float]:
     """Return the image of a deformed part, colour limit and largest value; mark ``node``."""
-    largest = float(values.max())
-    limit = float(np.quantile(values[np.unique(mesh.facets)], 0.995)) if colours == "inferno" else largest
-    limit = limit if node is None else float(values[node])
+    largest = limit = float(values.max())
+    if node is not None:
+        limit = float(values[node])
+    elif colours == "inferno":
+        limit = float(np.quantile(values[np.unique(mesh.facets)], 0.995))
     plotter = new_plotter(view)
     still = surface(mesh, mesh.points)
     plotter.add_mesh(still, color="#9aa4b0", opacity=0.10, lighting=False)
@@ -135,13 +134,13 @@ def _draw_deformed(
     skin = surface(mesh, points)
     skin["value"] = values
     plotter.add_mesh(
-        skin, scalars="value", cmap=colours, clim=(0.0, limit), smooth_shading=True, split_sharp_edges=True,
-        feature_angle=40, show_scalar_bar=False, ambient=0.55, diffuse=0.5,
+        skin, scalars="value", cmap=colours, clim=(0.0, limit), smooth_shading=True,
+        split_sharp_edges=True, feature_angle=40, show_scalar_bar=False, ambient=0.55, diffuse=0.5,
     )  # fmt: skip
     plotter.add_mesh(outline(mesh, points + view.lift), color="#20252b", line_width=1.5)
     if node is not None:
-        size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
-        ring = pv.Disc(points[node] + size * view.direction, 0.017 * size, 0.02 * size, view.direction, c_res=48)
+        size, towards = float(np.linalg.norm(np.ptp(mesh.points, axis=0))), view.direction
+        ring = pv.Disc(points[node] + size * towards, 0.017 * size, 0.02 * size, towards, c_res=48)
         plotter.add_mesh(ring, color="#00b4d8", lighting=False)
     return shot(plotter), limit, largest
 
@@ -150,24 +149,25 @@ def _tagged_mesh(target: Path, experiment: Experiment, title: str, faces: dict[s
     """Draw the mesh from both ends, its interfaces in colours."""
     mesh, several = experiment.mesh, len(faces) > 2
     views = [_view(mesh.points, side, 1100, above=above) for side in (0.55, -0.9)]
-    figure, cells = sheet_of(
-        1, 2, views[0].size, f"{title}: {len(mesh.cells):,} quadratic tetrahedra, {len(mesh.points):,} nodes"
-    )
+    counts = f"{len(mesh.cells):,} quadratic tetrahedra, {len(mesh.points):,} nodes"
+    figure, cells = sheet_of(1, 2, views[0].size, f"{title}: {counts}")
     along = (experiment.reference_points[0] - experiment.clamp_point)[0] > 0.0
-    headings = ("seen from the loaded end", "seen from the clamped end") if along else ("", "")
-    tagged = list(zip(faces.values(), cycle(INTERFACES), strict=False))
-    for view, cell, heading in zip(views, cells, ("", "") if several else headings, strict=True):
+    ends = ("seen from the loaded end", "seen from the clamped end")
+    tagged = [np.isin(mesh.facet_face, each) for each in faces.values()]
+    tagged.append(~np.any(tagged, axis=0))
+    colours = [*islice(cycle(INTERFACES), len(faces)), FREE]
+    for view, cell, heading in zip(views, cells, ends if along and not several else ("", ""), strict=True):
         plotter = new_plotter(view)
-        for chosen, colour in (*tagged, (None, FREE)):
-            shown = np.isin(mesh.facet_face, [*chain(*faces.values())] if chosen is None else chosen)
-            shown = ~shown if chosen is None else shown
-            if shown.any():
-                plotter.add_mesh(surface(mesh, mesh.points, shown), color=colour, ambient=0.5, diffuse=0.55)
+        for chosen, colour in zip(tagged, colours, strict=True):
+            if chosen.any():
+                some = surface(mesh, mesh.points, chosen)
+                plotter.add_mesh(some, color=colour, ambient=0.5, diffuse=0.55)
         plotter.add_mesh(sides(mesh, mesh.points + view.lift), color="#3c4650", line_width=0.9)
-        plotter.add_mesh(outline(mesh, mesh.points + 2 * view.lift), color="#14181c", line_width=2.2)
+        edges = outline(mesh, mesh.points + 2 * view.lift)
+        plotter.add_mesh(edges, color="#14181c", line_width=2.2)
         fill(cell, shot(plotter), heading)
     labels = [*faces] if several else ["clamped", f"loaded ({experiment.interface})"]
-    meanings = zip((colour for _, colour in (*tagged, (None, FREE))), (*labels, "free"), strict=True)
-    handles = [Patch(facecolor=colour, edgecolor="#3c4650", label=label) for colour, label in meanings]
+    meanings = zip(colours, (*labels, "free"), strict=True)
+    handles = [Patch(facecolor=c, edgecolor="#3c4650", label=label) for c, label in meanings]
     figure.legend(handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=11)
     save_figure(figure, target, dpi=100)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
@@ -13,21 +13,20 @@ if TYPE_CHECKING:
 
     from stiffscope.runtime.types import Array
 
-PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
+PREFIXES = [(10.0 ** (9 - 3 * k), name) for k, name in enumerate(["G", "M", "k", "", *"mµnp"])]
 WIDTH = 6.2  # of a cell, inches
 GREY = "#5a6570"
 
 
 def sheet_of(rows: int, columns: int, size: tuple[int, int], title: str) -> tuple[Figure, list[Axes]]:
-    """Return a titled figure and its cells, row by row, for renderings of a size in pixels.
-
-    The title is not parsed as math.
-    """
+    """Return a titled figure and its cells, row by row, for renderings of a size in pixels."""
     height = WIDTH * size[1] / size[0] + 0.78
     whole = rows * height + 0.5
     figure = Figure(figsize=(columns * WIDTH, whole), facecolor="white")
-    figure.suptitle(title, x=0.01, y=1 - 0.15 / whole, ha="left", fontsize=15, fontweight="bold", parse_math=False)
-    edges = {"left": 0.01, "right": 0.99, "bottom": 0.4 / whole, "top": 1 - 0.8 / whole, "wspace": 0.03, "hspace": 0.1}
+    style: Any = {"fontsize": 15, "fontweight": "bold", "parse_math": False}
+    figure.suptitle(title, x=0.01, y=1 - 0.15 / whole, ha="left", **style)
+    edges = {"left": 0.01, "right": 0.99, "bottom": 0.4 / whole, "top": 1 - 0.8 / whole}
+    edges |= {"wspace": 0.03, "hspace": 0.1}
     return figure, list(figure.subplots(rows, columns, squeeze=False, gridspec_kw=edges).flat)
 
 
@@ -45,22 +44,18 @@ def scale_bar(axes: Axes, limit: float, largest: float, unit: str, colours: str)
 
     Parameters
     ----------
-    axes
-        Cell with the rendering.
-    limit, largest
-        Upper end of the colours, and the largest value, which may exceed it; in the unit.
-    unit
-        SI unit without a prefix.
-    colours
-        Name of the colour map.
+    axes, colours
+        Cell with the rendering, and name of the colour map.
+    limit, largest, unit
+        Upper end of the colours and largest value, which may exceed it; SI unit without a prefix.
     """
     factor, prefix = next((f, p) for f, p in PREFIXES if limit >= f or f == PREFIXES[-1][0])
     scale = ScalarMappable(Normalize(0, limit / factor), colours)
     extend = "max" if largest > 1.001 * limit else "neither"
-    bar = axes.figure.colorbar(
-        scale, ax=axes, location="bottom", shrink=0.6, aspect=40, pad=0.02, fraction=0.05, extend=extend
-    )
+    place: Any = {"location": "bottom", "shrink": 0.6, "aspect": 40, "pad": 0.02, "fraction": 0.05}
+    bar = axes.figure.colorbar(scale, ax=axes, extend=extend, **place)
     bar.ax.tick_params(labelsize=9, length=2, pad=2)
     bar.outline.set_linewidth(0.4)
     text = f"{prefix}{unit}, max. {largest / factor:.3g}"
-    bar.ax.annotate(text, (1.06, 0.5), xycoords="axes fraction", fontsize=9, va="center", color="#14181c")
+    style: Any = {"fontsize": 9, "va": "center", "color": "#14181c"}
+    bar.ax.annotate(text, (1.06, 0.5), xycoords="axes fraction", **style)

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
     Moves = Mapping[str, tuple[Floats, Floats]]
+    Sizes = dict[str, tuple[float, float]]  # radius and half length of each joint, m
     Tables = list[dict[str, Any]]
 
 PARTS = ("#3b7dbf", "#d9822b", "#5b9a68", "#8e6bb0", "#b5666a", "#4c9c9c")
@@ -57,8 +58,10 @@ class Solid:
         out = self.surface.copy()
         if len(ends) == 1:
             out.points = ends[0]
+        elif self.length:
+            out.points = self._bent(home, ends, moves)
         else:
-            out.points = self._bent(home, ends, moves) if self.length else self._blend_ends(home, ends)
+            out.points = self._blend_ends(home, ends)
         return out
 
     def _blend_ends(self, home: Floats, ends: list[Floats]) -> Floats:
@@ -128,52 +131,52 @@ def _make_elastic(bodies: Tables, reach: float) -> Iterable[Solid]:
             axes, base = np.array(body["axes"], float), np.array(body["base"], float)
             skin = _skin(body, reach)
             skin.points = np.asarray(skin.points, float) @ axes.T + base
-            colour, length = colours[body["part"]], float(body["length"])
-            places = np.array(body["places"], float)
-            yield Solid(body["name"], skin, colour, tuple(body["nodes"]), axes, base, length, places, "points" in body)
+            name, colour, nodes = body["name"], colours[body["part"]], tuple(body["nodes"])
+            length, places = float(body["length"]), np.array(body["places"], float)
+            yield Solid(name, skin, colour, nodes, axes, base, length, places, "points" in body)
 
 
 def _place_ends(body: dict[str, Any], joints: Tables) -> dict[str, Any]:
     """Move the ends of a body with interfaces to its joints unless an experiment places them."""
     if len(body["nodes"]) < 2 or body["length"] or body.get("experiment"):
         return body
-    at = {joint[end]: joint["at"] for joint in joints for end in ("first", "second")}
-    places = [at.get(node, place) for node, place in zip(body["nodes"], body["places"], strict=True)]
-    return body | {"places": np.array(places, float)}
+    at = dict(zip(body["nodes"], body["places"], strict=True))
+    at |= {joint[end]: joint["at"] for joint in joints for end in ("first", "second")}
+    return body | {"places": np.array([at[node] for node in body["nodes"]], float)}
 
 
 def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
     """Return the surface of a part in its own axes, relative to its first end, m."""
     shape, length = body.get("shape") or {}, float(body["length"])
+    base, axes = np.array(body["base"], float), np.array(body["axes"], float)
     if body.get("experiment"):
         tested = load_experiment(body["experiment"])
         curved = bulge(tested.mesh) > _FLAT * reach
         start = np.zeros(3) if length else tested.places[0]
         return _triangles(surface(tested.mesh, tested.mesh.points - start, split=curved).clean())
     if "points" in body:
-        home = (np.array(body["origin"]) - body["base"]) @ np.array(body["axes"], float)
-        corners = np.array(body["points"], float) + home
+        corners = np.array(body["points"], float) + (np.array(body["origin"]) - base) @ axes
         return pv.PolyData.from_regular_faces(corners, np.array(body["triangles"]))
     if not length:
-        return _star((np.array(body["places"], float) - body["base"]) @ np.array(body["axes"], float), reach)
+        return _star((np.array(body["places"], float) - base) @ axes, reach)
     if "outline" in shape:
         return _extrude(shape["outline"], length)
     if "thickness" in shape:
         wide, thick = float(shape["width"]) / 2, float(shape["thickness"]) / 2
-        return _triangles(pv.Box((0.0, length, -wide, wide, -thick, thick), level=8))  # level: it can bend
+        box = pv.Box((0.0, length, -wide, wide, -thick, thick), level=8)  # fine enough to bend
+        return _triangles(box)
     return _rod(np.zeros(3), np.array([length, 0, 0]), _radius(body, reach), _STATIONS)
 
 
 def _extrude(outline: list[list[tuple[float, float]]], length: float) -> pv.PolyData:
     """Return a beam along x whose section is bounded by loops of corners (y, z)."""
-    loops = [[*loop, loop[0]] for loop in outline]
-    points = np.array([(0.0, y, z) for loop in loops for y, z in loop])
-    starts = np.cumsum([0, *map(len, loops)])
-    lines = np.concatenate(
-        [[len(loop), *range(start, start + len(loop))] for loop, start in zip(loops, starts, strict=False)]
-    )
-    border = pv.PolyData(points, lines=lines).clean()
-    return _triangles(border.triangulate_contours().extrude((length, 0.0, 0.0), capping=True).clean())
+    points: list[tuple[float, float, float]] = []
+    lines: list[int] = []
+    for loop in outline:
+        lines += [len(loop) + 1, *range(len(points), len(points) + len(loop) + 1)]
+        points += [(0.0, y, z) for y, z in (*loop, loop[0])]
+    border = pv.PolyData(np.array(points), lines=lines).clean().triangulate_contours()
+    return _triangles(border.extrude((length, 0.0, 0.0), capping=True).clean())
 
 
 def _radius(body: dict[str, Any], reach: float) -> float:
@@ -182,13 +185,14 @@ def _radius(body: dict[str, Any], reach: float) -> float:
     return float(known) if known else min(0.03 * float(body["length"]), 0.014 * reach)
 
 
-def _brackets(
-    bodies: Tables, joints: Tables, tool: dict[str, Any], sizes: dict[str, tuple[float, float]], reach: float
-) -> Iterable[Solid]:
+def _brackets(bodies: Tables, joints: Tables, tool: dict[str, Any], sizes: Sizes, reach: float) -> Iterable[Solid]:
     """Yield rigid rods between an elastic body's end and a distant joint or the tool."""
-    elastic = [body for body in bodies if len(body["nodes"]) > 1]
-    ends = {node: np.array(at, float) for b in elastic for node, at in zip(b["nodes"], b["places"], strict=True)}
-    held = [(node, j["at"], 0.5 * sizes[j["name"]][0]) for j in joints for node in (j["first"], j["second"])]
+    ends: dict[str, Floats] = {}
+    for body in bodies:
+        if len(body["nodes"]) > 1:
+            ends |= zip(body["nodes"], np.array(body["places"], float), strict=True)
+    pairs = ((joint, end) for joint in joints for end in ("first", "second"))
+    held = [(j[end], j["at"], 0.5 * sizes[j["name"]][0]) for j, end in pairs]
     held.append((tool["node"], tool["at"], 0.5 * _SMALLEST * reach))
     for node, at, radius in held:
         if node in ends and np.linalg.norm(ends[node] - at) > 0.02 * reach:
@@ -224,9 +228,7 @@ def _make_rigid(bodies: Tables, joints: Tables, tool: dict[str, Any], reach: flo
         yield Solid(name, shape, colour, (name,))
 
 
-def _feet(
-    joints: Tables, up: Floats, tool: Floats, sizes: dict[str, tuple[float, float]], reach: float
-) -> Iterable[Solid]:
+def _feet(joints: Tables, up: Floats, tool: Floats, sizes: Sizes, reach: float) -> Iterable[Solid]:
     """Yield a foot at each joint to the ground, on the side away from the tool."""
     ring = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.linspace(0, 2 * np.pi, 25)[:-1]])
     for joint in joints:
@@ -243,73 +245,70 @@ def _feet(
             yield Solid("ground", _hull(np.vstack([end, foot]), 0.01 * reach), GROUND, ("ground",))
 
 
-def _sizes(bodies: Tables, joints: Tables, reach: float) -> dict[str, tuple[float, float]]:
+def _sizes(bodies: Tables, joints: Tables, reach: float) -> Sizes:
     """Return radius and half length of each joint, larger than its rods and coincident joints."""
-    round_bars = [b for b in bodies if b.get("length") and not {"width", "outline"} & (b.get("shape") or {}).keys()]
-    rods = {node: _radius(b, reach) for b in round_bars for node in b["nodes"]}
-    out: dict[str, tuple[float, float]] = {}
+    rods: dict[str, float] = {}
+    for body in bodies:
+        if body.get("length") and not {"width", "outline"} & (body.get("shape") or {}).keys():
+            rods |= dict.fromkeys(body["nodes"], _radius(body, reach))
+    out: Sizes = {}
 
-    def thickness(joint: dict[str, Any]) -> float:
-        return max((rods.get(node, 0.0) for node in (joint["first"], joint["second"])), default=0.0)
+    def rods_of(joint: dict[str, Any]) -> list[float]:
+        return [rods[node] for node in (joint["first"], joint["second"]) if node in rods]
 
-    for joint in sorted(joints, key=thickness, reverse=True):
-        ends = [rods[node] for node in (joint["first"], joint["second"]) if node in rods]
+    for joint in sorted(joints, key=lambda joint: max(rods_of(joint), default=0.0), reverse=True):
+        ends = rods_of(joint) or [0.0]
         match joint["kind"]:
             case "spherical" | "prismatic" | "cylindrical":
-                r = max(_SMALLEST * reach, 1.25 * min(ends, default=0.0))
-                half = 1.6 * r
+                r, long = 1.25 * min(ends), 1.6
             case "universal":
-                r = max(_SMALLEST * reach, 0.6 * max(ends, default=0.0))
-                half = 1.9 * r
+                r, long = 0.6 * max(ends), 1.9
             case _:
-                r = max(_SMALLEST * reach, 1.15 * max(ends, default=0.0))
-                half = 1.2 * r if ends else 1.5 * r
-        there = [
-            out[j["name"]] for j in joints if j["name"] in out and np.linalg.norm(np.subtract(j["at"], joint["at"])) < r
-        ]
-        if there and joint["kind"] != "fixed":
-            widest = max(radius for radius, _ in there)
+                r, long = 1.15 * max(ends), 1.2 if max(ends) else 1.5
+        r = max(_SMALLEST * reach, r)
+        half = long * r
+        known = [j for j in joints if j["name"] in out]
+        here = [j for j in known if np.linalg.norm(np.subtract(j["at"], joint["at"])) < r]
+        if here and joint["kind"] != "fixed":
+            widest = max(out[j["name"]][0] for j in here)
             r, half = 0.75 * widest, max(half, 1.35 * widest)
         out[joint["name"]] = r, half
     return out
 
 
-def _joints(joints: Tables, sizes: dict[str, tuple[float, float]], reach: float) -> Iterable[Solid]:
+def _joints(joints: Tables, sizes: Sizes, reach: float) -> Iterable[Solid]:
     """Yield the solids of the joints by type, in the colour for driven, passive or doubtful."""
     for joint in joints:
-        name, at, (r, half) = joint["name"], np.array(joint["at"], float), sizes[joint["name"]]
+        at, (r, half) = np.array(joint["at"], float), sizes[joint["name"]]
         colour = DOUBTED if joint.get("doubted") else DRIVEN if joint["driven"] else PASSIVE
         axis = np.array(joint["axis"] if joint.get("axis") is not None else [0, 0, 1], float)
+        first, second = joint["first"], joint["second"]
         match joint["kind"]:
-            case "fixed":
-                if joint.get("doubted"):
-                    yield Solid(name, _cube(at, r), colour, (joint["first"],))
-            case "doubt":
-                yield Solid(name, _cube(at, r), colour, (joint["first"],))
+            case "fixed" | "doubt":
+                shapes = [(_cube(at, r), colour, first)] if joint.get("doubted") else []
             case "spherical":
-                yield Solid(name, _ball(at, 1.1 * r), colour, (joint["first"],))
+                shapes = [(_ball(at, 1.1 * r), colour, first)]
             case "universal":
-                second = np.array(joint["axis2"], float)
-                yield Solid(name, _rod(at - half * axis, at + half * axis, 0.6 * r), colour, (joint["first"],))
-                yield Solid(name, _rod(at - half * second, at + half * second, 0.6 * r), colour, (joint["second"],))
+                across = np.array(joint["axis2"], float)
+                shapes = [(_bar(at, half * axis, 0.6 * r), colour, first)]
+                shapes += [(_bar(at, half * across, 0.6 * r), colour, second)]
             case "prismatic" | "cylindrical":
                 low, high = _range(joint, reach)
                 rail = _rod(at + (low - 2 * r) * axis, at + (high + 2 * r) * axis, 0.35 * r)
-                yield Solid(name, rail, RAIL, (joint["first"],))
-                yield Solid(name, _rod(at - half * axis, at + half * axis, 1.1 * r), colour, (joint["second"],))
+                shapes = [(rail, RAIL, first), (_bar(at, half * axis, 1.1 * r), colour, second)]
             case "planar":
-                yield Solid(name, _rod(at - 0.3 * r * axis, at + 0.3 * r * axis, 2.0 * r), colour, (joint["first"],))
+                shapes = [(_bar(at, 0.3 * r * axis, 2.0 * r), colour, first)]
             case _:
-                yield Solid(name, _rod(at - half * axis, at + half * axis, r), colour, (joint["first"],))
+                shapes = [(_bar(at, half * axis, r), colour, first)]
+        for shape, shade, node in shapes:
+            yield Solid(joint["name"], shape, shade, (node,))
 
 
 def _range(joint: dict[str, Any], reach: float) -> tuple[float, float]:
     """Return the drawn range of a slide: its drive's, or a share of the robot's size."""
-    low, high = (
-        float(np.clip(default if joint.get(key) is None else joint[key], -reach, reach))
-        for key, default in (("low", -0.2 * reach), ("high", 0.2 * reach))
-    )
-    return low, high
+    low, high = joint.get("low"), joint.get("high")
+    ends = -0.2 * reach if low is None else low, 0.2 * reach if high is None else high
+    return float(np.clip(ends[0], -reach, reach)), float(np.clip(ends[1], -reach, reach))
 
 
 def _star(ends: Floats, reach: float) -> pv.PolyData:
@@ -326,8 +325,13 @@ def _rod(start: Floats, end: Floats, radius: float, stations: int = 2) -> pv.Pol
     return _triangles(pv.Spline(along, stations).tube(radius=radius, n_sides=32, capping=True))
 
 
+def _bar(middle: Floats, half: Floats, radius: float) -> pv.PolyData:
+    return _rod(middle - half, middle + half, radius)
+
+
 def _cube(at: Floats, radius: float) -> pv.PolyData:
-    return _triangles(pv.Cube(center=at, x_length=2 * radius, y_length=2 * radius, z_length=2 * radius))
+    size = 2 * radius
+    return _triangles(pv.Cube(center=at, x_length=size, y_length=size, z_length=size))
 
 
 def _ball(at: Floats, radius: float) -> pv.PolyData:
@@ -340,11 +344,9 @@ def _hull(points: Floats, radius: float) -> pv.PolyData:
     cloud = (points[:, None] + ball[None]).reshape(-1, 3)
     hull = ConvexHull(cloud)
     faces = hull.simplices.copy()
-    corners = cloud[faces]
-    outward = np.einsum(
-        "ij,ij->i", np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), hull.equations[:, :3]
-    )
-    faces[outward < 0] = faces[outward < 0][:, ::-1]
+    one, two, three = cloud[faces.T]
+    inward = np.einsum("ij,ij->i", np.cross(two - one, three - one), hull.equations[:, :3]) < 0
+    faces[inward] = faces[inward][:, ::-1]
     return _triangles(pv.PolyData.from_regular_faces(cloud, faces).clean())
 
 

@@ -12,6 +12,13 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array
 
 SPLIT = np.array([[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]])  # 6-node triangle as 4 flat ones
+SHARP = 35.0  # degrees; edges above this angle are drawn
+
+
+def sharp_edges(shape: pv.PolyData) -> pv.PolyData:
+    """Return the edges above `SHARP`."""
+    others = dict.fromkeys(("boundary_edges", "manifold_edges", "non_manifold_edges"), False)
+    return shape.extract_feature_edges(SHARP, **others)
 
 
 def surface(mesh: TetMesh, points: Array, chosen: Any = slice(None), *, split: bool = True) -> pv.PolyData:
