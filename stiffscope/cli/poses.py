@@ -46,9 +46,6 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
     if at and joints:
         raise InputError("--joints: expected either poses with --at or drives with --joints, got both")
     names = tuple(joints or at or robot.poses)
-    if not names:
-        example = f"--at {','.join(robot.tool.pose).upper()} or --joints"
-        raise InputError(f"{robot.path}: has no poses; give one with {example}")
     mechanism = rigid_mechanism(robot)
     if joints:
         found = configure_drives(mechanism, [_displacements(robot, text) for text in joints])
@@ -73,7 +70,7 @@ def _coordinates(robot: RobotFile, text: str) -> tuple[float, ...]:
         return q.several(text, *(q.ANGLE if name.startswith("r") else q.LENGTH for name in pose))
     except ValueError as error:
         example = ",".join("10 deg" if name.startswith("r") else "350 mm" if name == "z" else "0" for name in pose)
-        names = f" or a pose of {robot.path}: {', '.join(robot.poses)}" if robot.poses else ""
+        names = f" or a pose of {robot.path}: {', '.join(robot.poses)}"
         raise InputError(
             f'--at {text}: {error}; expected {",".join(pose).upper()} such as "{example}"{names}'
         ) from error

@@ -103,9 +103,6 @@ def run(
 def _load_checked(name: str, overrides: Sequence[str], tolerance: str | None) -> RobotFile:
     """Load a robot with reachable poses. Raise InputError otherwise."""
     robot = load_robot(name, overrides, tolerance)
-    if not robot.poses:
-        pose = ", ".join("0" if name.startswith("r") else '"0 mm"' for name in robot.tool.pose)
-        raise InputError(f"{robot.path}: has no poses; give one in [poses], such as Q1 = [{pose}]")
     check_reach(robot, robot.poses)
     return robot
 

@@ -264,8 +264,5 @@ def _first(frequencies: np.ndarray, values: np.ndarray | None = None) -> np.ndar
 
 
 def poses_of(robot: RobotFile, poses: Sequence[Sequence[float]] | None) -> np.ndarray:
-    """Return the given poses (n, k), or else those of the file. Raise InputError without any."""
-    found = list(robot.poses.values()) if poses is None else poses
-    if not len(found):
-        raise InputError(f"{robot.path}: has no poses; give one")
-    return np.atleast_2d(np.array(found, dtype=float))
+    """Return the given poses (n, k), or else those of the file."""
+    return np.atleast_2d(np.array(list(robot.poses.values()) if poses is None else poses, dtype=float))

@@ -29,7 +29,7 @@ TOP = {
     "name": ("a text", "**needed**"),
     "[parameters]": ("numbers with units by name", "–"),
     "[groups]": ("lists of bodies or joints by name", "–"),
-    "[poses]": ("by name, as many numbers as `[tool] pose` has coordinates", "–"),
+    "[poses]": ("by name, as many numbers as `[tool] pose` has coordinates", "`home` as the file describes it"),
     **{f"[{kind}.NAME]": ("a table for each", "–") for kind in ("parts", "bodies", "joints")},
     "[[copies]]": ("tables in a list", "–"),
     **dict.fromkeys(("[tool]", "[gravity]", "[map]"), ("a table", "–")),

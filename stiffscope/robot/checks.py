@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,14 +29,21 @@ if TYPE_CHECKING:
 
 SAME_LENGTH = 1e-4  # relative tolerance; coordinates are often rounded to 0.01 mm
 _ROUNDED = 1e-9  # relative tolerance of moments of inertia
+HOME = "home"  # name of the pose that the file describes, where it has no name there
 MESHES = (".stl", ".obj", ".ply", ".vtp", ".vtk", ".vtu", ".glb", ".gltf")
 """Mesh files for pictures, readable by PyVista without further packages."""
 _PARALLEL = 1e-6  # sine of the angle below which two directions are parallel
 _FILE_NAME = re.compile(r"[^/\\\x00-\x1f]{0,100}")
 
 
-def check_robot(robot: RobotFile) -> None:
-    """Raise FieldError for the first error across the sections of a robot file."""
+def check_robot(robot: RobotFile) -> RobotFile:
+    """Return a robot, with its home as the pose of a file without poses.
+
+    Raises
+    ------
+    FieldError
+        At the first error across the sections of the file.
+    """
     if not robot.bodies:
         raise FieldError(("bodies",), "expected at least one body, got none")
     for name in robot.parts:
@@ -52,12 +60,13 @@ def check_robot(robot: RobotFile) -> None:
         _check_joint(robot, name, joint, known)
     _check_node(("tool", "body"), robot.tool.body, {each: of for each, of in known.items() if of != GROUND}, robot)
     try:
-        rigid_mechanism(robot)
+        mechanism = rigid_mechanism(robot)
     except InputError as error:  # such as a name that a body and a joint have, or a body that nothing holds
         place, message = split_place(str(error))
         if not place:
             raise
         raise FieldError(place, message) from error
+    return robot if robot.poses else replace(robot, poses={HOME: tuple(map(float, mechanism.tool.home))})
 
 
 def _check_part(robot: RobotFile, name: str) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
+from stiffscope.robot.checks import HOME
 from stiffscope.robot.file.part_sections import InterfacePart, MatrixPart, solid_length
 from stiffscope.robot.file.sections import InterfaceBody, RigidBody
 from stiffscope.robot.imports.import_record import parts_folder, read_record
@@ -34,7 +35,6 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mobility import Mobility
     from stiffscope.vjm.reach import Reach
 
-HOME = "home"
 ILL_CONDITIONED = 1e-2  # a pose is nearly singular below this inverse condition number
 RANK_GAP = 1e-12  # singular values below this are rounding errors of double precision
 _NEARBY = 0.01  # relative to the mechanism's characteristic length, and rad

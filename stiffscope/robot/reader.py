@@ -109,9 +109,7 @@ def read_robot(path: Path, text: str, overrides: Sequence[str] = (), tolerance: 
         for override in of_copies:
             value = evaluate_value(override.value, values, override.key)
             assign(data, override.key, value, override.text)
-        robot = validate(data, source, values, tolerances, copied)
-        check_robot(robot)
-    return robot
+        return check_robot(validate(data, source, values, tolerances, copied))
 
 
 def pose_of(robot: RobotFile, numbers: Sequence[Any]) -> tuple[float, ...]:

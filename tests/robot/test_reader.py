@@ -133,6 +133,11 @@ def test_units_expressions_and_defaults(read):
     assert pose_of(robot, ["10 mm", 0, -0.5]) == (0.01, 0, -0.5)
 
 
+def test_a_file_without_poses_has_its_home(read):
+    text = TEXT.replace('[poses]\nhome = [0, 0, "-500 mm"]\n', "")
+    assert read(text).poses == {"home": pytest.approx((0.0, 0.0, -0.5))}
+
+
 def test_copies_are_turned_and_renamed(read):
     robot = read(TEXT)
     turn = at_home.double(np.array([[-0.5, -(0.75**0.5), 0], [0.75**0.5, -0.5, 0], [0, 0, 1]]))[:3, :3]

@@ -211,7 +211,7 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
     for k, name in enumerate(campaign.pose_names):  # named poses
         if name not in robot.poses:
             where = campaign.where(int(np.argmax(campaign.pose == k)))
-            known = f"{robot.name}'s [poses] {', '.join(robot.poses) or '(none)'}"
+            known = f"{robot.name}'s [poses] {', '.join(robot.poses)}"
             raise InputError(f"{where}: pose: expected one of {known}, got {name!r}")
     poses = np.array([robot.poses[name] for name in campaign.pose_names])
     return replace(campaign, poses=poses, coordinates=tuple(robot.tool.pose))

@@ -147,7 +147,7 @@ def planned_poses(robot: RobotFile) -> Array:
         low[k], high[k] = ranges.get(coordinate, (home[k] - reach, home[k] + reach))
     shares = np.asarray(qmc.Halton(len(home), scramble=False).random(6 * POSES)[1:])
     others = low + shares * (high - low)
-    named = np.array(list(robot.poses.values()) or [home])
+    named = np.array(list(robot.poses.values()))
     others = np.round(others[configure(mechanism, others).valid], 4)
     return np.vstack([named, others])[: max(POSES, len(named))]
 
