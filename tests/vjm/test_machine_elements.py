@@ -53,6 +53,17 @@ def test_an_angular_contact_bearing_under_thrust_is_harris():
     assert found.loads == pytest.approx(1676, rel=0.005)
 
 
+@pytest.mark.parametrize("angle", [25.0, 40.0])
+@pytest.mark.parametrize("load", [50.0, 500.0, 2000.0])
+def test_an_angular_contact_bearing_is_as_stiff_along_its_axis_as_the_textbooks(angle, load):
+    """Axial approach 4.36e-4 Q^(2/3) / (D^(1/3) sin α), mm and N, of a ball's load Q = F / (Z sin α) (Palmgren; Harris
+    and Kotzalas 2006, ch. 7), at the loaded contact angle; it names no osculation, 0.52 is the usual one."""
+    found = me.ball_bearing(me.ball_contacts(16, 0.01, 0.08, np.radians(angle), (0.52,) * 2, STEEL), [load, 0.0, 0.0])
+    sine = np.sin(found.angles[0])
+    approach = 4.36e-7 * (load / (16 * sine)) ** (2 / 3) / (10.0 ** (1 / 3) * sine)
+    assert found.stiffness[0, 0] == pytest.approx(1.5 * load / approach, rel=0.04)
+
+
 @pytest.mark.parametrize("load", [[2000.0, 0, 0], [2000.0, 700.0, 0], [3000.0, -400.0, 900.0]])
 @pytest.mark.parametrize("balls", [AC, DG])
 def test_the_five_stiffnesses_are_the_slope_of_the_loads(balls, load):
