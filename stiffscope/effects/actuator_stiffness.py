@@ -33,12 +33,13 @@ class ActuatorStiffness(ElementEffect):
         """Yield candidates at driven joints."""
         robot, known = setting.robot, cls.parameters[0]
         for place in robot.places(robot.driven):
-            within = max(robot.factor(name) for name in place.members)
+            factors = [robot.factor(name) for name in place.members]
+            count, within = len(factors), max(factors)
             size = within - 1.0 if within > 1.0 else known.size
-            prior = known._replace(size=size, low=min(known.low, 1.0 / within), high=max(known.high, within))
+            low, high = min(known.low, 1.0 / within), max(known.high, within)
+            prior = known._replace(size=size, low=low, high=high)
             yield cls(partial(soften, robot, place.members)).make_candidate(place, (prior,))
-            count = len(place.members)
-            if count > 1 and min(robot.factor(name) for name in place.members) > 1.0:
+            if count > 1 and min(factors) > 1.0:
                 # with priors this wide each drive may have its own factor besides a common one
                 each = tuple(prior._replace(name=f"{name}.{known.name}") for name in place.members)
                 yield cls(partial(_soften_each, robot, place.members)).make_candidate(
@@ -65,4 +66,4 @@ def _find_growth(factors: Array) -> Array:
 def _soften_each(nominal: NominalRobot, names: Sequence[str], u: Array) -> Changes:
     """Scale the drive compliance of each joint by its own factor (see `_grow`)."""
     more = _grow(u) - 1.0
-    return {name: change for k, name in enumerate(names) for name, change in soften(nominal, [name], more[k:]).items()}
+    return {name: soften(nominal, [name], more[k:])[name] for k, name in enumerate(names)}

@@ -20,8 +20,9 @@ from stiffscope.runtime.types import Array
 from stiffscope.vjm.mechanism import Change
 
 __all__ = [  # names that effect modules import
-    "ADDED", "FACTOR", "FREE", "GROWTH", "KNOWN", "STIFFNESS_FACTOR", "UNNAMED", "Array", "Candidate", "Candidates",
-    "Changes", "Doubts", "Effect", "Influence", "NominalRobot", "Parameter", "Payload", "Place", "Row", "Setting",
+    "ADDED", "FACTOR", "FREE", "GROWTH", "KNOWN", "STIFFNESS_FACTOR", "UNNAMED", "Array",
+    "Candidate", "Candidates", "Changes", "Doubts", "Effect", "Influence", "NominalRobot",
+    "Parameter", "Payload", "Place", "Row", "Setting",
 ]  # fmt: skip
 
 Changes = dict[str, Change]
@@ -76,7 +77,7 @@ class Candidate:
     aliases: tuple[str, ...] = ()
     """Other names of this effect at this place, as `effect @ place`."""
     twins: tuple[tuple[Candidate, float], ...] = ()
-    """Other effects with the same signature in the readings, and their internal parameter over this one's."""
+    """Other effects with the same signature, and their internal parameter over this one's."""
     stated: bool = False
     """True if the prior size is a stated tolerance: a standard uncertainty, without heavy tails."""
     groups: tuple[int, ...] = ()
@@ -117,7 +118,7 @@ class Candidate:
     @property
     def one_sided(self) -> tuple[bool, ...]:
         """Flags (k,) of the internal parameters that cannot be negative."""
-        return tuple(self.positive and k < len(self.scale) - self.couplings for k in range(len(self.scale)))
+        return (self.positive,) * (len(self.scale) - self.couplings) + (False,) * self.couplings
 
     @property
     def is_nuisance(self) -> bool:
@@ -226,10 +227,11 @@ class Setting:
         return sum(body.mass for body in self.robot.mechanism.bodies) or 1.0
 
     def in_robots_units(self, parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
-        """Parameters whose sizes and ranges are shares of the robot's own compliance, length or mass."""
-        units = {"m/N": self.compliance[0], "rad/(N·m)": self.compliance[1], "m": self.length, "kg": self.mass}
-        own = [(p, units.get(p.unit, 1.0)) for p in parameters]
-        return tuple(p._replace(size=unit * p.size, low=unit * p.low, high=unit * p.high) for p, unit in own)
+        """Return parameters whose sizes and ranges are shares of the robot's own, by unit."""
+        soft, loose = self.compliance
+        units = {"m/N": soft, "rad/(N·m)": loose, "m": self.length, "kg": self.mass}
+        own = ((p, units.get(p.unit, 1.0)) for p in parameters)
+        return tuple(Parameter(*p[:2], *(unit * value for value in p[2:])) for p, unit in own)
 
 
 class Effect:
@@ -265,7 +267,8 @@ class Effect:
     def refusal(cls, robot: NominalRobot, place: str) -> str:
         """Return why a robot file cannot contain it; empty if it can."""
         del robot
-        return "" if cls.adoptable else f"{cls.word} @ {place}: no part of the robot; correct the readings instead"
+        reason = f"{cls.word} @ {place}: no part of the robot; correct the readings instead"
+        return "" if cls.adoptable else reason
 
     def make_candidate(self, place: Place, parameters: Sequence[Parameter] | None = None, **more: Any) -> Candidate:
         """Return this effect as a candidate.
@@ -283,19 +286,16 @@ class Effect:
         physical, internal = self.conversion or (_keep, _keep)
         fields: dict[str, Any] = {
             "effect": self.word,
+            "place": place.name,
+            "names": tuple(p.name for p in given),
             "units": tuple(p.unit for p in given),
             "scale": tuple(float(p.size) for p in given),
+            "plausible": tuple((float(p.low), float(p.high)) for p in given),
             "bounds": self.bounds,
             "physical": physical,
             "internal": internal,
             "component": place.sole if self.blames else "",
             "aliases": tuple(f"{self.word} @ {other}" for other in place.others),
+            "members": place.members,
         }
-        return Candidate(
-            place=place.name,
-            names=tuple(p.name for p in given),
-            plausible=tuple((float(p.low), float(p.high)) for p in given),
-            members=place.members,
-            action=self,
-            **(fields | more),
-        )
+        return Candidate(action=self, **(fields | more))

@@ -14,7 +14,7 @@ from stiffscope.vjm.mechanism import Change
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from stiffscope.effects.effect import Payload
+    from stiffscope.effects.effect import Parameter, Payload, Place
     from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.mechanism import Mechanism
 
@@ -68,6 +68,15 @@ def soften(nominal: NominalRobot, names: Sequence[str], u: Array) -> Changes:
     return out
 
 
+def pick_patterns(
+    found: Mapping[str, Mapping[str, Array]], place: Place, parameters: Sequence[Parameter]
+) -> tuple[list[Parameter], dict[str, Array]]:
+    """Return the parameters that some elements have, and each element's patterns (k, 6) of them."""
+    own = {name: found[name] for name in place.members}
+    known = [p for p in parameters if any(p.name in each for each in own.values())]
+    return known, {n: np.array([own[n].get(p.name, np.zeros(6)) for p in known]) for n in own}
+
+
 def add_diagonal(patterns: Mapping[str, Array], values: Array) -> Changes:
     """Add diagonal compliances: the parameters (k,) times each element's pattern (k, 6)."""
     return {name: Change(np.diag(values @ pattern)) for name, pattern in patterns.items()}
@@ -83,32 +92,34 @@ def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
 
     A change that stiffens a drive acts on the drive: a bearing's added compliance is not negative.
     """
-    joints, bearings = list(mechanism.joints), dict(changes)
-    for k, joint in enumerate(joints):
+    stiffer: dict[str, Joint] = {}
+    bearings = dict(changes)
+    for joint in mechanism.joints:
         change = changes.get(joint.name)
-        along = 3 if joint.kind == "revolute" else 0
-        if joint.drive is None or change is None or change.compliance is None or change.compliance[along, along] >= 0.0:
+        if joint.drive is None or change is None or change.compliance is None:
             continue
-        try:
-            joints[k] = replace(joint, drive=joint.drive.add_compliance(float(change.compliance[along, along])))
-        except InputError as error:
-            raise InputError(f"{joint.name}: {error}") from error
-        rest = change.compliance.copy()
-        rest[along, along] = 0.0
-        bearings[joint.name] = replace(change, compliance=rest)
-    stiffer = any(joint is not before for joint, before in zip(joints, mechanism.joints, strict=True))
-    return (replace(mechanism, joints=tuple(joints)) if stiffer else mechanism).change_elements(bearings)
+        along, rest = 3 if joint.kind == "revolute" else 0, change.compliance.copy()
+        added, rest[along, along] = float(rest[along, along]), 0.0
+        if added < 0.0:
+            try:
+                stiffer[joint.name] = replace(joint, drive=joint.drive.add_compliance(added))
+            except InputError as error:
+                raise InputError(f"{joint.name}: {error}") from error
+            bearings[joint.name] = replace(change, compliance=rest)
+    if stiffer:
+        joints = tuple(stiffer.get(joint.name, joint) for joint in mechanism.joints)
+        mechanism = replace(mechanism, joints=joints)
+    return mechanism.change_elements(bearings)
 
 
 def change_robot(mechanism: Mechanism, influence: Influence) -> Mechanism:
     """Return the mechanism with an effect's changes of elements, masses and dead zones."""
-    zones = influence.dead_zones
-    joints = tuple(
-        replace(j, drive=j.drive.add_backlash(2.0 * zones[j.name])) if j.drive is not None and zones.get(j.name) else j
-        for j in mechanism.joints
-    )
-    changed = change_elements(replace(mechanism, joints=joints) if zones else mechanism, influence.elements)
-    return add_payloads(changed, influence.payloads) if influence.payloads else changed
+    joints = list(mechanism.joints)
+    for k, joint in enumerate(joints):
+        if joint.drive and (width := influence.dead_zones.get(joint.name)):
+            joints[k] = replace(joint, drive=joint.drive.add_backlash(2.0 * width))
+    changed = change_elements(replace(mechanism, joints=tuple(joints)), influence.elements)
+    return add_payloads(changed, influence.payloads)
 
 
 def add_payloads(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism:
@@ -130,14 +141,14 @@ def add_payloads(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism
         own = np.zeros((3, 3)) if body.inertia is None else body.inertia
         reduced = body.mass * payload.mass / whole
         inertia = own + reduced * (away @ away * np.eye(3) - np.outer(away, away))
-        heavy = np.linalg.eigvalsh(inertia)[0] > _HELD_MOMENT * np.abs(inertia).max() if inertia.any() else False
-        bodies[payload.body] = replace(body, mass=whole, centre=middle, inertia=inertia if heavy else body.inertia)
+        if not np.linalg.eigvalsh(inertia)[0] > _HELD_MOMENT * np.abs(inertia).max():
+            inertia = body.inertia
+        bodies[payload.body] = replace(body, mass=whole, centre=middle, inertia=inertia)
     return replace(mechanism, bodies=tuple(bodies.values()))
 
 
 def without_ranges(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism with unlimited drive ranges."""
-    joints = (
-        j if j.drive is None else replace(j, drive=replace(j.drive, low=-np.inf, high=np.inf)) for j in mechanism.joints
-    )
+    drives = (j.drive and replace(j.drive, low=-np.inf, high=np.inf) for j in mechanism.joints)
+    joints = (replace(j, drive=drive) for j, drive in zip(mechanism.joints, drives, strict=True))
     return replace(mechanism, joints=tuple(joints))

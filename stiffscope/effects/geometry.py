@@ -53,14 +53,12 @@ class Geometry(ElementEffect):
         for place in _places(robot, list(twists)):
             errors = sorted(_errors(robot, place.members), key=lambda error: error.turns)
             turns = [error.turns for error in errors]
-            counts = (turns.count(False), turns.count(True))
-            kinds = [p for p, count in zip(known, counts, strict=True) if count]
-            counts = tuple(count for count in counts if count)
+            kinds = [known[turn] for turn in sorted(set(turns))]
+            counts = tuple(turns.count(turn) for turn in sorted(set(turns)))
             yield cls(partial(_displace, _find_patterns(errors))).make_candidate(
                 place, kinds, scale=tuple(known[t].size for t in turns), groups=counts,
-                parts=tuple(f"{e.joint}.{e.name}" for e in errors),
-                part_units=tuple("rad" if t else "m" for t in turns), physical=partial(_rms, counts), flexible=True,
-            )  # fmt: skip
+                parts=tuple(f"{e.joint}.{e.name}" for e in errors), physical=partial(_rms, counts),
+                part_units=tuple("rad" if t else "m" for t in turns), flexible=True)  # fmt: skip
 
 
 def _places(robot: NominalRobot, joints: Sequence[str]) -> Iterator[Place]:
@@ -94,8 +92,8 @@ def _find_patterns(errors: Sequence[_Error]) -> tuple[list[str], Array]:
 def _displace(patterns: tuple[list[str], Array], values: Array) -> Changes:
     """Return the changes of axes and zeros for errors (k,)."""
     joints, twists = patterns
-    moved = np.tensordot(values, twists, 1)
-    return {joint: Change(offset=zero, astray=axis) for joint, (zero, axis) in zip(joints, moved, strict=True)}
+    moved = zip(joints, np.tensordot(values, twists, 1), strict=True)
+    return {joint: Change(offset=zero, astray=axis) for joint, (zero, axis) in moved}
 
 
 def _rms(counts: Sequence[int], values: Array) -> Array:

@@ -12,7 +12,8 @@ from stiffscope.effects.elements import ROTATIONS, ElementEffect, add_diagonal
 
 _ALIKE = np.array([np.eye(6)[1], np.eye(6)[2], ROTATIONS])
 _APART = np.eye(6)[1:]
-_PER_MOMENT = "rad/(N·m)"
+_SHIFTS = tuple(Parameter(name, "m/N", low=0.0) for name in ("lateral", "vertical"))
+_TURNS = [Parameter(name, "rad/(N·m)", low=0.0) for name in ("angular", "roll", "pitch", "yaw")]
 
 
 @dataclass(frozen=True)
@@ -21,19 +22,15 @@ class GuideCompliance(ElementEffect):
 
     word = "guide-compliance"
     precedence = 80
-    parameters = (
-        Parameter("lateral", "m/N", low=0.0),
-        Parameter("vertical", "m/N", low=0.0),
-        Parameter("angular", _PER_MOMENT, low=0.0),
-    )
-    apart = (*parameters[:2], *(Parameter(name, _PER_MOMENT, low=0.0) for name in ("roll", "pitch", "yaw")))
+    parameters = (*_SHIFTS, _TURNS[0])
+    apart = (*_SHIFTS, *_TURNS[1:])
     bounds = ADDED
     blames = True
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
         """Yield candidates at prismatic joints."""
-        slides = [joint.name for joint in setting.robot.mechanism.joints if joint.kind == "prismatic"]
+        slides = [j.name for j in setting.robot.mechanism.joints if j.kind == "prismatic"]
         for place in setting.robot.places(slides):
             for patterns, known in ((_ALIKE, cls.parameters), (_APART, cls.apart)):
                 effect = cls(partial(add_diagonal, dict.fromkeys(place.members, patterns)))

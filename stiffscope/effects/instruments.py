@@ -20,7 +20,7 @@ class InstrumentEffect(Effect):
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """At the instrument at M, or all sensors together, and at each sensor that reads displacements."""
+        """Yield candidates at the instrument at M, or all sensors together, and at each sensor."""
         together = [INSTRUMENT] if setting.tool_is_read or len(setting.sensors) > 1 else []
         for name in (*together, *(sensor for sensor, moves in setting.sensors.items() if moves)):
             yield cls(name).make_candidate(Place(name), component=name)

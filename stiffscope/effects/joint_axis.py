@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.effects.effect import Candidates, Parameter, Setting
-from stiffscope.effects.elements import ElementEffect
+from stiffscope.effects.elements import ElementEffect, pick_patterns
 from stiffscope.vjm.joints import LED
 from stiffscope.vjm.mechanism import Change
 
@@ -43,17 +43,16 @@ class JointAxis(ElementEffect):
         twists = find_axis_twists(setting.robot.mechanism)
         for place in setting.robot.places(twists):
             axes = setting.in_robots_units(cls.parameters)
-            known = [p for p in axes if any(p.name in twists[name] for name in place.members)]
-            patterns = {n: np.array([twists[n].get(p.name, np.zeros(6)) for p in known]) for n in place.members}
+            known, patterns = pick_patterns(twists, place, axes)
             yield cls(partial(mislay_axes, patterns)).make_candidate(place, known)
 
 
 def find_axis_twists(mechanism: Mechanism) -> dict[str, dict[str, Array]]:
     """Return axis error twists (6,) by joint and name; axes of slides can only be rotated."""
     return {
-        joint.name: {name: np.eye(6)[k] for name, k in ACROSS.items() if k > 2 or joint.kind != "prismatic"}
-        for joint in mechanism.joints
-        if joint.kind in LED
+        j.name: {name: np.eye(6)[k] for name, k in ACROSS.items() if k > 2 or j.kind != "prismatic"}
+        for j in mechanism.joints
+        if j.kind in LED
     }
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.effects.effect import ADDED, Array, Candidates, Parameter, Setting
-from stiffscope.effects.elements import ALONG, ROTATIONS, ElementEffect, add_diagonal
+from stiffscope.effects.elements import ALONG, ROTATIONS, ElementEffect, add_diagonal, pick_patterns
 
 if TYPE_CHECKING:
     from stiffscope.vjm.joints import Joint
@@ -39,15 +39,14 @@ class JointCompliance(ElementEffect):
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
         """Yield candidates at all joints except driven slides, in their constrained directions."""
-        joints = {j.name: j for j in setting.robot.mechanism.joints}
-        bearings = {n: held_patterns(j) for n, j in joints.items() if j.kind != "prismatic" or j.drive is None}
-        for place in setting.robot.places(bearings):
-            held = [p for p in cls.parameters if any(p.name in bearings[m] for m in place.members)]
-            patterns = {m: np.array([bearings[m].get(p.name, np.zeros(6)) for p in held]) for m in place.members}
-            effect, known = cls(partial(add_diagonal, patterns)), setting.in_robots_units(held)
-            yield effect.make_candidate(place, known)
-            if [p.name for p in held[:2]] == ["radial", "axial"]:
-                alike = {m: np.vstack([each[0] + each[1], each[2:]]) for m, each in patterns.items()}
+        joints, own = setting.robot.mechanism.joints, setting.in_robots_units(cls.parameters)
+        bearings = [j for j in joints if j.kind != "prismatic" or j.drive is None]
+        held = {j.name: held_patterns(j) for j in bearings}
+        for place in setting.robot.places(held):
+            known, patterns = pick_patterns(held, place, own)
+            yield cls(partial(add_diagonal, patterns)).make_candidate(place, known)
+            if [p.name for p in known[:2]] == ["radial", "axial"]:
+                alike = {m: np.vstack([a + b, *rest]) for m, (a, b, *rest) in patterns.items()}
                 yield cls(partial(add_diagonal, alike)).make_candidate(
                     place, known, scale=tuple(p.size for p in known[1:]),
                     physical=_tell_apart, internal=itemgetter(slice(1, None)),
@@ -55,7 +54,7 @@ class JointCompliance(ElementEffect):
 
 
 def _tell_apart(values: Array) -> Array:
-    """Radial, axial and what else there is of a bearing that yields alike across and along its axis."""
+    """Return radial, axial and other values of a bearing that yields alike across and along."""
     return np.append(values[:1], values)
 
 

@@ -18,6 +18,8 @@ class JointStiffness(ElementEffect):
     word = "joint-stiffness"
     precedence = 85
     parameters = (Parameter("factor", "1", 1.0, 0.02, 50.0),)
+    conversion = GROWTH
+    bounds = FACTOR
     blames = True
 
     @classmethod
@@ -28,7 +30,7 @@ class JointStiffness(ElementEffect):
         springs = {j.name: j.spring for j in passive if j.spring is not None}
         for place in robot.places(springs):
             action = cls(partial(_scale, {name: springs[name] for name in place.members}))
-            yield action.make_candidate(place, bounds=FACTOR, physical=GROWTH[0], internal=GROWTH[1])
+            yield action.make_candidate(place)
 
 
 def _scale(springs: dict[str, float], u: Array) -> Changes:

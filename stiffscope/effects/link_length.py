@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
 
 from stiffscope.effects.effect import Candidates, Parameter, Setting
 from stiffscope.effects.elements import ALONG, ElementEffect, move_ends
-
-if TYPE_CHECKING:
-    from stiffscope.runtime.types import Array
 
 
 @dataclass(frozen=True)
@@ -25,5 +21,5 @@ class LinkLength(ElementEffect):
     def candidates(cls, setting: Setting) -> Candidates:
         """Yield candidates at elastic bodies with two ends."""
         for place in setting.robot.places(setting.robot.links):
-            directions: dict[str, Array] = dict.fromkeys(place.members, ALONG)
-            yield cls(partial(move_ends, directions)).make_candidate(place, setting.in_robots_units(cls.parameters))
+            effect = cls(partial(move_ends, dict.fromkeys(place.members, ALONG)))
+            yield effect.make_candidate(place, setting.in_robots_units(cls.parameters))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from stiffscope.effects.effect import FACTOR, STIFFNESS_FACTOR, Candidates, Parameter, Setting
@@ -28,7 +28,6 @@ class LinkStiffness(ElementEffect):
         robot = setting.robot
         for place in robot.places(yielding_bodies(robot)):
             if place.name not in PartCompliance.named:
-                own = (f"{cls.word} @ {name}" for name in place.others)
-                aliases = (*own, *(f"{PartCompliance.word} @ {name}" for name in (place.name, *place.others)))
-                effect = cls(partial(soften, robot, place.members))
-                yield effect.make_candidate(place, aliases=aliases)
+                found = cls(partial(soften, robot, place.members)).make_candidate(place)
+                names = (f"{PartCompliance.word} @ {name}" for name in (place.name, *place.others))
+                yield replace(found, aliases=(*found.aliases, *names))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -46,19 +46,20 @@ class Mass(Effect):
             return
         heavy = find_masses(robot)
         (known,), (low, high) = cls.parameters, cls.bounds
-        stated = {body.name: robot.mass_sigma(body.name) / body.mass for body in robot.mechanism.bodies if body.mass}
+        bodies = [body for body in robot.mechanism.bodies if body.mass]
+        stated = {body.name: robot.mass_sigma(body.name) / body.mass for body in bodies}
         for place in robot.places(heavy):
             most = KNOWN * max(stated[name] for name in place.members)
-            prior = Parameter(known.name, known.unit, min(known.size, most / KNOWN), max(known.low, 1.0 - most),
-                              min(known.high, 1.0 + most))  # fmt: skip
+            size, least = min(known.size, most / KNOWN), max(known.low, 1.0 - most)
+            prior = known._replace(size=size, low=least, high=min(known.high, 1.0 + most))
             effect = cls(tuple(part for name in place.members for part in heavy[name]))
             bounds = max(low, -most), min(high, most)
-            yield effect.make_candidate(place, (prior,), bounds=bounds, stated=bool(np.isfinite(most)))
+            yield effect.make_candidate(place, (prior,), bounds=bounds, stated=most < np.inf)
 
     def influence(self, values: Array) -> Influence:
         """Return the changes of mass as payloads."""
         growth = float(values[0])
-        return Influence(payloads=tuple(Payload(p.body, p.at, growth * p.mass, 0.0 * p.moments) for p in self.stated))
+        return Influence(payloads=tuple(replace(p, mass=growth * p.mass) for p in self.stated))
 
 
 def find_masses(robot: NominalRobot) -> dict[str, tuple[Payload, ...]]:
@@ -70,8 +71,6 @@ def find_masses(robot: NominalRobot) -> dict[str, tuple[Payload, ...]]:
         centre = np.zeros(3) if body.centre is None else body.centre
         places = [centre] if body.elastic is None else body.elastic.places
         nodes = [body.name] if body.elastic is None else body.nodes
-        share = body.mass / len(places)
-        out[body.name] = tuple(
-            Payload(node, np.array(at), share, np.zeros(3)) for node, at in zip(nodes, places, strict=True)
-        )
+        share, ends = body.mass / len(places), zip(nodes, places, strict=True)
+        out[body.name] = tuple(Payload(node, np.array(at), share, np.zeros(3)) for node, at in ends)
     return out

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 ENTRIES = tuple(f"c{i}{j}" for i in range(1, 7) for j in range(i, 7))
 _ALL = tuple((i, j) for i in range(6) for j in range(i, 6))
-_SYMMETRIC_PLATE = ((0, 0), (1, 1), (1, 5), (2, 2), (2, 4), (3, 3), (4, 4), (5, 5))  # a part with two symmetry planes
+_SYMMETRIC = ((0, 0), (1, 1), (1, 5), (2, 2), (2, 4), (3, 3), (4, 4), (5, 5))  # in two planes
 _UNITS = ("m/N", "m/(N·m)", "rad/(N·m)")
 _RIDGE = 1e-9  # relative shift that keeps a compliance positive definite
 _NO_COMPLIANCE = 1e-30  # m/N, rad/(N·m): compliance of a rigid direction
@@ -62,16 +62,15 @@ class PartCompliance(ElementEffect):
             if word != cls.word:
                 effect = cls(partial(soften, robot, place.members))
                 aliases = (f"link-stiffness @ {place.name}", *others)
-                factor = {"component": place.sole, "bounds": FACTOR}
-                yield effect.make_candidate(place, (FACTOR_OF_PART,), aliases=aliases, effect=word, **factor)
+                more = {"component": place.sole, "bounds": FACTOR, "aliases": aliases}
+                yield effect.make_candidate(place, (FACTOR_OF_PART,), effect=word, **more)
             here = robot.compliances[next(iter(place.members))]
             if len({robot.part_of(name) for name in place.members}) == 1 and len(here) == 6:
-                for pairs in (_SYMMETRIC_PLATE, _ALL) if len(place.members) > 1 else (_SYMMETRIC_PLATE,):
+                for pairs in (_SYMMETRIC, _ALL)[: len(place.members)]:
                     matrix = _Matrix.from_compliance(here, pairs)
-                    yield cls(partial(matrix.changes, place.members)).make_candidate(
-                        place, matrix.parameters, physical=matrix.physical, internal=matrix.internal,
-                        aliases=others, effect=word, flexible=True,
-                    )  # fmt: skip
+                    effect = cls(partial(matrix.changes, place.members))
+                    more = {"physical": matrix.physical, "internal": matrix.internal, "aliases": others}
+                    yield effect.make_candidate(place, matrix.parameters, effect=word, flexible=True, **more)
 
 
 def yielding_bodies(robot: NominalRobot) -> list[str]:
@@ -97,30 +96,28 @@ class _Matrix:
     @classmethod
     def from_compliance(cls, compliance: Array, pairs: Sequence[tuple[int, int]]) -> _Matrix:
         """Return the matrix whose free entries are the given index pairs."""
-        rows, columns = np.array(pairs).T
-        pattern = np.zeros((6, 6))
-        pattern[rows, columns] = pattern[columns, rows] = 1.0
-        diagonal = np.diagonal(compliance)
-        root = np.linalg.cholesky(pattern * compliance + np.diag(_RIDGE * diagonal + _NO_COMPLIANCE))
+        ridge = np.diag(_RIDGE * np.diagonal(compliance) + _NO_COMPLIANCE)
+        root = np.linalg.cholesky(_fill_matrix(pairs, 1.0) * compliance + ridge)
         return cls(compliance, pairs, root, np.linalg.inv(root))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
         """Entries with plausible ranges; diagonal ones are non-negative, all are bounded."""
         diagonal = np.diagonal(self.compliance)
-        high = {(i, j): float(_MOST_COMPLIANT * np.sqrt(diagonal[i] * diagonal[j])) for i, j in self.pairs}
-        return tuple(
-            Parameter(f"c{i + 1}{j + 1}", _UNITS[(i > 2) + (j > 2)], 1.0, 0.0 if i == j else -most, most)
-            for (i, j), most in high.items()
-        )
+        high = _MOST_COMPLIANT * np.sqrt(np.outer(diagonal, diagonal))
+        low = np.diag(np.diagonal(high)) - high
+        names = [f"c{i + 1}{j + 1}" for i, j in self.pairs]
+        units = [_UNITS[i // 3 + j // 3] for i, j in self.pairs]
+        ranges = self._pick_entries(low), self._pick_entries(high)
+        return tuple(map(Parameter, names, units, np.ones(len(names)), *ranges))
 
     def physical(self, values: Array) -> Array:
         """Return the compliance entries (k,) for internal parameters."""
-        return self._pick_entries(self.compliance) + self._pick_entries(self._add_compliance(values))
+        return self._pick_entries(self.compliance + self._add_compliance(values))
 
     def internal(self, entries: Array) -> Array:
         """Return the internal parameters (k,) of compliance entries."""
-        change = self._fill_matrix(entries - self._pick_entries(self.compliance))
+        change = _fill_matrix(self.pairs, entries - self._pick_entries(self.compliance))
         growth, vectors = np.linalg.eigh(self.back @ change @ self.back.T)
         e = np.where(growth < 0.0, growth / np.maximum(1.0 + growth, _RIDGE), growth)
         return self._pick_entries((vectors * e) @ vectors.T)
@@ -130,16 +127,18 @@ class _Matrix:
         return dict.fromkeys(members, Change(self._add_compliance(values)))
 
     def _add_compliance(self, values: Array) -> Array:
-        e, vectors = np.linalg.eigh(self._fill_matrix(values))
+        e, vectors = np.linalg.eigh(_fill_matrix(self.pairs, values))
         growth = np.where(e < 0.0, e / (1.0 - np.minimum(e, 0.0)), e)  # φ - 1
         return self.root @ (vectors * growth) @ vectors.T @ self.root.T
-
-    def _fill_matrix(self, values: Array) -> Array:
-        rows, columns = np.array(self.pairs).T
-        out = np.zeros((6, 6))
-        out[rows, columns] = out[columns, rows] = values
-        return out
 
     def _pick_entries(self, matrix: Array) -> Array:
         rows, columns = np.array(self.pairs).T
         return matrix[rows, columns]
+
+
+def _fill_matrix(pairs: Sequence[tuple[int, int]], values: Array | float) -> Array:
+    """Return the symmetric matrix (6, 6) with values at some index pairs, else zero."""
+    rows, columns = np.array(pairs).T
+    out = np.zeros((6, 6))
+    out[rows, columns] = out[columns, rows] = values
+    return out

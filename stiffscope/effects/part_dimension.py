@@ -58,14 +58,14 @@ def find_dimensions(robot: NominalRobot, part: str) -> Candidates:
         known = robot.tested[part]()
     else:
         known = beam_dimensions(robot.robot, part) if part in robot.beams else ()
+    members = robot.robot.bodies_of(part)
     for dimension in known:
-        members = robot.robot.bodies_of(part)
         value = _Value(dimension, robot.compliances[members[0]], members)
         parameter = Parameter("value", dimension.unit, *value.prior)
+        bounds = ADDED if value.is_rigid else _RATIOS
         yield Dimension(value.changes).make_candidate(
-            Place(dimension.place, members), (parameter,), bounds=ADDED if value.is_rigid else _RATIOS,
-            physical=value.physical, internal=value.internal,
-        )  # fmt: skip
+            Place(dimension.place, members), (parameter,), bounds=bounds,
+            physical=value.physical, internal=value.internal)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -103,8 +103,9 @@ class _Value:
             return 1.0 / (values * _FOUNDATION_UNIT)
         ratio = (values - of.limit) / (of.nominal - of.limit)
         if not (ratio > 0.0).all():
-            raise InputError(f"{of.place}: expected a value to the other side of {of.limit:g} {of.unit}, "
-                             f"where nothing is left of the part, got {values[0]:g} {of.unit}")  # fmt: skip
+            limit, got = (f"{each:g} {of.unit}" for each in (of.limit, values[0]))
+            expected = f"expected a value to the other side of {limit}, where nothing is left"
+            raise InputError(f"{of.place}: {expected}, got {got}")
         return np.log(ratio)
 
     def changes(self, values: Array) -> Changes:

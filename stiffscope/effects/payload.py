@@ -58,15 +58,16 @@ class AddedMass(Effect):
                 axes = np.arange(3) if setting.turning.get(body.name, True) else level
                 heavy = cls(body.name, _find_point(mechanism, body), axes)
                 place, sigma = Place(body.name), setting.robot.mass_sigma(body.name)
+                known = sigma < np.inf
                 mass, *centre = setting.in_robots_units(cls.parameters)
                 mass = mass._replace(size=min(mass.size, sigma), high=min(mass.high, KNOWN * sigma))
-                if not np.isfinite(sigma):
+                if not known:
+                    moments = (mass.size * centre[a].size for a in axes)
                     yield heavy.make_candidate(
-                        place, (mass, *centre), scale=(mass.size, *(mass.size * centre[a].size for a in axes)),
-                        physical=heavy.physical, internal=heavy.internal, couplings=len(axes),
-                    )  # fmt: skip
-                known = bool(np.isfinite(sigma))
-                yield heavy.make_candidate(place, (mass,), bounds=(0.0, KNOWN * sigma), stated=known)
+                        place, (mass, *centre), scale=(mass.size, *moments), couplings=len(axes),
+                        physical=heavy.physical, internal=heavy.internal)  # fmt: skip
+                bounds = 0.0, KNOWN * sigma
+                yield heavy.make_candidate(place, (mass,), bounds=bounds, stated=known)
 
     def influence(self, values: Array) -> Influence:
         """Return the mass, and its first moments if given."""

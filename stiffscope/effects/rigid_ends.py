@@ -38,20 +38,18 @@ class RigidEnds(ElementEffect):
         """Yield candidates at uniform elastic bodies."""
         robot = setting.robot
         links = [name for name in yielding_bodies(robot) if name in robot.links]
-        uniform = [name for name in links if _is_uniform(robot.compliances[name], robot.length(name))]
-        for place in robot.places(uniform):
+        for place in robot.places(name for name in links if _is_uniform(robot, name)):
             effect = cls(partial(_clamp_ends, robot, place.members))
             yield effect.make_candidate(place, setting.in_robots_units(cls.parameters))
 
 
-def _is_uniform(c: Array, length: float) -> bool:
-    """Return whether a compliance (6, 6) is that of a uniform cantilever of this length."""
-    bent = (c[5, 5] * length / 2.0, -c[4, 4] * length / 2.0)
-    near = all(
-        abs(c[i, j] - b) <= _UNIFORM * abs(b) and abs(b) > 0.0 for (i, j), b in zip(((1, 5), (2, 4)), bent, strict=True)
-    )
-    sheared = (c[1, 1] - c[5, 5] * length**2 / 3.0, c[2, 2] - c[4, 4] * length**2 / 3.0)
-    return near and min(sheared) >= -_UNIFORM * min(c[1, 1], c[2, 2])
+def _is_uniform(robot: NominalRobot, name: str) -> bool:
+    """Return whether a body's compliance (6, 6) is that of a uniform cantilever of its length."""
+    c, length = robot.compliances[name], robot.length(name)
+    bent = np.array([c[5, 5], -c[4, 4]]) * length / 2.0
+    near = bent.all() and (np.abs(c[(1, 2), (5, 4)] - bent) <= _UNIFORM * np.abs(bent)).all()
+    sheared = c[1, 1] - c[5, 5] * length**2 / 3.0, c[2, 2] - c[4, 4] * length**2 / 3.0
+    return bool(near and min(sheared) >= -_UNIFORM * min(c[1, 1], c[2, 2]))
 
 
 def _clamp_ends(nominal: NominalRobot, names: Sequence[str], values: Array) -> Changes:
@@ -61,7 +59,7 @@ def _clamp_ends(nominal: NominalRobot, names: Sequence[str], values: Array) -> C
         c, length = nominal.compliances[name], nominal.length(name)
         clamped = float(np.clip(values[0], _LEAST * length, _MOST * length))
         to_end = shift([clamped, 0.0, 0.0])
-        rates = np.diagonal(c) / length  # of the nominal uniform section: axial, shear y, z, torsion, bending y, z
+        rates = np.diagonal(c) / length  # of the section: axial, shear y, z, torsion, bending y, z
         rates[1] -= c[5, 5] * length / 3.0
         rates[2] -= c[4, 4] * length / 3.0
         short, full = cantilever(length - 2.0 * clamped, rates), cantilever(length, rates)

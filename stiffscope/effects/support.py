@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
-from itertools import combinations
 from operator import itemgetter
 
 import numpy as np
@@ -14,7 +13,7 @@ from stiffscope.effects.elements import ElementEffect
 from stiffscope.vjm.mechanism import Change
 
 _ROUNDING = 1e-8  # least rotational compliance of a support over its largest
-_PAIRS = tuple(np.array(list(combinations((3, 4, 5), 2))).T)  # rows and columns of the couplings of rotations
+_PAIRS = (np.array([3, 3, 4]), np.array([4, 5, 5]))  # rows and columns of coupled rotations
 _PER_MOMENT = "rad/(N·m)"
 
 
@@ -34,14 +33,14 @@ class Support(ElementEffect):
 
     @classmethod
     def supports(cls, setting: Setting, place: Place) -> Candidates:
-        """The effect at its place, without and with coupled rotations, and alike in all directions."""
-        effect, parameters = cls(partial(yield_support, place.sole)), setting.in_robots_units(cls.parameters)
-        yield effect.make_candidate(place, parameters[:6], component=place.name)
-        yield effect.make_candidate(
-            place, parameters[:6], component=place.name, scale=tuple(p.size for p in parameters[:6:3]),
-            physical=_repeat, internal=itemgetter(slice(None, None, 3)),
-        )  # fmt: skip
-        yield effect.make_candidate(place, parameters, component=place.name, couplings=3, physical=find_possible)
+        """Yield the effect without coupled rotations, alike in all directions, and with both."""
+        effect = cls(partial(yield_support, place.sole))
+        known = setting.in_robots_units(cls.parameters)
+        make = partial(effect.make_candidate, place, component=place.name)
+        yield make(known[:6])
+        alike, pick = tuple(p.size for p in known[:6:3]), itemgetter(slice(None, None, 3))
+        yield make(known[:6], scale=alike, physical=_repeat, internal=pick)
+        yield make(known, couplings=3, physical=find_possible)
 
 
 def _repeat(values: Array) -> Array:
@@ -50,7 +49,7 @@ def _repeat(values: Array) -> Array:
 
 
 def find_compliance(values: Array) -> Array:
-    """Compliance (6, 6) of a support: its diagonal (6,), or both values of it, and couplings of nine values."""
+    """Return the compliance (6, 6) of a support for two, six or nine values."""
     values = _repeat(values) if len(values) < 6 else values
     compliance = np.diag(values[:6])
     if len(values) > 6:

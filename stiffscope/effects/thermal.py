@@ -28,10 +28,11 @@ class Thermal(ElementEffect):
     def candidates(cls, setting: Setting) -> Candidates:
         """Yield candidates at elastic bodies of known material and at the whole robot."""
         robot = setting.robot
-        growth = {name: (robot.expansion(name) or 0.0) * robot.growth(name) for name in robot.elastic_sources}
+        bodies = robot.elastic_sources
+        growth = {name: (robot.expansion(name) or 0.0) * robot.growth(name) for name in bodies}
         for place in _places(robot, [name for name in growth if growth[name].any()]):
-            grown = {name: growth[name] for name in place.members}
-            yield cls(partial(move_ends, grown)).make_candidate(place)
+            effect = cls(partial(move_ends, {name: growth[name] for name in place.members}))
+            yield effect.make_candidate(place)
 
 
 def _places(robot: NominalRobot, warm: list[str]) -> Iterator[Place]:

@@ -39,11 +39,9 @@ def _find_kinds() -> tuple[type[Effect], ...]:
 
 
 KINDS = _find_kinds()
-EFFECTS: dict[str, tuple[tuple[str, str], ...]] = {
-    word: tuple((p.name, p.unit) for p in kind.parameters) for kind in KINDS for word in (kind.word, *kind.also)
-}
-"""Parameters of every effect, as pairs (name, SI unit)."""
 _KIND_OF = {word: kind for kind in KINDS for word in (kind.word, *kind.also)}
+EFFECTS = {word: tuple((p.name, p.unit) for p in k.parameters) for word, k in _KIND_OF.items()}
+"""Parameters of every effect, as pairs (name, SI unit)."""
 
 
 def word_of(name: str) -> str:
@@ -76,23 +74,24 @@ def apply_effect(robot: NominalRobot, effect: str, place: str, parameters: Mappi
     """
     if effect not in EFFECTS:
         raise InputError(f"effect: expected one of {', '.join(EFFECTS)}, got {effect!r}")
-    reason = _KIND_OF[effect].refusal(robot, place)
-    if reason:
+    if reason := _KIND_OF[effect].refusal(robot, place):
         raise InputError(reason)
     if not EFFECTS[effect]:
         return robot
-    known = _find_candidate(robot, effect, place, parameters)
+    known = _find_candidate(robot, effect, place, list(parameters))
+    names, factor = known.parts or known.names, parameters.get("factor", 1.0)
     if not parameters:
-        raise InputError(f"{effect} @ {place}: expected parameters {', '.join(known.parts or known.names)}, got none")
-    if not parameters.get("factor", 1.0) > 0.0:
-        raise InputError(f"{effect} @ {place}, factor: expected more than 0, got {parameters['factor']:g}")
-    nominal = np.zeros(len(known.parts)) if known.parts else known.physical(np.zeros(len(known.scale)))
-    names = known.parts or known.names
-    given = np.array([float(parameters.get(name, value)) for name, value in zip(names, nominal, strict=True)])
-    return replace(robot, mechanism=change_robot(robot.mechanism, known.action.influence(known.internal(given))))
+        raise InputError(f"{effect} @ {place}: expected parameters {', '.join(names)}, got none")
+    if not factor > 0.0:
+        raise InputError(f"{effect} @ {place}, factor: expected more than 0, got {factor:g}")
+    nominal = np.zeros(len(known.scale))
+    nominal = nominal if known.parts else known.physical(nominal)
+    values = dict(zip(names, nominal, strict=True)) | dict(parameters)
+    influence = known.action.influence(known.internal(np.array(list(values.values()), dtype=float)))
+    return replace(robot, mechanism=change_robot(robot.mechanism, influence))
 
 
-def _find_candidate(robot: NominalRobot, effect: str, place: str, parameters: Mapping[str, float]) -> Candidate:
+def _find_candidate(robot: NominalRobot, effect: str, place: str, given: list[str]) -> Candidate:
     """Return the matching effect with the fewest parameters, in terms of the requested name."""
     name = f"{effect} @ {place}"
     known = tuple(find_candidates(Setting(robot)))
@@ -100,10 +99,10 @@ def _find_candidate(robot: NominalRobot, effect: str, place: str, parameters: Ma
     if not placed:
         places = dict.fromkeys(c.place for c in known if c.effect == effect)
         raise InputError(f"{effect}, place: expected one of {', '.join(places)}, got {place!r}")
-    fitting = [c for c in placed if set(parameters) <= set(c.parts or c.names)]
+    fitting = [c for c in placed if set(given) <= set(c.parts or c.names)]
     if not fitting:
         names = ", ".join(placed[0].parts or placed[0].names) or "none"
-        raise InputError(f"{effect}: expected parameters {names}, got {', '.join(parameters)}")
+        raise InputError(f"{effect}: expected parameters {names}, got {', '.join(given)}")
     found, kind = min(fitting, key=lambda c: len(c.names)), _KIND_OF[effect]
     if isinstance(found.action, kind) or kind.conversion is None:
         return found
