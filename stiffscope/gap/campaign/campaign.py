@@ -74,6 +74,12 @@ class Sensor:
         return self.measures in {"position", "distance"}
 
     @property
+    def along(self) -> Array:
+        """Direction (6,) of the motion that it measures."""
+        none = (0.0, 0.0, 0.0)
+        return np.array((*none, *self.direction) if self.rotates else (*self.direction, *none))
+
+    @property
     def axis(self) -> int:
         """Index 0 to 5 of the nearest of x y z rx ry rz."""
         return int(np.argmax(np.abs(self.direction))) + 3 * self.rotates

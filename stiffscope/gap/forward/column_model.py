@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.effects.effect import GROWTH
 from stiffscope.gap.campaign.quantities import AXES
 from stiffscope.gap.forward.forward_model import Candidate, Noise, Trial
 
@@ -25,7 +26,7 @@ NOISES = np.geomspace(1e-4, 0.5, 120)  # unknown noise: 0.01 to 50 % of a readin
 OUTLYING = 6.0  # robust standard deviations
 FEW = 0.05  # share of the readings that can be outliers
 _MOST_SCALES = 2
-GROUPS = {"all": AXES, "translation": AXES[:3], "rotation": AXES[3:]} | {axis: (axis,) for axis in AXES}
+GROUPS = {"all": AXES, "translation": AXES[:3], "rotation": AXES[3:], **{x: (x,) for x in AXES}}
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,8 @@ class ColumnPrediction:
         """Return the derivatives (n, 1) with respect to a scale factor; (n, 0) for a rival."""
         if not isinstance(candidate.action, _Scale):
             return np.zeros((len(self.values), 0))
-        return (self.values * candidate.action.chosen / self.factors.get(candidate.name, 1.0))[:, None]
+        factor = self.factors.get(candidate.name, 1.0)
+        return (self.values * candidate.action.chosen / factor)[:, None]
 
     def step(self, candidate: Candidate) -> Array:
         """Return the change (n,) of the values if a rival replaces the model under test."""
@@ -125,7 +127,8 @@ class ColumnModel:
         outlier = self._outliers(sigma, unknown)
         remarks = [f"left out as an outlier: {c.where(int(i))}" for i in np.flatnonzero(outlier)]
         if unknown.any():
-            remarks.insert(0, f"{int(unknown.sum())} readings lack an uncertainty; estimated from residuals")
+            count = int(unknown.sum())
+            remarks.insert(0, f"{count} readings lack an uncertainty; estimated from residuals")
         return Noise(sigma, ~outlier, unknown, NOISES, tuple(remarks))
 
     def _outliers(self, sigma: Array, unknown: Flags) -> Flags:
@@ -147,23 +150,12 @@ class ColumnModel:
         """Return the campaign's own readings, each repeated once."""
         return Trial(self, sigma, np.arange(len(self.campaign)))
 
-    def remarks(self, noise: Noise, unexplained: Array) -> tuple[str, ...]:  # noqa: ARG002 (the protocol's)
+    def remarks(self, noise: Noise, unexplained: Array) -> tuple[str, ...]:  # noqa: ARG002
         """Return no remarks, as predictions contain no physics to check."""
         return ()
 
 
 def _scale(chosen: Flags, places: list[str]) -> Candidate:
     aliases = tuple(f"scale @ {place}" for place in places[1:])
-    return Candidate(
-        "scale",
-        places[0],
-        ("factor",),
-        ("1",),
-        (PRIOR_SCALE,),
-        (PLAUSIBLE,),
-        (-0.9, np.inf),
-        physical=lambda growth: 1.0 + growth,
-        internal=lambda factor: factor - 1.0,
-        aliases=aliases,
-        action=_Scale(chosen),
-    )
+    known = ("factor",), ("1",), (PRIOR_SCALE,), (PLAUSIBLE,), (-0.9, np.inf), *GROWTH
+    return Candidate("scale", places[0], *known, aliases=aliases, action=_Scale(chosen))

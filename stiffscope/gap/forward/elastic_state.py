@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from stiffscope.effects.effect import Changes, Payload
-    from stiffscope.gap.campaign.campaign import Sensor
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
     from stiffscope.runtime.types import Array
     from stiffscope.vjm.loading import Response
@@ -36,7 +35,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.network import Places
 
 _TOOL = slice(0, 6)
-_NEWTON_STEPS = 12
+_NEWTON_STEPS = 13
 _CLOSED = 1e-5  # rad, or relative to the mechanism's length: size of the last Newton step
 
 
@@ -47,11 +46,8 @@ class ElasticState:
     at: RobotAtPoses
     changes: tuple[Changes, ...] = ()
     payloads: tuple[Payload, ...] = ()
-    _known: dict[str, Array] = field(default_factory=dict[str, Any], compare=False)
-
-    def change_elements(self, changes: Sequence[Changes], payloads: Sequence[Payload]) -> ElasticState:
-        """Return the sound robot with changed elements and payloads; itself if there are none."""
-        return ElasticState(self.at, tuple(changes), tuple(payloads)) if changes or payloads else self
+    _nodes: dict[str, Array] = field(default_factory=dict[str, Any], compare=False)
+    _wrenches: dict[str, Array] = field(default_factory=dict[str, Any], compare=False)
 
     @cached_property
     def mechanism(self) -> Mechanism:
@@ -71,21 +67,20 @@ class ElasticState:
         if not self._is_displaced:
             return rest
         order = find_order(self.mechanism, self.at.configurations.linkage)
-        response = solve_loads(order, rest, Loads(1, {}, find_offsets(order, rest)))
-        there, size = bend_places(rest, response), _size(response, order.length)
+        there, loads = rest, Loads(1, {}, find_offsets(order, rest))
         for _ in range(_NEWTON_STEPS):
-            if size < _CLOSED:
+            response = solve_loads(order, there, loads)
+            there = bend_places(there, response)
+            if _size(response, order.length) < _CLOSED:
                 return there
-            response = solve_loads(order, there, Loads(1, {}, find_remaining_offsets(order, there, rest), balanced=1.0))
-            there, size = bend_places(there, response), _size(response, order.length)
-        if not size < _CLOSED:
-            raise InputError("loop closure: no solution for these geometric errors")
-        return there
+            loads = Loads(1, {}, find_remaining_offsets(order, there, rest), balanced=1.0)
+        raise InputError("loop closure: no solution for these geometric errors")
 
     @property
     def _is_displaced(self) -> bool:
         """Whether geometric errors displace the unloaded robot."""
-        return self.at.is_displaced or any(c.displaces or c.spring for each in self.changes for c in each.values())
+        changes = (change for each in self.changes for change in each.values())
+        return self.at.is_displaced or any(c.displaces or c.spring for c in changes)
 
     @cached_property
     def response(self) -> Response:
@@ -97,8 +92,9 @@ class ElasticState:
         return solve_loads(order, where, self.at.unit_loads(where, self.mechanism, self.payloads))
 
     @cached_property
-    def _response(self) -> Response | Softened:
-        return self.response if self._added_compliance is None else soften_elements(self.at, self._added_compliance)
+    def _response(self) -> Softened:
+        added = self._added_compliance
+        return Softened(self.response) if added is None else soften_elements(self.at, added)
 
     @cached_property
     def _added_compliance(self) -> dict[str, Array] | None:
@@ -124,25 +120,20 @@ class ElasticState:
 
     def _node(self, name: str) -> Array:
         """Return the twists (n, 6, cases) of a node at M in base axes."""
-        known = self._response
-        if not isinstance(known, Softened):
-            return known.nodes[name]
         if name not in self._nodes:
-            self._nodes[name] = known.node(name)
+            self._nodes[name] = self._response.node(name)
         return self._nodes[name]
-
-    @cached_property
-    def _nodes(self) -> dict[str, Array]:
-        return {}
 
     @property
     def compliance(self) -> Array:
         """Compliance (p, 6, 6) at M."""
         return self.tool[..., _TOOL]
 
-    def move_sensor(self, sensor: Sensor) -> Array:
-        """Return the motion (p, 6, cases) of a sensor's point relative to its mount; base axes."""
-        where = self.places
+    def move_sensor(self, number: int) -> Array:
+        """Return motions (p, 6, cases) of M (-1), or a sensor's point from its mount; base axes."""
+        if number < 0:
+            return self.tool
+        where, sensor = self.places, self.at.campaign.sensors[number]
 
         def motion(node: str) -> Array:
             back = np.swapaxes(wrenches_at(where, sensor.body, sensor.at), -1, -2)
@@ -164,9 +155,7 @@ class ElasticState:
 
     def transmit_motions(self, name: str) -> Array:
         """Return motions (p, k, cases) in a joint's free directions per terminal unit load."""
-        response = self._response
-        known = response.find_motions(name) if isinstance(response, Softened) else response.elements[name].motions
-        return self._at_every_pose(known)
+        return self._at_every_pose(self._response.find_motions(name))
 
     def move_modes(self, name: str) -> Array:
         """Return motions (s, k, c) in a joint's free directions in each mode of 1 kg modal mass."""
@@ -175,35 +164,35 @@ class ElasticState:
 
     def transmit_wrenches(self, name: str) -> Array:
         """Return wrenches (p, 6m, cases) on an element's ends but the first, own axes."""
-        if name not in self._known:
-            self._known[name] = self._at_every_pose(self._response.find_wrench(self.at.mechanism.rows(name)))
-        return self._known[name]
+        if name not in self._wrenches:
+            wrench = self._response.find_wrench(self.at.mechanism.rows(name))
+            self._wrenches[name] = self._at_every_pose(wrench)
+        return self._wrenches[name]
 
-    def displace_sensor(self, sensor: Sensor | None) -> Array:
-        """Return exact shift and rotation vector (p, 6) of M or a sensor by geometric errors."""
+    def displace_sensor(self, number: int) -> Array:
+        """Return exact shift and rotation (p, 6) of M (-1) or a sensor by geometric errors."""
         if self.places is self.at.rest:
             return np.zeros((len(self.at.campaign.poses), 6))
-        if sensor is None:
-            tool = self.at.mechanism.tool
-            return self._at_every_pose(self._gone(END, tool.at))
+        if number < 0:
+            return self._at_every_pose(self._gone(END, self.at.mechanism.tool.at))
+        sensor = self.at.campaign.sensors[number]
         across = self._gone(sensor.body, np.array(sensor.at))
         if sensor.against == GROUND:
             return self._at_every_pose(across)
         rest, there = self.at.rest, self.places  # the point carried by the sensor's mount
         point = rest.point(sensor.body, np.array(sensor.at))
-        r0, r1 = rest.rotation[sensor.against], there.rotation[sensor.against]
-        home = (np.swapaxes(r0, -1, -2) @ (point - rest.position[sensor.against])[..., None])[..., 0]
-        carried = (r1 @ home[..., None])[..., 0] + there.position[sensor.against] - point
-        turned = rotation_vector(r1 @ np.swapaxes(r0, -1, -2))
-        return self._at_every_pose(across - np.concatenate(np.broadcast_arrays(carried, turned), axis=-1))
+        back = np.swapaxes(rest.rotation[sensor.against], -1, -2)
+        turn = there.rotation[sensor.against]
+        home = back @ (point - rest.position[sensor.against])[..., None]
+        carried = (turn @ home)[..., 0] + there.position[sensor.against] - point
+        return self._at_every_pose(across - _join(carried, rotation_vector(turn @ back)))
 
     def _gone(self, node: str, home: Array) -> Array:
         """Return a body point's translation and rotation vector (n, 6) from the nominal pose."""
         rest, there = self.at.rest, self.places
         away = there.point(node, home) - rest.point(node, home)
-        turned = rotation_vector(there.rotation[node] @ np.swapaxes(rest.rotation[node], -1, -2))
-        n = max(len(away), len(turned))
-        return np.concatenate([np.broadcast_to(away, (n, 3)), np.broadcast_to(turned, (n, 3))], axis=1)
+        turn = there.rotation[node] @ np.swapaxes(rest.rotation[node], -1, -2)
+        return _join(away, rotation_vector(turn))
 
     @cached_property
     def _modes(self) -> Modes:
@@ -213,7 +202,8 @@ class ElasticState:
         found = modes(self._loaded_mechanism, at.configurations[at.shaken], count)
         if found.frequencies.shape[1] < count or np.isnan(found.frequencies).any():
             row = int(np.argmax(c.kind == FREQUENCY))
-            raise InputError(f"{c.where(row)}: quantity: expected one of the modes that the robot has, got f{count}")
+            where = f"{c.where(row)}: quantity"
+            raise InputError(f"{where}: expected one of the modes that the robot has, got f{count}")
         return found
 
     @cached_property
@@ -230,8 +220,9 @@ class ElasticState:
         """Equilibrium under the inertial loads ``ω² M v`` of each mode v, at maximum deflection."""
         found, where = self._modes.configurations, place_nodes(self._modes.configurations)
         squares = np.square(2.0 * np.pi * self.frequencies)[:, None]
-        forces = find_inertial_forces(self._loaded_mechanism, where, self._modes.shapes)
-        loads = Loads(squares.shape[2], {node: force * squares for node, force in forces.items()}, balanced=1.0)
+        inertia = find_inertial_forces(self._loaded_mechanism, where, self._modes.shapes)
+        forces = {node: force * squares for node, force in inertia.items()}
+        loads = Loads(squares.shape[2], forces, balanced=1.0)
         return solve_loads(find_order(self.mechanism, found.linkage), where, loads)
 
     def load_modes(self, name: str) -> Array:
@@ -250,9 +241,9 @@ class Softened:
     """Response of a robot with softened elements, in terms of responses of the sound robot."""
 
     sound: Response
-    cuts: tuple[Response, ...]
+    cuts: tuple[Response, ...] = ()
     """Responses to unit twists between the ends of each softened element."""
-    slips: tuple[Array, ...]
+    slips: tuple[Array, ...] = ()
     """Additional deformation (n, 6, cases) of each softened element."""
 
     def node(self, name: str) -> Array:
@@ -285,14 +276,19 @@ def soften_elements(at: RobotAtPoses, added: Mapping[str, Array]) -> Softened:
     """
     sound, names = at.response, list(added)
     if not names:
-        return Softened(sound, (), ())
+        return Softened(sound)
     cuts = tuple(at.cut(name) for name in names)
     rows = [row for name in names for row in at.mechanism.rows(name)]
     gains = [cut.find_wrench(rows) @ added[own] for cut, own in zip(cuts, names, strict=True)]
     carried = np.linalg.solve(np.eye(6 * len(rows)) - stack_columns(gains), sound.find_wrench(rows))
     ends = np.cumsum([len(added[name]) for name in names])[:-1]
-    slips = (added[name] @ part for name, part in zip(names, np.split(carried, ends, axis=1), strict=True))
-    return Softened(sound, cuts, tuple(slips))
+    parts = zip(added.values(), np.split(carried, ends, axis=1), strict=True)
+    return Softened(sound, cuts, tuple(compliance @ part for compliance, part in parts))
+
+
+def _join(shift: Array, turn: Array) -> Array:
+    """Return six components (n, 6) of shifts (n or 1, 3) and rotations (n or 1, 3)."""
+    return np.concatenate(np.broadcast_arrays(shift, turn), axis=-1)
 
 
 def _size(response: Response, length: float) -> float:

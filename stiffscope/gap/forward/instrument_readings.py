@@ -12,10 +12,12 @@ from stiffscope.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 from stiffscope.gap.campaign.quantities import AXES, DEVIATION, FREQUENCY
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from stiffscope.effects.effect import Influence, Row
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.forward_model import Parameters
-    from stiffscope.runtime.types import Array, Flags
+    from stiffscope.runtime.types import Array, Flags, Indices
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class InstrumentReadings:
     @cached_property
     def influences(self) -> tuple[Influence, ...]:
         """Changes by each effect."""
-        return tuple(candidate.action.influence(np.array(values)) for candidate, values in self.parameters)
+        return tuple(c.action.influence(np.array(values)) for c, values in self.parameters)
 
     def instrument(self, sensor: int) -> Array:
         """Return the matrix (6, 6) from true to shown motion of a sensor, or (-1) at M."""
@@ -50,8 +52,9 @@ class InstrumentReadings:
 
     def _names_of(self, sensor: int) -> tuple[str, ...]:
         """Return names of an instrument in effects; `instrument` is all if nothing is read at M."""
-        own = () if sensor < 0 else (self.campaign.sensors[sensor].name,)
-        return tuple(dict.fromkeys((*own, *((INSTRUMENT,) if sensor < 0 or not self.at_tool.any() else ()))))
+        own = [] if sensor < 0 else [self.campaign.sensors[sensor].name]
+        common = [INSTRUMENT] if sensor < 0 or not self.at_tool.any() else []
+        return tuple(dict.fromkeys(own + common))
 
     def gain(self, sensor: int) -> float:
         """Return the mean gain of an instrument over all directions."""
@@ -67,17 +70,20 @@ class InstrumentReadings:
         c = self.campaign
         return (c.sensor < 0) & (c.kind < FREQUENCY)
 
-    def look(self, sensor: int) -> Array:
-        """Return the direction of motion (6,) that a sensor measures."""
-        s = self.campaign.sensors[sensor]
-        return np.concatenate([np.zeros(3), s.direction] if s.rotates else [s.direction, np.zeros(3)])
+    def by_sensor(self, chosen: Flags) -> Iterator[tuple[int, Indices]]:
+        """Yield every sensor, and -1 for M, that has chosen readings (n,), with their rows."""
+        for k in range(-1, len(self.campaign.sensors)):
+            rows = np.flatnonzero(chosen & (self.campaign.sensor == k))
+            if rows.size:
+                yield k, rows
 
     def shown_by(self, place: str) -> Flags:
         """Return flags (n,) of an instrument's readings; that at M means all if M is not read."""
         c = self.campaign
         if place in {INSTRUMENT, TRANSLATION, ROTATION}:
             shown = self.at_tool if self.at_tool.any() else (c.sensor >= 0) & (c.kind <= DEVIATION)
-            return shown if place == INSTRUMENT else shown & ((c.direction >= 3) == (place == ROTATION))
+            part = True if place == INSTRUMENT else (c.direction >= 3) == (place == ROTATION)
+            return shown & part
         if place in AXES:
             return (c.sensor < 0) & (c.direction == AXES.index(place)) & (c.kind <= DEVIATION)
         names = [sensor.name for sensor in c.sensors]

@@ -70,7 +70,8 @@ def noise_of(model: ForwardModel) -> Noise:
     gap = campaign.value - prediction.values
     unknown = np.isnan(campaign.sigma)
     sigma = np.where(unknown, _first_guess(campaign, gap, x), campaign.sigma)
-    noise = Noise(sigma, np.ones(len(gap), dtype=np.bool_), np.zeros(len(gap), dtype=np.bool_), np.ones(1))
+    every = np.ones(len(gap), dtype=np.bool_)
+    noise = Noise(sigma, every, ~every, np.ones(1))
     if len(gap) <= 2 * x.shape[1]:
         return noise
     fit, columns = _Fit(np.zeros(len(gap)), 1.0), _Columns(LOOSE * x / sigma[:, None])
@@ -78,7 +79,8 @@ def noise_of(model: ForwardModel) -> Noise:
         fit = _joint_fit(columns, gap / noise.sigma, noise.used, fit)
         before = noise.sigma
         noise, fit = _judge_noise(campaign, noise, fit)
-        columns = columns if np.array_equal(before, noise.sigma) else _Columns(LOOSE * x / noise.sigma[:, None])
+        if not np.array_equal(before, noise.sigma):
+            columns = _Columns(LOOSE * x / noise.sigma[:, None])
     return _add_remarks(campaign, noise, fit)
 
 
@@ -130,7 +132,8 @@ def _add_remarks(c: Campaign, noise: Noise, fit: _Fit) -> Noise:
         ratio = _scatter(fit.residual[known & noise.used]) / np.sqrt(fit.free)
         if ratio < OVERSTATED:
             sigma = np.where(known, ratio * sigma, sigma)
-            remarks.append(f"uncertainties {1 / ratio:.2g} times the observed scatter were scaled down")
+            times = f"{1 / ratio:.2g} times the observed scatter"
+            remarks.append(f"uncertainties {times} were scaled down")
     if not noise.used.all():
         remarks.append(f"{int((~noise.used).sum())} gross outliers were left out")
     return replace(noise, sigma=sigma, remarks=tuple(remarks))

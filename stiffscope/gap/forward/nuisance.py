@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.effect import UNNAMED, Candidate
+from stiffscope.effects.effect import FREE, UNNAMED, Candidate
 from stiffscope.effects.elements import ElementEffect, along_drive
 from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, DEVIATION
 from stiffscope.gap.forward.robot_prediction import Gain, Pattern
 from stiffscope.vjm.mechanism import Change
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from stiffscope.effects.effect import Changes
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
@@ -30,24 +30,26 @@ if TYPE_CHECKING:
 _FULL_FORCE = 0.2  # fraction of a drive's largest force that overcomes friction
 _SPRING = 1e6  # N/m: spring to the frame per unit parameter
 _LIKE_FORCE = 100.0  # N or N·m: joint load at which parameters equal deformations, m or rad
+_LAWS = (np.positive, np.cbrt, lambda force: force * np.abs(force))  # of nonlinear stiffening
 _MOST_SESSIONS = 6
 _MOST_CROSSED = 12  # most instruments and directions
 
 
 def nuisance_patterns(nominal: RobotReadings) -> tuple[Candidate, ...]:
     """Return unnamed faults of parts, surroundings, joints and instruments."""
-    at = nominal.robot_at_poses
-    swarm = (replace(pattern, swarming=True) for pattern in (*_play_of(at), *_stiffening_of(nominal)))
+    at = nominal.at
+    swarm = (replace(p, swarming=True) for p in (*_play_of(at), *_stiffening_of(nominal)))
     return (*_parts(at), *_readings(at), *_crossings(at), *_sizes(at), *swarm)
 
 
 def _parts(at: RobotAtPoses) -> Iterator[Candidate]:
     """Bodies that are bowed."""
     nominal = at.robot
-    rods = {part: nominal.robot.bodies_of(part) for part in nominal.robot.parts}
-    for part, bodies in rods.items():
-        for names in ([*bodies], *([name] for name in bodies if len(bodies) > 1)):
-            if names and all(name in nominal.links and nominal.compliances[name].any() for name in names):
+    soft = {name for name in nominal.links if nominal.compliances[name].any()}
+    for part in nominal.robot.parts:
+        bodies = nominal.robot.bodies_of(part)
+        for names in (bodies, *((name,) for name in bodies if len(bodies) > 1)):
+            if names and soft.issuperset(names):
                 lengths = {name: nominal.length(name) for name in names}
                 place = f"bowed bodies, {part}" if len(names) > 1 else f"a bowed body, {names[0]}"
                 yield _make_unnamed(place, (1e-4,), ElementEffect(partial(_bow, lengths)), "bowed")
@@ -58,27 +60,26 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
     c, drives = at.campaign, list(at.robot.driven)
     read, sessions = np.unique(c.channel[c.kind <= DEVIATION]), len(c.session_names)
     channels, middle = len(read), at.configurations.tool[:, :3].mean(axis=0)
-    apart, drift = partial(_by_channel, read, None), partial(_by_channel, read, _time)
+    apart = partial(_by_channel, read)
     yield _make_unnamed("a drift of the gain in time", (0.05,), Gain(lambda p: _time(p)[:, None]))
     if not channels:
         return
-    yield _make_unnamed("a drift of the readings in time", (5e-6,) * channels, Pattern(drift))
+    drift = Pattern(lambda p: _time(p)[:, None] * apart(p))
+    yield _make_unnamed("a drift of the readings in time", (5e-6,) * channels, drift)
     yield _make_unnamed("a gain of its own in every direction", (0.05,) * channels, Gain(apart))
     if sessions > 1 and sessions <= _MOST_SESSIONS:
         last = Gain(lambda p: np.where(p.campaign.session == c.session.max(), 1.0, 0.0)[:, None])
         yield _make_unnamed("a gain of its own in a session", (0.05,), last)
-        yield _make_unnamed(
-            "hysteresis between sessions of loading and unloading", (0.05,) * sessions, Pattern(_hysteresis)
-        )
+        loops = "hysteresis between sessions of loading and unloading"
+        yield _make_unnamed(loops, (0.05,) * sessions, Pattern(_hysteresis))
     yield _make_unnamed("a wrench that acts beside its point", (0.01,) * 3, Pattern(_off_centre))
     if drives:
-        start = at.configurations.drives.mean(axis=0)
-        yield _make_unnamed("errors that grow along the rail", (1e-3,) * len(drives), Pattern(partial(_pitch, start)))
+        pitch = Pattern(partial(_pitch, at.configurations.drives.mean(axis=0)))
+        yield _make_unnamed("errors that grow along the rail", (1e-3,) * len(drives), pitch)
         yield _make_unnamed("less motion at small loads", (1e-5,) * len(drives), Pattern(_friction))
     if at.used_loads[:6].all():
-        yield _make_unnamed(
-            "a stiffness towards the frame, growing with the distance", (0.01,) * 6, Pattern(partial(_tether, middle))
-        )
+        springs = "a stiffness towards the frame, growing with the distance"
+        yield _make_unnamed(springs, (0.01,) * 6, Pattern(partial(_tether, middle)))
     yield _make_unnamed("a zero of its own in every direction", (1e-5,) * channels, Pattern(apart))
 
 
@@ -91,18 +92,19 @@ def _crossings(at: RobotAtPoses) -> Iterator[Candidate]:
     names = [name + (" at M" if k in at_tool else "") for k, name in enumerate(c.instruments)]
     for sink in read if len(sources) <= _MOST_CROSSED else ():
         for source in sorted(sources - {sink}):
+            place = f"cross-talk from {names[source]} into {names[sink]}"
             crossed = Pattern(partial(_crosstalk, sink, source))
-            yield _make_unnamed(f"cross-talk from {names[source]} into {names[sink]}", (0.05,), crossed, "cross-talk")
+            yield _make_unnamed(place, (0.05,), crossed, "cross-talk")
 
 
 def _sizes(at: RobotAtPoses) -> Iterator[Candidate]:
     """Yield rigid bodies larger or smaller than drawn."""
     for body in at.mechanism.bodies if at.campaign.shows_rest.any() else ():
-        held = tuple(joint for joint in at.mechanism.joints if body.name in (joint.first, joint.second))
+        held = tuple(j for j in at.mechanism.joints if body.name in (j.first, j.second))
         if body.elastic is None and len(held) > 1:
-            middle = np.mean([joint.at for joint in held], axis=0) if body.centre is None else body.centre
-            stretched = Pattern(partial(_stretch, body.name, middle, held))
-            yield _make_unnamed(f"a body of another size, {body.name}", (3e-4,) * 3, stretched, "size")
+            middle = np.mean([j.at for j in held], axis=0) if body.centre is None else body.centre
+            size = Pattern(partial(_stretch, body.name, middle, held))
+            yield _make_unnamed(f"a body of another size, {body.name}", (3e-4,) * 3, size, "size")
 
 
 def _play_of(at: RobotAtPoses) -> Iterator[Candidate]:
@@ -114,7 +116,7 @@ def _play_of(at: RobotAtPoses) -> Iterator[Candidate]:
 
 def _stiffening_of(nominal: RobotReadings) -> Iterator[Candidate]:
     """Yield nonlinear stiffening of passive joints (across their axes) and drives."""
-    at, known = nominal.robot_at_poses, nominal.campaign.sigma
+    at, known = nominal.at, nominal.campaign.sigma
     weight = 1.0 / np.where(np.isnan(known), 1.0, known)[:, None]
     along = {name: np.abs(along_drive(joint)) for name, joint in at.robot.driven.items()}
     for place, axes in (*_places(at, _passive(at)), *_places(at, along)):
@@ -133,7 +135,7 @@ def _places(at: RobotAtPoses, axes: Mapping[str, Array]) -> Iterator[tuple[str, 
 
 def _passive(at: RobotAtPoses) -> dict[str, Array]:
     """Return passive joints with their constrained transverse directions (6,)."""
-    return {joint.name: _find_held_across(joint) for joint in at.mechanism.joints if joint.drive is None}
+    return {j.name: _find_held_across(j) for j in at.mechanism.joints if j.drive is None}
 
 
 def _find_held_across(joint: Joint) -> Array:
@@ -143,10 +145,12 @@ def _find_held_across(joint: Joint) -> Array:
     return held
 
 
-def _make_unnamed(place: str, scale: tuple[float, ...], action: object, pattern: str = "") -> Candidate:
-    names, units = tuple(f"p{k + 1}" for k in range(len(scale))), ("",) * len(scale)
-    free = ((-np.inf, np.inf),) * len(scale)
-    return Candidate(UNNAMED, place, names, units, scale, free, pattern=pattern or place, action=action)
+def _make_unnamed(
+    place: str, scale: tuple[float, ...], action: object, kind: str = ""
+) -> Candidate:  # fmt: skip
+    names, count = tuple(f"p{k + 1}" for k in range(len(scale))), len(scale)
+    own = names, ("",) * count, scale, (FREE,) * count
+    return Candidate(UNNAMED, place, *own, pattern=kind or place, action=action)
 
 
 def _bow(lengths: Mapping[str, float], values: Array) -> Changes:
@@ -159,20 +163,21 @@ def _bow(lengths: Mapping[str, float], values: Array) -> Changes:
 
 def _stretch(body: str, middle: Array, held: Sequence[Joint], prediction: RobotReadings) -> Array:
     """Return columns (n, 3) of a rigid body stretched along home x, y, z about its middle (3,)."""
-    where, pose, still = prediction.robot_at_poses.rest, prediction.campaign.pose, prediction.campaign.shows_rest
-    columns = np.zeros((len(pose), 3))
+    c, where = prediction.campaign, prediction.at.rest
+    columns = np.zeros((len(c), 3))
     for joint in held:
         axes = where.rotation[joint.first] @ joint.axes
-        away = np.swapaxes(axes, -1, -2) @ where.rotation[body] @ np.diag(joint.at - middle)  # (p or 1, 3, 3)
-        away = np.broadcast_to(away if body == joint.first else -away, (pose.max() + 1, 3, 3))
-        columns += np.einsum("ni,nik->nk", prediction.find_wrenches(joint.name)[0][:, :3], away[pose])
-    return np.where(still[:, None], columns, 0.0)
+        away = np.swapaxes(axes, -1, -2) @ where.rotation[body] @ np.diag(joint.at - middle)
+        away = np.broadcast_to(away if body == joint.first else -away, (len(c.poses), 3, 3))
+        force = prediction.find_wrenches(joint.name)[0][:, :3]
+        columns += np.einsum("ni,nik->nk", force, away[c.pose])
+    return np.where(c.shows_rest[:, None], columns, 0.0)
 
 
-def _by_channel(read: Indices, find_size: Callable[[RobotReadings], Array] | None, prediction: RobotReadings) -> Array:
-    """Columns (n, k): a size (n,), by default one, in each of the instruments and directions read (k,)."""
+def _by_channel(read: Indices, prediction: RobotReadings) -> Array:
+    """Return columns (n, k): 1 for readings of each of the instruments and directions read (k,)."""
     c = prediction.campaign
-    size = np.where(c.kind <= DEVIATION, find_size(prediction) if find_size else 1.0, 0.0)
+    size = np.where(c.kind <= DEVIATION, 1.0, 0.0)
     return size[:, None] * (c.channel[:, None] == read)
 
 
@@ -210,17 +215,15 @@ def _crosstalk(sink: int, source: int, prediction: RobotReadings) -> Array:
 def _off_centre(prediction: RobotReadings) -> Array:
     """Return columns of a wrench that acts beside its point, so that its force has moments."""
     force = np.nan_to_num(prediction.campaign.wrench[:, :3])
-    return np.stack([prediction.applied_motion(np.cross(axis, force)) for axis in np.eye(3)], axis=1)
+    return np.column_stack([prediction.applied_motion(np.cross(axis, force)) for axis in np.eye(3)])
 
 
 def _pitch(start: Array, prediction: RobotReadings) -> Array:
     """Return columns of pitch errors of drives, zero at the mean drive position (d,)."""
-    c = prediction.campaign
-    still, away = c.shows_rest, prediction.robot_at_poses.configurations.drives - start
-    columns: list[Array] = []
-    for k, drive in enumerate(prediction.robot_at_poses.robot.driven):
-        columns.append(np.where(still, away[c.pose, k] * prediction.by_drive(drive), 0.0))
-    return np.stack(columns, axis=1)
+    c, at = prediction.campaign, prediction.at
+    away = (at.configurations.drives - start)[c.pose]
+    moved = np.column_stack([prediction.by_drive(drive) for drive in at.robot.driven])
+    return np.where(c.shows_rest[:, None], away * moved, 0.0)
 
 
 def _tether(middle: Array, prediction: RobotReadings) -> Array:
@@ -228,7 +231,7 @@ def _tether(middle: Array, prediction: RobotReadings) -> Array:
     c = prediction.campaign
     columns: list[Array] = []
     read, applied = prediction.at_terminals
-    places = prediction.robot_at_poses.configurations.tool[:, :3]
+    places = prediction.at.configurations.tool[:, :3]
     for k in range(3):
         columns.append(-_SPRING * read[:, k] * np.where(c.shows_rest, 0.0, applied[:, k]))
         pull = -_SPRING * (places[:, k] - middle[k])
@@ -243,26 +246,27 @@ def _play(across: Mapping[str, Array], prediction: RobotReadings) -> Array:
         read, force = (each * axes for each in prediction.find_wrenches(name))
         signs = prediction.find_signs(force)
         size = np.linalg.norm(force, axis=1, keepdims=True)
-        round_gap = np.where(signs.any(axis=1, keepdims=True), force / np.where(size > 0.0, size, 1.0), 0.0)
+        unit = force / np.where(size > 0.0, size, 1.0)
+        round_gap = np.where(signs.any(axis=1, keepdims=True), unit, 0.0)
         columns += np.stack([np.sum(read * each, axis=1) for each in (round_gap, signs)], axis=1)
     return columns
 
 
-def _make_stiffening(across: Mapping[str, Array], shares: Array, prediction: RobotReadings) -> Array:
+def _make_stiffening(axes: Mapping[str, Array], shares: Array, prediction: RobotReadings) -> Array:
     """Return nonlinear deformation less shares (1, 2) of the linear one, a known effect."""
-    straight, curved = np.split(_make_yielding(across, prediction), [1], axis=1)
+    straight, curved = np.split(_make_yielding(axes, prediction), [1], axis=1)
     return curved - straight @ shares
 
 
 def _make_yielding(across: Mapping[str, Array], prediction: RobotReadings) -> Array:
     """Return deformation (n, 3) by force, its cube root and its square, beyond that at rest."""
     c = prediction.campaign
-    columns = np.zeros((len(c), 3))
+    columns, still = np.zeros((len(c), 3)), c.shows_rest[:, None]
     for name, axes in across.items():
         read, force = (each * axes for each in prediction.find_wrenches(name))
-        rest = np.where(c.shows_rest[:, None], 0.0, prediction.find_rest_wrench(name) * axes) / _LIKE_FORCE
+        rest = np.where(still, 0.0, prediction.find_rest_wrench(name) * axes) / _LIKE_FORCE
         whole = rest + force / _LIKE_FORCE
-        steps = [whole - rest, np.cbrt(whole) - np.cbrt(rest), whole * np.abs(whole) - rest * np.abs(rest)]
+        steps = [law(whole) - law(rest) for law in _LAWS]
         columns += np.stack([np.sum(read * step, axis=1) for step in steps], axis=1)
     return np.where((c.kind <= DEVIATION)[:, None], columns, 0.0)
 
@@ -271,7 +275,7 @@ def _friction(prediction: RobotReadings) -> Array:
     """Return columns of Coulomb friction: motion lost by a fixed amount towards the force."""
     deflected = prediction.campaign.kind == DEFLECTION
     columns: list[Array] = []
-    for drive in prediction.robot_at_poses.robot.driven:
+    for drive in prediction.at.robot.driven:
         force = np.where(deflected, prediction.drive_force(drive), 0.0)
         lost = np.clip(force / max(_FULL_FORCE * np.abs(force).max(initial=0.0), 1e-9), -1.0, 1.0)
         columns.append(lost * prediction.by_drive(drive))

@@ -18,7 +18,7 @@ _LEAST = 3  # fewest points that determine an orientation
 def find_outlying(left: Array) -> Flags:
     """Return flags (n,) of outlying residuals."""
     spread = 1.4826 * np.median(np.abs(left)) if len(left) else 0.0
-    return np.abs(left) > _OUTLYING * spread if spread > 0.0 else np.zeros(len(left), dtype=np.bool_)
+    return np.abs(left) > (_OUTLYING * spread if spread > 0.0 else np.inf)
 
 
 def find_frame(triples: Indices, ranged: Flags, points: Array, read: Array) -> tuple[Array, Array]:
@@ -45,7 +45,7 @@ def align_points(seen: Array, there: Array) -> tuple[Array, Array]:
 
     References
     ----------
-    Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A 32 (1976), 922-923.
+    Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A 32 (1976).
     """
     used = np.ones(len(seen), dtype=np.bool_)
     rotation, origin = np.eye(3), np.zeros(3)
@@ -74,7 +74,8 @@ def locate_by_distances(points: Array, lengths: Array) -> Array:
     solid = size > _FLAT * size[0]
     q = p @ axes[solid].T
     design = np.column_stack([-2.0 * q, np.ones(len(q))])
-    solution = cast("Array", np.linalg.lstsq(design, lengths**2 - np.sum(q**2, axis=1), rcond=None)[0])
+    right = lengths**2 - np.sum(q**2, axis=1)
+    solution = cast("Array", np.linalg.lstsq(design, right, rcond=None)[0])
     x = solution[:-1] @ axes[solid]
     left = max(float(solution[-1] - x @ x), 0.0)
     if not solid.all():

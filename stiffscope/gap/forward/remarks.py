@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 _SIGNIFICANT = 3.0  # standard deviations
 _OVERTAKES = 0.25  # ratio of misfits below which stiffnesses and pushes seem swapped
 _EVIDENT = 25.0  # least improvement of χ² by such a swap
+_SWAPS = ((STIFFNESS, PUSH, "k", "p", "free"), (PUSH, STIFFNESS, "p", "k", "held"))
 
 
 def find_remarks(
@@ -40,7 +41,8 @@ def find_remarks(
     weight
         Change (n,) of the readings by the robot's weight; zero if the model includes it.
     """
-    return (*_beyond_bounds(nominal, noise), *_mistaken(nominal, swap, noise), *_too_weak(weight, noise, unexplained))
+    gravity = _too_weak(weight, noise, unexplained)
+    return (*_beyond_bounds(nominal, noise), *_mistaken(nominal, swap, noise), *gravity)
 
 
 def _beyond_bounds(nominal: RobotReadings, noise: Noise) -> list[str]:
@@ -50,33 +52,29 @@ def _beyond_bounds(nominal: RobotReadings, noise: Noise) -> list[str]:
     if not len(stiff):
         return []
     limit = nominal.plain_readings[stiff]
-    over = (c.value[stiff] - limit) / noise.sigma[stiff] > _SIGNIFICANT + np.sqrt(2.0 * np.log(len(stiff)))
+    least = _SIGNIFICANT + np.sqrt(2.0 * np.log(len(stiff)))
+    over = (c.value[stiff] - limit) / noise.sigma[stiff] > least
     if not over.any():
         return []
     axes = ", ".join(sorted({f"k{AXES[d]}" for d in c.direction[stiff[over]]}))
     worst = float((c.value[stiff] / limit)[over].max())
-    return [f"{axes} exceed the model values up to {worst:.3g} times; added compliance cannot explain this"]
+    times = f"up to {worst:.3g} times"
+    return [f"{axes} exceed the model values {times}; added compliance cannot explain this"]
 
 
 def _mistaken(nominal: RobotReadings, swap: Swap, noise: Noise) -> list[str]:
     """Return a remark if stiffnesses fit far better as pushes, or vice versa."""
     c = nominal.campaign
     out: list[str] = []
-    for kind, other, told in ((STIFFNESS, PUSH, "k"), (PUSH, STIFFNESS, "p")):
+    for kind, other, told, meant, held in _SWAPS:
         mine = np.flatnonzero((c.kind == kind) & noise.used)
         if not mine.size:
             continue
-        swapped = swap(kind, other)
-        now, then = (
-            float(np.sum(((c.value - values)[mine] / noise.sigma[mine]) ** 2))
-            for values in (nominal.plain_readings, swapped)
-        )
+        left = (c.value - nominal.plain_readings, c.value - swap(kind, other))
+        now, then = (float(np.sum((each[mine] / noise.sigma[mine]) ** 2)) for each in left)
         if then < _OVERTAKES * now and now - then > _EVIDENT:
-            meant, held = ("p", "free") if told == "k" else ("k", "held")
-            out.append(
-                f"the stiffnesses {told}.. fit far better as {meant}.., with all other motions {held}: "
-                f"χ² {then:.3g} instead of {now:.3g}"
-            )
+            better = f"fit far better as {meant}.., with all other motions {held}"
+            out.append(f"the stiffnesses {told}.. {better}: χ² {then:.3g} instead of {now:.3g}")
     return out
 
 
@@ -89,4 +87,5 @@ def _too_weak(step: Array, noise: Noise, unexplained: Array) -> list[str]:
     strength = float(column @ unexplained[noise.used]) / size
     if not abs(strength) > _SIGNIFICANT * max(1.0, 1.0 / np.sqrt(size)):
         return []
-    return [f"gravity would have to be {strength:.3g} times its value to explain the gap: not the cause"]
+    times = f"{strength:.3g} times its value"
+    return [f"gravity would have to be {times} to explain the gap: not the cause"]

@@ -59,7 +59,8 @@ class RobotAtPoses:
     @cached_property
     def is_displaced(self) -> bool:
         """Whether the nominal model contains geometric errors or springs."""
-        return any(e.is_displaced or e.sprung or (e.joint and e.joint.spring) for e in list_elements(self.mechanism))
+        elements = list_elements(self.mechanism)
+        return any(e.is_displaced or e.sprung or (e.joint and e.joint.spring) for e in elements)
 
     @cached_property
     def rest(self) -> Places:
@@ -73,7 +74,8 @@ class RobotAtPoses:
     @cached_property
     def response(self) -> Response:
         """Equilibrium under unit loads at all terminals."""
-        return solve_condensed(self._condensed_network, self.unit_loads(self.rest, self.mechanism, ()))
+        loads = self.unit_loads(self.rest, self.mechanism, ())
+        return solve_condensed(self._condensed_network, loads)
 
     def cut(self, name: str) -> Response:
         """Return the equilibrium for unit twists, own axes, of an element's ends from the first."""
@@ -82,8 +84,8 @@ class RobotAtPoses:
                 del self._cuts[next(iter(self._cuts))]
             rows = self.mechanism.rows(name)
             unit: Array = np.eye(6 * len(rows)).reshape(len(rows), 1, 6, -1)
-            slips: dict[str, Array] = dict(zip(rows, unit, strict=True))
-            self._cuts[name] = solve_condensed(self._condensed_network, Loads(6 * len(rows), {}, slips))
+            slips = Loads(6 * len(rows), {}, dict(zip(rows, unit, strict=True)))
+            self._cuts[name] = solve_condensed(self._condensed_network, slips)
         return self._cuts[name]
 
     @cached_property
@@ -111,10 +113,11 @@ class RobotAtPoses:
         """Force (p, k, k) of each nonlinear drive per unit shift of each."""
         driven = self.robot.driven
         rows = {name: along_drive(driven[name]) for name in self.laws}
-        cuts = [[row @ self.cut(shifted).elements[name].wrench @ rows[shifted] for shifted in rows]
-                for name, row in rows.items()]  # fmt: skip
-        found = np.array([[np.broadcast_to(each, len(self.campaign.poses)) for each in line] for line in cuts])
-        return np.moveaxis(found, 2, 0)
+        out = np.empty((len(self.campaign.poses), len(rows), len(rows)))
+        for i, name in enumerate(rows):
+            for j, shifted in enumerate(rows):
+                out[:, i, j] = rows[name] @ self.cut(shifted).elements[name].wrench @ rows[shifted]
+        return out
 
     @cached_property
     def configurations(self) -> Configurations:
@@ -132,21 +135,20 @@ class RobotAtPoses:
         where = c.where(int(np.argmax(c.pose == pose)))
         points = np.array([joint.at for joint in self.mechanism.joints])
         size = float(np.ptp(points, axis=0).max() + np.abs(points).max())
+        kinds = {f"{JOINT}{joint.name}": joint.kind for joint in self.mechanism.joints}
         beyond: dict[str, tuple[float, float, str, str]] = {}
         for name, value in zip(c.coordinates, c.poses[pose].tolist(), strict=True):
-            turns = name in AXES[3:] or (
-                name.startswith(JOINT) and self.mechanism.joint(name.removeprefix(JOINT)).kind == "revolute"
-            )
+            turns = name in AXES[3:] or kinds.get(name) == "revolute"
             limit, units = (2.0 * np.pi, ("rad", "deg")) if turns else (5.0 * size, ("m", "mm"))
             beyond[name] = abs(value) / limit, value, *units
         name = max(beyond, key=lambda each: beyond[each][0])
         times, value, unit, other = beyond[name]
         if times > 1.0:
-            meant = f'in {other}, as `units = {{ "{name}" = "{other}" }}` of campaign.toml would say?'
+            meant = f'in {other}? Then add `units = {{ "{name}" = "{other}" }}` to campaign.toml'
             return InputError(f"{where}: {name}: expected {unit}, got {value:g}: {meant}")
         field = ", ".join(c.coordinates) if c.pose_names[pose].startswith("(") else "pose"
-        message = f"expected a pose that the robot reaches, got {c.pose_names[pose]}: {found.reason(pose)}"
-        return InputError(f"{where}: {field}: {message}")
+        got = f"{c.pose_names[pose]}: {found.reason(pose)}"
+        return InputError(f"{where}: {field}: expected a pose that the robot reaches, got {got}")
 
     @cached_property
     def instruments(self) -> Instruments:
@@ -188,11 +190,12 @@ class RobotAtPoses:
         for sensor in self.campaign.sensors:
             end = max(each.stop for each in out)
             own = slice(end, end + (6 if sensor.absolute else 1))
-            out.append(targets.setdefault(sensor.target or sensor.name, own) if sensor.absolute else own)
+            name = sensor.target or sensor.name
+            out.append(targets.setdefault(name, own) if sensor.absolute else own)
         return [*out, slice(6, max(each.stop for each in out))]
 
     def load_cases(self, load: int) -> slice:
-        """Return the columns of a load's six wrench components."""
+        """Return the columns of the six wrench components of a load, or (-1) at M."""
         return slice(6 + 6 * load, 12 + 6 * load)
 
     @cached_property
@@ -202,7 +205,8 @@ class RobotAtPoses:
         moving = c.is_motion
         large = np.where(moving, 0, 1 + c.quantity)
         apart = np.where(c.kind == POSITION, c.session, 0)  # instruments that are set up again
-        senses = np.stack([c.pose, apart, c.channel, np.where(moving, c.direction, 0), large], axis=1)
+        axis = np.where(moving, c.direction, 0)
+        senses = np.stack([c.pose, apart, c.channel, axis, large], axis=1)
         wrench = np.unique(np.nan_to_num(c.wrench), axis=0, return_inverse=True)[1].ravel()
         drives = np.stack([c.pose, c.kind, c.load, wrench, large], axis=1)
         out: list[tuple[Indices, Indices]] = []
@@ -243,8 +247,9 @@ class RobotAtPoses:
     def _firm(self) -> bool:
         """Whether the tool supports every wrench at M."""
         found = self.configurations[:1]
+        order = find_order(self.mechanism, found.linkage)
         try:
-            solve_loads(find_order(self.mechanism, found.linkage), place_nodes(found), Loads(6, {END: np.eye(6)[None]}))
+            solve_loads(order, place_nodes(found), Loads(6, {END: np.eye(6)[None]}))
         except InputError:
             return False
         return True
@@ -293,9 +298,9 @@ class RobotAtPoses:
         return np.unique(c.pose[c.kind == FREQUENCY])
 
 
-def configure_robot(mechanism: Mechanism, coordinates: Sequence[str], poses: Array) -> Configurations:
+def configure_robot(mechanism: Mechanism, names: Sequence[str], poses: Array) -> Configurations:
     """Return configurations at poses (p, k) of tool coordinates or driven joints, `q:JOINT`."""
-    if tuple(coordinates) == tuple(mechanism.tool.pose):
+    if tuple(names) == tuple(mechanism.tool.pose):
         return configure(mechanism, poses)
-    order = [list(coordinates).index(f"{JOINT}{joint.name}") for joint in mechanism.drives]
+    order = [list(names).index(f"{JOINT}{joint.name}") for joint in mechanism.drives]
     return configure_drives(mechanism, poses[:, order])

@@ -96,14 +96,15 @@ class RobotModel:
         explained = float(np.sum((basis.T @ gap) ** 2))
         count = columns.shape[1]
         stated = ~np.isnan(self.campaign.sigma)
-        least = count + _SIGNIFICANT * np.sqrt(2.0 * count) if stated.all() else 0.0  # χ² of noise alone
+        least = count + _SIGNIFICANT * np.sqrt(2.0 * count) if stated.all() else 0.0  # χ² of noise
         return explained > max(least, _SUSPECT * (float(gap @ gap) - float(stated.sum())))
 
     @cached_property
     def _beside_drives(self) -> tuple[Array, Array]:
         """Orthonormal basis (n, k) of soft drives' effects, and the gap (n,) that they leave."""
-        drives = (c for c in ActuatorStiffness.candidates(Setting(self.nominal)) if len(c.members) == 1)
-        left, size, _ = np.linalg.svd(self._weighed_columns(drives), full_matrices=False)
+        known = ActuatorStiffness.candidates(Setting(self.nominal))
+        drives = self._weighed_columns(c for c in known if len(c.members) == 1)
+        left, size, _ = np.linalg.svd(drives, full_matrices=False)
         basis = left[:, size > _ROUNDING * size.max(initial=0.0)]
         gap = (self.campaign.value - self.predict().values) * self._weight
         return basis, gap - basis @ (basis.T @ gap)
@@ -132,13 +133,12 @@ class RobotModel:
         if len({c.name for c in candidates}) < len(candidates):
             return False
         matrices = [c.members for c in candidates if c.flexible]
-        return not any(c.action.of_matrix and not c.flexible and c.members in matrices for c in candidates)
+        others = (c for c in candidates if not c.flexible)
+        return not any(c.action.of_matrix and c.members in matrices for c in others)
 
     def predict(self, parameters: Parameters = ()) -> RobotPrediction:
         """Predict readings with these effects. Raises InputError outside the assemblable range."""
-        return (
-            RobotPrediction(self.campaign, parameters, self._sound, self._has_gravity) if parameters else self._nominal
-        )
+        return replace(self._nominal, parameters=parameters) if parameters else self._nominal
 
     @cached_property
     def _nominal(self) -> RobotPrediction:

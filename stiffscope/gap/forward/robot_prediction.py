@@ -64,8 +64,10 @@ class RobotPrediction(RobotReadings):
         """Return the derivatives (n, k) with respect to a candidate's internal parameters."""
         key = candidate.name, candidate.scale, id(candidate.action)
         if key not in self._columns:
-            pattern = isinstance(candidate.action, Pattern)
-            columns = self._follow(candidate.action) if pattern else self._grow(self._derivatives(candidate))
+            if isinstance(candidate.action, Pattern):
+                columns = self._follow(candidate.action)
+            else:
+                columns = self._grow(self._derivatives(candidate))
             columns = self.display[0][:, None] * columns + self._find_jumps(candidate)
             columns = self.projection.without(columns)
             self._columns[key] = candidate, columns  # keeps the action alive, and so its id
@@ -89,13 +91,13 @@ class RobotPrediction(RobotReadings):
         return {}
 
     def _derivatives(self, candidate: Candidate) -> Array:
-        effect: Effect = candidate.action
-        here = next((np.array(v) for c, v in self.parameters if c.name == candidate.name), np.zeros(0))
-        if len(here) != len(candidate.scale):  # absent, or with other parameters
-            here = np.zeros(len(candidate.scale))
+        act: Callable[[Array], Influence] = candidate.action.influence
+        key = candidate.name, len(candidate.scale)
+        known = (values for c, values in self.parameters if (c.name, len(values)) == key)
+        here = np.array(next(known, np.zeros(key[1])))
         steps = _STEP * np.diag(candidate.scale)
         here = here + 2.0 * (steps @ np.array(candidate.one_sided, dtype=float))  # within range
-        pairs = [(effect.influence(here + step), effect.influence(here - step), 2.0 * step.sum()) for step in steps]
+        pairs = [(act(here + step), act(here - step), 2.0 * step.sum()) for step in steps]
         return find_slopes(self, pairs)
 
     def _find_jumps(self, candidate: Candidate) -> Array:

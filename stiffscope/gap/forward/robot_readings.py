@@ -25,13 +25,13 @@ from stiffscope.gap.campaign.quantities import (
     PUSH,
     STIFFNESS,
 )
+from stiffscope.gap.forward.elastic_state import ElasticState
 from stiffscope.gap.forward.instrument_readings import InstrumentReadings
 from stiffscope.vjm.laws import settle
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from stiffscope.gap.forward.elastic_state import ElasticState
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
     from stiffscope.gap.forward.setup import Placed, Projection
     from stiffscope.runtime.types import Array, Flags, Indices
@@ -49,7 +49,7 @@ class RobotReadings(InstrumentReadings):
     """Whether the nominal model includes the robot's weight."""
 
     @property
-    def robot_at_poses(self) -> RobotAtPoses:
+    def at(self) -> RobotAtPoses:
         """The nominal robot at the campaign's poses."""
         return self.sound.at
 
@@ -61,16 +61,14 @@ class RobotReadings(InstrumentReadings):
     @cached_property
     def gravity(self) -> float:
         """Gravity acting on the robot, m/s²."""
-        return self.robot_at_poses.robot.acceleration if self.weighted or self.heavier else 0.0
+        return self.at.robot.acceleration if self.weighted or self.heavier else 0.0
 
     @cached_property
     def elastic_state(self) -> ElasticState:
         """The robot with changed elements and payloads."""
-        found = self.influences
-        return self.sound.change_elements(
-            [each.elements for each in found if each.elements],
-            [payload for each in found for payload in each.payloads],
-        )
+        changes = tuple(each.elements for each in self.influences if each.elements)
+        payloads = tuple(payload for each in self.influences for payload in each.payloads)
+        return ElasticState(self.at, changes, payloads) if changes or payloads else self.sound
 
     @cached_property
     def is_motion(self) -> Flags:
@@ -90,12 +88,12 @@ class RobotReadings(InstrumentReadings):
     @cached_property
     def applied_loads(self) -> Array:
         """Terminal loads (n, cases) of every reading of a motion; zero for other readings."""
-        c, at = self.campaign, self.robot_at_poses
+        c, at = self.campaign, self.at
         out = np.zeros((len(c), at.cases))
         wrench = self.force_scale * np.nan_to_num(c.wrench)
         for load in range(-1, len(c.loads)):
             mine = (c.kind != DEVIATION) & c.is_motion & (c.load == load)
-            out[mine, at.load_cases(load) if load >= 0 else slice(0, 6)] = wrench[mine]
+            out[mine, at.load_cases(load)] = wrench[mine]
         out[c.shows_rest] += self._dead
         return out
 
@@ -104,31 +102,28 @@ class RobotReadings(InstrumentReadings):
         """Measured direction (n, 6) of each reading: translation and rotation."""
         c = self.campaign
         out = np.eye(6)[c.direction]
-        for k in range(len(c.sensors)):
-            out[c.sensor == k] = self.look(k)
+        for k, sensor in enumerate(c.sensors):
+            out[c.sensor == k] = sensor.along
         if self.placed_instruments is not None:
-            out[self.robot_at_poses.instruments.rows] = self.placed_instruments.looks
+            out[self.at.instruments.rows] = self.placed_instruments.looks
         return out
 
     @cached_property
     def placed_instruments(self) -> Placed | None:
         """Instruments that read positions and distances; None if there are none."""
-        instruments = self.robot_at_poses.instruments
+        instruments = self.at.instruments
         if not len(instruments.rows):
             return None
-        points, turns = self.robot_at_poses.targets(self.elastic_state.places)
+        points, turns = self.at.targets(self.elastic_state.places)
         moved, turned = np.split(self.twist[instruments.rows], 2, axis=1)
         turns = turns + np.cross(turned[:, None], turns, axisb=1, axisc=1)
-        return instruments.place(points + moved, turns, self.robot_at_poses.instruments_start)
+        return instruments.place(points + moved, turns, self.at.instruments_start)
 
     @cached_property
     def projection(self) -> Projection:
         """Projection onto the unknowns of the instruments."""
-        return (
-            self.robot_at_poses.instruments.zeros
-            if self.placed_instruments is None
-            else self.placed_instruments.projection
-        )
+        placed = self.placed_instruments
+        return self.at.instruments.zeros if placed is None else placed.projection
 
     @cached_property
     def twist(self) -> Array:
@@ -136,30 +131,26 @@ class RobotReadings(InstrumentReadings):
 
         For positions and distances, it excludes the motion by geometric errors.
         """
-        c = self.campaign
-        out = np.zeros((len(c), 6))
-        for k in range(-1, len(c.sensors)):
-            mine = np.flatnonzero(self.is_motion & (c.sensor == k))
-            if mine.size:
-                out[mine] = self._motion(k, mine)
+        out = np.zeros((len(self.campaign), 6))
+        for k, mine in self.by_sensor(self.is_motion):
+            out[mine] = self._motion(k, mine)
         return out
 
     def _motion(self, k: int, rows: Indices) -> Array:
         """Return the true motion (m, 6) at a sensor, or (-1) at M, for readings (m,)."""
-        c = self.campaign
-        sensor = c.sensors[k] if k >= 0 else None
-        motion = self.elastic_state.tool if sensor is None else self.elastic_state.move_sensor(sensor)
+        c, motion = self.campaign, self.elastic_state.move_sensor(k)
         out = np.einsum("nij,nj->ni", motion[c.pose[rows]], self.applied_loads[rows])
         still = c.kind[rows] == DEVIATION
         if still.any():
-            out[still] += self.elastic_state.displace_sensor(sensor)[c.pose[rows[still]]]
+            out[still] += self.elastic_state.displace_sensor(k)[c.pose[rows[still]]]
         return out
 
     def seen_by(self, channel: int, rows: Indices) -> Array:
         """Return what a channel would show (m,) for deflections and deviations (m,)."""
-        count = len(self.campaign.sensors)
-        k, axis = (channel, self.look(channel)) if channel < count else (-1, np.eye(6)[channel - count])
-        return self._motion(k, rows) @ (axis @ self.instrument(k))
+        sensors = self.campaign.sensors
+        axes = [*(sensor.along for sensor in sensors), *np.eye(6)]
+        k = channel if channel < len(sensors) else -1
+        return self._motion(k, rows) @ (axes[channel] @ self.instrument(k))
 
     @cached_property
     def shown_stiffness(self) -> Array:
@@ -179,30 +170,29 @@ class RobotReadings(InstrumentReadings):
         for k, sensor in enumerate(c.sensors):
             mine = np.flatnonzero(c.sensor == k)
             if sensor.absolute and mine.size:
-                moved = np.einsum("nij,nj->ni", self.elastic_state.move_sensor(sensor)[c.pose[mine]], pushes[mine])
+                motion = self.elastic_state.move_sensor(k)[c.pose[mine]]
+                moved = np.einsum("nij,nj->ni", motion, pushes[mine])
                 out[mine] = np.einsum("ni,ni->n", self.axis[mine], moved)
         return out
 
     @cached_property
     def sense(self) -> Array:
         """Sensed terminal directions a (n, cases), signs as in ``a · D b``."""
-        c, at = self.campaign, self.robot_at_poses
+        c, at = self.campaign, self.at
         out = np.zeros((len(c), at.cases))
-        for k in range(-1, len(c.sensors)):
-            mine = np.flatnonzero(self.is_motion & (c.sensor == k))
+        for k, mine in self.by_sensor(self.is_motion):
             if k < 0:
                 out[mine, :6] = self.axis[mine] @ self.instrument(k)
-            elif mine.size and c.sensors[k].absolute:
-                out[mine, at.sensor_cases(k)] = self.axis[mine]
-            elif mine.size:
-                out[mine, at.sensor_cases(k)] = self.gain(k)
+            else:
+                absolute = c.sensors[k].absolute
+                out[mine, at.sensor_cases(k)] = self.axis[mine] if absolute else self.gain(k)
         stiff = np.flatnonzero(c.kind == STIFFNESS)
         if stiff.size:
             rows = self.shown_stiffness[c.pose[stiff], c.direction[stiff]]
             out[stiff, :6] = -rows @ self.instrument(-1)
         push = np.flatnonzero(c.kind == PUSH)
         if push.size:
-            out[push, :6] = -self.axis[push] @ self.instrument(-1) * self.entries(self.pushes)[push, None]
+            out[push, :6] = -self.axis[push] @ self.instrument(-1) * self.pushes[push, None]
         return out
 
     @cached_property
@@ -212,44 +202,46 @@ class RobotReadings(InstrumentReadings):
         out = self.applied_loads.copy()
         stiff = np.flatnonzero(c.kind == STIFFNESS)
         if stiff.size:
-            out[stiff, :6] = self.shown_stiffness[c.pose[stiff], :, c.direction[stiff]] * self.force_scale
+            columns = self.shown_stiffness[c.pose[stiff], :, c.direction[stiff]]
+            out[stiff, :6] = columns * self.force_scale
         push = np.flatnonzero(c.kind == PUSH)
         if push.size:
-            out[push, :6] = self.axis[push] * self.entries(self.pushes)[push, None] * self.force_scale
+            out[push, :6] = self.axis[push] * self.pushes[push, None] * self.force_scale
         return out
 
     @cached_property
     def pushes(self) -> Array:
-        """Diagonal matrices (p, 6, 6) of the apparent 1/C_ii."""
-        diagonal = np.einsum("pii->pi", self.shown_compliance)
-        return np.eye(6) / np.where(diagonal == 0.0, np.inf, diagonal)[:, None, :]
+        """Apparent 1/C_ii (n,) at the pose and in the direction of each reading."""
+        entries = self.entries(self.shown_compliance)
+        return 1.0 / np.where(entries == 0.0, np.inf, entries)
 
     def find_wrenches(self, name: str) -> tuple[Array, Array]:
         """Return element wrenches (n, 6), own axes, by sense and drive: ``W a`` and ``W b``."""
-        return self._find_pair(name, self.elastic_state.transmit_wrenches, self.elastic_state.load_modes)
+        state = self.elastic_state
+        return self._find_pair(name, state.transmit_wrenches, state.load_modes)
 
     def find_motions(self, name: str) -> tuple[Array, Array]:
         """Return motions (n, k) in a joint's free directions by sense and drive."""
-        return self._find_pair(f"{name} ", self.elastic_state.transmit_motions, self.elastic_state.move_modes)
+        state = self.elastic_state
+        return self._find_pair(name, state.transmit_motions, state.move_modes)
 
     def _find_pair(
         self, name: str, transmit: Callable[[str], Array], sway: Callable[[str], Array]
     ) -> tuple[Array, Array]:
-        known = self._known_wrenches.get(name)
-        if known is None:
-            at = transmit(name.strip())
-            pose = self.campaign.pose
-            pair: list[Array] = []
-            for (first, which), each in zip(
-                self.robot_at_poses.distinct_readings, (self.sense, self.drive), strict=True
-            ):
-                pair.append((at[pose[first]] @ each[first][..., None])[which, :, 0])
+        key = name, transmit.__name__
+        if key not in self._known_pairs:
+            at, pose = transmit(name), self.campaign.pose
+            pairs = zip(self.at.distinct_readings, (self.sense, self.drive), strict=True)
+            sensed, driven = (
+                (at[pose[few]] @ each[few][..., None])[which, :, 0] for (few, which), each in pairs
+            )  # fmt: skip
             if self._mode[0].size:  # δf = -w · δC w / (8 π² f)
                 which, shaken, mode = self._mode
-                pair[0][which] = pair[1][which] = moved = sway(name.strip())[shaken, :, mode]
-                pair[0][which] = -moved / (8.0 * np.pi**2 * self.elastic_state.frequencies[shaken, mode])[:, None]
-            known = self._known_wrenches[name] = (pair[0], pair[1])
-        return known
+                frequencies = self.elastic_state.frequencies[shaken, mode, None]
+                driven[which] = moved = sway(name)[shaken, :, mode]
+                sensed[which] = -moved / (8.0 * np.pi**2 * frequencies)
+            self._known_pairs[key] = sensed, driven
+        return self._known_pairs[key]
 
     @cached_property
     def at_terminals(self) -> tuple[Array, Array]:
@@ -259,7 +251,7 @@ class RobotReadings(InstrumentReadings):
         return pair[0], pair[1]
 
     @cached_property
-    def _known_wrenches(self) -> dict[str, tuple[Array, Array]]:
+    def _known_pairs(self) -> dict[tuple[str, str], tuple[Array, Array]]:
         return {}
 
     def entries(self, matrices: Array) -> Array:
@@ -272,24 +264,23 @@ class RobotReadings(InstrumentReadings):
         """Readings (n,) due to robot, loads and instruments, without lost motion."""
         c = self.campaign
         out = np.zeros(len(c))
-        for k in range(-1, len(c.sensors)):
-            mine = self.is_motion & (c.sensor == k)
-            if mine.any():
-                out[mine] = np.einsum("ni,ij,nj->n", self.axis[mine], self.instrument(k), self.twist[mine])
-        if self.placed_instruments is not None:
-            rows = self.robot_at_poses.instruments.rows
-            out[rows] = self.placed_instruments.seen - (0.0 if c.expected is None else c.expected[rows])
+        for k, mine in self.by_sensor(self.is_motion):
+            axis, twist = self.axis[mine], self.twist[mine]
+            out[mine] = np.einsum("ni,ij,nj->n", axis, self.instrument(k), twist)
+        placed, rows = self.placed_instruments, self.at.instruments.rows
+        if placed is not None:
+            out[rows] = placed.seen - (0.0 if c.expected is None else c.expected[rows])
         if (c.kind == STIFFNESS).any():
             out = np.where(c.kind == STIFFNESS, self.entries(self.shown_stiffness), out)
         if (c.kind == PUSH).any():
-            out = np.where(c.kind == PUSH, self.entries(self.pushes), out)
-        return out + self.at_modes(self.elastic_state.frequencies) if (c.kind == FREQUENCY).any() else out
+            out = np.where(c.kind == PUSH, self.pushes, out)
+        return out + self.at_modes(self.elastic_state.frequencies) if self._mode[0].size else out
 
     @cached_property
     def plain_readings(self) -> Array:
         """Readings (n,) due to robot, loads and instruments."""
         out = self.robot_reads
-        if self.robot_at_poses.laws:
+        if self.at.laws:
             out = out + self._lost_by_laws
         for influence in self.influences:
             for drive, width in influence.dead_zones.items():
@@ -299,12 +290,13 @@ class RobotReadings(InstrumentReadings):
     @cached_property
     def _lost_by_laws(self) -> Array:
         """Changes (n,) of readings by nonlinear drives, each unloaded in the middle of its gap."""
-        at = self.robot_at_poses
+        at = self.at
         forces = np.stack([self.drive_force(name) for name in at.laws], axis=1)
         forces = np.where(self.find_signs(forces) == 0.0, 0.0, forces)
-        stiffness = np.array([law.slopes[0] for law in at.laws.values()])
-        shifts = settle(list(at.laws.values()), stiffness, forces, at.law_influence[self.campaign.pose]).shift
-        return sum((shifts[:, k] * self.by_drive(name) for k, name in enumerate(at.laws)), np.zeros(len(forces)))
+        laws, influence = list(at.laws.values()), at.law_influence[self.campaign.pose]
+        shifts = settle(laws, np.array([law.slopes[0] for law in laws]), forces, influence).shift
+        changes = (shifts[:, k] * self.by_drive(name) for k, name in enumerate(at.laws))
+        return sum(changes, np.zeros(len(forces)))
 
     def find_rest_wrench(self, name: str) -> Array:
         """Return the unloaded wrench (n, 6) in an element at each reading's pose, own axes."""
@@ -314,18 +306,18 @@ class RobotReadings(InstrumentReadings):
     @cached_property
     def _dead(self) -> Array:
         """Permanent terminal loads (cases,)."""
-        out = np.zeros(self.robot_at_poses.cases)
-        out[self.robot_at_poses.weight_case : self.robot_at_poses.weight_case + 2] = self.gravity, 1.0
+        out = np.zeros(self.at.cases)
+        out[self.at.weight_case :] = self.gravity, 1.0
         return out
 
     def drive_force(self, drive: str) -> Array:
         """Return the applied force or moment (n,) in a drive; zero for readings of no motion."""
-        axis = along_drive(self.robot_at_poses.robot.driven[drive])
+        axis = along_drive(self.at.robot.driven[drive])
         return np.where(self.is_motion, self.find_wrenches(drive)[1] @ axis, 0.0)
 
     def by_drive(self, drive: str) -> Array:
         """Return the change (n,) of readings per metre (or radian) of shift in a drive."""
-        axis = along_drive(self.robot_at_poses.robot.driven[drive])
+        axis = along_drive(self.at.robot.driven[drive])
         return np.where(self.is_motion, self.find_wrenches(drive)[0] @ axis, 0.0)
 
     def dead_zone(self, drive: str) -> Array:
@@ -338,29 +330,23 @@ class RobotReadings(InstrumentReadings):
         Rounding is relative to the largest force of a kind: weights may far exceed applied forces.
         """
         kind = self.campaign.kind.reshape(-1, *(1,) * (force.ndim - 1))
-        return sum(
-            (_sign(np.where(kind == each, force, 0.0)) for each in (DEFLECTION, DEVIATION, POSITION)), np.zeros(())
-        )
+        kinds = DEFLECTION, DEVIATION, POSITION
+        return sum((_sign(np.where(kind == each, force, 0.0)) for each in kinds), np.zeros(()))
 
     @cached_property
     def weight(self) -> Array:
         """Change (n,) of the readings by the robot's own weight, except unknown zeros."""
         c = self.campaign
         out = np.zeros(len(c))
-        still = np.flatnonzero(c.shows_rest)
-        for k in range(-1, len(c.sensors)):
-            mine = still[c.sensor[still] == k]
-            if not mine.size:
-                continue
-            motion = self.elastic_state.tool if k < 0 else self.elastic_state.move_sensor(c.sensors[k])
-            twist = self.robot_at_poses.robot.acceleration * motion[c.pose[mine], :, self.robot_at_poses.weight_case]
+        for k, mine in self.by_sensor(c.shows_rest):
+            motion = self.elastic_state.move_sensor(k)[c.pose[mine], :, self.at.weight_case]
+            twist = self.at.robot.acceleration * motion
             out[mine] = np.einsum("ni,ij,nj->n", self.axis[mine], self.instrument(k), twist)
         if (c.kind == STIFFNESS).any():
-            out = np.where(c.kind == STIFFNESS, self.entries(self.robot_at_poses.weight_stiffness), out)
+            out = np.where(c.kind == STIFFNESS, self.entries(self.at.weight_stiffness), out)
         if (c.kind == PUSH).any():
-            with_weight = np.linalg.inv(np.linalg.inv(self.shown_compliance) + self.robot_at_poses.weight_stiffness)
-            diagonal = np.einsum("pii->pi", with_weight)[c.pose, c.direction]
-            out = np.where(c.kind == PUSH, 1.0 / diagonal - self.entries(self.pushes), out)
+            with_weight = np.linalg.inv(self.shown_stiffness + self.at.weight_stiffness)
+            out = np.where(c.kind == PUSH, 1.0 / self.entries(with_weight) - self.pushes, out)
         return out
 
     def at_modes(self, values: Array) -> Array:
@@ -375,21 +361,19 @@ class RobotReadings(InstrumentReadings):
         """Rows of frequency readings, index into the poses with such, and mode from 0."""
         c = self.campaign
         which = np.flatnonzero(c.kind == FREQUENCY)
-        return which, np.searchsorted(self.robot_at_poses.shaken, c.pose[which]), c.quantity[which] - FIRST_FREQUENCY
+        pose = np.searchsorted(self.at.shaken, c.pose[which])
+        return which, pose, c.quantity[which] - FIRST_FREQUENCY
 
     def applied_motion(self, moments: Array) -> Array:
         """Return deflections (n,) by moments (n, 3) added to applied wrenches; else zero."""
-        c = self.campaign
+        c, applied = self.campaign, self.is_motion & (self.campaign.kind != DEVIATION)
         out = np.zeros(len(c))
         for load in range(-1, len(c.loads)):
-            cases = self.robot_at_poses.load_cases(load) if load >= 0 else slice(0, 6)
-            for k in range(-1, len(c.sensors)):
-                applied = c.is_motion & (c.kind != DEVIATION)
-                mine = np.flatnonzero(applied & (c.load == load) & (c.sensor == k))
-                if mine.size:
-                    motion = self.elastic_state.tool if k < 0 else self.elastic_state.move_sensor(c.sensors[k])
-                    twist = np.einsum("nij,nj->ni", motion[c.pose[mine], :, cases][..., 3:], moments[mine])
-                    out[mine] = np.einsum("ni,ni->n", self.axis[mine], twist)
+            cases = self.at.load_cases(load)
+            for k, mine in self.by_sensor(applied & (c.load == load)):
+                motion = self.elastic_state.move_sensor(k)[c.pose[mine], :, cases][..., 3:]
+                twist = np.einsum("nij,nj->ni", motion, moments[mine])
+                out[mine] = np.einsum("ni,ni->n", self.axis[mine], twist)
         return out
 
 

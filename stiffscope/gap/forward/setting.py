@@ -35,7 +35,7 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting
     return Setting(
         at.robot,
         (_median(translation, _USUAL[0]), _median(rotation, _USUAL[1])),
-        {body.name: _turns(sound, body.name) for body in at.mechanism.bodies if body.elastic is None},
+        {b.name: _turns(sound, b.name) for b in at.mechanism.bodies if b.elastic is None},
         bool(((c.sensor < 0) & (c.kind <= PUSH)).any()),
         {sensor.name: bool((moving == k).any()) for k, sensor in enumerate(c.sensors)},
         suspect,

@@ -113,7 +113,8 @@ class Instruments:
     def _frame(self) -> tuple[Indices, list[int]]:
         """Instrument setup (a,) of each reading, and the frame of each setup."""
         c, names = self.campaign, [frame.name for frame in self.campaign.frames]
-        own = np.array([names.index(s.frame) if s.absolute else -1 for s in c.sensors] or [-1])[c.sensor[self.rows]]
+        code = [names.index(s.frame) if s.absolute else -1 for s in c.sensors]
+        own = np.array(code or [-1])[c.sensor[self.rows]]
         anew = np.array([frame.per == "session" for frame in c.frames] or [False])[own]
         key = np.column_stack([own, np.where(anew, c.session[self.rows], 0)])
         found, which = np.unique(key, axis=0, return_inverse=True)
@@ -123,10 +124,11 @@ class Instruments:
     def _loose(self) -> tuple[Indices, Array]:
         """Uncertain target (a,) of each reading, -1 for none; uncertainties (t,) of the targets."""
         c = self.campaign
-        known = {s.target or s.name: s.at_sigma for s in c.sensors if s.absolute and s.at_sigma > 0.0}
         names = [s.target or s.name for s in c.sensors]
-        code = np.array([list(known).index(name) if name in known else -1 for name in names] or [-1])
-        return code[c.sensor[self.rows]], np.array(list(known.values()))
+        sigma = [s.at_sigma * s.absolute for s in c.sensors]
+        known = {name: size for name, size in zip(names, sigma, strict=True) if size > 0.0}
+        code = [list(known).index(name) if name in known else -1 for name in names]
+        return np.array(code or [-1])[c.sensor[self.rows]], np.array(list(known.values()))
 
     @cached_property
     def _zeros(self) -> Indices:
@@ -144,10 +146,10 @@ class Instruments:
     def _prior(self) -> tuple[Array, Flags]:
         """Prior standard deviations (m,) of all unknowns, and whether the mean is stated."""
         frames = [self.campaign.frames[k] for k in self._frame[1]]
-        places = [np.full(6, _WIDE) if f.pose is None else np.array(f.sigma or np.zeros(6)) for f in frames]
+        places = [(_WIDE,) * 6 if f.pose is None else f.sigma or (0.0,) * 6 for f in frames]
         stated = np.repeat([f.pose is not None for f in frames], 6)
-        targets, zeros = np.repeat(self._loose[1], 3), np.full(self._zeros.max(initial=-1) + 1, _WIDE)
-        sigma = np.concatenate([np.zeros(0), *places, targets, zeros])
+        zeros = np.full(self._zeros.max(initial=-1) + 1, _WIDE)
+        sigma = np.concatenate([np.zeros(0), *places, np.repeat(self._loose[1], 3), zeros])
         return sigma, np.concatenate([stated, np.ones(len(sigma) - len(stated))]).astype(np.bool_)
 
     @cached_property
@@ -192,13 +194,15 @@ class Instruments:
         """Return the projection onto the unknowns; readings (n,) of zero weight do not count."""
         scaled = columns * self._prior[0]
         u, s, v = _factors(scaled * weight[:, None])
-        factor = (1.0 - np.where(s < _CERTAIN, 1.0 / np.sqrt(1.0 + s**2), 0.0)) / np.where(s > 0.0, s, 1.0)
+        left = np.where(s < _CERTAIN, 1.0 / np.sqrt(1.0 + s**2), 0.0)
+        factor = (1.0 - left) / np.where(s > 0.0, s, 1.0)
         return Projection(scaled @ (v.T * factor), u.T * weight)
 
     @cached_property
     def zeros(self) -> Projection:
         """Projection for a campaign whose only unknowns are zeros."""
-        return self.project(self._linearize(self._nowhere, np.zeros((0, 3)), np.zeros((0, 3, 3)))[2], self._weight)
+        columns = self._linearize(self._nowhere, np.zeros((0, 3)), np.zeros((0, 3, 3)))[2]
+        return self.project(columns, self._weight)
 
     @property
     def _nowhere(self) -> Setup:
@@ -222,18 +226,16 @@ class Instruments:
             (a, 3, 3) rotation of its body from home.
         """
         setup, weight = self._stated_setup(), np.array(self._weight)
-        own, ranged = weight[self.rows], self._looks[1]
+        own, ranged, read = weight[self.rows], self._looks[1], self.measured_values
         for k, which in enumerate(self._frame[1]):
             if self.campaign.frames[which].pose is None:
                 mine = np.flatnonzero(self._frame[0] == k)
-                rotation, origin = find_frame(
-                    self._triples(mine), ranged[mine], points[mine], self.measured_values[mine]
-                )
-                setup.rotation[k], setup.origin[k] = rotation, origin
+                found = find_frame(self._triples(mine), ranged[mine], points[mine], read[mine])
+                setup.rotation[k], setup.origin[k] = found
         for _ in range(_PASSES):
             weight[self.rows] = own
             setup = self.fit(points, turns, setup, weight)
-            left = self.measured_values - self._linearize(setup, points, turns)[0]
+            left = read - self._linearize(setup, points, turns)[0]
             again = np.where(find_outlying(left), 0.0, self._weight[self.rows])
             if np.array_equal(again, own):
                 break
@@ -269,8 +271,7 @@ class Instruments:
         left, mean = (self.measured_values - seen) * own, self._offset(setup, start)
         for _ in range(_STEPS):
             u, s, v = _factors(columns[self.rows] * own[:, None] * sigma)
-            pull = v @ np.where(stated & (sigma > 0.0), mean, 0.0)
-            whole = v.T @ ((s * (u.T @ left) + s**2 * pull) / (s**2 + 1.0)) - np.where(stated, mean, 0.0)
+            whole = v.T @ ((s * (u.T @ left) + s**2 * (v @ mean)) / (s**2 + 1.0)) - mean
             cost = left @ left + np.sum(mean[stated] ** 2)
             for share in 0.5 ** np.arange(_HALVINGS):
                 trial = setup.move(share * sigma * whole)
@@ -290,7 +291,8 @@ class Instruments:
         """Return deviations (m,) from stated values in prior standard deviations; 0 if unknown."""
         sigma, stated = self._prior
         turns = setup.rotation @ np.swapaxes(start.rotation, -1, -2)
-        small = 0.5 * np.stack([turns[:, i, j] - turns[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1)
+        i, j = [2, 0, 1], [1, 2, 0]
+        small = 0.5 * (turns[:, i, j] - turns[:, j, i])
         frames = np.concatenate([setup.origin - start.origin, small], axis=1)
         every = np.concatenate([frames.ravel(), setup.away.ravel(), setup.zero])
         return np.divide(every, sigma, out=np.zeros(len(sigma)), where=stated & (sigma > 0.0))
@@ -307,9 +309,9 @@ class Instruments:
         """
         setup = self.fit(points, turns, *start)
         seen, direction, columns = self._linearize(setup, points, turns)
-        offset = self._offset(setup, self._stated_setup()) * self._prior[0]
+        seen -= columns[self.rows] @ (self._offset(setup, self._stated_setup()) * self._prior[0])
         looks = np.concatenate([direction, np.cross(self._levers(setup, turns), direction)], axis=1)
-        return Placed(setup, seen - columns[self.rows] @ offset, looks, self.project(columns, start[1]))
+        return Placed(setup, seen, looks, self.project(columns, start[1]))
 
     def _levers(self, setup: Setup, turns: Array) -> Array:
         """Return vectors (a, 3) from stated to actual target positions, base axes."""

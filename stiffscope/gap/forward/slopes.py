@@ -19,7 +19,7 @@ from stiffscope.vjm.screws import skew
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.effects.effect import Changes, Influence
+    from stiffscope.effects.effect import Influence
     from stiffscope.gap.forward.robot_readings import RobotReadings
     from stiffscope.runtime.types import Array, Indices
 
@@ -39,15 +39,15 @@ def find_slopes(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
     steps
         For each parameter: the effect's changes a step ahead and behind, and their distance.
     """
-    out = _of_elements(prediction, [(ahead.elements, behind.elements, width) for ahead, behind, width in steps])
+    out = _of_elements(prediction, steps)
     for k, step in enumerate(steps):
-        out[:, k] += _of_others(prediction, *step)
+        out[:, k] += _of_others(prediction, step)
     return out
 
 
-def _of_others(prediction: RobotReadings, ahead: Influence, behind: Influence, width: float) -> Array:
+def _of_others(prediction: RobotReadings, step: Step) -> Array:
     """Return derivatives (n,) by payloads, dead zones and instruments."""
-    c = prediction.campaign
+    c, (ahead, behind, width) = prediction.campaign, step
     out = np.zeros(len(c))
     for more, less in zip(ahead.payloads, behind.payloads, strict=True):
         mass, moments = (more.mass - less.mass) / width, (more.moments - less.moments) / width
@@ -65,39 +65,39 @@ def _of_others(prediction: RobotReadings, ahead: Influence, behind: Influence, w
     return out
 
 
-def _of_elements(prediction: RobotReadings, steps: Sequence[tuple[Changes, Changes, float]]) -> Array:
+def _of_elements(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
     """Return derivatives (n, k) from the wrenches in the changed elements."""
     c = prediction.campaign
     out = np.zeros((len(c), len(steps)))
     still = np.where(c.shows_rest, 1.0, 0.0)[:, None]
-    for name in dict.fromkeys(name for ahead, _, _ in steps for name in ahead):
+    for name in dict.fromkeys(name for ahead, _, _ in steps for name in ahead.elements):
         mine, rates = _find_rates(steps, name, "spring")
         if len(mine):
             read_along, moved = prediction.find_motions(name)
-            away = prediction.robot_at_poses.find_displacement(name)[c.pose]
+            away = prediction.at.find_displacement(name)[c.pose]
             out[:, mine] -= np.einsum("nk,nk->n", read_along, moved + still * away)[:, None] * rates
             continue
+        read, applied = prediction.find_wrenches(name)
         mine, rates = _find_rates(steps, name, "compliance")
         if len(mine):
-            read, applied = prediction.find_wrenches(name)
             work = (read[:, :, None] * applied[:, None, :]).reshape(len(c), -1)
             out[:, mine] += work @ rates.reshape(len(mine), -1).T
         mine, rates = _find_rates(steps, name, "offset")
         if len(mine):
-            out[:, mine] += still * prediction.find_wrenches(name)[0] @ rates.T
+            out[:, mine] += still * read @ rates.T
         mine, rates = _find_rates(steps, name, "astray")
         if len(mine):
-            turned = prediction.find_wrenches(name)[0][:, None] @ _turn_about(prediction, name)[c.pose]
+            turned = read[:, None] @ _turn_about(prediction, name)[c.pose]
             out[:, mine] += still * turned[:, 0] @ rates.T
     return out
 
 
-def _find_rates(steps: Sequence[tuple[Changes, Changes, float]], name: str, field: str) -> tuple[Indices, Array]:
+def _find_rates(steps: Sequence[Step], name: str, field: str) -> tuple[Indices, Array]:
     """Return the parameters (m,) that change a field of an element, and derivatives (m, ...)."""
     rates: dict[int, Array] = {}
     for k, (ahead, behind, width) in enumerate(steps):
-        if name in ahead:
-            more, less = getattr(ahead[name], field), getattr(behind[name], field)
+        if name in ahead.elements:
+            more, less = (getattr(each.elements[name], field) for each in (ahead, behind))
             if more is not None and less is not None:
                 rates[k] = (more - less) / width
     found = np.array(list(rates.values()))
@@ -110,7 +110,7 @@ def _turn_about(prediction: RobotReadings, name: str) -> Array:
 
     ``1 - Ad(G)``, with the displacement G of the second body relative to the first, from home.
     """
-    where, joint = prediction.elastic_state.places, prediction.robot_at_poses.mechanism.joint(name)
+    where, joint = prediction.elastic_state.places, prediction.at.mechanism.joint(name)
     first, second = (FOOT if node == GROUND else node for node in (joint.first, joint.second))
     back = np.swapaxes(where.rotation[first] @ joint.axes, -1, -2)
     turn = back @ where.rotation[second] @ joint.axes
@@ -124,7 +124,7 @@ def _turn_about(prediction: RobotReadings, name: str) -> Array:
 
 def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:
     """Return derivatives (n,) by a payload's weight, and by its inertia for frequencies."""
-    c, elastic, at = prediction.campaign, prediction.elastic_state, prediction.robot_at_poses
+    c, elastic, at = prediction.campaign, prediction.elastic_state, prediction.at
     along = elastic.work_on_node(payload.body, elastic.weights([payload]))[..., 0]  # (p, cases)
     out = np.where(c.shows_rest, np.einsum("nc,nc->n", prediction.sense, along[c.pose]), 0.0)
     if (c.kind == FREQUENCY).any():
@@ -141,15 +141,14 @@ def _of_turn(prediction: RobotReadings, name: str, rate: Array) -> Array:
     c, shown = prediction.campaign, prediction.shown_by(name)
     turn = np.kron(np.eye(2), np.cross(rate, np.eye(3)).T)
     out = np.zeros(len(c))
-    for k in range(-1, len(c.sensors)):
-        mine = np.flatnonzero(shown & prediction.is_motion & (c.sensor == k))
-        if mine.size:
-            looked = np.einsum("ni,ij,nj->n", prediction.axis[mine], turn, prediction.twist[mine])
-            out[mine] = prediction.gain(k) * looked
+    for k, mine in prediction.by_sensor(shown & prediction.is_motion):
+        looked = np.einsum("ni,ij,nj->n", prediction.axis[mine], turn, prediction.twist[mine])
+        out[mine] = prediction.gain(k) * looked
     back = turn @ np.linalg.inv(prediction.instrument(-1)) * prediction.gain(-1)
     if shown[c.kind == STIFFNESS].any():
-        out = np.where(c.kind == STIFFNESS, prediction.entries(-prediction.shown_stiffness @ back), out)
+        change = prediction.entries(-prediction.shown_stiffness @ back)
+        out = np.where(c.kind == STIFFNESS, change, out)
     if shown[c.kind == PUSH].any():
-        change = np.einsum("pii->pi", back @ prediction.shown_compliance)[c.pose, c.direction]
-        out = np.where(c.kind == PUSH, -(prediction.entries(prediction.pushes) ** 2) * change, out)
+        change = prediction.entries(back @ prediction.shown_compliance)
+        out = np.where(c.kind == PUSH, -(prediction.pushes**2) * change, out)
     return out

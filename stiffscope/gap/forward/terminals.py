@@ -24,21 +24,18 @@ _HELD_MOMENT = 1e-9  # relative rounding error of a moment
 
 def unit_wrenches(sensor: Sensor) -> Array:
     """Return the unit wrench (6, 1) conjugate to a sensor's reading; (6, 6) for a target."""
-    if sensor.absolute:
-        return np.eye(6)
-    direction = np.array(sensor.direction)
-    return np.concatenate([np.zeros(3), direction] if sensor.rotates else [direction, np.zeros(3)])[:, None]
+    return np.eye(6) if sensor.absolute else sensor.along[:, None]
 
 
 def wrenches_at(where: Places, node: str, home: Sequence[float] | Array) -> Array:
-    """Wrench (n or 1, 6, 6) at M for unit wrenches at a point of a body, base axes: ``[[I, 0], [S(r), I]]``."""
+    """Return ``[[I, 0], [S(r), I]]`` (n or 1, 6, 6): wrench at M per unit wrench at a point."""
     return where.wrenches(FOOT if node == GROUND else node, np.array(home))
 
 
 def find_weight(payload: Payload, where: Places, gravity: Array) -> Array:
     """Return the wrench (n, 6) of a payload's weight at M in base axes."""
     arm = where.rotation[payload.body] @ payload.moments
-    push = np.concatenate([np.broadcast_to(payload.mass * gravity, arm.shape), np.cross(arm, gravity)], axis=1)
+    push = np.hstack([np.broadcast_to(payload.mass * gravity, arm.shape), np.cross(arm, gravity)])
     return (wrenches_at(where, payload.body, payload.at) @ push[..., None])[..., 0]
 
 
@@ -68,13 +65,15 @@ def find_inertial_forces(mechanism: Mechanism, where: Places, shapes: Mapping[st
                 add(body.name, np.swapaxes(back, -1, -2) @ (whole @ twist))
             continue
         elastic = body.elastic
-        ends = [move_node(n, at, elastic.axes) for n, at in zip(body.nodes, elastic.places, strict=True)]
+        places = zip(body.nodes, elastic.places, strict=True)
+        ends = [move_node(node, at, elastic.axes) for node, at in places]
         if elastic.dynamics is None:
-            mass = np.kron(np.eye(len(ends)), np.kron(np.diag([body.mass / len(ends), 0.0]), np.eye(3)))
+            mass = np.diag(np.tile(np.repeat([body.mass / len(ends), 0.0], 3), len(ends)))
         else:
             factor = elastic.dynamics.factor[:, : 6 * len(ends)]
             mass = factor.T @ factor
         forces = mass @ np.concatenate(np.broadcast_arrays(*(twist for _, twist in ends)), axis=1)
-        for node, (back, _), force in zip(body.nodes, ends, np.split(forces, len(ends), axis=1), strict=True):
+        shares = np.split(forces, len(ends), axis=1)
+        for node, (back, _), force in zip(body.nodes, ends, shares, strict=True):
             add(node, np.swapaxes(back, -1, -2) @ force)
     return out

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
 FORCE, MOMENT = 500.0, 100.0  # N, N·m: default range of loads if the campaign has none
 DISPLACEMENT, ROTATION = 1e-6, 5e-6  # m, rad: default noise if the campaign has no displacements
-_TRIALS = 128  # candidate poses for the next measurement
+_TRIALS = 128  # candidate poses for the next measurement,
+_LINE = 32  # and along each coordinate
 _HALVINGS = 6  # bisections between two poses to the workspace boundary
 _MARGIN = 0.15  # margin on either side of the range of campaign and map
 
@@ -90,22 +91,23 @@ def _trial_poses(c: Campaign, nominal: NominalRobot) -> Array:
             low[k], high[k] = min(low[k], *span), max(high[k], *span)
     margin = _MARGIN * (high - low)
     low, high = low - margin, high + margin
-    from scipy.stats.qmc import Halton  # type: ignore[reportMissingTypeStubs]  # imported late: it is slow
+    from scipy.stats.qmc import Halton  # type: ignore[reportMissingTypeStubs]
 
-    free = np.flatnonzero(high > low)
-    points = np.repeat(np.median(c.poses, axis=0)[None], _TRIALS, axis=0)
-    points[:, free] = low[free] + Halton(len(free), scramble=False).random(_TRIALS) * (high - low)[free]
+    free, tool = np.flatnonzero(high > low), nominal.mechanism.tool
     middle = np.median(c.poses, axis=0)
-    home = nominal.mechanism.tool.home if c.coordinates == nominal.mechanism.tool.pose else 0.0 * middle
-    lines = [_trace_coordinate(start, int(k), low[k], high[k]) for start in (home, middle) for k in free]
+    points = np.repeat(middle[None], _TRIALS, axis=0)
+    shares = Halton(len(free), scramble=False).random(_TRIALS)
+    points[:, free] = low[free] + shares * (high - low)[free]
+    home = tool.home if c.coordinates == tool.pose else 0.0 * middle
+    lines = [_trace_coordinate(start, k, low[k], high[k]) for start in (home, middle) for k in free]
     reached = np.vstack([*lines, points, c.poses[: _TRIALS // 8]])
 
     def reaches(poses: Array) -> Flags:
         return configure_robot(nominal.mechanism, c.coordinates, poses).valid
 
     valid = reaches(reached)
-    pairs = [(i, i + 1) for k in range(len(lines)) for i in range(k * len(lines[0]), (k + 1) * len(lines[0]) - 1)]
-    ends = [(i, j) if valid[i] else (j, i) for i, j in pairs if valid[i] != valid[j]]
+    firsts = (i for i in range(_LINE * len(lines)) if (i + 1) % _LINE and valid[i] != valid[i + 1])
+    ends = [(i, i + 1) if valid[i] else (i + 1, i) for i in firsts]
     inside, outside = (reached[[end[side] for end in ends]] for side in (0, 1))
     for _ in range(_HALVINGS if ends else 0):
         half = 0.5 * (inside + outside)
@@ -132,7 +134,8 @@ def _trial_loads(c: Campaign) -> list[tuple[int, Array]]:
 def _displacement_noise(c: Campaign, sigma: Array) -> Array:
     """Return the displacement noise of each channel in the campaign's readings."""
     moving = c.is_motion
-    out = np.array([ROTATION if s.rotates else DISPLACEMENT for s in c.sensors] + [DISPLACEMENT] * 3 + [ROTATION] * 3)
+    turns = [*(sensor.rotates for sensor in c.sensors), *(axis > 2 for axis in range(6))]
+    out = np.where(turns, ROTATION, DISPLACEMENT)
     for channel in range(len(out)):
         mine = moving & (c.channel == channel)
         if channel >= len(c.sensors):
@@ -144,6 +147,6 @@ def _displacement_noise(c: Campaign, sigma: Array) -> Array:
 
 def _trace_coordinate(start: Array, axis: int, low: float, high: float) -> Array:
     """Return poses (k, d) from a start, with one coordinate over its whole range."""
-    out = np.repeat(start[None], _TRIALS // 4, axis=0)
+    out = np.repeat(start[None], _LINE, axis=0)
     out[:, axis] = np.linspace(low, high, len(out))
     return out
