@@ -78,8 +78,9 @@ class Element:
 
     @property
     def is_split(self) -> bool:
-        """Whether rotations of its spring, in three directions, and of its joint succeed each other."""
-        return self.is_ordered and self.factor.shape[1] > self.sprung and self.sprung + self.free.shape[1] > 0
+        """Whether rotations of its spring in three directions and of its joint succeed each other."""
+        moves = self.sprung + self.free.shape[1] > 0
+        return moves and self.is_ordered and self.factor.shape[1] > self.sprung
 
     @property
     def is_displaced(self) -> bool:
@@ -124,14 +125,15 @@ class Places:
 
     def frame(self, element: Element) -> Frame:
         """Return an element's frame relative to M: (n or 1, 3, 3) and (n or 1, 3)."""
-        return Frame(self.axes(element.carrier, element.axes), self.point(element.second, element.at) - self.tool)
+        place = self.point(element.second, element.at) - self.tool
+        return Frame(self.axes(element.carrier, element.axes), place)
 
     def axes(self, node: str, home: Array) -> Array:
         """Return axes (n or 1, 3, 3), as columns, that are fixed to a node's body."""
-        return (self.rotation[node].reshape(-1, 3) @ home).reshape(-1, 3, 3)  # one product, not n small ones
+        return (self.rotation[node].reshape(-1, 3) @ home).reshape(-1, 3, 3)  # one product, not n
 
     def turn(self, element: Element, axes: Array) -> Array:
-        """Rotation (n or 1, 3, 3) of an element's second node against its first, in the given axes."""
+        """Rotation (n or 1, 3, 3) of an element's second node against its first, in given axes."""
         return self.axes(element.first, axes).mT @ self.axes(element.second, axes)
 
     def adjoint(self, element: Element) -> Array:
@@ -157,8 +159,11 @@ class Places:
         """Return factor (n or 1, 6, r) and free directions (n or 1, 6, k) at M in base axes."""
         known, factor, free = self.seen.get(element.name, (None, _NOTHING, _NOTHING))
         if known is not element:  # a robot of the same geometry has another element of this name
-            factor = self.adjoint(element) @ self.factor(element) if element.factor.shape[1] else _NOTHING
-            free = self.adjoint(element) @ free_directions(element, self) if element.free.shape[1] else _NOTHING
+            factor = free = _NOTHING
+            if element.factor.size:
+                factor = self.adjoint(element) @ self.factor(element)
+            if element.free.size:
+                free = self.adjoint(element) @ free_directions(element, self)
             self.seen[element.name] = element, factor, free
         return factor, free
 
@@ -171,17 +176,16 @@ class Places:
             return self._spring_factor(element, element.joint)
         if self.rigid or element.joint is not None or not element.factor.shape[1]:
             return element.factor[None]
-        turn = self.turn(element, element.axes)
-        out = np.repeat(element.factor[None], len(turn), axis=0)
-        out[:, 3:] = (euler_axes(turn).reshape(-1, 3) @ element.factor[3:]).reshape(len(turn), 3, -1)
+        axes = euler_axes(self.turn(element, element.axes))
+        out = np.repeat(element.factor[None], len(axes), axis=0)
+        out[:, 3:] = (axes.reshape(-1, 3) @ element.factor[3:]).reshape(len(axes), 3, -1)
         return out
 
     def _spring_factor(self, element: Element, joint: Joint) -> Array:
-        if joint.axis2 is not None and joint.kind == "universal":
-            size = np.sqrt(1.0 / joint.resistance)
-            second = self.see_axis(element, joint.axis2)
+        if joint.cross:
+            second = self.see_axis(element, joint.cross[1])
             out = np.repeat(element.factor[None], len(second), axis=0)
-            out[:, 3:, -1] = size * second
+            out[:, 3:, -1] = second / np.sqrt(joint.resistance)
             return out
         if self.rigid:
             return element.factor[None]
@@ -191,7 +195,7 @@ class Places:
         return out
 
     def see_axis(self, element: Element, axis: Array) -> Array:
-        """Return an axis (3,) fixed to an element's second node in the element's axes, (n or 1, 3)."""
+        """Return an axis (3,) of an element's second node in the element's axes, (n or 1, 3)."""
         turned = (self.rotation[element.second].reshape(-1, 3) @ axis).reshape(-1, 3)
         return np.einsum("nji,nj->ni", self.axes(element.first, element.axes), turned)
 
@@ -234,38 +238,27 @@ def place_nodes(configurations: Configurations) -> Places:
 
 def map_links(linkage: Linkage) -> dict[str, int]:
     """Return the rigid link of every node of the network."""
-    mechanism = linkage.mechanism
-    return linkage.link_of | {FOOT: linkage.link_of[GROUND], END: linkage.link_of[mechanism.tool.body]}
+    link = linkage.link_of
+    return link | {FOOT: link[GROUND], END: link[linkage.mechanism.tool.body]}
 
 
 def moves_with(element: Element, link: int, links: dict[str, int]) -> bool:
-    """Return whether compliance and free directions of an element are constant in a link's axes.
+    """Return whether an element's compliance and free directions are constant in the axes of a link.
 
-    Parameters
-    ----------
-    element
-        Element of the network.
-    link
-        Number of the rigid link, at one of the element's ends.
-    links
-        Number of the rigid link of each node.
+    The link is at one of its ends; ``links``: numbers of the rigid links, by node.
     """
     joint = element.joint
     if joint is None or joint.kind == "fixed":
         return links[element.carrier] == link
-    if (
-        joint.kind == "universal"
-        or element.drawn is not None
-        or link not in {links[element.first], links[element.second]}
-    ):
+    ends = {links[element.first], links[element.second]}
+    if joint.cross or element.drawn is not None or link not in ends:
         return False
-    if joint.compliance is None:
-        return True
-    if joint.kind in {"revolute", "spherical"}:
-        turn = np.kron(np.eye(2), rotation(np.eye(3)[0], 0.7))
-        round_ = np.allclose(turn @ joint.compliance @ turn.T, joint.compliance, rtol=1e-12, atol=0.0)
-        return links[element.first] == link or (joint.kind == "revolute" and round_)
-    return False
+    c = joint.compliance
+    if c is None or joint.kind not in {"revolute", "spherical"}:
+        return c is None
+    turn = np.kron(np.eye(2), rotation(np.eye(3)[0], 0.7))
+    is_round = joint.kind == "revolute" and np.allclose(turn @ c @ turn.T, c, rtol=1e-12, atol=0.0)
+    return links[element.first] == link or is_round
 
 
 def _change(name: str, first: str, second: str, at: Array, change: Change) -> Element:
@@ -299,9 +292,10 @@ def _joint(joint: Joint, first: str, second: str) -> Element:
             compliance += np.outer(screw, screw) / joint.resistance
         else:
             sprung += [each / np.sqrt(joint.resistance) for each in screws]
+    factor = np.hstack([_factor(compliance), _columns(sprung)])
     out = Element(
-        joint.name, first, second, joint.axes, joint.at, first, np.hstack([_factor(compliance), _columns(sprung)]),
-        _columns(free), joint.offset, joint, sprung=len(sprung),
+        joint.name, first, second, joint.axes, joint.at, first, factor, _columns(free), joint.offset, joint,
+        sprung=len(sprung),
     )  # fmt: skip
     return out if joint.astray is None else _mislay(out, joint, joint.astray)
 
@@ -310,7 +304,8 @@ def _mislay(element: Element, drawn: Joint, astray: Array) -> Element:
     """Return a joint's element at the actual place of its axis."""
     away = np.kron(np.eye(2), drawn.axes) @ astray
     turn, at = rotation_of(away[None, 3:])[0], drawn.at + away[:3]
-    there = replace(drawn, at=at, axis=None if drawn.axis is None else turn @ drawn.axis, astray=None)
+    axis = None if drawn.axis is None else turn @ drawn.axis
+    there = replace(drawn, at=at, axis=axis, astray=None)
     return replace(element, axes=turn @ drawn.axes, at=at, joint=there, drawn=drawn)
 
 
@@ -323,11 +318,11 @@ def _soften_turned(vector: Array) -> Array:
 
     Along geodesics, the Hessian of φ² / 2 there is ``n nᵀ + (φ/2) cot(φ/2) (1 - n nᵀ)``.
     """
-    angle = np.linalg.norm(vector, axis=1)
-    unit = vector / np.where(angle > 0.0, angle, 1.0)[:, None]
-    across = np.sqrt(np.where(angle > 1e-6, np.tan(0.5 * angle) / np.where(angle > 0.0, 0.5 * angle, 1.0), 1.0))
-    along = unit[:, :, None] * unit[:, None, :]
-    return across[:, None, None] * (np.eye(3) - along) + along
+    angle = np.linalg.norm(vector, axis=1)[:, None, None]
+    unit = vector[..., None] / np.where(angle > 0.0, angle, 1.0)
+    half = np.maximum(0.5 * angle, 1e-9)
+    along = unit @ unit.mT
+    return np.sqrt(np.tan(half) / half) * (np.eye(3) - along) + along
 
 
 def free_directions(element: Element, where: Places) -> Array:
@@ -347,10 +342,10 @@ def free_directions(element: Element, where: Places) -> Array:
 
 def euler_axes(turn: Array) -> Array:
     """Return the axes (n, 3, 3), as columns, of successive small Rx, Ry, Rz at ``turn``."""
-    across = np.hypot(turn[..., 1, 2], turn[..., 2, 2])
+    first = np.arctan2(-turn[..., 1, 2], turn[..., 2, 2])  # 0 where Ry is a quarter turn
     out = np.zeros(turn.shape)
     out[..., 0, 0] = 1.0
-    out[..., 1, 1], out[..., 2, 1] = turn[..., 2, 2] / across, -turn[..., 1, 2] / across
+    out[..., 1, 1], out[..., 2, 1] = np.cos(first), np.sin(first)
     out[..., 2] = turn[..., 2]
     return out
 

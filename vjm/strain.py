@@ -35,16 +35,7 @@ def find_remaining_offsets(order: Order, where: Places, rest: Places) -> dict[st
     """Return offsets (n, 6, 1) for a linear step from deformed places to obey every element's law.
 
     In each element's own axes at its own point. A spring strained by θ of its offset t₀ still has
-    t₀ - θ to go.
-
-    Parameters
-    ----------
-    order
-        Elimination order of the network.
-    where
-        Places of all nodes at n configurations.
-    rest
-        Places of the unloaded mechanism.
+    t₀ - θ to go. ``rest``: places of the unloaded mechanism.
     """
     out: dict[str, Array] = {}
     for e in order.elements:
@@ -68,8 +59,8 @@ def _strain(e: Element, where: Places, rest: Places) -> Array:
         return out
     held, turns = joint.held_components
     out[:, held] = gap[:, held]
-    if joint.kind == "universal":
-        out[:, 3:] = _universal(joint, turn)
+    if joint.cross:
+        out[:, 3:] = _miss_angle(*(joint.axes.T @ axis for axis in joint.cross), turn)
     elif len(turns) == 2:  # direction of the axis on the second body
         out[:, 4], out[:, 5] = -turn[:, 2, 0], turn[:, 1, 0]
     elif turns:
@@ -93,7 +84,7 @@ def _strain_spring(e: Element, joint: Joint, where: Places) -> Array:
     out = np.zeros((len(away), 6))
     if joint.kind == "spherical":
         out[:, 3:] = away @ e.axes
-    elif joint.kind == "universal" and joint.axis is not None:
+    elif joint.cross:
         columns = where.factor(e)[:, 3:, -e.sprung :] * np.sqrt(joint.resistance)
         out[:, 3:] = (columns @ away[..., None])[..., 0]
     else:
@@ -111,11 +102,8 @@ def _relative(e: Element, where: Places, drawn: Joint | None = None) -> tuple[Ar
     return np.einsum("nji,nj->ni", where.axes(e.first, own), moved), where.turn(e, own)
 
 
-def _universal(joint: Joint, turn: Array) -> Array:
-    """Return the rotation (n, 3), own axes, by which a universal joint violates its angle."""
-    if joint.axis is None or joint.axis2 is None:
-        return np.zeros((len(turn), 3))
-    first, rest = joint.axes.T @ joint.axis, joint.axes.T @ joint.axis2
+def _miss_angle(first: Array, rest: Array, turn: Array) -> Array:
+    """Return the rotation (n, 3) by which two turned axes (3,) violate their angle."""
     second = turn @ rest
     square = np.cross(second, first)
     off = second @ first - rest @ first

@@ -219,6 +219,18 @@ def test_a_tight_string_is_stiff_sideways():
     assert np.diagonal(k) == pytest.approx([2 * axial + 1, across + 1, across + 1, 1e6, 1e6, 1e6], rel=2e-4)
 
 
+@pytest.mark.parametrize("turn", [0.25 * np.pi, 0.5 * np.pi, np.nextafter(0.5 * np.pi, 2.0)])
+def test_a_base_that_is_turned_turns_the_robot_and_its_weight(turn):
+    """Up to a quarter turn, whose cosine may be exactly zero: the same robot with its weight turned back."""
+    m, pose = biglide(), [[0.0, 0.0, 0.35]]
+    r = rotation([0.0, 1.0, 0.0], turn)
+    whole = np.kron(np.eye(2), r)
+    found = stiffness(m.change_elements({"<base>": Change(offset=np.r_[0, 0, 0, 0, turn, 0])}), pose, gravity="exact")
+    expected = whole @ stiffness(replace(m, gravity=r.T @ m.gravity), pose, gravity="exact")[0] @ whole.T
+    size = np.sqrt(np.outer(np.diagonal(expected), np.diagonal(expected)))
+    assert np.abs((found[0] - expected) / size).max() < 1e-8
+
+
 def test_a_universal_joint_is_two_revolutes():
     """One joint of two axes, or two of one with a cross between: the same robot, under its weight too."""
     m = replace(read("linear-delta"), gravity=np.array([3.0, -2.0, 300.0]))
