@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 POSE = "pose"
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
+Variables: TypeAlias = "Mapping[str, tuple[Sequence[str], Any, str]]"
+"""Dimensions, values and unit of each variable; "m, rad" for a twist's or wrench's two units."""
 
 
 class Labelled(ABC):
@@ -42,15 +44,14 @@ class Labelled(ABC):
         for name, values in dataset.data_vars.items():
             rest = [dim for dim in values.dims if dim != POSE]
             flat = values.transpose(POSE, *rest).to_numpy()
+            labels = [dataset[dim].to_numpy().astype(str) for dim in rest]
             for place in np.ndindex(flat.shape[1:]):
-                words = [str(dataset[dim].to_numpy()[k]) for dim, k in zip(rest, place, strict=True)]
+                words = [each[k] for each, k in zip(labels, place, strict=True)]
                 columns["_".join([name, *words])] = flat[(slice(None), *place)]
         return pd.DataFrame(columns)
 
 
-def make_dataset(
-    found: Configurations, variables: Mapping[str, tuple[Sequence[str], Any, str]], **names: Sequence[Any]
-) -> xr.Dataset:
+def make_dataset(found: Configurations, variables: Variables, **names: Sequence[Any]) -> xr.Dataset:
     """Return results at configurations as a dataset.
 
     Parameters
@@ -58,7 +59,7 @@ def make_dataset(
     found
         Configurations at the n poses.
     variables
-        Dimensions, values and unit of each variable; "m, rad" for a twist's or wrench's two units.
+        Dimensions, values and unit of each variable.
     names
         Labels along dimensions other than pose, twist and wrench.
     """
@@ -71,8 +72,6 @@ def make_dataset(
     }
     axes = {"twist": COORDINATES, "wrench": WRENCH, **names}
     used = {dim for dims, _, _ in variables.values() for dim in dims}
-    return xr.Dataset(
-        {name: (tuple(dims), np.asarray(values), {"units": unit}) for name, (dims, values, unit) in variables.items()},
-        places | {dim: list(each) for dim, each in axes.items() if dim in used},
-        {"axes": "base axes, at M", "source": "stiffscope"},
-    )
+    data = {k: (tuple(dims), np.asarray(v), {"units": unit}) for k, (dims, v, unit) in variables.items()}
+    labels = places | {dim: list(each) for dim, each in axes.items() if dim in used}
+    return xr.Dataset(data, labels, {"axes": "base axes, at M", "source": "stiffscope"})

@@ -77,15 +77,6 @@ def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
     """Solve ``solve_loads`` with the drives' laws, one equilibrium per case.
 
     Also raises InputError if no equilibrium is found.
-
-    Parameters
-    ----------
-    order
-        Elimination order of the network.
-    where
-        Places of all nodes at n configurations.
-    loads
-        Wrenches on nodes and imposed offsets, c cases.
     """
     laws = find_laws(order.mechanism)
     if not laws:
@@ -93,17 +84,16 @@ def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
     count, c = len(laws), loads.cases
     nodes = {name: _pad(w, count) for name, w in loads.nodes.items()}
     offsets = {name: _pad(t, count) for name, t in loads.offsets.items()}
-    joints = [order.mechanism.joint(name) for name in laws]
-    along = [DRIVEN[j.kind] for j in joints]
-    for k, (name, component) in enumerate(zip(laws, along, strict=True)):
+    along = {name: DRIVEN[order.mechanism.joint(name).kind] for name in laws}
+    for k, (name, component) in enumerate(along.items()):
         unit = np.zeros((1, 6, c + count))
         unit[0, component, c + k] = 1.0
         offsets[name] = offsets.get(name, np.zeros((1, 6, 1))) + unit
     linear = find_order(without_laws(order.mechanism), order.linkage)
     found = solve_loads(linear, where, Loads(c + count, nodes, offsets, loads.balanced))
-    n = max(len(found.twist), *(len(found.elements[name].wrench) for name in laws))
-    rows = [_force_along(found.elements[name].wrench, i, order.length) for name, i in zip(laws, along, strict=True)]
-    forces = np.stack([np.broadcast_to(row, (n, c + count)) for row in rows], axis=1)  # (n, k, c + k)
+    rows = [_force_along(found.elements[name].wrench, i, order.length) for name, i in along.items()]
+    n = max(len(found.twist), *map(len, rows))
+    forces = np.stack([np.broadcast_to(row, (n, c + count)) for row in rows], axis=1)
     stiffness = np.array([law.slopes[0] for law in laws.values()])
     pull = np.swapaxes(forces[..., :c], 1, 2).reshape(n * c, count)
     settled = settle(list(laws.values()), stiffness, pull, np.repeat(forces[..., c:], c, axis=0))
@@ -135,7 +125,7 @@ def map_segments(
     where: Places,
     loads: Loads,
     entries: tuple[int, ...],
-    work: Callable[[Order, Places, int], Array],
+    work: Callable[[Order, Places], Array],
 ) -> Array:
     """Map ``work`` over the robots, linearized by their drives' laws: (n, *entries, c) for c cases.
 
@@ -143,16 +133,12 @@ def map_segments(
 
     Parameters
     ----------
-    order
-        Elimination order of the network.
-    where
-        Places of all nodes at n configurations.
-    loads
-        Wrenches on nodes and imposed offsets, c cases.
+    order, where, loads
+        As for ``solve_loads``.
     entries
         Shape of the result for each pose and case.
     work
-        Function of a linear order, the places of some poses and the case number.
+        Function of a linear order and the places of some poses.
     """
     laws = find_laws(order.mechanism)
     found = find_equilibrium(order, where, loads)
@@ -167,7 +153,7 @@ def map_segments(
             some = np.flatnonzero(which.ravel() == k)
             linear = find_order(linearize(order.mechanism, row), order.linkage)
             with suppress(InputError):
-                out[some, ..., case] = work(linear, where.some(some), case)
+                out[some, ..., case] = work(linear, where.some(some))
     return out
 
 
@@ -181,7 +167,7 @@ def _pad(cases: Array, more: int) -> Array:
 
 
 def solve_condensed(state: Condensed, loads: Loads, tool: Array | None = None, wanted: Wanted = "all") -> Response:
-    """``solve_loads`` of a condensed network; the tool is free, or held at a twist (n or 1, 6, c)."""
+    """``solve_loads`` of a condensed network; its tool is free, or held at a twist (n or 1, 6, c)."""
     load = condense_loads(state, loads)
     if state.order.left:
         return recover_response(state, load, solve_saddle(state, load, tool))

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from stiffscope.vjm.linkage import rotation_vector
 from stiffscope.vjm.reach import reach_toward
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 
 CHUNK = 1024  # poses; the working set fits the processor's cache
 _SLACK = 1e-9  # rad or m; tolerance at the ends of a drive's range
+Poses: TypeAlias = "ArrayLike | Configurations"
+"""Tool poses (n, k), m and rad, or the configurations at them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +70,7 @@ class Configurations:
         return self.linkage.place_links(self.q)
 
     def link_frame(self, link: int) -> tuple[Array, Array]:
-        """Displacement from home of a rigid link: rotation (n or 1, 3, 3) and position (n or 1, 3)."""
+        """Displacement of a rigid link from home: rotation (n or 1, 3, 3), position (n or 1, 3)."""
         look = self.placed_links.look
         if look is not None:
             return look.frames[:, link, :3, :3], look.frames[:, link, :3, 3]
@@ -120,7 +122,8 @@ class Configurations:
                     return f"out of reach: straight from home the tool gets no farther than {place}"
                 name = spell_name("joints", self.linkage.name_worst(found.error[:, 0]))
                 return f"out of reach: the loop through {name} does not close"
-        return "on another branch, or too close to one: no way leads there from home without passing a singular pose"
+        why = "no way leads there from home without passing a singular pose"
+        return f"on another branch, or too close to one: {why}"
 
     def refusal(self, index: int) -> str:
         """Return what was expected in place of a configuration that is not valid, and why."""
@@ -131,14 +134,13 @@ class Configurations:
         bad = np.flatnonzero(~self.valid)
         if bad.size:
             i = int(bad[0])
-            given = ", ".join(
-                f"{name} = {v:.6g}" for name, v in zip(self.mechanism.tool.pose, self.poses[i], strict=True)
-            )
+            pairs = zip(self.mechanism.tool.pose, self.poses[i], strict=True)
+            given = ", ".join(f"{name} = {value:.6g}" for name, value in pairs)
             raise InputError(f"pose {i} ({given}): {self.reason(i)}")
         return self
 
 
-def configure(mechanism: Mechanism, poses: ArrayLike) -> Configurations:
+def configure(mechanism: Mechanism, poses: Poses) -> Configurations:
     """Find configurations at tool poses, on the branch reached from home.
 
     Parameters
@@ -146,7 +148,7 @@ def configure(mechanism: Mechanism, poses: ArrayLike) -> Configurations:
     mechanism
         Joint ranges limit its motion; paths start at home, or as ``start_note`` describes.
     poses
-        (n, k), one column for each coordinate of ``tool.pose``, m and rad.
+        (n, k), one column for each coordinate of ``tool.pose``, m and rad; configurations are returned.
 
     Returns
     -------
@@ -165,9 +167,9 @@ def configure(mechanism: Mechanism, poses: ArrayLike) -> Configurations:
     >>> ss.configure(machine, [[0, 0, 0.4], [0.5, 0, 0.4]]).valid
     array([ True, False])
     """
-    points = check_poses(mechanism, poses)
-    parts = list(configure_chunks(mechanism, points))
-    return parts[0] if len(parts) == 1 else _join(mechanism, parts)
+    if isinstance(poses, Configurations):
+        return poses
+    return _join(configure_chunks(mechanism, check_poses(mechanism, poses)))
 
 
 def start_note(mechanism: Mechanism) -> str | None:
@@ -175,8 +177,8 @@ def start_note(mechanism: Mechanism) -> str | None:
     displaced = find_solver(mechanism, "tool").displaced
     if not displaced:
         return None
-    values = (_value_text(mechanism.joint(name), value) for name, value in displaced.items())
-    where = ", ".join(f"{spell_name('joints', name)} = {text}" for name, text in zip(displaced, values, strict=True))
+    joints = [(spell_name("joints", name), mechanism.joint(name), v) for name, v in displaced.items()]
+    where = ", ".join(f"{here} = {_value_text(joint, value)}" for here, joint, value in joints)
     return f"home is singular: tool poses start from {where}, the nearest regular configuration"
 
 
@@ -201,7 +203,7 @@ def configure_chunks(
     yield from (_configurations(solver, each) for each in follow_paths(solver, points - home, size))
 
 
-def learn_configurations(mechanism: Mechanism, poses: ArrayLike) -> Callable[[Array], Configurations]:
+def learn_configurations(mechanism: Mechanism, poses: Array) -> Callable[[Array], Configurations]:
     """Return a function like `configure` that is faster at poses among given ones (n, k)."""
     home, solver = mechanism.tool.home, find_solver(mechanism, "tool")
     known = Reached.among(solver, check_poses(mechanism, poses) - home)
@@ -212,7 +214,8 @@ def learn_configurations(mechanism: Mechanism, poses: ArrayLike) -> Callable[[Ar
         if not lost.size:
             return _configurations(solver, found)
         again = configure(mechanism, points[lost])
-        found.q[:, lost], found.failure[lost] = again.q, np.where(again.failure == RANGE, REACHED, again.failure)
+        found.q[:, lost] = again.q
+        found.failure[lost] = np.where(again.failure == RANGE, REACHED, again.failure)
         return _configurations(solver, replace(found, placed=solver.linkage.place_links(found.q)))
 
     return find
@@ -224,9 +227,7 @@ def configure_drives(mechanism: Mechanism, displacements: ArrayLike) -> Configur
     Raises InputError if the array has another shape or numbers that are not finite.
     """
     names = [j.name for j in mechanism.drives]
-    values = _check_rows(displacements, names, "drives")
-    parts = list(configure_chunks(mechanism, values, given="drives"))
-    return parts[0] if len(parts) == 1 else _join(mechanism, parts)
+    return _join(configure_chunks(mechanism, _check_rows(displacements, names, "drives"), given="drives"))
 
 
 def check_poses(mechanism: Mechanism, poses: ArrayLike) -> Array:
@@ -237,10 +238,12 @@ def check_poses(mechanism: Mechanism, poses: ArrayLike) -> Array:
 def _check_rows(values: ArrayLike, names: list[str], what: str) -> Array:
     array = np.atleast_2d(np.asarray(values, dtype=float))
     if array.ndim != 2 or array.shape[1] != len(names):
-        raise InputError(f"{what}: expected (n, {len(names)}) numbers {', '.join(names)}, got shape {np.shape(values)}")
+        expected = f"(n, {len(names)}) numbers {', '.join(names)}"
+        raise InputError(f"{what}: expected {expected}, got shape {np.shape(values)}")
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if bad.size:
-        raise InputError(f"{what}: row {int(bad[0])}: expected finite numbers, got {array[bad[0]].tolist()}")
+        got = array[bad[0]].tolist()
+        raise InputError(f"{what}: row {bad[0]}: expected finite numbers, got {got}")
     return array
 
 
@@ -249,20 +252,24 @@ def _value_text(joint: Joint, value: float) -> str:
 
 
 def _place_text(coordinate: str, value: float) -> str:
-    return f"{coordinate} = {np.degrees(value):.4g} deg" if coordinate[0] == "r" else f"{coordinate} = {value:.4g} m"
+    number, unit = (np.degrees(value), "deg") if coordinate[0] == "r" else (value, "m")
+    return f"{coordinate} = {number:.4g} {unit}"
 
 
 def _range_text(joint: Joint, value: float) -> str:
     ends = (joint.drive.low, joint.drive.high) if joint.drive else (-np.inf, np.inf)
     here, low, high = (_value_text(joint, each) for each in (value, *ends))
-    return f"{spell_name('joints', joint.name)}: {here} is outside its range {low.partition(' ')[0]} to {high}"
+    range_ = f"{low.partition(' ')[0]} to {high}"
+    return f"{spell_name('joints', joint.name)}: {here} is outside its range {range_}"
 
 
-def _join(mechanism: Mechanism, parts: list[Configurations]) -> Configurations:
+def _join(chunks: Iterable[Configurations]) -> Configurations:
+    first, *others = parts = list(chunks)
+    if not others:
+        return first
     keys = ("poses", "tool", "valid", "failure", "culprit")
-    poses, tool, valid, failure, culprit = (np.concatenate([getattr(p, key) for p in parts]) for key in keys)
-    q = np.concatenate([p.q for p in parts], axis=1)
-    return Configurations(mechanism, poses, tool, valid, q, parts[0].linkage, failure, culprit)
+    joined = {key: np.concatenate([getattr(p, key) for p in parts]) for key in keys}
+    return replace(first, **joined, q=np.concatenate([p.q for p in parts], axis=1))
 
 
 def _configurations(solver: Solver, followed: Followed) -> Configurations:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -15,22 +15,27 @@ from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND, list_names, spell_name
 from stiffscope.vjm.coordinates import sum_squares
 from stiffscope.vjm.datasets import Labelled, make_dataset
-from stiffscope.vjm.kinematics import Configurations, configure
+from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.mobility import mobility
 from stiffscope.vjm.network import END
 from stiffscope.vjm.pencil import NOTHING, form_pencils
 from stiffscope.vjm.semidefinite import half_inverse
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator
+    from typing import TypeAlias
 
     import xarray as xr
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
     from stiffscope.vjm.coordinates import Coordinates, Rows
+    from stiffscope.vjm.datasets import Variables
+    from stiffscope.vjm.kinematics import Configurations, Poses
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.pencil import Drives, Pencil
     from stiffscope.vjm.screws import Array
+
+    _Solved: TypeAlias = "tuple[_Part, NDArray[np.intp]]"  # with the indices of its poses
 
 _CHUNK = 256  # poses
 _FEW = 4  # poses, up to which each is solved in full
@@ -67,7 +72,7 @@ class Modes(Labelled):
 
     def to_xarray(self) -> xr.Dataset:
         """Return frequencies, bounds, tool shape and energies by pose, mode, twist and element."""
-        variables: dict[str, tuple[Sequence[str], Any, str]] = {
+        variables: Variables = {
             "frequency": (("pose", "mode"), self.frequencies, "Hz"),
             "error": (("pose", "mode"), self.error, "Hz"),
             "tool": (("pose", "twist", "mode"), self.tool, "m/√kg, rad/√kg"),
@@ -77,7 +82,7 @@ class Modes(Labelled):
         return make_dataset(self.configurations, variables, element=list(self.energy), mode=modes)
 
 
-def modes(mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 6, *, drives: Drives = "held") -> Modes:
+def modes(mechanism: Mechanism, poses: Poses, count: int = 6, *, drives: Drives = "held") -> Modes:
     """Compute the lowest modes at tool poses (n, k) or configurations: bounds, shapes, energies.
 
     Parameters
@@ -113,13 +118,12 @@ def modes(mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 
     >>> ss.modes(machine, [[0, 0, 0.34748]], 3).frequencies.round(1)  # Hz
     array([[ 58.8, 138. , 143.6]])
     """
-    found = poses if isinstance(poses, Configurations) else configure(mechanism, poses)
+    found = configure(mechanism, poses)
     n = len(found)
     empty: Array = np.full((n, count), np.nan)
     out = Modes(found, empty, empty.copy(), {}, {}, empty.copy(), ())
     remarks: dict[str, None] = {}
-
-    def put(part: _Part, some: NDArray[np.intp]) -> None:
+    for part, some in _solve_chunks(mechanism, found, count, drives, remarks):
         c = part.squares.shape[1]
         out.frequencies[some, :c], out.error[some, :c] = part.frequencies, part.error
         out.internal[some, :c] = part.internal
@@ -127,34 +131,21 @@ def modes(mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 
             for name, values in each.items():
                 whole = into.setdefault(name, np.full((n, *values.shape[1:-1], count), np.nan))
                 whole[some, ..., :c] = values
-
-    _solve_chunks(mechanism, found, count, drives, put, remarks)
     return replace(out, remarks=tuple(remarks))
 
 
-def frequencies(
-    mechanism: Mechanism, poses: ArrayLike | Configurations, count: int = 6, *, drives: Drives = "held"
-) -> Array:
+def frequencies(mechanism: Mechanism, poses: Poses, count: int = 6, *, drives: Drives = "held") -> Array:
     """Return only the natural frequencies (n, c) of ``modes`` in Hz, for maps and forward models.
 
     Parameters
     ----------
-    mechanism
-        Bodies, joints, tool and gravity of the robot.
-    poses
-        Tool poses (n, k) in SI, or configurations at them.
-    count
-        Number of frequencies, the lowest first.
-    drives
-        Drives are springs ("held") or move freely ("free").
+    mechanism, poses, count, drives
+        As for ``modes``.
     """
-    found = poses if isinstance(poses, Configurations) else configure(mechanism, poses)
+    found = configure(mechanism, poses)
     out = np.full((len(found), count), np.nan)
-
-    def put(part: _Part, some: NDArray[np.intp]) -> None:
+    for part, some in _solve_chunks(mechanism, found, count, drives, {}):
         out[some, : part.squares.shape[1]] = part.frequencies
-
-    _solve_chunks(mechanism, found, count, drives, put, {})
     return out
 
 
@@ -174,7 +165,8 @@ class _Part:
     @cached_property
     def shapes(self) -> dict[str, Array]:
         """Node twists (n, 6, c)."""
-        return {node: rows.apply_to(self.vectors) for node, rows in self.pencil.system.twists.items() if node != GROUND}
+        twists = self.pencil.system.twists
+        return {node: twists[node].apply_to(self.vectors) for node in twists if node != GROUND}
 
     @cached_property
     def energy(self) -> dict[str, Array]:
@@ -185,8 +177,8 @@ class _Part:
     def internal(self) -> Array:
         """Share (n, c) of the parts' internal modes in the strain energy."""
         bodies = [b.name for b in self.pencil.system.mechanism.bodies if b.elastic is not None]
-        strains = self.pencil.system.strains
-        return sum((self._share(strains[name][1:]) for name in bodies if name in strains), np.zeros(self.squares.shape))
+        inner = [rows[1:] for name, rows in self.pencil.system.strains.items() if name in bodies]
+        return sum(map(self._share, inner), np.zeros(self.squares.shape))
 
     def _share(self, rows: Iterable[Rows]) -> Array:
         return sum_squares(rows, self.vectors) / np.where(self.squares > 0.0, self.squares, np.inf)
@@ -205,7 +197,8 @@ class _Part:
             if body.elastic is None:
                 continue
             if body.elastic.error is not None and body.name in system.springs:
-                carried = np.abs(system.springs[body.name] @ system.strains[body.name][0].apply_to(self.vectors))
+                strained = system.strains[body.name][0].apply_to(self.vectors)
+                carried = np.abs(system.springs[body.name] @ strained)
                 mixed = mixed + carried.mT @ body.elastic.error @ carried
             inner = body.elastic.dynamics
             if inner is not None and inner.error is not None and len(inner.squares):
@@ -214,19 +207,14 @@ class _Part:
         own = np.einsum("nii->ni", mixed)
         apart = np.abs(self.squares[:, :, None] - self.squares[:, None])
         bound = np.where(apart <= own[:, :, None] + own[:, None], mixed, 0.0).sum(axis=2)
-        lower = self.frequencies - np.sqrt(np.maximum(self.squares - bound, 0.0)) / (2.0 * np.pi)  # the larger side
-        return np.where(self.squares > 0.0, lower, 0.0)
+        lowest = np.sqrt(np.maximum(self.squares - bound, 0.0)) / (2.0 * np.pi)  # the larger side
+        return np.where(self.squares > 0.0, self.frequencies - lowest, 0.0)
 
 
 def _solve_chunks(
-    mechanism: Mechanism,
-    found: Configurations,
-    count: int,
-    drives: Drives,
-    put: Callable[[_Part, NDArray[np.intp]], None],
-    remarks: dict[str, None],
-) -> None:
-    """Pass the modes of all reachable poses to ``put``, in chunks."""
+    mechanism: Mechanism, found: Configurations, count: int, drives: Drives, remarks: dict[str, None]
+) -> Iterator[_Solved]:
+    """Yield the modes of all reachable poses in chunks; add ``remarks`` on what is left out."""
     if count < 1:
         raise InputError(f"count: expected at least 1 mode, got {count}")
     reached = np.flatnonzero(found.valid)
@@ -239,7 +227,7 @@ def _solve_chunks(
                 part, more = _drop_idle(solved, count)
                 idle = idle or more
                 most = max(most, part.squares.shape[1])
-                put(part, chunk[some[which]])
+                yield part, chunk[some[which]]
             if idle and not remarks:
                 remarks[_idle_text(mechanism, found, int(chunk[some[0]]))] = None
     if reached.size and most < count:
@@ -257,11 +245,11 @@ def _check_empty(pencil: Pencil) -> bool:
     _, values, turned = np.linalg.svd(_move_tool_and_drives(system, vectors)[0])
     seen = turned[: (values > _IDLE).sum()].T
     if seen.shape[1]:
-        size = {
-            b.name: np.abs(system.twists[b.nodes[-1]].apply_to(vectors @ seen)).max() for b in system.mechanism.bodies
-        }
-        moving = [spell_name("bodies", name) for name, moved in size.items() if moved > _IDLE * max(size.values())]
-        raise InputError(f"{list_names(moving)}: expected a mass and inertia to move freely, got none")
+        free, bodies = vectors @ seen, system.mechanism.bodies
+        size = {b.name: np.abs(system.twists[b.nodes[-1]].apply_to(free)).max() for b in bodies}
+        least = _IDLE * max(size.values())
+        moving = list_names([spell_name("bodies", name) for name in size if size[name] > least])
+        raise InputError(f"{moving}: expected a mass and inertia to move freely, got none")
     return True
 
 
@@ -293,26 +281,24 @@ def _drop_idle(part: _Part, count: int) -> tuple[_Part, bool]:
 
 def _idle_text(mechanism: Mechanism, found: Configurations, index: int) -> str:
     """Describe idle motions by name."""
-    known = [str(each) for each in mobility(mechanism, found, index).idle]
-    return (
-        f"left out, as without stiffness: {'; '.join(known)}"
-        if known
-        else "a free motion without stiffness is left out"
-    )
+    known = "; ".join(map(str, mobility(mechanism, found, index).idle))
+    return f"left out, as without stiffness: {known or 'a free motion'}"
 
 
 def _say_few(mechanism: Mechanism, most: int, count: int, remarks: dict[str, None]) -> None:
     """Add a remark on why there are fewer modes than requested. InputError if there is none."""
-    plain = [b for b in mechanism.bodies if b.inertia is None and (b.elastic is None or b.elastic.dynamics is None)]
-    bare, points = ([spell_name("bodies", b.name) for b in plain if bool(b.mass) is heavy] for heavy in (False, True))
+    lacking: dict[str, list[str]] = {"mass": [], "inertia": []}
+    for b in mechanism.bodies:
+        if b.inertia is None and (b.elastic is None or b.elastic.dynamics is None):
+            lacking["inertia" if b.mass else "mass"].append(spell_name("bodies", b.name))
     if most == 0:
-        raise InputError(f"{list_names(bare or ['bodies'])}: expected a mass on a body that can move, got none")
-    why = [f"without mass: {list_names(bare)}"] if bare else []
-    why += [f"without inertia: {list_names(points)}"] if points else []
-    remarks[f"{most} modes, not {count}: nothing else has inertia" + (f" ({'; '.join(why)})" if why else "")] = None
+        bare = list_names(lacking["mass"] or ["bodies"])
+        raise InputError(f"{bare}: expected a mass on a body that can move, got none")
+    why = "; ".join(f"without {what}: {list_names(who)}" for what, who in lacking.items() if who)
+    remarks[f"{most} modes, not {count}: nothing else has inertia{why and f' ({why})'}"] = None
 
 
-def _solve(pencil: Pencil, count: int) -> Iterator[tuple[_Part, NDArray[np.intp]]]:
+def _solve(pencil: Pencil, count: int) -> Iterator[_Solved]:
     """Yield the modes of a pencil, at least ``count`` besides free ones, by groups of poses."""
     n = len(pencil.stiffness)
     everything = np.arange(n)
@@ -325,7 +311,8 @@ def _solve(pencil: Pencil, count: int) -> Iterator[tuple[_Part, NDArray[np.intp]
     matrix = pencil.regular()
     if not _find_definite(matrix).all():
         for k in everything:
-            yield from _solve_densely(pencil.some(everything[k : k + 1]), everything[k : k + 1])
+            one = everything[k : k + 1]
+            yield from _solve_densely(pencil.some(one), one)
         return
     wanted = min(free + count, start.squares.shape[1])
     back = start.pencil.basis[0] * pencil.scale
@@ -334,7 +321,7 @@ def _solve(pencil: Pencil, count: int) -> Iterator[tuple[_Part, NDArray[np.intp]
     vectors, good = _iterate_subspace(pencil, matrix, begin, wanted)
     if good.any():
         some = everything[good]
-        yield _normalize(pencil.some(some) if not good.all() else pencil, vectors[good], pencil), some
+        yield _normalize(pencil if good.all() else pencil.some(some), vectors[good], pencil), some
     if not good.all():
         yield from _solve_densely(pencil.some(everything[~good]), everything[~good])
 
@@ -372,7 +359,7 @@ def _find_definite(matrix: Array) -> NDArray[np.bool_]:
     return (pivots > NOTHING * np.einsum("nii->ni", matrix)).all(axis=1)
 
 
-def _solve_densely(pencil: Pencil, index: NDArray[np.intp]) -> Iterator[tuple[_Part, NDArray[np.intp]]]:
+def _solve_densely(pencil: Pencil, index: NDArray[np.intp]) -> Iterator[_Solved]:
     """Yield all modes with inertia, pose by pose."""
     for k in range(len(index)):
         one = pencil.some(np.array([k]))
@@ -389,7 +376,8 @@ def _normalize(pencil: Pencil, vectors: Array, scaled: Pencil) -> _Part:
     squares = sum_squares(system.strain_rows, full)
     squares = np.where(squares > _FREE * scaled.shift, squares, 0.0)
     order = np.argsort(squares, axis=1, kind="stable")
-    squares, full = np.take_along_axis(squares, order, axis=1), np.take_along_axis(full, order[:, None], axis=2)
+    squares = np.take_along_axis(squares, order, axis=1)
+    full = np.take_along_axis(full, order[:, None], axis=2)
     moved = system.twists[END].apply_to(full)
     size = np.abs(moved) * np.repeat([1.0, system.length], 3)[:, None]
     largest = np.take_along_axis(moved, size.argmax(axis=1)[:, None], axis=1)

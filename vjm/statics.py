@@ -25,11 +25,13 @@ from stiffscope.vjm.prestress import loaded_compliance, loaded_stiffness, own_lo
 from stiffscope.vjm.singularity import characteristic_length, count_freedoms, invert_stiffness, rigid_wrenches
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator
 
     import xarray as xr
     from numpy.typing import ArrayLike, NDArray
 
+    from stiffscope.vjm.datasets import Variables
+    from stiffscope.vjm.kinematics import Poses
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.network import Places
     from stiffscope.vjm.order import Order
@@ -38,6 +40,7 @@ if TYPE_CHECKING:
 Gravity = Literal["none", "exact"]
 _ROUNDING = 1e-12  # of the largest compliance
 _FAR = 0.1  # rad or relative length: sag beyond which linearization is invalid
+_UNKNOWN = np.full((1, 6, 6), np.nan)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,7 +75,7 @@ class Stiffness(Labelled):
     def finite(self) -> Array:
         """Stiffness (n, 6, 6); if infinite, 1/C_ii: each direction with all others free."""
         alone = np.einsum("nii->ni", self.compliance)
-        yielding = alone > _ROUNDING * np.where(np.isnan(alone), 0.0, alone).max(axis=1, keepdims=True)
+        yielding = alone > _ROUNDING * np.nan_to_num(alone).max(axis=1, keepdims=True)
         single = np.where(yielding, 1.0 / np.where(yielding, alone, 1.0), np.nan)
         diagonal = np.where(np.eye(6, dtype=bool), single[:, None], np.nan)
         infinite = np.array([len(each) > 0 for each in self.rigid], dtype=bool)
@@ -85,9 +88,10 @@ class Stiffness(Labelled):
 
     def to_xarray(self) -> xr.Dataset:
         """Return stiffness, compliance, sag and mobility by pose, twist and wrench; SI."""
-        variables: dict[str, tuple[Sequence[str], Any, str]] = {
+        soft = self.compliance
+        variables: Variables = {
             "stiffness": (("pose", "wrench", "twist"), self.matrix, "N/m, N/rad, N, N·m/rad"),
-            "compliance": (("pose", "twist", "wrench"), self.compliance, "m/N, rad/N, 1/N, rad/(N·m)"),
+            "compliance": (("pose", "twist", "wrench"), soft, "m/N, rad/N, 1/N, rad/(N·m)"),
             "sag": (("pose", "twist"), self.sag, "m, rad"),
             "mobility": (("pose",), self.mobility, "1"),
             "inverse_condition": (("pose",), self.inverse_condition, "1"),
@@ -95,7 +99,7 @@ class Stiffness(Labelled):
         return make_dataset(self.configurations, variables)
 
 
-def stiffness(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity: Gravity = "none") -> Array:
+def stiffness(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") -> Array:
     """Return the tool stiffness at many poses.
 
     Parameters
@@ -125,10 +129,10 @@ def stiffness(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravit
     >>> (k.diagonal()[:3] / 1e6).round(2)  # N/um
     array([23.84,  1.97, 12.4 ])
     """
-    return _map_chunks(mechanism, poses, (6, 6), lambda order, where: _find_stiffness(order, where, gravity)[..., :6])
+    return _map_chunks(mechanism, poses, (6, 6), _find_stiffness, gravity)
 
 
-def compliance(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity: Gravity = "none") -> Array:
+def compliance(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") -> Array:
     """Return the tool compliance at many poses; of rank below six if only drives are compliant.
 
     Parameters
@@ -141,7 +145,7 @@ def compliance(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravi
     Array
         (n, 6, 6) at M in base axes, m/N, 1/N, rad/(N·m); NaN if out of reach or moving freely.
     """
-    both = _map_chunks(mechanism, poses, (6, 13), lambda order, where: _find_matrices(order, where, gravity))
+    both = _map_chunks(mechanism, poses, (6, 13), _find_matrices, gravity)
     return _complete_compliance(both[..., :6], both[..., 6:12])[0]
 
 
@@ -152,12 +156,8 @@ def batches(
 
     Parameters
     ----------
-    mechanism
-        Bodies, joints, tool and gravity of the robot.
-    poses
-        Tool poses (n, k), SI.
-    gravity
-        ``"exact"`` includes own weight and offsets, ``"none"`` does not.
+    mechanism, poses, gravity
+        As for ``stiffness``, without configurations.
     size
         Poses per batch; more take more memory.
     """
@@ -167,7 +167,7 @@ def batches(
         yield some, stiffness(mechanism, points[some], gravity=gravity)
 
 
-def sag(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
+def sag(mechanism: Mechanism, poses: Poses) -> Array:
     """Return the linear displacement of the tool under the mechanism's own weight and offsets.
 
     Parameters
@@ -199,7 +199,7 @@ def sag(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
     return _map_chunks(mechanism, poses, (6,), work)
 
 
-def analyse(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity: Gravity = "none") -> Stiffness:
+def analyse(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") -> Stiffness:
     """Compute stiffness, compliance, mobility and (with gravity) sag at tool poses.
 
     Parameters
@@ -223,24 +223,23 @@ def analyse(mechanism: Mechanism, poses: ArrayLike | Configurations, *, gravity:
     >>> (1e6 * state.sag[0, 2]).round(2)  # um along z, which points down
     np.float64(11.05)
     """
-    found = poses if isinstance(poses, Configurations) else configure(mechanism, poses)
-    n = len(found)
-    both = _map_chunks(mechanism, found, (6, 13), lambda order, where: _find_unloaded(order, where, gravity))
+    found = configure(mechanism, poses)
+    both = _map_chunks(mechanism, found, (6, 13), _find_unloaded, gravity)
     matrix = both[..., :6]
     yielding, free, inverse_condition = _complete_compliance(matrix, both[..., 6:12])
-    sagged = np.zeros((n, 6))
+    sagged = np.zeros((len(found), 6))
     if gravity != "none":
         loaded = _analyse_weight(mechanism, found, matrix, yielding)
         sagged, still = loaded[..., 12], np.isnan(loaded[:, :1, 12:])
-        matrix, yielding = np.where(still, matrix, loaded[..., :6]), np.where(still, yielding, loaded[..., 6:12])
+        matrix = np.where(still, matrix, loaded[..., :6])
+        yielding = np.where(still, yielding, loaded[..., 6:12])
         yielding, free, inverse_condition = _complete_compliance(matrix, yielding)
     stuck = found.valid & ~np.isfinite(matrix).all(axis=(1, 2))
     free[stuck], inverse_condition[stuck] = 0, 0.0
-    length = found.linkage.length
-    rigid = tuple(
-        rigid_wrenches(c, length) if out else np.zeros((0, 6)) for c, out in zip(yielding, stuck, strict=True)
-    )
-    return Stiffness(found, matrix, sagged, free, inverse_condition, yielding, rigid)
+    rigid = [np.zeros((0, 6))] * len(found)
+    for k in np.flatnonzero(stuck):
+        rigid[k] = rigid_wrenches(yielding[k], found.linkage.length)
+    return Stiffness(found, matrix, sagged, free, inverse_condition, yielding, tuple(rigid))
 
 
 def _complete_compliance(matrix: Array, yielding: Array) -> tuple[Array, NDArray[np.int_], Array]:
@@ -248,7 +247,8 @@ def _complete_compliance(matrix: Array, yielding: Array) -> tuple[Array, NDArray
     free, inverse_condition = np.full(len(matrix), 6), np.full(len(matrix), np.nan)
     known = np.isfinite(matrix).all(axis=(1, 2))
     free[known], inverse_condition[known] = count_freedoms(matrix[known])
-    return np.where(np.isnan(yielding), invert_stiffness(matrix, free), yielding), free, inverse_condition
+    completed = np.where(np.isnan(yielding), invert_stiffness(matrix, free), yielding)
+    return completed, free, inverse_condition
 
 
 def _analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array, yielding: Array) -> Array:
@@ -260,7 +260,7 @@ def _analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array
     out = np.full((len(unloaded), 6, 13), np.nan)
     loose = bool(find_laws(mechanism))  # weights may hold motions that are free without them
     firm = np.flatnonzero(found.valid & (loose | np.isfinite(yielding).all(axis=(1, 2))))
-    both = _map_chunks(mechanism, found[firm], (6, 13), lambda order, where: _find_matrices(order, where, "exact"))
+    both = _map_chunks(mechanism, found[firm], (6, 13), _find_matrices, "exact")
     size = np.ones((len(firm), 6))
     size[:, :3] = found.linkage.length
     known = np.isfinite(unloaded[firm]).all(axis=(1, 2)) & (not loose)
@@ -270,20 +270,21 @@ def _analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array
     return out
 
 
-def stiffness_error(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Array:
+def stiffness_error(mechanism: Mechanism, poses: Poses) -> Array:
     """Return bounds (n, 6, 6) on the error of the stiffness at M from those of body compliances.
 
     To first order ``δK = -Σ (A K)ᵀ δC (A K)`` with A the wrench on a body per unit wrench at M.
     Errors of equal parts are correlated: absolute values add. NaN if the stiffness is infinite.
     """
-    bars = {b.name: b.elastic.error for b in mechanism.bodies if b.elastic is not None and b.elastic.error is not None}
+    elastic = ((b.name, b.elastic) for b in mechanism.bodies if b.elastic is not None)
+    bars = {name: each.error for name, each in elastic if each.error is not None}
 
     def work(order: Order, where: Places) -> Array:
         try:
             state = condense_network(order, where)
             matrix = tool_stiffness(state)
         except InfiniteStiffnessError:
-            return np.full((1, 6, 6), np.nan)
+            return _UNKNOWN
         response, out = solve_condensed(state, Loads(6, {END: matrix})), np.zeros_like(matrix)
         for name, bar in bars.items():
             carried = np.abs(response.find_wrench(mechanism.rows(name)))
@@ -294,35 +295,36 @@ def stiffness_error(mechanism: Mechanism, poses: ArrayLike | Configurations) -> 
 
 
 def _find_stiffness(order: Order, where: Places, gravity: Gravity) -> Array:
-    """Stiffness and, with gravity, sag (n, 6, 7)."""
+    """Return the stiffness (n, 6, 6)."""
     if gravity == "none":
-        return stack_columns([tool_stiffness(condense_network(order, where)), np.zeros((1, 6, 1))])
-    return _at_weight(order, where, loaded_stiffness, 7)
+        return tool_stiffness(condense_network(order, where))
+    return _at_weight(order, where, loaded_stiffness, 7)[..., :6]
 
 
-def _at_weight(order: Order, where: Places, work: Callable[[Order, Places], Array], columns: int) -> Array:
-    """What is found (n, 6, columns) under own weight, of the linear robots that drives with laws make of theirs."""
+def _at_weight(order: Order, where: Places, work: Callable[..., Array], columns: int) -> Array:
+    """Return what is found (n, 6, columns) under own weight, with drives' laws linearized there."""
     if not find_laws(order.mechanism):
         return work(order, where)
-    own = own_loads(order, where)
-    return map_segments(order, where, own, (6, columns), lambda linear, there, _: work(linear, there))[..., 0]
+    return map_segments(order, where, own_loads(order, where), (6, columns), work)[..., 0]
 
 
 def _find_matrices(order: Order, where: Places, gravity: Gravity) -> Array:
     """Return stiffness, compliance, sag (n, 6, 13); NaN if infinite or left to inversion."""
     if gravity == "exact" and find_laws(order.mechanism):
-        return _at_weight(order, where, lambda linear, there: _find_matrices(linear, there, gravity), 13)
+        return _at_weight(order, where, lambda *there: _find_matrices(*there, gravity), 13)
+    loaded, still = gravity == "exact", np.zeros((1, 6, 1))
     try:
-        found = _find_stiffness(order, where, gravity)
-        return np.concatenate([found[..., :6], np.full((len(found), 6, 6), np.nan), found[..., 6:]], axis=2)
+        found = loaded_stiffness(order, where) if loaded else tool_stiffness(condense_network(order, where))
+        return stack_columns([found[..., :6], _UNKNOWN, found[..., 6:] if loaded else still])
     except InfiniteStiffnessError:
-        if gravity == "exact":
+        if loaded:
             found = loaded_compliance(order, where)
         else:
             unit = solve_loads(order, where, Loads(6, {END: np.eye(6)[None]})).twist
-            found = stack_columns([0.5 * (unit + unit.mT), np.zeros((1, 6, 1))])
+            found = stack_columns([0.5 * (unit + unit.mT), still])
     matrix, yielding = np.full((len(found), 6, 6), np.nan), found[..., :6]
-    firm = [k for k, c in enumerate(yielding) if np.isfinite(c).all() and not len(rigid_wrenches(c, order.length))]
+    known = np.flatnonzero(np.isfinite(yielding).all(axis=(1, 2)))
+    firm = [k for k in known if not len(rigid_wrenches(yielding[k], order.length))]
     matrix[firm] = np.linalg.inv(yielding[firm])
     return np.concatenate([matrix, found], axis=2)
 
@@ -334,14 +336,11 @@ def _find_unloaded(order: Order, where: Places, gravity: Gravity) -> Array:
     except InputError:
         if gravity == "none" or not find_laws(order.mechanism):
             raise
-        return np.concatenate([np.zeros((1, 6, 6)), np.full((1, 6, 6), np.nan), np.zeros((1, 6, 1))], axis=2)
+        return stack_columns([np.zeros((1, 6, 6)), _UNKNOWN, np.zeros((1, 6, 1))])
 
 
 def _map_chunks(
-    mechanism: Mechanism,
-    poses: ArrayLike | Configurations,
-    entries: tuple[int, ...],
-    work: Callable[[Order, Places], Array],
+    mechanism: Mechanism, poses: Poses, entries: tuple[int, ...], work: Callable[..., Array], *more: Any
 ) -> Array:
     """Apply work to configurations in chunks; only the result grows with their number."""
     if isinstance(poses, Configurations):
@@ -357,5 +356,6 @@ def _map_chunks(
         at += len(found)
         good = found if found.valid.all() else found[found.valid]
         if len(good):
-            out[some][found.valid] = work(find_order(mechanism, good.linkage), place_nodes(good))
+            order, where = find_order(mechanism, good.linkage), place_nodes(good)
+            out[some][found.valid] = work(order, where, *more)
     return out

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.vjm.checks import GROUND
-from stiffscope.vjm.condensation import InfiniteStiffnessError, condense_network
+from stiffscope.vjm.condensation import condense_network
 from stiffscope.vjm.datasets import Labelled, make_dataset
 from stiffscope.vjm.equilibrium import find_equilibrium, map_segments, tool_stiffness
-from stiffscope.vjm.kinematics import Configurations, configure
+from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.loading import Loads, Response
 from stiffscope.vjm.network import END, FOOT, place_nodes
 from stiffscope.vjm.order import find_order
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     import xarray as xr
     from numpy.typing import ArrayLike
 
+    from stiffscope.vjm.datasets import Variables
+    from stiffscope.vjm.kinematics import Configurations, Poses
     from stiffscope.vjm.mechanism import Mechanism
-    from stiffscope.vjm.network import Places
-    from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
 
 _LARGEST = 1e100  # N or N·m; its square is finite
@@ -43,7 +43,7 @@ class Deflection(Labelled):
 
     def to_xarray(self) -> xr.Dataset:
         """Return twist, strain energy and shares, labelled by pose, twist and element; SI."""
-        variables: dict[str, tuple[Sequence[str], Any, str]] = {
+        variables: Variables = {
             "twist_at_M": (("pose", "twist"), self.twist, "m, rad"),
             "energy": (("pose",), self.energy, "J"),
             "share": (("element", "pose"), np.array(list(self.shares.values())), "1"),
@@ -53,7 +53,10 @@ class Deflection(Labelled):
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """A dead load on a node: ``wrench`` (6,) or (n, 6) in N, N·m, base axes, at the body's home point ``at`` (3,)."""
+    """A dead load on a node, in base axes, N and N·m.
+
+    ``wrench`` (6,) or (n, 6) at the point ``at`` (3,) of the body at home.
+    """
 
     node: str
     wrench: Array
@@ -62,52 +65,55 @@ class Load:
 
 def respond(
     mechanism: Mechanism,
-    poses: ArrayLike | Configurations,
+    poses: Poses,
     wrench: ArrayLike,
     *,
     loads: Sequence[Load] = (),
     gravity: float | ArrayLike = 0.0,
     misfit: float | ArrayLike = 0.0,
 ) -> Response:
-    """Equilibrium under wrenches (6,), (6, c) or (n, 6, c) at M in base axes, and what every element carries.
+    """Find the equilibrium under wrenches (6,), (6, c) or (n, 6, c) at M in base axes.
 
     Parameters
     ----------
     loads
         Dead loads on bodies, in every case.
     gravity, misfit
-        How many times the mechanism's own weight, and its offsets, act; one for all cases or one a case (c,).
+        Multiples of the mechanism's own weight, and of its offsets: one, or one for each case (c,).
 
     Raises
     ------
     InputError
         For a pose out of reach, a load on no body, and where the tool moves freely under its load.
     """
-    found = _find(mechanism, poses)
+    found = configure(mechanism, poses).require_valid()
     applied = np.asarray(wrench, dtype=float)
-    applied = applied[None, :, None] if applied.ndim == 1 else applied[None] if applied.ndim == 2 else applied
-    cases = applied.shape[2]
-    if applied.shape[1] != 6 or len(applied) not in {1, len(found)} or not np.isfinite(applied).all():
-        raise InputError(f"wrench: expected finite (6,), (6, c) or ({len(found)}, 6, c), got shape {np.shape(wrench)}")
+    if applied.ndim < 3:
+        applied = np.atleast_2d(applied.T).T[None]
+    n, six, cases = applied.shape
+    if six != 6 or n not in {1, len(found)} or not np.isfinite(applied).all():
+        expected = f"finite (6,), (6, c) or ({len(found)}, 6, c)"
+        raise InputError(f"wrench: expected {expected}, got shape {np.shape(wrench)}")
     order, where = find_order(mechanism, found.linkage), place_nodes(found)
-    weight, times = (np.broadcast_to(np.asarray(each, dtype=float), (cases,)) for each in (gravity, misfit))
+    weight, times = (np.broadcast_to(np.asarray(x, dtype=float), (cases,)) for x in (gravity, misfit))
     own = own_loads(order, where)
-    nodes: dict[str, Array] = {node: wrench * weight for node, wrench in own.nodes.items() if weight.any()}
+    nodes: dict[str, Array] = {k: w * weight for k, w in own.nodes.items() if weight.any()}
     for load in loads:
         node = FOOT if load.node == GROUND else load.node
         if node not in where.rotation:
             raise InputError(f"load: expected a body or an end of one, got {load.node!r}")
         wrench = np.atleast_2d(np.asarray(load.wrench, dtype=float))[..., None] * np.ones(cases)
-        nodes[node] = nodes.get(node, 0.0) + where.wrenches(node, np.asarray(load.at, dtype=float)) @ wrench
+        carry = where.wrenches(node, np.asarray(load.at, dtype=float))
+        nodes[node] = nodes.get(node, 0.0) + carry @ wrench
     nodes[END] = nodes.get(END, 0.0) + applied
-    offsets: dict[str, Array] = {name: twist * times for name, twist in own.offsets.items() if times.any()}
+    offsets: dict[str, Array] = {k: t * times for k, t in own.offsets.items() if times.any()}
     return find_equilibrium(order, where, Loads(cases, nodes, offsets))
 
 
-def deflection(mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: ArrayLike) -> Deflection:
+def deflection(mechanism: Mechanism, poses: Poses, wrench: ArrayLike) -> Deflection:
     """Return the deflection under a wrench (6,) or (n, 6), N, N·m, at M; energy shares sum to 1.
 
-    Raises InputError for a pose out of reach, a wrench of another shape, or a tool that moves freely.
+    Raises InputError for a pose out of reach, a wrench of another shape, or a tool that is free.
 
     Parameters
     ----------
@@ -131,21 +137,19 @@ def deflection(mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: 
     >>> (1e6 * found.twist[0, 2]).round(1)  # um
     np.float64(-80.7)
     """
-    found = _find(mechanism, poses)
-    load = _check_wrench(wrench, len(found))
-    response = respond(mechanism, found, load[..., None])
-    twist = np.broadcast_to(response.twist[..., 0], (len(found), 6))
-    stored: dict[str, Array] = {
-        name: np.broadcast_to(each[:, 0], (len(found),)) for name, each in response.energies.items()
-    }
-    energy = sum(stored.values(), np.zeros(len(found)))
-    shares: dict[str, Array] = {name: each / np.where(energy > 0.0, energy, 1.0) for name, each in stored.items()}
-    return Deflection(twist, energy, shares, found)
+    found = configure(mechanism, poses).require_valid()
+    n = len(found)
+    response = respond(mechanism, found, _check_wrench(wrench, n)[..., None])
+    twist = np.broadcast_to(response.twist[..., 0], (n, 6))
+    stored = {name: np.broadcast_to(e[:, 0], (n,)) for name, e in response.energies.items()}
+    energy = sum(stored.values(), np.zeros(n))
+    whole = np.where(energy > 0.0, energy, 1.0)
+    return Deflection(twist, energy, {name: e / whole for name, e in stored.items()}, found)
 
 
 @dataclass(frozen=True, eq=False)
 class LoadCurve:
-    """``twist`` (n, 6, s), tangent ``stiffness`` (n, 6, 6, s) at M under ``load`` (s,) × ``wrench``.
+    """``twist`` (n, 6, s) and tangent ``stiffness`` (n, 6, 6, s) at M under ``load`` × ``wrench``.
 
     The stiffness is NaN if infinite in some direction, and 0 if the tool moves freely.
     """
@@ -156,9 +160,7 @@ class LoadCurve:
     stiffness: Array
 
 
-def find_load_curve(
-    mechanism: Mechanism, poses: ArrayLike | Configurations, wrench: ArrayLike, load: ArrayLike
-) -> LoadCurve:
+def find_load_curve(mechanism: Mechanism, poses: Poses, wrench: ArrayLike, load: ArrayLike) -> LoadCurve:
     """Return deflection and tangent stiffness along a load path; no law has hysteresis.
 
     Parameters
@@ -173,27 +175,18 @@ def find_load_curve(
     InputError
         As ``deflection``.
     """
-    found = _find(mechanism, poses)
+    found = configure(mechanism, poses).require_valid()
     n, times = len(found), np.asarray(load, dtype=float)
     order, where = find_order(mechanism, found.linkage), place_nodes(found)
     loads = Loads(len(times), {END: _check_wrench(wrench, n)[..., None] * times})
     twist = np.broadcast_to(find_equilibrium(order, where, loads).twist, (n, 6, len(times)))
-
-    def tangent(linear: Order, there: Places, _case: int) -> Array:
-        try:
-            return tool_stiffness(condense_network(linear, there))
-        except InfiniteStiffnessError:
-            return np.full((1, 6, 6), np.nan)
-
-    return LoadCurve(np.asarray(wrench, dtype=float), times, twist, map_segments(order, where, loads, (6, 6), tangent))
-
-
-def _find(mechanism: Mechanism, poses: ArrayLike | Configurations) -> Configurations:
-    return (poses if isinstance(poses, Configurations) else configure(mechanism, poses)).require_valid()
+    tangent = map_segments(order, where, loads, (6, 6), lambda *there: tool_stiffness(condense_network(*there)))
+    return LoadCurve(np.asarray(wrench, dtype=float), times, twist, tangent)
 
 
 def _check_wrench(wrench: ArrayLike, n: int) -> Array:
     load = np.asarray(wrench, dtype=float)
     if load.shape not in ((6,), (n, 6)) or not (np.abs(load) < _LARGEST).all():
-        raise InputError(f"wrench: expected finite (6,) or ({n}, 6) forces and moments in N, N·m, got {load.tolist()}")
+        expected = f"finite (6,) or ({n}, 6) forces and moments in N, N·m"
+        raise InputError(f"wrench: expected {expected}, got {load.tolist()}")
     return np.broadcast_to(load, (n, 6))
