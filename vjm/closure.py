@@ -5,7 +5,8 @@ redundant drives); rows that depend on others (overconstrained loops) are only v
 square, sparse and factored without pivoting in an order found at home, entries vectors over poses.
 """
 
-# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 # (scipy declares few types)
 
 from __future__ import annotations
@@ -96,13 +97,7 @@ class Closure:
         self._order(q)
 
     def _independent_columns(self, whole: Array, unknown: list[int]) -> list[int]:
-        driven = {
-            linkage_column
-            for j in self.linkage.mechanism.drives
-            if j.name in self.linkage.columns and j.driven is not None
-            for linkage_column in [self.linkage.columns[j.name][j.driven]]
-        }
-        weight = np.array([_PASSIVE_FIRST if c in driven else 1.0 for c in unknown])
+        weight = np.where(np.isin(unknown, self.linkage.driven), _PASSIVE_FIRST, 1.0)
         return [unknown[k] for k in _find_independent(whole[:, unknown] * weight)]
 
     def _order(self, q: Array) -> None:
@@ -122,7 +117,8 @@ class Closure:
             sub = np.abs(matrix[np.ix_(rows, columns)])
             mask = pattern[np.ix_(rows, columns)]
             good = sub >= _PIVOT * np.maximum(sub.max(axis=0)[None], sub.max(axis=1)[:, None])
-            cost = np.outer(mask.sum(axis=1) - 1, mask.sum(axis=0) - 1) - 1e-3 * sub / max(sub.max(), 1e-300)
+            filled = np.outer(mask.sum(axis=1) - 1, mask.sum(axis=0) - 1)
+            cost = filled - 1e-3 * sub / max(sub.max(), 1e-300)
             i, j = np.unravel_index(np.argmin(np.where(good, cost, np.inf)), cost.shape)
             r, c = rows.pop(int(i)), columns.pop(int(j))
             row_order.append(r)
@@ -138,17 +134,16 @@ class Closure:
         self.below = [[i for i in size if i > k and fill[i, k]] for k in size]
         self.right = [[j for j in size if j > k and fill[k, j]] for k in size]
         self.cut_of = [int(k) for k in np.searchsorted(self.starts, self.rows, side="right") - 1]
-        self.rows_of = [
-            sorted((int(row - self.starts[k]), i) for i, row in enumerate(self.rows) if self.cut_of[i] == k)
-            for k in range(len(self.linkage.cuts))
-        ]
+        self.rows_of: list[list[tuple[int, int]]] = [[] for _ in self.linkage.cuts]
+        for i in np.argsort(self.rows).tolist():
+            k = self.cut_of[i]
+            self.rows_of[k].append((int(self.rows[i] - self.starts[k]), i))
         sparse = used[np.ix_(row_order, column_order)]
         self.entries = [[j for j in size if sparse[i, j]] for i in size]
-        cuts = self.linkage.cuts
-        self.signs = [dict(zip(cut.columns.tolist(), cut.signs.tolist(), strict=True)) for cut in cuts]
         self.weights = np.zeros((len(self.rows), self.linkage.size))
         for i, k in enumerate(self.cut_of):
-            self.weights[i, cuts[k].columns] = cuts[k].signs
+            cut = self.linkage.cuts[k]
+            self.weights[i, cut.columns] = cut.signs
         self.weights[:, self.columns] *= self.linkage.scale[self.columns]
 
     def solve(self, q: Array, steps: int = _STEPS, *, patient: bool = False, first: Array | None = None) -> Solution:
@@ -185,10 +180,12 @@ class Closure:
                     break
                 if count > 1 and left < _STRAGGLERS * n:
                     late = self.solve(q[:, going], steps - count, patient=patient)
-                    q[:, going], errors[:, going], closed = late.q, late.error, (most < CLOSED) & trusted
+                    q[:, going], errors[:, going] = late.q, late.error
+                    closed = (most < CLOSED) & trusted
                     closed[going] = late.closed & trusted[going]
                     return Solution(q, closed, linkage.place_links(q), errors, factors)
-                if factors is None or count != 1 or np.count_nonzero(size < _STILL) < (1.0 - _STRAGGLERS) * n:
+                still = np.count_nonzero(size < _STILL) >= (1.0 - _STRAGGLERS) * n
+                if factors is None or count != 1 or not still:
                     factors = self.factorize(placed)
                 step = factors.solve(errors[self.rows])
                 size = np.abs(step).max(axis=0)
@@ -198,7 +195,8 @@ class Closure:
                     trusted &= (size < _CONTRACTION * first) | (first < _NEAR) | (most < CLOSED)
                     checks = False
                 going &= size < 10.0
-                q[self.columns] -= step * scale if np.count_nonzero(going) == n else np.where(going, step * scale, 0.0)
+                way = step * scale
+                q[self.columns] -= way if going.all() else np.where(going, way, 0.0)
         closed = (most < CLOSED) & trusted  # pyright: ignore[reportPossiblyUnboundVariable]
         return Solution(q, closed, placed, errors, factors)  # pyright: ignore[reportPossiblyUnboundVariable]
 
@@ -221,10 +219,10 @@ class Closure:
         entries: dict[tuple[int, int], Array] = {}
         for i, wrench in enumerate(wrenches):
             known = enumerate(self.linkage.known, len(self.rows))
-            columns = [*((j, self.columns[j]) for j in self.entries[i]), *((j, c) for j, c in known)]
-            for j, c in columns:
+            for j, c in [*((j, self.columns[j]) for j in self.entries[i]), *known]:
                 if self.weights[i, c]:
-                    entries[i, j] = np.einsum("in,in->n", wrench, placed.twists[c]) * self.weights[i, c]
+                    rate = np.einsum("in,in->n", wrench, placed.twists[c])
+                    entries[i, j] = rate * self.weights[i, c]
         return entries
 
     def _eliminate(self, a: dict[tuple[int, int], Array]) -> dict[tuple[int, int], Array]:
@@ -263,7 +261,8 @@ class SparseFactors:
         """Scaled rates (columns, k, n) of unknowns for unit rates of each known one."""
         size, known = len(self.closure.rows), len(self.closure.linkage.known)
         nothing = np.zeros_like(self.entries[0, 0])
-        sides = [[self.entries.get((i, size + k), nothing) for i in range(size)] for k in range(known)]
+        find, columns = self.entries.get, range(size, size + known)
+        sides = [[find((i, k), nothing) for i in range(size)] for k in columns]
         return -np.stack([self.solve(side) for side in sides], axis=1)
 
     def solve(self, right: Sequence[Array] | Array) -> Array:

@@ -3,7 +3,8 @@
 Steps are short enough for Newton's method, from home or from a pose reached before.
 """
 
-# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 # (scipy declares few types)
 
 from __future__ import annotations
@@ -71,10 +72,9 @@ class Solver:
 
     @cached_property
     def ranges(self) -> tuple[Array, Array]:
-        """Least and greatest displacement (d,) of each drive from home, infinite where it has no end."""
-        ends = [(-np.inf, np.inf) if j.drive is None else (j.drive.low, j.drive.high) for j in self.mechanism.drives]
-        low, high = np.array(ends).reshape(-1, 2).T
-        return low, high
+        """Least and greatest displacement (d,) of the drives from home, infinite without an end."""
+        drives = [j.drive for j in self.mechanism.drives if j.drive is not None]
+        return np.array([d.low for d in drives]), np.array([d.high for d in drives])
 
     @property
     def start_values(self) -> Array:
@@ -98,9 +98,8 @@ def find_solver(mechanism: Mechanism, given: Given) -> Solver:
             found = _find_regular(mechanism, linkage)
             if found is None:
                 names = ", ".join(mechanism.tool.pose[k] for k in sorted(locked))
-                raise InputError(
-                    f"tool.pose: expected coordinates that the mechanism can move in at home, got {names}, held there"
-                )
+                expected = "coordinates that the mechanism can move in at home"
+                raise InputError(f"tool.pose: expected {expected}, got {names}, held there")
             start, displaced = found
         placed, closure = linkage.place_links(start[:, None]), Closure(linkage, start)
         rates = closure.rates(placed)
@@ -114,12 +113,11 @@ def find_solver(mechanism: Mechanism, given: Given) -> Solver:
 
 def _differentiate_rates(closure: Closure, start: Array, rates: Array) -> Array:
     """Return central differences (m, k, k) of the rates (m, k, 1) by known coordinates."""
-    known = closure.linkage.known
-    step = _STEP * closure.linkage.scale[known]
-    ahead, behind = (
-        closure.rates(closure.linkage.place_links(start[:, None] + rates[..., 0] * sign)) for sign in (step, -step)
-    )
-    return np.nan_to_num(0.5 * (ahead - behind) / step)
+    linkage = closure.linkage
+    step = _STEP * linkage.scale[linkage.known]
+    ahead, behind = (start[:, None] + rates[..., 0] * way for way in (step, -step))
+    change = closure.rates(linkage.place_links(ahead)) - closure.rates(linkage.place_links(behind))
+    return np.nan_to_num(0.5 * change / step)
 
 
 def _find_regular(mechanism: Mechanism, linkage: Linkage) -> tuple[Array, dict[str, float]] | None:
@@ -158,7 +156,8 @@ def _transfer(source: Linkage, target: Linkage, followed: Followed) -> Array:
     q, tool = np.zeros(target.size), target.mechanism.tool
     for joint in target.mechanism.joints:
         if joint.name in target.columns:
-            q[target.columns[joint.name]] = source.coordinates(joint, followed.q, followed.placed)[0]
+            found = source.coordinates(joint, followed.q, followed.placed)
+            q[target.columns[joint.name]] = found[0]
     frame = source.frame[source.link_of[tool.body]]
     moved = followed.placed.point(frame, tool.at)[:, 0] - tool.at
     turned = rotation_vector(followed.placed.rotation[frame].transpose(2, 0, 1))[0]
@@ -169,14 +168,7 @@ def _transfer(source: Linkage, target: Linkage, followed: Followed) -> Array:
 def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
     """Return the sign (n,) of det(drive rates by commanded coordinates); 0 if not square.
 
-    Parameters
-    ----------
-    solver
-        Solver of the mechanism.
-    placed
-        Links at the configurations.
-    rates
-        Rates of the coordinates by the commanded coordinates.
+    ``rates`` (m, k, n): of all coordinates by the commanded ones.
     """
     drives = solver.mechanism.drives
     n = rates.shape[2]
@@ -190,18 +182,19 @@ def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
             rows[:, k] = rates[linkage.columns[joint.name][joint.driven or 0]].T / scale
             continue
         cut = next(c for c in linkage.cuts if c.joint is joint)
-        across = np.einsum("cin,ckn,c->ikn", placed.twists[cut.columns], rates[cut.columns], cut.signs)
-        axis = joint.axes[:, 0] @ placed.rotation[cut.first]
+        twists = placed.twists[cut.columns] * cut.signs[:, None, None]
+        moved = across = np.einsum("cin,ckn->ikn", twists, rates[cut.columns])
+        axis = np.broadcast_to(joint.axes[:, 0] @ placed.rotation[cut.first], (3, n))
         if joint.kind == "revolute":
-            rows[:, k] = np.einsum("in,ikn->nk", np.broadcast_to(axis, (3, n)), across[3:])
+            moved = across[3:]
         else:
             at = np.broadcast_to(placed.point(cut.second, joint.at), (3, n))
             moved = across[:3] - np.cross(at[:, None], across[3:], axis=0)
-            rows[:, k] = np.einsum("in,ikn->nk", np.broadcast_to(axis, (3, n)), moved) / scale
+        rows[:, k] = np.einsum("in,ikn->nk", axis, moved) / scale
     rows = rows * linkage.scale[linkage.known]
     rows[~np.isfinite(rows).all(axis=(1, 2))] = 0.0
-    det = np.linalg.det(rows)
-    return np.where(np.abs(det) > 1e-9 * np.linalg.norm(rows, axis=2).prod(axis=1), np.sign(det), 0.0)
+    det, largest = np.linalg.det(rows), np.linalg.norm(rows, axis=2).prod(axis=1)
+    return np.where(np.abs(det) > 1e-9 * largest, np.sign(det), 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -214,17 +207,7 @@ class Followed:
 
 
 def follow_paths(solver: Solver, values: Array, size: int) -> Iterator[Followed]:
-    """Follow paths to given values (n, k), displacements from home, in chunks.
-
-    Parameters
-    ----------
-    solver
-        Solver of the mechanism.
-    values
-        Displacements (n, k) from home.
-    size
-        Configurations per chunk; more take more memory.
-    """
+    """Follow paths to values (n, k), displacements from home, in chunks of ``size`` paths."""
     if len(values) <= _FEW:
         yield Reached(solver).visit(values)
         return
@@ -258,13 +241,13 @@ class Reached:
         solver, linkage = self.solver, self.solver.linkage
         n = len(values)
         failure = np.zeros(n, dtype=np.int8)
-        home = self._at_singular_home(values)
+        home = (np.abs(values) < _SAME * self.unit).all(axis=1) & bool(solver.displaced)
         q, first = self._start(values)
         q[linkage.known] = values.T
         found = solver.closure.solve(q, first=first)
         q, done, placed = found.q, found.closed.copy(), found.placed
         factors = None if self.predict is None and n > 1 else found.factors  # not stragglers'
-        if home.any():
+        if home.any():  # singular: paths start elsewhere, all coordinates are zero there
             q[:, home], done[home], placed = 0.0, True, None
         if self.predict is None:
             self._keep(values, q, done)
@@ -278,8 +261,8 @@ class Reached:
         crossed = self._find_crossed(placed, factors) & done & ~home
         if crossed.any() and self.predict is None:  # short steps stay on their branch
             again = np.flatnonzero(crossed)
-            start = np.repeat(solver.start_values[None], len(again), 0), np.repeat(solver.start[:, None], len(again), 1)
-            reached, at = self._walk(*start, values[again], _SHORTEST, _CAREFUL)
+            first = np.zeros(len(again), dtype=int)  # of those reached: the start
+            reached, at = self._walk(first, values[again], _SHORTEST, _CAREFUL)
             again, at = again[reached], at[:, reached]
             q[:, again], crossed[again] = at, self._find_crossed(linkage.place_links(at))
             placed = linkage.place_links(q)
@@ -299,18 +282,16 @@ class Reached:
 
     def _keep(self, values: Array, q: Array, some: NDArray[np.intp] | NDArray[np.bool_]) -> None:
         """Remember some of values (n, k) and coordinates (m, n): those that were reached."""
-        self.values, self.q = np.concatenate([self.values, values[some]]), np.concatenate([self.q, q[:, some]], axis=1)
-
-    def _at_singular_home(self, values: Array) -> NDArray[np.bool_]:
-        """Which values (n, k) are those of a home that paths do not start from; all coordinates are zero there."""
-        return np.asarray((np.abs(values) < _SAME * self.unit).all(axis=1) & bool(self.solver.displaced))
+        self.values = np.concatenate([self.values, values[some]])
+        self.q = np.concatenate([self.q, q[:, some]], axis=1)
 
     def _find_crossed(self, placed: Placed, factors: Factors | None = None) -> NDArray[np.bool_]:
         """Return which configurations (n,) lie beyond a singularity of the drive rates."""
         solver = self.solver
         if not solver.home_sign:
             return np.zeros(placed.q.shape[1], dtype=bool)
-        return drive_sign(solver, placed, solver.closure.rates(placed, factors)) * solver.home_sign < 0.0
+        rates = solver.closure.rates(placed, factors)
+        return drive_sign(solver, placed, rates) * solver.home_sign < 0.0
 
     def _follow(self, values: Array, q: Array, done: NDArray[np.bool_]) -> None:
         """Reach the remaining poses, from home first, then from poses reached before."""
@@ -322,7 +303,8 @@ class Reached:
             left = np.flatnonzero(~done)
             if not left.size:
                 return
-            distance, start = map(np.asarray, KDTree(self.values / self.unit).query(values[left] / self.unit))
+            tree = KDTree(self.values / self.unit)
+            distance, start = map(np.asarray, tree.query(values[left] / self.unit))
             close = distance <= self.near
             if not self._reach(values, q, done, left[close], start[close], _SHORT):
                 break
@@ -343,18 +325,18 @@ class Reached:
         """Walk to some values from reached ones; return whether any new one was reached."""
         if not some.size:
             return False
-        reached, at = self._walk(self.values[start], self.q[:, start], values[some], shortest, first=first)
+        reached, at = self._walk(start, values[some], shortest, first=first)
         there = some[reached]
         q[:, there], done[there] = at[:, reached], True
         self._keep(values, q, there)
         return bool(there.size)
 
     def _walk(
-        self, start: Array, q: Array, end: Array, shortest: float, longest: float = 1.0, first: float = 1.0
+        self, origin: NDArray[np.intp], end: Array, shortest: float, longest: float = 1.0, first: float = 1.0
     ) -> tuple[NDArray[np.bool_], Array]:
-        """Follow coordinates (m, n) from start to end values (n, k), each with its own steps."""
+        """Go to values (n, k) from reached ones ``origin`` (n,), each with its own steps."""
         linkage, closure = self.solver.linkage, self.solver.closure
-        q, some = q.copy(), np.arange(q.shape[1])
+        start, q, some = self.values[origin], self.q[:, origin], np.arange(len(origin))
         way, step = np.zeros(len(some)), np.full(len(some), min(first, longest))
         while some.size:
             ahead = np.minimum(way[some] + step[some], 1.0)

@@ -21,6 +21,8 @@ from stiffscope.vjm.checks import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import ArrayLike, NDArray
 
     from stiffscope.vjm.screws import Array
@@ -59,7 +61,8 @@ class Law:
         points = np.vstack([np.zeros((1, 2)), np.asarray(curve, dtype=float)])
         steps = np.diff(points, axis=0)
         if not (np.isfinite(points).all() and (steps > 0.0).all()):
-            raise InputError(f"curve: expected deflections and forces that rise from 0, got {points[1:].tolist()}")
+            got = points[1:].tolist()
+            raise InputError(f"curve: expected deflections and forces that rise from 0, got {got}")
         slopes = steps[:, 1] / steps[:, 0]
         new = np.r_[True, ~np.isclose(slopes[1:], slopes[:-1], rtol=1e-12, atol=0.0)]
         return cls(0.5 * backlash + points[:-1, 0][new], slopes[new])
@@ -74,6 +77,10 @@ class Law:
         """Forces (m,) at the starts."""
         return np.concatenate([[0.0], np.cumsum(self.slopes[:-1] * np.diff(self.starts))])
 
+    @cached_property
+    def _widths(self) -> Array:
+        return np.diff(self.starts, append=np.inf)
+
     def segment(self, deflection: Array) -> NDArray[np.intp]:
         """Return segments: 0 within the backlash, ±1, ±2, … beyond each start by sign."""
         count = np.searchsorted(self.starts, np.abs(deflection), side="right")
@@ -84,33 +91,28 @@ class Law:
         if not segment:
             return 0.0, 0.0
         k = abs(segment) - 1
-        return float(self.slopes[k]), float(np.sign(segment) * (self.starts[k] - self.forces[k] / self.slopes[k]))
+        offset = self.starts[k] - self.forces[k] / self.slopes[k]
+        return float(self.slopes[k]), float(np.sign(segment) * offset)
 
     def force(self, deflection: Array) -> Array:
         """Return forces at deflections, N or N·m."""
-        size = np.abs(deflection)
-        out = self.slopes[-1] * np.maximum(size - self.starts[-1], 0.0)
-        for k in range(len(self.starts) - 1):
-            out = out + self.slopes[k] * np.clip(size - self.starts[k], 0.0, self.starts[k + 1] - self.starts[k])
+        size, out = np.abs(deflection), np.zeros(np.shape(deflection))
+        for start, slope, width in zip(self.starts, self.slopes, self._widths, strict=True):
+            out = out + slope * np.clip(size - start, 0.0, width)
         return np.copysign(out, deflection)
 
     def slope(self, deflection: Array) -> Array:
         """Return tangent stiffnesses at deflections; 0 within the backlash."""
-        size = np.searchsorted(self.starts, np.abs(deflection), side="right")
-        return np.concatenate([[0.0], self.slopes])[size]
+        return np.concatenate([[0.0], self.slopes])[np.abs(self.segment(deflection))]
 
     def energy(self, deflection: Array) -> Array:
         """Return strain energies at deflections, J."""
         size, out = np.abs(deflection), np.zeros(np.shape(deflection))
-        ends = np.append(self.starts[1:], np.inf)
-        for start, end, slope, force in zip(self.starts, ends, self.slopes, self.forces, strict=True):
-            along = np.clip(size - start, 0.0, end - start)
+        segments = zip(self.starts, self.slopes, self._widths, self.forces, strict=True)
+        for start, slope, width, force in segments:
+            along = np.clip(size - start, 0.0, width)
             out = out + along * (force + 0.5 * slope * along)
         return out
-
-    def subtract_spring(self, stiffness: float) -> Law:
-        """Return the law relative to a spring: force over deflection in excess of the spring's."""
-        return Law(self.starts - self.forces / stiffness, self.slopes / (1.0 - self.slopes / stiffness))
 
     def add_compliance(self, compliance: float) -> Law:
         """Add a compliance in series, which may be negative. Raises InputError if none is left."""
@@ -118,6 +120,11 @@ class Law:
         if not (left > 0.0).all():
             raise InputError(f"expected a drive that yields, got a compliance of {left.min():.6g}")
         return Law(self.starts + compliance * self.forces, 1.0 / left)
+
+
+def _check_stiffness(field: str, stiffness: float) -> None:
+    if not 0.0 < stiffness < np.inf:
+        raise InputError(f"{field}: expected a stiffness above 0, got {stiffness}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,15 +146,16 @@ class Drive:
 
     def add_backlash(self, backlash: float) -> Drive:
         """Return the drive with additional backlash."""
-        law = Law(np.zeros(1), np.array([self.stiffness])) if self.law is None else self.law
+        law = self._find_law()
         return replace(self, law=Law(law.starts + 0.5 * backlash, law.slopes))
 
     def add_compliance(self, compliance: float) -> Drive:
         """Add a compliance in series, which may be negative. Raises InputError if none is left."""
-        law = (Law(np.zeros(1), np.array([self.stiffness])) if self.law is None else self.law).add_compliance(
-            compliance
-        )
-        return replace(self, stiffness=float(law.slopes[0]), law=None if self.law is None else law)
+        law = self._find_law().add_compliance(compliance)
+        return replace(self, stiffness=float(law.slopes[0]), law=self.law and law)
+
+    def _find_law(self) -> Law:
+        return self.law or Law(np.zeros(1), np.array([self.stiffness]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,49 +196,53 @@ class Joint:
         if self.axis is None and self.kind not in {"fixed", "spherical"}:
             raise InputError(f"{here}.axis: expected the direction of a {self.kind} joint, got none")
         if self.kind == "universal" and self.axis2 is None:
-            raise InputError(f"{here}.axis2: expected the second direction of a universal joint, got none")
+            raise InputError(f"{here}.axis2: expected the second one of a universal joint, got none")
         self._check_drive(here)
         self._check_spring(here)
         if self.compliance is not None:
-            assign(self, "compliance", check_compliance(self.compliance, f"{here}.compliance", semidefinite=True))
+            c = check_compliance(self.compliance, f"{here}.compliance", semidefinite=True)
+            assign(self, "compliance", c)
         if self.offset is not None:
             assign(self, "offset", check_array(self.offset, (6,), f"{here}.offset", "a twist"))
         if self.astray is not None:
             assign(self, "astray", check_array(self.astray, (6,), f"{here}.astray", "a twist"))
-            if self.kind not in LED:
-                raise InputError(f"{here}.astray: expected a {', '.join(LED)} joint, got a {self.kind} one")
+            self._check_kind(f"{here}.astray", LED)
         _ = self.axes
+
+    def _check_kind(self, field: str, kinds: Iterable[str]) -> None:
+        if self.kind not in kinds:
+            known = ", ".join(kinds)
+            raise InputError(f"{field}: expected a {known} joint, got a {self.kind} one")
 
     def _check_drive(self, here: str) -> None:
         drive = self.drive
         if drive is None:
             return
-        if self.kind not in DRIVEN:
-            raise InputError(f"{here}.drive: expected a {', '.join(DRIVEN)} joint, got a {self.kind} one")
-        if not 0.0 < drive.stiffness < np.inf:
-            raise InputError(f"{here}.drive.stiffness: expected a stiffness above 0, got {drive.stiffness}")
+        self._check_kind(f"{here}.drive", DRIVEN)
+        _check_stiffness(f"{here}.drive.stiffness", drive.stiffness)
         if not drive.low < drive.high:
-            raise InputError(f"{here}.drive.range: expected its low end first, got [{drive.low}, {drive.high}]")
+            got = [drive.low, drive.high]
+            raise InputError(f"{here}.drive.range: expected its low end first, got {got}")
 
     def _check_spring(self, here: str) -> None:
         if self.spring is None:
             if self.rest:
                 raise InputError(f"{here}.rest: expected a spring beside it, got none")
             return
-        if self.kind not in ALIKE:
-            raise InputError(f"{here}.spring: expected a {', '.join(ALIKE)} joint, got a {self.kind} one")
+        self._check_kind(f"{here}.spring", ALIKE)
         if self.drive is not None:
             raise InputError(f"{here}.spring: expected a passive joint, got one with a drive")
-        if not 0.0 < self.spring < np.inf:
-            raise InputError(f"{here}.spring: expected a stiffness above 0, got {self.spring}")
+        _check_stiffness(f"{here}.spring", self.spring)
         if not np.isfinite(self.rest) or (self.rest and self.kind not in DRIVEN):
-            raise InputError(f"{here}.rest: expected a displacement of a revolute or prismatic joint, got {self.rest}")
+            expected = "a displacement of a revolute or prismatic joint"
+            raise InputError(f"{here}.rest: expected {expected}, got {self.rest}")
 
     @cached_property
     def axes(self) -> Array:
         """Joint axes x, y, z as columns (3, 3), in base axes at home."""
-        here = spell_name("joints", self.name)
-        return np.eye(3) if self.axis is None else axes_along(self.axis, self.axis2, here, ("axis", "axis2"))
+        if self.axis is None:
+            return np.eye(3)
+        return axes_along(self.axis, self.axis2, spell_name("joints", self.name), ("axis", "axis2"))
 
     @cached_property
     def motions(self) -> tuple[tuple[str, Array], ...]:
@@ -238,9 +250,16 @@ class Joint:
         if self.kind == "spherical":
             return (("S", np.zeros(3)),)
         motions = [("R" if k > 2 else "P", self.axes[:, k % 3]) for k in FREE[self.kind]]
-        if self.kind == "universal" and self.axis2 is not None:
-            motions[1] = ("R", self.axis2)
+        if self.cross:
+            motions[1] = ("R", self.cross[1])
         return tuple(motions)
+
+    @cached_property
+    def cross(self) -> tuple[Array, Array] | None:
+        """Both axes (3,) of a universal joint, in base axes at home; None of another kind."""
+        if self.kind != "universal" or self.axis is None or self.axis2 is None:
+            return None
+        return self.axis, self.axis2
 
     @property
     def driven(self) -> int | None:

@@ -32,12 +32,14 @@ _ALONE = 1e-14  # of the steepest slope: regularizes a drive within its backlash
 
 def find_laws(mechanism: Mechanism) -> dict[str, Law]:
     """Return the laws of the nonlinear drives, by joint."""
-    return {j.name: j.drive.law for j in mechanism.drives if j.drive is not None and j.drive.law is not None}
+    drives = ((j.name, j.drive) for j in mechanism.joints if j.drive is not None)
+    return {name: drive.law for name, drive in drives if drive.law is not None}
 
 
 def without_laws(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism with every law replaced by a linear spring of its initial slope."""
-    return _with_drives(mechanism, {name: (law.slopes[0], 0.0) for name, law in find_laws(mechanism).items()})
+    laws = find_laws(mechanism).items()
+    return _with_drives(mechanism, {name: (law.slopes[0], 0.0) for name, law in laws})
 
 
 def linearize(mechanism: Mechanism, segments: Sequence[int]) -> Mechanism:
@@ -103,7 +105,7 @@ def settle(laws: Sequence[Law], stiffness: Array, force: Array, influence: Array
     pull, tie = (back @ force[..., None])[..., 0], -back @ influence
     values, axes = np.linalg.eigh(0.5 * (tie + tie.mT))
     tie = (axes * values.clip(min=0.0)[..., None, :]) @ axes.mT  # rounding pushes no drive apart
-    curves = [law.subtract_spring(k) for law, k in zip(laws, steep.tolist(), strict=True)]
+    curves = [law.add_compliance(-1.0 / k) for law, k in zip(laws, steep.tolist(), strict=True)]
     shift: Array = np.zeros_like(pull)
     whole = np.maximum(np.abs(pull).max(axis=1, keepdims=True), 1e-300)
     for _ in range(_STEPS):
@@ -132,15 +134,11 @@ def _values(curves: Sequence[Any], shift: Array) -> Array:
 
 def _search(curves: Sequence[Law], shift: Array, step: Array, pull: Array, tie: Array) -> Array:
     """Return the step length (m,) of least energy: an exact search between the laws' corners."""
-    corners = [np.concatenate([-c.starts, c.starts]) for c in curves]
-    some = [
-        np.divide(
-            c - shift[:, j, None], step[:, j, None], out=np.ones((len(shift), len(c))), where=step[:, j, None] != 0
-        )
-        for j, c in enumerate(corners)
-    ]
-    at = np.concatenate([np.zeros((len(shift), 1)), np.ones((len(shift), 1)), *some], axis=1)
-    at = np.sort(np.where(at > 0.0, at, 0.0), axis=1)
+    corners: list[Array] = [np.tile([0.0, 1.0], (len(shift), 1))]
+    for j, c in enumerate(curves):
+        gap, way = np.concatenate([-c.starts, c.starts]) - shift[:, j, None], step[:, j, None]
+        corners.append(np.divide(gap, way, out=np.ones_like(gap), where=way != 0.0))
+    at = np.sort(np.concatenate(corners, axis=1).clip(min=0.0), axis=1)
     at = np.concatenate([at, 2.0 * at[:, -1:] + 1.0], axis=1)
     slope = np.zeros_like(at)
     for j, c in enumerate(curves):

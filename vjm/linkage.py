@@ -46,12 +46,16 @@ class Placed:
     @cached_property
     def rotation(self) -> list[Array]:
         """Rotation (3, 3, n or 1) of each frame."""
-        return self.frames[0] if self.look is None else list(self.look.frames[:, :, :3, :3].transpose(1, 2, 3, 0))
+        if self.look is None:
+            return self.frames[0]
+        return list(self.look.frames[:, :, :3, :3].transpose(1, 2, 3, 0))
 
     @cached_property
     def position(self) -> list[Array]:
         """Position (3, n or 1) of each frame."""
-        return self.frames[1] if self.look is None else list(self.look.frames[:, :, :3, 3].transpose(1, 2, 0))
+        if self.look is None:
+            return self.frames[1]
+        return list(self.look.frames[:, :, :3, 3].transpose(1, 2, 0))
 
     def point(self, frame: int, home: Array) -> Array:
         """Return the place (3, n or 1) of a point (3,) of a link."""
@@ -104,7 +108,6 @@ class Linkage:
         self.link_of, links = _find_links(mechanism)
         self.length = _measure_length(mechanism)
         joints = [j for j in mechanism.joints if self.link_of[j.first] != self.link_of[j.second]]
-        self.idle = [j for j in mechanism.joints if j.kind != "fixed" and j not in joints]
         tree = self._tree(joints, links)
         self.motions: list[Motion] = []
         self.columns: dict[str, list[int]] = {}
@@ -132,31 +135,30 @@ class Linkage:
         joined: Any = DisjointSet(range(links))
         if self.given == "tool":
             joined.merge(self.link_of[self.mechanism.tool.body], self.link_of[GROUND])
-        ends = {j.name: (self.link_of[j.first], self.link_of[j.second]) for j in sorted(joints, key=unknown)}
-        return {name for name, pair in ends.items() if joined.merge(*pair)}
+        link = self.link_of
+        ordered = sorted(joints, key=unknown)
+        return {j.name for j in ordered if joined.merge(link[j.first], link[j.second])}
 
     def _grow(self, joints: list[Joint], tree: set[str]) -> None:
         """Create frames and motions along the tree, outward from the ground."""
-        edges: list[tuple[str, int, int, tuple[tuple[str, Array], ...], Array]] = [
-            (j.name, self.link_of[j.first], self.link_of[j.second], j.motions, j.at) for j in joints if j.name in tree
+        edges: list[tuple[str, str, str, tuple[tuple[str, Array], ...], Array]] = [
+            (j.name, j.first, j.second, j.motions, j.at) for j in joints if j.name in tree
         ]
         tool = self.mechanism.tool
         if self.given == "tool":
-            edges.insert(0, ("", self.link_of[GROUND], self.link_of[tool.body], TOOL_MOTIONS, tool.at))
+            edges.insert(0, ("", GROUND, tool.body, TOOL_MOTIONS, tool.at))
         count, frames = 0, 1
         queue = [self.link_of[GROUND]]
         for link in queue:
-            for name, first, second, motions, at in edges:
+            for name, *ends, motions, at in edges:
+                first, second = (self.link_of[node] for node in ends)
                 if name in self.columns or link not in {first, second}:
                     continue
                 sign = 1.0 if link == first else -1.0
-                columns: list[int] = []
-                for kind, _ in motions:
-                    columns += range(count, count := count + (3 if kind == "S" else 1))
-                self.columns[name] = columns
                 sizes = [3 if kind == "S" else 1 for kind, _ in motions]
-                begun = [columns[sum(sizes[:k])] for k in range(len(sizes))]
-                steps = list(zip(motions, begun, strict=True))
+                begun = [count, *(count + np.cumsum(sizes, dtype=int)).tolist()]
+                self.columns[name], count = list(range(count, begun[-1])), begun[-1]
+                steps = list(zip(motions, begun, strict=False))
                 at_frame = self.frame[link]
                 for (kind, axis), column in steps if sign > 0.0 else reversed(steps):
                     self.motions.append(Motion(kind, axis, at, sign, column, at_frame, frames))
@@ -169,7 +171,8 @@ class Linkage:
     def _paths(self) -> list[set[int]]:
         paths: list[set[int]] = [set() for _ in range(self.frames)]
         for m in self.motions:
-            paths[m.child] = paths[m.parent] | set(range(m.column, m.column + (3 if m.kind == "S" else 1)))
+            columns = range(m.column, m.column + (3 if m.kind == "S" else 1))
+            paths[m.child] = paths[m.parent].union(columns)
         return paths
 
     def _cut(self, joint: Joint, paths: list[set[int]]) -> Cut:
@@ -182,11 +185,13 @@ class Linkage:
         """Return columns of the given values, in the order of commanded coordinates or drives."""
         if self.given == "tool":
             return [self.columns[""][k] for k in self.mechanism.tool.commanded_axes]
-        return [
-            self.columns[j.name][j.driven]
-            for j in self.mechanism.drives
-            if j.name in self.columns and j.driven is not None
-        ]
+        return self.driven
+
+    @property
+    def driven(self) -> list[int]:
+        """Columns of the drives in the tree, in the mechanism's order."""
+        drives = [j for j in self.mechanism.drives if j.name in self.columns]
+        return [self.columns[j.name][j.driven or 0] for j in drives]
 
     def place_links(self, q: Array) -> Placed:
         """Place links at coordinates (m, n)."""
@@ -229,16 +234,19 @@ class Linkage:
         second = placed.rotation[cut.second]
         count = len(held)
         out[:count] = (axes[:, held] * gap[:, None]).sum(axis=0) / self.length
-        if joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None:
-            a, b = joint.axis @ placed.rotation[cut.first], joint.axis2 @ second
-            out[count] = (a * b).sum(axis=0) - joint.axis @ joint.axis2
+        if joint.cross:
+            first, other = joint.cross
+            a, b = first @ placed.rotation[cut.first], other @ second
+            out[count] = (a * b).sum(axis=0) - first @ other
         elif len(turns) == 2:
             image = joint.axes[:, 0] @ second
-            out[count], out[count + 1] = -(axes[:, 2] * image).sum(axis=0), (axes[:, 1] * image).sum(axis=0)
+            out[count] = -(axes[:, 2] * image).sum(axis=0)
+            out[count + 1] = (axes[:, 1] * image).sum(axis=0)
         elif turns:
             theirs = np.matmul(joint.axes.T, second)
             for row, (i, j) in enumerate(((1, 2), (2, 0), (0, 1)), count):
-                out[row] = 0.5 * ((axes[:, j] * theirs[:, i]).sum(axis=0) - (axes[:, i] * theirs[:, j]).sum(axis=0))
+                twice = axes[:, j] * theirs[:, i] - axes[:, i] * theirs[:, j]
+                out[row] = 0.5 * twice.sum(axis=0)
 
     def wrenches(self, cut: Cut, rows: Sequence[int], placed: Placed) -> Array:
         """Return wrenches (6, rows, n or 1) on the second link that measure some errors.
@@ -251,8 +259,8 @@ class Linkage:
         forces = [held[row] for row in rows if row < len(held)]
         moments = [turns[row - len(held)] for row in rows if row >= len(held)]
         crossed = None
-        if moments and joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None:
-            crossed = joint.axis2 @ placed.rotation[cut.second], joint.axis @ carrier
+        if moments and joint.cross:
+            crossed = joint.cross[1] @ placed.rotation[cut.second], joint.cross[0] @ carrier
         at = placed.point(cut.second, joint.at) if forces else carrier[0]
         n = max(carrier.shape[2], at.shape[-1], 1 if crossed is None else crossed[0].shape[-1])
         count = len(forces)
@@ -321,8 +329,8 @@ def _find_links(mechanism: Mechanism) -> tuple[dict[str, int], int]:
             group = {name: a if k == b else k for name, k in group.items()}
     order = {k: i for i, k in enumerate(dict.fromkeys(group.values()))}
     link = {name: order[k] for name, k in group.items()}
-    nodes = {GROUND: link[GROUND]} | {node: link[b.name] for b in mechanism.bodies for node in b.nodes}
-    return nodes, len(order)
+    nodes = {node: link[b.name] for b in mechanism.bodies for node in b.nodes}
+    return {GROUND: link[GROUND], **nodes}, len(order)
 
 
 def _measure_length(mechanism: Mechanism) -> float:
@@ -333,8 +341,8 @@ def _measure_length(mechanism: Mechanism) -> float:
 
 def rotation_sine(rotation: Array) -> Array:
     """Return the sine of the angle times the axis (..., 3) of rotations (..., 3, 3)."""
-    r = rotation
-    return 0.5 * np.stack([r[..., 2, 1] - r[..., 1, 2], r[..., 0, 2] - r[..., 2, 0], r[..., 1, 0] - r[..., 0, 1]], -1)
+    twice = rotation - rotation.mT
+    return 0.5 * np.stack([twice[..., 2, 1], twice[..., 0, 2], twice[..., 1, 0]], axis=-1)
 
 
 def rotation_vector(rotation: Array) -> Array:
@@ -344,7 +352,8 @@ def rotation_vector(rotation: Array) -> Array:
     cosine = 0.5 * (np.einsum("...ii->...", rotation) - 1.0)
     angle = np.arctan2(sine, cosine)
     near = sine < 1e-4  # no rotation or a half turn: its axis is in the symmetric part
-    factor: Array = np.where(near & (cosine > 0.0), 1.0 + angle**2 / 6.0, angle / np.where(sine > 0.0, sine, 1.0))
+    factor = angle / np.where(sine > 0.0, sine, 1.0)
+    factor = np.where(near & (cosine > 0.0), 1.0 + angle**2 / 6.0, factor)
     vector: Array = s * factor[..., None]
     half = near & (cosine < 0.0)
     if half.any():

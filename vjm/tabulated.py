@@ -83,7 +83,7 @@ class Table:
     def __init__(self, motions: Sequence[Motion], cuts: Sequence[Cut], length: float, size: int) -> None:
         generators = np.zeros((len(motions) + 1, 3, 4, 4))
         self.lead = np.array([0, *(motion.column for motion in motions)])
-        self.slides = np.array([True, *(motion.kind == "P" for motion in motions)])
+        self.slides = np.array([True, *(m.kind == "P" for m in motions)])[:, None, None]
         parent = np.array([0, *(motion.parent for motion in motions)])
         constants, coefficients = np.zeros((size, 4, 2)), np.zeros((size, 2, 2))
         frame = np.zeros(size, dtype=int)
@@ -100,15 +100,15 @@ class Table:
                 constants[column, :3] = np.column_stack([axis, motion.point])
                 constants[column, 3, 1] = 1.0
                 coefficients[column] = [[1.0, 0.0], [0.0, 0.0]] if slides else [[0.0, 1.0], [1.0, 0.0]]
-        self.balls = np.array([motion.child for motion in motions if motion.kind == "S"], dtype=int)
+        self.balls = np.array([m.child for m in motions if m.kind == "S"], dtype=int)
         self.ball_columns = self.lead[self.balls][:, None] + np.arange(3)
         self.ball_parents = parent[self.balls]
-        self.ball_signs = np.array([motion.sign for motion in motions if motion.kind == "S"])[:, None, None]
+        self.ball_signs = np.array([m.sign for m in motions if m.kind == "S"])[:, None, None]
         count = len(self.balls)
         self.turned = np.zeros((size, count))  # which coordinates turn which ball
         self.turned[self.ball_columns, np.arange(count)[:, None]] = 1.0
         spans = np.zeros((size, count, 16))
-        spans[self.ball_columns, np.arange(count)[:, None]] = generators[self.balls].reshape(-1, 3, 16)
+        spans[self.ball_columns, np.arange(count)[:, None]] = generators[self.balls].reshape(count, 3, 16)
         self.generators = spans.reshape(size, 16 * count)
         self.screws = generators[:, 0]
         self.squares = self.screws @ self.screws
@@ -126,10 +126,9 @@ class Table:
         across[:, :3, 0] = np.array([u for _, _, u, _, _ in terms]).reshape(-1, 3)
         forces = onto[:, 3]  # 1 of lengths, 0 of angles
         across[..., 1] = onto * forces[:, None]
-        self.frame = np.concatenate(
-            [frame, [cut.first for _, cut, *_ in terms], [cut.second for _, cut, *_ in terms]]
-        ).astype(int)
-        self.constants = np.concatenate([constants, across, np.pad(onto[..., None], ((0, 0), (0, 0), (0, 1)))])
+        links = [cut.first for _, cut, *_ in terms] + [cut.second for _, cut, *_ in terms]
+        self.frame = np.append(frame, np.array(links, dtype=int))
+        self.constants = np.concatenate([constants, across, onto[..., None] * [1.0, 0.0]])
         measured = np.zeros((len(terms), 2, 2))
         measured[:, 0, 0], measured[:, 1, 1] = forces, 1.0
         self.coefficients = np.concatenate([coefficients, measured])
@@ -137,9 +136,9 @@ class Table:
 
     def look(self, q: Array) -> Look:
         """Return links and equations at coordinates (m, n)."""
-        angle = q.take(self.lead, axis=0).T
+        angle = q.take(self.lead, axis=0).T[..., None, None]
         first, second = np.where(self.slides, angle, np.sin(angle)), 1.0 - np.cos(angle)
-        frames: Array = self.screws * first[..., None, None] + self.squares * second[..., None, None] + _ONE
+        frames: Array = self.screws * first + self.squares * second + _ONE
         rates = _ONE
         if len(self.balls):
             screw = (q.T @ self.generators).reshape(len(angle), -1, 4, 4)
@@ -163,7 +162,10 @@ class Table:
 
 
 def _turn_balls(screw: Array, square: Array) -> tuple[Array, Array]:
-    """Displacements (n, b, 4, 4) by rotation vectors as screws, of a square (n, b), and spins (n, b, 3, 3) per rate."""
+    """Return displacements (n, b, 4, 4) by rotation vectors, given as screws and by their squares.
+
+    Also the spins (n, b, 3, 3) for unit rates.
+    """
     angle: Array = np.sqrt(square + _TINY)[..., None, None]
     turn: Array = screw @ screw
     sine: Array = np.sin(angle) / angle
@@ -181,8 +183,8 @@ def _list_terms(cuts: Sequence[Cut], length: float) -> Iterator[tuple[int, Cut, 
         for k in held:
             yield row, cut, joint.axes[:, k] / length, np.append(joint.at, 1.0), 0.0
             row += 1
-        if joint.kind == "universal" and joint.axis is not None and joint.axis2 is not None:
-            pairs = [[(joint.axis, joint.axis2)]]
+        if joint.cross:
+            pairs = [[joint.cross]]
         elif len(turns) == 2:
             pairs = [[(-z, x)], [(y, x)]]
         else:
