@@ -82,7 +82,7 @@ class Body:
         if self.centre is not None:
             assign(self, "centre", check_vector(self.centre, f"{here}.centre", "a position in m"))
         elif self.mass > 0.0 and self.elastic is None:
-            raise InputError(f"{here}.centre: expected the centre of mass of a body with a mass, got none")
+            raise InputError(f"{here}.centre: expected the centre of mass beside a mass, got none")
         if self.inertia is not None:
             inertia = check_array(self.inertia, (3, 3), f"{here}.inertia", "an inertia")
             message = f"{here}.inertia: expected a positive semidefinite inertia"
@@ -94,19 +94,21 @@ class Body:
     @property
     def nodes(self) -> tuple[str, ...]:
         """Nodes to which joints can be attached."""
-        return (self.name,) if self.elastic is None else tuple(f"{self.name}.{end}" for end in self.elastic.ends)
+        if self.elastic is None:
+            return (self.name,)
+        return tuple(f"{self.name}.{end}" for end in self.elastic.ends)
 
     @cached_property
     def masses(self) -> dict[str, Masses]:
-        """What its nodes weigh at home, about the origin; an elastic body's ends as its dynamics say, or alike."""
-        elastic = self.elastic
+        """Masses of its nodes at home, about the origin; ends without ``dynamics`` share alike."""
+        elastic, centre = self.elastic, np.zeros(3) if self.centre is None else self.centre
+        ends = dict(zip(self.nodes, [centre] if elastic is None else elastic.places, strict=True))
         if elastic is not None and elastic.dynamics is not None:
-            loads = np.split(elastic.dynamics.load, len(self.nodes))
-            each = zip(self.nodes, elastic.places, loads, strict=True)
-            return {node: split_load(load).place(elastic.axes[None], at[None]) for node, at, load in each}
-        places = elastic.places if elastic is not None else [np.zeros(3) if self.centre is None else self.centre]
-        share = self.mass / len(places)
-        return {n: Masses(share, share * at[None]) for n, at in zip(self.nodes, places, strict=True) if self.mass}
+            axes, loads = elastic.axes[None], np.split(elastic.dynamics.load, len(ends))
+            pairs = zip(ends.items(), loads, strict=True)
+            return {node: split_load(load).place(axes, at[None]) for (node, at), load in pairs}
+        share = self.mass / len(ends)
+        return {node: Masses(share, share * at[None]) for node, at in ends.items() if share}
 
 
 def member(
@@ -149,8 +151,8 @@ def member(
     end = check_vector(tip, f"{here}.tip", "a position in m")
     axes = axes_along(end - start, y, here)
     bound = None if error is None else np.asarray(error, dtype=float)
-    elastic = Elastic(np.asarray(compliance, dtype=float), np.array([start, end]), axes, bound, dynamics=dynamics)
-    return Body(name, mass, elastic=elastic)
+    soft, places = np.asarray(compliance, dtype=float), np.array([start, end])
+    return Body(name, mass, elastic=Elastic(soft, places, axes, bound, dynamics=dynamics))
 
 
 def superelement_body(
@@ -192,7 +194,8 @@ def superelement_body(
     names = tuple(interfaces)
     if len(names) < 2:
         raise InputError(f"{here}.interfaces: expected two or more, got {list(names)}")
-    local = np.array([check_vector(p, f"{here}.interfaces.{end}", "a position in m") for end, p in interfaces.items()])
+    points = ((f"{here}.interfaces.{end}", place) for end, place in interfaces.items())
+    local = np.array([check_vector(place, field, "a position in m") for field, place in points])
     size = 6 * len(names)
     k = check_array(stiffness, (size, size), f"{here}.stiffness", "a stiffness")
     compliance = _clamp_first(k, local, f"{here}.stiffness")
@@ -208,7 +211,8 @@ def superelement_body(
         dynamics = Dynamics(inertia, squares)
         mass = dynamics.total
     places = local @ turn.T + check_vector(at, f"{here}.at", "a position in m")
-    return Body(name, mass, elastic=Elastic(compliance, places, turn, dynamics=dynamics, ends=names))
+    elastic = Elastic(compliance, places, turn, dynamics=dynamics, ends=names)
+    return Body(name, mass, elastic=elastic)
 
 
 def rigid_motions(places: Array) -> Array:
@@ -221,14 +225,15 @@ def _clamp_first(stiffness: Array, places: Array, here: str) -> Array:
     scale = np.sqrt(np.diagonal(stiffness).clip(min=0.0))
     size = np.outer(scale, scale)
     if not (scale > 0.0).all():
-        raise InputError(f"{here}: expected diagonal entries above 0, got {np.diagonal(stiffness).min():.6g}")
+        least = np.diagonal(stiffness).min()
+        raise InputError(f"{here}: expected diagonal entries above 0, got {least:.6g}")
     if (np.abs(stiffness - stiffness.T) > _BALANCED * size).any():
         raise InputError(f"{here}: expected a symmetric matrix")
-    cost = np.abs(stiffness @ rigid_motions(places)) / (size @ np.abs(rigid_motions(places)))
-    if cost.max() > _BALANCED:
-        raise InputError(
-            f"{here}: expected one whose rigid motions cost nothing, got a relative cost of {cost.max():.2g}"
-        )
+    rigid = rigid_motions(places)
+    cost = (np.abs(stiffness @ rigid) / (size @ np.abs(rigid))).max()
+    if cost > _BALANCED:
+        expected = "one whose rigid motions cost nothing"
+        raise InputError(f"{here}: expected {expected}, got a relative cost of {cost:.2g}")
     unit = (stiffness / size)[6:, 6:]
     try:
         root = np.linalg.inv(np.linalg.cholesky(0.5 * (unit + unit.T)))
@@ -239,10 +244,11 @@ def _clamp_first(stiffness: Array, places: Array, here: str) -> Array:
 
 def _check_elastic(elastic: Elastic, here: str) -> Elastic:
     axes = check_array(elastic.axes, (3, 3), f"{here}.axes", "axes")
-    if not np.allclose(axes.T @ axes, np.eye(3), rtol=0.0, atol=_ORTHONORMAL) or np.linalg.det(axes) < 0.0:
-        raise InputError(f"{here}.axes: expected three orthonormal columns x, y, z, got {axes.tolist()}")
-    m = len(elastic.ends) - 1
-    compliance = check_compliance(elastic.compliance, f"{here}.compliance", semidefinite=True, ends=m)
+    off = np.abs(axes.T @ axes - np.eye(3)).max()
+    if off > _ORTHONORMAL or np.linalg.det(axes) < 0.0:
+        raise InputError(f"{here}.axes: expected orthonormal columns x, y, z, got {axes.tolist()}")
+    m, named = len(elastic.ends) - 1, f"{here}.compliance"
+    compliance = check_compliance(elastic.compliance, named, semidefinite=True, ends=m)
     places = check_array(elastic.places, (m + 1, 3), f"{here}.places", "positions in m")
     error, offset = elastic.error, elastic.offset
     if error is not None:

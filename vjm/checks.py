@@ -46,21 +46,25 @@ def check_compliance(matrix: ArrayLike, name: str, *, semidefinite: bool = False
     if not np.isfinite(c).all():
         raise InputError(f"{name}: every entry must be a finite number")
     if (np.diagonal(c) < 0.0).any():
-        raise InputError(f"{name}: diagonal entries must not be negative, got {np.diagonal(c).min():.6g}")
+        least = np.diagonal(c).min()
+        raise InputError(f"{name}: diagonal entries must not be negative, got {least:.6g}")
     scale = np.sqrt(np.outer(np.diagonal(c), np.diagonal(c)))
     worst = np.unravel_index(np.argmax(np.abs(c - c.T) - _SYMMETRY * scale), c.shape)
     if abs(c[worst] - c[worst[::-1]]) > _SYMMETRY * scale[worst]:
-        i, j = int(worst[0]) + 1, int(worst[1]) + 1
-        raise InputError(f"{name}: not symmetric, C{i}{j} = {c[worst]:.6g} but C{j}{i} = {c[worst[::-1]]:.6g}")
+        i, j = (int(k) + 1 for k in worst)
+        there, across = c[worst], c[worst[::-1]]
+        raise InputError(f"{name}: not symmetric, C{i}{j} = {there:.6g} but C{j}{i} = {across:.6g}")
     c = 0.5 * (c + c.T)
     by_kind = np.diagonal(c).reshape(ends, 2, 3).max(axis=(0, 2))
     largest = np.tile(np.repeat(by_kind, 3), ends)
     if ((scale == 0.0) & (np.abs(c) > _SYMMETRY * np.sqrt(np.outer(largest, largest)))).any():
-        raise InputError(f"{name}: not positive definite (an entry couples with a direction that does not yield)")
+        fault = "an entry couples with a direction that does not yield"
+        raise InputError(f"{name}: not positive definite ({fault})")
     unit = np.where(scale > 0.0, c, 0.0) / np.where(scale > 0.0, scale, 1.0)
     smallest = float(np.linalg.eigvalsh(unit)[0])
     if smallest < _INDEFINITE or (not semidefinite and smallest <= 0.0):
-        raise InputError(f"{name}: not positive definite (smallest eigenvalue of the scaled matrix {smallest:.3g})")
+        fault = f"smallest eigenvalue of the scaled matrix {smallest:.3g}"
+        raise InputError(f"{name}: not positive definite ({fault})")
     return c
 
 
@@ -105,17 +109,7 @@ def check_array(value: ArrayLike, shape: tuple[int, ...], here: str, what: str) 
 
 
 def check_vector(value: ArrayLike, here: str, what: str) -> Array:
-    """Check that a value is a vector of three finite numbers.
-
-    Parameters
-    ----------
-    value
-        Value to check.
-    here
-        Field for messages.
-    what
-        Expected quantity, for messages.
-    """
+    """Check a vector (3,) as by ``check_array``."""
     return check_array(value, (3,), here, what)
 
 
@@ -151,21 +145,12 @@ def axes_along(
     side = following if y is None else check_direction(y, f"{name}.{keys[1]}")
     normal = np.cross(along, side)
     if np.linalg.norm(normal) < _PARALLEL:
-        raise InputError(f"{name}.{keys[1]}: expected a direction other than {keys[0]}, got {side.tolist()}")
+        expected = f"a direction other than {keys[0]}"
+        raise InputError(f"{name}.{keys[1]}: expected {expected}, got {side.tolist()}")
     normal = normal / np.linalg.norm(normal)
     return np.column_stack([along, np.cross(normal, along), normal])
 
 
 def assign(owner: object, key: str, value: object) -> None:
-    """Set a field of a frozen dataclass during its initialization.
-
-    Parameters
-    ----------
-    owner
-        Instance under initialization.
-    key
-        Name of the field.
-    value
-        Value to set.
-    """
+    """Set a field of a frozen dataclass during its initialization."""
     object.__setattr__(owner, key, value)

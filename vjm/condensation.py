@@ -29,12 +29,15 @@ from stiffscope.vjm.screws import Frame
 from stiffscope.vjm.semidefinite import half_inverse, multiply_transposed
 
 if TYPE_CHECKING:
-    from collections.abc import Container, Iterator, Sequence
+    from collections.abc import Container, Iterator
+    from typing import TypeAlias
 
     from stiffscope.vjm.loading import ChainLoads, Loads, Response
     from stiffscope.vjm.network import Places
     from stiffscope.vjm.order import Fold, Order
     from stiffscope.vjm.screws import Array
+
+    Stiffened: TypeAlias = tuple[Connection, Array]
 
 
 class InfiniteStiffnessError(InputError):
@@ -76,9 +79,9 @@ class Stiff:
         return along, preload
 
     def _hold_end(self, along: ChainLoads, balanced: float) -> tuple[Array, list[Array]]:
-        """Return a wrench (n, 6, c) on the end in balance with loads on inner nodes, and the strains.
+        """Return a wrench w₀ (n, 6, c) on the end in balance with inner loads, and the strains.
 
-        The wrench that holds the end is ``w₀ - K (τ + C w₀)`` with Nᵀ w₀ = -ν, the loads along the free directions.
+        The wrench that holds the end is ``w₀ - K (τ + C w₀)`` with Nᵀ w₀ = -ν, the loads along N.
         """
         members, where = self.connection.members, self.where
         hold: Array = np.zeros((1, 6, 1))
@@ -137,15 +140,14 @@ class Folded:
     def carry(self, load: CondensedLoads) -> tuple[ChainLoads | None, Array, Array] | None:
         """Carry loads to its neighbours; return them, W times those on y, and that on the node."""
         force, connection, along = load.force(self.step.node), self.step.connection, None
-        names: Sequence[str] = (self.step.node,)
-        drive = force
+        names, drive = [self.step.node], force
         if connection is None or self.columns is None:
             if self.step.node not in load.forces:
                 return None
         else:
             names = [e.name for e, _ in connection.members]
             along = chain_loads(self.where, load, connection)
-            if self.step.node not in load.forces and not any(along.laden) and not along.offset.any():
+            if not (self.step.node in load.forces or any(along.laden) or along.offset.any()):
                 return along, np.zeros((1, self.half.shape[1], load.loads.cases)), force
             load.add(self.start, force + along.carried[0])
             if along.offset.any():
@@ -165,7 +167,7 @@ class Folded:
                 load.add(self.start, -share)
         return along, push, force
 
-    def _check_balance(self, names: Sequence[str], moved: Array, load: Array, balanced: float) -> None:
+    def _check_balance(self, names: list[str], moved: Array, load: Array, balanced: float) -> None:
         """Refuse a load (n, m, c) along a direction that the generalized inverse dropped."""
         if balanced >= HELD or not (np.einsum("nii->ni", self.half) == 0.0).any():
             return
@@ -221,7 +223,7 @@ def condense_network(order: Order, where: Places) -> Condensed:
     state = Condensed(order, where)
     ready: dict[Connection, Array] = {}
     if where.rigid:
-        ready.update(zip((c for c, _ in order.constant), _carry_constants(order, where), strict=True))
+        ready.update(_carry_constants(order, where))
     if len(where.tool) <= FEW:
         where.look_at(order.moving if where.rigid else order.elements)
         ready.update(_stiffen_alike(order, where, ready))
@@ -259,28 +261,30 @@ def store_energy(state: Condensed, load: CondensedLoads) -> Array:
     return out
 
 
-def _carry_constants(order: Order, where: Places) -> Iterator[Array]:
-    """Yield the constant connections' stiffnesses (n or 1, 6, 6) at M in base axes, in order."""
-    n = len(where.tool)
-    turned = [where.rotation[c.anchor] for c, _ in order.constant]
-    moved = [where.position[c.anchor] for c, _ in order.constant]
+def _carry_constants(order: Order, where: Places) -> Iterator[Stiffened]:
+    """Yield the constant connections and their stiffnesses at M in base axes."""
+    n, connections = len(where.tool), [c for c, _ in order.constant]
+    turned = [where.rotation[c.anchor] for c in connections]
+    moved = [where.position[c.anchor] for c in connections]
     if not turned or n > FEW or any(len(each) != n for each in (*turned, *moved)):
         for c, constant in order.constant:
             back = c.frame(where).inverse_adjoint()
-            yield back.mT @ constant @ back
+            yield c, back.mT @ constant @ back
         return
     rotation = np.array(turned)  # batched: for few poses call overhead dominates
-    origins = np.array([c.origin for c, _ in order.constant])[:, None, :, None]
+    origins = np.array([c.origin for c in connections])[:, None, :, None]
     place = Frame(rotation, (rotation @ origins)[..., 0] + moved - where.tool)
     back = place.inverse_adjoint()
-    yield from back.mT @ np.array([constant for _, constant in order.constant]) @ back
+    constants = np.array([constant for _, constant in order.constant])
+    yield from zip(connections, back.mT @ constants @ back, strict=True)
 
 
 def _carry_columns(order: Order, where: Places) -> None:
     """Place columns that are constant in a connection's axes with it, not one by one."""
     for c, _ in order.constant:
         if c.columns is not None and c.members[0][0].name not in where.seen:
-            placed = (c.frame(where).adjoint().reshape(-1, 6) @ c.columns).reshape(-1, *c.columns.shape)
+            whole = c.frame(where).adjoint().reshape(-1, 6) @ c.columns  # one product, not n
+            placed = whole.reshape(-1, *c.columns.shape)
             r, k = 0, sum(e.factor.shape[1] for e, _ in c.members)
             for e, _ in c.members:
                 after = r + e.factor.shape[1], k + e.free.shape[1]
@@ -288,8 +292,8 @@ def _carry_columns(order: Order, where: Places) -> None:
                 r, k = after
 
 
-def _stiffen_alike(order: Order, where: Places, ready: Container[Connection]) -> Iterator[tuple[Connection, Array]]:
-    """Stiffen other connections of as many columns at once: for few poses call overhead dominates."""
+def _stiffen_alike(order: Order, where: Places, ready: Container[Connection]) -> Iterator[Stiffened]:
+    """Stiffen others of as many columns at once: for few poses call overhead dominates."""
     alike: dict[tuple[int, ...], list[tuple[Connection, Array, Array]]] = {}
     for c in order.steps:
         if isinstance(c, Connection) and c not in ready:
@@ -297,10 +301,11 @@ def _stiffen_alike(order: Order, where: Places, ready: Container[Connection]) ->
             if len(factor) == len(free):
                 alike.setdefault((factor.shape[2], free.shape[2]), []).append((c, factor, free))
     for some in alike.values():
-        factors, free = np.concatenate([f for _, f, _ in some]), np.concatenate([n for _, _, n in some])
-        stiffness, finite = form_stiffness(factors, free, order.length)
+        connections, factors, free = zip(*some, strict=True)
+        columns = np.concatenate(factors), np.concatenate(free)
+        stiffness, finite = form_stiffness(*columns, order.length)
         if finite:
-            yield from zip([c for c, _, _ in some], np.split(stiffness, len(some)), strict=True)
+            yield from zip(connections, np.split(stiffness, len(some)), strict=True)
 
 
 def _stiffen(state: Condensed, connection: Connection, stiffness: Array | None) -> Stiff:
@@ -341,5 +346,5 @@ def _fold(state: Condensed, step: Fold) -> Folded:
     return Folded(step, state.where, columns, core, half, around, own, reach)
 
 
-def _refuse(names: Sequence[str]) -> None:
+def _refuse(names: list[str]) -> None:
     raise InputError(f"{', '.join(names)}: moves freely under its load, there is no equilibrium")

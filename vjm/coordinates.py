@@ -18,7 +18,7 @@ from scipy.cluster.hierarchy import DisjointSet  # pyright: ignore[reportMissing
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.dynamics import factor_semidefinite
 from stiffscope.vjm.network import list_elements, list_nodes
-from stiffscope.vjm.order import stack_columns
+from stiffscope.vjm.order import stack_columns, stack_rows
 from stiffscope.vjm.screws import Frame
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ _SPANNING = 1e9  # scaled condition number up to which an element's directions a
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Linear functions of some coordinates: ``matrix`` (n or 1, r, c) times those in ``columns`` (c,)."""
+    """Linear functions of coordinates: ``matrix`` (n or 1, r, c) times those in ``columns`` (c,)."""
 
     columns: NDArray[np.intp]
     matrix: Array
@@ -55,9 +55,7 @@ class Rows:
     def below(self, other: Rows) -> Rows:
         """Stack both, one below the other."""
         columns = np.union1d(self.columns, other.columns)
-        n = max(len(self.matrix), len(other.matrix))
-        parts = [r.over(columns) for r in (self, other)]
-        return Rows(columns, np.concatenate([np.broadcast_to(p, (n, *p.shape[1:])) for p in parts], axis=1))
+        return Rows(columns, stack_rows([self.over(columns), other.over(columns)]))
 
     def after(self, matrix: Array) -> Rows:
         """Multiply by a matrix (n or 1, k, r) from the left."""
@@ -119,9 +117,8 @@ class Coordinates:
     def some(self, index: NDArray[np.intp]) -> Coordinates:
         """Return the coordinates at some of the poses."""
         keys = ("twists", "strains", "inertias", "rates", "constraints")
-        return replace(
-            self, where=self.where.some(index), **{key: _pick_rows(getattr(self, key), index) for key in keys}
-        )
+        picked = {key: _pick_rows(getattr(self, key), index) for key in keys}
+        return replace(self, where=self.where.some(index), **picked)
 
     def jacobian(self) -> Array:
         """Return all constraints (n, 6 m, size)."""
@@ -146,7 +143,7 @@ def _pick_rows(rows: Any, index: NDArray[np.intp]) -> Any:
     return {key: _pick_rows(each, index) for key, each in cast("dict[str, Any]", rows).items()}
 
 
-def form_coordinates(mechanism: Mechanism, where: Places, length: float, drives: Iterable[str] = ()) -> Coordinates:
+def form_coordinates(mechanism: Mechanism, where: Places, length: float, drives: Iterable[str]) -> Coordinates:
     """Form the coordinates of a mechanism whose bodies are not bent.
 
     Parameters
@@ -163,7 +160,8 @@ def form_coordinates(mechanism: Mechanism, where: Places, length: float, drives:
     out = Coordinates(mechanism, where, length)
     unit = np.repeat([1.0 / length, 1.0], 3)
     elements = list_elements(mechanism)
-    spanning = {e.name: inverse for e in elements if (inverse := _invert_columns(e, unit)) is not None}
+    inverses = {e.name: _invert_columns(e, unit) for e in elements}
+    spanning = {name: inverse for name, inverse in inverses.items() if inverse is not None}
     tree, chords = _grow_forest([e for e in elements if e.name not in spanning])
     own: dict[str, Rows] = {}  # by element, and by body for shared coordinates
     _place_nodes(out, tree, own)
@@ -203,9 +201,9 @@ def _relate_ends(out: Coordinates, e: Element) -> Rows:
 
 def _invert_columns(e: Element, unit: Array) -> Array | None:
     """Return the inverse (6, 6) of ``[F N]``; None if not square and regular at every pose."""
-    if e.group or (e.joint is not None and e.joint.kind == "universal") or e.factor.shape[1] + e.free.shape[1] != 6:
-        return None
     both = np.hstack([e.factor, e.free])
+    if e.group or (e.joint is not None and e.joint.cross) or both.shape[1] != 6:
+        return None
     scaled = both * unit[:, None]
     scaled = scaled / np.linalg.norm(scaled, axis=0)
     return np.linalg.inv(both) if np.linalg.cond(scaled) < _SPANNING else None
@@ -267,14 +265,15 @@ def _add_inertia(out: Coordinates, body: Body) -> None:
         if body.inertia is not None:
             whole[3:, 3:] = 0.5 * (body.inertia + body.inertia.T)
         if whole.any():
-            out.inertias.append(
-                express_twist(body.name, centre, np.eye(3)).after(factor_semidefinite(whole, body.name))
-            )
+            twist = express_twist(body.name, centre, np.eye(3))
+            out.inertias.append(twist.after(factor_semidefinite(whole, body.name)))
         return
-    ends = [express_twist(node, at, elastic.axes) for node, at in zip(body.nodes, elastic.places, strict=True)]
+    places = zip(body.nodes, elastic.places, strict=True)
+    ends = [express_twist(node, at, elastic.axes) for node, at in places]
     if elastic.dynamics is None:
         if body.mass:
-            out.inertias += [end.after(np.sqrt(body.mass / len(ends)) * np.eye(6)[:3]) for end in ends]
+            share = np.sqrt(body.mass / len(ends)) * np.eye(6)[:3]
+            out.inertias += [end.after(share) for end in ends]
         return
     squares = elastic.dynamics.squares
     modal = Rows(out.more(len(squares)), np.eye(len(squares))[None])

@@ -22,7 +22,9 @@ _INDEFINITE = -1e-6  # relative eigenvalue of a condensed mass beyond rounding
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
-    """Inertia of an elastic body: ``mass`` (6n + k, 6n + k), ``squares`` (k,), and bounds ``error`` (k,) of these.
+    """Inertia of an elastic body.
+
+    ``mass`` (6n + k, 6n + k), ``squares`` (k,) with bounds ``error`` (k,).
 
     Coordinates are the twists of its n ends, at their places, and k mass-normalized fixed-interface
     modes, part axes; ``squares`` are the modes' squared angular frequencies, rad²/s². Its stiffness
@@ -30,7 +32,8 @@ class Dynamics:
 
     References
     ----------
-    R. R. Craig and M. C. C. Bampton, "Coupling of substructures for dynamic analyses", AIAA Journal 6 (1968) 1313.
+    R. R. Craig and M. C. C. Bampton, "Coupling of substructures for dynamic analyses", AIAA Journal 6
+    (1968) 1313.
     """
 
     mass: Array
@@ -41,14 +44,18 @@ class Dynamics:
         m, squares = np.asarray(self.mass, dtype=float), np.asarray(self.squares, dtype=float)
         ends = max(2, (len(m) - squares.size) // 6) if m.ndim else 2
         size = 6 * ends + squares.size
-        if squares.ndim != 1 or m.shape != (size, size) or not (np.isfinite(m).all() and np.isfinite(squares).all()):
-            raise InputError(f"dynamics: expected finite ({size}, {size}) and ({squares.size},), got {m.shape}")
+        shaped = squares.ndim == 1 and m.shape == (size, size)
+        if not (shaped and np.isfinite(m).all() and np.isfinite(squares).all()):
+            expected = f"finite ({size}, {size}) and ({squares.size},)"
+            raise InputError(f"dynamics: expected {expected}, got {m.shape}")
         if not (squares > 0.0).all():
-            raise InputError(f"dynamics: expected squared frequencies above 0, got {squares.min():.6g}")
+            least = squares.min()
+            raise InputError(f"dynamics: expected squared frequencies above 0, got {least:.6g}")
         if self.error is not None and np.shape(self.error) != squares.shape:
-            raise InputError(f"dynamics: expected error {squares.shape}, got {np.shape(self.error)}")
-        size_of = np.sqrt(np.outer(np.diagonal(m).clip(min=0.0), np.diagonal(m).clip(min=0.0)))
-        if (np.abs(m - m.T) > _SYMMETRY * size_of + 1e-300).any():
+            got = np.shape(self.error)
+            raise InputError(f"dynamics: expected error {squares.shape}, got {got}")
+        diagonal = np.diagonal(m).clip(min=0.0)
+        if (np.abs(m - m.T) > _SYMMETRY * np.sqrt(np.outer(diagonal, diagonal)) + 1e-300).any():
             raise InputError("dynamics: expected a symmetric condensed mass")
         object.__setattr__(self, "mass", 0.5 * (m + m.T))
         object.__setattr__(self, "squares", squares)
@@ -57,7 +64,8 @@ class Dynamics:
     @cached_property
     def factor(self) -> Array:
         """Γ (r, 6n + k) with ``ΓᵀΓ`` the mass; InputError if it is indefinite."""
-        return factor_semidefinite(self.mass, "dynamics: expected a positive semidefinite condensed mass")
+        expected = "a positive semidefinite condensed mass"
+        return factor_semidefinite(self.mass, f"dynamics: expected {expected}")
 
     @cached_property
     def load(self) -> Array:
@@ -102,7 +110,7 @@ def factor_semidefinite(matrix: Array, message: str) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Masses:
-    """Mass in kg on a node, and its first moment Σ m r (n or 1, 3); about one point, in one set of axes.
+    """Mass in kg on a node, and its first moment Σ m r (n or 1, 3), about a point in some axes.
 
     ``rest`` (n or 1, 6, 3): wrench for unit accelerations, that no mass on the node would give.
     """
@@ -118,17 +126,19 @@ class Masses:
         return out if self.rest is None else out + (self.rest @ gravity)[..., None]
 
     def place(self, rotation: Array, away: Array) -> Masses:
-        """The same where its axes are turned (n or 1, 3, 3) and its point is ``away`` (n or 1, 3)."""
+        """Express it where its axes are turned (n or 1, 3, 3) and its point is ``away`` (n or 1, 3)."""
         rest = self.rest
         if rest is not None:
             back = Frame(rotation, away).inverse_adjoint()
             rest = back.mT @ rest @ rotation.mT
-        return Masses(self.mass, np.einsum("nij,nj->ni", rotation, self.moment) + self.mass * away, rest)
+        moment = np.einsum("nij,nj->ni", rotation, self.moment) + self.mass * away
+        return Masses(self.mass, moment, rest)
 
 
 def split_load(load: Array) -> Masses:
-    """The mass on a lever that best gives wrenches (6, 3) for unit accelerations, and what it leaves."""
+    """Return the mass on a lever that best gives wrenches (6, 3) for unit accelerations, and the rest."""
     mass = float(np.trace(load[:3])) / 3.0
     half = 0.5 * (load[3:] - load[3:].T)
     moment = np.array([half[2, 1], half[0, 2], half[1, 0]])
-    return Masses(mass, moment[None], (load - np.concatenate([mass * np.eye(3), skew(moment)]))[None])
+    rest = load - np.concatenate([mass * np.eye(3), skew(moment)])
+    return Masses(mass, moment[None], rest[None])

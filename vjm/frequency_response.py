@@ -84,11 +84,13 @@ def frequency_response(
     ((pencil, _),) = form_pencils(mechanism, found.require_valid()[:1], drives)
     vectors = pencil.all_vectors()[1][None]
     idle = pencil.empty_motions.shape[1]
-    spread = pencil.basis @ (pencil.scale[:, None] * np.concatenate([vectors, pencil.empty_motions[None]], axis=2))
+    both = np.concatenate([vectors, pencil.empty_motions[None]], axis=2)
+    spread = pencil.basis @ (pencil.scale[:, None] * both)
     ends = [_displace_port(pencil.system, port, spread)[0] for port in (source, target)]
     for port, end in zip((source, target), ends, strict=True):
         if idle and np.abs(end[-idle:]).max() > _FREELY * np.abs(end).max():
-            raise InputError(f"{port.node or 'tool'}: moves freely there, without stiffness and inertia")
+            where = port.node or "tool"
+            raise InputError(f"{where}: moves freely there, without stiffness and inertia")
     count = vectors.shape[2]
     full = spread[..., :count]
     mass = sum_squares(pencil.system.inertias, full)[0]
@@ -106,8 +108,8 @@ def _displace_port(system: Coordinates, port: Port, vectors: Array) -> Array:
     """Return the displacement (n, c) of a port for vectors (n, size, c)."""
     node = END if port.node is None else port.node
     if node not in system.twists:
-        raise InputError(f"expected a body or an end of one, {', '.join(system.twists)}, got {node!r}")
-    carry = shift(system.where.point(node, np.asarray(port.at, dtype=float)) - system.where.tool)
-    return np.einsum(
-        "i,nij,njc->nc", np.asarray(port.direction, dtype=float), carry, system.twists[node].apply_to(vectors)
-    )
+        known = ", ".join(system.twists)
+        raise InputError(f"expected a body or an end of one, {known}, got {node!r}")
+    at, direction = (np.asarray(each, dtype=float) for each in (port.at, port.direction))
+    carry = shift(system.where.point(node, at) - system.where.tool)
+    return np.einsum("i,nij,njc->nc", direction, carry, system.twists[node].apply_to(vectors))

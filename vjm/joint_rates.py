@@ -8,7 +8,6 @@ import numpy as np
 
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.joints import FREE
-from stiffscope.vjm.screws import skew
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -31,7 +30,8 @@ class JointRates:
     def __init__(self, mechanism: Mechanism, configurations: Configurations | None, index: int) -> None:
         self.mechanism = mechanism
         self.joints = mechanism.joints
-        self.place = {node: _place_node(configurations, index, node) for node in _nodes(mechanism)}
+        nodes = (GROUND, *(node for body in mechanism.bodies for node in body.nodes))
+        self.place = {node: _place_node(configurations, index, node) for node in nodes}
         self.at = [self._move_point(j.second, j.at) for j in self.joints]
         self.tool = self._move_point(mechanism.tool.body, mechanism.tool.at)
         points = np.array([*self.at, self.tool])
@@ -39,7 +39,8 @@ class JointRates:
         self.length = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
         self.starts = np.cumsum([0, *(len(FREE[j.kind]) for j in self.joints)])
         self.screws = [self._screws(j, at) for j, at in zip(self.joints, self.at, strict=True)]
-        self.edges = [(mechanism.carrier(j.first), mechanism.carrier(j.second)) for j in self.joints]
+        carrier = mechanism.carrier
+        self.edges = [(carrier(j.first), carrier(j.second)) for j in self.joints]
         self.paths, chords = span_tree(self.edges)
         self.loops = _close_loops(self.edges, self.paths, chords)
 
@@ -54,12 +55,12 @@ class JointRates:
         out: list[Array] = []
         for kind, axis in joint.motions:
             if kind == "S":
-                out += [_rotation(arm, e) for e in np.eye(3)]
+                out += [np.concatenate([np.cross(arm, e), e]) for e in np.eye(3)]
             elif kind == "P":
                 out.append(np.concatenate([first @ axis, np.zeros(3)]))
             else:
-                rides = second if joint.kind == "universal" and out else first
-                out.append(_rotation(arm, rides @ axis))
+                turned = (second if joint.kind == "universal" and out else first) @ axis
+                out.append(np.concatenate([np.cross(arm, turned), turned]))
         return np.array(out).T if out else np.zeros((6, 0))
 
     def columns(self, k: int) -> slice:
@@ -86,21 +87,12 @@ class JointRates:
         return tuple(self.joints[k].name for k in some)
 
 
-def _nodes(mechanism: Mechanism) -> tuple[str, ...]:
-    return (GROUND, *(node for body in mechanism.bodies for node in body.nodes))
-
-
-def _place_node(configurations: Configurations | None, index: int, node: str) -> tuple[Array, Array]:
+def _place_node(found: Configurations | None, index: int, node: str) -> tuple[Array, Array]:
     """Return a node's displacement from home, ``x = R x_home + p``."""
-    if configurations is None:
+    if found is None:
         return np.eye(3), np.zeros(3)
-    linkage = configurations.linkage
-    rotation, position = configurations.link_frame(linkage.frame[linkage.link_of[node]])
+    rotation, position = found.link_frame(found.linkage.frame[found.linkage.link_of[node]])
     return rotation[index if len(rotation) > 1 else 0], position[index if len(position) > 1 else 0]
-
-
-def _rotation(arm: Array, axis: Array) -> Array:
-    return np.concatenate([skew(arm) @ axis, axis])
 
 
 def span_tree(edges: Edges) -> tuple[dict[str, Way], list[int]]:
@@ -119,7 +111,10 @@ def _close_loops(edges: Edges, paths: dict[str, Way], chords: list[int]) -> list
     out: list[Way] = []
     left = list(chords)
     while left:
-        found = {k: [(k, 1.0), *_find_paths(edges, sorted(open_edges), edges[k][1])[edges[k][0]]] for k in left}
+        found: dict[int, Way] = {}
+        for k in left:
+            first, second = edges[k]
+            found[k] = [(k, 1.0), *_find_paths(edges, sorted(open_edges), second)[first]]
         best = min(left, key=lambda k: len(found[k]))
         out.append(found[best])
         open_edges.add(best)

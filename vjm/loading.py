@@ -159,20 +159,24 @@ class ChainLoads:
     offset: Array
 
     def project(self, kinds: tuple[int, ...] = (0, 1)) -> Array:
-        """Return inner loads (n, k, c) along its coordinates: strains (kind 0), then free motions (1)."""
+        """Return inner loads (n, k, c) along its strains (kind 0), then its free motions (1)."""
         columns = [self.where.columns(e) for e, _ in self.connection.members]
         members = list(zip(columns, self.carried, self.laden, strict=True))
-        each = ((c[kind], w, laden) for kind in kinds for c, w, laden in members)
-        return stack_rows(c.mT @ w if laden else np.zeros((1, c.shape[2], w.shape[2])) for c, w, laden in each)
+        return stack_rows(
+            c[kind].mT @ w if laden else np.zeros((1, c[kind].shape[2], w.shape[2]))
+            for kind in kinds
+            for c, w, laden in members
+        )
 
     def follow(self, out: Response, wrench: Array, span: Array, rates: Array | None, fit: Array | None = None) -> None:
         """Recover members and inner nodes; the end moved by ``span`` carries ``wrench``.
 
-        ``rates`` (n, k, c) of the free motions, if not by ``fit`` (n, k, 6) to the twist without strain.
+        ``rates`` (n, k, c) of the free motions; else by ``fit`` (n, k, 6) to the strainless twist.
         """
         nothing = np.zeros((1, 6, span.shape[2]))
         members = self.connection.members
-        wrenches = [wrench + w if laden else wrench for w, laden in zip(self.carried, self.laden, strict=True)]
+        inner = zip(self.carried, self.laden, strict=True)
+        wrenches = [wrench + w if laden else wrench for w, laden in inner]
         if out.wanted == "wrenches" and self.connection.bare:
             for (e, sign), w in zip(members, wrenches, strict=True):
                 out.elements[e.name] = ElementState(e, out.where, sign * w, nothing, nothing[:, :0])

@@ -7,7 +7,7 @@ housings, and gyroscopic and centrifugal effects of fast spindles, are neglected
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -24,12 +24,14 @@ if TYPE_CHECKING:
 STEEL = 206e9, 0.3  # Young's modulus (Pa) and Poisson's ratio of bearing steel
 CERAMIC = 310e9, 0.27  # of silicon nitride balls
 Arrangement = Literal["single", "back-to-back", "face-to-face", "tandem"]
+_WAYS = {"back-to-back": (1.0, -1.0), "face-to-face": (-1.0, 1.0), "tandem": (1.0, 1.0)}
 _SLICES = 31  # along a roller
 _MOST_PRESSED = 5e-3  # approach over circle radius; several times what indents steel
 _ROUNDED = 1e-13  # of sqrt(K_ii K_jj)
-_HERTZ = "Hertz point contacts (Harris and Kotzalas 2006, ch. 6), equilibrium of de Mul, Vree and Maas (1989)"
-_PALMGREN = "Palmgren line contacts (Harris and Kotzalas 2006, eq. 7.8), rollers in slices"
-_FEW_LOADED = "some elements carry nothing: the stiffness changes with the direction and size of further loads"
+_POINTS = "Hertz point contacts (Harris and Kotzalas 2006, ch. 6)"
+_HERTZ = f"{_POINTS}, equilibrium of de Mul, Vree and Maas (1989)"
+_LINES = "Palmgren line contacts (Harris and Kotzalas 2006, eq. 7.8)"
+_FEW_LOADED = "some elements carry nothing: the stiffness changes with the direction and size of loads"
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,29 +39,29 @@ class MachineElement:
     """State of a machine element at its load.
 
     ``stiffness`` (6, 6) in N/m, N, N·m/rad at its middle, zero along the ``free`` directions;
-    ``twist`` (6,) of the moved side, m, rad; ``loads`` (k,) on the rolling elements, N, and contact
-    ``angles`` (k,) from the radial plane, rad; ``source``; ``notes``: limits of the result.
+    ``source``; ``twist`` (6,) of the moved side, m, rad; ``loads`` (k,) on the rolling elements, N,
+    and contact ``angles`` (k,) from the radial plane, rad; ``notes``: limits of the result.
     """
 
     stiffness: Array
     free: tuple[int, ...]
-    twist: Array
-    loads: Array
-    angles: Array
     source: str
+    twist: Array = field(default_factory=lambda: np.zeros(6))
+    loads: Array = field(default_factory=lambda: np.zeros(0))
+    angles: Array = field(default_factory=lambda: np.zeros(0))
     notes: tuple[str, ...] = ()
 
     @property
     def compliance(self) -> Array:
         """Compliance (6, 6): the inverse over held directions; zero along free ones."""
         held = [i for i in range(6) if i not in self.free]
-        out = np.zeros((6, 6))
-        inner = self.stiffness[np.ix_(held, held)]
+        out, inner = np.zeros((6, 6)), self.stiffness[np.ix_(held, held)]
         scale = np.sqrt(np.diagonal(inner).clip(min=0.0))
-        if not (scale > 0.0).all() or np.linalg.cond(inner / np.outer(scale, scale)) > 1e12:
+        size = np.outer(scale, scale)
+        if not (scale > 0.0).all() or np.linalg.cond(inner / size) > 1e12:
             names = ", ".join(("ux", "uy", "uz", "rx", "ry", "rz")[i] for i in held)
-            raise InputError(f"load: expected one under which elements hold {names}, got a direction left free")
-        out[np.ix_(held, held)] = np.linalg.inv(inner / np.outer(scale, scale)) / np.outer(scale, scale)
+            raise InputError(f"load: expected one under which elements hold {names}, got one left free")
+        out[np.ix_(held, held)] = np.linalg.inv(inner / size) / size
         return out
 
 
@@ -89,22 +91,26 @@ def ball_contacts(
     """
     inner, outer = osculation
     if not 0.0 <= angle < 0.5 * np.pi:
-        raise InputError(f"angle: expected a contact angle from 0 to below 90 degrees, got {np.degrees(angle):.4g}")
+        got = np.degrees(angle)
+        raise InputError(f"angle: expected a contact angle from 0 to below 90 degrees, got {got:.4g}")
     if angle and clearance:
-        raise InputError(f"clearance: expected none beside a contact angle, got {1e6 * clearance:g} um")
+        got = 1e6 * clearance
+        raise InputError(f"clearance: expected none beside a contact angle, got {got:g} um")
     reach, bend = (inner + outer - 1.0) * diameter, diameter * np.cos(angle) / pitch
     if not 0.0 < bend < 1.0 or pitch * np.sin(np.pi / count) < diameter:
         what = f"a circle that {count} balls of {1e3 * diameter:g} mm fit on"
         raise InputError(f"pitch: expected {what}, got {1e3 * pitch:g} mm")
     if clearance >= 2.0 * reach:
-        raise InputError(f"clearance: expected less than {2e3 * reach:.4g} mm, got {1e3 * clearance:g} mm")
+        most, got = 2e3 * reach, 1e3 * clearance
+        raise InputError(f"clearance: expected less than {most:.4g} mm, got {got:g} mm")
     ball = 2.0 / diameter
     constants = [
         hertz_constant(np.array([ball * (1.0 + curve), ball - 1.0 / (f * diameter)]), modulus)
         for f, curve in ((inner, bend / (1.0 - bend)), (outer, -bend / (1.0 + bend)))
     ]
     radial, around = _circle(count)
-    between = reach * (np.cos(angle) * radial + np.sin(angle) * np.eye(3)[0]) - 0.5 * clearance * radial
+    pressing = np.cos(angle) * radial + np.sin(angle) * np.eye(3)[0]
+    between = reach * pressing - 0.5 * clearance * radial
     at = (0.5 * pitch + (inner - 0.5) * diameter * np.cos(angle)) * radial
     constant = np.full(count, in_series(*constants))
     return Contacts(at, between, np.full(count, reach), constant, POINT, around, turning=True)
@@ -131,12 +137,11 @@ def ball_bearing(
     if arrangement == "single":
         return _element(contacts, wrench, length, (3,), _HERTZ)
     if wrench[1:].any():
-        raise InputError("load: expected a preload along the axis alone of a pair, got a radial force")
+        raise InputError("load: expected a preload along the axis of a pair, got a radial force")
     one = _element(contacts, wrench, length, (3,), _HERTZ)
     mirror = np.diag([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
-    ways = {"back-to-back": (1.0, -1.0), "face-to-face": (-1.0, 1.0), "tandem": (1.0, 1.0)}[arrangement]
     total = np.zeros((6, 6))
-    for side, way in zip((-0.5, 0.5), ways, strict=True):
+    for side, way in zip((-0.5, 0.5), _WAYS[arrangement], strict=True):
         own = one.stiffness if way > 0.0 else mirror @ one.stiffness @ mirror
         carry = shift([side * spacing, 0.0, 0.0])
         total += carry.T @ own @ carry
@@ -158,12 +163,12 @@ def roller_bearing(count: int, length: float, pitch: float, clearance: float, lo
     radial, around = _circle(count)
     where = length * ((np.arange(_SLICES) + 0.5) / _SLICES - 0.5)
     at = (0.5 * pitch * radial[:, None] + where[:, None] * np.eye(3)[0]).reshape(-1, 3)
-    many = len(at)
-    contacts = Contacts(
-        at, np.repeat(radial, _SLICES, axis=0), np.full(many, 1.0 + 0.5 * clearance),
-        np.full(many, line_constant(length) / _SLICES), LINE, np.repeat(around, _SLICES, axis=0), turning=False,
-    )  # fmt: skip
-    found = _element(contacts, np.concatenate([load, np.zeros(3)]), 0.5 * pitch, (0, 3), _PALMGREN)
+    between, slide = (np.repeat(way, _SLICES, axis=0) for way in (radial, around))
+    reach = np.full(len(at), 1.0 + 0.5 * clearance)
+    constant = np.full(len(at), line_constant(length) / _SLICES)
+    contacts = Contacts(at, between, reach, constant, LINE, slide, turning=False)
+    wrench = np.concatenate([load, np.zeros(3)])
+    found = _element(contacts, wrench, 0.5 * pitch, (0, 3), f"{_LINES}, rollers in slices")
     shared = found.loads.reshape(count, _SLICES).sum(axis=1)
     return replace(found, loads=shared, angles=found.angles[::_SLICES])
 
@@ -182,7 +187,7 @@ def crossed_roller(count: int, length: float, pitch: float, clearance: float, lo
     reach = np.full(count, 1.0 + 0.5 * clearance / np.sqrt(2.0))
     constant = np.full(count, line_constant(length))
     contacts = Contacts(0.5 * pitch * radial, between, reach, constant, LINE, around, turning=False)
-    return _element(contacts, np.concatenate([load, np.zeros(3)]), 0.5 * pitch, (3,), _PALMGREN.partition(",")[0])
+    return _element(contacts, np.concatenate([load, np.zeros(3)]), 0.5 * pitch, (3,), _LINES)
 
 
 def carriage_contacts(
@@ -206,23 +211,24 @@ def carriage_contacts(
     face_to_face
         True if the contact lines of a side meet inside; the guide is then far softer in roll.
     """
-    one = hertz_constant(np.array([2.0 / diameter, 2.0 / diameter - 1.0 / (osculation * diameter)]), modulus)
+    ball = 2.0 / diameter
+    one = hertz_constant(np.array([ball, ball - 1.0 / (osculation * diameter)]), modulus)
     c = in_series(one, one)
     pressed = (preload / (2.0 * count * np.sin(angle)) / c) ** (1.0 / POINT)
     along = np.linspace(-0.5, 0.5, count) * length if count > 1 else np.zeros(1)
     turn = -1.0 if face_to_face else 1.0
-    at = np.array([[x, s * width / 2, t * height / 2] for s in (-1, 1) for t in (-1, 1) for x in along])
-    way = np.array([0.0, -np.cos(angle), turn * np.sin(angle)])
-    normal = np.array([way * [0, s, t] for s in (-1, 1) for t in (-1, 1) for _ in along])
-    k = len(at)
-    slide = np.broadcast_to(np.eye(3)[0], (k, 3))
-    return Contacts(at, normal, np.full(k, 1.0 - pressed), np.full(k, c), POINT, slide, turning=False)
+    sides = [[x, s, t] for s in (-1, 1) for t in (-1, 1) for x in along]
+    at = np.array(sides) * [1.0, 0.5 * width, 0.5 * height]
+    normal = np.sign(at) * [0.0, -np.cos(angle), turn * np.sin(angle)]
+    k, slide = len(at), np.broadcast_to(np.eye(3)[0], at.shape)
+    reach, constant = np.full(k, 1.0 - pressed), np.full(k, c)
+    return Contacts(at, normal, reach, constant, POINT, slide, turning=False)
 
 
 def guide_of_balls(contacts: Contacts, rails: tuple[int, float], carriages: tuple[int, float]) -> MachineElement:
     """Compute a guide of equal carriages; number and spacing (m) of rails and of carriages."""
     length = float(np.linalg.norm(contacts.at, axis=1).max())
-    one = _element(contacts, np.zeros(6), length, (0,), f"{_HERTZ.partition(',')[0]}; rigid rail and carriage")
+    one = _element(contacts, np.zeros(6), length, (0,), f"{_POINTS}; rigid rail and carriage")
     return replace(one, stiffness=_on_rails(one.stiffness, rails, carriages))
 
 
@@ -230,15 +236,14 @@ def guide_of_sheet(
     diagonal: Sequence[float], rails: tuple[int, float], carriages: tuple[int, float], source: str
 ) -> MachineElement:
     """Compute a guide from carriage stiffnesses (6,): 0 along x, then y, z, and about x, y, z."""
-    none = np.zeros(0)
-    return MachineElement(_on_rails(np.diag(diagonal), rails, carriages), (0,), np.zeros(6), none, none, source)
+    return MachineElement(_on_rails(np.diag(diagonal), rails, carriages), (0,), source)
 
 
 def of_sheet(radial: float, axial: float, tilting: float, source: str) -> MachineElement:
     """Create a rotary bearing from stiffnesses, N/m, N/m, N·m/rad; 0 is free, as is its axis."""
-    diagonal, none = np.array([axial, radial, radial, 0.0, tilting, tilting]), np.zeros(0)
+    diagonal = np.array([axial, radial, radial, 0.0, tilting, tilting])
     free = tuple(int(i) for i in np.flatnonzero(diagonal == 0.0))
-    return MachineElement(np.diag(diagonal), free, np.zeros(6), none, none, source)
+    return MachineElement(np.diag(diagonal), free, source)
 
 
 def at_load(stiffness: float, known: float, load: float, exponent: float) -> float:
@@ -282,16 +287,14 @@ def ball_screw(
     """
     e, poisson = material
     area, polar = np.pi * diameter**2 / 4.0, np.pi * diameter**4 / 32.0
-    shaft = e * area / length
-    chain = 1.0 / (4.0 * shaft) + 1.0 / (2.0 * support) if both_ends else 1.0 / shaft + 1.0 / support
-    chain += 1.0 / nut
+    ends, reach = (2.0, length / 2.0) if both_ends else (1.0, length)
+    chain = (reach / (e * area) + 1.0 / support) / ends + 1.0 / nut
     if lead:
-        reach = length / 2.0 if both_ends else length
         chain += (lead / (2.0 * np.pi)) ** 2 * reach / (e / (2.0 * (1.0 + poisson)) * polar)
     k = np.zeros((6, 6))
     k[0, 0] = 1.0 / chain
-    source = "springs in series: E A / L of the shaft, nut, support" + ", twist of the shaft" * bool(lead)
-    return MachineElement(k, (1, 2, 3, 4, 5), np.zeros(6), np.zeros(0), np.zeros(0), source)
+    source = f"springs in series: E A / L of the shaft, nut, support{', twist of the shaft' * bool(lead)}"
+    return MachineElement(k, (1, 2, 3, 4, 5), source)
 
 
 def _on_rails(one: Array, rails: tuple[int, float], carriages: tuple[int, float]) -> Array:
@@ -316,14 +319,14 @@ def _element(contacts: Contacts, wrench: Array, length: float, free: tuple[int, 
     twist = settle(contacts, wrench, length)
     along, pressed, loads, _ = contacts.state(twist)
     if not pressed.any():
-        raise InputError("load: expected a preload, a load or an interference, got elements that carry nothing")
+        raise InputError("load: expected a preload, a load or an interference, got no loaded element")
     if pressed.max() > _MOST_PRESSED * length:
-        pressing = f"got elements pressed together by {1e3 * pressed.max():.3g} mm"
-        raise InputError(f"load: expected elastic contacts, {pressing}")
+        most = 1e3 * pressed.max()
+        raise InputError(f"load: expected elastic contacts, got elements pressed together by {most:.3g} mm")
     stiffness = contacts.stiffness(twist)
     stiffness[list(free)] = 0.0
     stiffness[:, list(free)] = 0.0
     size = np.sqrt(np.diagonal(stiffness))
     stiffness[np.abs(stiffness) < _ROUNDED * np.outer(size, size)] = 0.0
     notes = () if (pressed > 0.0).all() else (_FEW_LOADED,)
-    return MachineElement(stiffness, free, twist, loads, np.arcsin(along[:, 0]), source, notes)
+    return MachineElement(stiffness, free, source, twist, loads, np.arcsin(along[:, 0]), notes)

@@ -34,7 +34,7 @@ DIAGONAL = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")  # of a stiffness ma
 class Tool:
     """Tool point M, ``at`` (3,) in m, on a body or one of its ends, and the coordinates of a pose.
 
-    ``pose``: some of x y z (m) and rx ry rz (rotation vector from home, rad), base axes; the others follow.
+    ``pose``: some of x y z (m) and rx ry rz (rotation vector from home, rad), base axes; others follow.
     """
 
     body: str
@@ -45,7 +45,8 @@ class Tool:
         assign(self, "at", check_vector(self.at, "tool.at", "a position in m"))
         pose = tuple(self.pose)
         if not pose or len(set(pose)) < len(pose) or not set(pose) <= set(COORDINATES):
-            raise InputError(f"tool.pose: expected some of {', '.join(COORDINATES)}, each once, got {list(pose)}")
+            known = ", ".join(COORDINATES)
+            raise InputError(f"tool.pose: expected some of {known}, each once, got {list(pose)}")
         assign(self, "pose", pose)
 
     @cached_property
@@ -125,9 +126,9 @@ class Mechanism:
     def _check_node(self, node: str, here: str) -> None:
         if node in self._carriers:
             return
-        ends = next((b.nodes for b in self.bodies if b.name == node), None)
+        ends = next((" or ".join(b.nodes) for b in self.bodies if b.name == node), None)
         if ends is not None:
-            raise InputError(f"{here}: expected an end of the elastic body, {' or '.join(ends)}, got {node!r}")
+            raise InputError(f"{here}: expected an end of the elastic body, {ends}, got {node!r}")
         known = ", ".join(self._carriers)
         raise InputError(f"{here}: expected a body or an end of one ({known}), got {node!r}")
 
@@ -138,10 +139,9 @@ class Mechanism:
             more = {b for pair in pairs for b in pair if reached & set(pair)} - reached
             reached |= more
             grown = bool(more)
-        for body in self.bodies:
-            if body.name not in reached:
-                here = spell_name("bodies", body.name)
-                raise InputError(f"{here}: expected joints that connect it with the ground, got none")
+        here = next((spell_name("bodies", b.name) for b in self.bodies if b.name not in reached), None)
+        if here is not None:
+            raise InputError(f"{here}: expected joints that connect it with the ground, got none")
 
     @cached_property
     def _carriers(self) -> dict[str, str]:
@@ -201,20 +201,18 @@ class Mechanism:
             if change.compliance is not None:
                 check_compliance(change.compliance, name, semidefinite=True)
         out = copy.copy(self)  # names and connections are already checked
-        for name, value in (("bodies", tuple(bodies)), ("joints", tuple(joints)), ("base", base), ("grip", grip)):
+        values = {"bodies": tuple(bodies), "joints": tuple(joints), "base": base, "grip": grip}
+        for name, value in values.items():
             assign(out, name, value)
         return out
 
 
 def _apply_change(element: Any, change: Change) -> Any:
-    compliance, offset = element.compliance, element.offset
-    if change.compliance is not None:
-        compliance = change.compliance if compliance is None else compliance + change.compliance
-    if change.offset is not None:
-        offset = change.offset if offset is None else offset + change.offset
-    out = replace(element, compliance=compliance, offset=offset)
+    new: dict[str, Any] = {}
+    for key in ("compliance", "offset", "astray"):
+        now, more = getattr(element, key, None), getattr(change, key)
+        if more is not None:
+            new[key] = more if now is None else now + more
     if change.spring:
-        out = replace(out, spring=(element.spring or 0.0) + change.spring)
-    if change.astray is None:
-        return out
-    return replace(out, astray=change.astray if element.astray is None else element.astray + change.astray)
+        new["spring"] = (element.spring or 0.0) + change.spring
+    return replace(element, **new)

@@ -7,8 +7,9 @@ relative to the mechanism's.
 
 References
 ----------
-J. Angeles, Fundamentals of Robotic Mechanical Systems, 4th ed., Springer 2014, ch. 8 (loop equations, mobility).
-T. H. Davies, "Kirchhoff's circulation law applied to multi-loop kinematic chains", Mech. Mach. Theory 16 (1981) 171.
+J. Angeles, Fundamentals of Robotic Mechanical Systems, 4th ed., Springer 2014, ch. 8.
+T. H. Davies, "Kirchhoff's circulation law applied to multi-loop kinematic chains", Mech. Mach. Theory
+16 (1981) 171.
 """
 
 from __future__ import annotations
@@ -62,7 +63,8 @@ class Redundancy:
     def __str__(self) -> str:
         many = f"{self.count} redundant constraint{'s' * (self.count > 1)}"
         if self.loops == 1:
-            return f"the loop through {list_names(self.bodies)} has {many}: {', '.join(map(str, self.directions))}"
+            which = ", ".join(map(str, self.directions))
+            return f"the loop through {list_names(self.bodies)} has {many}: {which}"
         return f"the {self.loops} loops through {list_names(self.bodies)} share {many}"
 
 
@@ -162,14 +164,18 @@ def mobility(mechanism: Mechanism, configurations: Configurations | None = None,
         Index of the configuration.
     """
     rates = JointRates(mechanism, configurations, index)
-    size = int(rates.starts[-1])
+    unit = np.eye(int(rates.starts[-1]))
+    size = len(unit)
     equations = [rates.add_twists(loop) for loop in rates.loops]
     whole = np.vstack(equations) if equations else np.zeros((0, size))
     left, values, motions = split_spaces(whole)
-    drives = _drives(rates)
+    starts = enumerate(rates.starts[:-1].tolist())
+    driven = [at + (rates.joints[k].driven or 0) for k, at in starts if rates.joints[k].drive]
+    springs = [unit[rates.columns(k)] for k, j in enumerate(rates.joints) if j.spring is not None]
+    drives = unit[np.array(driven, dtype=int)]
     to_tool = shift((rates.tool - rates.middle) / rates.length)
     tool = to_tool @ rates.of_body(mechanism.carrier(mechanism.tool.body))
-    held = motions @ null_space(np.vstack([drives, _springs(rates)]) @ motions)
+    held = motions @ null_space(np.vstack([drives, *springs]) @ motions)
     idle = held @ null_space(tool @ held)
     return Mobility(
         size,
@@ -182,7 +188,7 @@ def mobility(mechanism: Mechanism, configurations: Configurations | None = None,
         _redundancies(rates, equations, left),
         _idle(rates, idle),
         *values,
-        _measure_conditioning(rates, drives, tool, motions),
+        _measure_conditioning((tool @ motions)[mechanism.tool.commanded_axes], drives @ motions),
     )
 
 
@@ -196,20 +202,6 @@ def _shorten_names(names: Sequence[str], known: Sequence[str]) -> tuple[str, ...
     return tuple(dict.fromkeys(out))
 
 
-def _drives(rates: JointRates) -> Array:
-    rows = [
-        np.eye(int(rates.starts[-1]))[int(rates.starts[k]) + (j.driven or 0)]
-        for k, j in enumerate(rates.joints)
-        if j.drive is not None
-    ]
-    return np.array(rows).reshape(-1, int(rates.starts[-1]))
-
-
-def _springs(rates: JointRates) -> Array:
-    columns = [rates.columns(k) for k, j in enumerate(rates.joints) if j.spring is not None]
-    return np.vstack([np.zeros((0, int(rates.starts[-1]))), *(np.eye(int(rates.starts[-1]))[c] for c in columns)])
-
-
 def _find_dependent(rates: JointRates, drives: Array) -> tuple[int, tuple[str, ...]]:
     """Return the number of drives that depend on others, and the names of those involved."""
     left = null_space(drives.T)
@@ -220,8 +212,8 @@ def _find_dependent(rates: JointRates, drives: Array) -> tuple[int, tuple[str, .
 
 def _twists(rates: JointRates, twists: Array) -> tuple[Direction, ...]:
     """Return the named directions of a space of twists (6, k) at M."""
-    basis = range_space(twists)
-    return tuple(name_directions(np.vstack([basis[3:], basis[:3]]), "rotation", "translation", rates.length))
+    basis = np.roll(range_space(twists), 3, axis=0)  # the rotation first
+    return tuple(name_directions(basis, "rotation", "translation", rates.length))
 
 
 def _coordinates(rates: JointRates, tool: Array) -> dict[str, str]:
@@ -244,13 +236,12 @@ def _coordinates(rates: JointRates, tool: Array) -> dict[str, str]:
     return {name: out[name] for name in COORDINATES}
 
 
-def _measure_conditioning(rates: JointRates, drives: Array, tool: Array, motions: Array) -> float | None:
-    """Return the inverse condition number from drives to commanded coordinates."""
-    pose = tool[rates.mechanism.tool.commanded_axes]
+def _measure_conditioning(pose: Array, drives: Array) -> float | None:
+    """Return the inverse condition number from drives to commanded coordinates, by motions (…, k)."""
     if len(drives) != len(pose):
         return None
-    forward = pose @ motions @ np.linalg.pinv(drives @ motions, rcond=RANK)
-    backward = drives @ motions @ np.linalg.pinv(pose @ motions, rcond=RANK)
+    forward = pose @ np.linalg.pinv(drives, rcond=RANK)
+    backward = drives @ np.linalg.pinv(pose, rcond=RANK)
     if rank(forward) < len(pose) or rank(backward) < len(pose):
         return 0.0
     values = np.linalg.svd(forward, compute_uv=False)
@@ -273,7 +264,8 @@ def _redundancies(rates: JointRates, equations: list[Array], left: Array) -> tup
             out.append(_redundancy(rates, group, fresh))
             known = np.hstack([known, fresh])
     rest = left @ null_space(known.T @ left)
-    return (*out, *(_redundancy(rates, group, rest[:, :n]) for group, n in find_blocks(rest, [6] * len(equations))))
+    blocks = find_blocks(rest, [6] * len(equations))
+    return (*out, *(_redundancy(rates, group, rest[:, :n]) for group, n in blocks))
 
 
 def _redundancy(rates: JointRates, group: Sequence[int], wrenches: Array) -> Redundancy:
@@ -315,10 +307,7 @@ def _idle(rates: JointRates, idle: Array) -> tuple[Idle, ...]:
         twists = {b.name: rates.of_body(b.name) @ motion for b in rates.mechanism.bodies}
         moving = {name: t for name, t in twists.items() if np.abs(t).max(initial=0.0) > ZERO}
         together = range_space(np.hstack(list(moving.values())))
-        direction = None
-        if count == 1 and together.shape[1] == 1:
-            direction = name_directions(
-                np.vstack([together[3:], together[:3]]), "rotation", "translation", rates.length
-            )[0]
+        single = count == 1 and together.shape[1] == 1
+        direction = _twists(rates, together)[0] if single else None
         out.append(Idle(tuple(moving), rates.names(group), count, direction))
     return tuple(out)

@@ -152,9 +152,8 @@ def find_order(mechanism: Mechanism, linkage: Linkage) -> Order:
 def places_at_home(mechanism: Mechanism) -> Places:
     """Return the places of all nodes at home."""
     nodes = list_nodes(mechanism)
-    return Places(
-        dict.fromkeys(nodes, np.eye(3)[None]), dict.fromkeys(nodes, np.zeros((1, 3))), mechanism.tool.at[None]
-    )
+    still, here = dict.fromkeys(nodes, np.eye(3)[None]), dict.fromkeys(nodes, np.zeros((1, 3)))
+    return Places(still, here, mechanism.tool.at[None])
 
 
 class _Planner:
@@ -178,17 +177,15 @@ class _Planner:
                 continue
             if not stiffen:
                 break
-            tried = [c if c.formable is not None else self._try_connection(c) for c in self.flexible]
+            tried = [self._try_connection(c) if c.formable is None else c for c in self.flexible]
             self.flexible = [c for c in tried if not c.formable]
             for c in (c for c in tried if c.formable):
                 self.steps.append(c)
                 self.stiff[frozenset((c.start, c.end))] = None
             if not self._take_out():
                 break
-        return Order(
-            self.mechanism, self.elements, self.length, tuple(self.steps), tuple(self.flexible),
-            tuple(self.nodes), self.linkage,
-        )  # fmt: skip
+        steps, left, kept = tuple(self.steps), tuple(self.flexible), tuple(self.nodes)
+        return Order(self.mechanism, self.elements, self.length, steps, left, kept, self.linkage)
 
     def _find_connections(self, node: str) -> list[Connection]:
         return [c for c in self.flexible if node in {c.start, c.end}]
@@ -208,8 +205,8 @@ class _Planner:
             if a.start == b.end:  # in parallel
                 continue
             self.flexible = [c for c in self.flexible if c not in here]
-            bare = a.bare and b.bare and node not in self.attached
-            self.flexible.append(replace(_connection(a.start, b.end, a.members + b.members), bare=bare))
+            whole = _connection(a.start, b.end, a.members + b.members)
+            self.flexible.append(replace(whole, bare=a.bare and b.bare and node not in self.attached))
             self.nodes.remove(node)
 
     def _prune(self) -> bool:
@@ -223,14 +220,11 @@ class _Planner:
 
     def _take_out(self) -> bool:
         """Eliminate or fold the node with the fewest neighbours; False if none is ready."""
-        ready: list[tuple[int, int, str]] = []
-        for k, node in enumerate(self.nodes):
-            if len(self._find_connections(node)) <= 1 and node not in self.shared:
-                ready.append((len(self._neighbours(node)), k, node))
-        if not ready:
-            return False
-        self._take(min(ready)[2])
-        return True
+        alone = [node for node in self.nodes if len(self._find_connections(node)) <= 1]
+        ready = [node for node in alone if node not in self.shared]
+        if ready:
+            self._take(min(ready, key=lambda node: len(self._neighbours(node))))
+        return bool(ready)
 
     def _take(self, node: str) -> None:
         """Eliminate or fold a node with at most one flexible connection."""
@@ -255,13 +249,11 @@ class _Planner:
         k, formable = form_stiffness(factor, free, self.length)
         if formable and all(moves_with(e, self.links[c.anchor], self.links) for e, _ in c.members):
             frame, own = c.frame(self.home), self.links[c.anchor]
-            still = (
-                self.links[e.carrier] == own or (e.joint and e.joint.kind in DRIVEN and not e.factor.shape[1])
-                for e, _ in c.members
-            )
-            columns = (frame.inverse_adjoint() @ stack_columns([factor, free]))[0] if all(still) else None
+            apart = [e for e, _ in c.members if self.links[e.carrier] != own]
+            still = all(e.joint and e.joint.kind in DRIVEN and not e.factor.size for e in apart)
+            columns = frame.inverse_adjoint() @ stack_columns([factor, free])
             k = frame.adjoint().mT @ k @ frame.adjoint()
-            return replace(c, constant=k, columns=columns, formable=True)
+            return replace(c, constant=k, columns=columns[0] if still else None, formable=True)
         return replace(c, formable=formable)
 
 
@@ -275,9 +267,7 @@ def stack_columns(blocks: Iterable[Array]) -> Array:
     """Concatenate columns (n or 1, d, r) of blocks."""
     parts = list(blocks)
     parts = [b for b in parts if b.shape[2]] or parts[:1]
-    if len(parts) == 1:
-        return parts[0]
-    return _concatenate(parts, -1)
+    return parts[0] if len(parts) == 1 else _concatenate(parts, -1)
 
 
 def stack_rows(blocks: Iterable[Array]) -> Array:
@@ -287,7 +277,8 @@ def stack_rows(blocks: Iterable[Array]) -> Array:
 
 def _concatenate(parts: list[Array], axis: int) -> Array:
     n = max(map(len, parts))
-    return np.concatenate([b if len(b) == n else np.broadcast_to(b, (n, *b.shape[1:])) for b in parts], axis=axis)
+    parts = [b if len(b) == n else np.broadcast_to(b, (n, *b.shape[1:])) for b in parts]
+    return np.concatenate(parts, axis=axis)
 
 
 def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bool]:

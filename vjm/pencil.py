@@ -67,14 +67,16 @@ class Pencil:
 
     def regular(self) -> Array:
         """Return K + s M (n, d, d) in scaled units, regularized on ``empty_motions``."""
-        return self.shifted_stiffness * np.outer(self.scale, self.scale) + self.empty_motions @ self.empty_motions.T
+        scaled = self.shifted_stiffness * np.outer(self.scale, self.scale)
+        return scaled + self.empty_motions @ self.empty_motions.T
 
     def all_vectors(self) -> tuple[Array, Array]:
         """Return all μ (d,) of the first pose, descending, and vectors (d, d), scaled units."""
         lower = np.asarray(np.linalg.cholesky(self.regular()[0]), dtype=float)
         half = np.linalg.inv(lower)
-        values, turned = np.linalg.eigh(half @ (self.mass[0] * np.outer(self.scale, self.scale)) @ np.transpose(half))
-        return values[::-1], np.transpose(half) @ turned[:, ::-1]
+        mass = self.mass[0] * np.outer(self.scale, self.scale)
+        values, turned = np.linalg.eigh(half @ mass @ half.T)
+        return values[::-1], half.T @ turned[:, ::-1]
 
     def some(self, index: NDArray[np.intp]) -> Pencil:
         """Return the pencil at some poses, with shift and units of the first of them."""

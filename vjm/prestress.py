@@ -14,7 +14,7 @@ Ry Rz.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -62,10 +62,10 @@ def _find_weights(order: Order, where: Places) -> dict[str, Array]:
 
 
 def loaded_stiffness(order: Order, where: Places) -> Array:
-    """Stiffness at M in base axes under the mechanism's own weight and offsets, and its sag behind it, (n, 6, 7).
+    """Return stiffness at M in base axes under own weight and offsets, and the sag, (n, 6, 7).
 
-    The sag is that of small displacements; the stiffness is taken at the equilibrium of finite ones, and is NaN where
-    none is found. Raises InputError where the tool moves freely.
+    The sag is that of small displacements; the stiffness is taken at the equilibrium of finite ones,
+    and is NaN where none is found. Raises InputError where the tool moves freely.
     """
     bent = bend_network(order, where)
     matrix, slack = _tangent(order, bent.there, where)
@@ -86,7 +86,7 @@ class Bent:
 
 
 def bend_network(order: Order, where: Places, small: float = _SMALL) -> Bent:
-    """Equilibrium under own weight and offsets: a linear step, and more where displacements are not ``small``.
+    """Find the equilibrium under own weight and offsets: one linear step, or more if not ``small``.
 
     Parameters
     ----------
@@ -97,8 +97,8 @@ def bend_network(order: Order, where: Places, small: float = _SMALL) -> Bent:
     small
         Rad, or of the mechanism's length, up to which one step is enough; smaller costs more steps.
     """
-    moved = solve_loads(order, replace(where), own_loads(order, where), "nodes")  # what it caches is not kept
-    n = len(where.tool)
+    n, uncached = len(where.tool), replace(where)  # what it caches is not kept
+    moved = solve_loads(order, uncached, own_loads(order, where), "nodes")
     there, size = bend_places(where, moved), _find_size(moved, order.length)
     far = size > small
     if far.any():
@@ -114,9 +114,9 @@ def bend_network(order: Order, where: Places, small: float = _SMALL) -> Bent:
 
 
 def _tangent(order: Order, there: Places, rest: Places, *, thorough: bool = False) -> tuple[Array, NDArray[np.bool_]]:
-    """Tangent stiffness (n, 6, 6) at bent places, and where (n,) internal motions change too much for a first order.
+    """Return the tangent stiffness (n, 6, 6) at bent places, and where (n,) it needs ``thorough``.
 
-    ``thorough``: iterate internal motions to convergence instead of first order.
+    ``thorough``: iterate internal motions to convergence instead of taking their first order.
     """
     state = condense_network(order, there)
     carried = solve_condensed(state, _remaining_loads(order, there, rest), wanted="wrenches")
@@ -129,14 +129,15 @@ def _tangent(order: Order, there: Places, rest: Places, *, thorough: bool = Fals
 
 
 def loaded_compliance(order: Order, where: Places) -> Array:
-    """Compliance of the tool under own weight and offsets, and its sag behind it, (n, 6, 7); as ``loaded_stiffness``.
+    """Return tool compliance under own weight and offsets, and the sag, as ``loaded_stiffness``.
 
-    It serves where the stiffness is infinite in some direction. With X the motions for unit wrenches on the tool and H
-    the Hessian of the second-order work, these change by δ where ``H₀ δ = -H (X + δ)``.
+    For stiffnesses that are infinite in some direction. With X the motions for unit wrenches on the
+    tool and H the Hessian of the second-order work, X changes by δ with ``H₀ δ = -H (X + δ)``.
     """
     bent = bend_network(order, where, 0.0)
     there = bent.there
-    work = SecondOrder(solve_loads(order, there, _remaining_loads(order, there, where)), order.mechanism)
+    carried = solve_loads(order, there, _remaining_loads(order, there, where))
+    work = SecondOrder(carried, order.mechanism)
     unit = Motion.of(solve_loads(order, there, Loads(6, {END: np.eye(6)[None]}, balanced=HELD)))
     change = _settle_motions(work, unit, lambda loads: solve_loads(order, there, loads), held=False)
     matrix = unit.nodes[END] + change.nodes[END]
@@ -147,7 +148,7 @@ def loaded_compliance(order: Order, where: Places) -> Array:
 def _relax(
     state: Condensed, work: SecondOrder, unit: Motion, stiffness: Array, *, thorough: bool
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Change (n, 6, 6) of the stiffness by the second-order work, and where (n,) internal motions change too much.
+    """Return the stiffness change (n, 6, 6) by the second-order work, and where it must be thorough.
 
     With H the Hessian of that work and X the motions for unit tool twists, X changes by δ with
     ``H₀ δ = -H (X + δ)``. The stationary stiffness changes by ``Xᵀ H X - δᵀ H₀ δ`` for the first δ,
@@ -155,13 +156,13 @@ def _relax(
     """
     if thorough:
         relaxed = _settle_motions(work, unit, lambda loads: solve_condensed(state, loads, _STILL))
-        change = work.differentiate(unit.plus(relaxed, 0.5))[0] - 0.25 * work.differentiate(relaxed)[0]
-        return change, np.zeros(1, dtype=bool)
+        middle, own = (work.differentiate(m)[0] for m in (unit.plus(relaxed, 0.5), relaxed))
+        return middle - 0.25 * own, np.zeros(1, dtype=bool)
     square, wrenches = work.differentiate(unit)
     loads = Loads(6, wrenches, balanced=HELD)
     if state.order.left:
-        held = solve_condensed(state, loads, _STILL)
-        stored = sum((wrench.mT @ held.nodes[node] for node, wrench in wrenches.items()), np.zeros((1, 6, 6)))
+        held = solve_condensed(state, loads, _STILL).nodes
+        stored = sum((w.mT @ held[node] for node, w in wrenches.items()), np.zeros((1, 6, 6)))
     else:
         stored = store_energy(state, condense_loads(state, loads))
     slack = np.einsum("nii->ni", stored) > _SLOW**2 * np.einsum("nii->ni", stiffness)
@@ -171,7 +172,7 @@ def _relax(
 def _settle_motions(
     work: SecondOrder, unit: Motion, solve: Callable[[Loads], Response], *, held: bool = True
 ) -> Motion:
-    """Change δ of six motions X to convergence, where ``H₀ δ = -H (X + δ)``; ``held``: with the tool at rest."""
+    """Iterate the change δ of six motions X, ``H₀ δ = -H (X + δ)``; ``held``: the tool is at rest."""
     change = unit.plus(unit, -1.0)
     for _ in range(_STEPS):
         loads = Loads(6, work.differentiate(unit.plus(change, 1.0), held=held)[1], balanced=HELD)
@@ -226,19 +227,21 @@ class Motion:
             if e.is_split:
                 factor, own = state.where.factor(e), e.factor.shape[1] - e.sprung
                 stress = factor.mT @ state.wrench
-                out.turns[name] = stack_rows([factor[:, 3:, :own] @ stress[:, :own], stress[:, own:], state.rates])
+                strained = factor[:, 3:, :own] @ stress[:, :own]
+                out.turns[name] = stack_rows([strained, stress[:, own:], state.rates])
         return out
 
     @property
     def size(self) -> Array:
         """Largest of all nodes' twists (n,)."""
-        return np.max(np.broadcast_arrays(*(np.abs(u).max(axis=(1, 2)) for u in self.nodes.values())), axis=0)
+        sizes = (np.abs(twists).max(axis=(1, 2)) for twists in self.nodes.values())
+        return reduce(np.maximum, sizes)
 
     def plus(self, other: Motion, times: float) -> Motion:
         """Return the sum with ``times`` the other."""
-        keys = ("nodes", "turns")
-        mine, theirs = ([getattr(m, key) for key in keys] for m in (self, other))
-        return Motion(*({k: a[k] + times * b[k] for k in a} for a, b in zip(mine, theirs, strict=True)))
+        nodes = {k: twists + times * other.nodes[k] for k, twists in self.nodes.items()}
+        turns = {k: own + times * other.turns[k] for k, own in self.turns.items()}
+        return Motion(nodes, turns)
 
 
 @dataclass(eq=False)
@@ -250,11 +253,12 @@ class SecondOrder:
 
     @cached_property
     def _masses(self) -> dict[str, Masses]:
-        return lump_masses(self.mechanism, self.response.where) if self.mechanism.gravity.any() else {}
+        heavy = self.mechanism.gravity.any()
+        return lump_masses(self.mechanism, self.response.where) if heavy else {}
 
     @cached_property
     def _turns(self) -> list[tuple[Element, Array, Array]]:
-        """Elements with rotations in ``Motion.turns``, half the Hessian by these, and the map to wrenches."""
+        """Elements with ``Motion.turns``, half the Hessian by these, and the map to wrenches."""
         states = (s for s in self.response.elements.values() if s.element.is_split)
         return [(s.element, *order_rotations(s)) for s in states]
 
@@ -269,12 +273,14 @@ class SecondOrder:
             have = on_nodes.get(node, _NONE)
             on_nodes[node] = sum_up(have, wrench, out=have if have.shape == wrench.shape else None)
 
-        for state in self.response.elements.values():  # no matrix is kept: memory takes longer than products
+        # no matrix is kept: memory takes longer than products
+        for state in self.response.elements.values():
             e = state.element
             count = e.factor.shape[1] + e.free.shape[1]
             if not count:
                 continue
-            half, first, second = bracket(0.5 * state.carried[..., 0]), motion.nodes[e.first], motion.nodes[e.second]
+            half = bracket(0.5 * state.carried[..., 0])
+            first, second = motion.nodes[e.first], motion.nodes[e.second]
             add(e.first, half @ second, np.subtract)
             add(e.second, half @ first)
             if count > 1:
@@ -283,7 +289,8 @@ class SecondOrder:
                 add(e.second, work, np.subtract)
         gravity = self.mechanism.gravity
         for node, m in self._masses.items():
-            add(node, lever_work(m.mass * gravity, m.moment[:, :, None] * gravity) @ motion.nodes[node])
+            work = lever_work(m.mass * gravity, m.moment[:, :, None] * gravity)
+            add(node, work @ motion.nodes[node])
         square: Array = np.zeros((1, 6, 6))
         for node, wrench in on_nodes.items():
             square = square - motion.nodes[node].mT @ wrench
@@ -297,7 +304,7 @@ class SecondOrder:
 
 
 def differentiate_order(state: ElementState) -> Array:
-    """Return the Hessian (n, 6, 6) of an element's work for the order of its motions, by its twist at M.
+    """Return the Hessian (n, 6, 6) of the work for the order of an element's motions, by its twist.
 
     The work is ``-½ Σ_{a<b} w·[s_a, s_b] y_a y_b``: slides, spring, rotations.
     """
@@ -311,19 +318,20 @@ def differentiate_order(state: ElementState) -> Array:
 
 
 def order_rotations(state: ElementState) -> tuple[Array, Array]:
-    """Return half the Hessian (n, k, k) by an element's ordered rotations, and the map (n, 6, k) to wrenches at M."""
+    """Return half the Hessian (n, k, k) by ordered rotations, and the map (n, 6, k) to wrenches at M."""
     hessian, moment = skew(0.5 * state.wrench[:, 3:, 0]), state.where.frame(state.element).matrix()
     if state.element.joint is not None:
         axes = list_axes(state)
-        hessian = axes @ hessian @ axes.mT
-        fits = axes.shape[1] < 4
-        moment = moment @ (axes.mT @ inverse(axes @ axes.mT) if fits else inverse(axes.mT @ axes) @ axes.mT)
+        few, back = axes.shape[1] < 4, axes.mT
+        hessian = axes @ hessian @ back
+        moment = moment @ (back @ inverse(axes @ back) if few else inverse(back @ axes) @ back)
     k: Array = np.arange(hessian.shape[1], dtype=float)
-    return hessian * np.sign(k - k[:, None]), np.concatenate([np.zeros_like(moment), moment], axis=1)
+    whole = np.concatenate([np.zeros_like(moment), moment], axis=1)
+    return hessian * np.sign(k - k[:, None]), whole
 
 
 def list_axes(state: ElementState) -> Array:
-    """Return axes (n or 1, k, 3) of a joint's ordered rotations: its spring's three, then its own."""
+    """Return axes (n or 1, k, 3) of a joint's ordered rotations: its spring's, then its own."""
     e = state.element
     own = [np.eye(3)[None]] if e.factor.shape[1] > e.sprung else []
     sprung = [state.where.factor(e)[:, 3:, -e.sprung :].mT] if e.sprung else []
@@ -332,11 +340,12 @@ def list_axes(state: ElementState) -> Array:
 
 
 def lever_work(force: Array, lever: Array) -> Array:
-    """Return the Hessian (n, 6, 6) of ``½ f·(ω × (v + ω × r))`` for a force f (n or none, 3) and ``r fᵀ`` (n, 3, 3)."""
+    """Return the Hessian (n, 6, 6) of ``½ f·(ω × (v + ω × r))`` for f (n or none, 3), r fᵀ (n, 3, 3)."""
     out = np.zeros((len(lever), 6, 6))
     skew(0.5 * force, out[:, :3, 3:])
     skew(-0.5 * force, out[:, 3:, :3])
-    out[:, 3:, 3:] = 0.5 * (lever + lever.mT) - np.einsum("nii->n", lever)[:, None, None] * np.eye(3)
+    work = np.einsum("nii->n", lever)[:, None, None]
+    out[:, 3:, 3:] = 0.5 * (lever + lever.mT) - work * np.eye(3)
     return out
 
 

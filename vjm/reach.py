@@ -42,14 +42,12 @@ def reach(mechanism: Mechanism) -> tuple[Reach, ...]:
     names = mechanism.tool.pose
     solver = find_solver(mechanism, "tool")
     home = mechanism.tool.home + solver.start_values
-    turns = [name.startswith("r") for name in names for _ in (0, 1)]
-    ways = np.where(turns, _WAYS[1], _WAYS[0] * solver.linkage.length) * np.tile([-1.0, 1.0], len(names))
-    shares, reasons = _march(solver, ways[:, None] * np.repeat(np.eye(len(names)), 2, axis=0))
-    ends = np.repeat(home, 2) + shares * ways
-    return tuple(
-        Reach(name, float(ends[2 * i]), float(ends[2 * i + 1]), reasons[2 * i], reasons[2 * i + 1])
-        for i, name in enumerate(names)
-    )
+    limits = [_WAYS[1] if name.startswith("r") else _WAYS[0] * solver.linkage.length for name in names]
+    ways = np.concatenate([-np.diag(limits), np.diag(limits)])
+    shares, reasons = _march(solver, ways)
+    low, high = np.split(shares * ways.sum(axis=1), 2) + home
+    ends = zip(names, low.tolist(), high.tolist(), reasons, reasons[len(names) :], strict=False)
+    return tuple(Reach(*each) for each in ends)
 
 
 def reach_toward(solver: Solver, goal: Array) -> Array:
@@ -62,7 +60,8 @@ def _march(solver: Solver, ways: Array) -> tuple[Array, list[str]]:
     """Return reachable fractions (n,) of paths (n, k) from the start, and what ends them."""
     linkage, n = solver.linkage, len(ways)
     q = np.repeat(solver.start[:, None], n, axis=1)
-    share, step, beyond, steady = np.zeros(n), np.full(n, _LONGEST), np.full(n, np.inf), np.zeros(n, dtype=int)
+    share, step, beyond = np.zeros(n), np.full(n, _LONGEST), np.full(n, np.inf)
+    steady = np.zeros(n, dtype=int)
     reasons = [""] * n
     while (going := np.flatnonzero((share < 1.0) & (step >= _SHORTEST))).size:
         ahead = np.minimum(share[going] + step[going], 1.0)
@@ -73,7 +72,8 @@ def _march(solver: Solver, ways: Array) -> tuple[Array, list[str]]:
         for i, k in enumerate(going):
             if not faults[i]:
                 share[k], q[:, k], steady[k] = ahead[i], found.q[:, i], steady[k] + 1
-                step[k] = min(_LONGEST, step[k] * (2.0 if steady[k] > 2 else 1.0), 0.5 * (beyond[k] - share[k]))
+                longer = 2.0 * step[k] if steady[k] > 2 else step[k]
+                step[k] = min(_LONGEST, longer, 0.5 * (beyond[k] - share[k]))
                 continue
             reasons[k], steady[k] = faults[i], 0
             step[k] *= 0.5
@@ -96,6 +96,6 @@ def _faults(solver: Solver, found: Solution) -> list[str]:
     for i, names in beyond.items():
         out[i] = f"{list_names(names)} at the end of {'its' if len(names) == 1 else 'their'} range"
     for i in np.flatnonzero(~found.closed):
-        name = linkage.name_worst(found.error[:, i])
-        out[i] = "out of reach or singular" + f": the loop through {name} does not close" * (len(linkage.cuts) > 1)
+        open_ = f": the loop through {linkage.name_worst(found.error[:, i])} does not close"
+        out[i] = "out of reach or singular" + open_ * (len(linkage.cuts) > 1)
     return out

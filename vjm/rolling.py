@@ -11,19 +11,21 @@ J. M. de Mul, J. M. Vree, D. A. Maas, "Equilibrium and associated load distribut
 in five degrees of freedom while neglecting friction", J. Tribology 111 (1989) 142.
 """
 
-# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# pyright: reportMissingTypeStubs=false, reportUnknownMemberType=false
+# pyright: reportUnknownVariableType=false
 # (scipy declares few types)
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.special import ellipe, ellipk
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.screws import skew
+from stiffscope.vjm.screws import shift
 
 if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
@@ -52,7 +54,8 @@ def hertz_constant(curvatures: Array, modulus: float) -> float:
     """
     small, large = np.sort(np.asarray(curvatures, dtype=float))
     if not 0.0 < small < np.inf:
-        raise InputError(f"contact: expected races that leave room for the elements, got a curvature of {small:g} 1/m")
+        expected = "races that leave room for the elements"
+        raise InputError(f"contact: expected {expected}, got a curvature of {small:g} 1/m")
     low, high = 1e-14, 1.0  # k² = (b/a)² of the ellipse
     k2 = 1.0
     for _ in range(120):
@@ -71,7 +74,7 @@ def hertz_constant(curvatures: Array, modulus: float) -> float:
 def line_constant(length: float) -> float:
     """Return load over approach^(10/9) (N/m^(10/9)) of a steel roller (length m) between two races.
 
-    A. Palmgren, Grundlagen der Wälzlagertechnik, 3rd ed. 1964; Harris, eq. 7.8: both approaches add.
+    A. Palmgren, Grundlagen der Wälzlagertechnik, 3rd ed. 1964; Harris, eq. 7.8: approaches add.
     """
     return (1e3 * length) ** (8.0 / 9.0) * (1e3 / (2.0 * _PALMGREN)) ** LINE
 
@@ -97,37 +100,33 @@ class Contacts:
     slide: Array
     turning: bool
 
-    def join(self, other: Contacts) -> Contacts:
-        """Return both sets, which must be of one kind."""
-        keys = ("at", "between", "reach", "constant", "slide")
-        arrays = {key: np.concatenate([getattr(self, key), getattr(other, key)]) for key in keys}
-        return Contacts(**arrays, exponent=self.exponent, turning=self.turning)
-
+    @cached_property
     def moves(self) -> Array:
-        """Return element displacements (k, 3, 6) per twist of the moved race at the origin."""
-        whole = np.concatenate([np.broadcast_to(np.eye(3), (len(self.at), 3, 3)), -skew(self.at)], axis=2)
+        """Element displacements (k, 3, 6) per twist of the moved race at the origin."""
+        whole = shift(self.at)[:, :3]
         return whole - self.slide[:, :, None] * (self.slide[:, None] @ whole)
 
     def state(self, twist: Array) -> tuple[Array, Array, Array, Array]:
         """Return directions (k, 3), approaches, loads and lengths |v| (k,) at a twist (6,)."""
-        moved = self.moves() @ twist
-        start = np.linalg.norm(self.between, axis=1)
+        moved = self.moves @ twist
         v = self.between + moved if self.turning else self.between
         size = np.linalg.norm(v, axis=1)
         along = v / size[:, None]
-        pressed = size - self.reach if self.turning else start - self.reach + np.einsum("ki,ki->k", along, moved)
+        pressed = size - self.reach
+        if not self.turning:
+            pressed = pressed + np.einsum("ki,ki->k", along, moved)
         pressed = np.where(pressed > _TOUCHING * pressed.max(initial=0.0), pressed, 0.0)
         return along, pressed, self.constant * pressed**self.exponent, size
 
     def energy(self, twist: Array) -> float:
         """Return the strain energy, J."""
-        pressed = self.state(twist)[1]
-        return float((self.constant * pressed ** (self.exponent + 1.0)).sum() / (self.exponent + 1.0))
+        _, pressed, load, _ = self.state(twist)
+        return float((load * pressed).sum() / (self.exponent + 1.0))
 
     def wrench(self, twist: Array) -> Array:
         """Return the wrench (6,) that moves the race by a twist."""
         along, _, load, _ = self.state(twist)
-        return np.einsum("kij,ki,k->j", self.moves(), along, load)
+        return np.einsum("kij,ki,k->j", self.moves, along, load)
 
     def stiffness(self, twist: Array) -> Array:
         """Return the tangent stiffness (6, 6) at a twist."""
@@ -137,8 +136,7 @@ class Contacts:
         if self.turning:
             across = np.eye(3) - along[:, :, None] * along[:, None]
             own = own + (load / size)[:, None, None] * across
-        b = self.moves()
-        found = np.einsum("kia,kij,kjb->ab", b, own, b)
+        found = np.einsum("kia,kij,kjb->ab", self.moves, own, self.moves)
         return 0.5 * (found + found.T)
 
 
@@ -178,10 +176,11 @@ def settle(contacts: Contacts, wrench: Array, length: float) -> Array:
         step: Array = np.linalg.solve(k + soft * np.eye(6), left)
         reach = 20.0 * max(typical, 1e-7) + 0.2 * float(np.linalg.norm(x))
         step = step * min(1.0, reach / max(float(np.linalg.norm(step)), 1e-300))
-        now, slope, share = potential(x), float(left @ step), 1.0
-        while share > 1e-9 and potential(x + share * step) > now - 1e-4 * share * slope + 1e-14 * abs(now):
+        now, slope, share = potential(x), 1e-4 * float(left @ step), 1.0
+        most_now = now + 1e-14 * abs(now)
+        while share > 1e-9 and potential(x + share * step) > most_now - share * slope:
             share *= 0.5
         x = x + share * step
     if np.abs(load - contacts.wrench(x * unit) * unit).max() > _ACCEPTED * size:
-        raise InputError("load: expected one that the rolling elements can carry, found no equilibrium")
+        raise InputError("load: expected one that the elements can carry, found no equilibrium")
     return x * unit

@@ -6,7 +6,8 @@ wrenches w as multipliers form the system ``[[K, 0, Aᵀ], [0, D, -Bᵀ], [A, -B
 constraints and idle motions make it singular: rows independent at home are solved, others verified.
 """
 
-# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false, reportUnknownVariableType=false
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 # (scipy declares few types)
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Screws: twists, wrenches and frames.
 
-The one convention of the project: a twist is (v, ω), a wrench is (f, m), both at a named point and in named
-axes, SI units, float64. A stack of poses is the leading axis: ``(n, 6, 6)``; an array without it holds for every pose.
+The one convention of the project: a twist is (v, ω), a wrench is (f, m), both at a named point and
+in named axes, SI units, float64. A stack of poses is the leading axis: ``(n, 6, 6)``; an array
+without it holds for every pose.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ HALF_TURN = np.diag([-1.0, -1.0, 1.0, -1.0, -1.0, 1.0])
 
 
 def skew(r: ArrayLike, out: Array | None = None) -> Array:
-    """Return S(r), with ``S(r) @ a = r × a``, for vectors (..., 3); written into zeros ``out`` (..., 3, 3) if given."""
+    """Return S(r), with ``S(r) @ a = r × a``, of vectors (..., 3); ``out``: zeros to write into."""
     r = np.asarray(r, dtype=float)
     s = np.zeros((*r.shape, 3)) if out is None else out
     s[..., 0, 1], s[..., 0, 2] = -r[..., 2], r[..., 1]
@@ -96,8 +97,8 @@ def rotation_of(vector: Array) -> Array:
 
 
 def _blocks(diagonal: Array, corner: Array | None) -> Array:
-    shape = diagonal.shape[:-2] if corner is None else np.broadcast_shapes(diagonal.shape, corner.shape)[:-2]
-    out = np.zeros((*shape, 6, 6))
+    shape = diagonal.shape if corner is None else np.broadcast_shapes(diagonal.shape, corner.shape)
+    out = np.zeros((*shape[:-2], 6, 6))
     out[..., :3, :3] = diagonal
     out[..., 3:, 3:] = diagonal
     if corner is not None:

@@ -19,7 +19,7 @@ _FEW = 8  # matrices, up to which one library call for each is faster
 
 
 def multiply_transposed(matrix: Array) -> Array:
-    """Return AᵀA (n, m, m) of many small matrices A (n, k, m), in a quarter of the time of ``A.mT @ A``."""
+    """Return AᵀA (n, m, m) of many small A (n, k, m), in a quarter of the time of ``A.mT @ A``."""
     return matrix.mT @ matrix.copy()  # of one array numpy calls a symmetric product, slow to start
 
 

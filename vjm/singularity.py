@@ -1,6 +1,7 @@
 """Principal stiffness, free directions and closeness to a singularity."""
 
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false, reportUnknownMemberType=false
+# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
+# pyright: reportUnknownMemberType=false
 # (scipy declares few types)
 
 from __future__ import annotations
@@ -31,17 +32,18 @@ def principal(matrix: Array) -> tuple[Array, Array]:
 
     Scaled by the robot's characteristic length and stiffness, hence unit-independent.
     """
-    force = np.einsum("...ii->...", matrix[..., :3, :3]) / 3.0
+    force = np.einsum("...ii->...", matrix[..., :3, :3])[..., None, None] / 3.0
     scale = np.ones(matrix.shape[:-1])
     scale[..., 3:] = characteristic_length(matrix)[..., None]
-    unit = matrix / (scale[..., :, None] * scale[..., None, :]) / np.where(force > 0.0, force, 1.0)[..., None, None]
+    unit = matrix / (scale[..., :, None] * scale[..., None, :]) / np.where(force > 0.0, force, 1.0)
     values, vectors = np.linalg.eigh(unit)
     return values, vectors / scale[..., :, None]
 
 
 def characteristic_length(matrix: Array) -> Array:
     """Return the length (...) in m that equates mean rotational and translational stiffness."""
-    force, moment = (np.einsum("...ii->...", block) for block in (matrix[..., :3, :3], matrix[..., 3:, 3:]))
+    diagonal = np.einsum("...ii->...i", matrix)
+    force, moment = diagonal[..., :3].sum(axis=-1), diagonal[..., 3:].sum(axis=-1)
     return np.sqrt(moment.clip(min=0.0) / np.where(force > 0.0, force, 1.0)).clip(*_LENGTHS)
 
 
@@ -62,10 +64,11 @@ def rigid_wrenches(compliance: Array, length: float) -> Array:
     null = vectors[:, values <= _RIGID * max(float(values[-1]), 1e-300)]
     if not null.shape[1]:
         return np.zeros((0, 6))
-    order: NDArray[np.int64] = qr(null.T, mode="r", pivoting=True)[-1]  # pyright: ignore[reportAssignmentType]
+    order = np.asarray(qr(null.T, mode="r", pivoting=True)[-1], dtype=int)
     rows = np.sort(order[: null.shape[1]])
     wrenches = (null @ np.linalg.inv(null[rows])).T * scale
-    wrenches = np.where(np.abs(wrenches) < _ROUNDING * np.abs(wrenches).max(axis=1, keepdims=True), 0.0, wrenches)
+    size = np.abs(wrenches)
+    wrenches[size < _ROUNDING * size.max(axis=1, keepdims=True)] = 0.0
     return wrenches / np.linalg.norm(wrenches, axis=1, keepdims=True)
 
 
@@ -77,18 +80,14 @@ def invert_stiffness(matrix: Array, free: NDArray[np.int_]) -> Array:
     return 0.5 * (out + out.mT)
 
 
-def softest(matrix: Array) -> Array:
-    """Return the twist (..., 6) of the smallest principal stiffness: free near a singular pose."""
-    return principal(matrix)[1][..., :, 0]
-
-
 def rigid_note(rigid: Array) -> str | None:
     """Describe wrenches (k, 6) along which the tool is rigid; None if there are none."""
     if not len(rigid):
         return None
     space = np.linalg.qr(rigid.T)[0]
     names = ", ".join(_name_rigid(each) for each in name_directions(space, "force", "moment", 1.0))
-    return f"the tool is rigid in {len(rigid)} direction(s): {names}; its stiffness is infinite, see its compliance"
+    rest = "its stiffness is infinite, see its compliance"
+    return f"the tool is rigid in {len(rigid)} direction(s): {names}; {rest}"
 
 
 def _name_rigid(direction: Direction) -> str:
@@ -106,9 +105,10 @@ def singular_note(matrix: Array) -> str | None:
     count, inverse_condition = count_freedoms(matrix)
     if not count and inverse_condition > _NEAR:
         return None
-    twist = softest(matrix)
-    direction = ", ".join(f"{v:+.3g}" for v in np.where(np.abs(twist) < _NEAR * np.abs(twist).max(), 0.0, twist))
-    state = f"the tool moves freely in {int(count)} direction(s)" if count else "near a singular pose"
-    if principal(matrix)[0][0] < -_NEAR:
+    values, vectors = principal(matrix)
+    twist, size = vectors[:, 0], np.abs(vectors[:, 0])
+    softest = ", ".join(f"{v:+.3g}" for v in np.where(size < _NEAR * size.max(), 0.0, twist))
+    state = f"the tool moves freely in {count} direction(s)" if count else "near a singular pose"
+    if values[0] < -_NEAR:
         state = "unstable, the loads overturn it"
-    return f"{state}: softest twist ({direction}), inverse condition number {float(inverse_condition):.2g}"
+    return f"{state}: softest twist ({softest}), inverse condition number {inverse_condition:.2g}"

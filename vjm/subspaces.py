@@ -1,7 +1,7 @@
 """Subspaces of twists, wrenches and joint rates: ranks, direct sums and named directions."""
 
-# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false, reportUnknownMemberType=false
-# pyright: reportUnknownVariableType=false
+# pyright: reportMissingTypeStubs=false, reportUnknownArgumentType=false
+# pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 # (scipy declares few types)
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Direction:
         along = axis_name(self.axis)
         if self.kind == "screw":
             return f"screw about {along}, {1e3 * self.pitch:.3g} mm/rad"
-        return f"{self.kind} {'along' if self.kind in {'translation', 'force'} else 'about'} {along}"
+        return f"{self.kind} {'along' if self.kind in ('translation', 'force') else 'about'} {along}"
 
 
 def axis_name(axis: Array) -> str:
@@ -89,7 +89,8 @@ def find_blocks(basis: Array, sizes: list[int]) -> list[tuple[list[int], int]]:
     touch[owner[rows], owner[columns]] = True
     label = connected_components(touch, directed=False)[1]
     groups = [np.flatnonzero(label == k) for k in dict.fromkeys(label[touch.diagonal()].tolist())]
-    return [(g.tolist(), round(float(projector.diagonal()[np.isin(owner, g)].sum()))) for g in groups]
+    sizes_of = np.bincount(owner, projector.diagonal(), len(sizes))
+    return [(group.tolist(), round(float(sizes_of[group].sum()))) for group in groups]
 
 
 def name_directions(basis: Array, bound: str, free: str, length: float) -> list[Direction]:
@@ -115,8 +116,8 @@ def name_directions(basis: Array, bound: str, free: str, length: float) -> list[
     off = np.eye(3) - range_space(couples) @ range_space(couples).T
     for axis in _align(lines):
         screw = basis @ np.linalg.lstsq(basis[:3], axis, rcond=None)[0]
-        pitch = float((off @ screw[3:]) @ (off @ axis)) if couples.shape[1] else float(screw[3:] @ axis)
-        if couples.shape[1] and np.linalg.norm(couples.T @ axis) > ZERO:
+        pitch = float((off @ screw[3:]) @ (off @ axis))
+        if np.linalg.norm(couples.T @ axis) > ZERO:
             pitch = 0.0  # a couple about the same axis removes the pitch
         real = abs(pitch) > 1e-6
         offset = length * np.cross(axis, off @ screw[3:])

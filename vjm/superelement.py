@@ -65,8 +65,8 @@ def superelement(
 
     References
     ----------
-    R. R. Craig, M. C. C. Bampton, Coupling of substructures for dynamic analyses, AIAA Journal 6, 1968; docs/theory.md,
-    section 11.
+    R. R. Craig, M. C. C. Bampton, Coupling of substructures for dynamic analyses, AIAA Journal 6,
+    1968; docs/theory.md, section 11.
     """
     (pencil, _), *_ = form_pencils(mechanism, configuration, drives)
     unit = pencil.scale
@@ -75,7 +75,7 @@ def superelement(
     tool = pencil.system.twists[END].apply_to(pencil.basis)[0] * unit / size[:, None]  # (6, d)
     left, values, right = np.linalg.svd(tool)
     if len(values) < 6 or values[5] <= RANK * values[0]:
-        raise InputError("tool: expected one that can move in all six directions, got one that something rigid holds")
+        raise InputError("tool: expected one that moves in all six directions, got one held rigidly")
     apart = np.asarray(right[6:].T, dtype=float)
     follow = right[:6].T / values[:6] @ left.T / size
     held, inert = (apart.T @ a @ apart for a in (stiffness, mass))
@@ -84,14 +84,13 @@ def superelement(
     loose = _lowest(stiffness, mass, pencil.shift, modes)
     added = apart.T @ (loose - static @ (size[:, None] * (tool @ loose)))  # with the tool held
     wanted = np.linalg.qr(np.hstack([_lowest(held, inert, pencil.shift, modes), added]))[0]
-    within = _lowest(wanted.T @ held @ wanted, wanted.T @ inert @ wanted, pencil.shift, wanted.shape[1])
+    own = (wanted.T @ a @ wanted for a in (held, inert))
+    within = _lowest(*own, pencil.shift, wanted.shape[1])
     basis = np.hstack([static, apart @ wanted @ within])
-    condensed = [basis.T @ a @ basis for a in (stiffness, mass)]
-    condensed = [0.5 * (a + a.T) for a in condensed]
-    count = basis.shape[1] - 6
-    condensed[0][:6, 6:] = condensed[0][6:, :6] = 0.0  # uncoupled by construction
-    condensed[0][6:, 6:] *= np.eye(count)
-    return ToolSuperelement(condensed[0], condensed[1], configuration.tool[0, :3])
+    k, m = (0.5 * (a + a.T) for a in (basis.T @ a @ basis for a in (stiffness, mass)))
+    k[:6, 6:] = k[6:, :6] = 0.0  # uncoupled by construction
+    k[6:, 6:] *= np.eye(len(k) - 6)
+    return ToolSuperelement(k, m, configuration.tool[0, :3])
 
 
 def _lowest(stiffness: Array, mass: Array, shift: float, count: int) -> Array:
