@@ -106,4 +106,4 @@ def test_a_template_filled_in(robot, tmp_path, monkeypatch):
         done = subprocess.run(command, check=True, capture_output=True, text=True)
         wall, _, taken = now() - before
         print(f"{robot}, {len(values)} readings, run {k + 1}: {taken:.1f} s of processor ({wall:.1f} s): "
-              f"{done.stdout.splitlines()[0]}")  # fmt: skip
+              f"{done.stdout.strip().splitlines()[0]}")  # fmt: skip

@@ -28,7 +28,7 @@ import json, resource, sys, time
 from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 from tests.benchmarks.codes import build
-e = run_experiment(build("slider"), Settings(size=float(sys.argv[1]), time_limit=600))
+e = run_experiment(build("slider"), Settings(size=float(sys.argv[1]), time_limit=6000))
 print(json.dumps({"dofs": 3 * len(e.mesh.points), "unknowns": e.unknowns, "seconds": e.seconds,
                   "peak": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9, "bound": e.relative_bound}))
 """
