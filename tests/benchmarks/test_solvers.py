@@ -21,7 +21,7 @@ from stiffscope.fea.run import run_experiment, specimen_of
 from stiffscope.fea.settings import Settings
 from tests.benchmarks.codes import meshed
 
-pytestmark = pytest.mark.benchmark
+pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(3600)]
 RUNS = 4
 LARGE = """
 import json, resource, sys, time
