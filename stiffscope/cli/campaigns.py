@@ -14,7 +14,7 @@ import click
 
 from stiffscope.biglide.audit import findings_on_paper
 from stiffscope.cli import options
-from stiffscope.cli.options import takes
+from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit, open_workshop
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
@@ -64,17 +64,15 @@ GROUPS = {
 
 @click.command()
 @takes(click.argument("name", metavar="CAMPAIGN"), options.out, options.json)
-@click.option("--robot", metavar="FILE", help="The robot to diagnose instead of the campaign's: one that was adopted.")
+@click.option("--robot", metavar="FILE", help="An adopted robot to diagnose, not the campaign's.")
 @click.option(
-    "--adopt",
-    metavar="FILE",
-    type=click.Path(path_type=Path),
+    "--adopt", metavar="FILE", type=options.PATH,
     help="Write a robot file that carries the effects that were found.",
-)
+)  # fmt: skip
 def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output) -> None:
     """Find the effects that explain the gap between model and measurements.
 
-    CAMPAIGN is a folder with a campaign.toml and its readings, or the name of a bundled campaign: published.
+    CAMPAIGN is a folder with a campaign.toml and its readings, or a bundled campaign: published.
     """
     output.check_folder(output.folder, adopt)
     case = open_case(name, instead=robot)
@@ -82,8 +80,8 @@ def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output
     if adopt is not None:
         check_target(adopt, case.robot)
     with open_workshop(output) as shop, ExitStack() as stack:
-        nominal = assemble_nominal(case, shop)
-        ahead = nominal and stack.enter_context(shares_ahead(nominal, manifest.sources["inputs"], shop.cache))
+        nominal, files = assemble_nominal(case, shop), manifest.sources["inputs"]
+        ahead = nominal and stack.enter_context(shares_ahead(nominal, files, shop.cache))
         diagnosis = diagnose_case(case, nominal, shop)
 
         def fill(folder: Path) -> None:
@@ -102,10 +100,10 @@ def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output
             about = {"campaign": case.name, "components": c.components, "modelled": c.modelled}
             adopt_effects(adopt, nominal.robot, robot, diagnosis, **about)
 
+        show, page = gap_tables.show_diagnosis, partial(_write_page, case, nominal, diagnosis)
         emit(
-            output, to_json(diagnosis), lambda: gap_tables.show_diagnosis(diagnosis), manifest=manifest, fill=fill,
-            page=partial(_write_page, case, nominal, diagnosis), kept="diagnosis.json",
-            also=carry,
+            output, to_json(diagnosis), partial(show, diagnosis), manifest=manifest, fill=fill,
+            page=page, kept="diagnosis.json", also=carry,
         )  # fmt: skip
         if adopt and nominal and output.loud:
             parts = f"with the parts' matrices of the diagnosis ({case.campaign.components})"
@@ -113,7 +111,8 @@ def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output
 
 
 def _manifest_of(case: Case) -> Manifest:
-    return manifest_of(case.robot, *(case.folder / file for file in ("campaign.toml", *case.campaign.files)))
+    files = ("campaign.toml", *case.campaign.files)
+    return manifest_of(case.robot, *(case.folder / file for file in files))
 
 
 def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, report: Draft) -> None:
@@ -122,11 +121,12 @@ def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, rep
     if nominal is None:
         facts.append("the model under test is the campaign's own predictions")
     else:
-        modelled = ", ".join(case.campaign.modelled) or "no effect"
-        facts.append(f"nominal robot {nominal.robot.name} ({tables.sources(nominal)}; modelled: {modelled})")
+        modelled = f"modelled: {', '.join(case.campaign.modelled) or 'no effect'}"
+        facts.append(f"nominal robot {nominal.robot.name} ({tables.sources(nominal)}; {modelled})")
         found = configure_case(case, nominal)
         view = share_view(report, nominal, diagnosis, found) if found else None
-    write_diagnosis_report(report, diagnosis, title=f"Where is the gap? {case.name}", facts=facts, view=view)
+    title = f"Where is the gap? {case.name}"
+    write_diagnosis_report(report, diagnosis, title=title, facts=facts, view=view)
 
 
 @click.group()
@@ -137,34 +137,32 @@ def campaign() -> None:
 @campaign.command("new")
 @takes(
     options.robot,
-    click.option("--out", "goal", required=True, metavar="DIR", type=click.Path(path_type=Path), help=options.OUT),
+    click.option("--out", "goal", required=True, metavar="DIR", type=options.PATH, help=options.OUT),
     options.json,
 )
 @click.option(
-    "--ask",
-    metavar="QUESTION",
-    help='Plan the fewest readings that distinguish causes: "base-compliance from J1", effects, places or patterns of '
-    '"effect @ place", several divided by commas; or "all".',
-)
+    "--ask", metavar="QUESTION",
+    help='Plan the fewest readings that distinguish causes: "base-compliance from J1", effects, '
+    'places or patterns of "effect @ place", several divided by commas; or "all".',
+)  # fmt: skip
 @click.option(
-    "--with",
-    "given",
-    metavar="CAMPAIGN",
-    type=click.Path(path_type=Path),
+    "--with", "given", metavar="CAMPAIGN", type=options.PATH,
     help="With --ask: plan with the sensors and loads of this campaign alone.",
-)
+)  # fmt: skip
 def new_campaign(name: str, goal: Path, *, ask: str | None, given: Path | None, output: Output) -> None:
     """Write a campaign folder to fill in: examples of sensors and loads, and a plan of readings."""
     robot = load_robot(name)
     named = name if name in robot_names() else Path(os.path.relpath(robot.path, goal)).as_posix()
-    proposal = None
+    proposal, plan = None, {}
     if given is not None and ask is None:
         raise InputError("--with: expected a question, --ask, too")
     if ask is not None:
         header = None if given is None else load_header(given)
         with open_workshop(output) as shop:
             made = assemble_robots({"nominal": robot}, "beam", shop)["nominal"]
-        proposal = propose_plan(NominalRobot(made.mechanism, robot), robot.path.resolve().as_posix(), ask, header)
+        nominal = NominalRobot(made.mechanism, robot)
+        proposal = propose_plan(nominal, robot.path.resolve().as_posix(), ask, header)
+        plan = {"plan": campaign_check.plan_json(proposal)}
     poses, readings = write_template(robot, named, goal, proposal and proposal.plan)
 
     def show() -> None:
@@ -173,18 +171,17 @@ def new_campaign(name: str, goal: Path, *, ask: str | None, given: Path | None, 
         tables.show_line(f"Written: {goal}, {readings} readings at {poses} poses to fill in.")
         tables.show_line(f"Next: stiffscope campaign check {goal}")
 
-    planned = {} if proposal is None else {"plan": campaign_check.plan_json(proposal)}
-    emit(output, {"folder": str(goal), "readings": readings, "poses": poses, **planned}, show)
+    emit(output, {"folder": str(goal), "readings": readings, "poses": poses, **plan}, show)
 
 
 @campaign.command("check")
 @takes(
     click.argument("name", metavar="CAMPAIGN"),
-    options.folder("--out", "Folder to write: report, pictures of the sensors on the robot, and check.json."),
+    options.folder("--out", "report, pictures of the sensors on the robot, and check.json."),
     options.json,
 )
 def check_campaign(name: str, *, output: Output) -> None:
-    """Report how a campaign was read: counts, units, poses, sensors, loads, doubts; no experiment is made."""
+    """Report how a campaign was read, without experiments: counts, units, sensors, loads, doubt."""
     case = open_case(name, planned=True)
     with open_drawing(ahead=True) if output.folder and case.robot else nullcontext() as draw:
         found = configure_case(case)
@@ -196,28 +193,26 @@ def check_campaign(name: str, *, output: Output) -> None:
                 campaign_check.draw_sensors(draw, case.robot, found, case.campaign, folder)
 
         emit(
-            output, facts, lambda: campaign_check.show_campaign(facts, case.name), manifest=_manifest_of(case),
-            fill=fill, page=partial(campaign_check.write_page, case.name), kept="check.json",
+            output, facts, lambda: campaign_check.show_campaign(facts, case.name), fill=fill,
+            manifest=_manifest_of(case), page=partial(campaign_check.write_page, case.name),
+            kept="check.json",
         )  # fmt: skip
 
 
 @click.command()
-@takes(
-    click.argument("names", metavar="[ROBOT]...", nargs=-1),
-    options.out,
-    options.json,
-    options.components,
-)
-@click.option("--campaigns", default=100, show_default=True, type=click.IntRange(1, 100000), help="How many a robot.")
-@click.option("--seed", default=1, show_default=True, type=click.IntRange(0), help="What decides which are drawn.")
+@takes(click.argument("names", metavar="[ROBOT]...", nargs=-1), options.out, options.json, options.components)
+@options.count("--campaigns", 100, "How many a robot.", 1, 100000)
+@options.count("--seed", 1, "What decides which are drawn.", 0)
 @options.scheduler
 def blind(
-    names: tuple[str, ...], *, components: str | None, campaigns: int, seed: int, scheduler: str | None, output: Output
-) -> None:
+    names: Texts, *, components: str | None, campaigns: int, seed: int, scheduler: str | None,
+    output: Output,
+) -> None:  # fmt: skip
     """Test the diagnosis on campaigns whose effects are withheld.
 
-    Simulates campaigns of each ROBOT (by default biglide), seals their effects, diagnoses them, and scores the answers.
-    Finished cases are stored in DIR.cases until all are done: the same command resumes an interrupted check.
+    Simulates campaigns of each ROBOT (by default biglide), seals their effects, diagnoses them, and
+    scores the answers. Finished cases are stored in DIR.cases until all are done: the same command
+    resumes an interrupted check.
     """
     out = output.required_folder()
     cases = out.with_name(f"{out.name}.cases")
@@ -227,7 +222,8 @@ def blind(
     with open_workshop(output) as shop:
         drawn = blind_robots(robots, components, shop)
         report = shop.open_line("blind")
-        scores = run_blind(cases, drawn, campaigns, seed, report, workers=processors(), scheduler=scheduler)
+        on = {"workers": processors(), "scheduler": scheduler}
+        scores = run_blind(cases, drawn, campaigns, seed, report, **on)
         report("figures", 1.0)
 
     def fill(folder: Path) -> None:
@@ -255,6 +251,6 @@ def audit(*, output: Output) -> None:
 
     def show() -> None:
         for source, title in GROUPS.items():
-            tables.show_findings(title, [finding for finding in findings if finding.source == source])
+            tables.show_findings(title, [each for each in findings if each.source == source])
 
     emit(output, [dataclasses.asdict(finding) for finding in findings], show)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from stiffscope.cli import options
-from stiffscope.cli.options import takes
+from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import check_solids
@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 @takes(
     options.robot,
     options.overrides,
-    options.folder("--out", "Folder to write: report, pictures at home and at every named pose, and check.json."),
+    options.folder("--out", "report, pictures at home and at every named pose, and check.json."),
     options.json,
 )
-def check(name: str, *, overrides: tuple[str, ...], output: Output) -> None:
+def check(name: str, *, overrides: Texts, output: Output) -> None:
     """Report what a robot file describes, without virtual experiments.
 
-    Bodies, joints, mobility, masses, drives, reach and poses are shown, even if the mechanism is then refused because
-    it cannot move as its poses command.
+    Bodies, joints, mobility, masses, drives, reach and poses are shown, even if the mechanism is
+    then refused because it cannot move as its poses command.
     """
     robot = load_robot(name, overrides)
     with open_drawing(ahead=output.folder is not None) as draw_now:

@@ -6,7 +6,6 @@ import logging
 import re
 import shutil
 from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -15,7 +14,7 @@ import tomlkit
 
 from stiffscope.cli import options
 from stiffscope.cli.main import Stopped
-from stiffscope.cli.options import takes
+from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit, open_workshop, warn_of_parts
 from stiffscope.cli.poses import find_poses
 from stiffscope.design.making import SUFFIX, Journal
@@ -37,6 +36,7 @@ from stiffscope.runtime.processors import processors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from stiffscope.cli.output import Output
     from stiffscope.design.studies import Study
@@ -50,18 +50,20 @@ DESIGNS = "designs"
 
 @click.command()
 @takes(options.robot, options.part, options.poses, options.components, options.overrides, options.json)
-@options.folder("--out", "Folder to write: report, bar chart and numbers (JSON), complete or absent.")
+@options.folder("--out", "report, bar chart and numbers (JSON), complete or absent.")
 def sensitivity(
-    name: str, part: str | None, *, poses: tuple[str, ...], components: Any, overrides: tuple[str, ...], output: Output
+    name: str, part: str | None, *, poses: Texts, components: Any, overrides: Texts, output: Output
 ) -> None:
     """Rank the parameters by their effect on the stiffness.
 
-    Derivatives by dimensions, materials, drives, bearings and masses, with error bars and per kilogram: of the robot's
-    stiffness, sag and first frequency at tool poses (by default those of the robot file), or with --part of one part's
-    compliance, sag and mass. Tolerances in the robot file ("20 mm ± 0.1 mm") give the scatter of the robot.
+    Derivatives by dimensions, materials, drives, bearings and masses, with error bars and per
+    kilogram: of the robot's stiffness, sag and first frequency at tool poses (by default those of
+    the robot file), or with --part of one part's compliance, sag and mass. Tolerances in the robot
+    file ("20 mm ± 0.1 mm") give the scatter of the robot.
     """
     if part and (poses or components):
-        raise InputError(f"--part {part}: expected neither --at nor --components with it, which are of the robot")
+        expected = "expected neither --at nor --components with it"
+        raise InputError(f"--part {part}: {expected}, which are of the robot")
     robot = load_robot(name, overrides)
     manifest = manifest_of(robot)
     if part:
@@ -71,35 +73,39 @@ def sensitivity(
             (found,) = part_sensitivities([order], shop)
         warn_of_parts([result])
         answer = report.part_json(found, result)
-        show, draw = partial(report.show_part_sensitivity, found, result), partial(report.draw_part, found, result)
+        show = partial(report.show_part_sensitivity, found, result)
+        draw = partial(report.draw_part, found, result)
         title = f"{robot.name}: what changes the {found.part}'s compliance"
-        words = "bars of what changes each diagonal entry of the compliance, in % per %, with bounds"
+        words = "bars of what changes each diagonal entry of the compliance, % per %, with bounds"
     else:
         asked = find_poses(robot, poses, ())
         with open_workshop(output) as shop:
             of_robot = robot_sensitivities(robot, asked.configurations.poses, components, shop)
         pose, answer = asked.names[0], report.robot_json(of_robot)
-        show, draw = partial(report.show_sensitivity, of_robot, asked.names), partial(report.draw_robot, of_robot, pose)
+        show = partial(report.show_sensitivity, of_robot, asked.names)
+        draw = partial(report.draw_robot, of_robot, pose)
         title = f"{robot.name}: what changes its stiffness"
-        words = f"bars of what changes K_tx at {pose}, in % per % and in % per kilogram, with bounds"
+        words = f"bars of what changes K_tx at {pose}, in % per % and % per kilogram, with bounds"
     emit(
-        output, answer, show, manifest=manifest, fill=lambda folder: save_figures(folder, {"sensitivity": draw}),
-        page=lambda page: report.write_page(page, title, words), kept="sensitivity.json",
+        output, answer, show, manifest=manifest, kept="sensitivity.json",
+        fill=lambda folder: save_figures(folder, {"sensitivity": draw}),
+        page=lambda page: report.write_page(page, title, words),
     )  # fmt: skip
 
 
 @click.command()
 @takes(
-    click.argument("names", metavar="STUDY | merge DIR...", nargs=-1, required=True, type=click.Path(path_type=Path)),
+    click.argument("names", metavar="STUDY | merge DIR...", nargs=-1, required=True, type=options.PATH),
     options.out, options.json,
 )  # fmt: skip
 @options.scheduler
-@click.option("--part", metavar="I/N", help="Only the I-th of N shares of a sweep's designs; study merge joins them.")
+@click.option("--part", metavar="I/N", help="Share I of N of a sweep; study merge joins them.")
 def study(names: tuple[Path, ...], *, scheduler: str | None, part: str | None, output: Output) -> None:
     """Evaluate many designs: a sweep, an optimum under constraints, a Pareto front.
 
-    STUDY is a TOML file: robot, ranges of parameters, responses, constraints, objectives. Finished designs are stored
-    in DIR.designs until all are done: the same command resumes an interrupted study, and reuses the designs of DIR.
+    STUDY is a TOML file: robot, ranges of parameters, responses, constraints, objectives. Finished
+    designs are stored in DIR.designs until all are done: the same command resumes an interrupted
+    study, and reuses the designs of DIR.
 
     study merge DIR... joins the output folders of shares that were made with --part.
     """
@@ -116,14 +122,14 @@ def study(names: tuple[Path, ...], *, scheduler: str | None, part: str | None, o
     if (out / DESIGNS).is_dir() and not store.exists():
         shutil.copytree(out / DESIGNS, store)
     try:
+        on: Any = {"workers": processors(), "scheduler": scheduler}
         with progress(quiet=output.quiet) as open_line:
-            found = run_study(
-                file, store, open_line("study"), workers=processors(), scheduler=scheduler, part=share or WHOLE
-            )
+            found = run_study(file, store, open_line("study"), **on, part=share or WHOLE)
     except (KeyboardInterrupt, Stopped) as error:
-        if not (kept := Journal(file, store).count()):
+        if not (count := Journal(file, store).count()):
             raise
-        raise Stopped(f"stopped; {kept} finished designs are kept in {store}, the same command goes on") from error
+        kept = f"{count} finished designs are kept in {store}"
+        raise Stopped(f"stopped; {kept}, the same command goes on") from error
     _emit_study(found, output, manifest, [store])
     if not remove_copied(store, out, f"{DESIGNS}/"):
         log.warning("%s: holds files that are no designs of this study; they stay there", store)
@@ -155,14 +161,14 @@ def _emit_study(found: Study, output: Output, manifest: Manifest, stores: Sequen
         (folder / DESIGNS).mkdir()
         for store in stores:
             for journal in sorted(store.glob(f"*{SUFFIX}")):
-                with journal.open("rb") as source, (folder / DESIGNS / journal.name).open("ab") as target:
-                    shutil.copyfileobj(source, target)
+                with (folder / DESIGNS / journal.name).open("ab") as target:
+                    target.write(journal.read_bytes())
         study_report.write_study(found, folder)
         _write_robots(found, folder, output.required_folder())
 
     emit(
-        output, lambda: study_report.study_json(found), lambda: study_report.show_study(found), manifest=manifest,
-        fill=fill, page=partial(study_report.write_study_page, found),
+        output, partial(study_report.study_json, found), partial(study_report.show_study, found),
+        manifest=manifest, fill=fill, page=partial(study_report.write_study_page, found),
     )  # fmt: skip
 
 
@@ -170,8 +176,9 @@ def _write_robots(found: Study, folder: Path, out: Path) -> None:
     """Write robot files of the best designs, best-1.toml etc.; of a long front only a selection."""
     if not found.file.goals:
         return
-    chosen = np.unique(np.linspace(0, len(found.best) - 1, min(MOST_FILES, len(found.best))).round().astype(int))
+    count = len(found.best)
+    chosen = np.unique(np.linspace(0, count - 1, min(MOST_FILES, count)).round().astype(int))
     for number, index in enumerate((found.best[k] for k in chosen), 1):
-        file = f"best-{number}.toml"
+        file, head = f"best-{number}.toml", f"# Design {index + 1} of {found.file.path.name}\n"
         text = tomlkit.dumps(robot_document(found.robot(index), out / file, found.file.components))
-        (folder / file).write_text(f"# Design {index + 1} of {found.file.path.name}\n{text}", encoding="utf-8")
+        (folder / file).write_text(head + text, encoding="utf-8")

@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 def element(file: str, *, output: Output) -> None:
     """Stiffness of a bearing, guide or screw from its data sheet.
 
-    FILE.toml has the keys that a joint's `bearing` has in a robot file, its `kind` first. Shown are the stiffness at
-    the preload or load, x along the axis, what the rolling elements carry, the source, and what limits the result.
+    FILE.toml has the keys that a joint's `bearing` has in a robot file, its `kind` first. Shown are
+    the stiffness at the preload or load, x along the axis, what the rolling elements carry, the
+    source, and what limits the result.
     """
     path = Path(file)
     section = read_element(path, read_bytes(path, "a file of an element").decode(errors="replace"))

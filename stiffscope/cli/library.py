@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from stiffscope.cli import options
-from stiffscope.cli.options import takes
+from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit
 from stiffscope.errors import InputError
 from stiffscope.report.check_tables import import_json, model_json, show_import, show_written
@@ -22,11 +21,14 @@ from stiffscope.robot.imports.said import Said
 from stiffscope.robot.library import copy_robot, robot_names
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from stiffscope.cli.output import Output
 
 
 def _said(name: str, metavar: str, text: str) -> Any:
-    return click.option(f"--{name}", multiple=True, metavar=metavar, help=f"Of an assembly, {text}. May be repeated.")
+    text = f"Of an assembly, {text}. May be repeated."
+    return click.option(f"--{name}", multiple=True, metavar=metavar, help=text)
 
 
 @click.command()
@@ -57,27 +59,25 @@ def new(name: str, goal: str, *, output: Output) -> None:
 def keys(section: str | None, *, output: Output) -> None:
     """List every key of a robot file, study, job or campaign, with its meaning.
 
-    SECTION is robot, study, job or campaign, or part of a section's title such as joints or milling.
+    SECTION is robot, study, job or campaign, or part of a section's title: joints or milling.
     """
     found = find_keys(section)
     answer = {
-        kind: {title: [asdict(row) for row in rows] for title, rows in titles.items()} for kind, titles in found.items()
-    }
+        kind: {title: list(map(asdict, rows)) for title, rows in titles.items()}
+        for kind, titles in found.items()
+    }  # fmt: skip
     emit(output, answer, lambda: show_keys(found))
 
 
 @click.command("import")
 @takes(
-    click.argument("model", metavar="FILE.urdf|FILE.xml|FILE.step", type=click.Path(path_type=Path)),
-    click.option(
-        "--out", "goal", required=True, metavar="ROBOT.toml", type=click.Path(path_type=Path),
-        help="Robot file to write.",
-    ),
+    click.argument("model", metavar="FILE.urdf|FILE.xml|FILE.step", type=options.PATH),
+    click.option("--out", "goal", required=True, metavar="ROBOT.toml", type=options.PATH, help="File to write."),
     click.option(
         "--drive", "drives", multiple=True, metavar="PATTERN=STIFFNESS",
-        help='Drive joints: "joint1=25 kN*m/rad", "slide=20 N/um". May be repeated; other joints are passive.',
+        help='Drive joints: "joint1=25 kN*m/rad", "slide=20 N/um". Repeatable; others are passive.',
     ),
-    click.option("--tool", metavar="NAME", help="Body, site or part that is the tool; by default a last one."),
+    click.option("--tool", metavar="NAME", help="Body, site or part that is the tool, or a last one."),
     click.option(
         "--home", multiple=True, metavar="JOINT=POSITION",
         help='Of URDF and MJCF, another home than the model\'s: "elbow=90 deg". May be repeated.',
@@ -87,24 +87,26 @@ def keys(section: str | None, *, output: Output) -> None:
     _said("weld", "PATTERN", 'solids that hold together what they touch, as screws do: "clamp?"'),
     _said("part", "PATTERN", 'solids that are parts, though they look like hardware: "shaft?"'),
     _said("rigid", "PATTERN", 'parts that do not bend: "motor?"'),
-    _said("material", '"PATTERN=NAME"', 'materials of parts or URDF links by patterns of names: "arm?=aluminium-7075"'),
+    _said("material", '"PATTERN=NAME"', 'materials of parts or URDF links: "arm?=aluminium-7075"'),
     options.json,
 )  # fmt: skip
 def import_(
-    model: Path, goal: Path, *, drives: tuple[str, ...], tool: str | None, home: tuple[str, ...], output: Output,
+    model: Path, goal: Path, *, drives: Texts, tool: str | None, home: Texts, output: Output,
     **said: Any,
 ) -> None:  # fmt: skip
     """Convert a URDF or MJCF model, or a STEP assembly, to a robot file.
 
-    Of a simulator's model: bodies, masses, joints and ranges. Of an assembly: parts with their solids, joints from
-    where they touch, and what is doubtful. Drives are not in either; comments in the file mark where to add them.
-    An assembly.toml beside the assembly may hold the same settings.
+    Of a simulator's model: bodies, masses, joints and ranges. Of an assembly: parts with their
+    solids, joints from where they touch, and doubts. Drives are not in either; comments in the file
+    mark where to add them. An assembly.toml beside the assembly may hold the same settings.
     """
     if model.suffix.lower() in {".step", ".stp", ".p21"}:
         if home:
-            raise InputError("--home: expected none for an assembly, whose home is as it stands, got some")
+            expected = "expected none for an assembly, whose home is as it stands"
+            raise InputError(f"--home: {expected}, got some")
+        given = Said(tool=tool, drive=drives, **said)
         with progress(quiet=output.quiet) as open_line:
-            found = import_assembly(model, goal, Said(tool=tool, drive=drives, **said), open_line(model.name))
+            found = import_assembly(model, goal, given, open_line(model.name))
         emit(output, import_json(found), lambda: show_import(found))
         return
     for name, value in said.items():

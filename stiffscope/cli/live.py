@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from stiffscope.cli import options
-from stiffscope.cli.options import takes
+from stiffscope.cli.options import Texts, takes
 from stiffscope.report.live_server import open_robot, serve
 
 if TYPE_CHECKING:
@@ -25,17 +25,17 @@ if TYPE_CHECKING:
         "--campaign", metavar="DIR", type=click.Path(path_type=Path, exists=True, file_okay=False),
         help="Compare its readings with the robot, and follow its tables as they are saved.",
     ),
-    click.option("--port", default=0, type=click.IntRange(0, 65535), help="Port of this machine; default: a free one."),
+    click.option("--port", default=0, type=click.IntRange(0, 65535), help="Port; default: a free one."),
     click.option("--no-browser", is_flag=True, help="Print the address only."),
 )  # fmt: skip
 def live(
-    name: str, *, components: Any, overrides: tuple[str, ...], campaign: Path | None, port: int, no_browser: bool,
-    output: Output,
+    name: str, *, components: Any, overrides: Texts, campaign: Path | None, port: int,
+    no_browser: bool, output: Output,
 ) -> None:  # fmt: skip
     """Open a page with the turning robot and a slider for every value, pose and load.
 
-    Stiffness, sag, natural frequencies and maps follow the sliders. The page is served on this machine only, at an
-    address with a token; Ctrl-C ends it.
+    Stiffness, sag, natural frequencies and maps follow the sliders. The page is served on this
+    machine only, at an address with a token; Ctrl-C ends it.
     """
 
     def announce(address: str) -> None:

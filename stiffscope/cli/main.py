@@ -86,7 +86,8 @@ class LazyGroup(click.Group):
         if cmd_name not in _HOME:
             return None
         there = vars(import_module(f"stiffscope.cli.{_HOME[cmd_name]}")).values()
-        return next(each for each in there if isinstance(each, click.Command) and each.name == cmd_name)
+        commands = (each for each in there if isinstance(each, click.Command))
+        return next(command for command in commands if command.name == cmd_name)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """List the commands by subject."""
@@ -98,9 +99,9 @@ class LazyGroup(click.Group):
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(package_name="stiffscope", prog_name="stiffscope", message="%(prog)s %(version)s")
 def cli() -> None:
-    """Stiffness of a robot: virtual experiments on its parts, the whole robot, the gap to the real machine.
+    """Stiffness of a robot: virtual experiments on parts, the whole robot, the gap to the machine.
 
-    ROBOT is a robot file, or the name of a bundled robot (biglide, delta; stiffscope robots lists them).
+    ROBOT is a robot file, or a bundled robot (biglide, delta; stiffscope robots lists them).
     """
 
 
@@ -147,7 +148,8 @@ def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one return per way 
         _say(f"{place}: cannot be used ({why(error, file or '-')})")
         return 1 if error.errno in FULL else 2
     except UnicodeEncodeError as error:
-        _say(f"{show_path(str(error.object)[:60])}: expected text in UTF-8, got bytes that are none")
+        text = show_path(str(error.object)[:60])
+        _say(f"{text}: expected text in UTF-8, got bytes that are none")
         return 2
     except Exception as error:
         if "--debug" in arguments:
@@ -162,8 +164,9 @@ def _describe_error(error: Exception) -> str:
         return STOPPED
     if isinstance(error, MemoryError):
         return "not enough memory; choose a larger mesh.size, or a machine with more"
-    known = isinstance(error, StiffscopeError)
-    return str(error) if known else f"unexpected {type(error).__name__}: {error} (use --debug for the traceback)"
+    if isinstance(error, StiffscopeError):
+        return str(error)
+    return f"unexpected {type(error).__name__}: {error} (use --debug for the traceback)"
 
 
 def _check_surroundings(arguments: list[str]) -> None:
@@ -178,9 +181,8 @@ def _check_surroundings(arguments: list[str]) -> None:
         raise InputError("the working folder is no longer there; change to another one") from error
     for word in arguments:
         if "\0" in word or len(word) > MOST_CHARACTERS:
-            raise InputError(
-                f"{show_path(word)}: expected a word of the command line, got one that is too long or has a NUL"
-            )
+            got = "got one that is too long or has a NUL"
+            raise InputError(f"{show_path(word)}: expected a word of the command line, {got}")
 
 
 def _drop_output() -> None:

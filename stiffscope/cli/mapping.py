@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from stiffscope.cli import options
-from stiffscope.cli.options import takes
+from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit
 from stiffscope.cli.poses import find_poses
 from stiffscope.cli.robots import assemble
@@ -37,48 +37,44 @@ _POINTS = {2: 200, 3: 25}  # along each coordinate
 @click.command("map")
 @takes(options.robot, options.out, options.components, options.gravity("exact"), options.overrides, options.json)
 @click.option(
-    "--points",
-    default=None,
-    type=click.IntRange(2, 3000),
+    "--points", type=click.IntRange(2, 3000),
     help=f"Poses along each coordinate [{_POINTS[2]} of two, {_POINTS[3]} of three].",
-)
+)  # fmt: skip
 @click.option(
-    "--over",
-    multiple=True,
-    metavar="NAME=LOW,HIGH",
+    "--over", multiple=True, metavar="NAME=LOW,HIGH",
     help='A coordinate that is swept, twice or three times, in place of [map]: "x=-150 mm,150 mm".',
-)
-@click.option("--at", metavar="POSE", help="Pose that gives the other coordinates, by default home.")
+)  # fmt: skip
+@click.option("--at", metavar="POSE", help="Pose that gives the other coordinates; default: home.")
 @click.option(
-    "--show",
-    multiple=True,
-    type=click.Choice(list(PRINCIPAL)),
-    help="Also the stiffness along the softest or the stiffest direction of translation, or their ratio.",
-)
-@click.option("--direction", metavar="X,Y,Z", help="Also the stiffness against a force along a direction, axes {O}.")
-@click.option("--wrench", metavar="FX,FY,FZ,MX,MY,MZ", help="Also the size of the tool's error under a wrench at M.")
+    "--show", multiple=True, type=click.Choice(list(PRINCIPAL)),
+    help="Also the stiffness along the softest or stiffest direction of translation, or their ratio.",
+)  # fmt: skip
+@click.option("--direction", metavar="X,Y,Z", help="Also the stiffness along a direction, axes {O}.")
+@click.option("--wrench", metavar="FX,FY,FZ,MX,MY,MZ", help="Also the tool's error under a wrench at M.")
 @click.option(
     "--frequencies", "count", default=0, type=click.IntRange(0, 12), metavar="N",
     help="Also the first N natural frequencies, drives held.",
 )  # fmt: skip
 def map_(
-    name: str, *, components: Any, gravity: Any, overrides: tuple[str, ...], points: int | None, over: tuple[str, ...],
-    at: str | None, show: tuple[str, ...], direction: str | None, wrench: str | None, count: int, output: Output,
+    name: str, *, components: Any, gravity: Any, overrides: Texts, points: int | None, over: Texts,
+    at: str | None, show: Texts, direction: str | None, wrench: str | None, count: int,
+    output: Output,
 ) -> None:  # fmt: skip
     """Stiffness over the workspace: figures, numbers, a report.
 
-    [map] of the robot file, or --over, names the coordinates that are swept and their ranges. Three make a volume
-    (map.vti, for ParaView) and figures of its first, middle and last slice.
+    [map] of the robot file, or --over, names the coordinates that are swept and their ranges. Three
+    make a volume (map.vti, for ParaView) and figures of its first, middle and last slice.
     """
     robot = load_robot(name, overrides)
     if gravity == "literal":
-        raise InputError("--gravity literal: expected none or exact for a map, got literal, which is for single poses")
-    wanted = Wanted(
-        show,
-        None if direction is None else _read(f"--direction {direction}", direction, [q.NUMBER] * 3),
-        None if wrench is None else _read(f"--wrench {wrench}", wrench, [q.FORCE] * 3 + [q.MOMENT] * 3),
-    )
-    if wanted.direction is not None and not any(wanted.direction):
+        got = "got literal, which is for single poses"
+        raise InputError(f"--gravity literal: expected none or exact for a map, {got}")
+    along = load = None
+    if direction is not None:
+        along = _read(f"--direction {direction}", direction, [q.NUMBER] * 3)
+    if wrench is not None:
+        load = _read(f"--wrench {wrench}", wrench, [q.FORCE] * 3 + [q.MOMENT] * 3)
+    if along is not None and not any(along):
         raise InputError(f"--direction {direction}: expected a direction, got none")
     ranges = _find_ranges(robot, over)
     moving = rigid_mechanism(robot)
@@ -90,7 +86,8 @@ def map_(
     made = assemble(robot, components, output)
     points = points or _POINTS[len(ranges)]
     swept = evaluated.map_volume(
-        made.mechanism, ranges, points, gravity=gravity, at=fixed, frequencies=count, wanted=wanted,
+        made.mechanism, ranges, points, gravity=gravity, at=fixed, frequencies=count,
+        wanted=Wanted(show, along, load),
     )  # fmt: skip
     found = swept.maps[0] if len(ranges) == 2 else swept
     slices = maps.pick_slices(found)
@@ -114,9 +111,10 @@ def map_(
                 maps.draw_map(each, panels(each), robot.poses, f"{robot.name}: {words}", *files)
             drawn.result()
 
+    titles = {stem: words for stem, (words, *_) in figures.items()}
     emit(
         output, lambda: evaluated.volume_dataset(found).to_dict(), manifest=manifest, fill=fill,
-        page=lambda report: write_map_report(report, made, {stem: words[0] for stem, words in figures.items()}),
+        page=lambda report: write_map_report(report, made, titles),
     )  # fmt: skip
 
 
@@ -128,8 +126,10 @@ def _find_ranges(robot: RobotFile, over: Sequence[str]) -> dict[str, tuple[float
     for text in over:
         name, _, ends = (each.strip() for each in text.partition("="))
         if name not in robot.tool.pose or name in out:
-            raise InputError(f"--over {text}: expected each of {', '.join(robot.tool.pose)} at most once, got {name}")
-        low, high = _read(f"--over {text}", ends, [q.ANGLE if name.startswith("r") else q.LENGTH] * 2)
+            expected = f"expected each of {', '.join(robot.tool.pose)} at most once"
+            raise InputError(f"--over {text}: {expected}, got {name}")
+        kind = q.ANGLE if name.startswith("r") else q.LENGTH
+        low, high = _read(f"--over {text}", ends, [kind] * 2)
         if not low < high:
             raise InputError(f"--over {text}: expected the lower end first, got {ends}")
         out[name] = low, high
@@ -149,13 +149,13 @@ def _figures(
     gravity: str, found: StiffnessMap, *, frequencies: bool
 ) -> list[tuple[str, str, Callable[[StiffnessMap], list[maps.Panel]]]]:
     """Return title, file stem and panels of each figure of a map."""
-    where = maps.held_text(found)
-    figures = [(f"{maps.stiffness_title(found)}, gravity {gravity}", "map", maps.stiffness_panels)]
-    if found.more:
-        figures.append((f"translation of M{where}, gravity {gravity}", "quantities", maps.scalar_panels))
-    if frequencies:
-        figures.append((f"natural frequencies, drives held{where}", "frequencies", maps.frequency_panels))
-    if gravity != "none":
-        figures.append((f"what gravity changes{where}", "gravity_difference", maps.difference_panels))
-        figures.append((f"sag under its own weight{where}", "sag", maps.sag_panels))
-    return figures
+    where, weighs, under = maps.held_text(found), gravity != "none", f", gravity {gravity}"
+    held = f"natural frequencies, drives held{where}"
+    kinds = (
+        (True, maps.stiffness_title(found) + under, "map", maps.stiffness_panels),
+        (found.more, f"translation of M{where}{under}", "quantities", maps.scalar_panels),
+        (frequencies, held, "frequencies", maps.frequency_panels),
+        (weighs, f"what gravity changes{where}", "gravity_difference", maps.difference_panels),
+        (weighs, f"sag under its own weight{where}", "sag", maps.sag_panels),
+    )
+    return [(title, stem, panels) for wanted, title, stem, panels in kinds if wanted]

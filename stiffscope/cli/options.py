@@ -15,6 +15,8 @@ from stiffscope.runtime.output import check_json, overwrite
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+Texts = tuple[str, ...]
+PATH = click.Path(path_type=Path)
 SOURCES = ("fea", "beam", "published")
 GRAVITY = ("none", "literal", "exact")
 
@@ -27,10 +29,10 @@ def takes(*options: Callable[..., Any]) -> Callable[..., Any]:
 
     def decorate(command: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(command)
-        def work(*given: Any, json: str | None = None, out: Path | None = None, quiet: bool, **more: Any) -> Any:
+        def work(json: str | None = None, out: Path | None = None, *, quiet: bool, **given: Any) -> Any:
             output = Output(json, out, quiet)
             output.check_folder(out)
-            return command(*given, output=output, **more)
+            return command(output=output, **given)
 
         for option in reversed((*options, force, quiet, debug)):
             work = option(work)
@@ -56,59 +58,70 @@ def check_file(_context: click.Context, _option: click.Parameter, target: str | 
 def gravity(default: str | None) -> Callable[..., Any]:
     """Return the option `--gravity`; without a default the robot file decides."""
     return click.option(
-        "--gravity",
-        type=click.Choice(GRAVITY),
-        default=default,
+        "--gravity", type=click.Choice(GRAVITY), default=default,
         show_default=True if default else "none, unless the robot file has adopted gravity",
         help="How weight acts on stiffness.",
-    )
+    )  # fmt: skip
 
 
 def folder(name: str, text: str, *, required: bool = False) -> Callable[..., Any]:
-    """Return an option for an output folder."""
-    return click.option(name, required=required, metavar="DIR", type=click.Path(path_type=Path), help=text)
+    """Return an option for an output folder; ``text``: what it will hold."""
+    text = f"Folder to write: {text}"
+    return click.option(name, required=required, metavar="DIR", type=PATH, help=text)
+
+
+def superelement(ends: str) -> Callable[..., Any]:
+    """Return the option `--superelement`; ``ends``: on what the stiffness is condensed."""
+    text = f"stiffness and mass condensed on the {ends} (npz, .mtx, DMIG), complete or absent."
+    return folder("--superelement", text)
+
+
+def count(name: str, default: int, text: str, *ends: int) -> Callable[..., Any]:
+    """Return an option for a whole number between its least and greatest value, if any."""
+    return click.option(name, default=default, show_default=True, type=click.IntRange(*ends), help=text)
 
 
 robot = click.argument("name", metavar="ROBOT")
 overrides = click.option(
     "--set", "overrides", multiple=True, metavar="NAME.KEY=VALUE",
-    help="Override a value of a part, parameter, body or joint of the robot file, such as slider.thickness=25mm. "
-    "May be repeated.",
+    help="Override a value of a part, parameter, body or joint of the robot file, such as "
+    "slider.thickness=25mm. May be repeated.",
 )  # fmt: skip
-tolerance = click.option(
-    "--tolerance", metavar="SHARE", help="Relative error bar required of the parts' matrices, such as 0.1% or 1e-3."
-)
+tolerance = click.option("--tolerance", metavar="SHARE", help="Error bar of the parts' matrices, such as 0.1% or 1e-3.")
 components = click.option(
-    "--components",
-    type=click.Choice(SOURCES),
+    "--components", type=click.Choice(SOURCES),
     help="Source of the parts' matrices, instead of that in the robot file.",
-)
+)  # fmt: skip
 quiet = click.option("--quiet", is_flag=True, help="No progress bars and no tables.")
 debug = click.option(
-    "--debug", is_flag=True, expose_value=False, callback=_note_debug, help="Show where an unexpected error came from."
-)
+    "--debug", is_flag=True, expose_value=False, callback=_note_debug,
+    help="Show where an unexpected error came from.",
+)  # fmt: skip
 OUT = "Folder to write: complete or absent."
 force = click.option(
     "--force", is_flag=True, is_eager=True, expose_value=False,
     callback=lambda _context, _option, wanted: overwrite(wanted),
-    help="Overwrite JSON and output folders that stiffscope did not write; other files in a folder stay.",
+    help="Overwrite JSON and output folders that stiffscope did not write; other files stay.",
 )  # fmt: skip
-out = folder("--out", OUT, required=True)
+out = folder("--out", "complete or absent.", required=True)
 json = click.option(
-    "--json", "json", metavar="FILE", callback=check_file, help='Write JSON ("-": standard output, nothing else there).'
-)
+    "--json", metavar="FILE", callback=check_file,
+    help='Write JSON ("-": standard output, nothing else there).',
+)  # fmt: skip
 scheduler = click.option(
-    "--scheduler", metavar="ADDRESS", help="A Dask scheduler, such as tcp://host:8786; default: this machine."
+    "--scheduler", metavar="ADDRESS", help="Dask scheduler, such as tcp://host:8786, not this machine."
 )
 poses = click.option(
     "--at", "poses", multiple=True, metavar="X,Y,Z",
-    help='Tool pose: the coordinates of [tool] pose, SI or with units ("0,0,350 mm"), or the name of a pose in the '
-    "robot file. May be repeated.",
+    help='Tool pose: the coordinates of [tool] pose, SI or with units ("0,0,350 mm"), or the name '
+    "of a pose in the robot file. May be repeated.",
 )  # fmt: skip
 joints = click.option(
     "--joints", "joints", multiple=True, metavar="DRIVE=POSITION,…",
-    help='Displacements of drives from home instead of a tool pose ("leg1.motor=10 deg,leg2.motor=5 deg"); other '
-    "drives stay at home. May be repeated.",
+    help="Displacements of drives from home instead of a tool pose "
+    '("leg1.motor=10 deg,leg2.motor=5 deg"); other drives stay at home. May be repeated.',
 )  # fmt: skip
-part = click.option("--part", metavar="PART", help="A part of the robot file.")
-required_part = click.option("--part", required=True, metavar="PART", help="A part of the robot file.")
+part, required_part = (
+    click.option("--part", required=required, metavar="PART", help="A part of the robot file.")
+    for required in (False, True)
+)

@@ -52,16 +52,11 @@ class Output:
 
 
 def emit(
-    output: Output,
-    answer: Any,
-    show: Callable[[], None] | None = None,
-    *,
-    manifest: Manifest | None = None,
-    fill: Callable[[Path], object] | None = None,
-    page: Callable[[Draft], None] | None = None,
-    kept: str = "",
+    output: Output, answer: Any, show: Callable[[], None] | None = None, *,
+    manifest: Manifest | None = None, fill: Callable[[Path], object] | None = None,
+    page: Callable[[Draft], None] | None = None, kept: str = "",
     also: Callable[[], None] | None = None,
-) -> None:
+) -> None:  # fmt: skip
     """Write the results of a command: output folder, JSON, further files, then tables.
 
     The folder is written completely or not at all.
@@ -140,4 +135,5 @@ def warn_of_robot(made: Assembled, *, parts: bool = True) -> None:
     for (room, name, *field), text in made.robot.source.changed.items():
         printed = room == "parts" and getattr(made.robot.parts.get(str(name)), "published", None)
         if printed and made.sources.get(str(name)) == "published" and field != ["compliance"]:
-            log.warning("%s: changes nothing of the compliance of %s, which is as published", text, name)
+            message = "%s: changes nothing of the compliance of %s, which is as published"
+            log.warning(message, text, name)

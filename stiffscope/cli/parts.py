@@ -12,7 +12,7 @@ import click
 from stiffscope.cad.faces import describe
 from stiffscope.cad.step import read_solid
 from stiffscope.cli import options
-from stiffscope.cli.options import takes
+from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit, open_workshop, warn_of_parts, warn_of_robot
 from stiffscope.design.comparison import compare_robots
 from stiffscope.errors import InputError
@@ -39,15 +39,13 @@ log = logging.getLogger(__name__)
 
 @click.command()
 @takes(options.robot, options.required_part, options.tolerance, options.overrides, options.json)
-@options.folder(
-    "--superelement",
-    "Folder to write: stiffness and mass condensed on the part's interfaces (npz, .mtx, DMIG), complete or absent.",
-)
+@options.superelement("part's interfaces")
 @click.option(
-    "--step", metavar="FILE", help="Take this solid as the part: clamped at its least x, loaded at its greatest."
-)
+    "--step", metavar="FILE",
+    help="Take this solid as the part: clamped at its least x, loaded at its greatest.",
+)  # fmt: skip
 def compliance(
-    name: str, part: str, *, tolerance: str | None, overrides: tuple[str, ...], superelement: Path | None,
+    name: str, part: str, *, tolerance: str | None, overrides: Texts, superelement: Path | None,
     step: str | None, output: Output,
 ) -> None:  # fmt: skip
     """6x6 compliance of a part, with error bars."""
@@ -74,17 +72,18 @@ def compliance(
 
 @click.command()
 @takes(
-    options.robot, click.argument("other", metavar="[ROBOT]", required=False), options.part, options.components,
-    options.overrides, options.json,
+    options.robot, click.argument("other", metavar="[ROBOT]", required=False), options.part,
+    options.components, options.overrides, options.json,
 )  # fmt: skip
-@options.folder("--out", "Of two robots, folder to write: report, tables, map of the change; complete or absent.")
+@options.folder("--out", "with two robots, report, tables, map of the change; complete or absent.")
 def compare(
-    name: str, other: str | None, part: str | None, *, components: Any, overrides: tuple[str, ...], output: Output
-) -> None:
+    name: str, other: str | None, part: str | None, *, components: Any, overrides: Texts,
+    output: Output,
+) -> None:  # fmt: skip
     """Compare two robots or versions, or a robot's parts by FEA, beam theory and published values.
 
-    With two robots: stiffness and sag at the named poses that both reach, and the change over the workspace. --set
-    changes the second.
+    With two robots: stiffness and sag at the named poses that both reach, and the change over the
+    workspace. --set changes the second.
     """
     if other is not None:
         if part:
@@ -98,13 +97,13 @@ def compare(
     with open_workshop(output) as shop:
         results = solve_parts(orders, shop)
     warn_of_parts(results)
-    own = {result.name: comparison.compare(robot, result.name, result) for result in results if result.own_shape}
+    own = [comparison.compare(robot, result.name, result) for result in results if result.own_shape]
 
     def show() -> None:
         for result in results:
             part_tables.show_compliance(robot, result)
 
-    emit(output, {part: dataclasses.asdict(each) for part, each in own.items()}, show)
+    emit(output, {each.part: dataclasses.asdict(each) for each in own}, show)
 
 
 def _compare_robots(first: RobotFile, second: RobotFile, components: Any, output: Output) -> None:
@@ -114,22 +113,21 @@ def _compare_robots(first: RobotFile, second: RobotFile, components: Any, output
     for made in found.made.values():
         warn_of_robot(made)
     emit(
-        output, robot_comparison.robots_json(found), lambda: robot_comparison.show_robots(found), manifest=manifest,
-        fill=partial(robot_comparison.draw_both, found),
+        output, robot_comparison.robots_json(found), partial(robot_comparison.show_robots, found),
+        manifest=manifest, fill=partial(robot_comparison.draw_both, found),
         page=partial(robot_comparison.write_robots_page, found),
     )  # fmt: skip
 
 
 @click.command()
 @takes(options.robot, options.out, options.part, options.tolerance, options.overrides, options.json)
-def interfaces(
-    name: str, *, tolerance: str | None, overrides: tuple[str, ...], part: str | None, output: Output
-) -> None:
+def interfaces(name: str, *, tolerance: str | None, overrides: Texts, part: str | None, output: Output) -> None:
     """Effect of clamping and loading on a part's compliance.
 
-    Tests the part (by default the robot's first plate, else its first solid) loaded as a rigid face and by a uniform
-    traction (a plate also on three joint pads), and clamped at its face or on an elastic foundation (a plate also in
-    its bolt holes). Shows what each choice changes; writes a report, CSV, JSON and a figure to DIR.
+    Tests the part (by default the robot's first plate, else its first solid) loaded as a rigid face
+    and by a uniform traction (a plate also on three joint pads), and clamped at its face or on an
+    elastic foundation (a plate also in its bolt holes). Shows what each choice changes; writes a
+    report, CSV, JSON and a figure to DIR.
     """
     robot = load_robot(name, overrides, tolerance)
     part = part or min(_solids(robot), key=lambda each: robot.part(each).shape != "plate")
@@ -137,19 +135,19 @@ def interfaces(
     with open_workshop(output) as shop:
         compared = compare_interfaces(robot, part, shop)
     for tested in (compared.own, *compared.others):
-        result = tested.result
-        manifest.note(tested.choice.name, key=result.key, reused=result.reused, seconds=result.seconds)
+        result, how = tested.result, tested.choice.name
+        manifest.note(how, key=result.key, reused=result.reused, seconds=result.seconds)
         if result.note:
-            log.warning("%s, %s: %s", part, tested.choice.name, result.note)
+            log.warning("%s, %s: %s", part, how, result.note)
 
     def fill(folder: Path) -> None:
         write_bytes(folder / "interfaces.csv", interfaces_csv(compared).encode())
         interface_figure.draw(compared, folder / "interfaces.png")
 
+    show, page = part_tables.show_interfaces, interface_figure.write_page
     emit(
-        output, interfaces_json(compared), lambda: part_tables.show_interfaces(compared), manifest=manifest, fill=fill,
-        page=partial(interface_figure.write_page, compared),
-        kept="interfaces.json",
+        output, interfaces_json(compared), partial(show, compared), manifest=manifest, fill=fill,
+        page=partial(page, compared), kept="interfaces.json",
     )  # fmt: skip
 
 
@@ -157,7 +155,8 @@ def _solids(robot: RobotFile) -> list[str]:
     """Return the parts suitable for virtual experiments. Raise InputError if there are none."""
     solids = [name for name in used_parts(robot) if robot.part(name).shape != "matrix"]
     if not solids:
-        raise InputError(f"{robot.path}: parts: expected a rod, a plate or a STEP file's solid, got none")
+        expected = "expected a rod, a plate or a STEP file's solid"
+        raise InputError(f"{robot.path}: parts: {expected}, got none")
     return solids
 
 

@@ -53,9 +53,10 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
         found = configured_poses(robot, mechanism, [_coordinates(robot, text) for text in names])
     for index, name in enumerate(names):
         if not found.valid[index]:
-            named = name in robot.poses and not (at or joints)
             reason = found.refusal(index)
-            raise robot.refuse(("poses", name), reason) if named else InputError(f"{name}: {reason}")
+            if name in robot.poses and not (at or joints):
+                raise robot.refuse(("poses", name), reason)
+            raise InputError(f"{name}: {reason}")
     if not joints and (note := start_note(mechanism)):
         log.warning("%s", note)
     return Asked(names, found)
@@ -69,11 +70,11 @@ def _coordinates(robot: RobotFile, text: str) -> tuple[float, ...]:
     try:
         return q.several(text, *(q.ANGLE if name.startswith("r") else q.LENGTH for name in pose))
     except ValueError as error:
-        example = ",".join("10 deg" if name.startswith("r") else "350 mm" if name == "z" else "0" for name in pose)
+        examples = {"z": "350 mm", **dict.fromkeys(("rx", "ry", "rz"), "10 deg")}
+        example = ",".join(examples.get(name, "0") for name in pose)
         names = f" or a pose of {robot.path}: {', '.join(robot.poses)}"
-        raise InputError(
-            f'--at {text}: {error}; expected {",".join(pose).upper()} such as "{example}"{names}'
-        ) from error
+        expected = f'expected {",".join(pose).upper()} such as "{example}"{names}'
+        raise InputError(f"--at {text}: {error}; {expected}") from error
 
 
 def _displacements(robot: RobotFile, text: str) -> list[float]:
@@ -82,14 +83,18 @@ def _displacements(robot: RobotFile, text: str) -> list[float]:
     given: dict[str, float] = {}
     for word in text.split(","):
         name, equals, value = (each.strip() for each in word.partition("="))
-        name = next((each for each in (name, f"joints.{name}", name.removeprefix("joints.")) if each in drives), name)
+        spellings = (name, f"joints.{name}", name.removeprefix("joints."))
+        name = next((each for each in spellings if each in drives), name)
         if not equals:
-            raise InputError(f'--joints {text}: expected DRIVE=POSITION,… such as "{drives[0]}=10 mm", got "{word}"')
+            expected = f'expected DRIVE=POSITION,… such as "{drives[0]}=10 mm"'
+            raise InputError(f'--joints {text}: {expected}, got "{word}"')
         if name not in drives or name in given:
             guess = "" if name in given else meant(name, drives)
-            raise InputError(f'--joints {text}: expected each of {", ".join(drives)} once, got "{name}"{guess}')
+            expected = f"expected each of {', '.join(drives)} once"
+            raise InputError(f'--joints {text}: {expected}, got "{name}"{guess}')
+        kind = q.ANGLE if robot.joints[name].type == "revolute" else q.LENGTH
         try:
-            (given[name],) = q.several(value, q.ANGLE if robot.joints[name].type == "revolute" else q.LENGTH)
+            (given[name],) = q.several(value, kind)
         except ValueError as error:
             raise InputError(f"--joints {text}: {name}: {error}") from error
     return [given.get(name, 0.0) for name in drives]

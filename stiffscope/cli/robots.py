@@ -11,7 +11,7 @@ import numpy as np
 
 from stiffscope.biglide.literal import literal_gravity, require_biglide
 from stiffscope.cli import options
-from stiffscope.cli.options import takes
+from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit, open_workshop, warn_of_robot
 from stiffscope.cli.poses import find_poses
 from stiffscope.errors import InputError
@@ -49,13 +49,10 @@ log = logging.getLogger(__name__)
     *(options.robot, options.poses, options.joints, options.components, options.gravity(None)),
     *(options.overrides, options.json),
 )
-@options.folder(
-    "--superelement",
-    "Folder to write: stiffness and mass condensed on the tool at each pose (npz, .mtx, DMIG), complete or absent.",
-)
+@options.superelement("tool at each pose")
 def stiffness(
-    name: str, *, poses: tuple[str, ...], joints: tuple[str, ...], components: Any, gravity: str | None,
-    overrides: tuple[str, ...], superelement: Path | None, output: Output,
+    name: str, *, poses: Texts, joints: Texts, components: Any, gravity: str | None,
+    overrides: Texts, superelement: Path | None, output: Output,
 ) -> None:  # fmt: skip
     """6x6 stiffness and sag of the robot at tool poses.
 
@@ -98,18 +95,18 @@ def assemble(robot: RobotFile, components: Any, output: Output) -> Assembled:
 
 @click.command()
 @takes(options.robot, options.poses, options.joints, options.components, options.overrides, options.json)
-@options.folder("--out", "Folder to write: report and pictures of the robot deformed, complete or absent.")
+@options.folder("--out", "report and pictures of the robot deformed, complete or absent.")
 @click.option(
     "--wrench", required=True, metavar="FX,FY,FZ,MX,MY,MZ",
     help='Wrench on the tool at M, axes {O}, in N and N·m or with units ("100 N,0,0,0,0,5 N*m").',
 )  # fmt: skip
 @click.option(
     "--steps", type=click.IntRange(0, 1000), default=0, metavar="N",
-    help="Also load, unload, load the other way and unload, each in N steps: force over deflection, with its picture.",
+    help="Also load, unload, load the other way and unload, each in N steps: force over deflection.",
 )  # fmt: skip
 def deflection(
-    name: str, *, poses: tuple[str, ...], joints: tuple[str, ...], components: Any, overrides: tuple[str, ...],
-    wrench: str, steps: int, output: Output,
+    name: str, *, poses: Texts, joints: Texts, components: Any, overrides: Texts, wrench: str,
+    steps: int, output: Output,
 ) -> None:  # fmt: skip
     """Deflection of the tool under a wrench, and each element's share of it.
 
@@ -120,7 +117,8 @@ def deflection(
     try:
         load = np.array(q.several(wrench, *[q.FORCE] * 3, *[q.MOMENT] * 3))
     except ValueError as error:
-        raise InputError(f'--wrench {wrench}: {error}; FX,FY,FZ,MX,MY,MZ such as "100 N,0,0,0,0,5 N*m"') from error
+        expected = 'FX,FY,FZ,MX,MY,MZ such as "100 N,0,0,0,0,5 N*m"'
+        raise InputError(f"--wrench {wrench}: {error}; {expected}") from error
     manifest = manifest_of(robot)
     assembled = assemble(robot, components, output)
     at = asked.configurations
@@ -147,8 +145,8 @@ def deflection(
         write_deflection_report(report, assembled, asked.names, at, cases)
 
     answer = {
-        "poses": at.poses, "tool": at.tool, "wrench": load, "twist": found.twist, "energy": found.energy,
-        "shares": found.shares, "convention": CONVENTION,
+        "poses": at.poses, "tool": at.tool, "wrench": load, "twist": found.twist,
+        "energy": found.energy, "shares": found.shares, "convention": CONVENTION,
     }  # fmt: skip
     if curve is not None:
         twist, matrix = np.moveaxis(curve.twist, 2, 1), np.moveaxis(curve.stiffness, 3, 1)
@@ -161,4 +159,5 @@ def _warn_of_singular(names: Sequence[str], state: Stiffness) -> None:
         if note := rigid_note(rigid) or singular_note(matrix):
             log.warning("%s: %s", pose, note)
         elif any(value != value for value in sunk):  # noqa: PLR0124 (NaN)
-            log.warning("%s: its weight moves the tool too far for a linear answer; the stiffness is without it", pose)
+            why = "its weight moves the tool too far for a linear answer"
+            log.warning("%s: %s; the stiffness is without it", pose, why)

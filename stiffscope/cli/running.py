@@ -12,7 +12,7 @@ import click
 import numpy as np
 
 from stiffscope.cli import options
-from stiffscope.cli.options import takes
+from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import Output, emit, open_workshop, warn_of_robot
 from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.experiments.assembly import (
@@ -59,20 +59,23 @@ class _Step:
 
 @click.command()
 @takes(options.robot, options.out, options.components, options.tolerance, options.overrides, options.json)
-@click.option("--watch", is_flag=True, help="Stay open and recompute what a saved file changes, until Ctrl-C.")
+@click.option("--watch", is_flag=True, help="Recompute what a saved file changes, until Ctrl-C.")
 def run(
-    name: str, *, components: Any, tolerance: str | None, overrides: tuple[str, ...], watch: bool, output: Output
-) -> None:
+    name: str, *, components: Any, tolerance: str | None, overrides: Texts, watch: bool,
+    output: Output,
+) -> None:  # fmt: skip
     """From CAD to report: parts, robot, tables, pictures.
 
-    Builds the parts in CAD, meshes them, runs their virtual experiments, assembles the robot, and writes
-    report.html, pictures, fields, matrices and a manifest to DIR. What was computed before is reused.
+    Builds the parts in CAD, meshes them, runs their virtual experiments, assembles the robot, and
+    writes report.html, pictures, fields, matrices and a manifest to DIR. What was computed before
+    is reused.
 
-    With --watch, the stiffness before and after is shown whenever the robot file or a file that it names is saved, and
-    report.html, open in a browser, shows the new robot, matrices and pictures as soon as they are drawn.
+    With --watch, the stiffness before and after is shown whenever the robot file or a file that it
+    names is saved, and report.html, open in a browser, shows the new robot, matrices and pictures
+    as soon as they are drawn.
     """
     if watch and output.json:
-        raise InputError("--json: --watch writes no JSON but DIR/stiffness.json; leave one of the two out")
+        raise InputError("--json: --watch writes no JSON but DIR/stiffness.json; leave out either")
     if watch:
         _watch(name, components, tolerance, overrides, output)
         return
@@ -114,20 +117,25 @@ def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequenc
     before: _Step | None = None
     meshed: dict[str, PartResult] = {}
     page: Future[None] | None = None
-    with workshop() as shop, workshop(together=True) as behind, ThreadPoolExecutor(1) as pool, _end_experiments(behind):
+    with (
+        workshop() as shop, workshop(together=True) as behind, ThreadPoolExecutor(1) as pool,
+        _end_experiments(behind),
+    ):  # fmt: skip
         for _ in changes(watched):
             try:
                 robot = _load_checked(name, overrides, tolerance)
                 watched[:] = sources(robot)
                 manifest = manifest_of(robot)
-                now = assemble_robots({"now": robot}, components, shop, whole=False, near=meshed)["now"]
+                made = assemble_robots({"now": robot}, components, shop, whole=False, near=meshed)
+                now = made["now"]
                 step = _Step(now, at_named_poses(now, robot.poses), digest_sources(robot))
             except InputError as error:
                 click.echo(f"stiffscope: {error}", err=True)
                 continue
             if output.loud:
                 _show_step(step, before)
-                tables.show_line(f"{manifest.measure_elapsed():.2f} s; {out / 'report.html'} follows; Ctrl-C ends")
+                follows = f"{out / 'report.html'} follows; Ctrl-C ends"
+                tables.show_line(f"{manifest.measure_elapsed():.2f} s; {follows}")
             if page is not None:
                 page.cancel()
             page = pool.submit(_write_behind, robot, components, out, manifest, behind)
@@ -163,15 +171,17 @@ def _show_step(step: _Step, before: _Step | None) -> None:
     """Show the stiffness, compared with the previous one if it has the same poses."""
     names = list(step.robot.robot.poses)
     if before is None or list(before.robot.robot.poses) != names:
-        tables.show_stiffness(names, step.state, title=f"Stiffness at M ({tables.sources(step.robot)})")
+        title = f"Stiffness at M ({tables.sources(step.robot)})"
+        tables.show_stiffness(names, step.state, title=title)
         return
     changed = differences(before.robot.robot, step.robot.robot, before.files, step.files)
     tables.show_change(names, before.state.matrix, step.state.matrix, changed or ["no value"])
 
 
 def _folder_of(
-    now: Assembled, states: Mapping[str, Stiffness], shop: Workshop, manifest: Manifest, *, watched: str = ""
-) -> tuple[Callable[[Path], None], Callable[[Draft], None]]:
+    now: Assembled, states: Mapping[str, Stiffness], shop: Workshop, manifest: Manifest, *,
+    watched: str = "",
+) -> tuple[Callable[[Path], None], Callable[[Draft], None]]:  # fmt: skip
     """Return functions that fill a run's folder and write its page; ``watched`` pages reload."""
 
     def fill(folder: Path) -> None:
@@ -185,9 +195,10 @@ def _folder_of(
             manifest.note(name, key=result.key, reused=result.reused, seconds=times, stages=stages)
         state = states["now"]
         write_json(folder / "stiffness.json", _stiffness(now, state))
-        matrices: dict[str, Any] = {f"{name}_compliance": part.compliance for name, part in now.matrices.items()}
-        matrices |= {"poses": state.poses, "tool": state.tool, "stiffness": state.matrix, "sag": state.sag}
-        np.savez_compressed(folder / "matrices.npz", **matrices)
+        arrays: dict[str, Any] = {f"{n}_compliance": p.compliance for n, p in now.matrices.items()}
+        arrays |= {"poses": state.poses, "tool": state.tool}
+        arrays |= {"stiffness": state.matrix, "sag": state.sag}
+        np.savez_compressed(folder / "matrices.npz", **arrays)
         write_json(folder / "robot.json", plain_robot(now.robot))
         write_pictures(order_run(now, folder), shop.cache, manifest)
         manifest.seconds["robot"] = manifest.measure_elapsed() - manifest.seconds.get("parts", 0.0)

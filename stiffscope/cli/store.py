@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from stiffscope.cli import options
-from stiffscope.cli.options import takes
+from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit
 from stiffscope.report.store import megabytes, show_entries, show_totals
 from stiffscope.report.terminal import show_line
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from stiffscope.cli.output import Output
 
 kinds = click.option(
-    "--kind", "chosen", multiple=True, metavar="KIND", help="Only results of this kind, such as pictures."
-)
+    "--kind", "chosen", multiple=True, metavar="KIND", help="Only of this kind, such as pictures."
+)  # fmt: skip
 
 
 @click.group("cache", invoke_without_command=True)
@@ -28,7 +28,8 @@ kinds = click.option(
 def cache(context: click.Context, *, output: Output) -> None:
     """Show, list or clear the results of earlier runs.
 
-    The environment variable STIFFSCOPE_CACHE sets the folder. Clearing it costs nothing but the time to recompute.
+    The environment variable STIFFSCOPE_CACHE sets the folder. Clearing it costs nothing but the
+    time to recompute.
     """
     if context.invoked_subcommand is None:
         root = cache_folder()
@@ -39,7 +40,7 @@ def cache(context: click.Context, *, output: Output) -> None:
 
 @cache.command("list")
 @takes(kinds, options.json)
-def list_entries(chosen: tuple[str, ...], *, output: Output) -> None:
+def list_entries(chosen: Texts, *, output: Output) -> None:
     """Every result that is kept, the oldest first."""
     entries = sorted(Cache(cache_folder()).entries(chosen), key=lambda entry: entry.made)
     emit(output, [dataclasses.asdict(entry) for entry in entries], lambda: show_entries(entries))
@@ -47,10 +48,11 @@ def list_entries(chosen: tuple[str, ...], *, output: Output) -> None:
 
 @cache.command("clear")
 @takes(kinds, options.json)
-def clear(chosen: tuple[str, ...], *, output: Output) -> None:
+def clear(chosen: Texts, *, output: Output) -> None:
     """Remove what stiffscope keeps there; what it did not write stays."""
     root = cache_folder()
     gone = Cache(root).clear(chosen)
     size = sum(entry.bytes for entry in gone)
     words = f"Removed {len(gone)} results, {megabytes(size)}, from {root}"
-    emit(output, {"folder": str(root), "entries": len(gone), "bytes": size}, lambda: show_line(words))
+    answer = {"folder": str(root), "entries": len(gone), "bytes": size}
+    emit(output, answer, lambda: show_line(words))

@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from stiffscope.cli import options
-from stiffscope.cli.options import takes
+from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit
 from stiffscope.cli.poses import find_poses
 from stiffscope.cli.robots import assemble
@@ -39,57 +39,58 @@ drives = click.option(
 
 @click.command()
 @takes(options.robot, options.poses, options.joints, options.components, drives, options.overrides, options.json)
-@click.option(
-    "--count", default=6, show_default=True, type=click.IntRange(1, 200),
-    help="How many modes, free motions of the tool or of drives (0 Hz) among them.",
-)  # fmt: skip
-@options.folder("--out", "Folder to write: report, pictures and animations of the shapes, complete or absent.")
+@options.count("--count", 6, "How many modes, with free motions of tool or drives (0 Hz).", 1, 200)
+@options.folder("--out", "report, pictures and animations of the shapes, complete or absent.")
 def modes(
-    name: str, *, poses: tuple[str, ...], joints: tuple[str, ...], components: Any, drives: Any,
-    overrides: tuple[str, ...], count: int, output: Output,
+    name: str, *, poses: Texts, joints: Texts, components: Any, drives: Any, overrides: Texts,
+    count: int, output: Output,
 ) -> None:  # fmt: skip
     """Natural frequencies and mode shapes of the robot at tool poses.
 
-    With error bars and each element's share of the energy. Without --at and --joints, at the poses of the robot file.
-    Weight is neglected: its effect on the stiffness is far smaller than the error bars.
+    With error bars and each element's share of the energy. Without --at and --joints, at the poses
+    of the robot file. Weight is neglected: its effect on the stiffness is far smaller than the
+    error bars.
     """
     robot = load_robot(name, overrides)
     asked = find_poses(robot, poses, joints)
     manifest = manifest_of(robot)
     made = assemble(robot, components, output)
     found = find_modes(made.mechanism, asked.configurations, count, drives=drives)
+    title = f"Natural frequencies, drives {drives}"
     emit(
-        output, modes_json(found), lambda: show_modes(asked.names, found, f"Natural frequencies, drives {drives}"),
-        manifest=manifest, fill=lambda folder: draw_modes(made, asked.names, found, folder),
+        output, modes_json(found), lambda: show_modes(asked.names, found, title), manifest=manifest,
+        fill=lambda folder: draw_modes(made, asked.names, found, folder),
         page=lambda report: write_modes_report(report, made, asked.names, found), kept="modes.json",
     )  # fmt: skip
 
 
 @click.command()
 @takes(
-    *(options.robot, options.poses, options.joints, options.components, drives, options.overrides, options.out),
-    options.json,
+    *(options.robot, options.poses, options.joints, options.components, drives, options.overrides),
+    *(options.out, options.json),
 )
 @click.option(
     "--from", "source", required=True, metavar="BODY:POINT:DIRECTION",
-    help="Where a harmonic force acts: a body or an end of an elastic one (link.tip), or tool; a point at home (X,Y,Z, "
-    "a joint's name, M, or centre); x y z of a force, rx ry rz of a moment, with - before it for the other way.",
+    help="Where a harmonic force acts: a body or an end of an elastic one (link.tip), or tool; a "
+    "point at home (X,Y,Z, a joint's name, M, or centre); x y z of a force, rx ry rz of a moment, "
+    "with - before it for the other way.",
 )  # fmt: skip
 @click.option(
-    "--to", "target", required=True, metavar="BODY:POINT:DIRECTION", help="Where the displacement is read, as --from."
-)
+    "--to", "target", required=True, metavar="BODY:POINT:DIRECTION",
+    help="Where the displacement is read, as --from.",
+)  # fmt: skip
 @click.option(
-    "--band", metavar="LOW,HIGH", help="Frequencies in Hz; by default from a fifth of the first to above the sixth."
-)
-@click.option("--points", default=2000, show_default=True, type=click.IntRange(2, 200_000), help="Frequencies.")
+    "--band", metavar="LOW,HIGH",
+    help="Frequencies in Hz; by default from a fifth of the first to above the sixth.",
+)  # fmt: skip
+@options.count("--points", 2000, "Frequencies.", 2, 200_000)
 @click.option(
     "--damping", default=0.01, show_default=True, type=click.FloatRange(0.0, 1.0, max_open=True),
     help="Damping ratio of every mode.",
 )  # fmt: skip
 def frf(
-    name: str, *, poses: tuple[str, ...], joints: tuple[str, ...], components: Any, drives: Any,
-    overrides: tuple[str, ...], source: str, target: str, band: str | None, points: int, damping: float,
-    output: Output,
+    name: str, *, poses: Texts, joints: Texts, components: Any, drives: Any, overrides: Texts,
+    source: str, target: str, band: str | None, points: int, damping: float, output: Output,
 ) -> None:  # fmt: skip
     """Frequency response from a force at one point to the displacement at another.
 
@@ -103,19 +104,20 @@ def frf(
     manifest = manifest_of(robot)
     made = assemble(robot, components, output)
     if given is None:
-        found = frequencies(made.mechanism, asked.configurations, 6 + len(mechanism.drives), drives=drives)
-        found = found[found > 0.0]
-        given = (0.2 * float(found.min()), 1.5 * float(np.sort(found)[: 6 * len(asked.names)].max()))
+        count = 6 + len(mechanism.drives)
+        found = frequencies(made.mechanism, asked.configurations, count, drives=drives)
+        found = np.sort(found[found > 0.0])
+        given = 0.2 * float(found[0]), 1.5 * float(found[: 6 * len(asked.names)][-1])
     hertz = np.geomspace(*given, points)
-    each = [asked.configurations[np.array([k])] for k in range(len(asked.names))]
-    curves = np.stack([
-        frequency_response(made.mechanism, one, shaken, read, hertz, damping=damping, drives=drives) for one in each
-    ])  # fmt: skip
+    each = (asked.configurations[np.array([k])] for k in range(len(asked.names)))
+    ports = partial(frequency_response, damping=damping, drives=drives)
+    curves = np.stack([ports(made.mechanism, one, shaken, read, hertz) for one in each])
     response = report.Response(
         robot.name, asked.names, hertz, curves, source, target, damping, asked.configurations.tool
     )
+    title = f"{robot.name}: frequency response"
     emit(
-        output, lambda: report.as_dataset(response, f"{robot.name}: frequency response").to_dict(), manifest=manifest,
+        output, lambda: report.as_dataset(response, title).to_dict(), manifest=manifest,
         fill=partial(report.write, response), page=partial(report.write_page, response),
     )  # fmt: skip
 
@@ -141,22 +143,22 @@ def _port(mechanism: Mechanism, option: str, text: str) -> Port:
     nodes = {node: body for body in mechanism.bodies for node in body.nodes}
     node = mechanism.tool.body if name == "tool" else name
     if node not in nodes:
-        raise InputError(f"{option} {text}: expected tool or one of {', '.join(nodes)}, got {name!r}")
+        expected = f"expected tool or one of {', '.join(nodes)}"
+        raise InputError(f"{option} {text}: {expected}, got {name!r}")
     axis = way.lstrip("+-")
     if axis not in COORDINATES or len(way) - len(axis) > 1:
-        raise InputError(f"{option} {text}: expected a direction among {', '.join(COORDINATES)}, got {way!r}")
-    body, joints = nodes[node], {j.name: j.at for j in mechanism.joints}
-    if point == "M":
-        at = mechanism.tool.at
-    elif point in joints:
-        at = joints[point]
-    elif point == "centre" and body.centre is not None:
-        at = body.centre
-    else:
+        expected = f"expected a direction among {', '.join(COORDINATES)}"
+        raise InputError(f"{option} {text}: {expected}, got {way!r}")
+    centre = nodes[node].centre
+    places = {} if centre is None else {"centre": centre}
+    places |= {joint.name: joint.at for joint in mechanism.joints} | {"M": mechanism.tool.at}
+    at = places.get(point)
+    if at is None:
         try:
             at = np.array(q.several(point, *[q.LENGTH] * 3))
         except ValueError as error:
-            known = "X,Y,Z such as 0,0,350 mm, M, a joint's name" + (", centre" if body.centre is not None else "")
-            raise InputError(f"{option} {text}: expected a point ({known}), got {point!r}") from error
+            known = ", ".join(["M", "a joint's name", *(["centre"] if "centre" in places else [])])
+            expected = f"expected a point (X,Y,Z such as 0,0,350 mm, {known})"
+            raise InputError(f"{option} {text}: {expected}, got {point!r}") from error
     direction = np.eye(6)[COORDINATES.index(axis)] * (-1.0 if way.startswith("-") else 1.0)
     return Port(None if name == "tool" else node, at, direction)

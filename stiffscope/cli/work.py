@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from functools import partial
 from typing import TYPE_CHECKING
 
 import click
@@ -21,20 +21,23 @@ from stiffscope.report.progress import progress
 from stiffscope.report.robot_view import read_cases
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from stiffscope.cli.output import Output
 
 
 @click.command()
-@takes(click.argument("name", metavar="JOB", type=click.Path(path_type=Path)), options.out, options.json)
+@takes(click.argument("name", metavar="JOB", type=options.PATH), options.out, options.json)
 @click.option(
-    "--compensate", "undo", is_flag=True, help="Also write commands with which the loaded tool is where it should be."
-)
-@click.option("--robot", metavar="FILE", help="The robot to use instead of the job's: one that was adopted.")
+    "--compensate", "undo", is_flag=True,
+    help="Also write commands with which the loaded tool is where it should be.",
+)  # fmt: skip
+@click.option("--robot", metavar="FILE", help="An adopted robot to use instead of the job's.")
 def path(name: Path, *, undo: bool, robot: str | None, output: Output) -> None:
     """Error of the tool along a path under process forces.
 
-    JOB is a TOML file: robot, path (a table or G-code), process. The folder has path.csv, figures and a report, and
-    with --compensate the compensated path in the format that came in.
+    JOB is a TOML file: robot, path (a table or G-code), process. The folder has path.csv, figures
+    and a report, and with --compensate the compensated path in the format that came in.
     """
     job = load_job(name, robot)
     manifest = manifest_of(job.robot, job.file)
@@ -50,13 +53,15 @@ def path(name: Path, *, undo: bool, robot: str | None, output: Output) -> None:
     def fill(folder: Path) -> None:
         paths.write_csv(state, folder / "path.csv")
         if after is not None:
-            after.path.write(folder / f"compensated{job.path_file.suffix if after.path.program else '.csv'}")
+            suffix = job.path_file.suffix if after.path.program else ".csv"
+            after.path.write(folder / f"compensated{suffix}")
         paths.draw_path(state, after, folder)
         draw_deflection(made, ["greatest error"], worst, cases, folder)
         paths.write_stress(stresses, folder)
 
+    found = state, after, stresses
     emit(
-        output, lambda: paths.path_json(state, after, stresses), lambda: paths.show_path(state, after, stresses),
+        output, partial(paths.path_json, *found), partial(paths.show_path, *found),
         manifest=manifest, fill=fill,
         page=lambda report: paths.write_path_page(report, state, after, worst, cases),
     )  # fmt: skip

@@ -106,12 +106,9 @@ def read_sensitivity(folder: Path) -> PartSensitivity:
 
 
 def sensitivity(
-    robot: RobotFile,
-    part: str | None = None,
-    *,
-    poses: Sequence[Sequence[float]] | None = None,
+    robot: RobotFile, part: str | None = None, *, poses: Sequence[Sequence[float]] | None = None,
     components: Components = None,
-) -> PartSensitivity | Sensitivity:
+) -> PartSensitivity | Sensitivity:  # fmt: skip
     """Return derivatives of a part or robot with respect to all parameters; cached if possible.
 
     Parameters

@@ -98,13 +98,11 @@ class Sensitivity:
 
 
 def robot_sensitivity(
-    robot: RobotFile,
-    poses: np.ndarray,
-    components: Components = None,
+    robot: RobotFile, poses: np.ndarray, components: Components = None,
     experiments: Mapping[str, Experiment] | None = None,
     derivatives: Mapping[str, Mapping[str, Derivative]] | None = None,
     names: Collection[str] | None = None,
-) -> Sensitivity:
+) -> Sensitivity:  # fmt: skip
     """Return the derivatives of a robot with respect to every number of its file.
 
     Parameters

@@ -104,13 +104,9 @@ class Study:
 
 
 def study(
-    path: str | Path,
-    *,
-    folder: str | Path | None = None,
-    workers: int = 0,
-    scheduler: str | None = None,
-    part: tuple[int, int] = WHOLE,
-) -> Study:
+    path: str | Path, *, folder: str | Path | None = None, workers: int = 0,
+    scheduler: str | None = None, part: tuple[int, int] = WHOLE,
+) -> Study:  # fmt: skip
     """Run a study: compute all designs that its file requests.
 
     Parameters

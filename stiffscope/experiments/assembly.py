@@ -88,13 +88,9 @@ def assemble(robot: RobotFile, components: Components = None) -> Mechanism:
 
 
 def assemble_robots(
-    robots: Mapping[str, RobotFile],
-    components: Components,
-    shop: Workshop,
-    *,
-    whole: bool = True,
+    robots: Mapping[str, RobotFile], components: Components, shop: Workshop, *, whole: bool = True,
     near: Mapping[str, PartResult] | None = None,
-) -> dict[str, Assembled]:
+) -> dict[str, Assembled]:  # fmt: skip
     """Assemble robots; parts that several of them share are tested once.
 
     Parameters

@@ -146,13 +146,9 @@ class PartResult:
 
 
 def solve_parts(
-    orders: Sequence[PartOrder],
-    shop: Workshop,
-    *,
-    whole: bool = True,
-    near: Mapping[str, PartResult] | None = None,
-    skip: bool = False,
-) -> list[PartResult]:
+    orders: Sequence[PartOrder], shop: Workshop, *, whole: bool = True,
+    near: Mapping[str, PartResult] | None = None, skip: bool = False,
+) -> list[PartResult]:  # fmt: skip
     """Read virtual experiments from the cache, or run them.
 
     Parameters

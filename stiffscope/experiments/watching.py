@@ -90,11 +90,9 @@ def digest_sources(robot: RobotFile) -> dict[str, str]:
 
 
 def differences(
-    before: RobotFile,
-    after: RobotFile,
-    former: Mapping[str, str] | None = None,
+    before: RobotFile, after: RobotFile, former: Mapping[str, str] | None = None,
     present: Mapping[str, str] | None = None,
-) -> list[str]:
+) -> list[str]:  # fmt: skip
     """Return up to four differences of two versions: "slider.thickness 20 mm → 25 mm".
 
     Parameters

@@ -151,11 +151,9 @@ def deformed(experiment: Experiment) -> Picture:
 
 
 def stiffness_map(
-    mechanism: Mechanism,
-    ranges: Mapping[str, tuple[float, float]],
-    points: int = 61,
+    mechanism: Mechanism, ranges: Mapping[str, tuple[float, float]], points: int = 61,
     at: Sequence[float] | None = None,
-) -> Picture:
+) -> Picture:  # fmt: skip
     """Draw the stiffness (diagonal of K) over two coordinates of the tool, without gravity.
 
     Parameters

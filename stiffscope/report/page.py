@@ -180,14 +180,9 @@ def _embed(folder: Path, name: str, caption: str, words: str) -> Figure:
 
 
 def write_page(
-    target: Path,
-    title: str,
-    facts: Sequence[str],
-    sections: Sequence[Section],
-    lead: Lead | None = None,
-    *,
-    watched: str = "",
-) -> None:
+    target: Path, title: str, facts: Sequence[str], sections: Sequence[Section],
+    lead: Lead | None = None, *, watched: str = "",
+) -> None:  # fmt: skip
     """Write a page to a file: title, one line of facts, lead and all nonempty sections.
 
     With ``watched``, a name of this state, the page checks ``state.html`` next to it once a second

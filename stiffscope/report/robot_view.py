@@ -40,14 +40,10 @@ class Case:
 
 
 def robot_view(
-    geometry: Mapping[str, Any],
-    found: Configurations,
-    names: Sequence[str],
-    cases: Sequence[Sequence[Case]],
-    *,
-    choice: str = "load",
+    geometry: Mapping[str, Any], found: Configurations, names: Sequence[str],
+    cases: Sequence[Sequence[Case]], *, choice: str = "load",
     quantity: str = "share of the strain energy",
-) -> dict[str, Any]:
+) -> dict[str, Any]:  # fmt: skip
     """Return the data of a page's viewer, JSON-compatible.
 
     Parameters

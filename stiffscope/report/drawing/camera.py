@@ -46,11 +46,9 @@ class View:
 
 
 def view_of(
-    points: Array,
-    towards: tuple[float, float, float],
-    width: int,
+    points: Array, towards: tuple[float, float, float], width: int,
     up: tuple[float, float, float] = DOWN_Z,
-) -> View:
+) -> View:  # fmt: skip
     """Return a camera that fits all points; the aspect ratio of the picture follows them.
 
     Parameters

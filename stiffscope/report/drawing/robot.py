@@ -66,17 +66,11 @@ _STEPS = sorted(product(48.0 * np.arange(-8, 9), 24.0 * np.arange(-12, 13)), key
 
 
 def robot(
-    folder: Path,
-    pictures: list[dict[str, Any]],
-    bodies: list[dict[str, Any]],
-    joints: list[dict[str, Any]],
-    tool: dict[str, Any],
-    up: list[float],
-    shares: dict[str, float] | None = None,
-    scale: str = "share",
-    marks: list[dict[str, Any]] | None = None,
-    geometry: str | None = None,
-) -> None:
+    folder: Path, pictures: list[dict[str, Any]], bodies: list[dict[str, Any]],
+    joints: list[dict[str, Any]], tool: dict[str, Any], up: list[float],
+    shares: dict[str, float] | None = None, scale: str = "share",
+    marks: list[dict[str, Any]] | None = None, geometry: str | None = None,
+) -> None:  # fmt: skip
     """Draw the robot, one picture per {file, title, moves, before}; see `report.robot_scene`.
 
     Parameters
@@ -263,14 +257,9 @@ def _join_shapes(shapes: list[pv.PolyData]) -> pv.PolyData:
 
 
 def _scene(
-    shapes: dict[str, pv.PolyData],
-    point: Floats,
-    up: Floats,
-    reach: float,
-    seen: Floats | None = None,
-    width: int = WIDTH,
-    arrows: Sequence[Arrow] = (),
-) -> tuple[NDArray[Any], View]:
+    shapes: dict[str, pv.PolyData], point: Floats, up: Floats, reach: float,
+    seen: Floats | None = None, width: int = WIDTH, arrows: Sequence[Arrow] = (),
+) -> tuple[NDArray[Any], View]:  # fmt: skip
     """Return the picture and its camera, which fits everything or only points (k, 3)."""
     if seen is None:
         tips = np.add([point], 0.12 * reach * np.eye(3))
@@ -324,12 +313,9 @@ def frame_picture(image: Floats, view: View, title: str) -> Figure:
 
 
 def _explain(
-    figure: Figure,
-    meanings: dict[str, str],
-    shares: dict[str, float] | None,
-    scale: str,
+    figure: Figure, meanings: dict[str, str], shares: dict[str, float] | None, scale: str,
     marks: list[str] | None = None,
-) -> None:
+) -> None:  # fmt: skip
     """Draw the colour key or the scale of shares."""
     if shares is None:
         entries = {**meanings, **{kind: MARKS[kind] for kind in marks or []}}
