@@ -69,13 +69,7 @@ def map_(
     if gravity == "literal":
         got = "got literal, which is for single poses"
         raise InputError(f"--gravity literal: expected none or exact for a map, {got}")
-    along = load = None
-    if direction is not None:
-        along = _read(f"--direction {direction}", direction, [q.NUMBER] * 3)
-    if wrench is not None:
-        load = _read(f"--wrench {wrench}", wrench, [q.FORCE] * 3 + [q.MOMENT] * 3)
-    if along is not None and not any(along):
-        raise InputError(f"--direction {direction}: expected a direction, got none")
+    wanted = _read_wanted(show, direction, wrench)
     ranges = _find_ranges(robot, over)
     moving = rigid_mechanism(robot)
     configured_poses(robot, moving, moving.tool.home)  # raises before any experiment
@@ -86,9 +80,8 @@ def map_(
     made = assemble(robot, components, output)
     points = points or _POINTS[len(ranges)]
     swept = evaluated.map_volume(
-        made.mechanism, ranges, points, gravity=gravity, at=fixed, frequencies=count,
-        wanted=Wanted(show, along, load),
-    )  # fmt: skip
+        made.mechanism, ranges, points, gravity=gravity, at=fixed, frequencies=count, wanted=wanted
+    )
     found = swept.maps[0] if len(ranges) == 2 else swept
     slices = maps.pick_slices(found)
     figures: dict[str, tuple[str, StiffnessMap, Callable[[StiffnessMap], list[maps.Panel]]]] = {}
@@ -116,6 +109,17 @@ def map_(
         output, lambda: evaluated.volume_dataset(found).to_dict(), manifest=manifest, fill=fill,
         page=lambda report: write_map_report(report, made, titles),
     )  # fmt: skip
+
+
+def _read_wanted(show: Texts, direction: str | None, wrench: str | None) -> Wanted:
+    along = load = None
+    if direction is not None:
+        along = _read(f"--direction {direction}", direction, [q.NUMBER] * 3)
+        if not any(along):
+            raise InputError(f"--direction {direction}: expected a direction, got none")
+    if wrench is not None:
+        load = _read(f"--wrench {wrench}", wrench, [q.FORCE] * 3 + [q.MOMENT] * 3)
+    return Wanted(show, along, load)
 
 
 def _find_ranges(robot: RobotFile, over: Sequence[str]) -> dict[str, tuple[float, float]]:
