@@ -62,10 +62,8 @@ def compare_robots(
     ----------
     first, second
         Robots whose poses have the same coordinates.
-    components
-        Source of the parts' matrices.
-    shop
-        Workshop for the experiments; a common part is tested only once.
+    components, shop
+        Source of the parts' matrices, and workshop for experiments, one for a common part.
 
     Raises
     ------

@@ -121,14 +121,10 @@ def map_robot(
 
     Parameters
     ----------
-    robot
-        Robot file.
-    mechanism
-        Mechanism of the robot.
-    points
-        Points along each side of the map.
-    gravity
-        Whether the robot's own weight acts.
+    robot, mechanism
+        Robot file, and mechanism of the robot.
+    points, gravity
+        Points along each side of the map, and whether the robot's own weight acts.
     """
     section = require_map(robot)
     return map_stiffness(mechanism, section.ranges(), points, gravity=gravity, at=section.at)

@@ -121,14 +121,10 @@ def quantities(
 
     Parameters
     ----------
-    names
-        Names of the quantities to compute.
-    mechanism, found
-        Mechanism, and its n configurations.
-    parts
-        The parts' matrices by name.
-    mass
-        Mass of the robot's solids, kg.
+    names, mechanism, found
+        Names of the quantities, and mechanism with its n configurations.
+    parts, mass
+        The parts' matrices by name, and mass of the robot's solids, kg.
     """
     n = len(found)
     out: dict[str, np.ndarray] = {}

@@ -60,10 +60,8 @@ def search(study: StudyFile, evaluate: Evaluate, part: tuple[int, int] = (1, 1))
 
     Parameters
     ----------
-    study
-        Study file.
-    evaluate
-        Evaluates designs.
+    study, evaluate
+        Study file, and what evaluates designs.
     part
         (i, n): share i of n of a sweep.
     """

@@ -113,10 +113,8 @@ def robot_sensitivity(
         Commanded poses, m and rad, the same for all changes.
     components
         Source of the parts' matrices, as in `part_matrices`.
-    experiments
-        Experiments of the parts listed by `needed_experiments`.
-    derivatives
-        Derivatives of these parts, by part and parameter.
+    experiments, derivatives
+        Experiments of the parts listed by `needed_experiments`; their derivatives, by parameter.
     names
         Names of the parameters; by default all.
 

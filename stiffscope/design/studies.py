@@ -145,16 +145,12 @@ def run_study(
 
     Parameters
     ----------
-    file
-        Study file.
-    folder
-        Folder to write to; None to write nothing.
+    file, folder
+        Study file, and folder to write to; None to write nothing.
     report
         Called with the number of finished designs as text, and their share.
-    workers
-        Number of processes.
-    scheduler
-        Address of a Dask scheduler; None for local processes.
+    workers, scheduler
+        Number of local processes, and address of a Dask scheduler that replaces them.
     part
         (i, n): share i of n of a sweep.
     """

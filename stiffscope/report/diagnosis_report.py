@@ -59,10 +59,8 @@ def write_diagnosis_report(
 
     Parameters
     ----------
-    report
-        Output folder.
-    diagnosis
-        Diagnosis to report.
+    report, diagnosis
+        Output folder, and diagnosis to report.
     title, facts
         Heading, and facts about the campaign and the model.
     view
@@ -99,16 +97,12 @@ def share_view(report: Draft, assembled: Assembled, diagnosis: Diagnosis, found:
 
     Parameters
     ----------
-    report
-        Output folder with ``robot.png``.
-    assembled
-        Robot with its parts' matrices.
-    diagnosis
-        Diagnosis of the campaign.
-    found
-        Configurations at the campaign's poses.
+    report, assembled
+        Output folder with ``robot.png``, and robot with its parts' matrices.
+    diagnosis, found
+        Diagnosis of the campaign, and configurations at the campaign's poses.
     """
-    still = report.figure("robot.png", "", "the robot, its components coloured by their share of the gap")
+    still = report.figure("robot.png", "", "the robot, its components coloured by share of the gap")
     if still is None:
         return None
     where, mechanism = diagnosis.where, assembled.mechanism
@@ -121,7 +115,7 @@ def share_view(report: Draft, assembled: Assembled, diagnosis: Diagnosis, found:
         for k, each in zip(chosen, unit_wrenches(mechanism, found), strict=True)
     ]
     names = [where.pose_names[k] for k in chosen]
-    caption = "The robot at the campaign's poses, largest residual first, coloured by share of the gap."
+    caption = "The robot at the campaign's poses, largest residual first, coloured by shares of the gap."
     return report.turn_robot(found, names, cases, caption, still, quantity=SHARE, start=0)
 
 
@@ -129,15 +123,16 @@ def _effects(diagnosis: Diagnosis) -> list[Shown]:
     with record_shown() as tables:
         if diagnosis.effects:
             gap_tables.show_effects(diagnosis, details=True)
-    confused = [
-        f"These readings cannot distinguish {text.name(e.effect, e.place)} from "
-        f"{', '.join(map(text.label, e.confused_with))}"
-        + (f"; one is present, probability {e.group_probability:.4f}." if e.group_probability > 0 else ".")
-        for e in diagnosis.effects
-        if e.confused_with
-    ]
-    merely = [f"Possible: {'; '.join(text.possible(diagnosis))}"] if diagnosis.possible else []
-    return [*tables, *_lines([*confused, *merely])]
+    lines = []
+    for e in diagnosis.effects:
+        if e.confused_with:
+            others, chance = ", ".join(map(text.label, e.confused_with)), e.group_probability
+            end = f"; one is present, probability {chance:.4f}." if chance > 0 else "."
+            pair = f"{text.name(e.effect, e.place)} from {others}"
+            lines.append(f"These readings cannot distinguish {pair}{end}")
+    if diagnosis.possible:
+        lines.append(f"Possible: {'; '.join(text.possible(diagnosis))}")
+    return [*tables, *_lines(lines)]
 
 
 def _lines(lines: Sequence[str]) -> list[Shown]:

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 BEFORE, EFFECT, AFTER, NOISE = "#4b5560", "#e4b04a", "#2f7d6b", "#b4bcc5"
-STYLE: Any = {"svg.fonttype": "none", "svg.hashsalt": "stiffscope", "font.family": "sans-serif", "font.size": 10}
+STYLE: Any = {"svg.fonttype": "none", "svg.hashsalt": "stiffscope", "font.family": "sans-serif"}
+STYLE["font.size"] = 10
 
 
 def new_figure(width: float, height: float, title: str) -> Figure:
@@ -78,19 +79,16 @@ def write_cells(axes: Axes, grid: np.ndarray, form: str, shade: Callable[[Any], 
 
     Parameters
     ----------
-    axes
-        Axes with the image.
-    grid
-        Numbers (rows, columns).
-    form
-        Format of a number, such as ``"{:.2g}"``.
+    axes, grid
+        Axes with the image, and numbers (rows, columns).
+    form, size
+        Format of a number, such as ``"{:.2g}"``, and font size (points).
     shade
         Function returning the darkness (0 to 1) of each cell; dark cells get white text.
-    size
-        Font size (points).
     """
     dark = np.ma.filled(shade(grid), 0.0) > 0.45
+    style: Any = {"ha": "center", "va": "center", "fontsize": size, "parse_math": False}
     for i, j in np.argwhere(np.isfinite(grid)):
-        cell = axes.text(j, i, form.format(grid[i, j]), ha="center", va="center", fontsize=size, parse_math=False)
-        cell.set_color("white" if dark[i, j] else "#20252b")
+        colour = "white" if dark[i, j] else "#20252b"
+        cell = axes.text(j, i, form.format(grid[i, j]), color=colour, **style)
         cell.set_in_layout(False)  # inside the image, so irrelevant to the layout

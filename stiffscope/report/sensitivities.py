@@ -197,10 +197,8 @@ def write_page(report: Draft, title: str, words: str) -> None:
 
     Parameters
     ----------
-    report
-        Folder and tables.
-    title
-        Title.
+    report, title
+        Folder and tables, and title.
     words
         Description of the chart, its text alternative.
     """

@@ -25,9 +25,10 @@ def describe_briefly(self: Any) -> str:
 def _describe(value: Any) -> str:
     if isinstance(value, np.ndarray):
         return repr(value) if value.ndim == 1 and value.size <= FEW else f"array{value.shape}"
-    if value is None or (isinstance(value, (Mapping, tuple, list)) and not value):
+    many = Mapping, tuple, list
+    if value is None or (isinstance(value, many) and not value):
         return ""
     if not isinstance(value, (str, int, float, Mapping, tuple, list)):
         return f"<{type(value).__name__}>"
     names = f"{{{', '.join(map(str, value))}}}" if isinstance(value, Mapping) else repr(value)
-    return names if len(names) <= SHORT else f"<{len(value)}>" if isinstance(value, (Mapping, tuple, list)) else names
+    return f"<{len(value)}>" if len(names) > SHORT and isinstance(value, many) else names

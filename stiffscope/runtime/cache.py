@@ -35,7 +35,7 @@ _Result = TypeVar("_Result")
 
 FORMAT = 1
 _INDEX = "entry.json"
-_ENDS = {".step": b"END-ISO-10303-21;", ".vtu": b"</VTKFile>", ".png": b"IEND\xaeB`\x82"}  # of whole files
+_ENDS = {".step": b"END-ISO-10303-21;", ".vtu": b"</VTKFile>", ".png": b"IEND\xaeB`\x82"}
 
 
 @dataclass(frozen=True)
@@ -118,8 +118,8 @@ class Cache:
     def entries(self, kinds: Collection[str] = ()) -> list[Entry]:
         """Return the entries of some kinds, by default of all, without checking their integrity."""
         folders = sorted(self.root.glob(f"*/*/{_INDEX}")) if self.root.is_dir() else []
-        found = (_entry(index.parent) for index in folders)
-        return [entry for entry in found if entry is not None and (not kinds or entry.kind in kinds)]
+        found = (entry for index in folders if (entry := _entry(index.parent)))
+        return [entry for entry in found if not kinds or entry.kind in kinds]
 
     def clear(self, kinds: Collection[str] = ()) -> list[Entry]:
         """Remove and return the entries of some kinds, by default of all; keep other files."""

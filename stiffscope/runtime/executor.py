@@ -74,8 +74,8 @@ class Here(Executor):
     width, ended = 1, False
 
     def submit(  # noqa: D102  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", report: Progress | None = None,
-        limit: float | None = None,
+        self, function: Callable[..., Any], /, *arguments: Any, name: Any = "",
+        report: Progress | None = None, limit: float | None = None,
     ) -> Future[Any]:  # fmt: skip
         del name, limit
         future: Future[Any] = Future()
@@ -111,8 +111,8 @@ class Processes(Executor):
         self._threads = ThreadPoolExecutor(self.width, initializer=block, initargs=STOPS)
 
     def submit(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", report: Progress | None = None,
-        limit: float | None = None,
+        self, function: Callable[..., Any], /, *arguments: Any, name: Any = "",
+        report: Progress | None = None, limit: float | None = None,
     ) -> Future[Any]:  # fmt: skip
         """Submit ``function(*arguments)``; function (importable), arguments and result are pickled.
 
@@ -130,7 +130,8 @@ class Processes(Executor):
         Future
             Result, or InputError raised by the job, WorkerError or LateError.
         """
-        return self._threads.submit(self._work, name, (function, arguments, report is not None), report, limit)
+        job = (function, arguments, report is not None)
+        return self._threads.submit(self._work, name, job, report, limit)
 
     def _work(self, name: Any, job: Any, report: Progress | None, limit: float | None) -> Any:
         """Run a job; retry it once if its process was killed from outside."""
@@ -183,8 +184,9 @@ class _Child:
         self._errors: IO[bytes] = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115
         self._late = False
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "stiffscope.runtime.worker"], cwd=folder, stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE, stderr=self._errors, env={**os.environ, "TMPDIR": str(folder)},
+            [sys.executable, "-P", "-m", "stiffscope.runtime.worker"], cwd=folder,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
+            env={**os.environ, "TMPDIR": str(folder)},
         )  # fmt: skip
         with contextlib.suppress(BrokenPipeError):
             self._send((os.getpid(), share, [place for place in sys.path if place]))
@@ -297,8 +299,8 @@ def do_alone(function: Callable[..., Any], *arguments: Any, name: str, limit: fl
 
 
 def work_through(
-    executor: Any, function: Callable[..., Any], jobs: Iterable[Job], report: Callable[[Any], Progress] | None = None,
-    limits: Mapping[Any, float] | None = None,
+    executor: Any, function: Callable[..., Any], jobs: Iterable[Job],
+    report: Callable[[Any], Progress] | None = None, limits: Mapping[Any, float] | None = None,
 ) -> Iterator[tuple[Any, Future[Any]]]:  # fmt: skip
     """Run jobs, drawn when needed; yield name and future of each as it finishes.
 
@@ -310,10 +312,8 @@ def work_through(
         Function of each job's arguments.
     jobs
         Name and arguments of each job.
-    report
-        Function that returns the progress callback of a job by name.
-    limits
-        Time limits by name, s.
+    report, limits
+        Function that returns the progress callback of a job by name, and time limits by name, s.
 
     Raises
     ------

@@ -144,7 +144,8 @@ def write_json(target: str | Path, value: Any) -> None:
         sys.stdout.write(encodable(to_json(value), sys.stdout.encoding or "ascii"))
         sys.stdout.flush()
     else:
-        content = [_mark(value[0]), *value[1:]] if isinstance(value, list | tuple) and value else _mark(value)
+        several = isinstance(value, list | tuple) and len(value)
+        content = [_mark(value[0]), *value[1:]] if several else _mark(value)
         write_bytes(Path(target), encodable(to_json(content), "utf-8").encode())
 
 
@@ -241,9 +242,11 @@ def check_output(target: str | Path, *others: str | Path | None) -> None:
         for other in filter(None, others):
             with _refusing(other):
                 if _resolve(other).is_relative_to(goal):
-                    raise InputError(f"{other}: is in {target}, which is replaced as a whole; give a file elsewhere")
+                    what = f"is in {target}, which is replaced as a whole"
+                    raise InputError(f"{other}: {what}; give a file elsewhere")
         for reason in _foreign(goal).values() if there and not _forced else ():
-            raise InputError(f"{target}: {reason}; give a new or empty folder, or --force, which keeps that file")
+            cure = "give a new or empty folder, or --force, which keeps that file"
+            raise InputError(f"{target}: {reason}; {cure}")
         nearest = next(p for p in (goal, *goal.parents) if p.exists())
         if not nearest.is_dir():
             raise InputError(f"{show_path(target)}: {nearest} is a file, not a folder")
@@ -255,11 +258,13 @@ def _check_place(target: str | Path, goal: Path, *, there: bool) -> None:
     """Raise InputError for a file, the working folder or a mount point."""
     if there and not goal.is_dir():
         raise InputError(f"{show_path(target)}: is a file; give a folder for the output")
+    what, better = "", Path(target) / "out"
     if goal in (here := Path.cwd(), *here.parents):
-        better = Path(target) / "out"
-        raise InputError(f"{target}: an output folder is replaced as a whole: not the one you are in; try {better}")
-    if there and goal.is_mount():
-        raise InputError(f"{target}: a disk of its own cannot be replaced as a whole; try {Path(target) / 'out'}")
+        what = "an output folder is replaced as a whole: not the one you are in"
+    elif there and goal.is_mount():
+        what = "a disk of its own cannot be replaced as a whole"
+    if what:
+        raise InputError(f"{target}: {what}; try {better}")
 
 
 def _foreign(folder: Path) -> dict[str, str]:
@@ -325,7 +330,8 @@ def _exchange(aside: Path, goal: Path, target: str | Path) -> None:
     if foreign and not _forced:
         goal.rename(aside)
         former.rename(goal)
-        kept = next(p for k in range(10_000) if not os.path.lexists(p := goal.with_name(f"{goal.name}.new{k or ''}")))
+        beside = (goal.with_name(f"{goal.name}.new{k or ''}") for k in range(10_000))
+        kept = next(path for path in beside if not os.path.lexists(path))
         aside.rename(kept)
         reason = next(iter(foreign.values()))
         raise InputError(f"{target}: {reason}; it stays as it is, and the new results are in {kept}")

@@ -40,7 +40,8 @@ def open_file(path: str | Path, what: str = "a file", most: int = MOST_BYTES) ->
         The file does not exist, cannot be read, is not regular or is too large.
     """
     try:
-        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+        handle = os.open(path, os.O_RDONLY | flags)
     except (OSError, ValueError) as error:
         raise InputError(f"{show_path(path)}: expected {what}, got {why(error, path)}") from error
     stream = os.fdopen(handle, "rb") if stat.S_ISREG(os.fstat(handle).st_mode) else None
@@ -51,7 +52,8 @@ def open_file(path: str | Path, what: str = "a file", most: int = MOST_BYTES) ->
     size = os.fstat(handle).st_size
     if size > most:
         stream.close()
-        raise InputError(f"{show_path(path)}: expected {what} of at most {_size(most)}, got {_size(size)}")
+        what = f"{what} of at most {_size(most)}"
+        raise InputError(f"{show_path(path)}: expected {what}, got {_size(size)}")
     return stream
 
 
@@ -69,7 +71,8 @@ def read_bytes(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -
     except OSError as error:
         raise InputError(f"{show_path(path)}: expected {what}, got {why(error, path)}") from error
     if len(content) > most:
-        raise InputError(f"{show_path(path)}: expected {what} of at most {_size(most)}, got a larger one")
+        what = f"{what} of at most {_size(most)}"
+        raise InputError(f"{show_path(path)}: expected {what}, got a larger one")
     return content
 
 
@@ -98,9 +101,8 @@ def read_text(path: str | Path, what: str = "a text file", most: int = MOST_TEXT
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
-        raise InputError(
-            f"{path}:{line}: expected {what} in UTF-8, got byte {content[error.start]:#04x} (byte {error.start})"
-        ) from error
+        got = f"byte {content[error.start]:#04x} (byte {error.start})"
+        raise InputError(f"{path}:{line}: expected {what} in UTF-8, got {got}") from error
     if "\0" in text:
         line = text[: text.index("\0")].count("\n") + 1
         raise InputError(f"{path}:{line}: expected {what}, got a NUL byte")

@@ -53,7 +53,8 @@ class Scheduler(Executor):
     def submit(self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", **_: Any) -> Future[Any]:
         """Submit ``function(*arguments)``; see `Processes.submit`."""
         loop: Any = self._client.loop  # tornado's loop wraps asyncio's
-        return asyncio.run_coroutine_threadsafe(self._ask(name, function, arguments), loop.asyncio_loop)
+        answer = self._ask(name, function, arguments)
+        return asyncio.run_coroutine_threadsafe(answer, loop.asyncio_loop)
 
     async def _ask(self, name: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         """Run a job; retry it if Dask lost its result."""
@@ -64,8 +65,8 @@ class Scheduler(Executor):
             try:
                 kind, content = await self._client.submit(_on_worker, function, *arguments, pure=False)
             except KilledWorker as error:
-                deaths = error.allowed_failures + 1
-                raise WorkerError(f"{name}: {deaths} workers ended at it; is there enough memory?") from error
+                died = f"{error.allowed_failures + 1} workers ended at it"
+                raise WorkerError(f"{name}: {died}; is there enough memory?") from error
             except Exception as error:
                 if self._client.status != "running":
                     raise GoneError from error
@@ -95,5 +96,6 @@ def _on_worker(function: Callable[..., Any], *arguments: Any) -> tuple[str, Any]
 def workers(scheduler: str | None, width: int) -> Iterator[Processes | Scheduler]:
     """Open an executor: a scheduler's workers, or local processes that share the processors."""
     width = max(1, width)
-    with Scheduler(scheduler) if scheduler else Processes(width, max(1, processors() // width)) as executor:
+    share = max(1, processors() // width)
+    with Scheduler(scheduler) if scheduler else Processes(width, share) as executor:
         yield executor

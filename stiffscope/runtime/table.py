@@ -99,7 +99,7 @@ def read_table(
     read = _sheet if path.suffix.lower() == ".xlsx" else _lines
     rows, lines, decimal_comma = read(path, most)
     if not rows:
-        raise InputError(f"{path.name}: expected a header line with the column names, got an empty file")
+        raise InputError(f"{path.name}: expected a header line of column names, got an empty file")
     header = _header(path.name, rows[0], lines[0])
     check(path.name, [name for name in header if name not in ignore])
     if len(rows) > most + 1:
@@ -121,7 +121,8 @@ def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
     text = read_text(path, "a table in CSV", MOST_BYTES * max(1, most // MOST_ROWS))
     start = text.lstrip()[:_LONGEST].partition("\n")[0]
     mark = "\t" if "\t" in start else ";" if ";" in start else ","
-    reader = csv.reader(io.StringIO(text, newline=""), delimiter=mark, strict=True, skipinitialspace=mark != "\t")
+    stream, blank = io.StringIO(text, newline=""), mark != "\t"
+    reader = csv.reader(stream, delimiter=mark, strict=True, skipinitialspace=blank)
     rows: list[list[str]] = []
     lines: list[int] = []
     before = 0
@@ -135,7 +136,8 @@ def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
                     break
             before = reader.line_num
             if before > _MOST_LINES:
-                raise InputError(f"{path.name}:{before}: expected at most {_MOST_LINES:,} lines, got more")
+                most_lines = f"expected at most {_MOST_LINES:,} lines"
+                raise InputError(f"{path.name}:{before}: {most_lines}, got more")
     except csv.Error as error:
         got = "a quote that nothing closes" if "end of data" in str(error) else error
         raise InputError(f"{path.name}:{before + 1}: expected a CSV row, got {got}") from None
@@ -151,14 +153,16 @@ def _sheet(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
             sheet = next(each for each in book.worksheets if each.sheet_state == "visible")
             sheet.reset_dimensions()  # the stated size is unreliable
             rows, lines = _filled_rows(path, sheet.iter_rows(values_only=True), most)
-            if lines and lines[-1] <= most and any("" in row or len(row) < len(rows[0]) for row in rows):
+            gaps = any("" in row or len(row) < len(rows[0]) for row in rows)
+            if gaps and lines[-1] <= most:
                 _check_formulas(path, stream, sheet)
     except InputError:
         raise
     except StopIteration:
-        raise InputError(f"{path}: expected an .xlsx workbook with a sheet that is not hidden") from None
+        raise InputError(f"{path}: expected an .xlsx workbook with a sheet not hidden") from None
     except Exception as error:  # noqa: BLE001 (any error of the zip and XML parsers)
-        raise InputError(f"{path}: expected an .xlsx workbook, got {' '.join(str(error).split())}") from None
+        got = " ".join(str(error).split())
+        raise InputError(f"{path}: expected an .xlsx workbook, got {got}") from None
     width = len(rows[0]) if rows else 0
     return [row + [""] * (width - len(row)) for row in rows], lines, True
 

@@ -42,10 +42,8 @@ class Workshop:
         ----------
         function
             Function importable by name; its last argument is `report(stage, fraction)`.
-        jobs
-            Arguments of each job by name.
-        limits
-            Time limits by job, s.
+        jobs, limits
+            Arguments of each job by name, and time limits by job, s.
 
         Raises
         ------

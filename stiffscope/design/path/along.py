@@ -145,10 +145,8 @@ def predict(
 
     Parameters
     ----------
-    course
-        Wanted tool poses and process loads at the n points of the path.
-    assembled
-        Robot with its parts' matrices.
+    course, assembled
+        Wanted tool poses and process loads at the path's n points, and robot with its matrices.
     path
         Commands at the points: the path itself, or a compensated one.
     progress
@@ -222,12 +220,10 @@ def compensate(
 
     Parameters
     ----------
-    assembled
-        Assembled robot, as in `along`.
+    assembled, progress
+        Assembled robot, and progress callback, as in `along`.
     before
         Prediction by `along` for the job's own commands.
-    progress
-        Progress callback.
 
     Returns
     -------

@@ -75,10 +75,8 @@ def plan_course(
 
     Parameters
     ----------
-    job
-        Robot, path and process.
-    assembled
-        Robot with its parts' matrices.
+    job, assembled
+        Robot, path and process, and robot with its parts' matrices.
     known
         Known configurations along the path, in blocks.
     """

@@ -126,10 +126,8 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
 
     Parameters
     ----------
-    course
-        Course of the job with zero free coordinates.
-    assembled
-        Assembled robot of the job.
+    course, assembled
+        Course of the job with zero free coordinates, and assembled robot of the job.
 
     Returns
     -------

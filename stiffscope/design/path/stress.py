@@ -45,10 +45,8 @@ def find_stresses(state: Along, assembled: Assembled, response: Response) -> tup
 
     Parameters
     ----------
-    state
-        Prediction along the path.
-    assembled
-        Assembled robot of the job.
+    state, assembled
+        Prediction along the path, and assembled robot of the job.
     response
         Response of the robot at the greatest error.
     """

@@ -36,6 +36,7 @@ from stiffscope.report.drawing.solids import (
     solids_of,
     upright,
 )
+from stiffscope.report.drawing.surfaces import SHARP, sharp_edges
 from stiffscope.report.figures import save_figure
 
 if TYPE_CHECKING:
@@ -62,7 +63,10 @@ SURROUNDINGS = 0.11  # least half field of view of a close picture over the robo
 SHADES = 9  # shades of the colour scale in a page's viewer
 _NAMED = 5  # most parts in the key
 _ALIKE = 12.0  # pixels within which equal labels are one
-_STEPS = sorted(product(48.0 * np.arange(-8, 9), 24.0 * np.arange(-12, 13)), key=lambda step: np.hypot(*step))
+_GRID = product(48.0 * np.arange(-8, 9), 24.0 * np.arange(-12, 13))
+_STEPS = sorted(_GRID, key=lambda step: np.hypot(*step))  # pixels from a point to its label
+TITLE: Any = {"va": "top", "fontweight": "bold", "parse_math": False, "color": "#14181c"}
+SMALL: Any = {"fontsize": 10, "color": "#5a6570", "ha": "right"}
 
 
 def robot(
@@ -102,45 +106,49 @@ def robot(
     geometry
         JSON file for the solids of a page's viewer.
     """
-    upward, home = np.array(up, float), np.array(tool["at"], float)
+    upward, key = np.array(up, float), key_of(bodies, joints)
     solids = solids_of(bodies, joints, tool, upward)
     reach = extent(bodies, joints, tool)
     if geometry is not None:
         shades = [share_colour(k / (SHADES - 1), 1.0) for k in range(SHADES)]
-        colours = {"shades": shades, "no_share": NO_SHARE, "key": key_of(bodies, joints), "tool": tool}
-        (folder / geometry).write_text(json.dumps({**pack_solids(solids, upward, reach), **colours}))
+        colours = {"shades": shades, "no_share": NO_SHARE, "key": key, "tool": tool}
+        packed = pack_solids(solids, upward, reach)
+        (folder / geometry).write_text(json.dumps({**packed, **colours}))
     for picture in pictures:
         coloured = picture.get("shares", shares)
         if "frames" in picture:
             images = _draw_frames(picture, solids, reach, upward, tool, coloured)
             figures = [frame_picture(*image, picture["title"]) for image in images]
             for figure in figures:
-                _explain(figure, key_of(bodies, joints), coloured, scale)
+                _explain(figure, key, coloured, scale)
             _save_loop(folder / picture["file"], figures, picture["order"])
             continue
-        moves, before = _moves(picture["moves"]), picture.get("before")
-        rotation, position = moves[tool["node"]]
-        shapes = _by_colour(solids, moves, coloured)
-        if before is not None:
-            shapes["before"] = _join_shapes([solid.move(_moves(before)) for solid in solids])
+        moves, former = _moves(picture["moves"]), picture.get("before")
+        shapes, others = _by_colour(solids, moves, coloured), solids
         if ghost := picture.get("ghost"):
             others = solids_of(ghost["bodies"], ghost["joints"], ghost["tool"], upward)
-            shapes["before"] = _join_shapes([solid.move(_moves(ghost["moves"])) for solid in others])
+            former = ghost["moves"]
+        if former is not None:
+            shapes["before"] = _join_shapes([solid.move(_moves(former)) for solid in others])
         close = picture.get("close", False)
         arrows = _arrows(marks or [], moves, reach, close)
         seen = None
         if close:  # scaled from the middle, so that the view includes the surroundings
             ends = np.vstack([each.ends for each in arrows])
             half = np.maximum(0.5 * CONTEXT * np.ptp(ends, axis=0), SURROUNDINGS * reach)
-            seen = (ends.max(axis=0) + ends.min(axis=0)) / 2 + half * list(product((-1, 1), repeat=3))
-        image, view = _scene(shapes, rotation @ home + position, upward, reach, seen, arrows=arrows)
+            corners = np.array(list(product((-1, 1), repeat=3)))
+            seen = (ends.max(axis=0) + ends.min(axis=0)) / 2 + half * corners
+        point = _place(moves, tool["node"], tool["at"])
+        image, view = _scene(shapes, point, upward, reach, seen, arrows=arrows)
         figure = frame_picture(image, view, picture["title"])
         if close:
             free = ((each, each.ends[0 if each.kind == "sensor" else 1]) for each in arrows)
-            _put_labels(figure, view, [(end, each.name, MARKS[each.kind]) for each, end in free], "bold")
+            labels = [(end, each.name, MARKS[each.kind]) for each, end in free]
+            _put_labels(figure, view, labels, "bold")
         if picture.get("kinds", False):
             _name_joints(figure, view, joints, moves)
-        _explain(figure, key_of(bodies, joints), coloured, scale, list(dict.fromkeys(each.kind for each in arrows)))
+        marked = {each.kind: MARKS[each.kind] for each in arrows}
+        _explain(figure, {**key, **marked}, coloured, scale)
         save_figure(figure, folder / picture["file"], dpi=100)
 
 
@@ -149,9 +157,9 @@ def _draw_frames(
     shares: dict[str, float] | None,
 ) -> Iterator[tuple[NDArray[Any], View]]:  # fmt: skip
     """Yield the frames of a moving robot, with a fixed camera."""
-    frames, home = [_moves(each) for each in picture["frames"]], np.array(tool["at"], float)
+    frames = [_moves(each) for each in picture["frames"]]
     shapes = [_by_colour(solids, moves, shares) for moves in frames]
-    points = [r @ home + p for r, p in (moves[tool["node"]] for moves in frames)]
+    points = [_place(moves, tool["node"], tool["at"]) for moves in frames]
     solid = (shape.points for each in shapes for shape in each.values())
     seen = np.vstack([*solid, *(np.add([point], 0.12 * reach * np.eye(3)) for point in points)])
     for point, each in zip(points, shapes, strict=True):
@@ -166,13 +174,19 @@ def _save_loop(target: Path, figures: list[Figure], order: list[int]) -> None:
         canvas.draw()
         images.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
     octree, plain = Image.Quantize.FASTOCTREE, Image.Dither.NONE
-    loop = [images[k].quantize(256, octree, dither=plain) for k in order]
-    loop[0].save(target, save_all=True, append_images=loop[1:], duration=PERIOD // len(loop), loop=0)
+    first, *rest = (images[k].quantize(256, octree, dither=plain) for k in order)
+    first.save(target, save_all=True, append_images=rest, duration=PERIOD // len(order), loop=0)
 
 
 def _moves(given: dict[str, Any]) -> Moves:
     moves = {name: (np.array(r, float), np.array(p, float)) for name, (r, p) in given.items()}
     return {**moves, "ground": (np.eye(3), np.zeros(3))}
+
+
+def _place(moves: Moves, node: str, home: Any) -> Floats:
+    """Return where a point of a node has moved from home."""
+    rotation, position = moves[node]
+    return rotation @ np.array(home, float) + position
 
 
 def _by_colour(solids: list[Solid], moves: Moves, shares: dict[str, float] | None) -> dict[str, pv.PolyData]:
@@ -197,10 +211,7 @@ class Arrow:
 
 def _arrows(marks: list[dict[str, Any]], moves: Moves, reach: float, close: bool) -> list[Arrow]:
     """Return arrows that end at sensors or start at loads, sized for a whole or close view."""
-    places = []
-    for mark in marks:
-        rotation, position = moves[mark["node"]]
-        places.append(rotation @ np.array(mark["at"], float) + position)
+    places = [_place(moves, mark["node"], mark["at"]) for mark in marks]
     size = 0.14 * reach
     if close:
         size = float(np.clip(0.4 * np.ptp(places, axis=0).max(), 0.5 * size, size))
@@ -216,37 +227,41 @@ def _name_joints(figure: Figure, view: View, joints: list[dict[str, Any]], moves
     """Label each joint with its kind, and each possible joint with its bodies."""
     labels = []
     for joint in joints:
-        rotation, position = moves[joint["first"]]
-        at = rotation @ np.array(joint["at"], float) + position
+        at = _place(moves, joint["first"], joint["at"])
         text = f"{joint['name']}?" if joint["kind"] == "doubt" else joint["kind"]
         labels.append((at, text, _DARK_DOUBT if joint.get("doubted") else EDGES))
     _put_labels(figure, view, labels, raised=30.0)
 
 
 def _put_labels(
-    figure: Figure, view: View, labels: list[tuple[Floats, str, str]], weight: str = "normal", raised: float = 0.0
-) -> None:
-    """Write coloured labels above points (3,), or at the nearest free place, with lines to the points.
+    figure: Figure, view: View, labels: list[tuple[Floats, str, str]], weight: str = "normal",
+    raised: float = 0.0,
+) -> None:  # fmt: skip
+    """Write coloured labels above points (3,), or at the nearest free place, with lines to them.
 
     Equal labels of one point are one, with their number.
     """
     size, below = np.array(view.size), np.array((0, BELOW))
     pixels = [np.array(view.pixel(point)) for point, _, _ in labels]
-    texts = [(tuple(np.round(pixel / _ALIKE)), *rest) for pixel, (_, *rest) in zip(pixels, labels, strict=True)]
+    alike = [tuple(np.round(pixel / _ALIKE)) for pixel in pixels]
+    texts = [(place, *rest) for place, (_, *rest) in zip(alike, labels, strict=True)]
     taken: list[tuple[Floats, Floats]] = []
     for key, number in Counter(texts).items():
         pixel, (_, text, colour) = pixels[texts.index(key)], key
         text = f"{number} x {text}" if number > 1 else text
         half = np.array((4.5 * len(text) + 4.0, 11.0))
-        places = [np.clip(pixel + step, half, size - half) for step in np.add((0.0, raised), _STEPS)]
+        steps = np.add((0.0, raised), _STEPS)
+        places = [np.clip(pixel + step, half, size - half) for step in steps]
         free = (p for p in places if all((np.abs(p - q) > half + r).any() for q, r in taken))
         place = next(free, places[0])
         taken.append((place, half))
         x, y = np.transpose((np.array([pixel, place]) + below) / np.add(size, (0, ABOVE + BELOW)))
         if np.linalg.norm(place - pixel) > half[1]:
-            figure.add_artist(Line2D(x, y, color=colour, linewidth=0.8, marker="o", markersize=3, markevery=[0]))
+            line = Line2D(x, y, color=colour, linewidth=0.8, marker="o", markersize=3, markevery=[0])
+            figure.add_artist(line)
         figure.text(
-            x[1], y[1], text, fontsize=11, ha="center", va="center", color=colour, fontweight=weight, parse_math=False,
+            x[1], y[1], text, fontsize=11, ha="center", va="center", color=colour,
+            fontweight=weight, parse_math=False,
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5},
         )  # fmt: skip
 
@@ -262,8 +277,9 @@ def _scene(
 ) -> tuple[NDArray[Any], View]:  # fmt: skip
     """Return the picture and its camera, which fits everything or only points (k, 3)."""
     if seen is None:
-        tips = np.add([point], 0.12 * reach * np.eye(3))
-        seen = np.vstack([*(shape.points for shape in shapes.values()), *(each.ends for each in arrows), tips])
+        drawn = (shape.points for shape in shapes.values())
+        tips = point + 0.12 * reach * np.eye(3)
+        seen = np.vstack([*drawn, *(each.ends for each in arrows), tips])
     view = view_of(seen, towards=tuple(upright(up) @ TOWARDS), width=width, up=tuple(up))
     plotter = new_plotter(view)
     for colour, shape in shapes.items():
@@ -273,10 +289,10 @@ def _scene(
             continue
         opacity = int(colour[7:] or "ff", 16) / 255
         plotter.add_mesh(
-            shape, color=colour[:7], opacity=opacity, smooth_shading=True, split_sharp_edges=True, feature_angle=35,
-            ambient=0.42, diffuse=0.6, specular=0.15,
+            shape, color=colour[:7], opacity=opacity, smooth_shading=True, split_sharp_edges=True,
+            feature_angle=SHARP, ambient=0.42, diffuse=0.6, specular=0.15,
         )  # fmt: skip
-        edges = shape.extract_feature_edges(35, boundary_edges=False, manifold_edges=False, non_manifold_edges=False)
+        edges = sharp_edges(shape)
         if edges.n_points:
             edges.points += view.lift / 2
             plotter.add_mesh(edges, color=EDGES, line_width=1.2)
@@ -290,11 +306,9 @@ def _scene(
 
 def _draw_arrow(plotter: pv.Plotter, view: View, ends: Floats, colour: str) -> None:
     """Draw an arrow in front of all solids; parallel projection keeps its place."""
-    along = ends[1] - ends[0]
-    arrow = pv.Arrow(
-        start=ends[0] + 15.0 * view.half_height * view.direction, direction=along, scale=float(np.linalg.norm(along)),
-        shaft_radius=0.03, tip_radius=0.085,
-    )  # fmt: skip
+    along, start = ends[1] - ends[0], ends[0] + 15.0 * view.half_height * view.direction
+    scale = float(np.linalg.norm(along))
+    arrow = pv.Arrow(start, along, shaft_radius=0.03, tip_radius=0.085, scale=scale)
     plotter.add_mesh(arrow, color=colour, ambient=0.5)
 
 
@@ -305,24 +319,20 @@ def frame_picture(image: Floats, view: View, title: str) -> Figure:
     figure = Figure(figsize=(width / 100, total / 100), facecolor="white")
     figure.figimage(image, 0, BELOW)  # pixel by pixel; axes would resample
     size = min(15.0, LONG / max(len(title), 1)) * min(1.0, 0.25 + 0.75 * width / WIDTH)
-    figure.text(
-        12 / width, 1 - 12 / total, title, fontsize=size, va="top", fontweight="bold", parse_math=False, color="#14181c"
-    )
-    figure.text(1 - 12 / width, 12 / total, "at M: x red, y green, z blue", fontsize=10, color="#5a6570", ha="right")
+    figure.text(12 / width, 1 - 12 / total, title, fontsize=size, **TITLE)
+    figure.text(1 - 12 / width, 12 / total, "at M: x red, y green, z blue", **SMALL)
     return figure
 
 
 def _explain(
-    figure: Figure, meanings: dict[str, str], shares: dict[str, float] | None, scale: str,
-    marks: list[str] | None = None,
+    figure: Figure, meanings: dict[str, str], shares: dict[str, float] | None, scale: str
 ) -> None:  # fmt: skip
     """Draw the colour key or the scale of shares."""
     if shares is None:
-        entries = {**meanings, **{kind: MARKS[kind] for kind in marks or []}}
-        handles = [Patch(facecolor=colour, label=name) for name, colour in entries.items()]
+        handles = [Patch(facecolor=colour, label=name) for name, colour in meanings.items()]
         key = figure.legend(
-            handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=10, handlelength=1.0,
-            handletextpad=0.4, columnspacing=1.2, borderaxespad=0.2,
+            handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=10,
+            handlelength=1.0, handletextpad=0.4, columnspacing=1.2, borderaxespad=0.2,
         )  # fmt: skip
         for text in key.get_texts():
             text.set_parse_math(False)  # names of parts are not math
@@ -331,9 +341,10 @@ def _explain(
     across, pixel = 0.01 / figure.get_size_inches()
     left = 240 * across
     axes = figure.add_axes((left, 18 * pixel, min(0.30, 1 - left - 240 * across), 9 * pixel))
-    bar = figure.colorbar(ScalarMappable(Normalize(0, 100 * most), SHARES), cax=axes, orientation="horizontal")
+    shades = ScalarMappable(Normalize(0, 100 * most), SHARES)
+    bar = figure.colorbar(shades, cax=axes, orientation="horizontal")
     bar.ax.tick_params(labelsize=8, length=2, pad=1)
-    figure.text(left - 12 * across, 18 * pixel, f"{scale}, %", fontsize=10, color="#5a6570", ha="right")
+    figure.text(left - 12 * across, 18 * pixel, f"{scale}, %", **SMALL)
 
 
 def key_of(bodies: list[dict[str, Any]], joints: Sequence[dict[str, Any]] = ()) -> dict[str, str]:
@@ -348,7 +359,9 @@ def key_of(bodies: list[dict[str, Any]], joints: Sequence[dict[str, Any]] = ()) 
 
 def share_colour(share: float | None, most: float) -> str:
     """Return the colour of a share on a scale up to the largest share; grey for None."""
-    return NO_SHARE if share is None else to_hex(colormaps[SHARES](share / most if most > 0.0 else 0.0))
+    if share is None:
+        return NO_SHARE
+    return to_hex(colormaps[SHARES](share / most if most > 0.0 else 0.0))
 
 
 def warm_up() -> None:
