@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 MOST = 2_000  # bodies and joints of a robot: repeated copies multiply them beyond any memory
-SIX = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)  # rows and columns of an inertia: Ixx Iyy Izz Ixy Ixz Iyz
+SIX = (0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)  # rows, columns of Ixx Iyy Izz Ixy Ixz Iyz
 _VECTORS = {
     **dict.fromkeys(("base", "tip", "centre", "at"), q.LENGTH),
     **dict.fromkeys(("x", "y", "axis", "axis2"), q.NUMBER),
@@ -91,13 +91,11 @@ def _order(copies: Sequence[Copies]) -> list[int]:
     """Return the order of the entries: each after those that add to its set."""
     left, order = dict(enumerate(copies)), []
     while left:
-        ready = (
-            number
-            for number, entry in left.items()
-            if not any(_find_within(each.as_, entry.of) for other, each in left.items() if other != number)
-        )
-        number = next(ready, None)
-        if number is None:
+        for number, entry in left.items():
+            others = (each for other, each in left.items() if other != number)
+            if not any(_find_within(each.as_, entry.of) for each in others):
+                break
+        else:
             number, entry = next(iter(left.items()))
             message = f'expected a set that is no copy of its copy, got "{entry.of}"'
             raise FieldError(("copies", number, "of"), message)
@@ -115,8 +113,9 @@ def _check(tables: Sequence[Mapping[str, Any]], entry: Copies, number: int) -> N
         raise FieldError((*key, "as"), message)
     if not _find_within(names, entry.of):
         split = (name.split(".") for name in names)
-        known = list(dict.fromkeys(".".join(each[: n + 1]) for each in split for n in range(len(each))))
-        message = f'expected a set of bodies and joints ({list_some(known) or "none"}), got "{entry.of}"'
+        sets = dict.fromkeys(".".join(each[: n + 1]) for each in split for n in range(len(each)))
+        known = list_some([*sets]) or "none"
+        message = f'expected a set of bodies and joints ({known}), got "{entry.of}"'
         raise FieldError((*key, "of"), message)
     if len(entry.as_) != len(entry.angles) or not entry.as_:
         message = f"expected an angle for each of {len(entry.as_)} names, got {len(entry.angles)}"
@@ -141,7 +140,8 @@ def _turn(table: Any, of: str, new: str, turn: np.ndarray) -> Any:
             if key in _VECTORS:
                 made[key] = (turn @ _numbers(made[key], _VECTORS[key], 3)).tolist()
             elif key == "inertia":
-                made[key] = (turn @ tensor(_numbers(table[key], q.INERTIA, 6)) @ turn.T)[SIX].tolist()
+                inertia = tensor(_numbers(table[key], q.INERTIA, 6))
+                made[key] = (turn @ inertia @ turn.T)[SIX].tolist()
             elif key == "between":
                 made[key] = [rename(name, of, new) for name in table[key]]
         except (TypeError, ValueError, AttributeError):

@@ -83,18 +83,20 @@ class RobotFile:
 
     def elastic_bodies(self) -> dict[str, sections.ElasticBody]:
         """Return the bodies between a base and a tip, by name."""
-        return {name: body for name, body in self.bodies.items() if isinstance(body, sections.ElasticBody)}
+        bodies = self.bodies.items()
+        return {name: body for name, body in bodies if isinstance(body, sections.ElasticBody)}
 
     def bodies_of(self, part: str) -> tuple[str, ...]:
         """Return the names of the bodies made of a part."""
-        return tuple(name for name, body in self.bodies.items() if getattr(body, "part", None) == part)
+        bodies = self.bodies.items()
+        return tuple(name for name, body in bodies if getattr(body, "part", None) == part)
 
     def ends(self, body: str) -> tuple[str, ...]:
         """Return the names of a body's ends; empty if it is rigid."""
         section = self.bodies.get(body)
-        if isinstance(section, sections.ElasticBody):
-            return ENDS
-        return self.parts[section.part].interface_names if isinstance(section, sections.InterfaceBody) else ()
+        if isinstance(section, sections.InterfaceBody):
+            return self.parts[section.part].interface_names
+        return ENDS if isinstance(section, sections.ElasticBody) else ()
 
     def nodes(self) -> dict[str, str]:
         """Return the body of each node for joints: rigid bodies, ends of elastic ones, ground."""
@@ -105,7 +107,7 @@ class RobotFile:
 
     def drives(self) -> tuple[str, ...]:
         """Return the names of the driven joints."""
-        return tuple(name for name, joint in self.joints.items() if getattr(joint, "drive", None) is not None)
+        return tuple(name for name, joint in self.joints.items() if getattr(joint, "drive", None))
 
     def members(self, place: str) -> tuple[str, ...]:
         """Return the names of the bodies and joints at a place.
@@ -121,26 +123,19 @@ class RobotFile:
         if place in self.parts:
             return self.bodies_of(place)
         driven = self.drives()
-        known = {"drives": driven, "joints": tuple(name for name in self.joints if name not in driven)}
-        return known.get(place, ())
+        if place == "joints":
+            return tuple(name for name in self.joints if name not in driven)
+        return driven if place == "drives" else ()
 
 
 def find_element(place: str, bodies: Collection[str], joints: Collection[str]) -> str | None:
     """Return the body or joint at a place: NAME, "bodies.NAME" or "joints.NAME"; None if neither.
 
     A joint named like a body is always "joints.NAME". Raises InputError if a place is ambiguous.
-
-    Parameters
-    ----------
-    place
-        Name, "bodies.NAME" or "joints.NAME".
-    bodies
-        Names of the bodies.
-    joints
-        Names of the joints.
     """
     if place in bodies and f"joints.{place}" in joints:
-        raise InputError(f'expected bodies.{place} or joints.{place}, got "{place}", which both have')
+        ways = f"bodies.{place} or joints.{place}"
+        raise InputError(f'expected {ways}, got "{place}", which both have')
     if place in bodies or place in joints:
         return place
     section, _, name = place.partition(".")

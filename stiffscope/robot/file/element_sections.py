@@ -29,14 +29,13 @@ def _check_both(value: Any) -> Any:
     pair = value if isinstance(value, list | tuple) else [value, value]
     found = tuple(q.to_si(each, q.NUMBER) for each in pair)
     if len(found) != 2 or not all(0.5 < each < 1.0 for each in found):
-        raise ValueError(f"expected a groove radius over ball diameter such as 0.52, got {q.show_value(value)}")
+        raise ValueError(q.expected("a groove radius over ball diameter such as 0.52", value))
     return found
 
 
 _THREE = 'three forces, along the axis first, such as ["0 N", "500 N", "0 N"]'
-Osculation = Annotated[
-    tuple[float, float], BeforeValidator(_check_both), Says("a ratio such as 0.52, or inner and outer")
-]
+_BOTH = "a ratio such as 0.52, or inner and outer"
+Osculation = Annotated[tuple[float, float], BeforeValidator(_check_both), Says(_BOTH)]
 Forces = Annotated[tuple[v.Force, v.Force, v.Force], Says(_THREE)]
 
 
@@ -82,8 +81,8 @@ class ElementSection(Section):
         beside = self.model_fields_set - {"kind", "offset", *self.sheet, *self.beside}
         for key in type(self).model_fields if self._by_sheet else ():
             if key in beside:
-                own = self._by_sheet
-                raise InputError(f"bearing.{key}: expected none beside the sheet's own {own}, got one")
+                fault = f"expected none beside the sheet's own {self._by_sheet}, got one"
+                raise InputError(f"bearing.{key}: {fault}")
         try:
             _ = self.element().compliance
         except InputError as error:
@@ -108,13 +107,15 @@ class _Rotary(ElementSection):
         acting = self.preload or float(np.linalg.norm(self.load))
         if self.at_load is None and acting:
             beside = "preload" if self.preload else "load"
-            raise InputError(f"at_load: expected the load of the sheet's own stiffness beside {beside}, got nothing")
+            expected = f"the load of the sheet's own stiffness beside {beside}"
+            raise InputError(f"at_load: expected {expected}, got nothing")
         if self.at_load is not None:
             if not (self.at_load > 0.0 and acting > 0.0):
-                raise InputError("at_load: expected it beside the preload or load that acts here, both above 0")
+                expected = "it beside the preload or load that acts here"
+                raise InputError(f"at_load: expected {expected}, both above 0")
             known = [me.at_load(each, self.at_load, acting, exponent) for each in known]
             source += f" at {self.at_load:g} N, as the load to the power {1.0 - 1.0 / exponent:.3g}"
-        return me.of_sheet(known[0], known[1], known[2], source)
+        return me.of_sheet(*known, source)
 
     @property
     def _force(self) -> np.ndarray:
@@ -122,7 +123,7 @@ class _Rotary(ElementSection):
 
 
 class BallBearing(_Rotary):
-    """A ball bearing: number and diameter of its `balls`, diameter of their circle, contact angle, groove radii.
+    """A ball bearing: number and size of its `balls`, their circle, contact angle, groove radii.
 
     `preload` acts along its axis, on each bearing of a pair; `load` is any further load on the
     inner ring. `radial`, `axial` and `tilting` stiffness of the whole from its data sheet may be
@@ -145,7 +146,7 @@ class BallBearing(_Rotary):
         if self._by_sheet:
             return self._of_sheet(POINT)
         angular = self.kind == "angular-contact"
-        balls, ball, pitch, *_ = self._need("balls", "ball", "pitch", *(["angle"] if angular else []))
+        balls, ball, pitch, *_ = self._need("balls", "ball", "pitch", *["angle"] * angular)
         if angular and self._force[0] < 0.0:
             what = "a thrust along the pressed side of an angular-contact bearing"
             raise InputError(f"load: expected {what}, got {self._force[0]:g} N")
@@ -156,7 +157,7 @@ class BallBearing(_Rotary):
 
 
 class RollerBearing(_Rotary):
-    """A cylindrical-roller bearing (free along its axis), or a crossed-roller one: number and length of its `rollers`.
+    """A bearing of cylindrical `rollers`, free along its axis, or of crossed ones.
 
     A negative (diametral) `clearance` preloads it. Data-sheet stiffness may be given instead; if
     given `at_load`, it varies with the load to the power 1/10.
@@ -178,10 +179,11 @@ class RollerBearing(_Rotary):
 
 
 class LinearGuide(ElementSection):
-    """Carriages on rails, by the stiffness of one (`vertical` along `normal`, `lateral`, rotations) or its balls.
+    """Carriages on rails, each by its stiffness or its balls.
 
-    Four rows of `balls` loaded ones each are `width` and `height` apart, and `length` long; `preload` presses the
-    upper rows against the lower ones. `normal` points away from the rails, base axes; by default z of the joint's axes.
+    Stiffness `vertical` along `normal`, `lateral`, and of rotations; or four rows of `balls` loaded
+    ones each, `width` and `height` apart and `length` long, with the `preload` that presses upper
+    rows against lower ones. `normal` points away from the rails, base axes; default: the joint's z.
     """
 
     sheet = ("vertical", "lateral", "roll", "tilt", "yaw")
@@ -220,26 +222,31 @@ class LinearGuide(ElementSection):
         rails, carriages = (self.rails, self.rail_spacing), (self.carriages, self.carriage_spacing)
         for key, (count, spacing) in {"rail_spacing": rails, "carriage_spacing": carriages}.items():
             if count > 1 and not spacing:
-                raise InputError(f"{key}: expected the distance of one of {count} from the next, got none")
+                expected = f"the distance of one of {count} from the next"
+                raise InputError(f"{key}: expected {expected}, got none")
         if self._by_sheet or self.balls is None:
-            self._need("vertical", "lateral")
-            each = (0.0, *((k or 0.0) for k in (self.lateral, self.vertical, self.roll, self.tilt, self.yaw)))
+            vertical, lateral = self._need("vertical", "lateral")
+            each = (0.0, lateral, vertical, self.roll or 0.0, self.tilt or 0.0, self.yaw or 0.0)
             for key, others in {"roll": "rails", "tilt": "carriages", "yaw": "carriages"}.items():
                 if not getattr(self, key) and getattr(self, others) == 1:
-                    raise InputError(f"{key}: expected a carriage's own beside one of {others}, got nothing")
-            return me.guide_of_sheet(each, rails, carriages, "the sheet's own stiffness of one carriage")
-        ball, width, height, length, preload = self._need("ball", "width", "height", "length", "preload")
-        size, modulus = (self.osculation[0], self.angle, width, height, length), me.reduced_modulus()
-        inward = self.arrangement == "face-to-face"
-        contacts = me.carriage_contacts(self.balls, ball, *size, preload, modulus, face_to_face=inward)
+                    expected = f"a carriage's own beside one of {others}"
+                    raise InputError(f"{key}: expected {expected}, got nothing")
+            source = "the sheet's own stiffness of one carriage"
+            return me.guide_of_sheet(each, rails, carriages, source)
+        ball, *size, preload = self._need("ball", "width", "height", "length", "preload")
+        contacts = me.carriage_contacts(
+            self.balls, ball, self.osculation[0], self.angle, *size, preload, me.reduced_modulus(),
+            face_to_face=self.arrangement == "face-to-face",
+        )  # fmt: skip
         return me.guide_of_balls(contacts, rails, carriages)
 
 
 class BallScrew(ElementSection):
-    """A screw along a driven slide, in series with its drive: shaft, `nut` and `support`; omitted ones are rigid.
+    """A screw along a driven slide, in series with its drive: shaft, `nut`, `support`, else rigid.
 
-    `diameter` is the shaft's root diameter, `length` is from the support to the nut, or between the supports with
-    `both_ends` (nut in the middle). With a `lead` the shaft's torsion counts too. Or the sheet's `axial` stiffness.
+    `diameter` is the shaft's root diameter; `length` is from the support to the nut, or between the
+    supports with `both_ends` (nut in the middle). With a `lead` the shaft's torsion counts too. Or
+    the sheet's `axial` stiffness.
     """
 
     sheet = ("axial",)
@@ -258,8 +265,8 @@ class BallScrew(ElementSection):
         if self.axial is not None:
             return me.of_sheet(0.0, self.axial, 0.0, "the sheet's own stiffness")
         diameter, length = self._need("diameter", "length")
-        nut, support = self.nut or np.inf, self.support or np.inf
-        return me.ball_screw(diameter, length, nut, support, both_ends=self.both_ends, lead=self.lead)
+        ends, more = (self.nut or np.inf, self.support or np.inf), {"both_ends": self.both_ends}
+        return me.ball_screw(diameter, length, *ends, lead=self.lead, **more)
 
 
 ELEMENTS: dict[str, type[ElementSection]] = {
@@ -274,7 +281,7 @@ def _some(value: Any) -> Any:
     several = value if isinstance(value, list | tuple) else [value]
     for each in several:
         if not isinstance(each, dict | ElementSection):
-            raise ValueError(f"expected a table with a kind ({', '.join(ELEMENTS)}), got {q.show_value(each)}")
+            raise ValueError(q.expected(f"a table with a kind ({', '.join(ELEMENTS)})", each))
         if isinstance(each, dict):
             one_of(each.get("kind"), ELEMENTS, "a kind of bearing")
     if not several:

@@ -67,16 +67,9 @@ def evaluate(data: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float], di
 
 
 def evaluate_value(data: Any, values: Mapping[str, float], key: Key = ()) -> Any:
-    """Evaluate all expressions in a value, list or table; raise FieldError if one is invalid.
+    """Evaluate all expressions in a value, list or table at a ``key``, given the names' ``values``.
 
-    Parameters
-    ----------
-    data
-        Value, list or table with expressions.
-    values
-        Values of the names.
-    key
-        Key of the value: keys of its tables, outermost first.
+    Raises FieldError if one is invalid.
     """
 
     def number(text: str, here: Key) -> Any:
@@ -112,10 +105,11 @@ def _nominal(text: str, key: Key, tolerances: dict[Key, float]) -> str:
     try:
         nominal, dimension = read_any(value.strip())
         share = width.endswith("%")
-        tolerances[key] = abs(nominal) * q.to_si(width, q.SHARE) if share else q.to_si(width, dimension)
+        sigma = q.to_si(width, q.SHARE if share else dimension)
+        tolerances[key] = abs(nominal) * sigma if share else sigma
     except ValueError as error:
-        message = f"expected a quantity with its tolerance such as {_EXAMPLE}, got {q.show_value(text)}"
-        raise FieldError(key, message) from error
+        what = f"a quantity with its tolerance such as {_EXAMPLE}"
+        raise FieldError(key, q.expected(what, text)) from error
     return value.strip()
 
 
@@ -154,7 +148,8 @@ def _list_given(data: Mapping[str, Any]) -> dict[str, tuple[Key, Any, FieldInfo 
             refuse_name(name)
         if normalize(name) in found:
             other = found[normalize(name)][0][1]
-            raise FieldError(key, f'expected a name of its own, got "{name}", one letter with "{other}"')
+            got = f'"{name}", one letter with "{other}"'
+            raise FieldError(key, f"expected a name of its own, got {got}")
         found[normalize(name)] = (key, value, None)
     for part, section in data.get("parts", {}).items():
         shape = section.get("shape") if isinstance(section, dict) else None

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 
 MOST_CHARACTERS, MOST_LEVELS = 500, 100
 FUNCTIONS: dict[str, tuple[Operation, int]] = {
-    **{name: (getattr(math, name), 1) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan")},
+    **{each.__name__: (each, 1) for each in (math.sqrt, math.sin, math.cos, math.tan)},
+    **{each.__name__: (each, 1) for each in (math.asin, math.acos, math.atan)},
     "atan2": (math.atan2, 2),
 }
 CONSTANTS = {"pi": math.pi}
@@ -59,7 +60,7 @@ class Expression:
         return found
 
     def powers(self, known: Mapping[str, Powers | None]) -> Powers | None:
-        """What it measures, from what its names do; None where a number without a unit leaves that open.
+        """What it measures, from what its names do; None if a number without a unit leaves it open.
 
         Raises ValueError for a sum of unlike quantities, or a sine of what is no angle.
         """
@@ -89,15 +90,18 @@ def parse(text: str) -> Expression:
     """Parse "= …"; raise ValueError, one line, unless it is arithmetic."""
     body = " ".join(text.strip().removeprefix("=").split())
     if len(body) > MOST_CHARACTERS:
-        raise ValueError(f"expected an expression of at most {MOST_CHARACTERS} characters, got {len(body)}")
+        most = f"at most {MOST_CHARACTERS} characters"
+        raise ValueError(f"expected an expression of {most}, got {len(body)}")
     try:
         tree = ast.parse(body, mode="eval").body
     except SyntaxError as error:
-        raise ValueError(f'expected an expression such as "= 0.18 + a*cos(th)", got "= {_cut(body)}"') from error
+        what = 'an expression such as "= 0.18 + a*cos(th)"'
+        raise ValueError(f'expected {what}, got "= {_cut(body)}"') from error
     except (RecursionError, MemoryError, ValueError) as error:
         raise ValueError(f'expected a simpler expression, got "{_cut(body)}"') from error
     if _levels(tree) > MOST_LEVELS:
-        raise ValueError(f'expected an expression of at most {MOST_LEVELS} levels, got "{_cut(body)}"')
+        most = f"at most {MOST_LEVELS} levels"
+        raise ValueError(f'expected an expression of {most}, got "{_cut(body)}"')
     return Expression(body, tree, tuple(dict.fromkeys(_names(tree, body))))
 
 
@@ -106,8 +110,8 @@ def check_names(expression: Expression, known: Collection[str]) -> None:
     for name in expression.names:
         if name not in known:
             listed = ", ".join(sorted(known)[:12]) or "(none)"
-            guess = meant(name, sorted(known))
-            raise ValueError(f'expected a name of [parameters] or part.parameter ({listed}), got "{name}"{guess}')
+            what = f"a name of [parameters] or part.parameter ({listed})"
+            raise ValueError(f'expected {what}, got "{name}"{meant(name, sorted(known))}')
 
 
 def _levels(tree: ast.expr) -> int:
@@ -141,7 +145,8 @@ def _evaluate(node: ast.expr, text: str, values: Mapping[str, float]) -> float:
         name = _join_dotted(node, text)
         return CONSTANTS[name] if name in CONSTANTS else values[name]
     operation, operands = _operation(node, text)
-    return _apply(operation, [_evaluate(each, text, values) for each in operands], _piece(node, text))
+    numbers = [_evaluate(each, text, values) for each in operands]
+    return _apply(operation, numbers, _piece(node, text))
 
 
 def _measure(  # noqa: PLR0911 (one for each kind of node)
@@ -172,13 +177,16 @@ def _measure(  # noqa: PLR0911 (one for each kind of node)
     if operation is math.sqrt:
         return first and tuple(each / 2.0 for each in first)
     if first is not None and any(first[:-1]):
-        raise ValueError(f"expected an angle or a plain number, got {_piece(node, text)} of another quantity")
+        got = f"{_piece(node, text)} of another quantity"
+        raise ValueError(f"expected an angle or a plain number, got {got}")
     return _ANGLE if operation in {math.asin, math.acos, math.atan} else PLAIN
 
 
 def fits(found: Powers | None, wanted: Powers | None) -> bool:
     """Whether a quantity may be one of another kind: unknown ones and plain numbers may be any."""
-    return not found or not wanted or found == PLAIN or all(map(math.isclose, found[:-1], wanted[:-1]))
+    if not found or not wanted or found == PLAIN:
+        return True
+    return all(map(math.isclose, found[:-1], wanted[:-1]))
 
 
 def _operation(node: ast.expr, text: str) -> tuple[Operation, list[ast.expr]]:
@@ -214,16 +222,18 @@ def _piece(node: ast.expr, text: str) -> str:
 def _apply(function: Operation, values: list[float], piece: str) -> float:
     """Apply a function to numbers; ValueError, naming the operands, unless finite and real."""
     shown = f"{piece} of {', '.join(f'{value:.6g}' for value in values)}"
+    unreal = f"expected an expression of real value, got {shown}, which has none"
     try:
         result = function(*values)
     except ZeroDivisionError as error:
         raise ValueError(f"expected no division by zero, got {shown}") from error
     except OverflowError as error:
-        raise ValueError(f"expected an expression of finite value, got {shown}, which is too large") from error
+        large = f"{shown}, which is too large"
+        raise ValueError(f"expected an expression of finite value, got {large}") from error
     except ValueError as error:
-        raise ValueError(f"expected an expression of real value, got {shown}, which has none") from error
+        raise ValueError(unreal) from error
     if isinstance(result, complex):
-        raise ValueError(f"expected an expression of real value, got {shown}, which has none")
+        raise ValueError(unreal)
     return result
 
 

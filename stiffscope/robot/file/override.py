@@ -42,22 +42,11 @@ class Override:
     text: str
 
 
-def apply_overrides(data: dict[str, Any], source: Source, tolerance: str | None = None) -> list[Override]:
-    """Apply overrides to a parsed file, in place.
+def apply_overrides(data: dict[str, Any], source: Source, tolerance: str | None) -> list[Override]:
+    """Apply a source's overrides to a parsed file, in place; add their keys to its `changed`.
 
-    Parameters
-    ----------
-    data
-        Parsed file.
-    source
-        Source with the overrides; their keys are added to its `changed`.
-    tolerance
-        Tolerance of the meshes of all solid parts; None: as in the file.
-
-    Returns
-    -------
-    list of Override
-        Overrides of copies, which do not exist yet.
+    ``tolerance``: of the meshes of all solid parts; None: as in the file. Returns the overrides of
+    copies, which do not exist yet.
     """
     names = {key: list(value) for key, value in data.items() if isinstance(value, dict)}
     copied = {key: list(copied_names(data, names.get(key, []))) for key in ("bodies", "joints")}
@@ -80,7 +69,8 @@ def apply_overrides(data: dict[str, Any], source: Source, tolerance: str | None 
 def split(text: str) -> tuple[str, Any]:
     """Split "slider.thickness=25mm" (value in TOML, or else a string); InputError if invalid."""
     if len(text) > MOST_CHARACTERS:
-        raise InputError(f"--set {text[:60]}…: expected at most {MOST_CHARACTERS:,} characters, got {len(text):,}")
+        most = f"at most {MOST_CHARACTERS:,} characters"
+        raise InputError(f"--set {text[:60]}…: expected {most}, got {len(text):,}")
     name, equals, value = text.partition("=")
     name = name.strip().replace('"', "")
     if not equals or not value.strip() or not all(name.split(".")) or "." not in name:
@@ -99,8 +89,8 @@ def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
     ]
     section, _, rest = name.partition(".")
     if section in TABLES:
-        inside = next(iter(_ways(rest, names.get(section, ()))), None) if section in _NESTED else None
-        found.append((section, *(inside or rest.split("."))))
+        inside = _ways(rest, names.get(section, ())) if section in _NESTED else []
+        found.append((section, *(inside[0] if inside else rest.split("."))))
     if not found:
         known = [each for section in NAMED for each in names.get(section, ())]
         guess = meant(section, [*known, *TABLES])
@@ -108,7 +98,8 @@ def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
         raise InputError(f'--set {text}: expected {what}, got "{name}"{guess}')
     fitting = [key for key in found if len(key) > 2 and key[2] in NAMED.get(key[0], ())]
     if len({key[0] for key in fitting} & {"bodies", "joints"}) > 1 and fitting[0][0] != "parts":
-        raise InputError(f"--set {text}: expected bodies.{name} or joints.{name}, got {name}, which both have")
+        ways = f"bodies.{name} or joints.{name}"
+        raise InputError(f"--set {text}: expected {ways}, got {name}, which both have")
     return Override((fitting or found)[0], value, f"--set {text}")
 
 
@@ -119,19 +110,7 @@ def _ways(name: str, known: Iterable[str]) -> list[tuple[str, ...]]:
 
 
 def assign(data: dict[str, Any], key: Key, value: Any, text: str) -> None:
-    """Set the value of a key; raise InputError with the override's text if it is not in a table.
-
-    Parameters
-    ----------
-    data
-        Tables to change.
-    key
-        Keys from the outermost table to the value.
-    value
-        New value.
-    text
-        Text of the override, for messages.
-    """
+    """Set the value of a key in place; InputError with the override's text if it is in no table."""
     table: Any = data
     for part in key[:-1]:
         if not isinstance(table, dict):

@@ -34,7 +34,7 @@ class FieldError(ValueError):
 
 @contextmanager
 def blame(*key: str | int, inner: bool = False) -> Iterator[None]:
-    """Convert a ValueError in the block to a FieldError of a key, or of the key inside it that the message names."""
+    """Convert a ValueError in the block to a FieldError of a key, or of an inner key that it names."""
     try:
         yield
     except FieldError:
@@ -45,11 +45,12 @@ def blame(*key: str | int, inner: bool = False) -> Iterator[None]:
 
 
 def split_place(message: str) -> tuple[Key, str]:
-    """Return the keys before a message such as 'joints."leg1.motor".axis: expected …', and the rest."""
+    """Return the keys before a message such as 'joints."leg1.arm".at: expected …', and the rest."""
     place = _PLACE.match(message)
     if place is None:
         return (), message
-    return tuple(bare or quoted for bare, quoted in _NAME.findall(place[0])), message[place.end() + 2 :]
+    keys = tuple(bare or quoted for bare, quoted in _NAME.findall(place[0]))
+    return keys, message[place.end() + 2 :]
 
 
 @dataclass
@@ -74,14 +75,17 @@ class Source:
         return line_of(self.lines, key)
 
     def refuse(self, key: Key, message: str) -> InputError:
-        """Return an error for a key that names its `--set` override, or else file, line and overrides."""
+        """Return an error for a key: with its `--set` override, else with file, line, overrides."""
         key = as_written(key)
-        by = next((self.changed[key[:n]] for n in range(len(key), 0, -1) if key[:n] in self.changed), None)
-        for table in (key, key[:-1]):  # a table that exists only because of an override
+        above = [key[:n] for n in range(len(key), 0, -1)]
+        by = next((self.changed[each] for each in above if each in self.changed), None)
+        for table in above[:2]:  # a table that exists only because of an override
             if by is None and len(table) > 1 and table not in self.lines:
-                by = next((text for each, text in self.changed.items() if each[: len(table)] == table), None)
-        others = "" if by or not self.overrides else f" (with --set {', '.join(self.overrides[:3])})"
-        return InputError(f"{by or f'{self.path}:{self.line(key)}'}: {field_name(key)}: {message}{others}")
+                inside = (each for each in self.changed if each[: len(table)] == table)
+                by = self.changed.get(next(inside, ()))
+        where, others = by or f"{self.path}:{self.line(key)}", ", ".join(self.overrides[:3])
+        message += f" (with --set {others})" if others and not by else ""
+        return InputError(f"{where}: {field_name(key)}: {message}")
 
     @contextmanager
     def refusing(self) -> Iterator[None]:
@@ -118,38 +122,20 @@ def as_written(key: Key) -> Key:
 
 def field_name(key: Key) -> str:
     """Format a key as in the file: `joints."leg1.motor".axis[2]`."""
-    parts = (
-        f"[{part}]" if isinstance(part, int) else f".{part}" if _BARE.fullmatch(part) else f'."{part}"' for part in key
-    )
+    names = [part if isinstance(part, int) or _BARE.fullmatch(part) else f'"{part}"' for part in key]
+    parts = (f"[{name}]" if isinstance(name, int) else f".{name}" for name in names)
     return "".join(parts).removeprefix(".")
 
 
 def parse_text(path: Path, text: str, what: str = "a robot file") -> dict[str, Any]:
-    """Parse a TOML text of bounded size and depth.
+    """Parse a TOML text of bounded size and depth, with the path and kind of its file for messages.
 
-    Parameters
-    ----------
-    path
-        File named in messages.
-    text
-        Content of the file.
-    what
-        Expected kind of file, for messages.
-
-    Returns
-    -------
-    dict
-        Data from `tomllib`.
-
-    Raises
-    ------
-    InputError
-        If the text is invalid; the message names line and column, or line and field.
+    Raises InputError if the text is invalid; the message names line and column, or line and field.
     """
     deep = _DOTTED.search(text)
     if deep:
-        line = text.count("\n", 0, deep.start()) + 1
-        raise InputError(f"{path}:{line}: expected keys of at most {MOST_LEVELS} names with dots, got a longer one")
+        line, most = text.count("\n", 0, deep.start()) + 1, f"at most {MOST_LEVELS} names with dots"
+        raise InputError(f"{path}:{line}: expected keys of {most}, got a longer one")
     try:
         data = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -157,16 +143,18 @@ def parse_text(path: Path, text: str, what: str = "a robot file") -> dict[str, A
         raise InputError(f"{path}:{line}: {message}") from error
     except RecursionError as error:
         line = _first_line(text, rf"[\[{{](?:\s*[\[{{]){{{MOST_LEVELS}}}")
-        raise InputError(f"{path}:{line}: expected {what}, got tables or lists nested too deeply") from error
+        got = "tables or lists nested too deeply"
+        raise InputError(f"{path}:{line}: expected {what}, got {got}") from error
     except ValueError as error:  # Python's limit on digits
-        line = _first_line(text, r"[0-9_]{4300}")
-        raise InputError(f"{path}:{line}: expected numbers of at most 19 digits, got a longer one") from error
+        place = f"{path}:{_first_line(text, r'[0-9_]{4300}')}"
+        raise InputError(f"{place}: expected numbers of at most 19 digits, got a longer one") from error
     try:
         _check_size(data)
     except FieldError as error:
         name = field_name(error.key)
         name = name if len(name) <= 120 else f"{name[:117]}..."
-        raise InputError(f"{path}:{line_of(positions(text), error.key)}: {name}: {error}") from error
+        line = line_of(positions(text), error.key)
+        raise InputError(f"{path}:{line}: {name}: {error}") from error
     return data
 
 
@@ -197,7 +185,8 @@ def _check_size(data: dict[str, Any]) -> None:
         if count > MOST_VALUES:
             raise FieldError(key[:1], f"expected at most {MOST_VALUES} values in a file, got more")
         if len(key) > MOST_LEVELS:
-            raise FieldError(key, f"expected at most {MOST_LEVELS} levels of tables and lists, got more")
+            most = f"at most {MOST_LEVELS} levels of tables and lists"
+            raise FieldError(key, f"expected {most}, got more")
         if isinstance(value, int) and not -(2**63) <= value < 2**63:
             raise FieldError(key, "expected a number of at most 19 digits, got a longer one")
         if isinstance(value, dict | list):

@@ -31,9 +31,10 @@ MaterialName = Annotated[str, Says('a material such as "steel"')]
 
 
 class Mesh(Section):
-    """Mesh and solution of a part; "auto" lets the mesher choose a length; without a tolerance the mesh is not refined.
+    """Mesh and solution of a part: "auto" lets the mesher choose; a tolerance refines the mesh.
 
-    `modes`, or all modes below `highest_frequency`, are the fixed-interface modes of the part's condensed mass.
+    `modes`, or all modes below `highest_frequency`, are the fixed-interface modes of the part's
+    condensed mass.
     """
 
     size: v.LengthOrAuto = None
@@ -53,10 +54,12 @@ def _position(value: Any) -> str | tuple[float, ...]:
         return x, y, z
     if isinstance(value, str) and value in ENDS:
         return value
-    raise ValueError(f'expected one of {", ".join(ENDS)} or a point such as ["85 mm", 0, 0], got {q.show_value(value)}')
+    what = f'one of {", ".join(ENDS)} or a point such as ["85 mm", 0, 0]'
+    raise ValueError(q.expected(what, value))
 
 
-_NUMBERS = BeforeValidator(lambda value: tuple(map(v.parse_whole, value if isinstance(value, list) else [value])))
+def _numbers(value: Any) -> tuple[int, ...]:
+    return tuple(map(v.parse_whole, value if isinstance(value, list) else [value]))
 
 
 class Face(Section):
@@ -70,7 +73,7 @@ class Face(Section):
     normal: v.Direction | None = None
     position: Annotated[str | tuple[float, ...], BeforeValidator(_position)] | None = None
     radius: v.Length | None = None
-    index: Annotated[tuple[int, ...], _NUMBERS] | None = None
+    index: Annotated[tuple[int, ...], BeforeValidator(_numbers)] | None = None
     washer: v.Length | None = None
 
     def selector(self) -> FaceSelector:
@@ -95,9 +98,10 @@ Coupled = Literal["rigid", "distributed"]
 
 
 class NamedFaces(Section):
-    """A named interface of a STEP part: "rigid" faces move as one body, "distributed" ones are loaded evenly.
+    """An interface of a STEP part: "rigid" faces move as one, "distributed" ones are loaded evenly.
 
-    A selection of faces, or a list of them, may replace a table of `faces` alone; `interface` may stand among its keys.
+    A selection of faces, or a list of them, may replace a table of `faces` alone; `interface` may
+    stand among its keys.
     """
 
     faces: Faces
@@ -148,7 +152,7 @@ class ParametricPart(SolidPart):
 
     def lengths(self) -> dict[str, float]:
         """Return the lengths among the parameters, m."""
-        return {name: value for name, value in self.dimensions().items() if isinstance(value, float)}
+        return {key: size for key, size in self.dimensions().items() if isinstance(size, float)}
 
     def measure_across(self, axis: str) -> float:
         """Return the size across the part along its y or z, m."""
@@ -162,15 +166,21 @@ class ParametricPart(SolidPart):
         return self.made(**self.dimensions())
 
 
-def _section_of(name: str, base: Any, made: type, required: tuple[str, ...] = (), doc: str = "", omit: int = 0) -> Any:
-    """Create a section with one key for each field of what is ``made`` of it, but for the first ``omit``."""
-    constants = {"modulus": v.Modulus, "poisson": v.Ratio, "density": v.Density, "expansion": v.Expansion}
+_CONSTANTS = {
+    "modulus": v.Modulus, "poisson": v.Ratio, "density": v.Density, "expansion": v.Expansion,
+}  # fmt: skip
+
+
+def _section_of(name: str, base: Any, made: type, required: tuple[str, ...] = (), doc: str = "") -> Any:
+    """Create a section with one key for each field, but its name, of what is ``made`` of it."""
     kinds = {float: v.LengthOrZero, int: v.Count}
     hints, fields = typing.get_type_hints(made), dict[str, Any]()
-    for field in dataclasses.fields(made)[omit:]:
+    for field in dataclasses.fields(made):
+        if field.name == "name":
+            continue
         needed = field.name in required or field.default is dataclasses.MISSING
-        hint = hints[field.name]
-        kind = constants.get(field.name.rpartition("_")[2]) or (v.Length if needed else kinds.get(hint, hint))
+        hint = v.Length if needed else hints[field.name]
+        kind = _CONSTANTS.get(field.name.rpartition("_")[2], kinds.get(hint, hint))
         fields[field.name] = (kind, ... if needed else field.default)
     model: Any = create_model(name, __base__=base, __doc__=doc or base.__doc__, **fields)
     model.made = made
@@ -182,7 +192,7 @@ class _Rod(ParametricPart):
 
 
 class _Plate(ParametricPart):
-    """A plate with optional ribs, holes and pads; axes: x away from the clamped face, y across, z through it."""
+    """A plate, if wished with ribs, holes, pads; x away from its clamped face, y across, z through it."""
 
     published: str | None = None  # a matrix of data/published, for the source "published"
 
@@ -197,7 +207,7 @@ RodPart = _section_of("RodPart", _Rod, LinkParameters, ("length", "radius"))
 PlatePart = _section_of("PlatePart", _Plate, SliderParameters, ("depth", "width", "thickness"))
 _FROM = "Axes: x along it from the clamped end, from the section's centroid."
 BEAM_PARTS: dict[str, type[ParametricPart]] = {
-    shape: _section_of(f"{shape.capitalize()}Part", ParametricPart, beam, doc=f"{beam.__doc__} {_FROM}")
+    shape: _section_of(f"{shape.title()}Part", ParametricPart, beam, doc=f"{beam.__doc__} {_FROM}")
     for shape, beam in BEAMS.items()
 }
 
@@ -246,7 +256,8 @@ class StepPart(SolidPart):
             raise InputError(f"step.interfaces: expected two or more, got {list(self.interfaces)}")
         first = next(iter(self.interfaces))
         if self.interfaces[first].interface == "distributed":
-            raise InputError(f"step.interfaces.{first}.interface: expected rigid for the first one, which is at rest")
+            place = f"step.interfaces.{first}.interface"
+            raise InputError(f"{place}: expected rigid for the first one, which is at rest")
         for key in ("clamped", "loaded", "reference_point"):
             if getattr(self, key) is not None:
                 raise InputError(f"step.{key}: expected none beside named interfaces, got one")
@@ -259,21 +270,23 @@ def _square(expected: str, size: int = 0) -> BeforeValidator:
     def read(value: Any) -> tuple[tuple[float, ...], ...]:
         rows = value if isinstance(value, list | tuple) else []
         count = size or len(rows)
-        if not rows or len(rows) != count or any(not isinstance(r, list | tuple) or len(r) != count for r in rows):
-            raise ValueError(f"expected {expected}, got {q.show_value(value)}")
+        listed = all(isinstance(row, list | tuple) for row in rows)
+        if not rows or not listed or {count} != {len(rows), *map(len, rows)}:
+            raise ValueError(q.expected(expected, value))
         return tuple(tuple(q.to_si(entry, q.NUMBER, sign="any") for entry in row) for row in rows)
 
     return BeforeValidator(read)
 
 
-_SIX, _ROWS = "six rows of six numbers (SI)", "as many rows of numbers (SI) as there are numbers in each"
+_SIX = "six rows of six numbers (SI)"
+_ROWS = "as many rows of numbers (SI) as there are numbers in each"
 _SIXES = "a square matrix of six rows for each interface (SI)"
 Square = Annotated[tuple[tuple[float, ...], ...], _square(_ROWS), Says(_SIXES)]
 Matrix = Annotated[tuple[tuple[float, ...], ...], _square(_SIX, 6), Says(_SIX)]
 
 
 class MatrixPart(PartSection):
-    """A 6x6 compliance from elsewhere: SI, clamped at its base, twist and wrench at its tip, part axes."""
+    """A 6x6 compliance from elsewhere: SI, base clamped, twist and wrench at the tip, part axes."""
 
     matrix: Matrix
     error: Matrix | None = None
@@ -286,20 +299,21 @@ class MatrixPart(PartSection):
         try:
             sound = check_compliance(np.array(value), "matrix", semidefinite=True)
         except ValueError as error:
-            what = "a symmetric, positive semidefinite compliance"
-            raise ValueError(f"expected {what}, got one that is {str(error).partition(': ')[2]}") from error
+            what, why = "a symmetric, positive semidefinite compliance", str(error).partition(": ")
+            raise ValueError(f"expected {what}, got one that is {why[2]}") from error
         return tuple(tuple(map(float, row)) for row in sound)
 
     @field_validator("error")
     @classmethod
-    def _check_bounds(cls, value: tuple[tuple[float, ...], ...] | None) -> tuple[tuple[float, ...], ...] | None:
+    def _check_bounds(cls, value: Any) -> Any:
         bounds = np.array(value or np.zeros((6, 6)))
         if bounds.min() < 0.0:
             raise ValueError(f"expected bounds of at least 0, got {bounds.min():g}")
         if not np.allclose(bounds, bounds.T, rtol=1e-6, atol=0.0):
             i, j = np.unravel_index(np.abs(bounds - bounds.T).argmax(), (6, 6))
-            got = f"{bounds[i, j]:g} and {bounds[j, i]:g}"
-            raise ValueError(f"expected symmetric bounds, got {got} for entries {i + 1}{j + 1} and {j + 1}{i + 1}")
+            entries = f"{i + 1}{j + 1} and {j + 1}{i + 1}"
+            got = f"{bounds[i, j]:g} and {bounds[j, i]:g} for entries {entries}"
+            raise ValueError(f"expected symmetric bounds, got {got}")
         return value
 
 
@@ -332,10 +346,8 @@ class InterfacePart(PartSection):
 
     def build(self, name: str, at: Any = (0.0, 0.0, 0.0), axes: Any = None) -> Body:
         """Return a body made of it, with its origin ``at`` (3,) and its axes (3, 3) as columns."""
-        return superelement_body(
-            name, self.interfaces, self.stiffness, at=at, axes=axes, mass=self.mass, mass_matrix=self.mass_matrix,
-            mode_squares=self.mode_squares,
-        )  # fmt: skip
+        given = {key: getattr(self, key) for key in ("mass", "mass_matrix", "mode_squares")}
+        return superelement_body(name, self.interfaces, self.stiffness, at=at, axes=axes, **given)
 
 
 PARTS: dict[str, type[PartSection]] = {
@@ -355,5 +367,5 @@ class MaterialSection(Section):
 
 _BULK = "An isotropic elastic material."
 _ALONG = "A transversely isotropic material, fibres along the part's x."
-Isotropic = _section_of("Isotropic", MaterialSection, Material, doc=_BULK, omit=1)  # its name
-Fibrous = _section_of("Fibrous", MaterialSection, TransverselyIsotropic, doc=_ALONG, omit=1)
+Isotropic = _section_of("Isotropic", MaterialSection, Material, doc=_BULK)
+Fibrous = _section_of("Fibrous", MaterialSection, TransverselyIsotropic, doc=_ALONG)

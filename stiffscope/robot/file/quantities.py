@@ -68,9 +68,10 @@ COMPLIANCE = Dimension("a compliance", "m/N", "0.01 um/N", 1e-24, 1e6)
 TILTING = Dimension("a rotational compliance", "rad/(N*m)", "2e-6 rad/(N*m)", 1e-24, 1e9)
 
 NAMED = (
-    *(LENGTH, MASS, STIFFNESS, MOMENT, TORSION, MODULUS, DENSITY, EXPANSION, ACCELERATION, FOUNDATION, DURATION),
-    *(FREQUENCY, INERTIA, COMPLIANCE, TILTING, FORCE, ANGLE, Dimension("an area", "m^2", "3 mm^2")),
-    *(Dimension("a volume", "m^3", "3 mm^3"), Dimension("a temperature", "K", "20 K")),
+    *(LENGTH, MASS, STIFFNESS, MOMENT, TORSION, MODULUS, DENSITY, EXPANSION, ACCELERATION),
+    *(FOUNDATION, DURATION, FREQUENCY, INERTIA, COMPLIANCE, TILTING, FORCE, ANGLE),
+    *(Dimension("an area", "m^2", "3 mm^2"), Dimension("a volume", "m^3", "3 mm^3")),
+    Dimension("a temperature", "K", "20 K"),
 )
 
 
@@ -97,7 +98,7 @@ def powers_of(unit: str) -> Powers | None:
     return parse(unit.replace("^", "**") or "1").powers(_UNITS)
 
 
-# What pint answers for the units that most files use: importing it takes as long as a robot's stiffness.
+# What pint answers for usual units: importing it takes as long as a robot's stiffness.
 SI = ("", *(each.unit for each in NAMED))
 USUAL = {si: (si, 1.0) for si in SI[1:]} | {
     "mm": ("m", 1e-3), "um": ("m", 1e-6), "g": ("kg", 1e-3), "deg": ("rad", math.pi / 180), "GPa": ("Pa", 1e9),
@@ -130,23 +131,24 @@ def to_si(value: Any, dimension: Dimension, *, sign: str = "positive") -> float:
     ValueError
         If the value is invalid: one line with what was expected, what was found and an example.
     """
-    expected = f'expected {dimension.noun} such as "{dimension.example}", got {show_value(value)}'
+    message = expected(f'{dimension.noun} such as "{dimension.example}"', value)
     if isinstance(value, bool) or not isinstance(value, int | float | str):
-        raise ValueError(expected)
-    if isinstance(value, Measured) and dimension.unit and not fits(value.powers, powers_of(dimension.unit)):
-        raise ValueError(f"{expected}, which is {_name_powers(value.powers)}")
+        raise ValueError(message)
+    known = isinstance(value, Measured) and dimension.unit
+    if known and not fits(value.powers, powers_of(dimension.unit)):
+        raise ValueError(f"{message}, which is {_name_powers(value.powers)}")
     try:
-        si = _parse(value, dimension, expected) if isinstance(value, str) else float(value)
+        si = _parse(value, dimension, message) if isinstance(value, str) else float(value)
     except OverflowError:
         si = math.inf
     if not math.isfinite(si):
-        raise ValueError(f"{expected}, which is not a finite number")
+        raise ValueError(f"{message}, which is not a finite number")
     if beyond := dimension.refusal(si):
-        raise ValueError(f"{expected}, which is {beyond}")
+        raise ValueError(f"{message}, which is {beyond}")
+    if si <= 0 and sign == "positive":
+        raise ValueError(f"{message}: it must be greater than zero")
     if si < 0 and sign != "any":
-        raise ValueError(f"{expected}: it must {'be greater than zero' if sign == 'positive' else 'not be negative'}")
-    if si == 0 and sign == "positive":
-        raise ValueError(f"{expected}: it must be greater than zero")
+        raise ValueError(f"{message}: it must not be negative")
     return si
 
 
@@ -159,25 +161,29 @@ def several(text: str, *dimensions: Dimension) -> tuple[float, ...]:
         If the length of the list or one of its values is wrong (one line).
     """
     words = text.split(",")
-    if len(words) != len(dimensions):
-        raise ValueError(f"expected {len(dimensions)} values with commas between them, got {len(words)}")
-    bare = [bool(match and not match[2]) for match in map(_NUMBER.match, words)]
-    values = [float(word) if plain else word.strip() for word, plain in zip(words, bare, strict=True)]
-    return tuple(to_si(value, dimension, sign="any") for value, dimension in zip(values, dimensions, strict=True))
+    count, got = len(dimensions), len(words)
+    if got != count:
+        raise ValueError(f"expected {count} values with commas between them, got {got}")
+    matches = map(_NUMBER.match, words)
+    pairs = zip(words, matches, strict=True)
+    values = [float(word) if match and not match[2] else word.strip() for word, match in pairs]
+    return tuple(to_si(v, d, sign="any") for v, d in zip(values, dimensions, strict=True))
 
 
-def _parse(text: str, dimension: Dimension, expected: str) -> float:
+def _parse(text: str, dimension: Dimension, message: str) -> float:
     match = _NUMBER.match(text) if len(text) <= _MOST_CHARACTERS else None
     if match is None:
-        raise ValueError(f"{expected}, which does not begin with a number")
+        raise ValueError(f"{message}, which does not begin with a number")
     number, unit = float(match[1]), match[2]
     if not unit and dimension.unit:
-        raise ValueError(f"{expected}, which has no unit (a bare number without quotes is {dimension.unit})")
+        bare = f"a bare number without quotes is {dimension.unit}"
+        raise ValueError(f"{message}, which has no unit ({bare})")
     try:
         factor = _factor(unit, dimension.unit) if unit else 1.0
     except Exception as error:
-        raise ValueError(f"{expected}{_why(unit)}") from error
-    return float(f"{number * factor:.15g}") if unit else number  # "7 mm" is 0.007 m: results are found by their inputs
+        raise ValueError(f"{message}{_why(unit)}") from error
+    # "7 mm" is 0.007 m: results are found by their inputs
+    return float(f"{number * factor:.15g}") if unit else number
 
 
 @cache
@@ -210,13 +216,13 @@ def _why(unit: str) -> str:
     try:
         _check_unit(unit)
         found = _registry().parse_units(unit)
-    except Exception:  # noqa: BLE001 (pint raises a dozen kinds, from its tokenizer's to ZeroDivisionError)
+    except Exception:  # noqa: BLE001 (pint raises a dozen kinds, even ZeroDivisionError)
         return nothing
     if found.dimensionless and "%" in unit:
         return nothing
-    same = (other for other in NAMED if found.dimensionality == _registry().parse_units(other.unit).dimensionality)
-    other = next(same, None)
-    return f", which is {other.noun}" if other else f", which measures {found.dimensionality}"
+    measured, read = found.dimensionality, _registry().parse_units
+    same = (other.noun for other in NAMED if measured == read(other.unit).dimensionality)
+    return f", which is {noun}" if (noun := next(same, None)) else f", which measures {measured}"
 
 
 def _name_powers(powers: Powers | None) -> str:
@@ -232,14 +238,20 @@ def show_powers(powers: Powers) -> str:
 
 
 def shown_unit(coordinate: str) -> tuple[float, str]:
-    """Return factor from SI and unit in which a tool coordinate is shown; drives (`q:JOINT`) are SI."""
+    """Return factor from SI and unit to show a tool coordinate; drives (`q:JOINT`) are SI."""
     special = {"r": (math.degrees(1.0), "deg"), "q": (1.0, "m or rad")}
     return special.get(coordinate[0], (1e3, "mm"))
+
+
+def expected(what: str, value: Any) -> str:
+    """Return the message on a value in place of what was expected."""
+    return f"expected {what}, got {show_value(value)}"
 
 
 def show_value(value: Any) -> str:
     """Format a value for messages: text is quoted, long values are cut, None is "nothing"."""
     if value is None:
         return "nothing"
-    text = f'"{value}"' if isinstance(value, str) else str(value).lower() if isinstance(value, bool) else repr(value)
+    text = f'"{value}"' if isinstance(value, str) else repr(value)
+    text = text.lower() if isinstance(value, bool) else text
     return text if len(text) <= 60 else f"{text[:57]}..."

@@ -21,7 +21,7 @@ Name = Annotated[str, Says("a name")]
 
 
 class ElasticBody(Section):
-    """A body made of a part, clamped at its base and loaded at its tip; y sets the rotation of its axes about x."""
+    """A body made of a part, clamped at its base, loaded at its tip; y: its rotation about x."""
 
     part: Name
     base: v.Point
@@ -44,7 +44,7 @@ class InterfaceBody(Section):
 
 
 class RigidBody(Section):
-    """A rigid body: mass in kg, centre of mass, inertia about it in base axes; `mesh` is for pictures."""
+    """A rigid body: mass, kg, its centre, inertia about it in base axes; `mesh` is for pictures."""
 
     mass: v.Mass = 0.0
     centre: v.Point | None = None
@@ -60,12 +60,13 @@ class _Drive(Section):
     def _one_law(self) -> _Drive:
         given = [key for key in ("stiffness", "curve", "gear") if getattr(self, key, None)]
         if len(given) != 1:
-            one = "a stiffness, a curve or a gear" if hasattr(self, "gear") else "a stiffness or a curve"
-            raise ValueError(f"expected {one}, got {' and '.join(given) or 'none'}")
+            more = ", a curve or a gear" if hasattr(self, "gear") else " or a curve"
+            raise ValueError(f"expected a stiffness{more}, got {' and '.join(given) or 'none'}")
         curve = getattr(self, "curve", None) or ()
         for (x0, f0), (x, f) in pairwise(((0.0, 0.0), *curve)):
             if not (x > x0 and f > f0):
-                raise ValueError(f"expected a curve that rises from point to point, got {f:g} at {x:g}")
+                got = f"{f:g} at {x:g}"
+                raise ValueError(f"expected a curve that rises from point to point, got {got}")
         return self
 
     @property
@@ -76,7 +77,7 @@ class _Drive(Section):
 
 
 class LinearDrive(_Drive):
-    """A spring along a slide, N/m, or a curve of force, N, over deflection, m; backlash and range, m."""
+    """A spring along a slide, N/m, or a curve of force, N, over m; backlash and range, m."""
 
     stiffness: v.Stiffness = 0.0
     range: v.Lengths | None = None
@@ -85,7 +86,7 @@ class LinearDrive(_Drive):
 
 
 class Gear(Section):
-    """A strain-wave gear as its data sheet has it: stiffness k1 up to the torque t1, k2 up to t2, k3 beyond."""
+    """A strain-wave gear by its data sheet: stiffness k1 up to torque t1, k2 up to t2, then k3."""
 
     k1: v.Torsion
     k2: v.Torsion
@@ -108,7 +109,7 @@ class Gear(Section):
 
 
 class RotaryDrive(_Drive):
-    """A spring about an axis, N·m/rad, a curve of torque over deflection, or a gear; backlash and range, rad."""
+    """A spring about an axis, N·m/rad, a curve of torque, N·m, or a gear; backlash, range, rad."""
 
     stiffness: v.Torsion = 0.0
     range: v.Angles | None = None
@@ -127,7 +128,7 @@ class Bearing(Section):
 
 AnyBearing = Annotated[
     Annotated[Bearing, Tag("tagged-table")] | Annotated[v.Diagonal, Tag("tagged-six")],
-    Discriminator(lambda value: "tagged-table" if isinstance(value, dict | Bearing) else "tagged-six"),
+    Discriminator(lambda each: f"tagged-{'table' if isinstance(each, dict | Bearing) else 'six'}"),
 ]
 Bearings = Elements | None
 
@@ -137,7 +138,7 @@ _BETWEEN = 'two bodies or ends such as ["ground", "arm.base"]'
 def _two_names(value: Any) -> Any:
     if not isinstance(value, list | tuple) or [type(name) for name in value] != [str, str]:
         what = 'two bodies or ends of bodies such as ["ground", "arm.base"]'
-        raise ValueError(f"expected {what}, got {q.show_value(value)}")
+        raise ValueError(q.expected(what, value))
     return value
 
 
@@ -185,7 +186,7 @@ class FixedJoint(JointSection):
 
 
 class RevoluteJoint(JointSection):
-    """Rotates about its axis; without a drive a spring (N·m/rad) may resist the rotation, unloaded at `rest` (rad)."""
+    """Rotates about its axis; if not driven, a spring may resist, N·m/rad, unloaded at `rest`, rad."""
 
     axis: v.Direction
     drive: RotaryDrive | None = None
@@ -194,7 +195,7 @@ class RevoluteJoint(JointSection):
 
 
 class PrismaticJoint(JointSection):
-    """Slides along its axis; without a drive a spring (N/m) may resist the motion, unloaded at `rest` (m)."""
+    """Slides along its axis; if not driven, a spring (N/m) may resist, unloaded at `rest` (m)."""
 
     axis: v.Direction
     drive: LinearDrive | None = None
@@ -210,7 +211,7 @@ class CylindricalJoint(JointSection):
 
 
 class UniversalJoint(JointSection):
-    """Rotates about `axis`, fixed in the first body, and `axis2`, in the second; a spring (N·m/rad) resists each."""
+    """Rotates about `axis` of its first body and `axis2` of its second; a `spring` resists each."""
 
     axis: v.Direction
     axis2: v.Direction
@@ -218,7 +219,7 @@ class UniversalJoint(JointSection):
 
 
 class SphericalJoint(JointSection):
-    """Rotates about all axes; `axis` is axial for its bearing; a spring (N·m/rad) resists all rotations."""
+    """Rotates about all axes, against a spring (N·m/rad); `axis` is axial for its bearing."""
 
     axis: v.Direction | None = None
     spring: v.Torsion | None = None
@@ -253,8 +254,8 @@ class Copies(Section):
     @classmethod
     def _lists(cls, value: Any) -> Any:
         if not isinstance(value, list | tuple):
-            message = 'expected a list such as ["leg2", "leg3"] or ["120 deg", "240 deg"]'
-            raise ValueError(f"{message}, got {q.show_value(value)}")
+            what = 'a list such as ["leg2", "leg3"] or ["120 deg", "240 deg"]'
+            raise ValueError(q.expected(what, value))
         return value
 
 
@@ -269,7 +270,8 @@ class ToolSection(Section):
     @classmethod
     def _check_distinct(cls, value: tuple[str, ...]) -> tuple[str, ...]:
         if not value or len(set(value)) != len(value):
-            raise ValueError(f"expected each of {' '.join(AXES)} at most once, got {' '.join(value) or 'none'}")
+            got = " ".join(value) or "none"
+            raise ValueError(f"expected each of {' '.join(AXES)} at most once, got {got}")
         return value
 
 

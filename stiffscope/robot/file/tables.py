@@ -24,17 +24,7 @@ _EXPECTED = {
 
 
 def read_table(model: type[Model], value: Any, key: Key) -> Model:
-    """Read a table as a section; raise FieldError for its first error.
-
-    Parameters
-    ----------
-    model
-        Model of the section.
-    value
-        Value in the file.
-    key
-        Key of the value: keys of its tables, outermost first.
-    """
+    """Read the table at a key as a section of a model; raise FieldError for its first error."""
     try:
         return model.model_validate(value)
     except ValidationError as error:
@@ -43,22 +33,12 @@ def read_table(model: type[Model], value: Any, key: Key) -> Model:
 
 
 def one_of(word: Any, valid: Iterable[str], what: str) -> str:
-    """Return a word if it is valid; otherwise raise ValueError, with the closest match.
-
-    Parameters
-    ----------
-    word
-        Word to check.
-    valid
-        Valid words.
-    what
-        Description of the expected value, for messages.
-    """
+    """Return a word if it is valid; else raise ValueError with ``what`` it may be, and a guess."""
     valid = list(valid)
     if isinstance(word, str) and word in valid:
         return word
-    listed = list_some(valid, 20) or "none"
-    raise ValueError(f"expected {what} ({listed}), got {q.show_value(word)}{meant(str(word), valid)}")
+    wanted = f"{what} ({list_some(valid, 20) or 'none'})"
+    raise ValueError(f"{q.expected(wanted, word)}{meant(str(word), valid)}")
 
 
 def list_some(words: Sequence[str], most: int = 12) -> str:
@@ -91,15 +71,18 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
     if kind == "model_type":
         expected = f"a table of {', '.join(keys_of(_model_at(model, key)))}"
     if expected:
-        return key, f"expected {expected}, got {q.show_value(item['input'])}"
+        return key, q.expected(expected, item["input"])
     message = item["msg"].removeprefix("Value error, ")
+    if not isinstance(context.get("error"), InputError):
+        return key, message
     inner, said = split_place(message)  # "frame.x: expected …"
-    return ((*key, *inner[1:]), said) if isinstance(context.get("error"), InputError) else (key, message)
+    return (*key, *inner[1:]), said
 
 
 def _describe_missing(model: type[BaseModel], key: str) -> str:
     """Return the description of a missing key's value."""
-    field = next((field for name, field in model.model_fields.items() if key in {name, field.alias}), None)
+    fields = model.model_fields.items()
+    field = next((field for name, field in fields if key in {name, field.alias}), None)
     notes = [note for note in (field.metadata if field else ()) if isinstance(note, Reads | Says)]
     said = [note.says if isinstance(note, Reads) else note for note in notes]
     return said[-1] if said else "a value"

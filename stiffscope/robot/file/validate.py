@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
 LISTS = ("copies", "effects")
 TOP = (
-    *("name", "parameters", "parts", "bodies", "joints", "copies", "groups", "tool", "gravity", "poses"),
-    *("map", "materials", "effects"),
+    *("name", "parameters", "parts", "bodies", "joints", "copies", "groups", "tool", "gravity"),
+    *("poses", "map", "materials", "effects"),
 )
 
 
@@ -39,7 +39,7 @@ def check_top(data: Mapping[str, Any]) -> None:
     for key in {**data, "name": {}}:
         kind, what = (list, f"[[{key}]], a list of tables") if key in LISTS else (dict, "a table")
         if key != "name" and not isinstance(data[key], kind):
-            raise FieldError((key,), f"expected {what}, got {q.show_value(data[key])}")
+            raise FieldError((key,), q.expected(what, data[key]))
 
 
 def validate(
@@ -49,32 +49,14 @@ def validate(
     tolerances: Mapping[Key, float],
     copied: dict[str, Turned],
 ) -> RobotFile:
-    """Create a robot from evaluated tables.
+    """Create a robot, each section valid by itself; FieldError for the first error found.
 
-    Parameters
-    ----------
-    data
-        Content of the file, with copies.
-    source
-        Source of the file.
-    values, tolerances
-        Results of `evaluate`.
-    copied
-        Result of `make_copies`.
-
-    Returns
-    -------
-    RobotFile
-        Robot with each section valid by itself.
-
-    Raises
-    ------
-    FieldError
-        For the first error found.
+    From the file's evaluated tables with copies, the results of `evaluate`, and of `make_copies`.
     """
 
     def read(key: str, function: Callable[[str, Any], Any]) -> Mapping[str, Any]:
-        return MappingProxyType({name: function(name, table) for name, table in data.get(key, {}).items()})
+        tables = data.get(key, {}).items()
+        return MappingProxyType({name: function(name, table) for name, table in tables})
 
     parts = read("parts", lambda name, table: _read_part(name, table, source.path.parent))
     joints = read("joints", _read_joint)
@@ -83,20 +65,22 @@ def validate(
     joints = MappingProxyType({shared.get(name, name): joint for name, joint in joints.items()})
     copied = copied | {joint: copied[name] for name, joint in shared.items() if name in copied}
     tool = read_table(sections.ToolSection, data.get("tool"), ("tool",))
-    gravity = "gravity" in data and read_table(sections.GravitySection, data["gravity"], ("gravity",))
+    gravity = None
+    if "gravity" in data:
+        gravity = read_table(sections.GravitySection, data["gravity"], ("gravity",))
     effects = enumerate(data.get("effects", []))
     name = data.get("name", source.path.stem)
     if not isinstance(name, str) or not name.strip() or not name.isprintable():
-        raise FieldError(("name",), f"expected a name in quotes, one printable line, got {q.show_value(name)}")
+        raise FieldError(("name",), q.expected("a name in quotes, one printable line", name))
     return RobotFile(
         name=name,
         parts=parts,
         bodies=bodies,
         joints=joints,
         tool=tool,
-        parameters=MappingProxyType({name: value for name, value in values.items() if "." not in name}),
+        parameters=MappingProxyType({key: si for key, si in values.items() if "." not in key}),
         groups=MappingProxyType(_read_groups(data.get("groups", {}), bodies, joints)),
-        gravity=gravity or None,
+        gravity=gravity,
         poses=read("poses", lambda name, pose: read_pose(pose, tool, ("poses", name))),
         map=_read_map(data["map"], tool) if "map" in data else None,
         materials=read("materials", _read_material),
@@ -110,35 +94,39 @@ def validate(
 def _read_part(name: str, table: Any, folder: Path) -> PartSection:
     key = ("parts", name)
     model = PARTS[_choose(table, "shape", PARTS, key, "a shape")]
-    if model is not MatrixPart or not {"interfaces", "file"} & table.keys():
-        return read_table(model, table, key)
-    return read_table(InterfacePart, _with_matrices(table, folder, key) if "file" in table else table, key)
+    if model is MatrixPart and {"interfaces", "file"} & table.keys():
+        model = InterfacePart
+        table = _with_matrices(table, folder, key) if "file" in table else table
+    return read_table(model, table, key)
 
 
 def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, Any]:
     """Add interfaces and matrices of its file to a part's table; own interfaces take precedence."""
     for other in ("stiffness", "mass_matrix", "mode_squares", "matrix"):
         if other in table:
-            raise FieldError((*key, other), "expected none beside a file, which holds the matrices, got one")
+            message = "expected none beside a file, which holds the matrices, got one"
+            raise FieldError((*key, other), message)
     if not isinstance(table["file"], str):
-        raise FieldError((*key, "file"), f'expected a path such as "bracket.npz", got {q.show_value(table["file"])}')
+        raise FieldError((*key, "file"), q.expected('a path such as "bracket.npz"', table["file"]))
     with blame(*key, "file"):
         found = read_superelement(folder / table["file"])
         interfaces = table.get("interfaces", found.interfaces)
         if not interfaces:
-            raise ValueError("expected interfaces beside a file that names none, in the order of its rows, got nothing")
+            what = "interfaces beside a file that names none, in the order of its rows"
+            raise ValueError(f"expected {what}, got nothing")
         if not isinstance(interfaces, dict):
-            raise FieldError((*key, "interfaces"), f"expected a table of places, got {q.show_value(interfaces)}")
+            raise FieldError((*key, "interfaces"), q.expected("a table of places", interfaces))
         if found.interfaces and len(interfaces) != len(found.interfaces):
-            message = f"expected {len(found.interfaces)}, as the file has nodes, got {len(interfaces)}"
-            raise FieldError((*key, "interfaces"), message)
-        ends = 6 * len(interfaces)
-        square = found.stiffness.ndim == 2 and found.stiffness.shape[0] == found.stiffness.shape[1] >= ends
-        if not square or (found.mass is not None and found.mass.shape != found.stiffness.shape):
-            shape = " x ".join(map(str, found.stiffness.shape))
-            raise ValueError(f"expected matrices of at least {ends} rows, six for each interface, got {shape}")
-        if found.mass is None and len(found.stiffness) > ends:
-            raise ValueError(f"expected a mass matrix beside {len(found.stiffness) - ends} modes, got stiffness alone")
+            wanted = f"{len(found.interfaces)}, as the file has nodes"
+            raise FieldError((*key, "interfaces"), f"expected {wanted}, got {len(interfaces)}")
+        ends, shape = 6 * len(interfaces), found.stiffness.shape
+        square = shape == shape[:1] * 2 and shape[0] >= ends
+        if not square or (found.mass is not None and found.mass.shape != shape):
+            what = f"matrices of at least {ends} rows, six for each interface"
+            raise ValueError(f"expected {what}, got {' x '.join(map(str, shape))}")
+        if found.mass is None and shape[0] > ends:
+            what = f"a mass matrix beside {shape[0] - ends} modes"
+            raise ValueError(f"expected {what}, got stiffness alone")
     matrices = {"interfaces": interfaces, "stiffness": found.stiffness[:ends, :ends].tolist()}
     if found.mass is not None:
         squares = found.stiffness.diagonal()[ends:].tolist()
@@ -149,7 +137,7 @@ def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, A
 def _choose(table: Any, word: str, valid: Iterable[str], key: tuple[str, ...], what: str) -> str:
     """Return the kind of a table, given by its key ``word``; raise FieldError if invalid."""
     if not isinstance(table, dict):
-        raise FieldError(key, f"expected a table, got {q.show_value(table)}")
+        raise FieldError(key, q.expected("a table", table))
     if word not in table:
         raise FieldError((*key, word), f"expected {what} ({', '.join(valid)}), got nothing")
     with blame(*key, word):
@@ -167,22 +155,23 @@ def _read_body(name: str, table: Any, parts: Mapping[str, PartSection]) -> secti
         elastic = [each for each in table if each in keys_of(sections.ElasticBody)]
         rigid = [each for each in table if each in keys_of(sections.RigidBody)]
         if "part" in elastic and rigid:
-            got = q.show_value(table[rigid[0]])
-            message = f"expected no {rigid[0]} of a body with a part, which has its part's, got {got}"
-            raise FieldError((*key, rigid[0]), message)
+            what = f"no {rigid[0]} of a body with a part, which has its part's"
+            raise FieldError((*key, rigid[0]), q.expected(what, table[rigid[0]]))
         if elastic and not rigid:
             return read_table(sections.ElasticBody, table, key)
         if elastic:
-            raise FieldError((*key, elastic[0]), f"expected no {elastic[0]} of a rigid body, which has no part")
+            message = f"expected no {elastic[0]} of a rigid body, which has no part"
+            raise FieldError((*key, elastic[0]), message)
     return read_table(sections.RigidBody, table, key)
 
 
 def _read_joint(name: str, table: Any) -> sections.JointSection:
     key = ("joints", name)
     kind = _choose(table, "type", sections.JOINTS, key, "a type")
-    if "drive" in table and "drive" not in sections.JOINTS[kind].model_fields:
-        driven = ", ".join(each for each, model in sections.JOINTS.items() if "drive" in model.model_fields)
-        raise FieldError((*key, "drive"), f"expected a joint that a drive can move ({driven}), got a {kind} one")
+    driven = [each for each, model in sections.JOINTS.items() if "drive" in model.model_fields]
+    if "drive" in table and kind not in driven:
+        what = f"a joint that a drive can move ({', '.join(driven)})"
+        raise FieldError((*key, "drive"), f"expected {what}, got a {kind} one")
     return read_table(sections.JOINTS[kind], table, key)
 
 
@@ -207,7 +196,7 @@ def _read_groups(
         if name in elements:
             raise FieldError(key, f'expected a name that no body or joint has, got "{name}"')
         if not isinstance(listed, list):
-            raise FieldError(key, f"expected a list of bodies and joints, got {q.show_value(listed)}")
+            raise FieldError(key, q.expected("a list of bodies and joints", listed))
         for number, each in enumerate(listed):
             with blame(*key, number):
                 if not isinstance(each, str) or not find_element(each, bodies, joints):
@@ -216,41 +205,39 @@ def _read_groups(
 
     def members(name: str, above: tuple[str, ...]) -> Iterator[str]:
         if name in above:
-            raise FieldError(("groups", name), f"expected no group within itself, got {' -> '.join((*above, name))}")
+            circle = " -> ".join((*above, name))
+            raise FieldError(("groups", name), f"expected no group within itself, got {circle}")
         for each in table[name]:
-            yield from members(each, (*above, name)) if each in table else (find_element(each, bodies, joints) or each,)
+            if each in table:
+                yield from members(each, (*above, name))
+            else:
+                yield find_element(each, bodies, joints) or each
 
     return {name: tuple(dict.fromkeys(members(name, ()))) for name in table}
 
 
 def read_pose(value: Any, tool: sections.ToolSection, key: Key) -> tuple[float, ...]:
-    """Read a tool pose: a number for each coordinate in `[tool] pose`; FieldError if invalid.
-
-    Parameters
-    ----------
-    value
-        Value in the file.
-    tool
-        Section of the tool, with the coordinates.
-    key
-        Key of the value: keys of its tables, outermost first.
-    """
+    """Read a tool pose, SI: a number for each coordinate of `[tool] pose`. Raises FieldError."""
     if not isinstance(value, list | tuple) or len(value) != len(tool.pose):
         what = f"a pose of {len(tool.pose)}, {' '.join(tool.pose)}"
-        raise FieldError(key, f"expected {what}, got {q.show_value(value)}")
+        raise FieldError(key, q.expected(what, value))
     found = []
     for number, (name, each) in enumerate(zip(tool.pose, value, strict=True)):
         with blame(*key, number):
-            found.append(q.to_si(each, q.LENGTH if name in sections.AXES[:3] else q.ANGLE, sign="any"))
+            dimension = q.LENGTH if name in sections.AXES[:3] else q.ANGLE
+            found.append(q.to_si(each, dimension, sign="any"))
     return tuple(found)
 
 
 def _read_map(table: Any, tool: sections.ToolSection) -> sections.MapSection:
     found = read_table(sections.MapSection, table, ("map",))
-    for name in found.ranges():
+    swept, known = found.ranges(), " ".join(tool.pose)
+    for name in swept:
         if name not in tool.pose:
-            raise FieldError(("map", name), f"expected coordinates of the pose ({' '.join(tool.pose)}), got {name}")
-    if len(found.ranges()) != min(2, len(tool.pose)):
-        raise FieldError(("map",), f"expected two coordinates to sweep, got {' '.join(found.ranges()) or 'none'}")
+            message = f"expected coordinates of the pose ({known}), got {name}"
+            raise FieldError(("map", name), message)
+    if len(swept) != min(2, len(tool.pose)):
+        got = " ".join(swept) or "none"
+        raise FieldError(("map",), f"expected two coordinates to sweep, got {got}")
     at = None if found.at is None else read_pose(found.at, tool, ("map", "at"))
     return found.model_copy(update={"at": at})

@@ -60,10 +60,10 @@ def _any(value: Any) -> tuple[float, q.Dimension]:
 
 def unit_of(value: Any) -> str:
     """SI unit of what a text with a unit measures, "1" for a number."""
-    try:
-        return read_any(value.partition("±")[0].strip())[1].unit or "1" if isinstance(value, str) else "1"
-    except ValueError:
-        return "1"
+    with suppress(ValueError):
+        if isinstance(value, str):
+            return read_any(value.partition("±")[0].strip())[1].unit or "1"
+    return "1"
 
 
 @dataclass(frozen=True)
@@ -88,7 +88,7 @@ def parse_whole(value: Any) -> int:
     if isinstance(value, float) and value.is_integer() and value < 2**53:
         value = int(value)
     if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise ValueError(f"expected a whole number such as 4, got {q.show_value(value)}")
+        raise ValueError(q.expected("a whole number such as 4", value))
     return value
 
 
@@ -100,7 +100,7 @@ def _whole(expected: str, most: float = math.inf, says: str = "a whole number ab
 
     def read(value: Any) -> int:
         if not 1 <= parse_whole(value) <= most:
-            raise ValueError(f"expected {expected}, got {q.show_value(value)}")
+            raise ValueError(q.expected(expected, value))
         return parse_whole(value)
 
     return Reads(read, says=says)
@@ -113,7 +113,7 @@ def _own_mass(value: Any) -> float:
 
 
 def _or_word(read: Callable[[Any], float], word: str, meaning: str, said: str, stays: str | None = None) -> Reads:
-    """Return a reader that applies `read` to a value, and returns ``stays`` for a word or no value."""
+    """Return what reads a value by ``read``, and gives ``stays`` for a word or no value."""
 
     def read_or_word(value: Any) -> float | str | None:
         if value is None or value == word:
@@ -130,7 +130,7 @@ def _tolerance(value: Any) -> float:
     share = q.to_si(value, q.SHARE)
     if not 1e-6 <= share < 1:  # below 1e-6 rounding dominates
         what = f'a share from 1e-6 to below 1 such as "{q.SHARE.example}"'
-        raise ValueError(f"expected {what}, got {q.show_value(value)}")
+        raise ValueError(q.expected(what, value))
     return share
 
 
@@ -139,7 +139,7 @@ def _list_of(count: int, what: str) -> BeforeValidator:
 
     def check(value: Any) -> Any:
         if not isinstance(value, list | tuple) or len(value) != count:
-            raise ValueError(f"expected {what}, got {q.show_value(value)}")
+            raise ValueError(q.expected(what, value))
         return value
 
     return BeforeValidator(check)
@@ -160,7 +160,8 @@ def _direction(value: Any) -> Any:
     if isinstance(value, list | tuple) and len(value) == 3:
         numbers = [q.to_si(item, q.NUMBER, sign="any") for item in value]
         if not 1e-9 < sum(number * number for number in numbers) ** 0.5 < 1e9:
-            raise ValueError(f"expected a direction such as [0, 0, 1], got one of zero length, {q.show_value(value)}")
+            got = f"one of zero length, {q.show_value(value)}"
+            raise ValueError(f"expected a direction such as [0, 0, 1], got {got}")
     return value
 
 
@@ -186,12 +187,13 @@ _Inertia = Annotated[float, _quantity(q.INERTIA, "any")]
 
 Point = Annotated[tuple[Coordinate, Coordinate, Coordinate], _list_of(3, _POINT), Says(_POINT)]
 Vector = Annotated[tuple[Ratio, Ratio, Ratio], _list_of(3, _VECTOR), Says(_VECTOR)]
-Direction = Annotated[tuple[Ratio, Ratio, Ratio], BeforeValidator(_direction), _list_of(3, _VECTOR), Says(_VECTOR)]
+Direction = Annotated[Vector, BeforeValidator(_direction)]
 Inertia = Annotated[
     tuple[_Inertia, _Inertia, _Inertia, _Inertia, _Inertia, _Inertia],
     _list_of(6, "six moments of inertia, Ixx Iyy Izz Ixy Ixz Iyz"),
 ]
-Diagonal = Annotated[tuple[Compliance, Compliance, Compliance, Tilting, Tilting, Tilting], _list_of(6, _SIX)]
+_Six = tuple[Compliance, Compliance, Compliance, Tilting, Tilting, Tilting]
+Diagonal = Annotated[_Six, _list_of(6, _SIX)]
 ForceAbove = Annotated[float, _quantity(q.FORCE)]
 MomentAbove = Annotated[float, _quantity(q.MOMENT)]
 AngleAbove = Annotated[float, _quantity(q.ANGLE)]
@@ -204,17 +206,17 @@ RotaryCurve = Annotated[
     tuple[Annotated[tuple[AngleAbove, MomentAbove], _list_of(2, "a deflection and a torque")], ...],
     Says('deflections and torques such as [["0.1 mrad", "1 N*m"], ["0.5 mrad", "9 N*m"]]'),
 ]
-_LENGTHS, _ANGLES = 'two lengths such as ["-150 mm", "150 mm"]', 'two angles such as ["-60 deg", "80 deg"]'
+_LENGTHS = 'two lengths such as ["-150 mm", "150 mm"]'
+_ANGLES = 'two angles such as ["-60 deg", "80 deg"]'
 Lengths = Annotated[tuple[Coordinate, Coordinate], _list_of(2, _LENGTHS), AfterValidator(_rising)]
 Angles = Annotated[tuple[Angle, Angle], _list_of(2, _ANGLES), AfterValidator(_rising)]
 
-LengthOrAuto = Annotated[
-    float | None, _or_word(_quantity(q.LENGTH).read, "auto", "a size that suits the part", "a length")
-]
-Foundation = Annotated[
-    float | None, _or_word(_quantity(q.FOUNDATION).read, "rigid", "a clamp that does not give", "N/m³")
-]
-Tolerance = Annotated[float | None, _or_word(_tolerance, "auto", "whatever one mesh reaches", "a share")]
+_SIZE = _or_word(_quantity(q.LENGTH).read, "auto", "a size that suits the part", "a length")
+LengthOrAuto = Annotated[float | None, _SIZE]
+_GROUND = _or_word(_quantity(q.FOUNDATION).read, "rigid", "a clamp that does not give", "N/m³")
+Foundation = Annotated[float | None, _GROUND]
+_SHARE = _or_word(_tolerance, "auto", "whatever one mesh reaches", "a share")
+Tolerance = Annotated[float | None, _SHARE]
 Count = Annotated[int, Reads(parse_whole, says="a whole number")]
 Layers = Annotated[int, _whole(f"1 to {MOST_LAYERS} layers", MOST_LAYERS, f"1 to {MOST_LAYERS}")]
 Some = Annotated[int, _whole(f"1 to {MOST_ELEMENTS}", MOST_ELEMENTS)]
