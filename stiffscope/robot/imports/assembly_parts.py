@@ -8,6 +8,7 @@ import json
 import re
 from collections import defaultdict
 from dataclasses import asdict, dataclass, field, replace
+from itertools import chain, count
 from typing import TYPE_CHECKING
 
 from stiffscope import cad
@@ -42,28 +43,33 @@ class PartFile:
 
 def interface_names(number: int, joints: Sequence[Freedom], solids: Sequence[Instance]) -> list[str]:
     """Name a part's interfaces after the adjacent parts, without numbers if still unique."""
-    others = [solids[joint.second if joint.first == number else joint.first].name for joint in joints]
-    short = [re.sub(r"[^A-Za-z]+$", "", re.split(r"[._\- ]", other)[0]) or other for other in others]
-    names = short if len(set(short)) == len(short) else [re.sub(r"[.\s]", "_", other) for other in others]
-    return [name if names.count(name) == 1 else f"{name}_{index}" for index, name in enumerate(names, 1)]
+    others = [solids[sum(joint.ends) - number].name for joint in joints]
+    names = [re.sub(r"[^A-Za-z]+$", "", re.split(r"[._\- ]", each)[0]) or each for each in others]
+    if len(set(names)) < len(names):
+        names = [re.sub(r"[.\s]", "_", other) for other in others]
+    numbered = enumerate(names, 1)
+    return [name if names.count(name) == 1 else f"{name}_{index}" for index, name in numbered]
 
 
 def part_name(solid: Instance, parts: Sequence[PartFile]) -> str:
     """Return a unique name for the part of a solid: the solid's name without its number."""
     taken = {part.name for part in parts}
     base = re.sub(r"[^\w\-]", "_", re.sub(r"[\d_.\- ]+$", "", solid.name) or solid.name)
-    return next(name for name in (base, *(f"{base}{n}" for n in range(2, 10**6))) if name not in taken)
+    names = chain([base], (f"{base}{n}" for n in count(2)))
+    return next(name for name in names if name not in taken)
 
 
 def choose_materials(
     parts: Sequence[int], solids: Sequence[Instance], said: Sequence[str], path: Path
 ) -> dict[int, str]:
-    """Material of each part: what is said of its name or of the file's word for its material, else that word.
+    """Return each part's material: as said of its name or the file's word for it, else that word.
 
     A name or word itself counts more than a pattern, and of several patterns the last.
     """
-    known = {word.lower(): name for word, name in {**{name: name for name in MATERIALS}, **DESIGNATIONS}.items()}
-    rules, words = [], {word.lower() for each in solids for word in (each.name, each.product.material)}
+    known = {name.lower(): name for name in MATERIALS}
+    known |= {word.lower(): name for word, name in DESIGNATIONS.items()}
+    words = [word.lower() for each in solids for word in (each.name, each.product.material)]
+    rules = list[tuple[str, str]]()
     for text in said:
         pattern, equals, name = (each.strip() for each in text.partition("="))
         where, names = place_of("--material", text), ", ".join(MATERIALS)
@@ -77,9 +83,9 @@ def choose_materials(
     for number in parts:
         word = solids[number].product.material.lower()
         own = [each for each in (solids[number].name.lower(), word) if each]
-        named = [(pattern in own, n) for n, (pattern, _) in enumerate(rules) if fnmatch.filter(own, pattern)]
+        named = [each for each in rules if fnmatch.filter(own, each[0])]
         if named:
-            found[number] = rules[max(named)[1]][1]
+            found[number] = sorted(named, key=lambda rule: rule[0] in own)[-1][1]
         elif word in known:
             found[number] = known[word]
         else:
@@ -100,22 +106,23 @@ def part_lines(parts: Sequence[PartFile], out: Path) -> list[str]:
     lines = list[str]()
     for part in parts:
         here = f"parts.{toml_key(part.name)}"
-        lines += [f"[{here}]", 'shape = "step"', f"file = {to_toml(f'{parts_folder(out).name}/{part.name}.step')}"]
+        file = f"{parts_folder(out).name}/{part.name}.step"
+        lines += [f"[{here}]", 'shape = "step"', f"file = {to_toml(file)}"]
         lines += [f"material = {to_toml(part.material)}"]
         for name, faces in part.interfaces.items():
             lines.append(f"interfaces.{toml_key(name)} = {_selectors(part.solid, faces)}")
         lines.append("")
-    groups = [part for part in parts if len(part.bodies) > 1]
-    if groups:
-        lines += ["[groups]", *(f"{toml_key(part.name + 's')} = {to_toml(part.bodies)}" for part in groups), ""]
-    return lines
+    several = {part.name + "s": part.bodies for part in parts if len(part.bodies) > 1}
+    groups = [f"{toml_key(name)} = {to_toml(bodies)}" for name, bodies in several.items()]
+    return [*lines, "[groups]", *groups, ""] if groups else lines
 
 
 def write_import(
     path: Path, out: Path, text: str, parts: Sequence[PartFile], what: str, record: ImportRecord | None = None
 ) -> None:
     """Write a robot file, if a robot can be read from it, its parts' STEP files and its record."""
-    folder, content, files = parts_folder(out), text.encode(), [f"{part.name}.step" for part in parts]
+    folder, content = parts_folder(out), text.encode()
+    files = [f"{part.name}.step" for part in parts]
     with scratch_folder(out.parent) as scratch:
         trial = scratch / folder.name
         trial.mkdir()
@@ -124,7 +131,8 @@ def write_import(
         check_text(path, scratch / out.name, text, what)
         if record is not None:
             record = replace(record, files=files, robot=hashlib.sha256(content).hexdigest())
-            (trial / RECORD).write_text(json.dumps(asdict(record), ensure_ascii=False), encoding="utf-8")
+            written = json.dumps(asdict(record), ensure_ascii=False)
+            (trial / RECORD).write_text(written, encoding="utf-8")
         folder.mkdir(exist_ok=True)
         for each in sorted(trial.iterdir()):
             each.replace(folder / each.name)
@@ -134,8 +142,9 @@ def write_import(
 def _selectors(solid: Instance, faces: Sequence[int]) -> str:
     texts = []
     for index in faces:
-        face = solid.product.faces[index]
-        point = 1e-3 * cad.kernel.closest(cad.kernel.faces(solid.product.solid)[index], 1e3 * face.centroid)
-        size = f", radius = {to_toml(f'{1e3 * face.radius:.9g} mm')}" if face.kind in {"cylinder", "sphere"} else ""
-        texts.append(f"{{ kind = {to_toml(face.kind)}{size}, position = {vector_text(point)} }}")
+        face, shape = solid.product.faces[index], cad.kernel.faces(solid.product.solid)[index]
+        point = 1e-3 * cad.kernel.closest(shape, 1e3 * face.centroid)
+        size = to_toml(f"{1e3 * face.radius:.9g} mm") if face.kind in {"cylinder", "sphere"} else ""
+        keys = {"kind": to_toml(face.kind), "radius": size, "position": vector_text(point)}
+        texts.append(f"{{ {', '.join(f'{key} = {text}' for key, text in keys.items() if text)} }}")
     return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"

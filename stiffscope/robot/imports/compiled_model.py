@@ -6,6 +6,7 @@ import contextlib
 import re
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 from xml.parsers import expat
 
@@ -24,9 +25,11 @@ if TYPE_CHECKING:
 GROUND = "ground"
 CLOSED = 1e-10  # m, rad: largest error of a closed loop
 _ROUNDS = 100
+_MODEL = "a model in URDF or MJCF"
 _FARTHEST = 1e6  # m: of a place in a model
 _URDF = {
-    "origin": ("xyz", "rpy"), "axis": ("xyz",), "mass": ("value",), "limit": ("lower", "upper", "effort", "velocity"),
+    "origin": ("xyz", "rpy"), "axis": ("xyz",), "mass": ("value",),
+    "limit": ("lower", "upper", "effort", "velocity"),
     "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
 }  # fmt: skip
 """Elements of URDF that hold a robot's numbers, and the attributes of each."""
@@ -54,7 +57,8 @@ class CompiledModel:
 
     def label(self, kind: str, number: int) -> str:
         """Return an object's name, printable and on one line, or a generated name."""
-        name = self.mj.mj_id2name(self.model, getattr(self.mj.mjtObj, f"mjOBJ_{kind.upper()}"), number)
+        objects = getattr(self.mj.mjtObj, f"mjOBJ_{kind.upper()}")
+        name = self.mj.mj_id2name(self.model, objects, number)
         return print_safely(name or f"{kind}{number}").replace('"', "'")
 
     def labels(self, kind: str, count: int, first: int = 0) -> dict[str, int]:
@@ -82,8 +86,8 @@ class CompiledModel:
 
     def closures(self) -> list[int]:
         """Return the numbers of the equalities that connect or weld bodies."""
-        m = self.model
-        return [n for n in range(m.neq) if self.is_a(m.eq_type[n], "mjtEq", "mjEQ_CONNECT", "mjEQ_WELD")]
+        kinds = enumerate(self.model.eq_type)
+        return [n for n, kind in kinds if self.is_a(kind, "mjtEq", "mjEQ_CONNECT", "mjEQ_WELD")]
 
     def equality_rows(self, closures_only: bool = False) -> tuple[Array, Array]:
         """Return gap (m,) and Jacobian (m, nv) of all active equalities, or only of closures."""
@@ -117,7 +121,7 @@ def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
             "import: expected the package mujoco, which reads URDF and MJCF, got none; "
             "install it by: python -m pip install mujoco"
         ) from error
-    content = read_bytes(path, "a model in URDF or MJCF")
+    content = read_bytes(path, _MODEL)
     if path.suffix.lower() == ".urdf":
         _check_urdf(path, content)
     library: Any = mujoco
@@ -131,7 +135,7 @@ def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
     finally:
         library.set_mju_user_warning(None)
     if any("'NaN'" in each for each in warnings):
-        raise InputError(f"{path}: expected a model in URDF or MJCF whose numbers are finite, got NaN")
+        raise InputError(f"{path}: expected {_MODEL} whose numbers are finite, got NaN")
     compiled.notes += [print_safely(each) for each in dict.fromkeys(warnings)]
     return compiled
 
@@ -143,14 +147,16 @@ def _compile(mj: Any, path: Path) -> tuple[Any, list[str]]:
         spec.compiler.fusestatic = 0
         _check_spec(path, spec)
         least = spec.compiler  # minimum mass and inertia, which moving bodies need to compile
-        least.boundmass, least.boundinertia = max(least.boundmass, 1e-9), max(least.boundinertia, 1e-15)
+        least.boundmass = max(least.boundmass, 1e-9)
+        least.boundinertia = max(least.boundinertia, 1e-15)
         try:
             return spec.copy().compile(), []
         except ValueError as error:
             first = _reason(error)
         kinds = mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_HFIELD, mj.mjtGeom.mjGEOM_SDF
-        shapes = (each for each in spec.geoms if each.type in kinds)
-        for each in (*shapes, *spec.meshes, *spec.textures, *spec.materials, *spec.hfields, *spec.skins):
+        shapes = [each for each in spec.geoms if each.type in kinds]
+        others = spec.meshes, spec.textures, spec.materials, spec.hfields, spec.skins
+        for each in [*shapes, *chain(*others)]:
             spec.delete(each)
         model = spec.compile()
     except InputError:
@@ -159,12 +165,13 @@ def _compile(mj: Any, path: Path) -> tuple[Any, list[str]]:
         said = _reason(error)
         line = re.search(r"\bline (?:number=)?(\d+)", said, re.IGNORECASE)
         place = f"{path}:{line[1]}" if line else path
-        raise InputError(f"{place}: expected a model in URDF or MJCF, got: {said}") from error
-    return model, [f"read without its meshes ({first})", "a body whose mass would come from a mesh has none here"]
+        raise InputError(f"{place}: expected {_MODEL}, got: {said}") from error
+    bare = "a body whose mass would come from a mesh has none here"
+    return model, [f"read without its meshes ({first})", bare]
 
 
 def _check_urdf(path: Path, content: bytes) -> None:
-    """Refuse what MuJoCo passes over in silence: misspelled words, and numbers that are not finite."""
+    """Refuse what MuJoCo silently accepts: misspelled words, and numbers that are not finite."""
     parser = expat.ParserCreate()
 
     def look(element: str, attributes: Mapping[str, str]) -> None:
@@ -204,11 +211,13 @@ def _reason(error: Exception) -> str:
 
 def _check_finite(path: Path, m: Any) -> None:
     bodies = m.body_pos, m.body_quat, m.body_ipos, m.body_iquat, m.body_mass, m.body_inertia
-    finite = all(np.isfinite(each).all() for each in (*bodies, m.jnt_pos, m.jnt_axis, m.eq_data, m.opt.gravity))
-    far = np.abs(m.body_pos).max() > _FARTHEST or np.abs(m.body_ipos).max() > _FARTHEST**2  # its square is a number
+    numbers = *bodies, m.jnt_pos, m.jnt_axis, m.eq_data, m.opt.gravity
+    finite = all(np.isfinite(each).all() for each in numbers)
+    # the square of a farthest centre of mass is still a number
+    far = np.abs(m.body_pos).max() > _FARTHEST or np.abs(m.body_ipos).max() > _FARTHEST**2
     if not finite or far:
         what = f"whose numbers are finite, and its places within {_FARTHEST:g} m"
-        raise InputError(f"{path}: expected a model in URDF or MJCF {what}, got others")
+        raise InputError(f"{path}: expected {_MODEL} {what}, got others")
 
 
 def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
@@ -225,13 +234,14 @@ def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
     }
     for name, value in wanted.items():
         if name not in joints:
-            able = ", ".join(joints)
-            raise InputError(f'--home {name}: expected a joint that turns or slides ({able}), got "{name}"')
-        low, high = m.jnt_range[joints[name]]
-        if m.jnt_limited[joints[name]] and not low <= value <= high:
-            message = f"expected a position within its range, {low:.4g} to {high:.4g}, got {value:.4g} (m or rad)"
-            raise InputError(f"--home {name}: {message}")
-        d.qpos[m.jnt_qposadr[joints[name]]] = value
+            what = f"a joint that turns or slides ({', '.join(joints)})"
+            raise InputError(f'--home {name}: expected {what}, got "{name}"')
+        number = joints[name]
+        low, high = m.jnt_range[number]
+        if m.jnt_limited[number] and not low <= value <= high:
+            what = f"a position within its range, {low:.4g} to {high:.4g}"
+            raise InputError(f"--home {name}: expected {what}, got {value:.4g} (m or rad)")
+        d.qpos[m.jnt_qposadr[number]] = value
     open_by = np.inf
     for _ in range(_ROUNDS):
         mj.mj_forward(m, d)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from dataclasses import replace
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,14 +37,15 @@ if TYPE_CHECKING:
 
 THREADED = {"screw", "nut", "shaft nut", "shoulder screw"}
 _SAME = 1e-6
-_LAID = "planes from which one could be lifted off the other: taken as fixed, as if glued or screwed; if it slides"
-_SCREWED = "planes with holes in line: taken as fixed, as if by screws that are missing; if it slides"
+_LAID = "planes from which one could be lifted off the other: taken as fixed, "
+_LAID += "as if glued or screwed; if it slides"
+_SCREWED = "planes with holes in line: taken as fixed, as if screws are missing; if it slides"
 _SLIDES = "planes that slide on each other: taken as planar; if glued or screwed"
 _IDLE = "plane on plane where other joints guide already: taken as no joint; if it carries load"
 
 
 def hold(kind: str, axis: Array, at: Array) -> Array:
-    """Rows (m, 6) that a contact with an axis (3,) through a point (3,) takes to zero, on twists at the base origin."""
+    """Return rows (m, 6) on twists at the base origin that a contact about an axis (3,) holds."""
     across = null_space(axis[None, :]).T
     if kind == "plane":
         lines, turns = axis[None, :], across
@@ -89,17 +91,18 @@ def _held_by(contact: Contact, hardware: Hardware, scale: float) -> Array | None
     """Return the constraint rows (m, 6) of a contact, considering hardware; None if it has none."""
     ends = contact.first, contact.second
     roles = [hardware.roles.get(each, "") for each in ends]
-    bearing = next((each for each, role in zip(ends, roles, strict=True) if role in {"bearing", "ring"}), None)
+    bearing = next((n for n, role in enumerate(roles) if role in {"bearing", "ring"}), None)
     fits = contact.kind in {"plane", "cone"} or FIT[0] <= contact.gap / contact.radius <= FIT[1]
-    if "rolling element" in roles or (bearing is not None and (contact.kind != "cylinder" or not fits)):
+    if "rolling element" in roles:
         return None
-    if bearing is not None and (
-        hardware.roles[bearing] == "ring" or contact.inner is None or ends[contact.inner] != bearing
-    ):
-        return np.eye(6)  # a seat; of a bearing drawn as one solid, only on its inner ring
     if bearing is not None:
+        if contact.kind != "cylinder" or not fits:
+            return None
+        if roles[bearing] == "ring" or contact.inner != bearing:
+            return np.eye(6)  # a seat; of a bearing drawn as one solid, only on its inner ring
         return hold("cone", contact.axis, contact.point / scale)
-    thread = THREADED & {*roles} and contact.kind != "plane" and not (fits and "shoulder screw" in roles)
+    turns = fits and "shoulder screw" in roles
+    thread = THREADED & {*roles} and contact.kind != "plane" and not turns
     tight = contact.kind == "cylinder" and contact.gap / contact.radius < FIT[0]
     if thread or tight:
         return np.eye(6)
@@ -107,7 +110,7 @@ def _held_by(contact: Contact, hardware: Hardware, scale: float) -> Array | None
 
 
 def kind_of(freedom: Array, near: Array) -> tuple[str, Array, Array | None, Array | None]:
-    """Return kind, place and axes of the joint with free twists (6, k) at the base origin, near a point (3,).
+    """Return kind, place near a point (3,), and axes of the joint with free twists (6, k).
 
     The kind is "" if a robot file has no such joint.
     """
@@ -123,6 +126,7 @@ def kind_of(freedom: Array, near: Array) -> tuple[str, Array, Array | None, Arra
 
 
 _Kind = tuple[str, "Array", "Array | None", "Array | None"]
+_Pair = tuple[int, int]
 
 
 def _about_one(freedom: Array, axis: Array, slides: Array, near: Array) -> _Kind:
@@ -149,7 +153,9 @@ def _about_point(freedom: Array, turns: Array, near: Array) -> _Kind:
     centre = np.linalg.lstsq(matrix, lines.T.ravel(), rcond=None)[0]
     if np.abs(matrix @ centre - lines.T.ravel()).max() > _SAME:
         return "", near, None, None
-    return ("spherical", centre, None, None) if turns.shape[1] == 3 else ("universal", centre, turns[:, 0], turns[:, 1])
+    if turns.shape[1] == 3:
+        return "spherical", centre, None, None
+    return "universal", centre, turns[:, 0], turns[:, 1]
 
 
 def _positive(axis: Array) -> Array:
@@ -175,22 +181,21 @@ def find_joints(
     bonds = _bonds_of(solids, contacts, hardware, scale, built)
     between: dict[tuple[int, int], list[Bond]] = defaultdict(list)
     for bond in bonds:
-        if bond.first not in hardware.roles and bond.second not in hardware.roles:
-            between[bond.first, bond.second].append(bond)
+        if not hardware.roles.keys() & {*bond.ends}:
+            between[bond.ends].append(bond)
     direct = set(between)
-    bought = [b for b in bonds if {b.first, b.second} <= hardware.roles.keys()]
+    bought = [bond for bond in bonds if hardware.roles.keys() >= {*bond.ends}]
     for cluster in _join(hardware.roles, bought).subsets():
-        inside = [bond for bond in bonds if bond.first in cluster or bond.second in cluster]
-        ends = sorted({each for bond in inside for each in (bond.first, bond.second)} - cluster)
+        inside = [bond for bond in bonds if cluster & {*bond.ends}]
+        ends = sorted({each for bond in inside for each in bond.ends} - cluster)
         for i, j in _pair_up(ends, inside, direct):
-            between[i, j] += [
-                b for b in inside if {b.first, b.second} <= cluster | {i, j} and {b.first, b.second} != {i, j}
-            ]
+            within = (bond for bond in inside if cluster | {i, j} >= {*bond.ends})
+            between[i, j] += [bond for bond in within if {*bond.ends} != {i, j}]
     joints, doubts, planes = list[Freedom](), list[Doubt](), dict[Freedom, float]()
     for (i, j), held in between.items():
         found = _freedom(i, j, held, solids, scale, hardware)
-        of_planes = all(bond.contact is not None and bond.contact.kind == "plane" and not bond.label for bond in held)
-        bare = of_planes and not hardware.roles.keys() & {n for bond in held for n in (bond.first, bond.second)}
+        kinds = {"" if b.contact is None or b.label else b.contact.kind for b in held}
+        bare = kinds == {"plane"} and not hardware.roles.keys() & {n for b in held for n in b.ends}
         if found.kind == "planar" or (found.kind == "prismatic" and bare):
             planes[found] = -sum(bond.contact.size for bond in held if bond.contact is not None)
         elif found.kind:
@@ -220,18 +225,17 @@ def _join(pieces: Iterable[int], links: Iterable[Bond | Freedom]) -> DisjointSet
     return joined
 
 
-def _pair_up(ends: Sequence[int], bonds: Sequence[Bond], direct: set[tuple[int, int]]) -> list[tuple[int, int]]:
+def _pair_up(ends: Sequence[int], bonds: Sequence[Bond], direct: set[_Pair]) -> list[_Pair]:
     """Return pairs of parts joined by hardware: in contact, or else nearest along its axis."""
     if len(ends) < 2:
         return []
-    at = {end: [b.contact for b in bonds if end in {b.first, b.second}] for end in ends}
-    places = {end: np.mean([c.point for c in found if c is not None], axis=0) for end, found in at.items()}
-    spread = np.array(list(places.values())) - np.mean(list(places.values()), axis=0)
-    axis = np.linalg.svd(spread)[2][0]
-    order = sorted(ends, key=lambda end: float(axis @ places[end]))
-    candidates = ((i, j) for i in ends for j in ends if i < j)
-    rank = {pair: 0 if pair in direct else abs(order.index(pair[1]) - order.index(pair[0])) for pair in candidates}
-    group, pairs = DisjointSet(ends), list[tuple[int, int]]()
+    touching = [(bond.ends, bond.contact.point) for bond in bonds if bond.contact is not None]
+    places = np.array([np.mean([p for pair, p in touching if end in pair], axis=0) for end in ends])
+    axis = np.linalg.svd(places - places.mean(axis=0))[2][0]
+    order = [ends[n] for n in np.argsort(places @ axis, kind="stable")]
+    apart = {(i, j): abs(order.index(j) - order.index(i)) for i, j in combinations(sorted(ends), 2)}
+    rank = apart | dict.fromkeys(direct & apart.keys(), 0)
+    group, pairs = DisjointSet(ends), list[_Pair]()
     for i, j in sorted(rank, key=lambda pair: (rank[pair], pair)):
         if group.merge(i, j) or (i, j) in direct:
             pairs.append((i, j))
@@ -241,28 +245,32 @@ def _pair_up(ends: Sequence[int], bonds: Sequence[Bond], direct: set[tuple[int, 
 def _freedom(
     i: int, j: int, bonds: list[Bond], solids: Sequence[Instance], scale: float, hardware: Hardware
 ) -> Freedom:
-    scaled = relative_freedom([(bond.first, bond.second, bond.rows) for bond in bonds], i, j)
+    scaled = relative_freedom([(*bond.ends, bond.rows) for bond in bonds], i, j)
     touching = [bond.contact for bond in bonds if bond.contact is not None]
     round_ = [each for each in touching if each.kind != "plane"] or touching
     points = [each.point for each in round_] or [bond.at for bond in bonds if bond.at is not None]
     near = np.mean(points, axis=0)
     kind, at, axis, axis2 = kind_of(scaled, near / scale)
-    if kind == "planar" and any(hardware.roles.get(n) in THREADED for b in bonds for n in (b.first, b.second)):
+    screwed = THREADED & {hardware.roles.get(n) for bond in bonds for n in bond.ends}
+    if kind == "planar" and screwed:
         kind, axis, scaled = "fixed", None, np.zeros((6, 0))  # clamped by screws in clearance holes
     faces = _loaded_faces(i, touching, solids[i]), _loaded_faces(j, touching, solids[j])
-    reason = _reason(i, j, bonds, solids, hardware)
+    reason = _reason((i, j), bonds, solids, hardware)
     return Freedom(i, j, kind, at * scale, axis, axis2, reason, faces, scaled)
 
 
 def _turning_kind(found: Freedom, bonds: Sequence[Bond], hardware: Hardware, scale: float) -> str:
     """Return the kind of a joint if its screws with nuts turn in their bores."""
     nutted = {n for n in hardware.roles if hardware.reasons[n] == NUTTED}
-    if not nutted & {n for bond in bonds for n in (bond.first, bond.second)}:
+    if not nutted & {n for bond in bonds for n in bond.ends}:
         return found.kind
     pins = replace(hardware, roles=hardware.roles | dict.fromkeys(nutted, "pin"))
-    rows = [b.rows if b.contact is None or b.label else _held_by(b.contact, pins, scale) for b in bonds]
-    holds = [(b.first, b.second, held) for b, held in zip(bonds, rows, strict=True) if held is not None]
-    return kind_of(relative_freedom(holds, found.first, found.second), found.at / scale)[0]
+    holds = list[tuple[int, int, "Array"]]()
+    for bond in bonds:
+        contact = None if bond.label else bond.contact
+        rows = bond.rows if contact is None else _held_by(contact, pins, scale)
+        holds += [] if rows is None else [(*bond.ends, rows)]
+    return kind_of(relative_freedom(holds, *found.ends), found.at / scale)[0]
 
 
 def _loaded_faces(end: int, touching: Sequence[Contact], solid: Instance) -> tuple[int, ...]:
@@ -276,21 +284,25 @@ def _loaded_faces(end: int, touching: Sequence[Contact], solid: Instance) -> tup
     return tuple(sorted([face for face, share in shares.items() if share > least] or shares))
 
 
-def _reason(i: int, j: int, bonds: Sequence[Bond], solids: Sequence[Instance], hardware: Hardware) -> str:
+_CALLED = {
+    "plane": "plane on plane", "cylinder": "pin in bore", "sphere": "ball in socket", "cone": "cone in cone",
+}  # fmt: skip
+
+
+def _reason(pair: _Pair, bonds: Sequence[Bond], solids: Sequence[Instance], hardware: Hardware) -> str:
     """Describe the contacts."""
     words = defaultdict[str, int](int)
-    what = {"plane": "plane on plane", "cylinder": "pin in bore", "sphere": "ball in socket", "cone": "cone in cone"}
     for bond in bonds:
         if bond.label:
             words[bond.label] = 0
-        for each in (bond.first, bond.second):
+        for each in bond.ends:
             role = hardware.roles.get(each)
             if role in {"screw", "bearing", "pin", "ring"}:
                 name = solids[each].name
                 words[name if role in name.lower() else f"{role} {name}"] += 0
-        if {bond.first, bond.second} == {i, j} and bond.contact is not None:
+        if {*bond.ends} == {*pair} and bond.contact is not None:
             radius = f" of radius {1e3 * bond.contact.radius:.4g} mm" if bond.contact.radius else ""
-            words[what[bond.contact.kind] + radius] += 1
+            words[_CALLED[bond.contact.kind] + radius] += 1
     return ", ".join(f"{count} x {word}" if count > 1 else word for word, count in words.items())
 
 
@@ -307,39 +319,39 @@ def _add_planes(
 
     def settle(plane: Freedom, joint: Freedom | None, text: str) -> None:
         planes.remove(plane)
-        names = solids[plane.first].name, solids[plane.second].name
+        names = tuple(solids[n].name for n in plane.ends)
         other = "fixed" if text is _SLIDES else plane.kind
         say = f', say --joint "{"/".join(names)}={other}"'
         doubts.extend([Doubt(names, text + say, tuple(plane.at))] if text else [])
         if joint is not None:
             kept.append(joint)
-            groups.merge(joint.first, joint.second)
+            groups.merge(*joint.ends)
 
-    screwed = {each for each in planes if _count_holes(solids[each.first], solids[each.second], each) > 1}
+    screwed = {each for each in planes if _count_holes(each, solids) > 1}
     for guide in planes:
         if guide.kind == "prismatic" and not _lifts_off(guide, contacts, bodies):
-            groups.merge(guide.first, guide.second)
+            groups.merge(*guide.ends)
 
     def is_laid(plane: Freedom) -> bool:
-        joined = groups.connected(plane.first, plane.second)  # else what moves with either is lifted off with it
+        joined = groups.connected(*plane.ends)  # else what moves with either is lifted off with it
         return plane in screwed or _lifts_off(plane, contacts, bodies if joined else groups)
 
     while laid := next(filter(is_laid, planes), None):
-        i, j = laid.first, laid.second
-        if groups.connected(i, j):
+        if groups.connected(*laid.ends):
             settle(laid, None, _IDLE)
             continue
         fixed = replace(laid, kind="fixed", axis=None, freedom=np.zeros((6, 0)))
         settle(laid, fixed, _SCREWED if laid in screwed else _LAID)
-        bodies.merge(i, j)
+        bodies.merge(*laid.ends)
     for plane in [*planes]:
-        adds = plane.kind == "prismatic" or holds_more(held_by(plane)[2], kept, plane.first, plane.second)
-        settle(plane, plane if adds else None, _IDLE if not adds else _SLIDES if plane.kind == "planar" else "")
+        adds = plane.kind == "prismatic" or holds_more(held_by(plane)[2], kept, *plane.ends)
+        text = _SLIDES if plane.kind == "planar" else ""
+        settle(plane, plane if adds else None, text if adds else _IDLE)
     return kept
 
 
-def _count_holes(one: Instance, other: Instance, plane: Freedom) -> int:
-    """Return the number of aligned round holes of two solids on a plane, as for missing screws."""
+def _count_holes(plane: Freedom, solids: Sequence[Instance]) -> int:
+    """Return the number of round holes in line of two solids on a plane, as for missing screws."""
 
     def places(solid: Instance, axis: Array) -> set[tuple[float, ...]]:
         holes = (face for face in solid.faces if face.kind == "cylinder" and face.hollow)
@@ -348,14 +360,15 @@ def _count_holes(one: Instance, other: Instance, plane: Freedom) -> int:
 
     if plane.axis is None or plane.kind != "planar":
         return 0
-    return len(places(one, plane.axis) & places(other, plane.axis))
+    return len(set.intersection(*(places(solids[n], plane.axis) for n in plane.ends)))
 
 
 def _lifts_off(plane: Freedom, contacts: Sequence[Contact], bodies: DisjointSet) -> bool:
-    """Whether nothing keeps one of two parts that planes touch, with its ``bodies``, from being lifted off."""
-    ends = [bodies.subset(each) for each in (plane.first, plane.second)]
+    """Return whether one of two parts on planes, with its ``bodies``, lifts off the other."""
+    ends = [bodies.subset(each) for each in plane.ends]
+    planes = [each for each in contacts if each.kind == "plane"]
     for one, other in (ends, ends[::-1]):
-        touching = [each for each in contacts if each.kind == "plane" and (each.first in one) != (each.second in one)]
+        touching = [each for each in planes if (each.first in one) != (each.second in one)]
         outward = np.array([each.axis * (1.0 if each.first in one else -1.0) for each in touching])
         between = outward[[bool({each.first, each.second} & other) for each in touching]]
         if any(nnls(outward.T, -normal)[1] > 1e-3 for normal in between):

@@ -21,29 +21,34 @@ if TYPE_CHECKING:
     from stiffscope.cad.contacts import Contact
     from stiffscope.cad.turned import Turned
 
+    Solids = Sequence[Instance]
+    Contacts = Sequence[Contact]
+
 _WORDS = {
-    "screw": r"screws?|bolts?|schrauben?|gewindestift|iso.?(4762|4014|4017|10642)|din.?(912|933|7991)",
-    "nut": r"((lock|hex|jam|shaft|slotted|square).?)?nuts?|[a-zäöü]*muttern?|km.?\d\d?|iso.?(4032|2982)"
-    r"|din.?(934|985|981|1804|557|562)",
+    "screw": r"screws?|bolts?|schrauben?|gewindestift|iso.?(4762|4014|4017|10642)"
+    r"|din.?(912|933|7991)",
+    "nut": r"((lock|hex|jam|shaft|slotted|square).?)?nuts?|[a-zäöü]*muttern?|km.?\d\d?"
+    r"|iso.?(4032|2982)|din.?(934|985|981|1804|557|562)",
     "washer": r"washers?|(unterleg|feder|beilag)?scheiben?|shims?|iso.?7089|din.?125",
-    "pin": r"(dowel|clevis|hinge|pivot)?.?pins?|(zylinder|pass|spann|kegel)?stifte?|bolzen|iso.?(8734|2338)|din.?6325",
+    "pin": r"(dowel|clevis|hinge|pivot)?.?pins?|(zylinder|pass|spann|kegel)?stifte?|bolzen"
+    r"|iso.?(8734|2338)|din.?6325",
     "bushing": r"bush(ing)?(es|s)?|(lager)?buchsen?|gleitlager|iso.?3547",
-    "circlip": r"circlips?|snap.?rings?|retaining.?rings?|sicherungsringe?|sprengringe?|din.?47[12]",
-    "bearing": r"(ball|roller|needle)?.?bearings?|(kugel|w[aä]lz|rillenkugel|nadel|zylinderrollen)?lager"
-    r"|6[0-3]\d\d|6[0-9]{2}(zz|2rs)?|6[89]\d\d|iso.?15",
+    "circlip": r"circlips?|(snap|retaining).?rings?|(sicherungs|spreng)ringe?|din.?47[12]",
+    "bearing": r"(ball|roller|needle)?.?bearings?|(kugel|w[aä]lz|rillenkugel|nadel|zylinderrollen)?"
+    r"lager|6[0-3]\d\d|6[0-9]{2}(zz|2rs)?|6[89]\d\d|iso.?15",
 }
 _HELD = r"(?![a-z]|[-_. ](cover|cap|hold|hous|mount|block|support|plate|seat|deckel|halter|bock))"
-_NAMED = {role: re.compile(rf"(?<![a-z])({words}){_HELD}", re.IGNORECASE) for role, words in _WORDS.items()}
+_NAMED = {role: re.compile(rf"(?<![a-z])({_WORDS[role]}){_HELD}", re.IGNORECASE) for role in _WORDS}
 FIT = (-0.01, 0.03)  # of the radius: guiding fit; beyond are threads and clearance holes
 _THREAD = -0.05  # of the radius: only threads overlap more
 _TURNED, _BORED = 0.9, 0.8  # surface fraction turned about the axis; of cross-drilled pins
 _BEARING, _WASHER = (0.7, 1.6), 0.65  # ratio of width to section height of a ring
 _BETWEEN = "a ring of a bearing's proportion between a shaft and a housing"
-_NUT = 15.0  # most volume of a nut over the cube of its thread's radius: 9 of ISO 4032, 3 to 6 of DIN 981
+_NUT = 15.0  # most volume of a nut over its thread's radius³: 9 of ISO 4032, 3 to 6 of DIN 981
 _WIDE = 3.2  # ratio of outer to inner diameter: washers up to 3 (ISO 7093), gears and wheels more
 _THIN, _END = 0.3, 5.0  # section and diameter ratio of washers at the end of a shaft
-HEADED = "a head and a shank that fits its bores"  # a clevis pin, or a screw in holes of its own diameter
-NUTTED = "a head and a nut on a shank that fits its bores"  # a screw, or a shaft with a thread of its own diameter
+HEADED = "a head and a shank that fits its bores"  # a clevis pin, or a screw in tight holes
+NUTTED = "a head and a nut on a shank that fits its bores"  # a screw, or a threaded shaft
 _ALONG = 0.999999  # cosine of parallel axes
 _SLENDER = 12.0  # a bar with a larger ratio of length to diameter is not a pin
 
@@ -61,22 +66,22 @@ class Hardware:
 
 
 def is_ambiguous(number: int, name: str, hardware: Hardware) -> bool:
-    """Return whether a headed bar in bores of its diameter may be pin, screw or shaft, and its name tells not which."""
+    """Return whether a headed bar may be pin, screw or shaft, by its bores and its name."""
     word = {HEADED: "pin", NUTTED: "screw"}.get(hardware.reasons.get(number, ""))
     return word is not None and not _NAMED[word].search(name)
 
 
-def may_be_nut(number: int, solid: Instance, contacts: Iterable[Contact], hardware: Hardware) -> bool:
-    """Return whether a part may be a nut on a thread drawn with its radius: small, and touched about its axis alone."""
-    form = solid.product.form
+def may_be_nut(number: int, solids: Solids, contacts: Iterable[Contact], hardware: Hardware) -> bool:
+    """Return whether a part may be a nut on a thread drawn with its radius: small, on one axis."""
+    solid, form = solids[number], solids[number].product.form
     touching = [each for each in contacts if number in {each.first, each.second}]
-    bars = [each for each in touching if hardware.roles.get(each.find_other(number), "pin") == "pin"]
-    tight = any(each.kind == "cylinder" and not _stands_in(each, number) and each.gap <= 0.0 for each in bars)
+    around = (each for each in _round(touching, number, inside=False) if each.gap <= 0.0)
+    tight = any(hardware.roles.get(each.find_other(number), "pin") == "pin" for each in around)
     small = form is not None and solid.product.volume < _NUT * form.bore**3
-    return small and tight and all(_is_about_axis(each, solid) for each in touching)
+    return small and tight and _is_about_axis(touching, solid)
 
 
-def find_hardware(solids: Sequence[Instance], contacts: Sequence[Contact], said: Mapping[int, str]) -> Hardware:
+def find_hardware(solids: Solids, contacts: Contacts, said: Mapping[int, str]) -> Hardware:
     """Distinguish hardware from parts; ``said``: roles given by the user, or "part", by number."""
     pairs, elements = _rolling_bearings(solids)
     found = {ring: ("ring", "ring of rolling elements") for pair in pairs for ring in pair}
@@ -90,17 +95,16 @@ def find_hardware(solids: Sequence[Instance], contacts: Sequence[Contact], said:
             found[number] = _role_of(number, solids, touched[number])
     bearings = {number for number, (role, _) in found.items() if role in {"bearing", "ring"}}
     for number, solid in enumerate(solids):
-        round_ = [each for each in touched[number] if each.kind == "cylinder"]
-        housing = {each.find_other(number) for each in round_ if not _stands_in(each, number)} & bearings
-        if found[number][0] in {"bushing", "washer"} and housing and not any(_stands_in(e, number) for e in round_):
+        own, role = touched[number], found[number][0]
+        bare = role in {"bushing", "washer"} and not _round(own, number, inside=True)
+        if bare and bearings & _others(_round(own, number, inside=False), number):
             found[number] = "", ""
             continue
-        beside = any(each.kind == "plane" and each.find_other(number) in bearings for each in touched[number])
-        turned = solid.product.form
-        if found[number][0] or turned is None or not beside:
+        turned, planes = solid.product.form, [each for each in own if each.kind == "plane"]
+        if role or turned is None or not bearings & _others(planes, number):
             continue
         ring = turned.bore > 0.5 * turned.radius and turned.share > _TURNED and not turned.holed
-        if ring and all(_is_about_axis(each, solid) for each in touched[number]):
+        if ring and _is_about_axis(own, solid):
             found[number] = "spacer", "a ring beside a bearing"
     bars = [n for n, (role, reason) in found.items() if role == "pin" or reason == NUTTED]
     shafts = [n for n in bars if len(_find_ends(n, found, touched, dict(pairs))) < 2]
@@ -108,72 +112,73 @@ def find_hardware(solids: Sequence[Instance], contacts: Sequence[Contact], said:
     found |= {number: ("" if role == "part" else role, "said so") for number, role in said.items()}
     roles = {number: role for number, (role, _) in found.items() if role}
     both = tuple(pair for pair in pairs if {roles.get(ring) for ring in pair} == {"ring"})
-    return Hardware(roles, {number: reason for number, (_, reason) in found.items() if reason}, both)
+    reasons = {number: reason for number, (_, reason) in found.items() if reason}
+    return Hardware(roles, reasons, both)
 
 
-def _role_of(number: int, solids: Sequence[Instance], touched: Sequence[Contact]) -> tuple[str, str]:
+def _role_of(number: int, solids: Solids, touched: Contacts) -> tuple[str, str]:
     """Return role and reason: by shape if all contacts are about the solid's axis, else by name."""
     solid, form = solids[number], solids[number].product.form
     if any(each.kind == "sphere" for each in touched):
         return "", ""  # a ball stud or rod end
     role, reason = _role_by_shape(number, solids, touched)
-    if role and not all(_is_about_axis(each, solid) for each in touched):
+    if role and not _is_about_axis(touched, solid):
         return "", ""
-    words = ((each.start(), word) for word, pattern in _NAMED.items() for each in pattern.finditer(solid.name))
+    words = [(each.start(), word) for word in _NAMED for each in _NAMED[word].finditer(solid.name)]
     named = max(words, default=(0, ""))[1]  # the last one, as in "nut-bolt-assembly.nut"
-    share = 0.2 if named in {"screw", "nut", "circlip"} else 0.6  # turned, at least: no plate named after a screw
-    may_be = form is not None and form.share > share
-    may_be &= all(_is_about_axis(each, solid) for each in touched if each.kind == "cylinder")
+    share = 0.2 if named in {"screw", "nut", "circlip"} else 0.6  # turned: no plate named after one
+    may_be = form is not None and form.share > share and _is_about_axis(_round(touched), solid)
     if named and ((not role and may_be) or (role, named) == ("pin", "screw")):
         return named, "its name"
     return role, reason
 
 
 def _find_ends(
-    pin: int, found: Mapping[int, tuple[str, str]], touched: Mapping[int, Sequence[Contact]], outer: Mapping[int, int]
+    pin: int, found: Mapping[int, tuple[str, str]], touched: Mapping[int, Contacts], outer: Mapping[int, int]
 ) -> set[int]:
-    """Return the solids that a pin joins, beyond bushings and bearings; none if bearings alone hold it, as a shaft."""
+    """Return the solids that a pin joins, beyond bushings and bearings; none if a shaft of these."""
     ends, held = set[int](), set[str]()
-    roles = {found[each.find_other(pin)][0] for each in touched[pin]}
+    roles = {found[other][0] for other in _others(touched[pin], pin)}
     nuts = {"shaft nut", "nut"} if roles & {"bearing", "ring"} else {"shaft nut"}
-    for each in touched[pin]:
+    for each in _round(touched[pin], pin, inside=True):
         other = each.find_other(pin)
-        loose = each.kind != "cylinder" or not _stands_in(each, pin) or each.gap > FIT[1] * each.radius
-        if loose or found[other][0] in nuts:
+        role = found[other][0]
+        if each.gap > FIT[1] * each.radius or role in nuts:
             continue
-        held.add(found[other][0])
+        held.add(role)
         ring = outer.get(other, other)
-        around = [c.find_other(ring) for c in touched[ring] if c.kind == "cylinder" and _stands_in(c, ring)]
-        ends |= set(around) if found[other][0] in {"bushing", "bearing", "ring"} else {other}
+        around = _others(_round(touched[ring], ring, inside=True), ring)
+        ends |= around if role in {"bushing", "bearing", "ring"} else {other}
     return set() if held <= {"bearing", "ring"} else ends
 
 
-def _role_by_shape(number: int, solids: Sequence[Instance], touched: Sequence[Contact]) -> tuple[str, str]:
+def _role_by_shape(number: int, solids: Solids, touched: Contacts) -> tuple[str, str]:
     """Return role and reason, or two empty texts."""
     form = solids[number].product.form
     if form is None or (not form.steps and not form.bores):
         return "", ""
-    round_ = [each for each in touched if each.kind == "cylinder"]
-    inside = [each for each in round_ if _stands_in(each, number)]
-    around = len(round_) > len(inside)
+    inside = _round(touched, number, inside=True)
+    around = bool(_round(touched, number, inside=False))
     if form.bore:
         fits = [each for each in inside if each.gap < FIT[1] * each.radius]
         host = fits[0].find_other(number) if fits else None
-        sides = [each.axis for each in touched if each.kind == "plane" and each.find_other(number) == host]
+        planes = (each for each in touched if each.kind == "plane")
+        sides = [each.axis for each in planes if each.find_other(number) == host]
         grooved = any(float(one @ other) < -_ALONG for one in sides for other in sides)
         return _role_of_ring(form, bool(fits), around, grooved)
     if inside and _is_shoulder_screw(form, number, inside, touched):
-        return "shoulder screw", "a head, a shoulder in a bore and a thread that the shoulder rests on"
+        return "shoulder screw", "a head, a shoulder in a bore and a thread on which it rests"
     return _role_of_bar(form, number, inside, solids) if inside else ("", "")
 
 
 def _role_of_ring(form: Turned, inside: bool, around: bool, grooved: bool) -> tuple[str, str]:
     """Return role and reason of a ring inside or around other solids, or in a groove of a bore."""
     low, high = _BEARING
-    if around and not inside and form.hexagon and form.share > _TURNED and form.length < 3.0 * form.radius:
-        return "nut", "a hexagon around a thread"
-    if around and not inside and form.slotted and form.steps and form.share > 0.6 and form.length < form.radius:
-        return "shaft nut", "a ring with slots around a thread"
+    if around and not inside:
+        if form.hexagon and form.share > _TURNED and form.length < 3.0 * form.radius:
+            return "nut", "a hexagon around a thread"
+        if form.slotted and form.steps and form.share > 0.6 and form.length < form.radius:
+            return "shaft nut", "a ring with slots around a thread"
     section = low <= form.section <= high and 0.25 <= form.bore / form.radius <= 0.9
     if form.share > _TURNED and section and inside and around:
         return "bearing", _BETWEEN
@@ -187,63 +192,76 @@ def _role_of_ring(form: Turned, inside: bool, around: bool, grooved: bool) -> tu
     return "", ""
 
 
-def _role_of_bar(form: Turned, number: int, inside: Sequence[Contact], solids: Sequence[Instance]) -> tuple[str, str]:
+def _role_of_bar(form: Turned, number: int, inside: Contacts, solids: Solids) -> tuple[str, str]:
     """Return role and reason of a solid with a shank in bores.
 
     A screw's bores have play or are threads, drawn with overlap or equal radius. A bar guiding a
     part on a step wider than its shank is a shaft; a headed bar fitting all bores is a clevis pin.
     """
     radius, length = form.body
-    bores = {each.find_other(number) for each in inside}
+    bores = _others(inside, number)
     fitting = [each for each in inside if FIT[0] <= each.gap / each.radius <= FIT[1]]
-    nuts = [each for each in bores if (other := solids[each].product.form) is not None and other.hexagon and other.bore]
+    around = [solids[other].product.form for other in bores]
+    nuts = [other for other in around if other is not None and other.hexagon and other.bore]
     if form.radius >= 1.3 * radius and form.share > 0.5 and length > 0.5 * form.length:
         if any(each.radius > 1.05 * radius for each in fitting):
             return "", ""
         loose = len(fitting) < len(inside)
         if loose or nuts:
-            return "screw", "a head and a shank in a bore with play or a thread" if loose else NUTTED
+            why = "a head and a shank in a bore with play or a thread"
+            return "screw", why if loose else NUTTED
         return ("pin", HEADED) if len(bores) > 1 else ("", "")
-    plain = form.share > _BORED and form.radius < 1.15 * radius and form.length <= _SLENDER * 2.0 * radius
-    if not plain or len(bores) < 2:
+    plain = form.share > _BORED and form.radius < 1.15 * radius
+    if not plain or form.length > _SLENDER * 2.0 * radius or len(bores) < 2:
         return "", ""
-    threads = {each.find_other(number) for each in inside if each.gap < _THREAD * each.radius}
-    if threads and threads.issuperset(each.find_other(number) for each in fitting):
+    threads = _others((each for each in inside if each.gap < _THREAD * each.radius), number)
+    if threads and threads >= _others(fitting, number):
         return "screw", "a thread and a tip without a head"
     return "pin", f"one diameter, in bores of {len(bores)} others"
 
 
-def _is_shoulder_screw(form: Turned, number: int, inside: Sequence[Contact], touched: Sequence[Contact]) -> bool:
+def _is_shoulder_screw(form: Turned, number: int, inside: Contacts, touched: Contacts) -> bool:
     """Return whether a headed bar guides a part on its shoulder and rests on the threaded part."""
     guides = [each for each in inside if FIT[0] <= each.gap / each.radius <= FIT[1]]
     guide = max(guides, key=lambda each: each.radius, default=None)
     if guide is None or form.radius < 1.3 * guide.radius:
         return False
-    under = {each.find_other(number) for each in touched if each.kind == "plane"} - {guide.find_other(number)}
+    under = _others((each for each in touched if each.kind == "plane"), number)
     slim = 0.95 * guide.radius
     steps = sorted(form.steps, key=lambda step: step[1] - step[0])
     narrow = [step for step in steps if step[2] < slim]
-    if not narrow or not any(each.radius < slim and each.find_other(number) in under for each in inside):
+    held = _others((each for each in inside if each.radius < slim), number)
+    if not narrow or not held & under - {guide.find_other(number)}:
         return False
     thread, head = sum(narrow[-1][:2]), sum(max(steps, key=lambda step: step[2])[:2])
     shoulder = sum(min(steps, key=lambda step: abs(step[2] - guide.radius))[:2])
     return (head - shoulder) * (shoulder - thread) >= 0.0
 
 
-def _is_about_axis(contact: Contact, solid: Instance) -> bool:
-    """Return whether a contact is about the axis of a solid."""
+def _is_about_axis(contacts: Contacts, solid: Instance) -> bool:
+    """Return whether all contacts are about the axis of a solid."""
     if solid.product.form is None:
-        return False
+        return not contacts
     point, axis = solid.place_axis(solid.product.form)
-    aside = np.linalg.norm(np.cross(axis, contact.point - point))
-    return bool(np.linalg.norm(np.cross(axis, contact.axis)) < 1e-4 and (contact.kind == "plane" or aside < 1e-5))
+    levers = ((c.axis, 1e-4) for c in contacts)
+    arms = ((c.point - point, 1e-5) for c in contacts if c.kind != "plane")
+    return all(np.linalg.norm(np.cross(axis, each)) < most for each, most in (*levers, *arms))
 
 
-def _stands_in(contact: Contact, number: int) -> bool:
-    return (contact.first, contact.second)[contact.inner or 0] == number
+def _round(contacts: Contacts, number: int = -1, *, inside: bool | None = None) -> list[Contact]:
+    """Return the cylindrical contacts; if given, only those with a solid inside, or around."""
+    found = [each for each in contacts if each.kind == "cylinder"]
+    if inside is None:
+        return found
+    return [c for c in found if ((c.first, c.second)[c.inner or 0] == number) is inside]
 
 
-def _rolling_bearings(solids: Sequence[Instance]) -> tuple[list[tuple[int, int]], set[int]]:
+def _others(contacts: Iterable[Contact], number: int) -> set[int]:
+    """Return the solids that contacts join to one."""
+    return {each.find_other(number) for each in contacts}
+
+
+def _rolling_bearings(solids: Solids) -> tuple[list[tuple[int, int]], set[int]]:
     """Return pairs of rings with three or more equal rolling elements, and elements with cages."""
     forms = [solid.product.form for solid in solids]
     rings = [n for n, form in enumerate(forms) if form and form.bore and form.share > _TURNED]
@@ -258,7 +276,7 @@ def _rolling_bearings(solids: Sequence[Instance]) -> tuple[list[tuple[int, int]]
     return pairs, within
 
 
-def _find_between(inner: int, outer: int, solids: Sequence[Instance]) -> list[int]:
+def _find_between(inner: int, outer: int, solids: Solids) -> list[int]:
     """Return the solids between two coaxial rings."""
     small, large = solids[inner].product.form, solids[outer].product.form
     if inner == outer or small is None or large is None or not small.radius < large.radius:
@@ -267,7 +285,8 @@ def _find_between(inner: int, outer: int, solids: Sequence[Instance]) -> list[in
     across = np.linalg.norm(np.cross(axis, other - point))
     parallel = np.linalg.norm(np.cross(axis, along))
     middles = [float(axis @ (solids[n].centre - point)) for n in (inner, outer)]
-    if parallel > 1e-4 or across > 2e-5 or abs(middles[0] - middles[1]) > 0.5 * small.length or large.bore < small.bore:
+    apart = abs(middles[0] - middles[1]) > 0.5 * small.length
+    if parallel > 1e-4 or across > 2e-5 or apart or large.bore < small.bore:
         return []
     found = []
     for number, solid in enumerate(solids):
@@ -275,7 +294,8 @@ def _find_between(inner: int, outer: int, solids: Sequence[Instance]) -> list[in
         along, apart = float(axis @ away) - middles[0], float(np.linalg.norm(np.cross(axis, away)))
         reach = float(np.linalg.norm(np.diff(solid.box, axis=0)))
         ball = small.middle < apart < large.middle and reach < 2.0 * (large.radius - small.bore)
-        cage = form is not None and apart < 1e-5 and small.bore < form.radius < large.radius and form.bore > small.bore
+        cage = form is not None and small.bore < form.radius < large.radius and apart < 1e-5
+        cage &= form is not None and form.bore > small.bore
         if number not in {inner, outer} and abs(along) < 0.5 * small.length and (ball or cage):
             found.append(number)
     return found

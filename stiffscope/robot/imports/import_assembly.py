@@ -45,7 +45,8 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Progress
 
 _GROUND = re.compile(r"ground|base|bed|frame|foot|gestell|grund|rahmen|sockel|bett", re.IGNORECASE)
-_TOOL = re.compile(r"tool|platform|effector|tcp|spindle|flange|plate|werkzeug|plattform|greifer|gripper", re.IGNORECASE)
+_TOOLS = "tool|platt?form|effector|tcp|spindle|flange|plate|werkzeug|greifer|gripper"
+_TOOL = re.compile(_TOOLS, re.IGNORECASE)
 _TINY = 2e-3  # a part with a smaller fraction of the total volume is rigid
 _HEAD = """# Imported from {file}: parts, joints and masses of its assembly; SI, axes of the assembly.
 #
@@ -54,6 +55,9 @@ _HEAD = """# Imported from {file}: parts, joints and masses of its assembly; SI,
 #   - bearings: compliance = {{ radial = "...", axial = "...", tilting = "..." }} of a joint.
 #   - gravity: [gravity] direction = [0, 0, -1] says which way is down.
 """
+
+
+_REVIEW = "#\n# Review these; other interpretations are possible:\n"
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,7 +71,8 @@ class Imported:
     solids: int = 0
     contacts: int = 0
     driven: tuple[str, ...] = ()
-    changes: tuple[str, ...] | None = None  # since the last import to the same file; None at the first
+    changes: tuple[str, ...] | None = None
+    """Changes since the last import to the same file; None at the first."""
 
 
 def import_assembly(
@@ -145,28 +150,29 @@ def _import(
     found = _Found(solids, hardware, tuple(joints))
     ground = _choose_ground(found, said.ground)
     reached = find_distances(found.joints, ground)
-    loose = {each for joint in found.joints for each in (joint.first, joint.second)} - reached.keys()
+    loose = {each for joint in found.joints for each in joint.ends} - {*reached, *hardware.roles}
     doubts += [Doubt((path.name,), text) for text in left_out] + doubt_twins(solids)
-    doubts += [
-        Doubt((solids[n].name,), "no joint leads from it to the ground: left out", tuple(solids[n].centre))
-        for n in sorted(loose - {*hardware.roles})
-    ]
+    text = "no joint leads from it to the ground: left out"
+    doubts += [Doubt((solids[n].name,), text, tuple(solids[n].centre)) for n in sorted(loose)]
     doubts = gather_alike(doubts, solids)
     found = replace(found, joints=tuple(joint for joint in found.joints if joint.first in reached))
     tool = _choose_tool(found, ground, said.tool, reached)
     model, parts = _model(path, found, ground, tool, said)
-    head = _HEAD if not doubts else _HEAD + "#\n# Review these; other interpretations are possible:\n" + "".join(
-        f"#   - {', '.join(doubt.solids)}: {doubt.text}\n".replace("{", "{{").replace("}", "}}") for doubt in doubts
-    )  # fmt: skip
+    lines = [f"#   - {', '.join(doubt.solids)}: {doubt.text}\n" for doubt in doubts]
+    review = "".join([_REVIEW, *lines]) if lines else ""
+    head = _HEAD + review.replace("{", "{{").replace("}", "}}")
     drives = driven(model, said.drive)
     text = robot_text(model, print_safely(path.name), drives, head, part_lines(parts, out))
     record = make_record(solids, hardware.roles, found.joints, doubts)
     write_import(path, out, text, parts, "an assembly", record)
-    changes = None if earlier is None else tuple(tell_changes(earlier, record))
-    for name in () if earlier is None else {*earlier.files} - {f"{part.name}.step" for part in parts}:
-        (parts_folder(out) / name).unlink(missing_ok=True)
-    roles = {solids[n].name: f"{role} ({hardware.reasons[n]})" for n, role in hardware.roles.items()}
-    return Imported(out, model, tuple(doubts), roles, len(solids), len(contacts), tuple(drives), changes)
+    changes = None
+    if earlier is not None:
+        changes = tuple(tell_changes(earlier, record))
+        for name in {*earlier.files} - {f"{part.name}.step" for part in parts}:
+            (parts_folder(out) / name).unlink(missing_ok=True)
+    roles = {solids[n].name: f"{hardware.roles[n]} ({hardware.reasons[n]})" for n in hardware.roles}
+    counts = len(solids), len(contacts)
+    return Imported(out, model, tuple(doubts), roles, *counts, tuple(drives), changes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +185,7 @@ class _Found:
 
     def find_joints(self, number: int) -> list[Freedom]:
         """Return the joints of a part."""
-        return [joint for joint in self.joints if number in {joint.first, joint.second}]
+        return [joint for joint in self.joints if number in joint.ends]
 
 
 def _choose_ground(found: _Found, wanted: str | None) -> int:
@@ -199,10 +205,8 @@ def _choose_tool(found: _Found, ground: int, wanted: str | None, reached: Mappin
     """Return the tool part: as given, else with a usual name, else behind most moving joints."""
     solids, able = found.solids, [n for n in reached if n != ground]
     if not able:
-        raise InputError(
-            f"expected parts that joints connect, got none that touches {solids[ground].name}, the ground; "
-            "say --ground or --joint"
-        )
+        got = f"none that touches {solids[ground].name}, the ground; say --ground or --joint"
+        raise InputError(f"expected parts that joints connect, got {got}")
     if wanted is not None:
         return _find_wanted(found, "--tool", wanted, able, "a part that moves")
     fixed = [joint for joint in found.joints if joint.kind == "fixed"]
@@ -230,7 +234,7 @@ def _find_wanted(found: _Found, option: str, wanted: str, able: Sequence[int], w
 def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tuple[SimulatorModel, list[PartFile]]:
     """Return bodies, joints and tool as in a robot file, and the elastic parts."""
     solids = found.solids
-    moving = sorted({each for joint in found.joints for each in (joint.first, joint.second)} - {ground})
+    moving = sorted({each for joint in found.joints for each in joint.ends} - {ground})
     materials = choose_materials(moving, solids, said.material, path)
     rigid = match_solids(solids, said.rigid, "--rigid")
     total = sum(solids[n].product.volume for n in moving)
@@ -248,31 +252,32 @@ def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tup
         own = dict(zip(interface_names(number, held, solids), faces, strict=True))
         part = _share_part(parts, solid, materials[number], own)
         part.bodies.append(solid.name)
-        names = {faces: name for name, faces in part.interfaces.items()}
-        ends |= {(number, joint): f"{solid.name}.{names[face]}" for joint, face in zip(held, faces, strict=True)}
-        bodies.append(ModelBody(solid.name, 0.0, solid.origin, np.zeros((3, 3)), part=part.name, axes=solid.rotation))
+        names = {faces: f"{solid.name}.{name}" for name, faces in part.interfaces.items()}
+        ends |= {(number, joint): names[face] for joint, face in zip(held, faces, strict=True)}
+        placed = solid.origin, np.zeros((3, 3)), part.name, solid.rotation
+        bodies.append(ModelBody(solid.name, 0.0, *placed))
     joints = list[ModelJoint]()
     for joint in found.joints:
-        numbers = joint.first, joint.second
-        first, second = (GROUND if each == ground else ends[each, joint] for each in numbers)
+        pair = (GROUND if each == ground else ends[each, joint] for each in joint.ends)
         axis = None if joint.kind in {"fixed", "spherical"} else joint.axis
-        name = "/".join(solids[each].name for each in numbers)
-        joints.append(ModelJoint(name, first, second, joint.kind, joint.at, axis, joint.axis2, note=joint.reason))
+        name = "/".join(solids[each].name for each in joint.ends)
+        place = joint.kind, joint.at, axis, joint.axis2
+        joints.append(ModelJoint(name, *pair, *place, note=joint.reason))
     last = found.find_joints(tool)[-1]
     tool_body = ends[tool, last]
     at = solids[tool].centre if tool_body == solids[tool].name else last.at
     motions = tool_motions(found.joints, tool, ground, at, measure_size(solids))
     if not motions.size:
-        joined = f"{len(moving)} of {len(solids) - len(found.hardware.roles) - 1} parts are joined to it"
+        others = len(solids) - len(found.hardware.roles) - 1
+        fixed = f"{solids[ground].name} ({len(moving)} of {others} parts are joined to it)"
         raise InputError(
-            f"{show_path(path)}: expected a tool that joints let move, got {solids[tool].name}, which they fix to the "
-            f"ground, {solids[ground].name} ({joined}); say --tool, --ground or --joint"
+            f"{show_path(path)}: expected a tool that joints let move, got {solids[tool].name}, which "
+            f"they fix to the ground, {fixed}; say --tool, --ground or --joint"
         )
-    model = SimulatorModel(
-        print_safely(path.stem), tuple(bodies), tuple(joints), tool_body=tool_body, tool_at=at,
-        pose=choose_coordinates(motions), gravity=np.zeros(3), notes=_notes(found, ground, tool, said),
-    )  # fmt: skip
-    return model, parts
+    name, notes = print_safely(path.stem), _notes(found, ground, tool, said)
+    pose = choose_coordinates(motions)
+    content = tuple(bodies), tuple(joints), tool_body, at, pose, np.zeros(3), notes
+    return SimulatorModel(name, *content), parts
 
 
 def _share_part(
@@ -289,15 +294,15 @@ def _share_part(
 
 def _notes(found: _Found, ground: int, tool: int, said: Said) -> tuple[str, ...]:
     """Return notes on choices and omissions."""
-    solids, notes = found.solids, list[str]()
-    bought = sum(MATERIALS["steel"].density * solids[n].product.volume for n in found.hardware.roles)
-    if bought:
-        notes.append(f"the mass of screws, pins and bearings ({bought:.3g} kg if of steel) is left out")
+    solids, density = found.solids, MATERIALS["steel"].density
+    bought = density * sum(solids[n].product.volume for n in found.hardware.roles)
     base = f"the ground is {solids[ground].name}, rigid"
-    last = f"the tool is {solids[tool].name}, M at its centre of mass where it is rigid, else at its last joint"
-    other = "; --{} NAME chooses another"
-    base += "" if said.ground else other.format("ground")
-    return (*notes, base, last + ("" if said.tool else other.format("tool")))
+    where = "M at its centre of mass where it is rigid, else at its last joint"
+    last = f"the tool is {solids[tool].name}, {where}"
+    base += "" if said.ground else "; --ground NAME chooses another"
+    last += "" if said.tool else "; --tool NAME chooses another"
+    left = f"the mass of screws, pins and bearings ({bought:.3g} kg if of steel) is left out"
+    return (*([left] if bought else []), base, last)
 
 
 def _rigid_reason(number: int, joints: Sequence[Freedom], said: set[int], share: float) -> str:

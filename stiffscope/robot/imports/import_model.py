@@ -63,5 +63,6 @@ def _positions(texts: Sequence[str]) -> dict[str, float]:
         try:
             found[name] = any_quantity(number_or_text(value) if equals else None)
         except ValueError as error:
-            raise InputError(f'--home {text}: expected JOINT=POSITION such as "elbow=90 deg", got "{text}"') from error
+            what = 'JOINT=POSITION such as "elbow=90 deg"'
+            raise InputError(f'--home {text}: expected {what}, got "{text}"') from error
     return found

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import operator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ from stiffscope.runtime.output import MAKER, check_new, is_forced
 from stiffscope.runtime.reading import file_digest, show_path
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from stiffscope.cad.assembly import Instance
@@ -48,20 +49,19 @@ class ImportRecord:
 
 
 def make_record(
-    solids: Sequence[Instance], roles: Mapping[int, str], joints: Sequence[Freedom], doubts: Sequence[Doubt]
+    solids: Sequence[Instance], roles: Mapping[int, str], joints: Sequence[Freedom], doubts: list[Doubt]
 ) -> ImportRecord:
     """Return the record of an import."""
-    shapes = dict[str, list[float]]()
-    for solid, product in ((each, each.product) for each in solids):
+    shapes, places = dict[str, list[float]](), dict[str, list[float]]()
+    names = [solid.name for solid in solids]
+    for name, solid in zip(names, solids, strict=True):
+        product = solid.product
         inertia = np.linalg.eigvalsh(product.inertia) / product.volume ** (5 / 3)
-        shapes[solid.name] = [product.volume, *inertia.tolist(), len(product.faces)]
-    return ImportRecord(
-        shapes,
-        {solid.name: [*solid.rotation.ravel().tolist(), *solid.origin.tolist()] for solid in solids},
-        {solids[number].name: role for number, role in roles.items()},
-        [(solids[joint.first].name, solids[joint.second].name, joint.kind) for joint in joints],
-        list(doubts),
-    )
+        shapes[name] = [product.volume, *inertia.tolist(), len(product.faces)]
+        places[name] = [*solid.rotation.ravel().tolist(), *solid.origin.tolist()]
+    linked = [(names[joint.first], names[joint.second], joint.kind) for joint in joints]
+    named = {names[n]: role for n, role in roles.items()}
+    return ImportRecord(shapes, places, named, linked, doubts)
 
 
 def read_record(folder: Path) -> ImportRecord | None:
@@ -76,17 +76,18 @@ def read_record(folder: Path) -> ImportRecord | None:
 
 
 def check_place(out: Path) -> ImportRecord | None:
-    """Return the record of an earlier import; refuse to overwrite a file changed since, or files not written by it."""
+    """Return an earlier import's record; refuse to overwrite other files, or one changed since."""
     if out.name == SETTINGS:
-        raise InputError(f"{show_path(out)}: expected another name, as {SETTINGS} holds settings of an import")
+        why = f"as {SETTINGS} holds settings of an import"
+        raise InputError(f"{show_path(out)}: expected another name, {why}")
     folder = parts_folder(out)
     earlier = read_record(folder)
     if not out.exists() or not (earlier or is_forced()):
         check_new(out)
     elif earlier and not is_forced() and file_digest(out) != earlier.robot:
         raise InputError(
-            f"{show_path(out)}: expected the file as the last import wrote it, got one that was changed since; "
-            f"import to another file, or --force writes over it"
+            f"{show_path(out)}: expected the file as the last import wrote it, got one that was changed "
+            f"since; import to another file, or --force writes over it"
         )
     for name in () if is_forced() else sorted(each.name for each in folder.glob("*.step")):
         if earlier is None or name not in earlier.files:
@@ -104,13 +105,14 @@ def tell_changes(earlier: ImportRecord, now: ImportRecord) -> list[str]:
     for name, old in before.items():
         was, here = earlier.shapes[old], now.shapes[name]
         if not _is_same(was, here):
-            what = f"volume {1e6 * was[0]:.4g} -> {1e6 * here[0]:.4g} cm³, faces {was[-1]:g} -> {here[-1]:g}"
-            told.append(f"{name} has another shape ({what})")
-        places = np.array([earlier.places[old], now.places[name]])
-        if np.ptp(places, axis=0).max() > _SAME:
-            moved.append(f"{name} ({1e3 * float(np.linalg.norm(np.diff(places[:, 9:], axis=0))):.3g} mm)")
-        if earlier.roles.get(old) != now.roles.get(name):
-            told.append(f"{name} was a {earlier.roles.get(old, 'part')}, is a {now.roles.get(name, 'part')}")
+            volume = f"volume {1e6 * was[0]:.4g} -> {1e6 * here[0]:.4g} cm³"
+            told.append(f"{name} has another shape ({volume}, faces {was[-1]:g} -> {here[-1]:g})")
+        away = np.subtract(earlier.places[old], now.places[name])
+        if np.abs(away).max() > _SAME:
+            moved.append(f"{name} ({1e3 * float(np.linalg.norm(away[9:])):.3g} mm)")
+        before_role, role = earlier.roles.get(old, "part"), now.roles.get(name, "part")
+        if before_role != role:
+            told.append(f"{name} was a {before_role}, is a {role}")
     if moved:
         more = f" and {len(moved) - 8} more" if len(moved) > 8 else ""
         told.append(f"stand elsewhere: {', '.join(moved[:8])}{more}")
@@ -127,7 +129,7 @@ def _tell_joints(earlier: ImportRecord, now: ImportRecord, before: Mapping[str, 
             told.append(f"the {kind} joint {first}/{second} is new")
         elif was[2] != kind:
             told.append(f"the joint {first}/{second} was {was[2]}, is {kind}")
-    return told + [f"the {kind} joint {first}/{second} is gone" for first, second, kind in old.values()]
+    return told + [f"the {kind} joint {one}/{two} is gone" for one, two, kind in old.values()]
 
 
 def _match(earlier: ImportRecord, now: ImportRecord) -> dict[str, str]:
@@ -138,10 +140,7 @@ def _match(earlier: ImportRecord, now: ImportRecord) -> dict[str, str]:
         return same and _is_same(earlier.shapes[old], now.shapes[name])
 
     found = dict[str, str]()
-    rules: tuple[Callable[[str, str], bool], ...] = (
-        lambda name, old: name == old and is_here(name, old), is_here, lambda name, old: name == old,
-    )  # fmt: skip
-    for rule in rules:
+    for rule in (lambda name, old: name == old and is_here(name, old), is_here, operator.eq):
         left = [old for old in earlier.shapes if old not in found.values()]
         for name in now.shapes:
             old = None if name in found else next((each for each in left if rule(name, each)), None)

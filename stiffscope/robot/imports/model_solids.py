@@ -9,6 +9,7 @@ from __future__ import annotations
 import fnmatch
 import re
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
@@ -21,15 +22,14 @@ from stiffscope.cad.materials import MATERIALS
 from stiffscope.errors import InputError
 from stiffscope.robot.imports.assembly_parts import PartFile, choose_materials, part_name
 from stiffscope.robot.imports.compiled_model import print_safely
-from stiffscope.robot.imports.simulator_model import ModelBody
+from stiffscope.robot.imports.simulator_model import ModelBody, ModelJoint
 from stiffscope.vjm.joints import LED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-    from pathlib import Path
     from xml.etree.ElementTree import Element
 
-    from stiffscope.robot.imports.simulator_model import ModelJoint, SimulatorModel
+    from stiffscope.robot.imports.simulator_model import SimulatorModel
 
 _NEAR = 1e-4  # m, and of a direction: tolerance of a face at a joint
 _STEP = re.compile(r"\.(step|stp|p21)$", re.IGNORECASE)
@@ -53,30 +53,33 @@ def add_solids(path: Path, model: SimulatorModel, said: Sequence[str]) -> tuple[
             try:
                 found[name] = _read_solid(path, file, link, tree, model, said)
             except InputError as error:
-                notes.append(f"{name} stays rigid, though its visual is {print_safely(file)}: {error}")
-    solids, parts, ends = [solid for solid, _ in found.values()], list[PartFile](), dict[tuple[str, str], str]()
+                visual = print_safely(file)
+                notes.append(f"{name} stays rigid, though its visual is {visual}: {error}")
+    solids = [solid for solid, _ in found.values()]
+    parts, ends = list[PartFile](), dict[tuple[str, str], str]()
     materials = choose_materials(range(len(solids)), solids, said, path) if solids else {}
     for number, (name, (solid, faces)) in enumerate(found.items()):
         own = {re.sub(r"[.\s]", "_", joint): each for joint, each in faces.items()}
         parts.append(PartFile(part_name(solid, parts), solid, materials[number], own))
         ends |= {(name, joint): f"{name}.{end}" for joint, end in zip(faces, own, strict=True)}
         mass = MATERIALS[materials[number]].density * solid.product.volume
-        notes.append(f"{name} bends, and has its solid's {mass:.4g} kg, not {bodies[name].mass:.4g} kg")
+        given = f"not {bodies[name].mass:.4g} kg"
+        notes.append(f"{name} bends, and has its solid's {mass:.4g} kg, {given}")
         none = np.zeros((3, 3))
         bodies[name] = ModelBody(name, 0.0, solid.origin, none, parts[-1].name, solid.rotation)
-    joints = tuple(
-        replace(j, first=ends.get((j.first, j.name), j.first), second=ends.get((j.second, j.name), j.second))
-        for j in model.joints
-    )
-    tool = [model.tool_body, *(end for (name, _), end in ends.items() if name == model.tool_body)][-1]
-    bent = replace(model, bodies=tuple(bodies.values()), joints=joints, tool_body=tool, notes=tuple(notes))
-    return bent, parts
+    joints = list[ModelJoint]()
+    for j in model.joints:
+        first, second = (ends.get((each, j.name), each) for each in (j.first, j.second))
+        joints.append(replace(j, first=first, second=second))
+    tool = {name: end for (name, _), end in ends.items()}.get(model.tool_body, model.tool_body)
+    new = {"bodies": tuple(bodies.values()), "joints": tuple(joints), "notes": tuple(notes)}
+    return replace(model, tool_body=tool, **new), parts
 
 
 def _read_solid(
     path: Path, file: str, link: Element, tree: Element, model: SimulatorModel, said: Sequence[str]
 ) -> tuple[Instance, dict[str, tuple[int, ...]]]:
-    """Return a link's solid at its place, and its faces at joints; InputError if it is to stay rigid."""
+    """Return a link's solid at its place, and its faces at joints; InputError if it stays rigid."""
     name = link.get("name", "")
     held = [joint for joint in model.joints if name in {joint.first, joint.second}]
     fixed = [{end.get("link") for end in joint} for joint in tree.iterfind("joint[@type='fixed']")]
@@ -85,11 +88,13 @@ def _read_solid(
         raise InputError("expected one visual and no other link fixed to it, got more")
     if len(held) < 2:
         raise InputError("one joint, so that nothing but its own weight loads it")
-    if not any(fnmatch.fnmatch(name.lower(), text.partition("=")[0].strip().lower()) for text in said):
+    patterns = [text.partition("=")[0].strip().lower() for text in said]
+    if not any(fnmatch.fnmatch(name.lower(), pattern) for pattern in patterns):
         raise InputError(f'say --material "{name}=NAME" to let it bend')
     tail = re.sub(r"^\w+://", "", file)
-    places = (base / each for base in path.absolute().parents for each in (tail, tail.partition("/")[2]))
-    (one, *more) = read_assembly(next((place for place in places if place.is_file()), path.parent / tail))
+    tails = (tail, tail.partition("/")[2])
+    places = (base / each for base in path.absolute().parents for each in tails)
+    one, *more = read_assembly(next(filter(Path.is_file, places), path.parent / tail))
     if more:
         raise InputError(f"expected one solid, got {1 + len(more)}")
     origin = link.find("visual/origin")
@@ -108,7 +113,7 @@ def _read_solid(
 
 
 def _faces_at(solid: Instance, joint: ModelJoint) -> tuple[int, ...]:
-    """Return the nearest faces of one radius about a joint's axis or centre, else those at its point."""
+    """Return the nearest faces of one radius about a joint's axis or centre, else at its point."""
     about = list[tuple[float, float, int]]()
     for face in solid.faces:
         lever, off = joint.at - face.origin, np.inf

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.imports.compiled_model import CompiledModel
     from stiffscope.runtime.types import Array
 
-_SITES = ("attachment_site", "tcp", "tool", "tool0", "ee", "ee_site", "end_effector", "pinch", "grip_site")
+_SITES = ["attachment_site", "tcp", "tool", "tool0", "ee", "ee_site", "end_effector", "pinch", "grip_site"]
 
 
 def find_tool(source: CompiledModel, wanted: str | None) -> tuple[int, Array, str]:
@@ -21,8 +21,8 @@ def find_tool(source: CompiledModel, wanted: str | None) -> tuple[int, Array, st
     m, d = source.model, source.data
     sites, bodies = source.labels("site", m.nsite), source.labels("body", m.nbody, 1)
     if wanted is not None and wanted not in sites and wanted not in bodies:
-        known = ", ".join([*sites, *bodies])
-        raise InputError(f'--tool {wanted}: expected a body or site of {source.path} ({known}), got "{wanted}"')
+        what = f"a body or site of {source.path} ({', '.join([*sites, *bodies])})"
+        raise InputError(f'--tool {wanted}: expected {what}, got "{wanted}"')
     for name in (wanted,) if wanted else _SITES:
         if name in sites and source.mover(int(m.site_bodyid[sites[name]])) != GROUND:
             body = int(m.site_bodyid[sites[name]])
@@ -41,12 +41,12 @@ def _last_body(source: CompiledModel) -> int:
     for body in range(1, m.nbody):
         depth[body] = depth[m.body_parentid[body]] + 1
     ends = [each for number in source.closures() for each in source.closure_ends(number)[:2]]
-    bodies = range(1, m.nbody)
-    return max(bodies, key=lambda body: (ends.count(source.mover(body)) > 1, depth[body], -body), default=0)
+    joined = [ends.count(source.mover(body)) > 1 for body in range(m.nbody)]
+    return max(range(1, m.nbody), key=lambda body: (joined[body], depth[body], -body), default=0)
 
 
 def movable_coordinates(source: CompiledModel, body: int, at: Array) -> tuple[str, ...]:
-    """Return the coordinates of a body's point (3,), m, that the mechanism moves, translations first."""
+    """Return the coordinates of a body's point (3,), m, that the mechanism moves, x y z first."""
     m, d = source.model, source.data
     jacobian = _jacobian(source, d, body, at)
     _, closures = source.equality_rows(closures_only=True)
@@ -55,8 +55,10 @@ def movable_coordinates(source: CompiledModel, body: int, at: Array) -> tuple[st
         _, sizes, rows = np.linalg.svd(closures)
         basis = rows[(sizes > 1e-9 * sizes[0]).sum() :].T
     chosen = choose_coordinates(jacobian @ basis)
-    if not closures.size and len(chosen) < min(6, m.nv) and _nearby_rank(source, body, at) > len(chosen):
-        source.notes.append("home is singular: the tool moves in more directions elsewhere; choose another with --home")
+    count = len(chosen)
+    if not closures.size and count < min(6, m.nv) and _nearby_rank(source, body, at) > count:
+        why = "the tool moves in more directions elsewhere; choose another with --home"
+        source.notes.append(f"home is singular: {why}")
     return chosen
 
 

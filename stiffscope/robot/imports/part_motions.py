@@ -41,7 +41,13 @@ class Freedom:
     axis2: Array | None
     reason: str
     faces: tuple[tuple[int, ...], tuple[int, ...]]
-    freedom: Array = field(repr=False)  # (6, k) at the base origin, translations over the assembly's size
+    freedom: Array = field(repr=False)
+    """Twists (6, k) at the base origin, translations over the assembly's size."""
+
+    @property
+    def ends(self) -> tuple[int, int]:
+        """Both parts."""
+        return self.first, self.second
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,18 +64,19 @@ class Bond:
     label: str = ""
     at: Array | None = None
 
+    @property
+    def ends(self) -> tuple[int, int]:
+        """Both solids."""
+        return self.first, self.second
+
 
 def joint_freedom(kind: str, at: Array, axis: Array | None, axis2: Array | None) -> Array:
     """Return the twists (6, k) at the base origin that a joint leaves free."""
-    x = np.array([1.0, 0.0, 0.0]) if axis is None else axis
+    x = np.eye(3)[0] if axis is None else axis
     across = null_space(x[None, :])
-    axes = np.column_stack((x, across if axis2 is None else np.column_stack((axis2, across[:, :1]))))
-    columns = []
-    for component in FREE[kind]:
-        direction = axes[:, component % 3]
-        line, turn = (direction, np.zeros(3)) if component < 3 else (np.cross(at, direction), direction)
-        columns.append(np.concatenate((line, turn)))
-    return np.column_stack(columns) if columns else np.zeros((6, 0))
+    axes = np.column_stack((x, across) if axis2 is None else (x, axis2, across[:, 0]))
+    twists = shift(-at) @ np.kron(np.eye(2), axes)
+    return twists[:, list(FREE[kind])]
 
 
 def relative_freedom(holds: Iterable[tuple[int, int, Array]], first: int, second: int) -> Array:
@@ -112,11 +119,11 @@ def holds_more(rows: Array, joints: Sequence[Freedom], first: int, second: int) 
 
 def held_by(joint: Freedom) -> tuple[int, int, Array]:
     """A joint as its parts and the rows (m, 6) that it takes to zero."""
-    return joint.first, joint.second, null_space(joint.freedom.T).T
+    return *joint.ends, null_space(joint.freedom.T).T
 
 
 def tool_motions(joints: Sequence[Freedom], tool: int, ground: int, at: Array, scale: float) -> Array:
-    """Twists (6, k) of a part against the ground at a point (3,), translations over ``scale``, m."""
+    """Return a part's twists (6, k) at a point (3,) to the ground, translations over ``scale``, m."""
     return shift(at / scale) @ relative_freedom(map(held_by, joints), ground, tool)
 
 

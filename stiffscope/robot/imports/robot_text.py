@@ -1,4 +1,4 @@
-"""Text of a robot file from a model: bodies, joints, drives and tool, with comments for a person."""
+"""Text of a robot file from a model: bodies, joints, drives and tool, with comments for people."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ _HEAD = """# Imported from {file}: geometry, masses, joints and their ranges at 
 
 
 def check_text(path: str | Path, out: Path, text: str, what: str) -> None:
-    """Raise InputError, at the source's ``path``, unless a robot can be read from the text of its file."""
+    """Raise InputError, at the source's ``path``, unless a robot can be read from its file's text."""
     try:
         read_robot(out, text)
     except InputError as error:
-        why = re.sub(rf"^{re.escape(str(out))}:\d+: ", "", str(error))
-        raise InputError(f"{show_path(path)}: expected {what} of a robot, got one with {why}") from error
+        got = "one with " + re.sub(rf"^{re.escape(str(out))}:\d+: ", "", str(error))
+        raise InputError(f"{show_path(path)}: expected {what} of a robot, got {got}") from error
 
 
 def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
@@ -53,9 +53,11 @@ def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
     able = [name for name, joint in joints.items() if joint.kind in _DRIVABLE]
     found = {}
     for text in drives:
-        where, (name, equals, value) = place_of("--drive", text), (each.strip() for each in text.partition("="))
+        where = place_of("--drive", text)
+        name, equals, value = (each.strip() for each in text.partition("="))
         if not equals:
-            raise InputError(f'{where}: expected JOINT=STIFFNESS such as "joint1=25 kN*m/rad", got "{text}"')
+            what = 'JOINT=STIFFNESS such as "joint1=25 kN*m/rad"'
+            raise InputError(f'{where}: expected {what}, got "{text}"')
         named = [name] if name in able else fnmatch.filter(able, name)
         if not named:
             what = f"a joint that turns or slides ({', '.join(able)})"
@@ -66,7 +68,8 @@ def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
         except ValueError as error:
             raise InputError(f"{where}: {error}") from error
         if twice := [each for each in named if each in found]:
-            raise InputError(f"{where}: expected one stiffness of each joint, got two of {twice[0]}")
+            got = f"two of {twice[0]}"
+            raise InputError(f"{where}: expected one stiffness of each joint, got {got}")
         found |= dict.fromkeys(named, to_toml(number_or_text(value)))
     return found
 
@@ -134,14 +137,13 @@ def _joint_lines(joint: ModelJoint, drives: dict[str, str]) -> Iterator[str]:
         if direction is not None:
             yield f"{key} = {vector_text(direction)}"
     if joint.kind in _DRIVABLE:
-        limits = "" if joint.range is None else f", range = [{', '.join(_number(each) for each in joint.range)}]"
-        unit = _DRIVABLE[joint.kind].unit
+        limits = f", range = [{', '.join(map(_number, joint.range))}]" if joint.range else ""
+        gain = _number(joint.gain) if joint.gain > 0 else "..."
         if joint.name in drives:
             yield f"drive = {{ stiffness = {drives[joint.name]}{limits} }}"
-        elif joint.gain > 0:
-            yield f'# drive = {{ stiffness = "{_number(joint.gain)} {unit}"{limits} }}   # gain kp of the source'
         else:
-            yield f'# drive = {{ stiffness = "... {unit}"{limits} }}   # if it is driven'
+            why = "gain kp of the source" if joint.gain > 0 else "if it is driven"
+            yield f'# drive = {{ stiffness = "{gain} {_DRIVABLE[joint.kind].unit}"{limits} }}   # {why}'
     if joint.dynamics:
         listed = ", ".join(f"{word} {_number(value)}" for word, value in joint.dynamics.items())
         yield f"# the source has {listed} here (SI), not taken"
@@ -149,7 +151,7 @@ def _joint_lines(joint: ModelJoint, drives: dict[str, str]) -> Iterator[str]:
 
 def toml_key(name: str) -> str:
     """Format a name as a TOML key, quoted if necessary."""
-    return name if name.replace("_", "").replace("-", "").isalnum() and name.isascii() else to_toml(name)
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else to_toml(name)
 
 
 def to_toml(value: object) -> str:
@@ -163,5 +165,6 @@ def _number(value: float) -> str:
 
 def vector_text(values: np.ndarray) -> str:
     """Format components as a TOML list."""
-    least = 1e-13 * float(np.abs(values).max())
-    return f"[{', '.join(_number(0.0 if abs(value) <= least else float(value)) for value in values)}]"
+    size = np.abs(values)
+    rounded = np.where(size <= 1e-13 * size.max(), 0.0, values)
+    return f"[{', '.join(map(_number, rounded.tolist()))}]"

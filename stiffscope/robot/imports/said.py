@@ -5,6 +5,7 @@ from __future__ import annotations
 import fnmatch
 from collections import defaultdict
 from dataclasses import dataclass, fields, replace
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -88,11 +89,12 @@ def match_solids(solids: Sequence[Instance], patterns: Iterable[str], option: st
     """Return the solids that match patterns; raise InputError if a pattern matches none."""
     found = set[int]()
     for pattern in patterns:
-        here = {n for n, solid in enumerate(solids) if fnmatch.fnmatch(solid.name.lower(), pattern.lower())}
+        names = enumerate(solid.name.lower() for solid in solids)
+        here = {n for n, name in names if fnmatch.fnmatch(name, pattern.lower())}
         if not here:
-            names = list_some([solid.name for solid in solids])
+            known = list_some([solid.name for solid in solids])
             where = place_of(option, pattern)
-            raise InputError(f'{where}: expected the name of a solid ({names}), got "{pattern}"')
+            raise InputError(f'{where}: expected the name of a solid ({known}), got "{pattern}"')
         found |= here
     return found
 
@@ -116,18 +118,17 @@ def as_said(
             kinds = ", ".join((*FREE, "none"))
             raise InputError(f'{where}: expected A/B=KIND with one of {kinds}, got "{text}"')
         ones, others = (match_solids(solids, (name,), f"{where}: solid") for name in (first, second))
-
-        def is_named(each: Freedom | Contact, ones: set[int] = ones, others: set[int] = others) -> bool:
-            i, j = each.first, each.second
-            return (i in ones and j in others) or (j in ones and i in others)
-
+        pairs = {frozenset(each) for each in product(ones, others)}
         here = defaultdict[frozenset[int], list[Any]](list)
-        for each in (*filter(is_named, found), *filter(is_named, contacts)):
-            here[frozenset((each.first, each.second))].append(each)
+        for each in (*found, *contacts):
+            both = frozenset((each.first, each.second))
+            if both in pairs:
+                here[both].append(each)
         if not here:
-            raise InputError(f'{where}: expected two solids that touch, got "{first}" and "{second}", which do not')
+            got = f'"{first}" and "{second}", which do not'
+            raise InputError(f"{where}: expected two solids that touch, got {got}")
         named |= here.keys()
-        found = [joint for joint in found if not is_named(joint)]
+        found = [joint for joint in found if frozenset(joint.ends) not in here]
         if kind != "none":
             found += [_as_kind(kind, each, scale) for each in here.values()]
     return found, named
@@ -140,8 +141,9 @@ def _as_kind(kind: str, here: Sequence[Freedom | Contact], scale: float) -> Free
     if touching and (joint is None or joint.axis is None):
         best = max(touching, key=lambda c: (c.kind != "plane", c.size))
         ends = best.first, best.second
-        faces = [tuple(sorted({c.face_of(n) for c in touching})) for n in ends]
-        new = Freedom(*ends, kind, best.point, best.axis, None, "", (faces[0], faces[1]), np.zeros((6, 0)))
+        one, other = (tuple(sorted({c.face_of(n) for c in touching})) for n in ends)
+        place, none = (best.point, best.axis), np.zeros((6, 0))
+        new = Freedom(*ends, kind, *place, None, "", (one, other), none)
         joint = replace(joint or new, at=best.point, axis=best.axis)
     free = joint_freedom(kind, joint.at / scale, joint.axis, joint.axis2)
     return replace(joint, kind=kind, reason="as said", freedom=free)

@@ -89,11 +89,12 @@ def read_model(path: str | Path, tool: str | None = None, home: Mapping[str, flo
     joints = _name_apart([*_tree_joints(source), *_closing_joints(source)])
     bodies = [_merge(source, number, name) for number, name in source.movers.items() if number]
     ends = {name for joint in joints for name in (joint.first, joint.second)}
-    between = sorted(ends - {body.name for body in bodies} - {GROUND})  # between two joints of one body
+    between = sorted(ends - {GROUND, *(body.name for body in bodies)})  # two joints of one body
     reached = find_distances(joints, GROUND)
     for number, name in source.movers.items():
         if name not in reached:
-            joints.append(ModelJoint(f"{name}.held", GROUND, name, "fixed", source.data.xpos[number].copy()))
+            at = source.data.xpos[number].copy()
+            joints.append(ModelJoint(f"{name}.held", GROUND, name, "fixed", at))
             source.notes.append(f'"{name}" floats in the source; it is fixed to the ground here')
     bodies += [ModelBody(name, 0.0, np.zeros(3), np.zeros((3, 3))) for name in between]
     _note_omissions(source, joints)
@@ -103,13 +104,14 @@ def read_model(path: str | Path, tool: str | None = None, home: Mapping[str, flo
     gravity, notes = np.array(source.model.opt.gravity), tuple(source.notes)
     own = source.model.names.partition(b"\0")[0].decode(errors="replace")
     name = print_safely(own if own.strip() and own != "MuJoCo Model" else source.path.stem)
-    return SimulatorModel(name, tuple(bodies), tuple(joints), source.mover(body), at, pose, gravity, notes)
+    tool_of = source.mover(body), at, pose
+    return SimulatorModel(name, tuple(bodies), tuple(joints), *tool_of, gravity, notes)
 
 
 def _merge(source: CompiledModel, mover: int, name: str) -> ModelBody:
     """Merge a body with all bodies welded to it."""
     m, d = source.model, source.data
-    members = [b for b in range(1, m.nbody) if m.body_weldid[b] == mover and m.body_mass[b] > _LEAST_MASS]
+    members = np.flatnonzero((m.body_weldid == mover) & (m.body_mass > _LEAST_MASS))
     mass = float(sum(m.body_mass[b] for b in members))
     centre = sum((m.body_mass[b] * d.xipos[b] for b in members), np.zeros(3)) / (mass or 1.0)
     inertia = np.zeros((3, 3))
@@ -122,21 +124,23 @@ def _merge(source: CompiledModel, mover: int, name: str) -> ModelBody:
 
 def _note_omissions(source: CompiledModel, joints: Iterable[ModelJoint]) -> None:
     m = source.model
-    fixed = [b for b in range(1, m.nbody) if m.body_weldid[b] == 0 and m.body_mass[b] > _LEAST_MASS]
+    fixed = [b for b in range(1, m.nbody) if not m.body_weldid[b] and m.body_mass[b] > _LEAST_MASS]
     if fixed:
         listed = ", ".join(f"{source.label('body', b)} {m.body_mass[b]:.4g} kg" for b in fixed)
         source.notes.append(f"bodies fixed to the ground have no mass here: {listed}")
     for word in ("stiffness", "damping", "armature"):
         names = [joint.name for joint in joints if joint.dynamics.get(word)]
         if names:
-            source.notes.append(f"the source's {word} of {', '.join(names)} is not taken, but written beside the joint")
-    for gains, told in ((1, "written beside the joint, not taken"), (-1, "below zero and left out")):
-        names = [joint.name for joint in joints if joint.gain * gains > 0]
+            of = f"the source's {word} of {', '.join(names)}"
+            source.notes.append(f"{of} is not taken, but written beside the joint")
+    for sign, told in ((1, "written beside the joint, not taken"), (-1, "below zero and left out")):
+        names = [joint.name for joint in joints if joint.gain * sign > 0]
         if names:
             source.notes.append(f"position gains (kp) of {', '.join(names)} are {told}")
     size = float(max((np.abs(joint.at).max() for joint in joints), default=0.0))
     if size > _LARGE:
-        source.notes.append(f"joints are up to {size:.3g} m from the origin: check that lengths of the source are in m")
+        far = f"joints are up to {size:.3g} m from the origin"
+        source.notes.append(f"{far}: check that lengths of the source are in m")
 
 
 def _tree_joints(source: CompiledModel) -> Iterator[ModelJoint]:
@@ -144,7 +148,7 @@ def _tree_joints(source: CompiledModel) -> Iterator[ModelJoint]:
     m = source.model
     for body, name in source.movers.items():
         first, count = int(m.body_jntadr[body]), int(m.body_jntnum[body])
-        found = [_tree_joint(source, number) for number in range(first, first + count)] if count > 0 else []
+        found = [_tree_joint(source, first + n) for n in range(count)]
         joints = _universals([joint for joint in found if joint is not None])
         parent = source.mover(int(m.body_parentid[body])) if body else GROUND
         for place, joint in enumerate(joints):
@@ -156,8 +160,9 @@ def _tree_joints(source: CompiledModel) -> Iterator[ModelJoint]:
 def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
     """Return a hinge, slide or ball joint; None for a free joint, which constrains nothing."""
     m, d = source.model, source.data
-    words = {"mjJNT_HINGE": "revolute", "mjJNT_SLIDE": "prismatic", "mjJNT_BALL": "spherical"}
-    kind = next((each for word, each in words.items() if source.is_a(m.jnt_type[number], "mjtJoint", word)), None)
+    words, of = {"HINGE": "revolute", "SLIDE": "prismatic", "BALL": "spherical"}, m.jnt_type[number]
+    kinds = (words[word] for word in words if source.is_a(of, "mjtJoint", f"mjJNT_{word}"))
+    kind = next(kinds, None)
     if kind is None:
         return None
     axis, limits, name = None, None, source.label("joint", number)
@@ -168,14 +173,17 @@ def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
             low, high = (float(each) - here for each in m.jnt_range[number])
             limits = low, high
             if not low <= 0.0 <= high:
-                source.notes.append(f"home of {name} is beyond its range; choose another with --home")
+                beyond = f"home of {name} is beyond its range"
+                source.notes.append(f"{beyond}; choose another with --home")
         elif m.jnt_range[number, 0] > m.jnt_range[number, 1]:
             source.notes.append(f"limits of {name} are left out: the lower is above the upper")
     note, gain = _actuator(source, number)
     dof, at = int(m.jnt_dofadr[number]), d.xanchor[number].copy()
-    sizes = {"stiffness": m.jnt_stiffness[number], "damping": m.dof_damping[dof], "armature": m.dof_armature[dof]}
-    dynamics = {word: float(np.ravel(size)[0]) for word, size in sizes.items() if np.ravel(size)[0]}
-    return ModelJoint(name, "", "", kind, at, axis, range=limits, note=note, gain=gain, dynamics=dynamics)
+    found = m.jnt_stiffness[number], m.dof_damping[dof], m.dof_armature[dof]
+    sizes = (float(np.ravel(each)[0]) for each in found)
+    pairs = zip(("stiffness", "damping", "armature"), sizes, strict=True)
+    dynamics = {word: size for word, size in pairs if size}
+    return ModelJoint(name, "", "", kind, at, axis, None, limits, note, gain, dynamics)
 
 
 def _actuator(source: CompiledModel, joint: int) -> tuple[str, float]:
@@ -197,7 +205,8 @@ def _closing_joints(source: CompiledModel) -> Iterator[ModelJoint]:
         if not m.eq_active0[number]:
             source.notes.append(f'equality "{name}" is not active in the source and is left out')
         elif number not in closing:
-            source.notes.append(f'equality "{name}" couples {_describe_coupling(source, number)}; it is left out')
+            coupled = _describe_coupling(source, number)
+            source.notes.append(f'equality "{name}" couples {coupled}; it is left out')
         else:
             first, second, at = source.closure_ends(number)
             if first == second:
@@ -214,7 +223,8 @@ def _describe_coupling(source: CompiledModel, number: int) -> str:
     m = source.model
     if not source.is_a(m.eq_type[number], "mjtEq", "mjEQ_JOINT"):
         return "coordinates, which no joint does"
-    names = [source.label("joint", int(each)) for each in (m.eq_obj1id[number], m.eq_obj2id[number]) if each >= 0]
+    ends = int(m.eq_obj1id[number]), int(m.eq_obj2id[number])
+    names = [source.label("joint", each) for each in ends if each >= 0]
     return f"the coordinates of joints {' and '.join(names)} (mimic), which no joint does"
 
 
@@ -225,10 +235,10 @@ def _closing_joint(first: str, second: str, points: list[tuple[str, Array]]) -> 
     _, sizes, rows = np.linalg.svd(np.array(away).reshape(-1, 3))
     if sizes.max(initial=0.0) < _SAME_POINT:
         return ModelJoint(name, first, second, "spherical", at)
+    note = f"{len(points)} connects of the source"
     if len(sizes) < 2 or sizes[1] < 1e-6 * sizes[0]:
-        note = f"{len(points)} connects of the source, on one line"
-        return ModelJoint(name, first, second, "revolute", at, rows[0], note=note)
-    return ModelJoint(name, first, second, "fixed", at, note=f"{len(points)} connects of the source")
+        return ModelJoint(name, first, second, "revolute", at, rows[0], note=f"{note}, on one line")
+    return ModelJoint(name, first, second, "fixed", at, note=note)
 
 
 def _name_apart(joints: Iterable[ModelJoint]) -> list[ModelJoint]:
@@ -257,6 +267,7 @@ def _universals(joints: list[ModelJoint]) -> list[ModelJoint]:
     if len(joints) != 2 or any(joint.kind != "revolute" or joint.note for joint in joints):
         return joints
     one, two = joints
-    if np.linalg.norm(one.at - two.at) > _SAME_POINT or abs(float(np.dot(one.axis, two.axis))) > _SQUARE:  # type: ignore[arg-type]
+    cosine = np.vdot(np.asarray(one.axis), np.asarray(two.axis))
+    if np.linalg.norm(one.at - two.at) > _SAME_POINT or abs(cosine) > _SQUARE:
         return joints
     return [replace(one, kind="universal", axis2=two.axis, range=None)]
