@@ -88,14 +88,7 @@ class Bent:
 def bend_network(order: Order, where: Places, small: float = _SMALL) -> Bent:
     """Find the equilibrium under own weight and offsets: one linear step, or more if not ``small``.
 
-    Parameters
-    ----------
-    order
-        Elimination order of the network.
-    where
-        Places of all nodes at n configurations.
-    small
-        Rad, or of the mechanism's length, up to which one step is enough; smaller costs more steps.
+    ``small``: displacement, rad or relative to the mechanism's length, up to which one is enough.
     """
     n, uncached = len(where.tool), replace(where)  # what it caches is not kept
     moved = solve_loads(order, uncached, own_loads(order, where), "nodes")

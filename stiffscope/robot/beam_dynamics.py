@@ -45,7 +45,7 @@ def beam_dynamics(
 
     References
     ----------
-    J. S. Przemieniecki, Theory of Matrix Structural Analysis, McGraw-Hill 1968, sect. 11.3 (mass with rotary inertia).
+    J. S. Przemieniecki, Theory of Matrix Structural Analysis, McGraw-Hill 1968, sect. 11.3.
     """
     total = sum(length for length, _ in segments)
     pieces = [
@@ -67,7 +67,8 @@ def beam_dynamics(
     follow = np.zeros((size, 12))
     follow[ends] = np.eye(12)
     follow[inner] = -np.linalg.solve(k[np.ix_(inner, inner)], k[np.ix_(inner, ends)])
-    squares, shapes = eigh(k[np.ix_(inner, inner)], m[np.ix_(inner, inner)], subset_by_index=[0, modes - 1])
+    own = (a[np.ix_(inner, inner)] for a in (k, m))
+    squares, shapes = eigh(*own, subset_by_index=[0, modes - 1])
     modal = np.zeros((size, modes))
     modal[inner] = shapes
     basis = np.hstack([follow, modal])
@@ -80,8 +81,9 @@ def _consistent(length: float, section: Section) -> np.ndarray:
     axial = length / 6.0 * np.array([[2.0, 1.0], [1.0, 2.0]])
     out[np.ix_([0, 6], [0, 6])] = section.area * axial
     out[np.ix_([3, 9], [3, 9])] = (section.bending_y + section.bending_z) * axial
-    for across, turn, sign, second in ((1, 5, 1.0, section.bending_z), (2, 4, -1.0, section.bending_y)):
-        s = sign * length
+    s = -length
+    for across, turn, second in ((1, 5, section.bending_z), (2, 4, section.bending_y)):
+        s = -s
         translation = np.array([
             [156.0, 22.0 * s, 54.0, -13.0 * s],
             [22.0 * s, 4.0 * s * s, 13.0 * s, -3.0 * s * s],
@@ -94,6 +96,7 @@ def _consistent(length: float, section: Section) -> np.ndarray:
             [-36.0, -3.0 * s, 36.0, -3.0 * s],
             [3.0 * s, -s * s, -3.0 * s, 4.0 * s * s],
         ])  # fmt: skip
-        place = np.ix_([across, turn, across + 6, turn + 6], [across, turn, across + 6, turn + 6])
-        out[place] = section.area * length / 420.0 * translation + second / (30.0 * length) * rotary
+        place = [across, turn, across + 6, turn + 6]
+        whole = section.area * length / 420.0 * translation + second / (30.0 * length) * rotary
+        out[np.ix_(place, place)] = whole
     return out

@@ -56,17 +56,19 @@ def check_robot(robot: RobotFile) -> RobotFile:
         elif isinstance(body, RigidBody):
             _check_rigid(robot, name, body)
     known = robot.nodes()
-    for name, joint in robot.joints.items():
-        _check_joint(robot, name, joint, known)
-    _check_node(("tool", "body"), robot.tool.body, {each: of for each, of in known.items() if of != GROUND}, robot)
+    for name in robot.joints:
+        _check_joint(robot, name, known)
+    moving = {each: of for each, of in known.items() if of != GROUND}
+    _check_node(("tool", "body"), robot.tool.body, moving, robot)
     try:
         mechanism = rigid_mechanism(robot)
-    except InputError as error:  # such as a name that a body and a joint have, or a body that nothing holds
+    except InputError as error:  # such as a name used twice, or a body that nothing holds
         place, message = split_place(str(error))
         if not place:
             raise
         raise FieldError(place, message) from error
-    return robot if robot.poses else replace(robot, poses={HOME: tuple(map(float, mechanism.tool.home))})
+    home = tuple(map(float, mechanism.tool.home))
+    return robot if robot.poses else replace(robot, poses={HOME: home})
 
 
 def _check_part(robot: RobotFile, name: str) -> None:
@@ -82,7 +84,7 @@ def _check_part(robot: RobotFile, name: str) -> None:
 
 def _check_file_name(key: Key, name: str) -> None:
     if name in {"", ".", ".."} or not _FILE_NAME.fullmatch(name):
-        raise FieldError(key, f"expected a name that a file of results can have, got {q.show_value(name)}")
+        raise FieldError(key, q.expected("a name that a file of results can have", name))
 
 
 def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
@@ -92,48 +94,56 @@ def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
     part = robot.parts[body.part]
     along, size = np.subtract(body.tip, body.base), body.length
     if size < 1e-9:
-        raise FieldError((*key, "tip"), f"expected a point away from the base, got the same, {list(body.tip)} m")
+        got = f"the same, {list(body.tip)} m"
+        raise FieldError((*key, "tip"), f"expected a point away from the base, got {got}")
     length = solid_length(part)
     if length is not None and abs(length - size) > SAME_LENGTH * length:
-        message = f"expected a tip {mm(length)} from the base, as part {body.part} is long, to {SAME_LENGTH:.2%}"
-        raise FieldError((*key, "tip"), f"{message}, got {mm(size)}")
+        what = f"a tip {mm(length)} from the base, as part {body.part} is long, to {SAME_LENGTH:.2%}"
+        raise FieldError((*key, "tip"), f"expected {what}, got {mm(size)}")
     if body.y is None:
         if part.shape not in {"rod", "tube"}:
-            across = f"expected a direction across a {part.shape} part, such as [0, 1, 0], got nothing"
-            raise FieldError((*key, "y"), across)
+            what = f"a direction across a {part.shape} part, such as [0, 1, 0]"
+            raise FieldError((*key, "y"), f"expected {what}, got nothing")
     elif np.linalg.norm(np.cross(along / size, body.y)) < _PARALLEL * np.linalg.norm(body.y):
-        message = f"expected a direction across the line from base to tip, got one along it, {list(body.y)}"
-        raise FieldError((*key, "y"), message)
+        what = "a direction across the line from base to tip"
+        raise FieldError((*key, "y"), f"expected {what}, got one along it, {list(body.y)}")
 
 
 def _check_rigid(robot: RobotFile, name: str, body: RigidBody) -> None:
     key = ("bodies", name)
     owner, _, end = name.rpartition(".")
     if end in robot.ends(owner):
-        raise FieldError(key, f'expected another name, got "{name}", which is an end of the elastic body "{owner}"')
+        got = f'"{name}", which is an end of the elastic body "{owner}"'
+        raise FieldError(key, f"expected another name, got {got}")
     if body.mesh is not None:
         file = robot.path.parent / body.mesh
         if file.suffix.lower() not in MESHES:
-            message = f"expected a file for pictures ({', '.join(MESHES)}), got {q.show_value(body.mesh)}"
-            raise FieldError((*key, "mesh"), message)
+            what = f"a file for pictures ({', '.join(MESHES)})"
+            raise FieldError((*key, "mesh"), q.expected(what, body.mesh))
         if not file.is_file():
             raise FieldError((*key, "mesh"), f"expected a file for pictures, got none at {file}")
     if body.mass and body.centre is None:
-        raise FieldError((*key, "centre"), f"expected a point where the mass of {body.mass:g} kg acts, got nothing")
+        what = f"a point where the mass of {body.mass:g} kg acts"
+        raise FieldError((*key, "centre"), f"expected {what}, got nothing")
     if body.inertia is not None:
         if not body.mass:
-            raise FieldError((*key, "mass"), "expected a mass above 0 kg beside an inertia, got none")
-        least, middle, most = map(float, np.linalg.eigvalsh(tensor(body.inertia)))
-        if least < -_ROUNDED * max(map(abs, body.inertia)):
-            raise FieldError((*key, "inertia"), f"expected no negative principal moment, got {least:.6g} kg·m²")
-        if most > (least + middle) * (1.0 + 1e-3):  # tolerates rounded numbers
-            got = f"{least:.6g}, {middle:.6g}, {most:.6g}"
-            message = f"expected principal moments of which none exceeds the sum of the others, got {got} kg·m²"
-            raise FieldError((*key, "inertia"), message)
+            raise FieldError((*key, "mass"), "expected a mass above 0 kg beside an inertia, got 0")
+        with blame(*key, "inertia"):
+            _check_inertia(body.inertia)
 
 
-def _check_joint(robot: RobotFile, name: str, joint: JointSection, known: Mapping[str, str]) -> None:
-    key = ("joints", name)
+def _check_inertia(inertia: tuple[float, ...]) -> None:
+    least, middle, most = map(float, np.linalg.eigvalsh(tensor(inertia)))
+    if least < -_ROUNDED * max(map(abs, inertia)):
+        raise ValueError(f"expected no negative principal moment, got {least:.6g} kg·m²")
+    if most > (least + middle) * (1.0 + 1e-3):  # tolerates rounded numbers
+        got = f"{least:.6g}, {middle:.6g}, {most:.6g} kg·m²"
+        what = "principal moments of which none exceeds the sum of the others"
+        raise ValueError(f"expected {what}, got {got}")
+
+
+def _check_joint(robot: RobotFile, name: str, known: Mapping[str, str]) -> None:
+    joint, key = robot.joints[name], ("joints", name)
     for number, each in enumerate(joint.between):
         _check_node((*key, "between", number), each, known, robot)
     first, second = joint.between
@@ -143,7 +153,8 @@ def _check_joint(robot: RobotFile, name: str, joint: JointSection, known: Mappin
     if axis is not None and axis2 is not None:
         sine = np.linalg.norm(np.cross(axis, axis2)) / np.linalg.norm(axis) / np.linalg.norm(axis2)
         if sine < _PARALLEL:
-            raise FieldError((*key, "axis2"), f"expected a direction other than axis, got {list(axis2)}")
+            message = f"expected a direction other than axis, got {list(axis2)}"
+            raise FieldError((*key, "axis2"), message)
     _check_bearing(key, joint)
 
 
@@ -151,7 +162,8 @@ def _check_bearing(key: tuple[str, ...], joint: JointSection) -> None:
     """Refuse a joint's compliance beside a bearing or along the direction of its drive."""
     if joint.bearing is not None:
         if joint.compliance is not None:
-            raise FieldError((*key, "compliance"), "expected none beside a bearing, whose data give it, got one")
+            message = "expected none beside a bearing, whose data give it, got one"
+            raise FieldError((*key, "compliance"), message)
         with blame(*key, "bearing", inner=True):
             joint.yielding(np.eye(3))
     if getattr(joint, "drive", None) is None or joint.compliance is None:
@@ -160,9 +172,9 @@ def _check_bearing(key: tuple[str, ...], joint: JointSection) -> None:
     given = joint.compliance
     free = (given.axial if along == 0 else 0.0) if isinstance(given, Bearing) else given[along]
     if free:
-        inner = ("axial",) if isinstance(given, Bearing) else (along,)
-        message = f"expected 0 along what the drive moves, which has the drive's stiffness, got {free:g}"
-        raise FieldError((*key, "compliance", *inner), message)
+        inner = "axial" if isinstance(given, Bearing) else along
+        what = "0 along what the drive moves, which has the drive's stiffness"
+        raise FieldError((*key, "compliance", inner), f"expected {what}, got {free:g}")
 
 
 def _check_node(key: Key, name: str, known: Mapping[str, str], robot: RobotFile) -> None:
@@ -175,6 +187,6 @@ def _check_node(key: Key, name: str, known: Mapping[str, str], robot: RobotFile)
     for end in ENDS:
         body = name.removesuffix(f".{end}")
         if body != name and isinstance(robot.bodies.get(body), RigidBody):
-            raise FieldError(key, f'expected "{body}", which is rigid and has no ends, got {q.show_value(name)}')
+            raise FieldError(key, q.expected(f'"{body}", which is rigid and has no ends', name))
     with blame(*key):
         one_of(name, known, "a body or an end of one")

@@ -12,7 +12,7 @@ from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
 from stiffscope.robot.checks import HOME
 from stiffscope.robot.file.part_sections import InterfacePart, MatrixPart, solid_length
-from stiffscope.robot.file.sections import InterfaceBody, RigidBody
+from stiffscope.robot.file.sections import RigidBody
 from stiffscope.robot.imports.import_record import parts_folder, read_record
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.robot.part_matrices import known_mass, source_of, used_parts
@@ -41,6 +41,7 @@ _NEARBY = 0.01  # relative to the mechanism's characteristic length, and rad
 _CONTRADICTED = 1.5, 5.0  # how many times a part may be longer, shorter than by its bending
 _APART = 1e-5  # m
 _GRID = 9  # points along each coordinate of the map
+_ROTARY = {"revolute", "universal", "spherical", "cylindrical"}
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ def inspect_robot(robot: RobotFile) -> Inspection:
     residual = linkage.length * float(np.abs(errors).max(initial=0.0))
     parts = tuple(_part(robot, name) for name in used_parts(robot))
     masses = {
-        name: mechanism.body(name).mass if isinstance(body, RigidBody) else known_mass(robot, body.part)
+        name: body.mass if isinstance(body, RigidBody) else known_mass(robot, body.part)
         for name, body in robot.bodies.items()
     }
     named = _named_poses(robot, mechanism)
@@ -120,14 +121,15 @@ def inspect_robot(robot: RobotFile) -> Inspection:
         ways = reach(mechanism)
     except InputError as error:
         return replace(inspection, remarks=tuple(_of_mobility(found)), error=str(error))
-    poses = tuple(_pose(configurations, k, name, tool) for k, (name, tool) in enumerate(named.items()))
+    poses = tuple(_pose(configurations, k, *each) for k, each in enumerate(named.items()))
     mapped = None if robot.map is None else _map_reach(robot.map, mechanism)
+    missed = mapped is not None and mapped < 1.0
     remarks = (
         *_of_mobility(found, start_note(mechanism)),
         *_of_choice(found, mechanism),
         *_of_home(found, mechanism),
         *_of_poses(poses),
-        *([] if mapped in {None, 1.0} else [f"{100 * (mapped or 0):.0f} % of the map's points are reached"]),
+        *([f"{100 * (mapped or 0.0):.0f} % of the map's points are reached"] if missed else []),
         *_of_matrices(robot),
         *_of_places(robot, mechanism),
         *_of_masses(robot, masses),
@@ -138,10 +140,11 @@ def inspect_robot(robot: RobotFile) -> Inspection:
 
 def _named_poses(robot: RobotFile, mechanism: Mechanism) -> dict[str, tuple[float, ...]]:
     """Return home, under its name in the file if it has one, and the file's poses."""
-    home = mechanism.tool.home
-    same = (name for name, pose in robot.poses.items() if np.allclose(pose, home, rtol=0.0, atol=1e-9))
-    named = next(same, f"{HOME} of the mechanism" if HOME in robot.poses else HOME)
-    return {named: tuple(home)} | {name: pose for name, pose in robot.poses.items() if name != named}
+    home, poses = mechanism.tool.home, dict(robot.poses)
+    same = (name for name, pose in poses.items() if np.allclose(pose, home, rtol=0.0, atol=1e-9))
+    named = next(same, f"{HOME} of the mechanism" if HOME in poses else HOME)
+    poses.pop(named, None)
+    return {named: tuple(home), **poses}
 
 
 def _part(robot: RobotFile, name: str) -> Part:
@@ -152,34 +155,34 @@ def _part(robot: RobotFile, name: str) -> Part:
 
 
 def _pose(configurations: Configurations, k: int, name: str, tool: tuple[float, ...]) -> Pose:
-    valid = bool(configurations.valid[k])
-    conditioning = mobility(configurations.mechanism, configurations, k).conditioning if valid else None
-    drives = tuple(configurations.drives[k].tolist())
-    return Pose(name, tuple(map(float, tool)), configurations.reason(k), drives, conditioning)
+    drives, reason = tuple(configurations.drives[k].tolist()), configurations.reason(k)
+    found = None if reason else mobility(configurations.mechanism, configurations, k)
+    return Pose(name, tuple(map(float, tool)), reason, drives, found and found.conditioning)
 
 
 def _map_reach(swept: MapSection, mechanism: Mechanism) -> float:
     """Return the reachable fraction of the map, on a coarse grid."""
     lines = [np.linspace(*ends, _GRID) for ends in swept.ranges().values()]
     grid = np.stack(np.meshgrid(*lines), axis=-1).reshape(-1, len(lines))
-    points = np.tile(mechanism.tool.home if swept.at is None else np.array(swept.at, dtype=float), (len(grid), 1))
+    at = mechanism.tool.home if swept.at is None else np.array(swept.at, dtype=float)
+    points = np.tile(at, (len(grid), 1))
     points[:, [mechanism.tool.pose.index(name) for name in swept.ranges()]] = grid
     return float(configure(mechanism, points).valid.mean())
 
 
 def _of_mobility(found: Mobility, start: str | None = None) -> Iterator[str]:
     """Yield remarks on drives and coordinates; ``start``: where poses start, unless at home."""
-    locked, free = ([name for name, what in found.coordinates.items() if what == word] for word in ("locked", "free"))
+    of = found.coordinates.items()
+    locked, free = (", ".join(k for k, state in of if state == word) for word in ("locked", "free"))
     if start:
         yield start
     elif locked:
-        able = [str(each) for each in found.tool] or ["nothing"]
-        yield f"[tool] pose commands {', '.join(locked)}, which the mechanism locks; free: {', '.join(able)}"
+        able = ", ".join(map(str, found.tool)) or "nothing"
+        yield f"[tool] pose commands {locked}, which the mechanism locks; free: {able}"
     if free:
-        yield f"the tool also moves in {', '.join(free)}, which [tool] pose does not command"
+        yield f"the tool also moves in {free}, which [tool] pose does not command"
     if found.loose:
-        left = ", ".join(map(str, found.loose))
-        more = len(found.loose)
+        left, more = ", ".join(map(str, found.loose)), len(found.loose)
         yield f"too few drives: with all held the tool still moves ({left}); {more} more needed"
     if found.redundant_drives:
         names = list_names(found.dependent_drives)
@@ -187,8 +190,8 @@ def _of_mobility(found: Mobility, start: str | None = None) -> Iterator[str]:
     if found.rounding > RANK_GAP or found.constraint_margin < NEAR:
         size = found.rounding if found.rounding > RANK_GAP else found.constraint_margin
         yield (
-            f"a motion is almost free (to {size:.1g} of robot size): axes nearly parallel or intersecting; "
-            "are coordinates rounded? Give them as expressions, or to 12 digits"
+            f"a motion is almost free (to {size:.1g} of robot size): axes nearly parallel or "
+            "intersecting; are coordinates rounded? Give them as expressions, or to 12 digits"
         )
 
 
@@ -197,11 +200,11 @@ def _of_choice(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
     motions = found.dof - found.idle_count
     ways = motions - len(mechanism.tool.pose)
     solver = find_solver(mechanism, "tool")
-    columns = solver.linkage.columns
-    still = [j.name for j in mechanism.drives if set(columns.get(j.name, ())) & set(solver.closure.held)]
+    columns, held = solver.linkage.columns, set(solver.closure.held)
+    still = [j.name for j in mechanism.drives if held.intersection(columns.get(j.name, ()))]
     if ways > 0 and still:
-        verb = "stays" if len(still) == 1 else "stay"
-        yield f"[tool] pose leaves {ways} of {motions} motions open: {list_names(still)} {verb} as at home"
+        stay = f"{list_names(still)} {'stays' if len(still) == 1 else 'stay'} as at home"
+        yield f"[tool] pose leaves {ways} of {motions} motions open: {stay}"
 
 
 def _of_home(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
@@ -209,13 +212,14 @@ def _of_home(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
     size = Linkage(mechanism, "tool").length
     rng = np.random.default_rng(0)
     unit = np.array([1.0 if name.startswith("r") else size for name in mechanism.tool.pose])
-    near = configure(mechanism, mechanism.tool.home + _NEARBY * unit * rng.uniform(-1.0, 1.0, (6, len(unit))))
+    away = _NEARBY * unit * rng.uniform(-1.0, 1.0, (6, len(unit)))
+    near = configure(mechanism, mechanism.tool.home + away)
     for k in np.flatnonzero(near.valid)[:2]:
         there = mobility(mechanism, near, int(k))
         if (there.dof, len(there.tool)) != (found.dof, len(found.tool)):
             yield (
-                f"home is singular: the mechanism has {found.dof} degrees of freedom there and {there.dof} nearby, "
-                f"the tool {len(found.tool)} and {len(there.tool)}"
+                f"home is singular: the mechanism has {found.dof} degrees of freedom there and "
+                f"{there.dof} nearby, the tool {len(found.tool)} and {len(there.tool)}"
             )
             return
 
@@ -227,7 +231,8 @@ def _of_poses(poses: Iterable[Pose]) -> Iterator[str]:
             yield f"pose {pose.name} is not reached: {pose.reason}"
         elif pose.conditioning is not None and pose.conditioning < ILL_CONDITIONED:
             word = "singular" if pose.conditioning == 0.0 else "nearly singular"
-            yield f"pose {pose.name} is {word}: 1/condition number of pose by drives is {pose.conditioning:.2g}"
+            how = f"1/condition number of pose by drives is {pose.conditioning:.2g}"
+            yield f"pose {pose.name} is {word}: {how}"
 
 
 def _of_matrices(robot: RobotFile) -> Iterator[str]:
@@ -240,7 +245,8 @@ def _of_matrices(robot: RobotFile) -> Iterator[str]:
         length = robot.elastic_bodies()[robot.bodies_of(name)[0]].length
         doubt = "are its numbers SI, and of a compliance rather than a stiffness?"
         if (most := np.diag(given)[:3].max()) > length:
-            yield f"part {name}: one newton moves its tip by {most:.3g} m, more than its length {length:.3g} m; {doubt}"
+            moved = f"one newton moves its tip by {most:.3g} m, more than its length {length:.3g} m"
+            yield f"part {name}: {moved}; {doubt}"
             continue
         for lateral, turning in ((1, 5), (2, 4)):
             if not (given[lateral, lateral] > 0.0 and given[turning, turning] > 0.0):
@@ -249,8 +255,8 @@ def _of_matrices(robot: RobotFile) -> Iterator[str]:
             if not length / _CONTRADICTED[0] < slender < length * _CONTRADICTED[1]:
                 entries = f"C{lateral + 1}{lateral + 1}/C{turning + 1}{turning + 1}"
                 yield (
-                    f"part {name}: √(3·{entries}) = {slender:.3g} m, the length of a slender part, contradicts its "
-                    f"length {length:.3g} m; {doubt}"
+                    f"part {name}: √(3·{entries}) = {slender:.3g} m, the length of a slender part, "
+                    f"contradicts its length {length:.3g} m; {doubt}"
                 )
                 break
 
@@ -260,13 +266,13 @@ def _of_places(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:
     held = Counter(node for joint in mechanism.joints for node in (joint.first, joint.second))
     ends = dict[str, "Array"]()
     for body in mechanism.bodies:
-        section = robot.bodies[body.name]
-        if isinstance(section, InterfaceBody) and not isinstance(robot.parts[section.part], InterfacePart):
+        part = robot.parts.get(getattr(robot.bodies[body.name], "part", ""))
+        if part is not None and part.interface_names and not isinstance(part, InterfacePart):
             continue  # whose places only CAD knows
         places = body.elastic.places if body.elastic is not None else ()
         ends |= {node: at for node, at in zip(body.nodes, places, strict=False) if held[node] == 1}
     for joint in mechanism.joints:
-        if joint.name in robot.copied or joint.kind not in {"revolute", "universal", "spherical", "cylindrical"}:
+        if joint.name in robot.copied or joint.kind not in _ROTARY:
             continue
         for node in (joint.first, joint.second):
             away = ends.get(node, joint.at) - joint.at
@@ -283,13 +289,14 @@ def _of_masses(robot: RobotFile, masses: Mapping[str, float | None]) -> Iterator
         return
     without = [name for name, mass in masses.items() if mass == 0.0]
     if without:
-        names = list_names(without) if len(without) <= 4 else f"{', '.join(without[:3])} and {len(without) - 3} more"
-        yield f"no mass, hence no weight: {names}"
+        most = without if len(without) <= 4 else [*without[:3], f"{len(without) - 3} more"]
+        yield f"no mass, hence no weight: {list_names(most)}"
 
 
 def inspection_json(found: Inspection) -> dict[str, Any]:
     """Return an inspection as JSON data: m, rad, kg, base axes {O}."""
-    m, mechanism = found.mobility, found.mechanism
+    m, mechanism, masses = found.mobility, found.mechanism, found.masses
+    ends = ("low", "high", "at_low", "at_high")
     return {
         "robot": found.robot.name,
         "file": found.robot.path,
@@ -298,22 +305,23 @@ def inspection_json(found: Inspection) -> dict[str, Any]:
         "remarks": found.remarks,
         "doubts": [asdict(doubt) for doubt in found.doubts],
         "bodies": [
-            {"name": name, "part": getattr(body, "part", None), "mass": found.masses[name]}
+            {"name": name, "part": getattr(body, "part", None), "mass": masses[name]}
             for name, body in found.robot.bodies.items()
         ],
         "joints": [
-            {"name": j.name, "type": j.kind, "between": [j.first, j.second], "at": j.at, "axis": j.axis,
-             "driven": j.drive is not None}
+            {"name": j.name, "type": j.kind, "between": [j.first, j.second], "at": j.at,
+             "axis": j.axis, "driven": j.drive is not None}
             for j in mechanism.joints
         ],
         "drives": [
-            {"name": j.name, "stiffness": j.drive.stiffness, "unit": "rad" if j.kind == "revolute" else "m",
-             "range": [j.drive.low, j.drive.high]}
+            {"name": j.name, "stiffness": j.drive.stiffness,
+             "unit": "rad" if j.kind == "revolute" else "m", "range": [j.drive.low, j.drive.high]}
             for j in mechanism.drives if j.drive is not None
         ],
         "degrees_of_freedom": {
             "mechanism": m.dof, "tool": len(m.tool), "tool_motions": [str(each) for each in m.tool],
-            "coordinates": dict(m.coordinates), "joint_freedoms": m.freedoms, "loops": len(m.loops), "formula": m.count,
+            "coordinates": dict(m.coordinates), "joint_freedoms": m.freedoms,
+            "loops": len(m.loops), "formula": m.count,
         },
         "redundant_constraints": [
             {"count": r.count, "loops": r.loops, "bodies": r.bodies, "joints": r.joints,
@@ -321,21 +329,17 @@ def inspection_json(found: Inspection) -> dict[str, Any]:
             for r in m.redundancies
         ],
         "idle_motions": [
-            {"count": i.count, "bodies": i.bodies, "joints": i.joints, "motion": str(i)} for i in m.idle
+            {"count": i.count, "bodies": i.bodies, "joints": i.joints, "motion": str(i)}
+            for i in m.idle
         ],
         "undriven_motions": [str(each) for each in m.loose],
         "redundant_drives": {"count": m.redundant_drives, "names": m.dependent_drives},
         "conditioning": m.conditioning,
         "constraint_margin": m.constraint_margin,
         "residual": found.residual,
-        "mass": None if None in found.masses.values() else sum(mass or 0.0 for mass in found.masses.values()),
-        "parts": {
-            p.name: {"shape": p.shape, "source": p.source, "length": p.length, "mass": p.mass, "bodies": p.bodies}
-            for p in found.parts
-        },
-        "reach": {
-            w.coordinate: {key: getattr(w, key) for key in ("low", "high", "at_low", "at_high")} for w in found.reach
-        },
+        "mass": None if None in masses.values() else sum(mass or 0.0 for mass in masses.values()),
+        "parts": {p.name: {k: v for k, v in asdict(p).items() if k != "name"} for p in found.parts},
+        "reach": {w.coordinate: {key: getattr(w, key) for key in ends} for w in found.reach},
         "poses": {
             p.name: {"pose": p.tool, "reached": p.is_reached, "reason": p.reason, "drives": p.drives,
                      "conditioning": p.conditioning}

@@ -14,7 +14,7 @@ ROBOTS = FOLDER / "robots"
 
 
 def robot_names() -> dict[str, str]:
-    """Names of the robots in `data/robots`, each with its one line of description, the first comment of its file."""
+    """Return the robots in `data/robots`: their names, and the first lines of their files."""
     texts = {path.stem: path.read_text(encoding="utf-8") for path in sorted(ROBOTS.glob("*.toml"))}
     return {name: text.partition("\n")[0].removeprefix("#").strip() for name, text in texts.items()}
 
@@ -22,7 +22,8 @@ def robot_names() -> dict[str, str]:
 def find_robot(name_or_path: str | Path) -> Path:
     """Return the path of a robot file, given as a path or as a name in `data/robots`."""
     path, names = Path(name_or_path), list(robot_names())
-    if str(name_or_path) in names and not os.path.isfile(path):  # noqa: PTH113 (Path.is_file raises on some names)
+    # Path.is_file raises on some names
+    if str(name_or_path) in names and not os.path.isfile(path):  # noqa: PTH113
         return ROBOTS / f"{name_or_path}.toml"
     guess = meant(str(name_or_path)[:100], names)
     try:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.robot.file.sections import BodySection, JointSection
+    from stiffscope.robot.file.sections import JointSection
     from stiffscope.robot.part_matrices import PartMatrix
     from stiffscope.vjm.kinematics import Configurations
 
@@ -42,7 +42,7 @@ def mechanism_of(robot: RobotFile, matrices: Mapping[str, PartMatrix]) -> Mechan
     InputError
         If it is not a mechanism; the message names the body or joint as in the file.
     """
-    bodies = tuple(_body(robot, name, body, matrices) for name, body in robot.bodies.items())
+    bodies = tuple(_body(robot, name, matrices) for name in robot.bodies)
     joints = tuple(_joint(robot, name, joint) for name, joint in robot.joints.items())
     tool = Tool(robot.tool.body, np.array(robot.tool.at), robot.tool.pose)
     gravity = np.zeros(3)
@@ -58,17 +58,7 @@ def rigid_mechanism(robot: RobotFile) -> Mechanism:
 
 
 def configured_poses(robot: RobotFile, mechanism: Mechanism, poses: ArrayLike) -> Configurations:
-    """Return configurations at poses (n, k); InputError at `[tool] pose` if it cannot be commanded.
-
-    Parameters
-    ----------
-    robot
-        Robot file.
-    mechanism
-        Bodies, joints, tool and gravity of the robot.
-    poses
-        Tool poses (n, k), SI.
-    """
+    """Return configurations at poses (n, k), SI; InputError at `[tool] pose` if infeasible."""
     try:
         return configure(mechanism, poses)
     except InputError as error:
@@ -78,7 +68,8 @@ def configured_poses(robot: RobotFile, mechanism: Mechanism, poses: ArrayLike) -
         raise robot.refuse(("tool", "pose"), message) from error
 
 
-def _body(robot: RobotFile, name: str, body: BodySection, matrices: Mapping[str, PartMatrix]) -> Body:
+def _body(robot: RobotFile, name: str, matrices: Mapping[str, PartMatrix]) -> Body:
+    body = robot.bodies[name]
     if isinstance(body, RigidBody):
         centre = None if body.centre is None else np.array(body.centre)
         return Body(name, body.mass, centre, None if body.inertia is None else tensor(body.inertia))
@@ -93,7 +84,8 @@ def _body(robot: RobotFile, name: str, body: BodySection, matrices: Mapping[str,
     if dynamics is not None and made_of.places is not None:
         ways = (places - places[-1]) @ axes - (made_of.places - made_of.places[-1])
         dynamics = dynamics.move_ends(*ways)
-    elastic = Elastic(made_of.compliance, places, axes, made_of.error, dynamics=dynamics, ends=robot.ends(name))
+    soft, error, ends = made_of.compliance, made_of.error, robot.ends(name)
+    elastic = Elastic(soft, places, axes, error, dynamics=dynamics, ends=ends)
     return Body(name, made_of.mass, elastic=elastic)
 
 
@@ -107,9 +99,9 @@ def _joint(robot: RobotFile, name: str, joint: JointSection) -> Joint:
         driven = Drive(stiffness, low, high, law)
     axes = (getattr(joint, key, None) for key in ("axis", "axis2"))
     axis, axis2 = (each if each is None else np.array(each) for each in axes)
-    spring, rest = getattr(joint, "spring", None), getattr(joint, "rest", 0.0)
+    flexure = {key: getattr(joint, key) for key in ("spring", "rest") if hasattr(joint, key)}
     bearing, at = _bearing(robot, name, joint), np.array(joint.at)
-    return Joint(name, *joint.between, joint.type, at, axis, axis2, driven, bearing, spring=spring, rest=rest)
+    return Joint(name, *joint.between, joint.type, at, axis, axis2, driven, bearing, **flexure)
 
 
 def _bearing(robot: RobotFile, name: str, joint: JointSection) -> np.ndarray | None:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.robot.file.sections import ElasticBody, InterfaceBody
 from stiffscope.robot.part_dimensions import is_beam
 from stiffscope.vjm.laws import without_laws
 from stiffscope.vjm.network import list_elements
@@ -55,9 +54,9 @@ class NominalRobot:
     def beams(self) -> tuple[str, ...]:
         """Parts whose matrix equals that of beam theory."""
         two = (name for name, part in self.robot.parts.items() if not part.interface_names)
-        found = {part: self.robot.bodies_of(part)[:1] for part in two}
-        elastic = {part: self.elastic_sources[body].compliance for part, bodies in found.items() for body in bodies}
-        return tuple(part for part, compliance in elastic.items() if is_beam(self.robot, part, compliance))
+        robot, own = self.robot, self.elastic_sources
+        used = ((part, body) for part in two for body in robot.bodies_of(part)[:1])
+        return tuple(part for part, body in used if is_beam(robot, part, own[body].compliance))
 
     @property
     def acceleration(self) -> float:
@@ -67,19 +66,20 @@ class NominalRobot:
     @cached_property
     def compliances(self) -> Mapping[str, Array]:
         """Compliance (6, 6) of each element, own axes and point; (6m, 6m) with m + 1 ends."""
-        found = {element.name: element.compliance for element in list_elements(without_laws(self.mechanism))}
+        found = {e.name: e.compliance for e in list_elements(without_laws(self.mechanism))}
         return found | {name: elastic.compliance for name, elastic in self.elastic_sources.items()}
 
     @cached_property
     def elastic_sources(self) -> Mapping[str, Elastic]:
         """Elastic properties of each elastic body."""
-        return {body.name: body.elastic for body in self.mechanism.bodies if body.elastic is not None}
+        return {b.name: b.elastic for b in self.mechanism.bodies if b.elastic is not None}
 
     @cached_property
     def links(self) -> tuple[str, ...]:
         """Elastic bodies that have a length: two ends, on the x axis."""
         two = (name for name, elastic in self.elastic_sources.items() if len(elastic.ends) == 2)
-        return tuple(name for name in two if np.allclose(self.growth(name)[1:], 0.0, atol=_ALONG * self.length(name)))
+        off = ((name, np.abs(self.growth(name)[1:]).max()) for name in two)
+        return tuple(name for name, most in off if most <= _ALONG * self.length(name))
 
     def length(self, body: str) -> float:
         """Return the length of a two-ended elastic body, m."""
@@ -99,8 +99,8 @@ class NominalRobot:
 
     def expansion(self, body: str) -> float | None:
         """Return the linear thermal expansion of a body's material, 1/K; None without material."""
-        section = self.robot.bodies.get(body)
-        material = self.robot.material(section.part) if isinstance(section, ElasticBody | InterfaceBody) else None
+        part = getattr(self.robot.bodies.get(body), "part", None)
+        material = None if part is None else self.robot.material(part)
         return None if material is None else material.expansion
 
     def factor(self, drive: str) -> float:
@@ -116,7 +116,8 @@ class NominalRobot:
     def _tolerance(self, section: str, name: str, *keys: str) -> float:
         """Return the tolerance of a value in the file, SI; 0 if none is given."""
         copied = self.robot.copied.get(name)
-        return self.robot.tolerances.get((section, name if copied is None else copied.name, *keys), 0.0)
+        name = name if copied is None else copied.name
+        return self.robot.tolerances.get((section, name, *keys), 0.0)
 
     @cached_property
     def driven(self) -> Mapping[str, Joint]:
@@ -129,11 +130,12 @@ class NominalRobot:
         `drives` and `joints` are reduced to members in ``fit``. Names of the same elements give one
         place, named by group, part or element; a single drive or joint of several by element.
         """
-        able = dict.fromkeys(fit)
-        sets = ((name, self.robot.members(name)) for name in (*self.robot.groups, *self.robot.parts))
-        named = [(name, members) for name, members in sets if all(each in able for each in members)]
-        whole = {name: self.robot.members(name) for name in ("drives", "joints") if name not in self.robot.groups}
-        fitting = {name: tuple(each for each in members if each in able) for name, members in whole.items()}
+        able, robot = dict.fromkeys(fit), self.robot
+        sets = ((name, robot.members(name)) for name in (*robot.groups, *robot.parts))
+        named = [(name, members) for name, members in sets if able.keys() >= {*members}]
+        whole = {name: robot.members(name) for name in ("drives", "joints")}
+        whole = {name: members for name, members in whole.items() if name not in robot.groups}
+        fitting = {name: tuple(m for m in members if m in able) for name, members in whole.items()}
         lone = [name for name, members in fitting.items() if len(members) == 1 < len(whole[name])]
         named += [(name, members) for name, members in fitting.items() if name not in lone]
         named += [(name, (name,)) for name in able]

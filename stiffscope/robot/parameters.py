@@ -24,10 +24,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.sections import JointSection
     from stiffscope.robot.part_matrices import Components
 
-CONSTANTS = {
-    "youngs_modulus": "Pa", "shear_modulus": "Pa", "axial_modulus": "Pa", "transverse_modulus": "Pa",
-    "axial_shear_modulus": "Pa", "axial_poisson": "1", "transverse_poisson": "1", "density": "kg/m^3",
-}  # fmt: skip
+CONSTANTS = {"modulus": "Pa", "poisson": "1", "density": "kg/m^3"}  # unit by the last word
 
 
 @dataclass(frozen=True)
@@ -46,7 +43,7 @@ class Parameter:
     @property
     def name(self) -> str:
         """Name as in `--set`."""
-        return ".".join(map(str, self.key)).removeprefix("parts.").removeprefix("joints.").removeprefix("bodies.")
+        return ".".join(map(str, self.key[self.key[0] in {"parts", "joints", "bodies"} :]))
 
     def set_to(self, robot: RobotFile, value: float) -> RobotFile:
         """Return the robot with another value of it; raise InputError if that is invalid."""
@@ -93,8 +90,10 @@ def _of_parts(robot: RobotFile, components: Components) -> Iterator[tuple[Any, .
         if not computed and not (part.shape == "rod" and isinstance(source, str)):
             continue
         if isinstance(part, ParametricPart):
-            yield from ((("parts", name, key), value, "m") for key, value in part.parameters().lengths().items())
-        if isinstance(part, SolidPart) and part.foundation is not None and source in {"fea", "step"}:
+            for key, value in part.parameters().lengths().items():
+                yield ("parts", name, key), value, "m"
+        elastic = isinstance(part, SolidPart) and part.foundation is not None
+        if elastic and source in {"fea", "step"}:
             yield ("parts", name, "foundation"), part.foundation, "N/m^3"
         if material is not None:
             materials[material.name] = material
@@ -111,8 +110,8 @@ def _of_joint(name: str, joint: JointSection) -> Iterator[tuple[Any, ...]]:
         unit = "N/m" if joint.type == "prismatic" else "N*m/rad"
         yield as_written(("joints", name, "spring")), getattr(joint, "spring", None), unit
     for key, value in enumerate(bearing) if isinstance(bearing, tuple) else bearing or ():
-        turning = key == "tilting" or (isinstance(key, int) and key > 2)
-        yield as_written(("joints", name, "compliance", key)), value, "rad/(N*m)" if turning else "m/N"
+        unit = "rad/(N*m)" if key in {"tilting", 3, 4, 5} else "m/N"
+        yield as_written(("joints", name, "compliance", key)), value, unit
 
 
 def _of_bearings(robot: RobotFile, written: Any, name: str, joint: JointSection) -> Iterator[tuple[Any, ...]]:
@@ -129,10 +128,12 @@ def _of_bearings(robot: RobotFile, written: Any, name: str, joint: JointSection)
 def _constants(robot: RobotFile, material: AnyMaterial) -> Iterator[tuple[Any, ...]]:
     """Yield the constants of a material; those of a built-in one must be set together."""
     own = material.name in robot.materials
-    names = [each.name for each in dataclasses.fields(material) if each.name in CONSTANTS]
-    also = () if own else tuple(f"materials.{material.name}.{name}={getattr(material, name)!r}" for name in names)
-    for name in names:
-        yield ("materials", material.name, name), getattr(material, name), CONSTANTS[name], *also
+    constants = {each.name: getattr(material, each.name) for each in dataclasses.fields(material)}
+    units = {name: CONSTANTS.get(name.rpartition("_")[2]) for name in constants}
+    known = {name: value for name, value in constants.items() if units[name]}
+    also = [f"materials.{material.name}.{name}={value!r}" for name, value in known.items()]
+    for name, value in known.items():
+        yield ("materials", material.name, name), value, units[name], *([] if own else also)
 
 
 def _find_given(robot: RobotFile, written: Any, key: Key) -> Any:

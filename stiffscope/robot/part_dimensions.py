@@ -64,17 +64,7 @@ def part_parameters(robot: RobotFile, name: str) -> dict[str, tuple[float, str]]
 
 
 def find_vanishing(robot: RobotFile, name: str, parameter: str) -> float:
-    """Return the value of a parameter at which its part vanishes (a tube without wall), else 0.
-
-    Parameters
-    ----------
-    robot
-        Robot file.
-    name
-        Name of the part.
-    parameter
-        Name of the parameter.
-    """
+    """Return the value of a part's parameter at which it vanishes (a tube without wall), else 0."""
     part = robot.parts[name]
     size = part.lengths() if isinstance(part, ParametricPart) else {}
     if parameter == "radius":
@@ -86,21 +76,12 @@ def find_vanishing(robot: RobotFile, name: str, parameter: str) -> float:
 def with_parameter(robot: RobotFile, name: str, parameter: str, value: float) -> RobotFile:
     """Return the robot with one part parameter changed: dimension, foundation or material constant.
 
-    An infinite foundation is rigid. Raises InputError if the value makes the part infeasible.
-
-    Parameters
-    ----------
-    robot
-        Robot file.
-    name
-        Name of the part.
-    parameter
-        Name of the parameter.
-    value
-        New value, SI.
+    The value is in SI; an infinite foundation is rigid. Raises InputError if it makes the part
+    infeasible.
     """
     part = robot.parts[name]
-    if parameter == FOUNDATION or (isinstance(part, ParametricPart) and parameter in part.dimensions()):
+    parametric = isinstance(part, ParametricPart)
+    if parameter == FOUNDATION or (parametric and parameter in part.dimensions()):
         rigid = parameter == FOUNDATION and np.isinf(value)
         changed = part.model_copy(update={parameter: None if rigid else value})
         if isinstance(changed, ParametricPart):
@@ -117,10 +98,10 @@ def beam_dimensions(robot: RobotFile, name: str) -> tuple[PartDimension, ...]:
     """Return the parameters that affect the matrix of a part by beam theory."""
     out: list[PartDimension] = []
     nominal = beam_compliance(robot, name)
-    for parameter, (value, unit) in part_parameters(robot, name).items():
-        compliance = partial(_beam, robot, name, parameter)
+    for key, (value, unit) in part_parameters(robot, name).items():
+        compliance, limit = partial(_beam, robot, name, key), find_vanishing(robot, name, key)
         if not np.allclose(compliance(1.01 * value), nominal, rtol=1e-9, atol=0.0):
-            out.append(PartDimension(name, parameter, value, unit, compliance, find_vanishing(robot, name, parameter)))
+            out.append(PartDimension(name, key, value, unit, compliance, limit))
     return tuple(out)
 
 
@@ -151,17 +132,17 @@ def interpolate_between(
     legal
         Lower and upper bound of admissible values.
     """
-    return partial(_interpolate_near, tuple(values), np.array(matrices), limit, legal)
+    at = np.array(values, dtype=float)
+    return partial(_interpolate_near, at, np.array(matrices), limit, legal)
 
 
-def _interpolate_near(
-    values: tuple[float, ...], matrices: Array, limit: float, legal: tuple[float, float], value: float
-) -> Array:
+def _interpolate_near(values: Array, matrices: Array, limit: float, legal: tuple[float, float], value: float) -> Array:
     if not (value - limit) * (values[0] - limit) > 0.0:
-        raise InputError(f"expected a value to the other side of {limit:g}, where nothing is left, got {value:g}")
+        side = f"to the other side of {limit:g}, where nothing is left"
+        raise InputError(f"expected a value {side}, got {value:g}")
     if not legal[0] < value < legal[1]:
         raise InputError(f"expected a value between {legal[0]:g} and {legal[1]:g}, got {value:g}")
-    return _polynomial(np.log(np.abs(np.array(values) - limit)), matrices, float(np.log(abs(value - limit))))
+    return _polynomial(np.log(np.abs(values - limit)), matrices, float(np.log(abs(value - limit))))
 
 
 def on_foundation(rigid: Array, values: Sequence[float], matrices: Sequence[Array]) -> Callable[[float], Array]:
@@ -179,8 +160,9 @@ def on_foundation(rigid: Array, values: Sequence[float], matrices: Sequence[Arra
     matrices
         Compliances (6, 6) at the values.
     """
-    softer = [(v, m - rigid) for v, m in zip(values, matrices, strict=True) if (np.diagonal(m - rigid) > 0.0).all()]
-    return partial(_add_foundation, rigid, np.array([v for v, _ in softer]), np.array([added for _, added in softer]))
+    added = np.array(matrices) - rigid
+    softer = (np.einsum("kii->ki", added) > 0.0).all(axis=1)
+    return partial(_add_foundation, rigid, np.array(values)[softer], added[softer])
 
 
 def _add_foundation(rigid: Array, stiffness: Array, added: Array, value: float) -> Array:
@@ -209,17 +191,7 @@ def _polynomial(at: Array, matrices: Array, x: float) -> Array:
 
 
 def is_beam(robot: RobotFile, name: str, compliance: Array) -> bool:
-    """Return whether a part's compliance (6, 6) equals that of beam theory.
-
-    Parameters
-    ----------
-    robot
-        Robot file.
-    name
-        Name of the part.
-    compliance
-        Compliance (6, 6), SI.
-    """
+    """Return whether a part's compliance (6, 6), SI, equals that of beam theory."""
     part = robot.parts.get(name)
     if not isinstance(part, ParametricPart) or robot.material(name) is None:
         return False

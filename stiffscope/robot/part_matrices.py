@@ -59,22 +59,18 @@ class Experiment(Protocol):
     @property
     def compliance(self) -> np.ndarray:
         """Compliance (6m, 6m) in the part's axes at the reference points."""
-        ...
 
     @property
     def error(self) -> np.ndarray:
         """95 % bounds (6m, 6m) on the compliance."""
-        ...
 
     @property
     def mass(self) -> float:
         """Mass of the solid, kg."""
-        ...
 
     @property
     def experiment(self) -> Any:
         """Experiment with its condensed mass and reference points."""
-        ...
 
 
 def source_of(part: PartSection, components: str | None = None) -> str:
@@ -97,7 +93,9 @@ def rigid_part(robot: RobotFile, name: str) -> PartMatrix:
     part = robot.parts[name]
     two_ended = any(body.part == name for body in robot.elastic_bodies().values())
     ends = 2 if two_ended else max(2, len(part.interface_names))
-    places = np.array(list(part.interfaces.values())) if isinstance(part, InterfacePart) else np.zeros((ends, 3))
+    places = np.zeros((ends, 3))
+    if isinstance(part, InterfacePart):
+        places = np.array(list(part.interfaces.values()))
     none = np.zeros((6 * ends - 6, 6 * ends - 6))
     return PartMatrix(none, None, known_mass(robot, name) or 0.0, None, places)
 
@@ -113,19 +111,21 @@ def part_sources(robot: RobotFile, components: Components = None) -> dict[str, s
     for name in given:
         if name not in used:
             raise InputError(f"components: expected parts among {', '.join(used)}, got {name!r}")
+    known = get_args(Source)
     for each in (word, *given.values()):
-        if isinstance(each, str) and each not in get_args(Source):
-            raise InputError(f"components: expected {', '.join(get_args(Source))} or a matrix, got {each!r}")
+        if isinstance(each, str) and each not in known:
+            raise InputError(f"components: expected {', '.join(known)} or a matrix, got {each!r}")
     sources: dict[str, str | np.ndarray] = {}
     for name in used:
         part, own = robot.parts[name], given.get(name)
+        able = known if isinstance(part, ParametricPart) else known[:1] * isinstance(part, StepPart)
         if own is not None and not isinstance(own, str):
             sources[name] = check_compliance(own, f"components: {name}", semidefinite=True)
-        elif not own or isinstance(part, ParametricPart) or (isinstance(part, StepPart) and own == "fea"):
+        elif not own or own in able:
             sources[name] = source_of(part, own or word)
         else:
-            able = "fea or a matrix" if isinstance(part, StepPart) else "a matrix"
-            raise InputError(f"components: expected {able} for {name}, a {part.shape} part, got {own!r}")
+            what = f"{' or '.join([*able, 'a matrix'])} for {name}, a {part.shape} part"
+            raise InputError(f"components: expected {what}, got {own!r}")
     return sources
 
 
@@ -164,11 +164,11 @@ def part_matrices(
     """
     experiments = experiments or {}
     sources = part_sources(robot, components)
-    return {name: _matrix(robot, name, source, experiments.get(name)) for name, source in sources.items()}
+    return {part: _matrix(robot, part, each, experiments.get(part)) for part, each in sources.items()}
 
 
 def _matrix(robot: RobotFile, name: str, source: str | np.ndarray, tested: Any) -> PartMatrix:
-    """Return a part's matrix from its source, ``tested``: its experiment or a matrix in place of it, if it has one."""
+    """Return a part's matrix from its source; ``tested``: its experiment, or a matrix instead."""
     part = robot.parts[name]
     if isinstance(part, InterfacePart):
         body = part.build("part")
@@ -181,7 +181,8 @@ def _matrix(robot: RobotFile, name: str, source: str | np.ndarray, tested: Any) 
     if not isinstance(source, str):
         return PartMatrix(source, None, mass)
     if isinstance(part, MatrixPart):
-        return PartMatrix(np.array(part.matrix), None if part.error is None else np.array(part.error), mass)
+        error = None if part.error is None else np.array(part.error)
+        return PartMatrix(np.array(part.matrix), error, mass)
     if source == "published":
         return PartMatrix(published_compliance(robot, name), None, mass)
     if source == "beam":
@@ -195,7 +196,8 @@ def _matrix(robot: RobotFile, name: str, source: str | np.ndarray, tested: Any) 
         compliance, error = tested.compliance, tested.error
         made: Any = tested.experiment
         places = np.vstack([made.clamp_point, made.reference_points])
-        dynamics = Dynamics(made.condensed_mass, made.mode_squares, made.mode_squares_error) if mass else None
+        modes = made.mode_squares, made.mode_squares_error
+        dynamics = Dynamics(made.condensed_mass, *modes) if mass else None
     dynamics = dynamics and dynamics.scale_density(mass / dynamics.total)
     return PartMatrix(compliance, error, mass, dynamics, places)
 
@@ -207,13 +209,12 @@ def known_mass(robot: RobotFile, name: str) -> float | None:
         return part.build("part").mass
     if not isinstance(part.mass, str):
         return part.mass
-    plain = isinstance(part, ParametricPart) and not any(
-        part.dimensions().get(key, 0) for key in ("rib_count", "hole_count", "pad_height")
-    )
-    material = robot.material(name)
-    if not plain or material is None:
+    material, features = robot.material(name), ("rib_count", "hole_count", "pad_height")
+    size = part.dimensions() if isinstance(part, ParametricPart) else None
+    if size is None or material is None or any(size.get(key) for key in features):
         return None
-    return material.density * sum(length * section.area for length, section in beam_segments(robot, name))
+    segments = beam_segments(robot, name)
+    return material.density * sum(length * section.area for length, section in segments)
 
 
 def beam_segments(robot: RobotFile, name: str) -> list[tuple[float, Section]]:
@@ -263,7 +264,8 @@ def beam_compliance(robot: RobotFile, name: str, theory: Theory = timoshenko) ->
     material = robot.material(name)
     segments = beam_segments(robot, name)
     if material is None:
-        raise robot.refuse(("parts", name, "material"), "expected a material for beam theory, got none")
+        message = "expected a material for beam theory, got none"
+        raise robot.refuse(("parts", name, "material"), message)
     total, beyond = np.zeros((6, 6)), 0.0
     for length, section in reversed(segments):
         piece = theory(length, section, material.youngs_modulus, material.shear_modulus)
@@ -289,7 +291,8 @@ def published_matrix(name: str) -> np.ndarray:
     """Return the 6x6 of `data/published/<name>.toml`, SI: its numbers times its `unit`."""
     content = read_published(name)
     if "compliance" not in content:
-        raise InputError(f"data/published/{name}.toml: expected a table with a 6x6 `compliance`, got none")
+        file = f"data/published/{name}.toml"
+        raise InputError(f"{file}: expected a table with a 6x6 `compliance`, got none")
     return np.array(content["compliance"], dtype=float) * content["unit"]
 
 

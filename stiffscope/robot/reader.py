@@ -80,7 +80,8 @@ def load_robot_of(file: Path, robot: str, overrides: Sequence[str] = (), toleran
     except InputError as error:
         if not bundled and beside.is_file() and str(error).startswith(f"{beside}:"):
             raise
-        key = {"--tolerance": "tolerance", "--set": "set"}.get(str(error).partition(" ")[0], "robot")
+        option = str(error).partition(" ")[0]
+        key = {"--tolerance": "tolerance", "--set": "set"}.get(option, "robot")
         raise FieldError((key,), str(error)) from error
 
 
