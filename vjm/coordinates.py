@@ -36,7 +36,7 @@ _SPANNING = 1e9  # scaled condition number up to which an element's directions a
 
 @dataclass(frozen=True, eq=False)
 class Rows:
-    """Linear functions of coordinates: ``matrix`` (n or 1, r, c) times those in ``columns`` (c,)."""
+    """Linear functions: ``matrix`` (n or 1, r, c) times the coordinates in ``columns`` (c,)."""
 
     columns: NDArray[np.intp]
     matrix: Array

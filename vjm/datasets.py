@@ -72,6 +72,7 @@ def make_dataset(found: Configurations, variables: Variables, **names: Sequence[
     }
     axes = {"twist": COORDINATES, "wrench": WRENCH, **names}
     used = {dim for dims, _, _ in variables.values() for dim in dims}
-    data = {k: (tuple(dims), np.asarray(v), {"units": unit}) for k, (dims, v, unit) in variables.items()}
+    given = variables.items()
+    data = {k: (tuple(dims), np.asarray(v), {"units": unit}) for k, (dims, v, unit) in given}
     labels = places | {dim: list(each) for dim, each in axes.items() if dim in used}
     return xr.Dataset(data, labels, {"axes": "base axes, at M", "source": "stiffscope"})

@@ -32,8 +32,8 @@ class Dynamics:
 
     References
     ----------
-    R. R. Craig and M. C. C. Bampton, "Coupling of substructures for dynamic analyses", AIAA Journal 6
-    (1968) 1313.
+    R. R. Craig and M. C. C. Bampton, "Coupling of substructures for dynamic analyses", AIAA Journal
+    6 (1968) 1313.
     """
 
     mass: Array
@@ -126,7 +126,7 @@ class Masses:
         return out if self.rest is None else out + (self.rest @ gravity)[..., None]
 
     def place(self, rotation: Array, away: Array) -> Masses:
-        """Express it where its axes are turned (n or 1, 3, 3) and its point is ``away`` (n or 1, 3)."""
+        """Express it in axes where its own are turned (n or 1, 3, 3), its point ``away`` (n or 1, 3)."""
         rest = self.rest
         if rest is not None:
             back = Frame(rotation, away).inverse_adjoint()
@@ -136,7 +136,7 @@ class Masses:
 
 
 def split_load(load: Array) -> Masses:
-    """Return the mass on a lever that best gives wrenches (6, 3) for unit accelerations, and the rest."""
+    """Return the mass on a lever that best gives wrenches (6, 3) per acceleration, and the rest."""
     mass = float(np.trace(load[:3])) / 3.0
     half = 0.5 * (load[3:] - load[3:].T)
     moment = np.array([half[2, 1], half[0, 2], half[1, 0]])

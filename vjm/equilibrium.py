@@ -167,7 +167,7 @@ def _pad(cases: Array, more: int) -> Array:
 
 
 def solve_condensed(state: Condensed, loads: Loads, tool: Array | None = None, wanted: Wanted = "all") -> Response:
-    """``solve_loads`` of a condensed network; its tool is free, or held at a twist (n or 1, 6, c)."""
+    """Do as ``solve_loads`` when condensed; the tool is free, or held at a twist (n or 1, 6, c)."""
     load = condense_loads(state, loads)
     if state.order.left:
         return recover_response(state, load, solve_saddle(state, load, tool))

@@ -196,7 +196,7 @@ class Joint:
         if self.axis is None and self.kind not in {"fixed", "spherical"}:
             raise InputError(f"{here}.axis: expected the direction of a {self.kind} joint, got none")
         if self.kind == "universal" and self.axis2 is None:
-            raise InputError(f"{here}.axis2: expected the second one of a universal joint, got none")
+            raise InputError(f"{here}.axis2: expected the second of a universal joint, got none")
         self._check_drive(here)
         self._check_spring(here)
         if self.compliance is not None:

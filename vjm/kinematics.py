@@ -148,7 +148,7 @@ def configure(mechanism: Mechanism, poses: Poses) -> Configurations:
     mechanism
         Joint ranges limit its motion; paths start at home, or as ``start_note`` describes.
     poses
-        (n, k), one column for each coordinate of ``tool.pose``, m and rad; configurations are returned.
+        (n, k), a column for each coordinate of ``tool.pose``, m and rad; or configurations: returned.
 
     Returns
     -------

@@ -31,7 +31,7 @@ _ROUNDED = 1e-13  # of sqrt(K_ii K_jj)
 _POINTS = "Hertz point contacts (Harris and Kotzalas 2006, ch. 6)"
 _HERTZ = f"{_POINTS}, equilibrium of de Mul, Vree and Maas (1989)"
 _LINES = "Palmgren line contacts (Harris and Kotzalas 2006, eq. 7.8)"
-_FEW_LOADED = "some elements carry nothing: the stiffness changes with the direction and size of loads"
+_FEW_LOADED = "some elements carry nothing: the stiffness changes with direction and size of loads"
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,8 +91,8 @@ def ball_contacts(
     """
     inner, outer = osculation
     if not 0.0 <= angle < 0.5 * np.pi:
-        got = np.degrees(angle)
-        raise InputError(f"angle: expected a contact angle from 0 to below 90 degrees, got {got:.4g}")
+        what = "a contact angle from 0 to below 90 degrees"
+        raise InputError(f"angle: expected {what}, got {np.degrees(angle):.4g}")
     if angle and clearance:
         got = 1e6 * clearance
         raise InputError(f"clearance: expected none beside a contact angle, got {got:g} um")

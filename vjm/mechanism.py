@@ -34,7 +34,7 @@ DIAGONAL = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")  # of a stiffness ma
 class Tool:
     """Tool point M, ``at`` (3,) in m, on a body or one of its ends, and the coordinates of a pose.
 
-    ``pose``: some of x y z (m) and rx ry rz (rotation vector from home, rad), base axes; others follow.
+    ``pose``: some of x y z (m) and rx ry rz (rotation vector from home, rad); others follow.
     """
 
     body: str

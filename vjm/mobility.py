@@ -8,8 +8,8 @@ relative to the mechanism's.
 References
 ----------
 J. Angeles, Fundamentals of Robotic Mechanical Systems, 4th ed., Springer 2014, ch. 8.
-T. H. Davies, "Kirchhoff's circulation law applied to multi-loop kinematic chains", Mech. Mach. Theory
-16 (1981) 171.
+T. H. Davies, "Kirchhoff's circulation law applied to multi-loop kinematic chains", Mech. Mach.
+Theory 16 (1981) 171.
 """
 
 from __future__ import annotations
@@ -237,7 +237,7 @@ def _coordinates(rates: JointRates, tool: Array) -> dict[str, str]:
 
 
 def _measure_conditioning(pose: Array, drives: Array) -> float | None:
-    """Return the inverse condition number from drives to commanded coordinates, by motions (…, k)."""
+    """Return the inverse condition number from drives to commanded coordinates, (d, k) and (p, k)."""
     if len(drives) != len(pose):
         return None
     forward = pose @ np.linalg.pinv(drives, rcond=RANK)

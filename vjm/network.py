@@ -78,7 +78,7 @@ class Element:
 
     @property
     def is_split(self) -> bool:
-        """Whether rotations of its spring in three directions and of its joint succeed each other."""
+        """Whether rotations of its spring, in three directions, and its joint's are successive."""
         moves = self.sprung + self.free.shape[1] > 0
         return moves and self.is_ordered and self.factor.shape[1] > self.sprung
 
@@ -243,7 +243,7 @@ def map_links(linkage: Linkage) -> dict[str, int]:
 
 
 def moves_with(element: Element, link: int, links: dict[str, int]) -> bool:
-    """Return whether an element's compliance and free directions are constant in the axes of a link.
+    """Return whether an element's compliance and free directions are constant in a link's axes.
 
     The link is at one of its ends; ``links``: numbers of the rigid links, by node.
     """

@@ -64,8 +64,8 @@ def _find_weights(order: Order, where: Places) -> dict[str, Array]:
 def loaded_stiffness(order: Order, where: Places) -> Array:
     """Return stiffness at M in base axes under own weight and offsets, and the sag, (n, 6, 7).
 
-    The sag is that of small displacements; the stiffness is taken at the equilibrium of finite ones,
-    and is NaN where none is found. Raises InputError where the tool moves freely.
+    The sag is that of small displacements; the stiffness is taken at the equilibrium of finite
+    ones, and is NaN where none is found. Raises InputError where the tool moves freely.
     """
     bent = bend_network(order, where)
     matrix, slack = _tangent(order, bent.there, where)
@@ -141,7 +141,7 @@ def loaded_compliance(order: Order, where: Places) -> Array:
 def _relax(
     state: Condensed, work: SecondOrder, unit: Motion, stiffness: Array, *, thorough: bool
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the stiffness change (n, 6, 6) by the second-order work, and where it must be thorough.
+    """Return the stiffness change (n, 6, 6) by second-order work, and where it must be thorough.
 
     With H the Hessian of that work and X the motions for unit tool twists, X changes by δ with
     ``H₀ δ = -H (X + δ)``. The stationary stiffness changes by ``Xᵀ H X - δᵀ H₀ δ`` for the first δ,
@@ -165,7 +165,7 @@ def _relax(
 def _settle_motions(
     work: SecondOrder, unit: Motion, solve: Callable[[Loads], Response], *, held: bool = True
 ) -> Motion:
-    """Iterate the change δ of six motions X, ``H₀ δ = -H (X + δ)``; ``held``: the tool is at rest."""
+    """Iterate the change δ of six motions X, ``H₀ δ = -H (X + δ)``; ``held``: the tool rests."""
     change = unit.plus(unit, -1.0)
     for _ in range(_STEPS):
         loads = Loads(6, work.differentiate(unit.plus(change, 1.0), held=held)[1], balanced=HELD)
@@ -311,7 +311,7 @@ def differentiate_order(state: ElementState) -> Array:
 
 
 def order_rotations(state: ElementState) -> tuple[Array, Array]:
-    """Return half the Hessian (n, k, k) by ordered rotations, and the map (n, 6, k) to wrenches at M."""
+    """Return half the Hessian (n, k, k) by ordered rotations, and the map (n, 6, k) to wrenches."""
     hessian, moment = skew(0.5 * state.wrench[:, 3:, 0]), state.where.frame(state.element).matrix()
     if state.element.joint is not None:
         axes = list_axes(state)

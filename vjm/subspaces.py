@@ -35,7 +35,8 @@ class Direction:
         along = axis_name(self.axis)
         if self.kind == "screw":
             return f"screw about {along}, {1e3 * self.pitch:.3g} mm/rad"
-        return f"{self.kind} {'along' if self.kind in ('translation', 'force') else 'about'} {along}"
+        way = "along" if self.kind in {"translation", "force"} else "about"
+        return f"{self.kind} {way} {along}"
 
 
 def axis_name(axis: Array) -> str:
@@ -96,8 +97,8 @@ def find_blocks(basis: Array, sizes: list[int]) -> list[tuple[list[int], int]]:
 def name_directions(basis: Array, bound: str, free: str, length: float) -> list[Direction]:
     """Return directions of a screw space (6, k); line (force, angular velocity) before couple.
 
-    First pure couples, of kind ``free``, then lines, of kind ``bound``, with the smallest pitch that
-    the couples allow. ``length``, m, scales rotations to translations.
+    First pure couples, of kind ``free``, then lines, of kind ``bound``, with the smallest pitch
+    that the couples allow. ``length``, m, scales rotations to translations.
     """
     couples = basis[3:] @ null_space(basis[:3])
     out = [Direction(free, axis) for axis in _align(couples)]

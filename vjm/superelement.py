@@ -75,7 +75,7 @@ def superelement(
     tool = pencil.system.twists[END].apply_to(pencil.basis)[0] * unit / size[:, None]  # (6, d)
     left, values, right = np.linalg.svd(tool)
     if len(values) < 6 or values[5] <= RANK * values[0]:
-        raise InputError("tool: expected one that moves in all six directions, got one held rigidly")
+        raise InputError("tool: expected one that moves in six directions, got one held rigidly")
     apart = np.asarray(right[6:].T, dtype=float)
     follow = right[:6].T / values[:6] @ left.T / size
     held, inert = (apart.T @ a @ apart for a in (stiffness, mass))
