@@ -9,7 +9,6 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
-import numpy as np
 import tomlkit
 
 from stiffscope.cli import options
@@ -18,6 +17,7 @@ from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit, open_workshop, warn_of_parts
 from stiffscope.cli.poses import find_poses
 from stiffscope.design.making import SUFFIX, Journal
+from stiffscope.design.path.course import pick_evenly
 from stiffscope.design.sensitivities import part_sensitivities, robot_sensitivities
 from stiffscope.design.studies import WHOLE, find_study, merge_study, run_study
 from stiffscope.design.study_reading import load_study
@@ -176,9 +176,8 @@ def _write_robots(found: Study, folder: Path, out: Path) -> None:
     """Write robot files of the best designs, best-1.toml etc.; of a long front only a selection."""
     if not found.file.goals:
         return
-    count = len(found.best)
-    chosen = np.unique(np.linspace(0, count - 1, min(MOST_FILES, count)).round().astype(int))
-    for number, index in enumerate((found.best[k] for k in chosen), 1):
+    for number, k in enumerate(pick_evenly(len(found.best), MOST_FILES), 1):
+        index = found.best[k]
         file, head = f"best-{number}.toml", f"# Design {index + 1} of {found.file.path.name}\n"
         text = tomlkit.dumps(robot_document(found.robot(index), out / file, found.file.components))
         (folder / file).write_text(head + text, encoding="utf-8")

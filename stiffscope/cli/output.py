@@ -51,11 +51,14 @@ class Output:
             check_output(folder, None if self.json == "-" else self.json, *others)
 
 
+def _nothing(*_: object) -> None:
+    return
+
+
 def emit(
-    output: Output, answer: Any, show: Callable[[], None] | None = None, *,
-    manifest: Manifest | None = None, fill: Callable[[Path], object] | None = None,
-    page: Callable[[Draft], None] | None = None, kept: str = "",
-    also: Callable[[], None] | None = None,
+    output: Output, answer: Any, show: Callable[[], None] = _nothing, *,
+    manifest: Manifest | None = None, fill: Callable[[Path], object] = _nothing,
+    page: Callable[[Draft], None] = _nothing, kept: str = "", also: Callable[[], None] = _nothing,
 ) -> None:  # fmt: skip
     """Write the results of a command: output folder, JSON, further files, then tables.
 
@@ -83,35 +86,23 @@ def emit(
     if callable(answer) and (output.json or kept):
         answer = answer()
     if output.folder is not None and manifest is not None:
-        _write_folder(output.folder, manifest, {kept: answer} if kept else {}, fill, page, show)
+        from stiffscope.report.run_report import Draft
+
+        with staged_folder(output.folder) as folder:
+            if kept:
+                write_json(folder / kept, answer)
+            fill(folder)
+            manifest.write(folder)
+            with record_shown() as shown:
+                show()
+            page(Draft(folder, shown))
     if output.json:
         write_json(output.json, answer)
-    if also is not None:  # before the tables, whose pipe may be closed early
-        also()
+    also()  # before the tables, whose pipe may be closed early
     if output.loud:
-        if show is not None:
-            show()
+        show()
         if output.folder is not None and manifest is not None:
             show_line(f"Written to {output.folder} in {manifest.measure_elapsed():.1f} s")
-
-
-def _write_folder(
-    out: Path, manifest: Manifest, answers: dict[str, Any], fill: Callable[[Path], object] | None,
-    page: Callable[[Draft], None] | None, show: Callable[[], None] | None,
-) -> None:  # fmt: skip
-    with staged_folder(out) as folder:
-        for name, answer in answers.items():
-            write_json(folder / name, answer)
-        if fill is not None:
-            fill(folder)
-        manifest.write(folder)
-        if page is not None:
-            from stiffscope.report.run_report import Draft
-
-            with record_shown() as shown:
-                if show is not None:
-                    show()
-            page(Draft(folder, shown))
 
 
 @contextmanager

@@ -89,7 +89,7 @@ def known_units(robot: RobotFile) -> dict[str, str]:
     """Return the SI unit of every quantity that an expression may use.
 
     K_tx … K_rz (also kx … krz), K11 … K66, C11 … C66 of the robot at M; sag (its length), sag_x,
-    sag_y, sag_z under own weight; f1 … f12, Hz, drives held; mass of solids; PART.C11 …, PART.mass.
+    sag_y, sag_z by own weight; f1 … f12, Hz, drives held; mass of solids; PART.C11 …, PART.mass.
     """
     parts = [name for name in part_sources(robot) if re.fullmatch(r"[^\W\d]\w*", name)]
     entries = {entry: unit for entry, (matrix, *_, unit) in ENTRIES.items() if matrix == "C"}

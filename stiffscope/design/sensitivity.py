@@ -261,4 +261,5 @@ def _first(frequencies: np.ndarray, values: np.ndarray | None = None) -> np.ndar
 
 def poses_of(robot: RobotFile, poses: Sequence[Sequence[float]] | None) -> np.ndarray:
     """Return the given poses (n, k), or else those of the file."""
-    return np.atleast_2d(np.array(list(robot.poses.values()) if poses is None else poses, dtype=float))
+    found = list(robot.poses.values()) if poses is None else poses
+    return np.atleast_2d(np.array(found, dtype=float))

@@ -40,22 +40,21 @@ MOST_DESIGNS = 1_000_000
 RANGE = 'a range such as ["15 mm", "40 mm"]'
 
 
-def _list_texts(value: Any) -> Any:
-    return [value] if isinstance(value, str) else value
-
-
 def _read_count(value: Any) -> int:
     if not 1 <= parse_whole(value) <= MOST_DESIGNS:
         raise ValueError(f"expected 1 to {MOST_DESIGNS}, got {value}")
     return parse_whole(value)
 
 
-Texts = Annotated[tuple[str, ...], Reads(_list_texts, says="texts in a list")]
+Texts = Annotated[
+    tuple[str, ...],
+    Reads(lambda value: [value] if isinstance(value, str) else value, says="texts in a list"),
+]
 Number = Annotated[int, Reads(_read_count, says="a whole number above 0")]
 
 
 class StudySection(Section):
-    """The top level of the file. `minimize` and `maximize` name responses; a sweep needs neither."""
+    """The top level of the file; `minimize` and `maximize` name responses, a sweep needs neither."""
 
     robot: Annotated[str, Says("a robot file, seen from the study's folder, or the name of a bundled robot")]
     components: Literal["fea", "beam", "published"] | None = None
@@ -123,7 +122,8 @@ def load_study(path: str | Path) -> StudyFile:
     path = Path(path)
     source = Source(path, reading.read_text(path, "a study's file in TOML"))
     with source.refusing():
-        return _read(read_table(StudySection, parse_text(path, source.text, "a study's file"), ()), source)
+        table = parse_text(path, source.text, "a study's file")
+        return _read(read_table(StudySection, table, ()), source)
 
 
 def _read(top: StudySection, source: Source) -> StudyFile:
@@ -149,7 +149,7 @@ def _read(top: StudySection, source: Source) -> StudyFile:
 def _list_entries(
     table: dict[str, Any], key: Key, model: type[Section]
 ) -> list[tuple[Key, str, Any]]:  # fmt: skip
-    """Return key, name and value of a table's entries; slider.thickness = … may be a dotted key."""
+    """Return key, name and value of a table's entries; slider.thickness may be a dotted key."""
     found: list[tuple[Key, str, Any]] = []
 
     def walk(inner: Key, name: str, value: Any) -> None:
@@ -182,10 +182,12 @@ def _read_variable(key: Key, name: str, given: Any, robot: RobotFile, top: Study
         raise _refuse(key, f"{RANGE}, two ends", texts)
     _check_takes(name, texts, robot, also, key)
     unit = known[name].unit if name in known else unit_of(texts[0])
-    values = tuple((_read_number if found.values is None else _read_value)(each, key) for each in texts)
+    read = _read_number if found.values is None else _read_value
+    values = tuple(read(each, key) for each in texts)
     if len({isinstance(each, str) for each in values}) > 1:
         raise _refuse(key, "values that are all numbers or all words", texts)
-    if not isinstance(values[0], str) and any(isinstance(each, str) and unit_of(each) != unit for each in texts):
+    others = [each for each in texts if isinstance(each, str) and unit_of(each) != unit]
+    if others and not isinstance(values[0], str):
         what = f"{RANGE}, both ends" if found.values is None else "values that are all"
         raise _refuse(key, f"{what} in {unit}", texts)
     if found.values is not None:
@@ -217,7 +219,7 @@ def _read_value(value: Any, key: Key) -> Value:
 def _check_takes(
     name: str, texts: list[Any], robot: RobotFile, also: tuple[str, ...], key: Key
 ) -> None:  # fmt: skip
-    """Raise FieldError if a word is invalid itself, or no value gives a valid robot; other single ones fail later."""
+    """Raise FieldError if a word is invalid itself, or no value gives a valid robot."""
     refused, valid, source = list[FieldError](), False, robot.source
     for value in texts:
         text = write_override(name, value)
@@ -230,7 +232,8 @@ def _check_takes(
             if is_word and message != str(error):
                 raise refused[-1] from error
             continue
-        copied = [each[1] for each in made.source.changed.keys() - source.changed if each[1] in made.copied]
+        changed = made.source.changed.keys() - source.changed
+        copied = [each[1] for each in changed if each[1] in made.copied]
         if copied:
             got = f'"{copied[0]}", a copy: vary its original'
             raise FieldError(key, f"expected what the robot file writes, got {got}")
@@ -272,7 +275,7 @@ def _read_response(
     if job is not None:
         if found.at is not None:
             raise _refuse((*key, "at"), "none beside a path", found.at)
-        points = np.flatnonzero(~job.path.rapid | job.path.rapid.all())
+        points = np.flatnonzero(job.path.acting)
         return Response(name, expression, unit, tuple(points.tolist()), found.take or "worst", job)
     at = [poses.setdefault(pose, len(poses)) for pose in _list_poses(found, robot, key)]
     if take is None and len(at) > 1:

@@ -90,8 +90,9 @@ class PartOrder:
         step = self.solid
         try:
             return read_step(
-                step.path, name=self.name, material=self.material, clamped=step.clamped, loaded=step.loaded,
-                interfaces=dict(step.interfaces) or None, couplings=dict(step.couplings), placement=step.placement,
+                step.path, name=self.name, material=self.material, clamped=step.clamped,
+                loaded=step.loaded, interfaces=dict(step.interfaces) or None,
+                couplings=dict(step.couplings), placement=step.placement,
                 reference_point=step.reference_point,
             )  # fmt: skip
         except InputError as error:
@@ -112,7 +113,8 @@ def order_part(
     solid = _step_order(robot, name, step) or _dimensions(robot, name)
     material = robot.material(name)
     if material is None:
-        raise robot.refuse(("parts", name, "material"), "expected the material of the solid, got none")
+        expected = "expected the material of the solid"
+        raise robot.refuse(("parts", name, "material"), f"{expected}, got none")
     settings = Settings()
     if isinstance(part, SolidPart):
         mesh = part.mesh.model_dump()
@@ -196,7 +198,8 @@ def _step_order(robot: RobotFile, name: str, given: str | Path | None) -> StepOr
         raise robot.refuse(("parts", name, "file"), f"{message} ({path})") from error
     if section is None:
         return StepOrder(path.absolute(), content, str(path))
-    chosen = {tag: _select(faces) for tag in ("clamped", "loaded") if (faces := getattr(section, tag)) is not None}
+    given_faces = (("clamped", section.clamped), ("loaded", section.loaded))
+    chosen = {tag: _select(faces) for tag, faces in given_faces if faces is not None}
     ends = (section.interfaces or {}).items()
     return StepOrder(
         path.absolute(), content, str(path), **chosen, placement=section.placement(),

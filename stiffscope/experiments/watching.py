@@ -38,7 +38,7 @@ def sources(robot: RobotFile) -> list[Path]:
 
 
 def changes(files: Sequence[Path]) -> Iterator[None]:
-    """Yield at once, and then whenever the content of a file has changed; the list itself may change.
+    """Yield at once, and whenever the content of a file has changed; the list itself may change.
 
     A file that is missing or empty only while an editor saves it has not changed.
     """
@@ -58,7 +58,7 @@ def changes(files: Sequence[Path]) -> Iterator[None]:
 
 
 def _content(path: Path, read: dict[Path, tuple[Any, str]]) -> str:
-    """Return a file's checksum, "" if it is missing or empty; ``read`` keeps those of unchanged files."""
+    """Return a file's checksum, "" if missing or empty; ``read`` keeps those of unchanged files."""
     with suppress(OSError, InputError):
         status = path.stat()
         stamp = (status.st_mtime_ns, status.st_size, status.st_ino)
@@ -106,7 +106,8 @@ def differences(
     files = [f"content of {name}" for name in now if known.get(name, now[name]) != now[name]]
     old, new = (_leaves(parse_text(robot.path, robot.source.text)) for robot in (before, after))
     names = [name for name in dict.fromkeys([*new, *old]) if old.get(name) != new.get(name)]
-    shown = [f"{name} {old.get(name, 'nothing')} → {new.get(name, 'nothing')}" for name in names[:4]]
+    pairs = ((name, old.get(name, "nothing"), new.get(name, "nothing")) for name in names[:4])
+    shown = [f"{name} {one} → {two}" for name, one, two in pairs]
     return files + ([*shown, f"{len(names) - 4} more"] if len(names) > 4 else shown)
 
 

@@ -109,8 +109,8 @@ def _lines(title: str, lines: Iterable[str]) -> None:
 
 def _mobility(found: Inspection) -> Iterator[tuple[str, str]]:
     m, mechanism = found.mobility, found.mechanism
-    elastic = sum(b.elastic is not None for b in mechanism.bodies)
-    yield "bodies", f"{len(mechanism.bodies)}: {elastic} elastic, {len(mechanism.bodies) - elastic} rigid"
+    count, elastic = len(mechanism.bodies), sum(b.elastic is not None for b in mechanism.bodies)
+    yield "bodies", f"{count}: {elastic} elastic, {count - elastic} rigid"
     kinds = Counter(joint.kind for joint in mechanism.joints)
     listed = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
     yield "joints", f"{len(mechanism.joints)}: {listed}"
@@ -124,11 +124,10 @@ def _mobility(found: Inspection) -> Iterator[tuple[str, str]]:
 
 
 def _tool(m: Mobility) -> str:
-    by_word: dict[str, list[str]] = {}
-    for name, word in m.coordinates.items():
-        by_word.setdefault(word, []).append(name)
     words = ("commanded", "follows", "free", "locked", "held")
-    return f"{len(m.tool)}; " + "; ".join(f"{word}: {', '.join(by_word[word])}" for word in words if word in by_word)
+    names = {w: [name for name, word in m.coordinates.items() if word == w] for w in words}
+    said = (f"{word}: {', '.join(each)}" for word, each in names.items() if each)
+    return "; ".join([str(len(m.tool)), *said])
 
 
 def _actuation(found: Inspection) -> str:
@@ -141,12 +140,13 @@ def _actuation(found: Inspection) -> str:
 
 
 def _parts(found: Inspection) -> None:
-    rows = (
-        (p.name, SOURCES[p.source], f"{1e3 * p.length:.4g}" if p.length else "", _kg(p.mass), str(len(p.bodies)))
-        for p in found.parts
-    )
-    if found.parts:
-        _table("Parts", ("part", "6×6 from", "length mm", "mass kg", "bodies"), list(rows), prose=("6×6 from",))
+    rows = []
+    for p in found.parts:
+        length = f"{1e3 * p.length:.4g}" if p.length else ""
+        rows.append((p.name, SOURCES[p.source], length, _kg(p.mass), str(len(p.bodies))))
+    if rows:
+        columns = ("part", "6×6 from", "length mm", "mass kg", "bodies")
+        _table("Parts", columns, rows, prose=("6×6 from",))
 
 
 def _kg(mass: float | None) -> str:
@@ -159,19 +159,19 @@ def _masses(found: Inspection) -> None:
     for name, mass in found.masses.items():
         alike.setdefault((getattr(found.robot.bodies[name], "part", ""), mass), []).append(name)
     known = [mass for mass in found.masses.values() if mass is not None]
-    rows = [
-        (_some(names), part or "rigid", _kg(mass), "" if mass is None else f"{mass * len(names):.4g}")
-        for (part, mass), names in alike.items()
-    ]
+    rows = []
+    for (part, mass), names in alike.items():
+        total = "" if mass is None else f"{mass * len(names):.4g}"
+        rows.append((_some(names), part or "rigid", _kg(mass), total))
     least = "" if len(known) == len(found.masses) else "at least "
     rows.append(("total", "", "", f"{least}{sum(known):.4g}"))
     _table("Masses", ("bodies", "part", "each kg", "kg"), rows, prose=("bodies", "part"))
 
 
 def _some(names: Sequence[str], most: int = 3) -> str:
-    return (
-        ", ".join(names) if len(names) <= most else f"{', '.join(names[: most - 1])} and {len(names) - most + 1} more"
-    )
+    if len(names) <= most:
+        return ", ".join(names)
+    return f"{', '.join(names[: most - 1])} and {len(names) - most + 1} more"
 
 
 def _drives(found: Inspection) -> None:

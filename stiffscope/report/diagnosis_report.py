@@ -25,31 +25,20 @@ if TYPE_CHECKING:
 
 MOST_POSES = 60  # most poses in the view; those with the largest residuals are kept
 FIGURES = {
-    "waterfall": (
-        "The gap: the nominal model, with each effect, at poses held out, noise",
-        "bars of the gap in % rms: the nominal model, with each effect, at poses held out, noise",
-    ),
-    "corner": (
-        "Posterior of the parameters: histograms, and contours of 50 % and 95 %",
-        "joint posterior of the parameters: a histogram of each, contours of each pair",
-    ),
-    "residuals": (
-        "Residuals over noise by pose and direction, before and with the effects",
-        "two maps of residuals over noise, poses by directions: the nominal model, with the effects",
-    ),
-    "readings": (
-        "Measured readings against their prediction, before and with the effects",
-        "measured against predicted readings, a panel for each kind of reading",
-    ),
-    "predictive": (
-        "Residuals at poses held out, over their predictive standard deviation",
-        "histogram of residuals at poses held out beside the normal distribution that is predicted",
-    ),
-    "signatures": (
-        "Correlation between the signatures of the effects; 1: indistinguishable from these readings",
-        "matrix of the correlations between the signatures of the effects",
-    ),
-}
+    "waterfall": ("The gap: the nominal model, with each effect, at poses held out, noise",
+                  "bars of the gap in % rms: the nominal model, with each effect, held out, noise"),
+    "corner": ("Posterior of the parameters: histograms, and contours of 50 % and 95 %",
+               "joint posterior of the parameters: a histogram of each, contours of each pair"),
+    "residuals": ("Residuals over noise by pose and direction, before and with the effects",
+                  "two maps of residuals over noise, poses by directions: before, with the effects"),
+    "readings": ("Measured readings against their prediction, before and with the effects",
+                 "measured against predicted readings, a panel for each kind of reading"),
+    "predictive": ("Residuals at poses held out, over their predictive standard deviation",
+                   "histogram of residuals at poses held out, and the normal distribution predicted"),
+    "signatures": ("Correlation between signatures of effects; 1: indistinguishable from these readings",
+                   "matrix of the correlations between the signatures of the effects"),
+}  # fmt: skip
+"""Captions and text alternatives of the figures."""
 
 
 def write_diagnosis_report(

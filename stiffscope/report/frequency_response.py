@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -40,9 +41,8 @@ class Response:
     @property
     def unit(self) -> str:
         """Unit of the receptance in CF spelling."""
-        turns, moment = (
-            text.rpartition(":")[2].strip().lstrip("+-").startswith("r") for text in (self.target, self.source)
-        )
+        ways = (text.rpartition(":")[2] for text in (self.target, self.source))
+        turns, moment = (way.strip().lstrip("+-").startswith("r") for way in ways)
         return f"{'rad' if turns else 'm'} {'N-1 m-1' if moment else 'N-1'}"
 
     @property
@@ -56,23 +56,22 @@ def write(response: Response, folder: Path) -> None:
     """Write frf.png, frf.svg, frf.csv (one line per pose and frequency) and frf.nc."""
     title = f"{response.robot}: response at {response.target} to {response.source}"
     save_figures(folder, {"frf": lambda: figure(response, title)})
-    header = (
-        f"pose,frequency (Hz),real ({response.written_unit}),imaginary ({response.written_unit}),magnitude,phase (deg)"
-    )
-    lines = [header]
-    for name, values in zip(response.names, response.values, strict=True):
-        pose = f'"{name}"' if "," in name else name
-        numbers = zip(response.hertz, values.real, values.imag, np.abs(values), np.angle(values, deg=True), strict=True)
-        lines += [f"{pose}," + ",".join(f"{v:.9g}" for v in row) for row in numbers]
-    (folder / "frf.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    parts = (f"{part} ({response.written_unit})" for part in ("real", "imaginary"))
+    with (folder / "frf.csv").open("w", newline="", encoding="utf-8") as stream:
+        table = csv.writer(stream, lineterminator="\n")
+        table.writerow(["pose", "frequency (Hz)", *parts, "magnitude", "phase (deg)"])
+        for name, z in zip(response.names, response.values, strict=True):
+            columns = response.hertz, z.real, z.imag, np.abs(z), np.angle(z, deg=True)
+            table.writerows([name, *(f"{v:.9g}" for v in row)] for row in np.transpose(columns))
     as_dataset(response, title).to_netcdf(folder / "frf.nc", engine="scipy", format="NETCDF3_64BIT")
 
 
 def write_page(response: Response, report: Draft) -> None:
     """Write ``report.html`` with the figure from the folder."""
     r = response
-    caption = f"Displacement at {r.target} for a harmonic force at {r.source}: magnitude and phase by pose"
-    drawn = report.figures({"frf.svg": (caption, "receptance over frequency: magnitude above, phase below")})
+    at = f"Displacement at {r.target} for a harmonic force at {r.source}"
+    words = "receptance over frequency: magnitude above, phase below"
+    drawn = report.figures({"frf.svg": (f"{at}: magnitude and phase by pose", words)})
     facts = [
         f"force at {r.source}", f"displacement at {r.target}", f"receptance in {r.written_unit}",
         f"damping ratio of every mode {r.damping:g}", f"{len(r.hertz):,} frequencies",
@@ -121,8 +120,9 @@ def as_dataset(response: Response, title: str) -> xr.Dataset:
         meant = {"units": "m" if k < 3 else "rad", "long_name": f"{words}, {axis[-1]}"}
         places[f"tool_{axis}"] = ("pose", response.tool[:, k], meant)
     about = {
-        "title": title, "source": "stiffscope", "Conventions": "CF-1.8", "force_at": response.source,
-        "displacement_at": response.target, "modal_damping_ratio": response.damping,
+        "title": title, "source": "stiffscope", "Conventions": "CF-1.8",
+        "force_at": response.source, "displacement_at": response.target,
+        "modal_damping_ratio": response.damping,
     }  # fmt: skip
     return xr.Dataset(variables, places, about)
 
@@ -138,9 +138,8 @@ def figure(response: Response, title: str) -> Figure:
         upper.loglog(response.hertz, np.abs(values), color=colour, lw=1.4, label=name)
         lower.semilogx(response.hertz, np.angle(values, deg=True), color=colour, lw=1.2)
     upper.set_ylabel(f"receptance ({response.written_unit})")
-    lower.set(
-        xlabel=f"frequency (Hz); modal damping {100 * response.damping:g} %", ylabel="phase (deg)", ylim=(-185, 185)
-    )
+    damped = f"frequency (Hz); modal damping {100 * response.damping:g} %"
+    lower.set(xlabel=damped, ylabel="phase (deg)", ylim=(-185, 185))
     lower.set_yticks([-180, -90, 0, 90, 180])
     lower.xaxis.set_major_locator(LogLocator(10, (1.0, 2.0, 5.0)))
     lower.xaxis.set_major_formatter(FuncFormatter(lambda hertz, _: f"{hertz:g}"))

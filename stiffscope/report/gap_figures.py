@@ -54,13 +54,9 @@ STEPS = {
 def draw_figures(diagnosis: Diagnosis, folder: Path) -> list[str]:
     """Write the available figures of a diagnosis as SVG and PNG; return their names."""
     figures = {
-        "waterfall": waterfall,
-        "corner": corner,
-        "residuals": residual_map,
-        "readings": draw_readings,
-        "predictive": predictive_check,
-        "signatures": signature_correlation,
-    }
+        "waterfall": waterfall, "corner": corner, "residuals": residual_map, "readings": draw_readings,
+        "predictive": predictive_check, "signatures": signature_correlation,
+    }  # fmt: skip
     return save_figures(folder, {stem: partial(draw, diagnosis) for stem, draw in figures.items()})
 
 

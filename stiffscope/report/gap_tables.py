@@ -36,10 +36,12 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
 def show_nearest_signatures(diagnosis: Diagnosis) -> None:
     """Show the pairs of effects with the most similar signatures in these readings."""
     names, rows = diagnosis.signature_correlation
-    pairs = sorted(((rows[i][j], names[j], names[i]) for i in range(len(names)) for j in range(i)), reverse=True)
-    cells = [(text.label(one), text.label(other), f"{value:.3f}") for value, one, other in pairs[:MOST_PAIRS]]
+    pairs = ((rows[i][j], names[j], names[i]) for i in range(len(names)) for j in range(i))
+    nearest = sorted(pairs, reverse=True)[:MOST_PAIRS]
+    cells = [(text.label(one), text.label(other), f"{value:.3f}") for value, one, other in nearest]
+    groups = (("effect", "and"), ("correlation",))
     if cells:
-        show_table("Most similar signatures (1: indistinguishable)", (("effect", "and"), ("correlation",)), cells)
+        show_table("Most similar signatures (1: indistinguishable)", groups, cells)
 
 
 def _show_list(title: str, lines: Sequence[str]) -> None:

@@ -91,8 +91,8 @@ class LiveRobot:
 
     def start(self) -> None:
         """Start the worker threads."""
-        self._build, self._follow, self._draw = Newest(self.build), Newest(self.follow), Newest(self.draw)
-        self._compare = Newest(self.compare)
+        self._build, self._follow = Newest(self.build), Newest(self.follow)
+        self._draw, self._compare = Newest(self.draw), Newest(self.compare)
         if self.campaign:
             threading.Thread(target=self._watch, daemon=True).start()
 
@@ -113,8 +113,8 @@ class LiveRobot:
         """Assemble the robot for a setting, run the experiments needed, then evaluate it."""
         try:
             with workshop(self._open_line) as shop:
-                robot = self.changed(setting.values)
-                made = assemble_robots({"live": robot}, self.components, shop, whole=False, near=self._meshed)["live"]
+                robots, near = {"live": self.changed(setting.values)}, self._meshed
+                made = assemble_robots(robots, self.components, shop, whole=False, near=near)["live"]
         except (StiffscopeError, OSError, RuntimeError) as error:
             self.tell({"problem": str(error)})
             return
@@ -126,7 +126,8 @@ class LiveRobot:
 
     def _open_line(self, name: str) -> Callable[[str, float], None]:
         def report(stage: str, fraction: float) -> None:
-            self.tell({"progress": f"{name}: {stage}, {100 * fraction:.0f} %" if fraction < 1.0 else ""})
+            done = fraction >= 1.0
+            self.tell({"progress": "" if done else f"{name}: {stage}, {100 * fraction:.0f} %"})
 
         return report
 

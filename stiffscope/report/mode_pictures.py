@@ -31,16 +31,11 @@ def modes_json(found: Modes) -> dict[str, Any]:
     names = {END: "tool", FOOT: "base"}
     shapes = {names.get(node, node): each.swapaxes(1, 2) for node, each in found.shapes.items()}
     return {
-        "poses": found.configurations.poses,
-        "tool": found.configurations.tool,
-        "frequencies": found.frequencies,
-        "error": found.error,
-        "shapes": shapes,
-        "energy": found.energy,
-        "internal": found.internal,
-        "remarks": list(found.remarks),
+        "poses": found.configurations.poses, "tool": found.configurations.tool,
+        "frequencies": found.frequencies, "error": found.error, "shapes": shapes,
+        "energy": found.energy, "internal": found.internal, "remarks": list(found.remarks),
         "convention": CONVENTION,
-    }
+    }  # fmt: skip
 
 
 def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder: Path) -> None:

@@ -23,7 +23,7 @@ ZERO_NOTE = f"{ZERO}  zero within its error bound, or below 10⁻⁶ of √(M_ii
 
 
 def find_resolved(matrix: Any, error: Any = 0.0) -> NDArray[np.bool_]:
-    """Return a mask (6n, 6n) of entries above mesh noise: their bounds and 10⁻⁶ √(M_ii M_jj)."""
+    """Return a mask (6n, 6n) of entries above noise: their bounds and 10⁻⁶ √(M_ii M_jj)."""
     values = np.abs(np.asarray(matrix, dtype=float))
     scale = np.sqrt(np.diagonal(values))
     return (values > np.asarray(error)) & (values > NEGLIGIBLE * np.outer(scale, scale))
@@ -78,9 +78,10 @@ def name_pose(pose: Any, names: Sequence[str]) -> str:
 
 
 def power(number: float, decimals: int = 1) -> str:
-    """Return 2.3e6 as 2.3·10⁶ in matplotlib's notation; numbers of up to three digits unchanged."""
+    """Return 2.3e6 as 2.3·10⁶ in matplotlib's notation; numbers up to three digits unchanged."""
     mantissa, exponent = f"{number:.{decimals}e}".split("e")
-    return f"{number:.3g}" if abs(int(exponent)) < 3 else rf"${mantissa}\cdot10^{{{int(exponent)}}}$"
+    tens = int(exponent)
+    return f"{number:.3g}" if abs(tens) < 3 else rf"${mantissa}\cdot10^{{{tens}}}$"
 
 
 SHOWN_IN: dict[str, tuple[tuple[float, str], ...]] = {  # factor to SI and unit, coarsest first

@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 
-from stiffscope.design.path.course import BLOCK
+from stiffscope.design.path.course import BLOCK, pick_evenly
 from stiffscope.experiments.experiments import EXPERIMENT
 from stiffscope.fea.export import write_fields
 from stiffscope.report import page
@@ -71,27 +71,19 @@ def path_json(state: Along, after: Compensated | None, stresses: list[PartStress
         fixed, gain = state.freed.fixed, _gain(state.freed, state)
         answer["free"] = {"least": section.free.least, "fixed": fixed, **gain}
     if after is not None:
-        left, refused = np.linalg.norm(after.left, axis=1), [list(each) for each in after.refused]
-        largest = float(np.abs(after.left).max())
+        left = np.linalg.norm(after.left, axis=1)
         answer["compensated"] = {
-            "before": _rms(state.size),
-            "after": _rms(left),
-            "largest": largest,
-            "refused": refused,
-        }
+            "before": _rms(state.size), "after": _rms(left),
+            "largest": float(np.abs(after.left).max()), "refused": list(map(list, after.refused)),
+        }  # fmt: skip
     return answer
 
 
 def _gain(freed: Freed, state: Along) -> dict[str, dict[str, float]]:
     """Return greatest and rms error, m, for the best constant and the chosen free coordinates."""
-    some = _acting(state)
+    some = state.path.acting
     errors = ("single", freed.before[some]), ("chosen", freed.error[some])
     return {name: {"greatest": float(each.max()), "rms": _rms(each)} for name, each in errors}
-
-
-def _acting(state: Along) -> np.ndarray:
-    """Return which points (n,) are no rapid moves; all points if there are none."""
-    return ~state.path.rapid if not state.path.rapid.all() else state.path.rapid
 
 
 def _rms(values: np.ndarray) -> float:
@@ -131,10 +123,9 @@ def show_path(state: Along, after: Compensated | None, stresses: list[PartStress
         band = f"{known.min():.4g} to {known.max():.4g} Hz along the path"
         facts.append(("first frequency", band))
     show_facts(f"Path {file} on {state.job.robot.name}", facts)
-    acting = _acting(state)
     shares = sorted(state.shares.items(), key=lambda each: -each[1][k])
     rows = [
-        (name, f"{100 * share[k]:.1f}", f"{100 * share[acting].mean():.1f}")
+        (name, f"{100 * share[k]:.1f}", f"{100 * share[path.acting].mean():.1f}")
         for name, share in shares if share[k] > 5e-4
     ]  # fmt: skip
     columns = [["element"], ["at the greatest error", "mean of the path"]]
@@ -195,15 +186,11 @@ def write_stress(stresses: Sequence[PartStress], folder: Path) -> None:
             draw("stressed_part", folder / "stress.png", title=title, **given)
 
 
-def _thinned(n: int) -> np.ndarray:
-    return np.unique(np.linspace(0, n - 1, min(n, _MOST_DRAWN)).round().astype(int))
-
-
 def _draw_map(state: Along) -> Figure:
     from matplotlib.ticker import MaxNLocator
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-    some = _thinned(len(state.path))
+    some = pick_evenly(len(state.path), _MOST_DRAWN)
     points = 1e3 * state.tool[some, :3]
     job = state.job
     drawn = new_figure(7.5, 5.6, f"{job.robot.name}: error of the tool along {job.path_file.name}")
@@ -228,7 +215,7 @@ def _draw_map(state: Along) -> Figure:
 
 
 def _draw_error(state: Along, after: Compensated | None) -> Figure:
-    some = _thinned(len(state.path))
+    some = pick_evenly(len(state.path), _MOST_DRAWN)
     length = 1e3 * state.length[some]
     count, height = (2, 5.2) if after is None else (3, 6.6)
     drawn = new_figure(8.0, height, f"{state.job.robot.name}: error of the tool over length")
@@ -254,7 +241,7 @@ def _draw_error(state: Along, after: Compensated | None) -> Figure:
 
 def _chart_error(state: Along, after: Compensated | None) -> page.Chart:
     """Return an interactive chart of error over length, before and after compensation."""
-    some = _thinned(len(state.path))
+    some = pick_evenly(len(state.path), _MOST_DRAWN)
     series = []
     drawn = [("as commanded", BEFORE, state)] + ([("compensated", AFTER, after.after)] if after else [])
     for name, colour, each in drawn:

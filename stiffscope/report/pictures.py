@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -72,8 +73,7 @@ def open_drawing(*, ahead: bool = False) -> Iterator[Callable[..., None]]:
 
 
 def _draw(executor: Processes, picture: str, target: Path, **arguments: Any) -> None:
-    to_plain = lambda value: value.tolist() if hasattr(value, "tolist") else str(value.absolute())  # noqa: E731
-    asked = json.loads(json.dumps(arguments, default=to_plain))
+    asked = json.loads(json.dumps(arguments, default=_to_plain))
     given = picture, (target.absolute(),), asked
     try:
         executor.submit(_draw_now, *given, name="no pictures", limit=TIME_LIMIT).result()
@@ -84,6 +84,10 @@ def _draw(executor: Processes, picture: str, target: Path, **arguments: Any) -> 
     except WorkerError as error:
         log.debug("drawing %s failed:\n%s", picture, error.output)
         raise PictureError(_cause(error)) from error
+
+
+def _to_plain(value: Any) -> Any:
+    return value.tolist() if hasattr(value, "tolist") else str(value.absolute())
 
 
 def _draw_now(picture: str, targets: tuple[Path, ...], arguments: dict[str, Any]) -> None:
@@ -101,10 +105,8 @@ def _cause(error: WorkerError) -> str:
         return str(error)
     lines = [line for line in error.output.splitlines() if line.strip()]
     last = lines[-1].strip() if lines else f"the process ended with code {error.code}"
-    graphics = ("libGL", "libEGL", "libOSMesa", "OpenGL", "libX", "RenderWindow", "cannot open shared object")
-    if (error.code or 0) < 0 or any(word in error.output for word in graphics):
-        return (
-            "no pictures: OpenGL does not work here; on Debian or Ubuntu install libegl1 and libgl1-mesa-dri "
-            f"(or libosmesa6) [{last[:160]}]"
-        )
+    graphics = "lib(GL|EGL|OSMesa|X)|OpenGL|RenderWindow|cannot open shared object"
+    if (error.code or 0) < 0 or re.search(graphics, error.output):
+        cure = "on Debian or Ubuntu install libegl1 and libgl1-mesa-dri (or libosmesa6)"
+        return f"no pictures: OpenGL does not work here; {cure} [{last[:160]}]"
     return f"no pictures: {last[:200]}"

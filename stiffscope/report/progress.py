@@ -8,12 +8,10 @@ from collections.abc import Callable, Iterator
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
+from stiffscope.runtime.progress import silence
+
 Report = Callable[[str, float], None]
 Reporter = Callable[[str], Report]
-
-
-def _silent(_stage: str, _fraction: float) -> None:
-    return
 
 
 @contextlib.contextmanager
@@ -21,7 +19,7 @@ def progress(*, quiet: bool) -> Iterator[Reporter]:
     """Yield a function that opens a line: `reporter("slider")` gives `report(stage, fraction)`."""
     console = Console(stderr=True)
     if quiet or not console.is_terminal:
-        yield lambda _name: _silent
+        yield lambda _name: silence
         return
     name, stage = TextColumn("{task.description:<9}"), TextColumn("{task.fields[stage]:<26}")
     times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())

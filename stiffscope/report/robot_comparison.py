@@ -30,8 +30,8 @@ def robots_json(found: RobotComparison) -> dict[str, Any]:
     """Return stiffness and sag of both robots, and the ratio of the diagonals, for JSON output."""
     diagonal = np.diagonal(found.stiffness, axis1=2, axis2=3)
     return {
-        "robots": list(found.names), "poses": list(found.poses), "stiffness": found.stiffness, "sag": found.sag,
-        "ratio": diagonal[1] / diagonal[0],
+        "robots": list(found.names), "poses": list(found.poses), "stiffness": found.stiffness,
+        "sag": found.sag, "ratio": diagonal[1] / diagonal[0],
     }  # fmt: skip
 
 
@@ -50,12 +50,14 @@ def show_robots(found: RobotComparison) -> None:
             rows.append([name, entry, _UNITS[k], *both, change])
             unit = "µm" if k < 3 else "µrad"
             sags.append([name, COORDINATES[k], unit, *(f"{each:.4g}" for each in sag[:, p, k])])
-    show_table("Stiffness at M, no gravity", [["pose"], ["entry", "unit", first, second, "change"]], rows, prose=_WORDS)
-    show_table("Sag under their own weight", [["pose"], ["component", "unit", first, second]], sags, prose=_WORDS)
+    groups = [["pose"], ["entry", "unit", first, second, "change"]]
+    show_table("Stiffness at M, no gravity", groups, rows, prose=_WORDS)
+    groups = [["pose"], ["component", "unit", first, second]]
+    show_table("Sag under their own weight", groups, sags, prose=_WORDS)
 
 
 def _round_alike(values: np.ndarray) -> np.ndarray:
-    """Values (2, n, 2, 3) to four digits of the largest of both robots at a pose, of translations and rotations apart.
+    """Round values (2, n, 2, 3) to four digits of the largest of both robots, by pose and kind.
 
     What is below is rounding, and noise of meshes where symmetry has none.
     """
@@ -88,12 +90,11 @@ def draw_both(found: RobotComparison, folder: Path) -> None:
 def write_robots_page(found: RobotComparison, report: Draft) -> None:
     """Write report.html."""
     first, second = found.names
+    words = "over the workspace"
+    change = f"Change of the stiffness at M from {first} to {second} {words}."
     captions = {
         "both.png": (f"{second}, and {first} in light outlines.", "both robots at one pose"),
-        "change.png": (
-            f"Change of the stiffness at M from {first} to {second} over the workspace.",
-            "change of the stiffness over the workspace",
-        ),
+        "change.png": (change, f"change of the stiffness {words}"),
     }
     facts = [f"robots: {first}, {second}", AT_M]
     sections = [Section("Side by side", report.shown, report.figures(captions))]

@@ -52,7 +52,7 @@ class PlacedRobot:
     def deform(self, twists: Mapping[str, Array], factor: float) -> Moves:
         """Return the moves of nodes displaced by scaled twists (6,), m and rad.
 
-        Displacements ``factor (v + ω × (x - at))`` are linear in the twists: exaggeration keeps shape.
+        Displacements ``factor (v + ω × (x - at))`` are linear in the twists and keep their shape.
         """
         out = {}
         for node, (rotation, position) in self.moves.items():
@@ -79,11 +79,10 @@ class PlacedRobot:
 
 def place_robot(found: Configurations, index: int = 0) -> PlacedRobot:
     """Return the robot at one of the configurations."""
-    where = place_nodes(found)
-    moves = {}
+    where, moves = place_nodes(found), {}
     for node in (node for body in found.mechanism.bodies for node in body.nodes):
-        turn, position = where.rotation[node], where.position[node]
-        moves[node] = turn[index if len(turn) > 1 else 0], position[index if len(position) > 1 else 0]
+        each = where.rotation[node], where.position[node]
+        moves[node] = tuple(values[index if len(values) > 1 else 0] for values in each)
     return PlacedRobot(found.mechanism, moves, found.tool[index, :3])
 
 
@@ -130,15 +129,12 @@ def _body(robot: RobotFile | None, body: Body, results: Mapping[str, PartResult]
         mesh = getattr(section, "mesh", None)
         return out if mesh is None or robot is None else out | {"mesh": robot.path.parent / mesh}
     e, name = body.elastic, getattr(section, "part", body.name)
+    length = 0.0 if isinstance(section, InterfaceBody) else float(np.linalg.norm(e.tip - e.base))
     return out | {
-        "part": name,
-        "experiment": results[name].folder / EXPERIMENT if name in results else None,
-        "shape": _shape(robot, name) if robot else {},
-        "axes": e.axes,
-        "base": e.base,
-        "length": 0.0 if isinstance(section, InterfaceBody) else float(np.linalg.norm(e.tip - e.base)),
-        "places": e.places,
-    }
+        "part": name, "experiment": results[name].folder / EXPERIMENT if name in results else None,
+        "shape": _shape(robot, name) if robot else {}, "axes": e.axes, "base": e.base,
+        "length": length, "places": e.places,
+    }  # fmt: skip
 
 
 def _shape(robot: RobotFile, name: str) -> dict[str, Any]:
@@ -155,8 +151,8 @@ def _shape(robot: RobotFile, name: str) -> dict[str, Any]:
 def _joint(joint: Joint) -> dict[str, Any]:
     low, high = (joint.drive.low, joint.drive.high) if joint.drive else (-np.inf, np.inf)
     return {
-        "name": joint.name, "kind": joint.kind, "first": joint.first, "second": joint.second, "at": joint.at,
-        "axis": joint.axis, "axis2": joint.axis2, "driven": joint.drive is not None,
+        "name": joint.name, "kind": joint.kind, "first": joint.first, "second": joint.second,
+        "at": joint.at, "axis": joint.axis, "axis2": joint.axis2, "driven": joint.drive is not None,
         "low": low if np.isfinite(low) else None, "high": high if np.isfinite(high) else None,
     }  # fmt: skip
 
@@ -185,7 +181,7 @@ def mark_doubts(joints: Sequence[dict[str, Any]], found: Inspection) -> list[dic
         if doubt.at is not None and not here:
             node = next((bodies[name] for name in doubt.solids if name in bodies), "ground")
             marked.append({
-                "name": ", ".join(doubt.solids), "kind": "doubt", "first": node, "second": node, "at": doubt.at,
-                "driven": False, "doubted": True,
+                "name": ", ".join(doubt.solids), "kind": "doubt", "first": node, "second": node,
+                "at": doubt.at, "driven": False, "doubted": True,
             })  # fmt: skip
     return marked

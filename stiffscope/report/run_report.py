@@ -241,13 +241,11 @@ def _show_loaded(report: Draft, assembled: Assembled, poses: Mapping[str, Any]) 
 
 
 def _caption_robot(assembled: Assembled) -> dict[str, tuple[str, str]]:
-    captions = {
-        f"robot_{name}.png": (
-            f"The robot at {name}: {pose_text(assembled.mechanism, pose)}",
-            f"the robot at {name}, its parts in colours, joints dark, drives red",
-        )
-        for name, pose in assembled.robot.poses.items()
-    }
+    captions = {}
+    for name, pose in assembled.robot.poses.items():
+        caption = f"The robot at {name}: {pose_text(assembled.mechanism, pose)}"
+        words = f"the robot at {name}, its parts in colours, joints dark, drives red"
+        captions[f"robot_{name}.png"] = caption, words
     captions["map.png"] = (
         "Stiffness at M (diagonal of K) over the workspace, under the robot's own weight",
         "six maps of the translational and rotational stiffness",
@@ -274,14 +272,12 @@ def origin(folder: Path) -> Section:
     held = json.loads((folder / output.MANIFEST).read_text(encoding="utf-8"))
     robot: dict[str, Any] = held.get("robot", {})
     facts = {
-        "command": "stiffscope " + " ".join(held["command"]),
-        "started": held["started"],
+        "command": "stiffscope " + " ".join(held["command"]), "started": held["started"],
         "seconds": ", ".join(f"{name} {value:g}" for name, value in held["seconds"].items()),
-        "robot file": robot.get("file", ""),
-        "SHA-256": robot.get("sha256", ""),
+        "robot file": robot.get("file", ""), "SHA-256": robot.get("sha256", ""),
         "changed by --set": ", ".join(robot.get("set", [])),
         "machine": " ".join(held["machine"].values()),
-    }
+    }  # fmt: skip
     results = [
         (name, "reused" if each["reused"] else "computed", f"{each['seconds']:.1f}", each["key"])
         for name, each in held["results"].items()

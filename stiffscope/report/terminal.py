@@ -24,8 +24,8 @@ FOLDED = 16  # minimum width of a prose column, characters
 ASCII_BOX = "    \n    \n -- \n    \n    \n    \n    \n    \n"  # rich's SIMPLE_HEAD with a dashed line
 SUPERSCRIPTS = re.compile("[⁰¹²³⁴-⁹⁻]+")
 ASCII = str.maketrans(
-    {"µ": "u", "±": "+/-", "·": "*", "×": "x", "−": "-", "√": "sqrt", "≤": "<=", "≥": ">=", "°": "deg", "χ": "chi",
-     "σ": "sigma", "ω": "w"}
+    {"µ": "u", "±": "+/-", "·": "*", "×": "x", "−": "-", "√": "sqrt", "≤": "<=", "≥": ">=",
+     "°": "deg", "χ": "chi", "σ": "sigma", "ω": "w"}
 )  # fmt: skip
 
 
@@ -67,26 +67,24 @@ def show_line(text: str, style: str | None = None) -> None:
 
 def show_facts(title: str, facts: Sequence[tuple[str, str]]) -> None:
     """Print names and facts, one per line; in a page as a table."""
-    recorder = _recorder.get()
-    if recorder is not None:
-        recorder.append(Shown(title, ("", "at a glance"), tuple(facts), frozenset({"at a glance"})))
-        return
-    show_line(title, "bold")
-    for name, words in facts:
-        show_line(f"  {name:<18}  {words}")
-    show_line("")
+    shown = Shown(title, ("", "at a glance"), tuple(facts), frozenset({"at a glance"}))
+    _show_block(shown, title, [f"  {name:<18}  {words}" for name, words in facts])
 
 
 def show_list(title: str, items: Sequence[str]) -> None:
     """Print items, one per line; in a page as a paragraph."""
+    _show_block(Shown(f"{title}: {'; '.join(items)}"), title, [f"  - {item}" for item in items])
+
+
+def _show_block(shown: Shown, title: str, lines: Sequence[str]) -> None:
+    """Print a title and lines, or record what stands for them in a page."""
     recorder = _recorder.get()
     if recorder is not None:
-        recorder.append(Shown(f"{title}: {'; '.join(items)}"))
+        recorder.append(shown)
         return
     show_line(title, "bold")
-    for item in items:
-        show_line(f"  - {item}")
-    show_line("")
+    for line in (*lines, ""):
+        show_line(line)
 
 
 def show_table(
@@ -96,12 +94,10 @@ def show_table(
 
     Parameters
     ----------
-    title
-        Title above the table.
+    title, rows
+        Title above the table, and its rows with a cell per column.
     groups
         Names of the columns in groups that stay together; every table repeats the first group.
-    rows
-        One cell per column.
     prose
         Text columns: left-aligned, and wrapped instead of widening the table.
 
@@ -112,16 +108,17 @@ def show_table(
     rows = [[cell for cell, keep in zip(row, kept, strict=True) if keep] for row in rows]
     flags = iter(kept)
     groups = [[name for name in group if next(flags)] for group in groups]
+    columns = tuple(name for group in groups for name in group)
     recorder = _recorder.get()
     if recorder is not None:
-        columns = tuple(name for group in groups for name in group)
-        recorder.append(Shown(title, columns, tuple(tuple(row) for row in rows), frozenset(prose)))
+        recorder.append(Shown(title, columns, tuple(map(tuple, rows)), frozenset(prose)))
         return
     out = _console()
-    names = [in_encoding(name, out.encoding) for group in groups for name in group]
+    names = [in_encoding(name, out.encoding) for name in columns]
     cells = [[in_encoding(cell, out.encoding) for cell in row] for row in rows]
-    folded = {k for k, name in enumerate(name for group in groups for name in group) if name in prose}
-    first, *others = (list(range(a, b)) for a, b in pairwise(accumulate(map(len, groups), initial=0)))
+    folded = {k for k, name in enumerate(columns) if name in prose}
+    ends = accumulate(map(len, groups), initial=0)
+    first, *others = (list(range(a, b)) for a, b in pairwise(ends))
 
     def table(columns: list[int]) -> Table:
         filled = [row for row in cells if any(row[k] for k in columns)]
@@ -169,7 +166,8 @@ def _table(
         if k in folded:
             table.add_column(names[k], overflow="fold", min_width=min(FOLDED, widest))
         else:
-            table.add_column(names[k], justify="left" if k == 0 else "right", no_wrap=True, min_width=widest)
+            side = "left" if k == 0 else "right"
+            table.add_column(names[k], justify=side, no_wrap=True, min_width=widest)
     for row in rows:
         table.add_row(*(row[k] for k in columns))
     return table

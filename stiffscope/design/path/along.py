@@ -14,6 +14,7 @@ from stiffscope.design.path.course import (
     BLOCK,
     Course,
     configure_path,
+    pick_evenly,
     plan_course,
     respond_under,
     tool_error,
@@ -95,8 +96,7 @@ class Along(Course):
     @property
     def worst(self) -> int:
         """Index of the greatest error while the process acts, or of all points if it never acts."""
-        acting = ~self.path.rapid
-        return int(np.argmax(np.where(acting, self.size, -1.0) if acting.any() else self.size))
+        return int(np.argmax(np.where(self.path.acting, self.size, -1.0)))
 
 
 def along(
@@ -179,7 +179,7 @@ def predict(
             shares[name][some] = each / total
         if progress is not None:
             progress("path", start / n)
-    stations = np.unique(np.linspace(0, n - 1, _STATIONS).round().astype(int))
+    stations = pick_evenly(n, _STATIONS)
     first = np.full(len(stations), np.nan)
     with suppress(InputError):  # without masses
         found = next(configure_path(job, assembled, path.command(path.values[stations])))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from stiffscope.design.path.job import Job
     from stiffscope.design.path.toolpath import ToolPath
     from stiffscope.experiments.assembly import Assembled
-    from stiffscope.runtime.types import Array
+    from stiffscope.runtime.types import Array, Indices
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.loading import Response
 
@@ -99,6 +99,11 @@ def plan_course(
     elif path.feed is not None and np.isfinite(path.feed[1:]).all() and not path.rapid[1:].any():
         time = np.concatenate([[0.0], np.cumsum(np.diff(length) / path.feed[1:])])
     return Course(job, length, time, tool, axes, wrench, cutting)
+
+
+def pick_evenly(n: int, most: int) -> Indices:
+    """Return at most so many of n indices, evenly spread from the first to the last."""
+    return np.unique(np.linspace(0, n - 1, min(n, most)).round().astype(int))
 
 
 def tool_error(target: Array, commanded: Array, twist: Array) -> Array:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.linalg import solve_banded
 
-from stiffscope.design.path.course import Axes, respond_under, tool_error
+from stiffscope.design.path.course import Axes, pick_evenly, respond_under, tool_error
 from stiffscope.errors import InputError
 from stiffscope.vjm.kinematics import configure, learn_configurations
 from stiffscope.vjm.mechanism import COORDINATES
@@ -146,9 +146,7 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
         raise InputError(f"{job.file.name}: free: expected spindle, table or slide, got none")
     problem = _Problem(job, assembled, course, motions, partial(configure, assembled.mechanism))
     n = len(job.path)
-    stations = np.unique(np.linspace(0, n - 1, min(n, STATIONS)).round().astype(int))
-    acting = ~job.path.rapid
-    acting = acting if acting.any() else ~acting
+    stations, acting = pick_evenly(n, STATIONS), job.path.acting
     values = np.tile([motion.start for motion in motions], (len(stations), 1))
     rng = np.random.default_rng(0)
     spread = np.column_stack([rng.uniform(*motion.ends, _LEARNT) for motion in motions])

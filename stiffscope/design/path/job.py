@@ -61,7 +61,7 @@ Turned = Annotated[float, _reads(q.ANGLE, 'an angle such as "90 deg"')]
 
 
 class ForceSection(Section):
-    """A constant force on the tool: along the path, to its left (seen from the spindle), along the tool's axis."""
+    """A constant force on the tool: along the path, to its left seen from the spindle, axial."""
 
     feed: Force = 0.0
     across: Force = 0.0
@@ -96,7 +96,7 @@ class _Cut(Section):
 
 
 class MillingSection(_Cut):
-    """A milling cutter that turns clockwise: engagement, and ratios of the radial and axial to the tangential force."""
+    """A milling cutter that turns clockwise: engagement, radial and axial over tangential force."""
 
     teeth: Positive
     depth: Length
@@ -197,7 +197,7 @@ class Motion:
 
 
 class SlideSection(Section):
-    """A slide under the workpiece; a robot that moves by d on a rail sees the workpiece move by -d."""
+    """A slide under the workpiece; for a robot on a rail at d, the workpiece moves by -d."""
 
     axis: Direction
     range: v.Lengths

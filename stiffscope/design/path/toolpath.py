@@ -74,6 +74,11 @@ class ToolPath:
         """Whether drive positions are commanded instead of poses."""
         return bool(self.columns) and self.columns[0].startswith(JOINT)
 
+    @property
+    def acting(self) -> Flags:
+        """Where (n,) the process acts; everywhere if it never does."""
+        return ~self.rapid | self.rapid.all()
+
     def command(self, values: Array) -> ToolPath:
         """Return the path with other commands (n, k)."""
         return replace(self, values=values)

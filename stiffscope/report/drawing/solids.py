@@ -285,7 +285,8 @@ def _joints(joints: Tables, sizes: Sizes, reach: float) -> Iterable[Solid]:
         first, second = joint["first"], joint["second"]
         match joint["kind"]:
             case "fixed" | "doubt":
-                shapes = [(_cube(at, r), colour, first)] if joint.get("doubted") else []
+                cube = pv.Cube(center=at, x_length=2 * r, y_length=2 * r, z_length=2 * r)
+                shapes = [(_triangles(cube), colour, first)] if joint.get("doubted") else []
             case "spherical":
                 shapes = [(_ball(at, 1.1 * r), colour, first)]
             case "universal":
@@ -327,11 +328,6 @@ def _rod(start: Floats, end: Floats, radius: float, stations: int = 2) -> pv.Pol
 
 def _bar(middle: Floats, half: Floats, radius: float) -> pv.PolyData:
     return _rod(middle - half, middle + half, radius)
-
-
-def _cube(at: Floats, radius: float) -> pv.PolyData:
-    size = 2 * radius
-    return _triangles(pv.Cube(center=at, x_length=size, y_length=size, z_length=size))
 
 
 def _ball(at: Floats, radius: float) -> pv.PolyData:
