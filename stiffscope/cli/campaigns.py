@@ -136,10 +136,9 @@ def campaign() -> None:
 
 @campaign.command("new")
 @takes(
-    options.robot,
+    options.robot, options.json,
     click.option("--out", "goal", required=True, metavar="DIR", type=options.PATH, help=options.OUT),
-    options.json,
-)
+)  # fmt: skip
 @click.option(
     "--ask", metavar="QUESTION",
     help='Plan the fewest readings that distinguish causes: "base-compliance from J1", effects, '
@@ -176,10 +175,9 @@ def new_campaign(name: str, goal: Path, *, ask: str | None, given: Path | None, 
 
 @campaign.command("check")
 @takes(
-    click.argument("name", metavar="CAMPAIGN"),
+    click.argument("name", metavar="CAMPAIGN"), options.json,
     options.folder("--out", "report, pictures of the sensors on the robot, and check.json."),
-    options.json,
-)
+)  # fmt: skip
 def check_campaign(name: str, *, output: Output) -> None:
     """Report how a campaign was read, without experiments: counts, units, sensors, loads, doubt."""
     case = open_case(name, planned=True)

@@ -26,11 +26,10 @@ if TYPE_CHECKING:
 
 @click.command()
 @takes(
-    options.robot,
-    options.overrides,
+    options.robot, options.overrides,
     options.folder("--out", "report, pictures at home and at every named pose, and check.json."),
     options.json,
-)
+)  # fmt: skip
 def check(name: str, *, overrides: Texts, output: Output) -> None:
     """Report what a robot file describes, without virtual experiments.
 

@@ -49,7 +49,7 @@ _POINTS = {2: 200, 3: 25}  # along each coordinate
     "--show", multiple=True, type=click.Choice(list(PRINCIPAL)),
     help="Also the stiffness along the softest or stiffest direction of translation, or their ratio.",
 )  # fmt: skip
-@click.option("--direction", metavar="X,Y,Z", help="Also the stiffness along a direction, axes {O}.")
+@click.option("--direction", metavar="X,Y,Z", help="Also the stiffness to a force along it, axes {O}.")
 @click.option("--wrench", metavar="FX,FY,FZ,MX,MY,MZ", help="Also the tool's error under a wrench at M.")
 @click.option(
     "--frequencies", "count", default=0, type=click.IntRange(0, 12), metavar="N",

@@ -54,8 +54,9 @@ def scores_json(scores: Scores) -> dict[str, Any]:
     keys = [key for key, *_ in MEASURES]
     measured = {name: {key: getattr(own, key) for key in keys} for name, own in every.items()}
     return {
-        **measured.pop(""), "held_out_over_noise": scores.held_out, "robots": measured,
+        **measured.pop(""), "held_out_over_noise": scores.held_out,
         "calibration": [dict(zip(rates, row, strict=True)) for row in scores.calibration()],
+        "robots": measured,
         "confusion": {"planted": planted, "answered": answered, "counts": counts},
         "outcomes": outcomes,
     }  # fmt: skip

@@ -152,10 +152,8 @@ def answer(assembled: Assembled, setting: Setting) -> dict[str, Any]:
             tables.show_deflection(["now"], bent.twist, bent.shares, words, bars)
         sounds = modes(mechanism, found, MODES)
         tables.show_modes(["now"], sounds, "Natural frequencies, drives held")
-    return {
-        "tables": as_html(shown),
-        "view": robot_view({}, found, ["now"], _cases(assembled, found, load)),
-    }
+    view = robot_view({}, found, ["now"], _cases(assembled, found, load))
+    return {"tables": as_html(shown), "view": view}
 
 
 def _cases(assembled: Assembled, found: Configurations, load: Any) -> list[Any]:

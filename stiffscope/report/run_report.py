@@ -117,14 +117,13 @@ def write_run_report(report: Draft, assembled: Assembled, parts: Sequence[Shown]
     watched
         Name of this state of a reloading page; empty for a static page.
     """
-    view = _show_loaded(report, assembled, assembled.robot.poses)
     kinds = "compliance.json", "experiment.npz", "fields.vtu", "{}.step", "{}.stl"
     of_parts = [f"{name}/{kind.format(name)}" for name in assembled.results for kind in kinds]
     numbers = "stiffness.json", "matrices.npz"
     pictures = report.figures(_caption_parts(assembled)) if parts else ()
     drawn = report.figures(_caption_robot(assembled))
     sections = [
-        Section("The robot under load", view=view),
+        _show_loaded(report, assembled, assembled.robot.poses),
         Section("Stiffness", report.shown, drawn, files=numbers),
         Section("Parts", parts, pictures, files=of_parts),
     ]
@@ -168,14 +167,11 @@ def write_map_report(report: Draft, assembled: Assembled, titles: Mapping[str, s
         Titles of the figures by file stem.
     """
     poses = dict(assembled.robot.poses) or {"home": assembled.mechanism.tool.home}
-    view = _show_loaded(report, assembled, poses)
     captions = {}
     for stem, title in titles.items():
         captions[f"{stem}.png"] = title[:1].upper() + title[1:], f"map: {title}"
-    sections = [
-        Section("Maps", (), report.figures(captions)),
-        Section("The robot under load", view=view),
-    ]
+    drawn = Section("Maps", (), report.figures(captions))
+    sections = [drawn, _show_loaded(report, assembled, poses)]
     report.write_robot(assembled, "stiffness over the workspace", sections)
 
 
@@ -202,11 +198,8 @@ def write_deflection_report(
     stills = report.figures(captions)
     caption = f"The robot under the wrench at M, components coloured by their {ENERGY}."
     view = report.turn_robot(found, names, cases, caption, stills[0] if stills else None)
-    sections = [
-        Section("The robot under load", view=view),
-        Section("Deflection", report.shown, stills),
-    ]
-    report.write_robot(assembled, "deflection", sections)
+    loaded = Section("The robot under load", view=view)
+    report.write_robot(assembled, "deflection", [loaded, Section("Deflection", report.shown, stills)])
 
 
 def write_check_report(report: Draft, found: Inspection) -> None:
@@ -230,14 +223,15 @@ def write_check_report(report: Draft, found: Inspection) -> None:
     report.write(f"{found.robot.name}: contents of its file", facts, sections)
 
 
-def _show_loaded(report: Draft, assembled: Assembled, poses: Mapping[str, Any]) -> RobotView | None:
-    """Return the robot at poses under unit wrenches."""
+def _show_loaded(report: Draft, assembled: Assembled, poses: Mapping[str, Any]) -> Section:
+    """Return the section of the robot at poses under unit wrenches."""
     found = configure(assembled.mechanism, list(poses.values()))
     captions = {f"robot_{n}.png": (f"The robot at {n}.", f"the robot at {n}") for n in poses}
     still = next(iter(report.figures(captions)), None)
     caption = f"The robot under unit wrenches at M, components coloured by their {ENERGY}."
     cases = unit_wrenches(assembled.mechanism, found)
-    return report.turn_robot(found, list(poses), cases, caption, still)
+    view = report.turn_robot(found, list(poses), cases, caption, still)
+    return Section("The robot under load", view=view)
 
 
 def _caption_robot(assembled: Assembled) -> dict[str, tuple[str, str]]:

@@ -6,15 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.report.numbers import (
-    NEGLIGIBLE,
-    TWIST,
-    WRENCH,
-    ZERO,
-    coordinates,
-    find_resolved,
-    pose_values,
-)
+from stiffscope.report.numbers import NEGLIGIBLE, TWIST, WRENCH, ZERO, coordinates, find_resolved, pose_values
 from stiffscope.report.part_tables import explain_zeros, format_cells
 from stiffscope.report.terminal import show_line, show_table
 from stiffscope.vjm.mechanism import DIAGONAL
