@@ -152,7 +152,8 @@ def find_order(mechanism: Mechanism, linkage: Linkage) -> Order:
 def places_at_home(mechanism: Mechanism) -> Places:
     """Return the places of all nodes at home."""
     nodes = list_nodes(mechanism)
-    still, here = dict.fromkeys(nodes, np.eye(3)[None]), dict.fromkeys(nodes, np.zeros((1, 3)))
+    still: dict[str, Array] = dict.fromkeys(nodes, np.eye(3)[None])
+    here: dict[str, Array] = dict.fromkeys(nodes, np.zeros((1, 3)))
     return Places(still, here, mechanism.tool.at[None])
 
 
@@ -284,16 +285,8 @@ def _concatenate(parts: list[Array], axis: int) -> Array:
 def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bool]:
     """Return the stiffness (n, 6, 6) of F Fᵀ with free directions N, and whether it is finite.
 
-    With P the projector onto N's complement, ``K = P (P C P + s (I - P))⁻¹ P``, lengths scaled.
-
-    Parameters
-    ----------
-    factor
-        Factor F (n, 6, k) of the compliance.
-    free
-        Free directions (n, 6, f).
-    length
-        Characteristic length (m) that scales rotations to translations.
+    ``factor`` F (n, 6, k), ``free`` N (n, 6, f); ``length``, m, scales rotations to translations.
+    With P the projector onto N's complement, ``K = P (P C P + s (I - P))⁻¹ P``.
     """
     scale = np.array([1.0 / length] * 3 + [1.0] * 3)[:, None]
     f = factor * scale

@@ -232,8 +232,8 @@ class Motion:
 
     def plus(self, other: Motion, times: float) -> Motion:
         """Return the sum with ``times`` the other."""
-        nodes = {k: twists + times * other.nodes[k] for k, twists in self.nodes.items()}
-        turns = {k: own + times * other.turns[k] for k, own in self.turns.items()}
+        nodes: dict[str, Array] = {k: u + times * other.nodes[k] for k, u in self.nodes.items()}
+        turns: dict[str, Array] = {k: u + times * other.turns[k] for k, u in self.turns.items()}
         return Motion(nodes, turns)
 
 

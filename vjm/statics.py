@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
 
+    Work = Callable[[Order, Places], Array]
+
 Gravity = Literal["none", "exact"]
 _ROUNDING = 1e-12  # of the largest compliance
 _FAR = 0.1  # rad or relative length: sag beyond which linearization is invalid
@@ -236,7 +238,7 @@ def analyse(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") ->
         yielding, free, inverse_condition = _complete_compliance(matrix, yielding)
     stuck = found.valid & ~np.isfinite(matrix).all(axis=(1, 2))
     free[stuck], inverse_condition[stuck] = 0, 0.0
-    rigid = [np.zeros((0, 6))] * len(found)
+    rigid: list[Array] = [np.zeros((0, 6))] * len(found)
     for k in np.flatnonzero(stuck):
         rigid[k] = rigid_wrenches(yielding[k], found.linkage.length)
     return Stiffness(found, matrix, sagged, free, inverse_condition, yielding, tuple(rigid))
@@ -301,7 +303,7 @@ def _find_stiffness(order: Order, where: Places, gravity: Gravity) -> Array:
     return _at_weight(order, where, loaded_stiffness, 7)[..., :6]
 
 
-def _at_weight(order: Order, where: Places, work: Callable[..., Array], columns: int) -> Array:
+def _at_weight(order: Order, where: Places, work: Work, columns: int) -> Array:
     """Return what is found (n, 6, columns) under own weight, with drives' laws linearized there."""
     if not find_laws(order.mechanism):
         return work(order, where)
@@ -311,7 +313,7 @@ def _at_weight(order: Order, where: Places, work: Callable[..., Array], columns:
 def _find_matrices(order: Order, where: Places, gravity: Gravity) -> Array:
     """Return stiffness, compliance, sag (n, 6, 13); NaN if infinite or left to inversion."""
     if gravity == "exact" and find_laws(order.mechanism):
-        return _at_weight(order, where, lambda *there: _find_matrices(*there, gravity), 13)
+        return _at_weight(order, where, lambda some, there: _find_matrices(some, there, gravity), 13)
     loaded, still = gravity == "exact", np.zeros((1, 6, 1))
     try:
         found = loaded_stiffness(order, where) if loaded else tool_stiffness(condense_network(order, where))

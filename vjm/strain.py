@@ -60,7 +60,8 @@ def _strain(e: Element, where: Places, rest: Places) -> Array:
     held, turns = joint.held_components
     out[:, held] = gap[:, held]
     if joint.cross:
-        out[:, 3:] = _miss_angle(*(joint.axes.T @ axis for axis in joint.cross), turn)
+        first, second = joint.cross
+        out[:, 3:] = _miss_angle(joint.axes.T @ first, joint.axes.T @ second, turn)
     elif len(turns) == 2:  # direction of the axis on the second body
         out[:, 4], out[:, 5] = -turn[:, 2, 0], turn[:, 1, 0]
     elif turns:

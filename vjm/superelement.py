@@ -84,8 +84,8 @@ def superelement(
     loose = _lowest(stiffness, mass, pencil.shift, modes)
     added = apart.T @ (loose - static @ (size[:, None] * (tool @ loose)))  # with the tool held
     wanted = np.linalg.qr(np.hstack([_lowest(held, inert, pencil.shift, modes), added]))[0]
-    own = (wanted.T @ a @ wanted for a in (held, inert))
-    within = _lowest(*own, pencil.shift, wanted.shape[1])
+    own, moved = wanted.T @ held @ wanted, wanted.T @ inert @ wanted
+    within = _lowest(own, moved, pencil.shift, wanted.shape[1])
     basis = np.hstack([static, apart @ wanted @ within])
     k, m = (0.5 * (a + a.T) for a in (basis.T @ a @ basis for a in (stiffness, mass)))
     k[:6, 6:] = k[6:, :6] = 0.0  # uncoupled by construction

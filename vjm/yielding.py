@@ -180,7 +180,9 @@ def find_load_curve(mechanism: Mechanism, poses: Poses, wrench: ArrayLike, load:
     order, where = find_order(mechanism, found.linkage), place_nodes(found)
     loads = Loads(len(times), {END: _check_wrench(wrench, n)[..., None] * times})
     twist = np.broadcast_to(find_equilibrium(order, where, loads).twist, (n, 6, len(times)))
-    tangent = map_segments(order, where, loads, (6, 6), lambda *there: tool_stiffness(condense_network(*there)))
+    tangent = map_segments(
+        order, where, loads, (6, 6), lambda some, there: tool_stiffness(condense_network(some, there))
+    )
     return LoadCurve(np.asarray(wrench, dtype=float), times, twist, tangent)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from stiffscope.robot.file.expressions import is_expression, normalize
 from stiffscope.robot.file.override import split
 from stiffscope.robot.file.parse import as_written, parse_text
-from stiffscope.robot.file.part_sections import ParametricPart, SolidPart
+from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.sections import RigidBody
 from stiffscope.robot.file.values import unit_of
 from stiffscope.robot.part_matrices import part_sources
@@ -92,9 +92,9 @@ def _of_parts(robot: RobotFile, components: Components) -> Iterator[tuple[Any, .
         if isinstance(part, ParametricPart):
             for key, value in part.parameters().lengths().items():
                 yield ("parts", name, key), value, "m"
-        elastic = isinstance(part, SolidPart) and part.foundation is not None
-        if elastic and source in {"fea", "step"}:
-            yield ("parts", name, "foundation"), part.foundation, "N/m^3"
+        foundation = getattr(part, "foundation", None)
+        if foundation is not None and source in ("fea", "step"):
+            yield ("parts", name, "foundation"), foundation, "N/m^3"
         if material is not None:
             materials[material.name] = material
     for material in materials.values():

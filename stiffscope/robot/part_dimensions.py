@@ -149,16 +149,8 @@ def on_foundation(rigid: Array, values: Sequence[float], matrices: Sequence[Arra
     """Return the compliance on any foundation (N/m³), interpolated between elastic and rigid ones.
 
     The added compliance is a polynomial in the logarithm of the stiffness, and inversely
-    proportional to the stiffness beyond the tested values.
-
-    Parameters
-    ----------
-    rigid
-        Compliance (6, 6) on a rigid foundation.
-    values
-        Stiffnesses of the foundations, N/m³.
-    matrices
-        Compliances (6, 6) at the values.
+    proportional to the stiffness beyond the tested values. Compliances (6, 6): ``rigid`` on a rigid
+    foundation, ``matrices`` on those of stiffnesses ``values``, N/m³.
     """
     added = np.array(matrices) - rigid
     softer = (np.einsum("kii->ki", added) > 0.0).all(axis=1)

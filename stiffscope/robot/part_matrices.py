@@ -59,18 +59,22 @@ class Experiment(Protocol):
     @property
     def compliance(self) -> np.ndarray:
         """Compliance (6m, 6m) in the part's axes at the reference points."""
+        ...
 
     @property
     def error(self) -> np.ndarray:
         """95 % bounds (6m, 6m) on the compliance."""
+        ...
 
     @property
     def mass(self) -> float:
         """Mass of the solid, kg."""
+        ...
 
     @property
     def experiment(self) -> Any:
         """Experiment with its condensed mass and reference points."""
+        ...
 
 
 def source_of(part: PartSection, components: str | None = None) -> str:

@@ -115,7 +115,7 @@ class _Rotary(ElementSection):
                 raise InputError(f"at_load: expected {expected}, both above 0")
             known = [me.at_load(each, self.at_load, acting, exponent) for each in known]
             source += f" at {self.at_load:g} N, as the load to the power {1.0 - 1.0 / exponent:.3g}"
-        return me.of_sheet(*known, source)
+        return me.of_sheet(known[0], known[1], known[2], source)
 
     @property
     def _force(self) -> np.ndarray:
@@ -233,10 +233,11 @@ class LinearGuide(ElementSection):
                     raise InputError(f"{key}: expected {expected}, got nothing")
             source = "the sheet's own stiffness of one carriage"
             return me.guide_of_sheet(each, rails, carriages, source)
-        ball, *size, preload = self._need("ball", "width", "height", "length", "preload")
+        keys = ("ball", "width", "height", "length", "preload")
+        ball, width, height, length, preload = self._need(*keys)
         contacts = me.carriage_contacts(
-            self.balls, ball, self.osculation[0], self.angle, *size, preload, me.reduced_modulus(),
-            face_to_face=self.arrangement == "face-to-face",
+            self.balls, ball, self.osculation[0], self.angle, width, height, length, preload,
+            me.reduced_modulus(), face_to_face=self.arrangement == "face-to-face",
         )  # fmt: skip
         return me.guide_of_balls(contacts, rails, carriages)
 
@@ -265,8 +266,8 @@ class BallScrew(ElementSection):
         if self.axial is not None:
             return me.of_sheet(0.0, self.axial, 0.0, "the sheet's own stiffness")
         diameter, length = self._need("diameter", "length")
-        ends, more = (self.nut or np.inf, self.support or np.inf), {"both_ends": self.both_ends}
-        return me.ball_screw(diameter, length, *ends, lead=self.lead, **more)
+        nut, support, both = self.nut or np.inf, self.support or np.inf, self.both_ends
+        return me.ball_screw(diameter, length, nut, support, both_ends=both, lead=self.lead)
 
 
 ELEMENTS: dict[str, type[ElementSection]] = {

@@ -134,9 +134,9 @@ def to_si(value: Any, dimension: Dimension, *, sign: str = "positive") -> float:
     message = expected(f'{dimension.noun} such as "{dimension.example}"', value)
     if isinstance(value, bool) or not isinstance(value, int | float | str):
         raise ValueError(message)
-    known = isinstance(value, Measured) and dimension.unit
-    if known and not fits(value.powers, powers_of(dimension.unit)):
-        raise ValueError(f"{message}, which is {_name_powers(value.powers)}")
+    powers = value.powers if isinstance(value, Measured) and dimension.unit else None
+    if powers and not fits(powers, powers_of(dimension.unit)):
+        raise ValueError(f"{message}, which is {_name_powers(powers)}")
     try:
         si = _parse(value, dimension, message) if isinstance(value, str) else float(value)
     except OverflowError:

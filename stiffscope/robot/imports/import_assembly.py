@@ -258,11 +258,11 @@ def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tup
         bodies.append(ModelBody(solid.name, 0.0, *placed))
     joints = list[ModelJoint]()
     for joint in found.joints:
-        pair = (GROUND if each == ground else ends[each, joint] for each in joint.ends)
+        first, second = (GROUND if each == ground else ends[each, joint] for each in joint.ends)
         axis = None if joint.kind in {"fixed", "spherical"} else joint.axis
         name = "/".join(solids[each].name for each in joint.ends)
         place = joint.kind, joint.at, axis, joint.axis2
-        joints.append(ModelJoint(name, *pair, *place, note=joint.reason))
+        joints.append(ModelJoint(name, first, second, *place, note=joint.reason))
     last = found.find_joints(tool)[-1]
     tool_body = ends[tool, last]
     at = solids[tool].centre if tool_body == solids[tool].name else last.at
