@@ -220,8 +220,7 @@ def blind(
     with open_workshop(output) as shop:
         drawn = blind_robots(robots, components, shop)
         report = shop.open_line("blind")
-        on = {"workers": processors(), "scheduler": scheduler}
-        scores = run_blind(cases, drawn, campaigns, seed, report, **on)
+        scores = run_blind(cases, drawn, campaigns, seed, report, workers=processors(), scheduler=scheduler)
         report("figures", 1.0)
 
     def fill(folder: Path) -> None:

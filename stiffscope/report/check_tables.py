@@ -204,15 +204,11 @@ def _reach(found: Inspection) -> None:
 
 
 def _poses(found: Inspection) -> None:
-    rows = [
-        (
-            pose.name,
-            ", ".join(map(_show_limit, found.mechanism.tool.pose, pose.tool)),
-            pose.reason or "yes",
-            "-" if pose.conditioning is None else f"{pose.conditioning:.3g}",
-        )
-        for pose in found.poses
-    ]
-    coordinates = ", ".join(found.mechanism.tool.pose)
-    columns = ("pose", coordinates, "reached", "conditioning")
-    _table("Named poses (conditioning: 1 best, 0 singular)", columns, rows, prose=(coordinates, "reached"))
+    names, rows = found.mechanism.tool.pose, []
+    for pose in found.poses:
+        conditioning = "-" if pose.conditioning is None else f"{pose.conditioning:.3g}"
+        place = ", ".join(map(_show_limit, names, pose.tool))
+        rows.append((pose.name, place, pose.reason or "yes", conditioning))
+    columns = ("pose", ", ".join(names), "reached", "conditioning")
+    title = "Named poses (conditioning: 1 best, 0 singular)"
+    _table(title, columns, rows, prose=columns[1:3])

@@ -130,7 +130,7 @@ def draw_readings(diagnosis: Diagnosis) -> Figure | None:
         measured = samples.observed[mine]
         factor, unit = choose_unit(si, measured)
         for name, colour, predicted in _predictions(samples):
-            style = {"color": colour, "alpha": 0.7, "label": name}
+            style: Any = {"color": colour, "alpha": 0.7, "label": name}
             axes.plot(measured / factor, predicted[mine] / factor, ".", ms=4, **style)
         axes.axline((0.0, 0.0), slope=1.0, color=NOISE, lw=0.9, zorder=0)
         axes.set_xlabel(f"measured {kind}, {unit}")

@@ -49,7 +49,7 @@ def path_columns(state: Along) -> dict[str, np.ndarray]:
     return columns | {name: state.forces[:, k] for k, name in enumerate(state.drives)}
 
 
-def path_json(state: Along, after: Compensated | None, stresses: list[PartStress]) -> dict[str, Any]:
+def path_json(state: Along, after: Compensated | None, stresses: Sequence[PartStress]) -> dict[str, Any]:
     """Return the results of a path for JSON output."""
     k, section = state.worst, state.job.section
     answer: dict[str, Any] = {
@@ -101,7 +101,7 @@ def write_csv(state: Along, file: Path) -> None:
             writer.write(pa.table(rows, schema))
 
 
-def show_path(state: Along, after: Compensated | None, stresses: list[PartStress]) -> None:
+def show_path(state: Along, after: Compensated | None, stresses: Sequence[PartStress]) -> None:
     """Print the greatest error and its causes, process, drive loads and the compensated error."""
     k, path, file = state.worst, state.path, state.job.path_file.name
     facts = [

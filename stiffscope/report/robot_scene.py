@@ -82,7 +82,8 @@ def place_robot(found: Configurations, index: int = 0) -> PlacedRobot:
     where, moves = place_nodes(found), {}
     for node in (node for body in found.mechanism.bodies for node in body.nodes):
         each = where.rotation[node], where.position[node]
-        moves[node] = tuple(values[index if len(values) > 1 else 0] for values in each)
+        turn, position = (values[index if len(values) > 1 else 0] for values in each)
+        moves[node] = turn, position
     return PlacedRobot(found.mechanism, moves, found.tool[index, :3])
 
 

@@ -140,7 +140,7 @@ def rank_rows(found: Sensitivity, index: int) -> list[Row]:
 
     def effect(row: Row) -> float:
         on_frequency = row.parameter.value * row.by.frequency[index] / found.at.frequency[index]
-        return np.nanmax(np.abs([*_diagonals(found, row, index)[0], 1e-6 * on_frequency]))
+        return float(np.nanmax(np.abs([*_diagonals(found, row, index)[0], 1e-6 * on_frequency])))
 
     rows = (row for row in found.rows if effect(row) > LEAST * 1e-6)
     return sorted(rows, key=effect, reverse=True)

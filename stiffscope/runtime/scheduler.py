@@ -53,8 +53,8 @@ class Scheduler(Executor):
     def submit(self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", **_: Any) -> Future[Any]:
         """Submit ``function(*arguments)``; see `Processes.submit`."""
         loop: Any = self._client.loop  # tornado's loop wraps asyncio's
-        answer = self._ask(name, function, arguments)
-        return asyncio.run_coroutine_threadsafe(answer, loop.asyncio_loop)
+        asked = self._ask(name, function, arguments)
+        return asyncio.run_coroutine_threadsafe(asked, loop.asyncio_loop)
 
     async def _ask(self, name: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
         """Run a job; retry it if Dask lost its result."""

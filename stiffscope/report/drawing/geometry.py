@@ -61,7 +61,8 @@ def pack_solids(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, 
 
 def _mesh(shape: pv.PolyData) -> dict[str, str]:
     """Return a surface with separate normals at sharp edges, in base64."""
-    lines, split = sharp_edges(shape), {"split_vertices": True, "feature_angle": SHARP}
+    lines = sharp_edges(shape)
+    split: Any = {"split_vertices": True, "feature_angle": SHARP}
     pairs = np.asarray(lines.lines).reshape(-1, 3)[:, 1:]
     smooth: Any = shape.compute_normals(cell_normals=False, **split)
     return {

@@ -17,7 +17,7 @@ SHARP = 35.0  # degrees; edges above this angle are drawn
 
 def sharp_edges(shape: pv.PolyData) -> pv.PolyData:
     """Return the edges above `SHARP`."""
-    others = dict.fromkeys(("boundary_edges", "manifold_edges", "non_manifold_edges"), False)
+    others: Any = dict.fromkeys(("boundary_edges", "manifold_edges", "non_manifold_edges"), False)
     return shape.extract_feature_edges(SHARP, **others)
 
 
