@@ -12,7 +12,6 @@ from stiffscope.errors import InputError
 from stiffscope.gap.forward.column_model import ColumnModel
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.diagnosis import (
-    AbsoluteGap,
     Alternative,
     Diagnosis,
     Effect,
@@ -265,7 +264,7 @@ def _gap(found: Findings, reported: Hypothesis, held_out: Array) -> Gap:
     c, explained = found.campaign, found.percent_rms(reported)
     noise = percent_rms(c, c.value + found.sigma, found.sigma, found.used_readings)  # as uncertainties alone leave it
     residuals = (found.residual(none), found.residual(reported), held_out, np.ones(len(held_out)))
-    kinds = rms_by_kind(c, found.used_readings, *(found.sigma * each for each in residuals))
+    sizes = (found.sigma * each for each in residuals)
     return Gap(
         found.percent_rms(none),
         explained,
@@ -274,7 +273,7 @@ def _gap(found: Findings, reported: Hypothesis, held_out: Array) -> Gap:
         (found.chi2(none) / count, found.chi2(reported) / count),
         float(np.sqrt(max(explained**2 - noise**2, 0.0))),
         100.0 * reported.known.discrepancy,
-        {name: AbsoluteGap(unit, *sizes) for name, (unit, sizes) in kinds.items()},
+        rms_by_kind(c, found.used_readings, *sizes),
     )
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from stiffscope.effects.effect import UNNAMED, Candidate
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.runtime.types import Array, Flags, Indices
@@ -62,6 +62,12 @@ class Prediction(Protocol):
     def step(self, candidate: Candidate) -> Array:
         """Return the change (n,) of the values by a candidate without parameters."""
         ...
+
+
+def join_columns(prediction: Prediction, candidates: Iterable[Candidate]) -> Array:
+    """Return the derivatives (n, k) with respect to the internal parameters of all candidates."""
+    none = np.zeros((len(prediction.values), 0))
+    return np.hstack([none, *(prediction.columns(c) for c in candidates)])
 
 
 @dataclass(frozen=True)

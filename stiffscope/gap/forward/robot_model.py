@@ -17,7 +17,7 @@ from stiffscope.gap.campaign.quantities import POSITION
 from stiffscope.gap.campaign.readings import match_robot
 from stiffscope.gap.campaign.sanity import find_doubts
 from stiffscope.gap.forward.elastic_state import ElasticState
-from stiffscope.gap.forward.forward_model import Trial
+from stiffscope.gap.forward.forward_model import Trial, join_columns
 from stiffscope.gap.forward.noise import noise_of
 from stiffscope.gap.forward.nuisance import nuisance_patterns
 from stiffscope.gap.forward.remarks import find_remarks
@@ -117,8 +117,7 @@ class RobotModel:
 
     def _weighed_columns(self, candidates: Iterable[Candidate]) -> Array:
         """Return weighted derivatives (n, k) with respect to effects."""
-        columns = [self.predict().columns(c) for c in candidates]
-        return np.hstack([np.zeros((len(self.campaign), 0)), *columns]) * self._weight[:, None]
+        return join_columns(self.predict(), candidates) * self._weight[:, None]
 
     @property
     def _has_gravity(self) -> bool:

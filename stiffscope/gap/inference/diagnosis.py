@@ -204,7 +204,8 @@ def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
     step = data["next_measurement"]
     if step is not None:
         position: dict[str, Any] = step.pop("position") or {}
-        data["next_measurement"] = position | {key: value for key, value in step.items() if value is not None}
+        known = {key: value for key, value in step.items() if value is not None}
+        data["next_measurement"] = position | known
     return _to_plain(data)
 
 

@@ -70,7 +70,7 @@ class Errors:
         """Return columns (n, c) prepared for inner products."""
         used, scaled = self.noise.used, self.noise.scaled
         if not len(self.norms):
-            return Projection(columns[used & ~scaled], columns[used & scaled], np.zeros((0, columns.shape[1])))
+            return Projection(columns[used & ~scaled], columns[used & scaled], columns[:0])
         here = columns[used]
         group, shape = self.group[used], self.shape[used]
         order = np.argsort(group, kind="stable")
@@ -78,15 +78,16 @@ class Errors:
         length = np.sqrt(self.norms).reshape(2, -1)
         parts: list[Array] = []
         for j in (0, 1):
-            unit = np.divide(shape[:, j], length[j, group], out=np.zeros(len(group)), where=length[j, group] > 0.0)
+            size = length[j, group]
+            unit = np.divide(shape[:, j], size, out=np.zeros(len(group)), where=size > 0.0)
             parts.append(np.add.reduceat(unit[order, None] * here[order], starts, axis=0))
             here = here - unit[:, None] * parts[j][group]
         return Projection(here, here[:0], np.concatenate(parts))
 
     def inner(self, left: Projection, right: Projection) -> Array:
         """Return inner products (q, c, d) under the inverse covariance of every setting."""
-        weights = self.factors**-2.0
-        out = (left.stated.T @ right.stated)[None] + weights[:, None, None] * (left.scaled.T @ right.scaled)
+        weights = self.factors[:, None, None] ** -2.0
+        out = left.stated.T @ right.stated + weights * (left.scaled.T @ right.scaled)
         for k, size in enumerate(self.sizes):
             out[k] += left.features.T @ (right.features / (1.0 + size**2 * self.norms)[:, None])
         return out
@@ -94,7 +95,7 @@ class Errors:
     def inner_at(self, setting: int, columns: Array) -> Array:
         """Return inner products (c, c) of columns (n, c) in one setting."""
         here = slice(setting, setting + 1)
-        one = replace(self, factors=self.factors[here], sizes=self.sizes[here], log_weight=self.log_weight[here])
+        one = replace(self, factors=self.factors[here], sizes=self.sizes[here])
         projected = one.project(columns)
         return one.inner(projected, projected)[0]
 
@@ -108,7 +109,7 @@ def errors_of(campaign: Campaign, noise: Noise, log_odds: float) -> Errors:
 
     References
     ----------
-    Kennedy and O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63 (2001), 425-464.
+    Kennedy and O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63 (2001).
     """
     none = np.zeros((len(campaign), 2)), np.zeros(0)
     group = np.zeros(len(campaign), dtype=np.int64)
@@ -119,7 +120,7 @@ def errors_of(campaign: Campaign, noise: Noise, log_odds: float) -> Errors:
     group, shape, norms = _features(campaign, noise)
     sizes = np.concatenate([[0.0], DISCREPANCIES])
     volume = -0.5 * np.log1p(sizes[:, None] ** 2 * norms).sum(axis=1)
-    prior = np.concatenate([[0.0], np.full(len(DISCREPANCIES), log_odds - np.log(len(DISCREPANCIES)))])
+    prior = np.where(sizes > 0.0, log_odds - np.log(len(DISCREPANCIES)), 0.0)
     return Errors(noise, group, shape, norms, np.ones(len(sizes)), sizes, volume + prior)
 
 
@@ -127,22 +128,23 @@ def _without_scatter(c: Campaign, noise: Noise) -> Array:
     """Return readings (n,) averaged over repetitions, whose scatter is not a discrepancy."""
     taken = np.column_stack([c.pose, c.quantity, c.sensor, c.load, np.nan_to_num(c.wrench)])
     same = np.unique(taken, axis=0, return_inverse=True)[1].ravel()
-    mean = np.bincount(same, np.where(noise.used, c.value, 0.0)) / np.maximum(np.bincount(same, noise.used), 1.0)
-    return mean[same]
+    total = np.bincount(same, np.where(noise.used, c.value, 0.0))
+    return (total / np.maximum(np.bincount(same, noise.used), 1.0))[same]
 
 
 def _features(c: Campaign, noise: Noise) -> tuple[Indices, Array, Array]:
     """Return groups (n,), two features (n, 2) orthogonal within groups, and squared lengths."""
     axis = c.kind * 6 + c.direction
-    group = np.unique(np.where(noise.used, c.pose * (axis.max() + 1) + axis, -1), return_inverse=True)[1].ravel()
+    cell = np.where(noise.used, c.pose * (axis.max() + 1) + axis, -1)
+    group = np.unique(cell, return_inverse=True)[1].ravel()
     group = (group - (0 if noise.used.all() else 1)).astype(np.int64)
     safe, count = group.clip(min=0), int(group.max()) + 1
     value = np.where(noise.used, _without_scatter(c, noise), 0.0)
     mean = np.sqrt(np.bincount(axis, value**2) / np.maximum(np.bincount(axis, noise.used), 1))
     raw = np.stack([mean[axis], value], axis=1) * (noise.used / noise.sigma)[:, None]
-    gram = np.stack(
-        [np.bincount(safe, raw[:, i] * raw[:, j], minlength=count) for i in (0, 1) for j in (0, 1)], axis=1
-    ).reshape(-1, 2, 2)
+    products = raw[:, [0, 0, 1, 1]] * raw[:, [0, 1, 0, 1]]
+    sums = [np.bincount(safe, each, minlength=count) for each in products.T]
+    gram = np.stack(sums, axis=1).reshape(-1, 2, 2)
     norms, turn = np.linalg.eigh(gram)
     norms = np.where(norms > _PARALLEL * norms[:, 1:], norms, 0.0)
     return safe, np.einsum("ni,nij->nj", raw, turn[safe]), norms.T.ravel()
@@ -204,22 +206,22 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
     """
     projected = errors.project(np.column_stack([x, y]))
     inner, k = errors.inner(projected, projected), x.shape[1]
-    grams, pulls, totals = inner[:, :k, :k], inner[:, :k, k], inner[:, k, k]
+    products = inner[:, :k, :k], inner[:, :k, k], inner[:, k, k], errors.log_weight
     ends = np.cumsum([0, *(prior.scales.shape[1] for prior in priors)])
     own: list[Indices] = [np.arange(start, end) for start, end in pairwise(ends.tolist())]
 
     def logs_of(scales: Array) -> Array:
         """Return ln evidence (s,) for prior scales (s, k)."""
-        return _sum(log_evidences(grams, pulls, totals, errors.log_weight, scales, positive)[0], axis=0)
+        return log_sum(log_evidences(*products, scales, positive)[0], axis=0)
 
     def alone(chosen: Array, mine: Indices, scales: Array) -> Array:
-        """The same where only some scales change, to (s, m): other normal parameters are summed over once."""
+        """Return it if only some scales change, to (s, m), summed over other normal parameters."""
         gone = ~positive
         gone[mine] = False
         left, log = eliminate(inner, np.append(gone, False), chosen[gone])
-        rest = left[:, :-1, :-1], left[:, :-1, -1], left[:, -1, -1]
+        rest = left[:, :-1, :-1], left[:, :-1, -1], left[:, -1, -1], errors.log_weight + log
         tried = _with(chosen, mine, scales)[:, ~gone]
-        return _sum(log_evidences(*rest, errors.log_weight + log, tried, positive[~gone])[0], axis=0)
+        return log_sum(log_evidences(*rest, tried, positive[~gone])[0], axis=0)
 
     chosen, averaging = _likeliest_together(priors, logs_of), 0.0
     for _ in range(_SWEEPS if len(priors) > 1 else len(priors)):
@@ -228,27 +230,29 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
             logs = alone(chosen, mine, prior.scales)
             best = int(np.argmax(logs + prior.log_weight))
             chosen = _with(chosen, mine, prior.scales[best : best + 1])[0]
-            averaging += float(_sum(logs + prior.log_weight) - logs[best])
+            averaging += float(log_sum(logs + prior.log_weight) - logs[best])
         if np.array_equal(before, chosen):
             break
-    log, means, _ = log_evidences(grams, pulls, totals, errors.log_weight, chosen[None], positive)
-    share = np.exp(log[:, 0] - _sum(log[:, 0]))
+    logs, means, _ = log_evidences(*products, chosen[None], positive)
+    log = logs[:, 0]
+    share = np.exp(log - log_sum(log))
     mean = share @ means[:, 0]
 
     def find_covariance() -> Array:
         few = share > _NEGLIGIBLE
-        part = grams[few], pulls[few], totals[few], errors.log_weight[few]
+        part = [each[few] for each in products]
         covariance = _find_moment(*log_evidences(*part, chosen[None], positive), chosen[None], mean)
         wider = np.ones(k)
-        for prior, mine in zip(priors, own, strict=True):  # by how much, as its prior scale is not known either
+        for prior, mine in zip(priors, own, strict=True):  # its prior scale is not known either
             tried = _with(chosen, mine, prior.scales)
-            log, means, cores = log_evidences(*part, tried, positive)
-            variance = np.diagonal(_find_moment(log + prior.log_weight, means, cores, tried, mean))
+            logs, means, cores = log_evidences(*part, tried, positive)
+            variance = np.diagonal(_find_moment(logs + prior.log_weight, means, cores, tried, mean))
             wider[mine] = np.sqrt(variance / np.diagonal(covariance)).clip(min=1.0)[mine]
         return wider[:, None] * covariance * wider
 
-    whole, plain = (float(_sum(logs)) + averaging for logs in (log[:, 0], log[errors.sizes == 0.0, 0]))
-    factor, size = float(np.exp(share @ np.log(errors.factors))), float(np.sqrt(share @ errors.sizes**2))
+    whole, plain = (float(log_sum(each)) + averaging for each in (log, log[errors.sizes == 0.0]))
+    factor = float(np.exp(share @ np.log(errors.factors)))
+    size = float(np.sqrt(share @ errors.sizes**2))
     return Posterior(whole, mean, find_covariance, chosen, averaging, share, plain, factor, size)
 
 
@@ -258,11 +262,12 @@ def eliminate(inner: Array, gone: Flags, scales: Array) -> tuple[Array, Array]:
     The last column holds the readings. Also returns the contribution to ln evidence (q,).
     """
     wide = scales[:, None] * inner[:, gone]
-    whole = (wide[:, :, gone] * scales + np.eye(len(scales))) * (1.0 + _ROUNDING * np.eye(len(scales)))
+    unit = np.eye(len(scales))
+    whole = (wide[:, :, gone] * scales + unit) * (1.0 + _ROUNDING * unit)
     beside = wide[:, :, ~gone]
     rest = inner[:, ~gone][:, :, ~gone]
     size = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))[..., None]
-    root = np.linalg.cholesky(whole / size / size.mT)  # of equal diagonals: what is left stays definite
+    root = np.linalg.cholesky(whole / size / size.mT)  # equal diagonals keep the rest definite
     reach = np.linalg.solve(root, beside / size)
     left = rest - reach.mT @ reach
     left[:, :-1, :-1] += _ROUNDING * np.eye(rest.shape[1] - 1) * rest[:, :-1, :-1]
@@ -272,7 +277,7 @@ def eliminate(inner: Array, gone: Flags, scales: Array) -> tuple[Array, Array]:
 def _likeliest_together(priors: Sequence[Spreads], logs_of: Callable[[Array], Array]) -> Array:
     """Return the most likely prior scales (k,) with the same grid index for all effects."""
     count = min((len(prior.scales) for prior in priors), default=1)
-    tried = np.concatenate([np.zeros((count, 0)), *(prior.scales[:count] for prior in priors)], axis=1)
+    tried = np.hstack([np.zeros((count, 0)), *(prior.scales[:count] for prior in priors)])
     return tried[int(np.argmax(logs_of(tried)))]
 
 
@@ -284,8 +289,8 @@ def _with(chosen: Array, mine: Indices, scales: Array) -> Array:
 
 
 def _find_moment(log: Array, means: Array, cores: Array, scales: Array, about: Array) -> Array:
-    """Second moment (k, k) about a point (k,), over settings and prior scales (s, k); see `log_evidences`."""
-    weight = np.exp(log - _sum(log))
+    """Return the second moment (k, k) about a point (k,) over settings and prior scales (s, k)."""
+    weight = np.exp(log - log_sum(log))
     counted = np.argwhere(weight > _NEGLIGIBLE)
     out = np.zeros((len(about), len(about)))
     for q, s in counted:
@@ -313,11 +318,12 @@ def log_evidences(
 
     Returns
     -------
-        Ln evidence (..., q, s), means (..., q, s, k), and (..., q, s, k, k): posterior precision over prior precision.
+        Ln evidence (..., q, s), means (..., k), posterior over prior precision (..., k, k).
     """
     wide = scales[..., None, :, :]  # (..., 1, s, k)
     cores = wide[..., :, None] * grams[..., :, None, :, :] * wide[..., None, :]
-    cores = cores + np.eye(scales.shape[-1]) * (1.0 + _ROUNDING * np.trace(cores, axis1=-2, axis2=-1))[..., None, None]
+    ridge = 1.0 + _ROUNDING * np.trace(cores, axis1=-2, axis2=-1)
+    cores = cores + np.eye(scales.shape[-1]) * ridge[..., None, None]
     b = wide * pulls[..., :, None, :]
     u, free = constrained_minima(cores, b, positive)
     fit = 2.0 * np.sum(u * b, axis=-1) - np.einsum("...i,...ij,...j->...", u, cores, u)
@@ -358,14 +364,16 @@ def constrained_minima(matrices: Array, pulls: Array, positive: Flags) -> tuple[
         left = np.arange(len(b))
         while len(left):
             wrong = np.where(positive & free[left], u[left] * root[left], 0.0)
-            left, worst = left[wrong.min(axis=1) < 0.0], np.argmin(wrong, axis=1)[wrong.min(axis=1) < 0.0]
+            bad = wrong.min(axis=1) < 0.0
+            left, worst = left[bad], np.argmin(wrong, axis=1)[bad]
             free[left, worst] = False
             keep = free[left]
-            held = np.where(keep[:, :, None] & keep[:, None, :], a[left], 0.0) + np.eye(k) * ~keep[:, None, :]
+            both = keep[:, :, None] & keep[:, None, :]
+            held = np.where(both, a[left], 0.0) + np.eye(k) * ~keep[:, None, :]
             u[left] = np.linalg.solve(held, np.where(keep, b[left], 0.0)[..., None])[..., 0]
     return u.reshape(shape), free.reshape(shape)
 
 
-def _sum(logs: Array, axis: int | None = None) -> Any:
+def log_sum(logs: Array, axis: int | None = None) -> Any:
     """Return the log-sum-exp."""
     return np.logaddexp.reduce(logs.ravel() if axis is None else logs, axis=axis or 0)

@@ -8,6 +8,7 @@ import numpy as np
 
 from stiffscope.gap.campaign.campaign import AT_TOOL
 from stiffscope.gap.campaign.quantities import DEVIATION, QUANTITIES
+from stiffscope.gap.forward.forward_model import join_columns
 from stiffscope.gap.inference.diagnosis import NextMeasurement
 
 if TYPE_CHECKING:
@@ -43,17 +44,17 @@ def next_measurement(trial: Trial, first: Hypothesis, others: Iterable[Hypothesi
         gain = expected_log_odds(trial, here, _predict(trial, second))
         best = int(np.argmax(gain))
         if gain[best] >= WORTHWHILE:
-            return _measurement(trial, first, second, best, float(gain[best]))
+            separates = tuple(" + ".join(sorted(h.names)) or "no effect" for h in (first, second))
+            return _describe(trial, best, separates, float(gain[best]))
     return None
 
 
-def _measurement(trial: Trial, first: Hypothesis, second: Hypothesis, best: int, gain: float) -> NextMeasurement:
+def _describe(trial: Trial, best: int, separates: tuple[str, ...], gain: float) -> NextMeasurement:
     """Return one of the available measurements in a campaign's terms."""
-    separates = tuple(" + ".join(sorted(h.names)) or "no effect" for h in (first, second))
     c = trial.model.campaign
     rows = np.flatnonzero(trial.group == best)
     row = int(rows[0])
-    pose, code = int(c.pose[row]), int(c.quantity[row])
+    pose, code, load = (int(each[row]) for each in (c.pose, c.quantity, c.load))
     if np.isnan(c.poses).any():
         return NextMeasurement(separates, gain, pose=c.pose_names[pose], quantity=QUANTITIES[code])
     read = np.unique(c.sensor[rows])
@@ -66,7 +67,7 @@ def _measurement(trial: Trial, first: Hypothesis, second: Hypothesis, best: int,
         None,
         kind if len(rows) > 1 else QUANTITIES[code],
         tuple(c.sensors[int(k)].name for k in read if k != AT_TOOL) or None,
-        None if c.load[row] == AT_TOOL or not c.wrench[row].any() else c.loads[int(c.load[row])].name,
+        None if load == AT_TOOL or not c.wrench[row].any() else c.loads[load].name,
     )
 
 
@@ -78,7 +79,7 @@ def expected_log_odds(trial: Trial, first: Predicted, second: Predicted) -> Arra
 
     References
     ----------
-    MacKay, Information-based objective functions for active data selection, Neural Computation 4 (1992), 590-604.
+    MacKay, Information-based objective functions for active data selection, Neural Comp. 4 (1992).
     """
     (m1, x1, c1), (m2, x2, c2) = first, second
     gain = np.zeros(int(trial.group.max()) + 1)
@@ -87,18 +88,18 @@ def expected_log_odds(trial: Trial, first: Predicted, second: Predicted) -> Arra
     for count in np.unique(counts):
         rows = order[starts[counts == count][:, None] + np.arange(count)]  # (m, count)
         difference = (m2 - m1)[rows]
-        s1, s2 = (
-            np.eye(count) + x[rows] @ covariance @ np.swapaxes(x[rows], 1, 2) for x, covariance in ((x1, c1), (x2, c2))
-        )
+        own = (x1[rows], c1), (x2[rows], c2)
+        s1, s2 = (np.eye(count) + x @ covariance @ x.mT for x, covariance in own)
         volume = np.linalg.slogdet(s2)[1] - np.linalg.slogdet(s1)[1]
         trace = np.trace(np.linalg.solve(s2, s1), axis1=1, axis2=2)
-        distance = np.einsum("mi,mi->m", difference, np.linalg.solve(s2, difference[..., None])[..., 0])
+        pull = np.linalg.solve(s2, difference[..., None])[..., 0]
+        distance = np.einsum("mi,mi->m", difference, pull)
         gain[groups[counts == count]] = 0.5 * (distance + trace - count + volume)
     return gain
 
 
 def _predict(trial: Trial, hypothesis: Hypothesis) -> Predicted:
     """Return readings (n,), derivatives (n, k), both over sigma, and covariance (k, k)."""
-    prediction = trial.model.predict(hypothesis.parameters)
-    columns = [np.zeros((len(trial.sigma), 0)), *(prediction.columns(c) for c in hypothesis.candidates)]
-    return prediction.values / trial.sigma, np.hstack(columns) / trial.sigma[:, None], hypothesis.covariance
+    prediction, sigma = trial.model.predict(hypothesis.parameters), trial.sigma
+    columns = join_columns(prediction, hypothesis.candidates)
+    return prediction.values / sigma, columns / sigma[:, None], hypothesis.covariance

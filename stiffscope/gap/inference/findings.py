@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from stiffscope.gap.inference.hypothesis import Hypothesis
     from stiffscope.runtime.types import Array, Flags, Progress
 
+    Fitted = dict[frozenset[tuple[str, int]], Hypothesis]
+
 
 CONFUSED = 2  # most other effects listed as indistinguishable
 COMPETING = 0.02  # least probability of a competing hypothesis over that of the best
@@ -51,7 +53,7 @@ class Findings:
     problem: Problem
     hypotheses: tuple[Hypothesis, ...]
     probability: tuple[float, ...]
-    fitted: dict[frozenset[tuple[str, int]], Hypothesis]
+    fitted: Fitted
     """All fitted hypotheses by `forms_of` their effects; also used under other priors."""
 
     @property
@@ -68,6 +70,11 @@ class Findings:
     def used_readings(self) -> Flags:
         """(n,) False for gross outliers."""
         return self.problem.noise.used
+
+    @property
+    def ranked(self) -> Iterator[tuple[Hypothesis, float]]:
+        """Hypotheses with their probabilities, the best first."""
+        return zip(self.hypotheses, self.probability, strict=True)
 
     @property
     def best(self) -> Hypothesis:
@@ -102,13 +109,14 @@ class Findings:
     def under(self, problem: Problem) -> Findings:
         """Return the same hypotheses ranked under another prior."""
         near = [h for h in self.hypotheses if not h.names or h.evidence > self.best.evidence - NEAR]
-        return _rank_hypotheses(problem, [(h, problem.reweigh(h)) for h in near], self.fitted)
+        return _rank(problem, [(h, problem.reweigh(h)) for h in near], self.fitted)
 
     @cached_property
     def _canonical(self) -> dict[str, str]:
         """Canonical name of each effect at a place: that with the fewest parameters."""
         known: dict[str, str] = {}
-        for c in sorted({id(c): c for h in self.hypotheses for c in h.words}.values(), key=lambda c: len(c.scale)):
+        words = {id(c): c for h in self.hypotheses for c in h.words}
+        for c in sorted(words.values(), key=lambda c: len(c.scale)):
             name = known.setdefault(c.name, c.name)
             for alias in c.aliases:
                 known.setdefault(alias, name)
@@ -119,7 +127,7 @@ class Findings:
 
     @cached_property
     def _shares(self) -> dict[int, list[dict[str, float]]]:
-        """Probabilities of each effect and its twins, by name, if one of them is present; by hypothesis."""
+        """Probabilities of each effect and its twins if one is present, by hypothesis and name."""
         return {
             id(h): [
                 dict(zip(c.signature_of, (odds / odds.sum()).tolist(), strict=True))
@@ -134,19 +142,20 @@ class Findings:
         listed = {self._find_canonical(name) for name in names}
         missed = 1.0
         for shares in self._shares[id(hypothesis)]:
-            missed *= 1.0 - sum(share for name, share in shares.items() if self._find_canonical(name) in listed)
+            present = (p for name, p in shares.items() if self._find_canonical(name) in listed)
+            missed *= 1.0 - sum(present)
         return missed
 
     def compute_probability(self, name: str) -> float:
         """Return the probability of an effect; indistinguishable effects share theirs."""
-        pairs = zip(self.hypotheses, self.probability, strict=True)
-        return float(sum(p * shares.get(name, 0.0) for h, p in pairs for shares in self._shares[id(h)]))
+        found = ((shares, p) for h, p in self.ranked for shares in self._shares[id(h)])
+        return float(sum(p * shares.get(name, 0.0) for shares, p in found))
 
     def group(self, name: str) -> Group:
         """Return an effect of the best hypothesis with its most probable substitutes.
 
-        Nuisance patterns come last, and of these what is less probable but the same fault elsewhere. Other names of
-        what is in the group have no place of their own in it, and stand where one is left.
+        Nuisance patterns come last, and of these the same fault elsewhere if it is less probable.
+        Other names of what is in the group are added if there is place.
         """
         listed, own = [name], next(c for c in self.best.candidates if c.name == name)
         self._add_rivals(listed, own, patterns=False)
@@ -155,8 +164,8 @@ class Findings:
         elsewhere = [c.name for c in self.imitating_patterns.get(name, ()) if c.like == own.effect]
         listed = list(dict.fromkeys([*listed, *elsewhere]))[: CONFUSED + 1]
         same = {self._find_canonical(each) for each in listed}
-        aliases = [a for a in (*own.aliases, *self._canonical) if self._find_canonical(a) in same and a not in listed]
-        others = tuple(dict.fromkeys([*listed[1:], *aliases]))[:CONFUSED]
+        aliases = (a for a in (*own.aliases, *self._canonical) if self._find_canonical(a) in same)
+        others = tuple(dict.fromkeys([*listed, *aliases]))[1 : CONFUSED + 1]
         whole = self.at_work([name, *others])  # what there is no place for is not part of it
         doubted = self.doubted.at_work([name, *others])
         return Group(others, whole, min(known, whole), min(doubted, whole), bool(elsewhere))
@@ -165,9 +174,8 @@ class Findings:
     def doubted(self) -> Findings:
         """The same hypotheses, ranked by evidence tempered by the remaining misfit."""
         alike, left = replace(self.problem, even=True), max(self.misfit(self.best), 1.0)
-        return _rank_hypotheses(
-            alike, [(h, self.evidence(h) / left + alike.log_odds(h)) for h in self.hypotheses], self.fitted
-        )
+        scored = [(h, self.evidence(h) / left + alike.log_odds(h)) for h in self.hypotheses]
+        return _rank(alike, scored, self.fitted)
 
     def find_instead(self, name: str) -> str:
         """Return what fits about as well without an effect and its group, joined by "and"."""
@@ -179,8 +187,9 @@ class Findings:
     def imitating_patterns(self) -> dict[str, list[Candidate]]:
         """Nuisance patterns that fit nearly as well in place of each effect of the best."""
         found: dict[str, list[Candidate]] = {}
+        best = self.evidence(self.best)
         for name, other, hypothesis, _ in self._exchange_effects():
-            if other.is_nuisance and self.evidence(self.best) - self.evidence(hypothesis) < IMITATING:
+            if other.is_nuisance and best - self.evidence(hypothesis) < IMITATING:
                 found.setdefault(name, []).append(other)
         return found
 
@@ -195,7 +204,7 @@ class Findings:
 
     def _exchange_effects(self) -> Iterator[tuple[str, Candidate, Hypothesis, float]]:
         """Yield effects of the best hypothesis, substitutes, their hypotheses and probabilities."""
-        for hypothesis, p in zip(self.hypotheses, self.probability, strict=True):
+        for hypothesis, p in self.ranked:
             gone = self.best.names - hypothesis.names
             new = [c for c in hypothesis.candidates if c.name not in self.best.names]
             if len(gone) == len(new) == 1:
@@ -203,8 +212,7 @@ class Findings:
 
     def at_work(self, names: Iterable[str]) -> float:
         """Return the probability that one of these effects is present."""
-        pairs = zip(self.hypotheses, self.probability, strict=True)
-        return min(float(sum(p * (1.0 - self._sum_missed(h, names)) for h, p in pairs)), 1.0)
+        return min(float(sum(p * (1.0 - self._sum_missed(h, names)) for h, p in self.ranked)), 1.0)
 
     def _add_rivals(self, listed: list[str], own: Candidate, *, patterns: bool) -> None:
         """Add the most probable substitutes of an effect, except known ones of other effects.
@@ -217,17 +225,17 @@ class Findings:
         while len(listed) <= CONFUSED:
             known = {self._find_canonical(each) for each in listed}
             gains: dict[str, float] = {}
-            for hypothesis, p in zip(self.hypotheses, self.probability, strict=True):
-                missed = self._sum_missed(hypothesis, listed)
+            for h, p in self.ranked:
+                missed = self._sum_missed(h, listed)
                 if missed <= 0.0:
                     continue
-                alone = rest <= hypothesis.names and len(hypothesis.names - rest) == 1
-                for other, shares in zip(hypothesis.candidates, self._shares[id(hypothesis)], strict=True):
+                weight = p * missed * (1.0 if rest <= h.names and len(h.names - rest) == 1 else 0.5)
+                for other, shares in zip(h.candidates, self._shares[id(h)], strict=True):
                     if other.name in rest | elsewhere or (other.is_nuisance and not patterns):
                         continue
                     for each, share in shares.items():
                         if (same := self._find_canonical(each)) not in known:
-                            gains[same] = gains.get(same, 0.0) + p * missed * share * (1.0 if alone else 0.5)
+                            gains[same] = gains.get(same, 0.0) + weight * share
             best = max(gains, key=lambda n: gains[n], default="")
             if not best or gains[best] <= COMPETING * self.probability[0]:
                 break
@@ -238,7 +246,8 @@ class Findings:
         chosen = forms_of(candidates)
         if chosen not in self.fitted:
             kept = [(c, values) for c, values in self.best.parameters if forms_of([c]) <= chosen]
-            self.fitted[chosen] = self.problem.fit([c for c, _ in kept], join_values(values for _, values in kept))
+            start = join_values(values for _, values in kept)
+            self.fitted[chosen] = self.problem.fit([c for c, _ in kept], start)
         return self.fitted[chosen]
 
     def predict_readings(self, hypothesis: Hypothesis) -> Array:
@@ -259,7 +268,8 @@ class Findings:
 
     def percent_rms(self, hypothesis: Hypothesis) -> float:
         """Return the gap that a hypothesis leaves, % rms."""
-        return percent_rms(self.campaign, self.predict_readings(hypothesis), self.sigma, self.used_readings)
+        model = self.predict_readings(hypothesis)
+        return percent_rms(self.campaign, model, self.sigma, self.used_readings)
 
     def held_out_residual(self, hypothesis: Hypothesis) -> Array:
         """Return residuals (n,) over sigma with each pose held out, by one linear step."""
@@ -289,7 +299,8 @@ class Findings:
             return np.zeros(0)
         if noise.scaled.any():  # noise of unknown size is estimated again
             rest = Problem(self.model, replace(noise, used=noise.used & ~here))
-            return rest.posterior(hypothesis.candidates, hypothesis.linear, x).mean - hypothesis.values
+            known = rest.posterior(hypothesis.candidates, hypothesis.linear, x)
+            return known.mean - hypothesis.values
         unit = hypothesis.known.scales  # parameter units range from 1e-9 m/N to kg
         left, out = unit * x[self.used_readings & ~here], unit * x[here]
         return -unit * np.linalg.solve(left.T @ left + np.eye(len(unit)), out.T @ r[here])
@@ -299,20 +310,19 @@ def find(model: ForwardModel, progress: Progress | None = None) -> Findings:
     """Search for the effects and nuisance patterns that explain a model's campaign."""
     problem = Problem(model, _without_copies(model.campaign, model.noise()))
     distinct: dict[frozenset[str], Hypothesis] = {}
-    for hypothesis in Search(problem, progress).hypotheses():  # the best fit of every set of effects
+    for hypothesis in Search(problem, progress).hypotheses():  # the best fit of every set
         distinct.setdefault(hypothesis.names, hypothesis)
     fitted = {forms_of(h.candidates): h for h in distinct.values() if h.converged}
-    return _rank_hypotheses(problem, [(h, h.evidence) for h in distinct.values()], fitted)
+    return _rank(problem, [(h, h.evidence) for h in distinct.values()], fitted)
 
 
-def _rank_hypotheses(
-    problem: Problem, scored: list[tuple[Hypothesis, float]], fitted: dict[frozenset[tuple[str, int]], Hypothesis]
-) -> Findings:
+def _rank(problem: Problem, scored: list[tuple[Hypothesis, float]], fitted: Fitted) -> Findings:
     """Return hypotheses ranked by their share of all evidence, the best first."""
     order = sorted(scored, key=lambda item: -item[1])
     log = np.array([evidence for _, evidence in order])
     weight = np.exp(log - log.max())
-    return Findings(problem, tuple(h for h, _ in order), tuple((weight / weight.sum()).tolist()), fitted)
+    probability = tuple((weight / weight.sum()).tolist())
+    return Findings(problem, tuple(h for h, _ in order), probability, fitted)
 
 
 def _without_copies(c: Campaign, noise: Noise) -> Noise:

@@ -12,7 +12,8 @@ import numpy as np
 
 from stiffscope.effects.vocabulary import word_of
 from stiffscope.errors import InputError
-from stiffscope.gap.inference.evidence import constrained_minima, errors_of, posterior
+from stiffscope.gap.forward.forward_model import join_columns
+from stiffscope.gap.inference.evidence import constrained_minima, errors_of, log_sum, posterior
 from stiffscope.gap.inference.hypothesis import Hypothesis, bound_parameters, join_values, positive_of, split
 from stiffscope.gap.inference.plausibility import implausible
 from stiffscope.gap.inference.priors import choose_near, spread_groups, spread_priors
@@ -25,23 +26,44 @@ if TYPE_CHECKING:
     from stiffscope.gap.inference.priors import Spreads
     from stiffscope.runtime.types import Array, Flags
 
+    Effects = Sequence[Candidate]
+
 
 PRIOR_ODDS = 0.25  # of one effect more, shared by the words of the vocabulary and by their places
-UNKNOWN = 0.1  # of these odds, those of an unknown cause, shared by the kinds of patterns and by their places
+UNKNOWN = 0.1  # of these odds: an unknown cause, shared by the kinds of patterns and their places
 STRANGE = 0.01  # of an effect's odds, those of its parameters beyond what is plausible
 MARGIN = 30.0  # ln-odds behind the best to first order up to which a set is fitted,
 DOUBT = 0.2  # or this share of the best one's gain, since first order errs by a share of it
-CURVED = 0.1  # error of the linear prediction, over the change predicted, from which derivatives are taken anew
+CURVED = 0.1  # relative error of the linear prediction beyond which derivatives are taken anew
 SIZES = np.geomspace(1e-3, 1e3, 9)  # of effects, in units of their own
 _STEPS = 12  # of Gauss-Newton
 _CONVERGED = 1e-3  # of the cost, χ² with the prior's: a step that lowers it by less is not taken,
 _SETTLED = 0.05  # and one by less than this is the last
 _REPEATED = 4  # descents more at most, each in the sizes that the one before makes the likeliest
-_ALIKE = 0.5  # ln of the ratio of two sizes, below which a descent in one has found what one in the other would
+_ALIKE = 0.5  # ln of the ratio of two sizes below which descents in both find the same
 _DAMPING = (1.0, 0.5, 0.25, 0.1, 0.02)
 _FAR = 4.0  # largest squared distance (sigmas) of a mean from the linearization
 _SLIGHT = 1.0  # expected decrease of the cost that does not justify much damping
 _UNASSEMBLABLE = "a parameter is outside the assemblable range"
+
+
+@dataclass(frozen=True)
+class _Point:
+    """A prediction linearized about internal parameters (k,)."""
+
+    u: Array
+    residual: Array
+    """Measured minus predicted readings (n,), over sigma."""
+    slopes: Array
+    """Derivatives (n, k), over sigma."""
+    short: float = 0.0
+    """Excess of the cost over its linear prediction, which is no evidence if a fit ends at the
+    limit of the assemblable range."""
+
+    @property
+    def linear(self) -> Array:
+        """Readings (n,) minus the prediction extrapolated to internal parameters of zero."""
+        return self.residual + self.slopes @ self.u
 
 
 @dataclass(frozen=True)
@@ -84,7 +106,8 @@ class Problem:
     @cached_property
     def _place_counts(self) -> Counter[str]:
         """Number of places of each effect of the vocabulary."""
-        return Counter(word_of(n) for n in {n for c in self.model.library if not c.is_nuisance for n in c.signature_of})
+        known = (c for c in self.model.library if not c.is_nuisance)
+        return Counter(word_of(name) for name in {name for c in known for name in c.signature_of})
 
     @cached_property
     def _unknown(self) -> Counter[str]:
@@ -96,14 +119,15 @@ class Problem:
         if candidate.is_nuisance:
             return np.array([self._odds_of_pattern(candidate.pattern)])
         counts = self._place_counts
-        places = np.array([max(counts[word_of(name)], 1) for name in candidate.signature_of], dtype=float)
+        words = map(word_of, candidate.signature_of)
+        places = np.array([max(counts[word], 1) for word in words], dtype=float)
         places[:] = counts.total() / len(counts) if self.even else places
         return self.odds / len(counts) / places
 
     def weigh_twins(self, candidate: Candidate, hypothesis: Hypothesis) -> Array:
         """Return odds (t,) of an effect and its twins, given the parameters of a hypothesis.
 
-        Relative to `odds_of`, a twin that explains the readings by a less usual size is less likely.
+        Relative to `odds_of`, a twin that must have a less usual size is less likely.
         """
         odds = self.odds_of(candidate)
         for k, (other, rate) in enumerate(((candidate, 1.0), *candidate.twins)):
@@ -111,15 +135,15 @@ class Problem:
                 odds[k] *= STRANGE
             if k > 0:
                 (value,) = hypothesis.values[hypothesis.mark(lambda c: c is candidate)]
-                behind = self._log_density(candidate, value) - self._log_density(other, rate * value)
-                odds[k] *= abs(rate) * np.exp(-behind)
+                ahead = self._log_density(other, rate * value) - self._log_density(candidate, value)
+                odds[k] *= abs(rate) * np.exp(ahead)
         return odds
 
     def _log_density(self, candidate: Candidate, value: float) -> float:
         """Return the ln prior density of the only internal parameter of a candidate."""
         (prior,) = self.spreads_of(candidate)
         scale = prior.scales[:, 0]
-        return float(np.logaddexp.reduce(prior.log_weight - np.log(scale) - 0.5 * (value / scale) ** 2))
+        return float(log_sum(prior.log_weight - np.log(scale) - 0.5 * (value / scale) ** 2))
 
     def _odds_of_pattern(self, pattern: str) -> float:
         return UNKNOWN * self.odds / len(self._unknown) / max(self._unknown[pattern], 1)
@@ -129,14 +153,13 @@ class Problem:
         """Distribution of readings about a hypothesis; a discrepancy counts as a pattern."""
         return errors_of(self.model.campaign, self.noise, float(np.log(self._odds_of_pattern(""))))
 
-    def spreads_of(self, candidate: Candidate) -> tuple[Spreads, ...]:
+    def spreads_of(self, candidate: Candidate) -> list[Spreads]:
         """Return the prior of each group of a candidate's parameters that shares a size."""
-        known = self._spreads.get(id(candidate))
-        if known is None:
-            (unit, sizes), positive = self._scales_of(candidate), np.array(candidate.one_sided, dtype=np.bool_)
+        if id(candidate) not in self._spreads:
+            (unit, sizes), positive = self._scales_of(candidate), positive_of([candidate])
             found = spread_groups(unit, positive, candidate.groups, sizes)
-            known = self._spreads[id(candidate)] = candidate, found
-        return known[1]
+            self._spreads[id(candidate)] = candidate, found
+        return self._spreads[id(candidate)][1]
 
     def rough_spreads_of(self, candidate: Candidate) -> Spreads:
         """Return a coarser prior for scoring: a common size, half the grid and no subsets."""
@@ -145,22 +168,23 @@ class Problem:
 
     def _scales_of(self, candidate: Candidate) -> tuple[Array, Array]:
         """Return a candidate's units (k,) and sizes (s,); all sizes are one if stated."""
-        unit = np.array(candidate.scale)
-        return (unit, np.ones(len(self.sizes))) if candidate.stated else (self.widening * unit, self.sizes)
+        unit, ones = np.array(candidate.scale), np.ones(len(self.sizes))
+        return (unit, ones) if candidate.stated else (self.widening * unit, self.sizes)
 
     @cached_property
-    def _spreads(self) -> dict[int, tuple[Candidate, tuple[Spreads, ...]]]:
+    def _spreads(self) -> dict[int, tuple[Candidate, list[Spreads]]]:
         return {}
 
-    def log_prior(self, candidates: Sequence[Candidate]) -> float:
+    def log_prior(self, candidates: Effects) -> float:
         """Return the ln prior odds of a set of effects against none."""
         return float(sum(np.log(self.odds_of(c).sum()) for c in candidates))
 
     def log_odds(self, hypothesis: Hypothesis) -> float:
         """Return the ln prior odds of a hypothesis, including those of the sizes found."""
-        return float(sum(np.log(self.weigh_twins(c, hypothesis).sum()) for c in hypothesis.candidates))
+        odds = (self.weigh_twins(c, hypothesis) for c in hypothesis.candidates)
+        return float(sum(np.log(each.sum()) for each in odds))
 
-    def posterior(self, candidates: Sequence[Candidate], y: Array, x: Array, near: Array | None = None) -> Posterior:
+    def posterior(self, candidates: Effects, y: Array, x: Array, near: Array | None = None) -> Posterior:
         """Return the posterior of u in ``y = X u + errors``, without prior odds of the set.
 
         near: prior scales (k,) to which the search is restricted.
@@ -175,7 +199,7 @@ class Problem:
         return known.log_evidence - 0.5 * hypothesis.short + self.log_odds(hypothesis)
 
     def fit(
-        self, candidates: Sequence[Candidate], start: Array, target: float = -np.inf, origin: Array | None = None
+        self, candidates: Effects, start: Array, target: float = -np.inf, origin: Array | None = None
     ) -> Hypothesis:
         """Fit effects by damped Gauss-Newton, with the widest prior first, then the likeliest.
 
@@ -191,64 +215,61 @@ class Problem:
             A single one may far exceed its first-order score, e.g. a compliant foundation.
         """
         safe = np.zeros(len(start)) if origin is None else origin
-        u, (residual, slopes) = self._start(candidates, start, safe)
-        known = self.posterior(candidates, residual + slopes @ u, slopes)
+        at = self._start(candidates, start, safe)
+        known = self.posterior(candidates, at.linear, at.slopes)
         log = known.log_evidence + self.log_prior(candidates)
-        if not len(u):
-            return Hypothesis((*((c, ()) for c in candidates),), residual, slopes, log, known)
-        if len(candidates) > 1 and log < target - MARGIN - DOUBT * abs(log - self._nominal_evidence):
-            return Hypothesis(split(candidates, u), residual, slopes, log, known, converged=False)
+        least = target - MARGIN - DOUBT * abs(log - self._nominal_evidence)
+        far = len(start) > 0 and len(candidates) > 1 and log < least
+        if far or not len(start):
+            own = split(candidates, at.u)
+            return Hypothesis(own, at.residual, at.slopes, log, known, converged=not far)
         setting = int(np.argmax(known.settings))
         scales = join_values(sizes[-1] * unit for unit, sizes in map(self._scales_of, candidates))
         many = np.repeat([bool(c.parts) for c in candidates], [len(c.scale) for c in candidates])
         scales = np.where(many, known.scales, scales)  # not all errors are observable
-        u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, scales)
-        if short > MARGIN and not _at_bounds(candidates, u).any():
-            u_safe, there = self._start(candidates, safe, safe)
-            again = self._descend(candidates, u_safe, *there, setting, scales)
-            if again[3] < short:
-                u, residual, slopes, short = again
-        known = self.posterior(candidates, residual + slopes @ u, slopes)
-        states = [(u, residual, slopes, short, scales)]
+        at = self._descend(candidates, at, setting, scales)
+        if at.short > MARGIN and not _at_bounds(candidates, at.u).any():
+            again = self._descend(candidates, self._start(candidates, safe, safe), setting, scales)
+            at = again if again.short < at.short else at
+        known = self.posterior(candidates, at.linear, at.slopes)
+        states = [(at, scales)]
         seen = [(setting, np.log(scales))]
-        for _ in range(_REPEATED):  # what the start left may have looked like a discrepancy, or like a larger one
-            setting, scales = int(np.argmax(known.settings)), known.scales
-            behind, here = known.log_evidence + self.log_prior(candidates) < target - MARGIN, np.log(scales)
-            if behind or any(before == setting and np.abs(sizes - here).max() < _ALIKE for before, sizes in seen):
+        for _ in range(_REPEATED):  # what the start left may have looked like a larger discrepancy
+            setting, scales, here = int(np.argmax(known.settings)), known.scales, np.log(known.scales)
+            behind = known.log_evidence + self.log_prior(candidates) < target - MARGIN
+            alike = (sizes for before, sizes in seen if before == setting)
+            if behind or any(np.abs(sizes - here).max() < _ALIKE for sizes in alike):
                 break
             seen.append((setting, here))
-            u, residual, slopes, short = self._descend(candidates, u, residual, slopes, setting, scales)
-            states.append((u, residual, slopes, short, scales))
-            known = self.posterior(candidates, residual + slopes @ u, slopes)
-        local = self._find_distance(known, u, residual, slopes) > _FAR
+            at = self._descend(candidates, at, setting, scales)
+            states.append((at, scales))
+            known = self.posterior(candidates, at.linear, at.slopes)
+        local = self._find_distance(known, at) > _FAR
         if local:  # the linearization is not valid at such distant prior sizes
-            known, (u, residual, slopes, short, _) = max(
-                ((self.posterior(candidates, r + x @ v, x, near), (v, r, x, s, near)) for v, r, x, s, near in states),
-                key=lambda item: item[0].log_evidence - 0.5 * item[1][3],
-            )
-        log = known.log_evidence - 0.5 * short
-        found = Hypothesis(split(candidates, u), residual, slopes, log, known, short=short, local=local)
+            tried = [(self.posterior(candidates, p.linear, p.slopes, near), p) for p, near in states]
+            known, at = max(tried, key=lambda item: item[0].log_evidence - 0.5 * item[1].short)
+        log = known.log_evidence - 0.5 * at.short
+        whole = split(candidates, at.u), at.residual, at.slopes, log, known
+        found = Hypothesis(*whole, short=at.short, local=local)
         return replace(found, evidence=log + self.log_odds(found))
 
-    def _find_distance(self, known: Posterior, u: Array, residual: Array, slopes: Array) -> float:
+    def _find_distance(self, known: Posterior, at: _Point) -> float:
         """Return the squared distance, in sigmas, of a posterior mean from its linearization."""
-        inner, k = self.errors.inner_at(int(np.argmax(known.settings)), np.column_stack([slopes, residual])), len(u)
-        away = known.mean - u
-        return float(away @ (inner[:k, :k] + np.diag(known.scales**-2.0)) @ away)
+        gram = self.errors.inner_at(int(np.argmax(known.settings)), at.slopes)
+        away = known.mean - at.u
+        return float(away @ (gram + np.diag(known.scales**-2.0)) @ away)
 
     @cached_property
     def _nominal_evidence(self) -> float:
-        return self.posterior((), self.nominal_residual, np.zeros((len(self.noise.sigma), 0))).log_evidence
+        none = np.zeros((len(self.noise.sigma), 0))
+        return self.posterior((), self.nominal_residual, none).log_evidence
 
-    def _descend(
-        self, candidates: Sequence[Candidate], u: Array, residual: Array, slopes: Array, setting: int, scales: Array
-    ) -> tuple[Array, Array, Array, float]:
+    def _descend(self, candidates: Effects, at: _Point, setting: int, scales: Array) -> _Point:
         """Take Gauss-Newton steps in one setting of the errors, damped if the cost would grow.
 
-        scales: prior scales (k,). The last value returned is the excess of the cost over its linear
-        prediction: if a fit ends at the limit of the assemblable range, its evidence must not
-        include what lies beyond.
+        scales: prior scales (k,).
         """
+        u, residual, slopes = at.u, at.residual, at.slopes
         prior, positive, k = scales**-2.0, positive_of(candidates), len(u)
 
         def inner_of(residual: Array, slopes: Array) -> Array:
@@ -261,7 +282,7 @@ class Problem:
             precision, pull = gram + np.diag(prior), inner[:k, k] + gram @ u
             whole = constrained_minima(precision, pull, positive)[0]
             short = float((whole - u) @ precision @ (whole - u))
-            step = _minimize_within_bounds(candidates, precision, pull, whole) - u
+            step = _minimize_bounded(candidates, precision, pull, whole) - u
             near = float(step @ precision @ step)
             if near < _CONVERGED:
                 break
@@ -285,34 +306,37 @@ class Problem:
             if damping == _DAMPING[0] and (gained < _CONVERGED or near < _SETTLED):
                 short = 0.0 if np.array_equal(trial, last + (whole - last)) else short
                 break
-        return u, residual, slopes, short
+        return _Point(u, residual, slopes, short)
 
-    def _start(self, candidates: Sequence[Candidate], u: Array, safe: Array) -> tuple[Array, tuple[Array, Array]]:
-        """Return the assemblable parameters nearest to a start, on the way from a safe point."""
+    def _start(self, candidates: Effects, u: Array, safe: Array) -> _Point:
+        """Return the assemblable point nearest to a start, on the way from a safe one."""
         for tried in (*(safe + share * (u - safe) for share in (1.0, 0.25, 0.0625)), safe):
             try:
-                return tried, self._linearize(candidates, tried)
+                return self._linearize(candidates, tried)
             except (InputError, np.linalg.LinAlgError):
                 continue
-        return 0.0 * u, self._linearize(candidates, 0.0 * u)
+        return self._linearize(candidates, 0.0 * u)
 
-    def _linearize(self, candidates: Sequence[Candidate], u: Array) -> tuple[Array, Array]:
-        """Return residual (n,), derivatives (n, k) over sigma. Raises InputError if not finite."""
+    def _linearize(self, candidates: Effects, u: Array) -> _Point:
+        """Return the linearization about parameters (k,). Raises InputError if not finite."""
         prediction, residual = self._evaluate(candidates, u)
-        return residual, self._differentiate(candidates, prediction)
+        return _Point(u, residual, self._differentiate(candidates, prediction))
 
-    def _evaluate(self, candidates: Sequence[Candidate], u: Array) -> tuple[Prediction, Array]:
+    def find_residual(self, prediction: Prediction) -> Array:
+        """Return the residual (n,) of a prediction, over sigma."""
+        return (self.model.campaign.value - prediction.values) / self.noise.sigma
+
+    def _evaluate(self, candidates: Effects, u: Array) -> tuple[Prediction, Array]:
         """Return prediction and residual (n,) over sigma. Raises InputError if not finite."""
         prediction = self.model.predict(split(candidates, u))
-        residual = (self.model.campaign.value - prediction.values) / self.noise.sigma
+        residual = self.find_residual(prediction)
         if not np.isfinite(residual).all():
             raise InputError(_UNASSEMBLABLE)
         return prediction, residual
 
-    def _differentiate(self, candidates: Sequence[Candidate], prediction: Prediction) -> Array:
+    def _differentiate(self, candidates: Effects, prediction: Prediction) -> Array:
         """Return derivatives (n, k) over sigma. Raises InputError if not finite."""
-        sigma = self.noise.sigma
-        slopes = np.hstack([np.zeros((len(sigma), 0)), *(prediction.columns(c) for c in candidates)]) / sigma[:, None]
+        slopes = join_columns(prediction, candidates) / self.noise.sigma[:, None]
         if not np.isfinite(slopes).all():
             raise InputError(_UNASSEMBLABLE)
         return slopes
@@ -323,36 +347,37 @@ class Problem:
         return self._library(self.model.predict())
 
     def _library(self, prediction: Prediction) -> Library:
-        candidates = tuple(self.model.library)
-        parts = [prediction.columns(c) if c.scale else prediction.step(c)[:, None] for c in candidates]
+        effects, sigma = self.model.library, self.noise.sigma[:, None]
+        parts = [prediction.columns(c) if c.scale else prediction.step(c)[:, None] for c in effects]
         ends = np.cumsum([0, *(part.shape[1] for part in parts)])
         where = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
-        values = np.hstack([np.zeros((len(self.noise.sigma), 0)), *parts]) / self.noise.sigma[:, None]
+        values = np.hstack([sigma[:, :0], *parts]) / sigma
         values = np.where(np.isfinite(values), values, 0.0)
         projection = self.errors.project(values)
         whole = projection.stated, projection.scaled, projection.features
         parts = [type(projection)(*(part[:, here] for part in whole)) for here in where]
-        return Library(candidates, where, values, projection, tuple(self.errors.inner(p, p) for p in parts))
+        blocks = tuple(self.errors.inner(part, part) for part in parts)
+        return Library(effects, where, values, projection, blocks)
 
     def library_at(self, hypothesis: Hypothesis) -> Library:
         """Return derivatives about a hypothesis, or the nominal ones if it is nearly linear."""
         moved = self.nominal_residual - hypothesis.residual
         linear = np.zeros(len(moved))
         for candidate, values in hypothesis.parameters:
-            linear = linear + self.nominal.differentiate(candidate) @ (np.array(values) if values else np.ones(1))
-        used = self.noise.used
+            linear = linear + self.nominal.differentiate(candidate) @ np.array(values or (1.0,))
+        error, change = (np.linalg.norm(each[self.noise.used]) for each in (moved - linear, moved))
         fixed = any(not c.scale for c in hypothesis.candidates)  # a unit also changes derivatives
-        if not fixed and np.linalg.norm((moved - linear)[used]) <= CURVED * np.linalg.norm(moved[used]):
+        if not fixed and error <= CURVED * change:
             return self.nominal
         return self._library(self.model.predict(hypothesis.parameters))
 
     @cached_property
     def nominal_residual(self) -> Array:
         """Residual (n,) without effects in units of sigma."""
-        return (self.model.campaign.value - self.model.predict().values) / self.noise.sigma
+        return self.find_residual(self.model.predict())
 
 
-def _at_bounds(candidates: Sequence[Candidate], u: Array) -> Flags:
+def _at_bounds(candidates: Effects, u: Array) -> Flags:
     """Return which internal parameters (k,) are at a bound, except zero of non-negative ones."""
     inside = [c.bounds if not c.positive else (-np.inf, c.bounds[1]) for c in candidates]
     counts = [len(c.scale) for c in candidates]
@@ -360,7 +385,7 @@ def _at_bounds(candidates: Sequence[Candidate], u: Array) -> Flags:
     return (u <= low) | (u >= high)
 
 
-def _minimize_within_bounds(candidates: Sequence[Candidate], precision: Array, pull: Array, whole: Array) -> Array:
+def _minimize_bounded(candidates: Effects, precision: Array, pull: Array, whole: Array) -> Array:
     """Return the minimum (k,) of ``½ uᵀ P u - bᵀ u`` within bounds; ``whole`` is without them."""
     out = bound_parameters(candidates, whole)
     held = np.zeros(len(out), dtype=np.bool_)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -72,7 +73,8 @@ class Hypothesis:
 
     def widen_covariance(self, factor: float) -> Hypothesis:
         """Return the hypothesis with its covariance multiplied by a factor."""
-        return replace(self, known=replace(self.known, find_covariance=lambda: factor * self.covariance))
+        wider = replace(self.known, find_covariance=lambda: factor * self.covariance)
+        return replace(self, known=wider)
 
     @cached_property
     def linear(self) -> Array:
@@ -105,5 +107,5 @@ def bound_parameters(candidates: Sequence[Candidate], u: Array) -> Array:
 
 def split(candidates: Sequence[Candidate], u: Array) -> Parameters:
     """Return effects with their own parts of all internal parameters (k,)."""
-    ends = np.cumsum([len(c.scale) for c in candidates], dtype=int)
-    return tuple((c, tuple(u[end - len(c.scale) : end].tolist())) for c, end in zip(candidates, ends, strict=True))
+    values = iter(u.tolist())
+    return tuple((c, tuple(islice(values, len(c.scale)))) for c in candidates)

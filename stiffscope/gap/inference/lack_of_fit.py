@@ -30,7 +30,8 @@ def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
     """
     dof, total = _degrees(found, hypothesis), found.chi2(hypothesis)
     p = _tail(total, dof)
-    if total - dof <= max((NEGLIGIBLE - 1.0) * dof, model_errors(found, hypothesis)) or p >= CORROBORATED:
+    ignored = max((NEGLIGIBLE - 1.0) * dof, model_errors(found, hypothesis))
+    if total - dof <= ignored or p >= CORROBORATED:
         return ""
     together = correlation(found, hypothesis)
     if p >= SIGNIFICANCE and not together:
@@ -71,7 +72,8 @@ def _degrees(found: Findings, hypothesis: Hypothesis) -> int:
 def model_errors(found: Findings, hypothesis: Hypothesis) -> float:
     """Return the excess of χ² attributed to errors of the forward model itself."""
     dof = _degrees(found, hypothesis)
-    return float(np.clip(MODEL_ERROR * (found.chi2(found.none) - dof), 0.0, (MODEL_NOISE**2 - 1.0) * dof))
+    excess = MODEL_ERROR * (found.chi2(found.none) - dof)
+    return float(np.clip(excess, 0.0, (MODEL_NOISE**2 - 1.0) * dof))
 
 
 def _tail(total: float, dof: int) -> float:
@@ -81,11 +83,8 @@ def _tail(total: float, dof: int) -> float:
 def _of_group_means(r: Array, group: Indices, x: Array) -> tuple[float, int]:
     """Return χ² of group mean residuals, with the fit projected out, and degrees of freedom."""
     _, index, count = np.unique(group, return_inverse=True, return_counts=True)
-    root = np.sqrt(count)
-    sums = np.bincount(index.ravel(), r) / root
-    design = np.zeros((len(count), x.shape[1]))
-    for k in range(x.shape[1]):
-        design[:, k] = np.bincount(index.ravel(), x[:, k]) / root
+    sums, *columns = (np.bincount(index.ravel(), each) / np.sqrt(count) for each in (r, *x.T))
+    design = np.column_stack([np.zeros((len(count), 0)), *columns])
     covariance = np.eye(len(count)) - design @ np.linalg.pinv(x.T @ x, rcond=1e-10) @ design.T
     values, vectors = np.linalg.eigh(covariance)
     keep = values > _OBSERVABLE

@@ -24,8 +24,8 @@ _SHOWN = 1e-3  # least share of a component
 
 def locate_residuals(found: Findings, reported: Hypothesis, *, beyond: bool) -> Where:
     """Locate residuals of the nominal model and of a hypothesis; ``beyond``: above the noise."""
-    c = found.campaign
-    before, after = (np.where(found.used_readings, found.residual(h), 0.0) for h in (found.none, reported))
+    c, used = found.campaign, found.used_readings
+    before, after = (np.where(used, found.residual(h), 0.0) for h in (found.none, reported))
     return Where(
         by_direction(c, before),
         component_shares(found),
@@ -58,14 +58,16 @@ def component_shares(found: Findings) -> dict[str, float]:
     if not parts:
         return {}
     mix = cast("Array", nnls(np.stack(list(parts.values()), axis=1), r)[0])
-    gains = {name: float(m * (part @ part)) for (name, part), m in zip(parts.items(), mix, strict=True)}
+    sizes = np.array([part @ part for part in parts.values()])
+    gains = dict(zip(parts, (mix * sizes).tolist(), strict=True))
     total = sum(gains.values())
-    return {name: gain / total for name, gain in gains.items() if gain > _SHOWN * total} if total > 0.0 else {}
+    return {name: gain / total for name, gain in gains.items() if gain > _SHOWN * total}
 
 
 def signature_correlation(found: Findings) -> tuple[tuple[str, ...], tuple[tuple[float, ...], ...]]:
     """Return effects of one parameter and their signature correlation (1: indistinguishable)."""
-    singles = [(c, x) for c, x in _nominal_columns(found) if len(c.scale) == 1 and not c.is_nuisance]
+    known = ((c, x) for c, x in _nominal_columns(found) if not c.is_nuisance)
+    singles = [(c, x) for c, x in known if len(c.scale) == 1]
     if not singles:
         return (), ()
     x = np.hstack([columns for _, columns in singles])

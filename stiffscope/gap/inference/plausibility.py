@@ -43,7 +43,7 @@ def plausible(candidate: Candidate, values: Array, sigma: Array) -> list[bool]:
 def implausible(
     candidate: Candidate, hypothesis: Hypothesis, other: Candidate | None = None, rate: float = 1.0
 ) -> list[str]:
-    """Return messages on implausible parameters of an effect, or of a twin in its place (see `Candidate.twins`)."""
+    """Return messages on implausible parameters of an effect, or of a twin in its place."""
     if not candidate.scale:
         return []
     other = other or candidate
@@ -53,4 +53,5 @@ def implausible(
     internal, covariance = own_part(hypothesis, candidate.name)
     sigma = physical_sigma(other, rate * internal, rate**2 * covariance)
     rows = zip(other.names, other.units, values, plausible(other, values, sigma), strict=True)
-    return [f"{other.name}: {name} of {v:.3g} {unit} is not plausible" for name, unit, v, fine in rows if not fine]
+    strange = (f"{name} of {v:.3g} {unit}" for name, unit, v, fine in rows if not fine)
+    return [f"{other.name}: {each} is not plausible" for each in strange]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-import h5netcdf  # pyright: ignore[reportMissingTypeStubs]  # not xarray, whose import takes longer than a diagnosis
+import h5netcdf  # pyright: ignore[reportMissingTypeStubs]  # not xarray, which imports slowly
 import numpy as np
 
 from stiffscope.gap.inference.hypothesis import positive_of
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
+    from numpy.random import Generator
 
     from stiffscope.gap.forward.forward_model import Candidate
     from stiffscope.gap.inference.findings import Findings
@@ -124,13 +124,14 @@ def draw_samples(
     )
 
 
-def _internal_draws(joint: Hypothesis, count: int, rng: np.random.Generator) -> Array:
+def _internal_draws(joint: Hypothesis, count: int, rng: Generator) -> Array:
     """Return draws of internal parameters (count, k)."""
     mean = joint.values
     if not len(mean):
         return np.zeros((count, 0))
     deviation = np.sqrt(np.diagonal(joint.covariance).clip(min=1e-300))
-    values, vectors = np.linalg.eigh(joint.covariance / np.outer(deviation, deviation))  # units differ widely
+    scaled = joint.covariance / np.outer(deviation, deviation)  # units differ widely
+    values, vectors = np.linalg.eigh(scaled)
     root = deviation[:, None] * vectors * np.sqrt(values.clip(min=0.0))
     positive = positive_of(joint.candidates)
     out = mean + rng.standard_normal((count, len(mean))) @ root.T
@@ -142,10 +143,11 @@ def _internal_draws(joint: Hypothesis, count: int, rng: np.random.Generator) -> 
     return np.where(positive, np.abs(out), out)
 
 
-def _predict(found: Findings, joint: Hypothesis, u: Array, size: Array, rng: np.random.Generator) -> Array:
+def _predict(found: Findings, joint: Hypothesis, u: Array, size: Array, rng: Generator) -> Array:
     """Return predictive draws (draw, n) from linearized effects, discrepancy and noise."""
     errors = found.problem.errors
-    out = (u - joint.values) @ found.slopes(joint).T + rng.standard_normal((len(u), len(found.sigma)))
+    noise = rng.standard_normal((len(u), len(found.sigma)))
+    out = (u - joint.values) @ found.slopes(joint).T + noise
     if len(errors.norms) and size.any():
         pairs = rng.standard_normal((len(u), 2, len(errors.norms) // 2))
         out += size[:, None] * np.einsum("djn,nj->dn", pairs[:, :, errors.group], errors.shape)
@@ -158,9 +160,9 @@ def write_readings(path: Path, samples: Samples) -> None:
     for name, (of, mine) in samples.kinds.items():
         kind[mine], unit[mine] = name, of
     columns = {
-        "reading": samples.where, "pose": samples.pose, "quantity": samples.quantity, "kind": kind, "unit": unit,
-        "measured": samples.observed, "sigma": samples.sigma, "predicted_before": samples.before,
-        "predicted_after": samples.after, "used": samples.used,
+        "reading": samples.where, "pose": samples.pose, "quantity": samples.quantity, "kind": kind,
+        "unit": unit, "measured": samples.observed, "sigma": samples.sigma,
+        "predicted_before": samples.before, "predicted_after": samples.after, "used": samples.used,
     }  # fmt: skip
     with path.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([columns, *zip(*columns.values(), strict=True)])
@@ -174,36 +176,36 @@ def write_posterior(path: Path, samples: Samples) -> None:
     ArviZ, InferenceData schema specification.
     """
     opened: Any = h5netcdf.File  # pyright: ignore[reportUnknownMemberType]
-    chains: dict[str, NDArray[Any]] = {"chain": np.arange(CHAINS)}
-    rows: dict[str, NDArray[Any]] = {"reading": np.arange(len(samples.observed))}
+    draws, rows = {"chain": CHAINS, "draw": DRAWS}, {"reading": len(samples.observed)}
+    fewer = {"chain": CHAINS, "draw": samples.predicted.shape[1], **rows}
     words = {"pose": samples.pose, "quantity": samples.quantity}
-    draws: dict[str, NDArray[Any]] = {"draw": np.arange(DRAWS)}
-    fewer: dict[str, NDArray[Any]] = {"draw": np.arange(samples.predicted.shape[1])}
-    predicted, observed = {"value": samples.predicted}, {"value": samples.observed, "sigma": samples.sigma}
+    observed = {"value": samples.observed, "sigma": samples.sigma}
     whole = io.BytesIO()  # HDF5 aborts the process if the disk is full
     with opened(whole, "w") as file:
-        _write_group(file.create_group("posterior"), chains | draws, samples.parameters, samples.units)
-        _write_group(file.create_group("posterior_predictive"), chains | fewer | rows, predicted, words=words)
-        _write_group(file.create_group("observed_data"), rows, observed, words=words)
+        group = file.create_group
+        _write_group(group("posterior"), draws, samples.parameters, samples.units)
+        predicted = {"value": samples.predicted}
+        _write_group(group("posterior_predictive"), fewer, predicted, words=words)
+        _write_group(group("observed_data"), rows, observed, words=words)
     path.write_bytes(whole.getvalue())
 
 
 def _write_group(
     group: Any,
-    scales: Mapping[str, NDArray[Any]],
+    lengths: Mapping[str, int],
     values: Mapping[str, Array],
     units: Mapping[str, str] | None = None,
     words: Mapping[str, Sequence[str]] | None = None,
 ) -> None:
-    """Write arrays over the dimensions of ``scales``; ``words`` label the last dimension."""
+    """Write arrays over dimensions of some lengths; ``words`` label the last dimension."""
     text = import_module("h5py").string_dtype()  # a module without types
-    group.dimensions = {name: len(scale) for name, scale in scales.items()}
-    for name, scale in scales.items():
-        group.create_variable(name, (name,), data=scale)
+    group.dimensions = dict(lengths)
+    for name, length in lengths.items():
+        group.create_variable(name, (name,), data=np.arange(length))
     for name, said in (words or {}).items():
-        group.create_variable(name, (list(scales)[-1],), data=np.array(said, dtype=text))
+        group.create_variable(name, (list(lengths)[-1],), data=np.array(said, dtype=text))
     for name, array in values.items():
-        variable = group.create_variable(name, tuple(scales), data=array)
+        variable = group.create_variable(name, tuple(lengths), data=array)
         if units:
             variable.attrs["units"] = units[name]
         if words:

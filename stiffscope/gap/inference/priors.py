@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Flags
 
 SPARSE = 1.0 / 3.0  # of an effect's weight, those of its parameters of which some are zero
-FINER = 4  # times as many sizes of many errors, which together show their size to within a share of it
+FINER = 4  # times as many sizes of many errors, which together show their size more exactly
 _ABSENT = 1e-6  # times its unit, what a parameter that is zero may still be
 _SAME = 1e-6  # ln of the ratio of two sizes that are one
 _MOST_APART = 3  # parameters of which any may be zero
@@ -31,10 +31,10 @@ class Spreads:
     """Ln probability (c,) of each."""
 
 
-def spread_groups(scale: Array, positive: Flags, groups: Sequence[int], sizes: Array) -> tuple[Spreads, ...]:
+def spread_groups(scale: Array, positive: Flags, groups: Sequence[int], sizes: Array) -> list[Spreads]:
     """Return the prior of each group of parameters that share one size; see `spread_priors`.
 
-    In several groups those of many parameters have the sizes first, and then finer ones between them.
+    In several groups those of many parameters have the sizes, and then finer ones between them.
 
     Parameters
     ----------
@@ -46,12 +46,11 @@ def spread_groups(scale: Array, positive: Flags, groups: Sequence[int], sizes: A
         Sizes (s,).
     """
     ends = np.cumsum([0, *(groups or (len(scale),))]).tolist()
-    step = np.arange(FINER * (len(sizes) - 1) + 1)
-    between = np.exp(np.interp(step / FINER, np.arange(len(sizes)), np.log(sizes)))[step % FINER > 0]
+    step = np.array([k for k in range(FINER * (len(sizes) - 1)) if k % FINER])
+    between = np.exp(np.interp(step / FINER, np.arange(len(sizes)), np.log(sizes)))
     finer = np.concatenate([sizes, between])
-    return tuple(
-        spread_priors(scale[a:b], positive[a:b], finer if groups and b - a > 1 else sizes) for a, b in pairwise(ends)
-    )
+    own = ((slice(a, b), finer if groups and b - a > 1 else sizes) for a, b in pairwise(ends))
+    return [spread_priors(scale[mine], positive[mine], tried) for mine, tried in own]
 
 
 def spread_priors(scale: Array, positive: Flags, sizes: Array) -> Spreads:
@@ -82,7 +81,8 @@ def spread_priors(scale: Array, positive: Flags, sizes: Array) -> Spreads:
     share = np.log(SPARSE / len(np.unique(count)) / alike)
     left = sizes[:, None] * np.where(few, scale, _ABSENT * scale)[:, None, :]
     scales = np.concatenate([whole, left.reshape(-1, len(scale))])
-    return Spreads(scales, np.concatenate([np.log1p(-SPARSE) + log, (share[:, None] + log).ravel()]))
+    logs = [np.log1p(-SPARSE) + log, (share[:, None] + log).ravel()]
+    return Spreads(scales, np.concatenate(logs))
 
 
 def choose_near(priors: Sequence[Spreads], near: Array | None) -> Sequence[Spreads]:
@@ -103,7 +103,7 @@ def choose_near(priors: Sequence[Spreads], near: Array | None) -> Sequence[Sprea
 def _subsets(count: int) -> Flags:
     """Return subsets (m, count) of non-zero parameters; for many, single ones and halves."""
     if count > _MOST_APART:
-        halves = np.repeat([[True, False], [False, True]], [count // 2, count - count // 2], axis=1).reshape(2, count)
-        return np.concatenate([np.eye(count, dtype=np.bool_), halves])
+        half = np.arange(count) < count // 2
+        return np.concatenate([np.eye(count, dtype=np.bool_), [half, ~half]])
     proper = [*product([False, True], repeat=count)][1:-1]
     return np.array(proper, dtype=np.bool_).reshape(-1, count)[:, ::-1]

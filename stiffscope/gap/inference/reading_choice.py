@@ -6,7 +6,7 @@ adds ``½ s² e² / (1 + yᵀ (ρ + Yᵀ Y)⁻¹ y)``, with the second's residua
 
 References
 ----------
-Atkinson and Fedorov, The design of experiments for discriminating between two rival models, Biometrika 62 (1975) 57-70.
+Atkinson and Fedorov, Experiments for discriminating between two rival models, Biometrika 62 (1975).
 """
 
 from __future__ import annotations
@@ -75,14 +75,15 @@ def judge_pairs(pairs: Sequence[Pair], rows: Sequence[int]) -> Array:
     for number, pair in enumerate(pairs):
         together.setdefault(id(pair.rival), []).append(number)
     for numbers in together.values():
-        x, y = np.stack([pairs[k].own[chosen] for k in numbers], axis=1), pairs[numbers[0]].rival[chosen]
-        pull = y.T @ x
-        followed = np.sum(pull * np.linalg.solve(y.T @ y + _LOOSE * np.eye(y.shape[1]), pull), axis=0)
+        x = np.stack([pairs[k].own[chosen] for k in numbers], axis=1)
+        y = pairs[numbers[0]].rival[chosen]
+        pull, gram = y.T @ x, y.T @ y + _LOOSE * np.eye(y.shape[1])
+        followed = np.sum(pull * np.linalg.solve(gram, pull), axis=0)
         out[numbers] = 0.5 * (np.sum(x**2, axis=0) - followed)
     return out
 
 
-def choose_readings(pairs: Sequence[Pair], settings: Indices, enough: float, least: int = 0) -> list[int]:
+def choose_readings(pairs: list[Pair], settings: Indices, enough: float, least: int = 0) -> list[int]:
     """Choose readings until every pair has enough ln-odds, then drop unnecessary ones.
 
     Parameters
@@ -114,9 +115,9 @@ def choose_readings(pairs: Sequence[Pair], settings: Indices, enough: float, lea
             active += short
         if not short and len(chosen) >= least:
             break
-        wanted = [(pair, enough - pair.log_odds) for pair in short] or [(pair, enough) for pair in active]
-        worth = sum((np.minimum(pair.find_gains(), most) for pair, most in wanted), np.zeros(len(settings)))
-        worth = worth / _count_effort(settings, chosen)
+        wanted = [(p, enough - p.log_odds) for p in short] or [(p, enough) for p in active]
+        gains = (np.minimum(pair.find_gains(), most) for pair, most in wanted)
+        worth = sum(gains, np.zeros(len(settings))) / _count_effort(settings, chosen)
         worth[chosen] = -np.inf
         best = int(np.argmax(worth))
         if not worth[best] > _LEAST_GAIN:
@@ -135,15 +136,13 @@ def _count_effort(settings: Indices, chosen: Sequence[int]) -> Array:
     return out
 
 
-def _drop(judges: Sequence[Sequence[Pair]], chosen: Sequence[int], enough: float, least: int) -> list[int]:
+def _drop(judges: list[list[Pair]], chosen: list[int], enough: float, least: int) -> list[int]:
     """Drop readings that no pair needs, in order of choice; judges: few pairs, then all."""
     kept = list(chosen)
-    needed = [np.minimum(judge_pairs(pairs, kept), enough) - _LEAST_GAIN for pairs in judges]
+    needed = [(p, np.minimum(judge_pairs(p, kept), enough) - _LEAST_GAIN) for p in judges]
     for row in chosen:
         rest = [other for other in kept if other != row]
-        if len(kept) > least and all(
-            (judge_pairs(pairs, rest) >= odds).all() for pairs, odds in zip(judges, needed, strict=True)
-        ):
+        if len(kept) > least and all((judge_pairs(p, rest) >= odds).all() for p, odds in needed):
             kept = rest
     for pair, odds in zip(judges[-1], judge_pairs(judges[-1], kept), strict=True):
         pair.log_odds = float(odds)

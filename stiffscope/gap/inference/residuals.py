@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.gap.campaign.quantities import AXES, FREQUENCY, POSITION
+from stiffscope.gap.inference.diagnosis import AbsoluteGap
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,19 +16,18 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Flags, Indices
 
 
-def percent_rms(campaign: Campaign, model: Array, sigma: Array, chosen: Flags | None = None) -> float:
+def percent_rms(campaign: Campaign, model: Array, sigma: Array, chosen: Flags) -> float:
     """Return the gap in % rms between model values (n,) and readings, over the `chosen` ones.
 
-    Stiffness and frequency: rms of (model − measured)/measured. Deflections and deviations: 100·sqrt(Σ(r/σ)²/Σ(v/σ)²).
-    Both are joined by their numbers of readings.
+    Stiffness and frequency: rms of (model − measured)/measured. Deflections and deviations:
+    100·sqrt(Σ(r/σ)²/Σ(v/σ)²). Both are joined by their numbers of readings.
     """
-    pick = np.ones(len(campaign), dtype=np.bool_) if chosen is None else chosen
-    stiff, loose = pick & campaign.relative, pick & ~campaign.relative
+    stiff, loose = chosen & campaign.relative, chosen & ~campaign.relative
     left, value = model - campaign.value, campaign.value
     squares = float(np.sum((left[stiff] / value[stiff]) ** 2))
     weighted, size = (float(np.sum((each[loose] / sigma[loose]) ** 2)) for each in (left, value))
     squares += loose.sum() * weighted / max(size, 1e-300)
-    return float(100 * np.sqrt(squares / max(pick.sum(), 1)))
+    return float(100 * np.sqrt(squares / max(chosen.sum(), 1)))
 
 
 def split_by_kind(campaign: Campaign) -> dict[str, tuple[str, Flags]]:
@@ -47,12 +47,13 @@ def split_by_kind(campaign: Campaign) -> dict[str, tuple[str, Flags]]:
     return {name: (unit, mine) for name, (unit, mine) in kinds.items() if mine.any()}
 
 
-def rms_by_kind(campaign: Campaign, chosen: Flags, *sizes: Array) -> dict[str, tuple[str, tuple[float, ...]]]:
-    """Return the unit and rms of sizes (n,) over the chosen readings, by kind of reading."""
+def rms_by_kind(campaign: Campaign, chosen: Flags, *sizes: Array) -> dict[str, AbsoluteGap]:
+    """Return the rms of four sizes (n,) over the chosen readings, by kind of reading."""
+    kinds = {name: (unit, mine & chosen) for name, (unit, mine) in split_by_kind(campaign).items()}
     return {
-        name: (unit, tuple(float(np.sqrt(np.mean(np.square(size[mine & chosen])))) for size in sizes))
-        for name, (unit, mine) in split_by_kind(campaign).items()
-        if (mine & chosen).any()
+        name: AbsoluteGap(unit, *(float(np.sqrt(np.mean(each[mine] ** 2))) for each in sizes))
+        for name, (unit, mine) in kinds.items()
+        if mine.any()
     }
 
 
@@ -72,7 +73,7 @@ def by_sensor(campaign: Campaign, normalized: Array) -> dict[str, float]:
 
 def _shares(names: Sequence[str], which: Indices, normalized: Array) -> dict[str, float]:
     totals = np.bincount(which, weights=normalized**2, minlength=len(names))
-    return {name: float(share) for name, share in zip(names, totals / max(totals.sum(), 1e-300), strict=True)}
+    return dict(zip(names, (totals / max(totals.sum(), 1e-300)).tolist(), strict=True))
 
 
 def by_pose(campaign: Campaign, normalized: Array) -> tuple[tuple[float, ...], ...]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from stiffscope.gap.inference.evidence import log_evidences
+from stiffscope.gap.inference.evidence import log_evidences, log_sum
 from stiffscope.gap.inference.fitting import DOUBT, MARGIN
 from stiffscope.gap.inference.hypothesis import (
     Hypothesis,
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Flags, Progress
 
     Forms = frozenset[tuple[str, int]]
+    Heights = tuple[float, float]
 
 BEAM_WIDTH = 10  # best hypotheses of each size that are extended,
 BEAM_PLAIN = 4  # and best without a discrepancy, which may absorb joint effects
@@ -42,6 +44,7 @@ ROUNDS = 3  # of exchanging and growing
 RIVALS = 3  # best sets in which effects are exchanged,
 CLOSE = 3.0  # within this ln-odds of the best
 GAIN = 1.0  # least ln-odds gained by another effect to continue
+_Set = TypeVar("_Set", "Start", Hypothesis)
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +56,10 @@ class Start:
     """Internal parameters (k,)."""
     origin: Array
     """Feasible internal parameters (k,): those of the set without its last effect."""
-    heights: tuple[float, float] = (np.inf, np.inf)
-    """Ln of evidence times prior odds, with and without a discrepancy."""
+    evidence: float = np.inf
+    """Ln of evidence times prior odds."""
+    plain_score: float = np.inf
+    """The same without a discrepancy."""
 
 
 @dataclass(frozen=True)
@@ -67,33 +72,33 @@ class Search:
     def hypotheses(self) -> list[Hypothesis]:
         """Return fitted hypotheses, the best first: none, single effects, and larger sets."""
         none = self.problem.fit((), np.zeros(0))
-        fitted = _Fitted(self.problem, {frozenset(): none}, self.progress)
+        fitted, base = _Fitted(self.problem, {frozenset(): none}, self.progress), _heights([none])
         fit, found = fitted.fit, fitted.found
-        nothing = [np.zeros(sum(len(c.scale) for c in each)) for each in self.problem.model.tried]
-        tried = [Start(each, u, u) for each, u in zip(self.problem.model.tried, nothing, strict=True)]
-        fit(tried, _heights([none]), "effects", len(tried))
+        counts = ((each, sum(len(c.scale) for c in each)) for each in self.problem.model.tried)
+        tried = [Start(each, np.zeros(count), np.zeros(count)) for each, count in counts]
+        fit(tried, base, "effects", len(tried))
         self._grow([none], fitted)
         best = fitted.best
         if len(best.candidates) > OBVIOUS or not all(c.simple for c in best.candidates):
             complex_ones = tuple(c for c in best.words if not c.simple)
-            for base in [complex_ones, ()] if complex_ones else [()]:
-                for starts in self._sketches(self._first_order(base)):
+            for core in [complex_ones, ()] if complex_ones else [()]:
+                for starts in self._sketches(self._first_order(core)):
                     new = [start for start in starts if forms_of(start.candidates) not in found]
-                    fit(new, _heights([none]), f"simple effects, {len(starts[0].candidates)} at once", SKETCHED)
+                    stage = f"simple effects, {len(starts[0].candidates)} at once"
+                    fit(new, base, stage, SKETCHED)
                 if fitted.best is not best:
                     self._grow([fitted.best], fitted)
                     break
         for _ in range(ROUNDS):
             best = fitted.best
-            rivals = sorted(found.values(), key=lambda h: -h.evidence)[:RIVALS]
-            starts = [s for h in rivals if h.evidence > best.evidence - CLOSE for s in self._exchanges(h)]
-            base = _heights([none])  # first-order errors are relative to what is exchanged
-            starts.sort(key=lambda start: -start.heights[0])  # before unassemblable ones
+            rivals = _sort(found.values())[:RIVALS]
+            close = (h for h in rivals if h.evidence > best.evidence - CLOSE)
+            starts = _sort(s for h in close for s in self._exchanges(h))  # before unassemblable ones
             exchanged = fit(starts, base, "effects exchanged", len(starts))
             if not exchanged or exchanged[0].evidence < best.evidence + GAIN:
                 break
             self._grow(exchanged[:1], fitted)
-        return sorted(found.values(), key=lambda h: -h.evidence)
+        return _sort(found.values())
 
     def _sketches(self, base: Hypothesis) -> Iterable[list[Start]]:
         """Yield the best first-order sets with more simple effects, two or more, while they gain.
@@ -104,14 +109,15 @@ class Search:
         kept = [base]
         while len(kept[0].candidates) < self.problem.model.most_effects:
             starts = self._extensions(kept, simple=True)
-            plain = sorted(starts, key=lambda start: -start.heights[1])
-            if not starts or not _gains((starts[0].heights[0], plain[0].heights[1]), _heights(kept)):
+            plain = sorted(starts, key=lambda start: -start.plain_score)
+            if not starts or not _gains(_heights(starts), _heights(kept)):
                 return
-            starts = list(dict.fromkeys(start for pair in zip(starts, plain, strict=True) for start in pair))
+            pairs = zip(starts, plain, strict=True)
+            starts = list(dict.fromkeys(start for pair in pairs for start in pair))
             starts = starts[: WIDE[bool(base.names)]]
             if kept[0].names:
                 yield [replace(start, origin=np.zeros(len(start.origin))) for start in starts]
-            kept = sorted((self._first_order(start.candidates) for start in starts), key=lambda h: -h.evidence)
+            kept = _sort(self._first_order(start.candidates) for start in starts)
 
     def _grow(self, frontier: Sequence[Hypothesis], fitted: _Fitted) -> None:
         """Fit larger and larger sets while they gain."""
@@ -122,13 +128,12 @@ class Search:
             if not starts:
                 return
             most = FITTED if frontier[0].names else 2 * FITTED
-            plain = sorted(starts, key=lambda s: -s.heights[1])
-            promised = starts[0].heights[0], plain[0].heights[1]
-            if not _gains(promised, base):
+            plain = sorted(starts, key=lambda s: -s.plain_score)
+            if not _gains(_heights(starts), base):
                 most, plain = LEAST_FITTED, []  # the first-order error is as small
             fits = fitted.fit(starts, base, stage, most)
             fits += fitted.fit(plain, base, stage, FITTED_PLAIN)
-            fits = sorted({id(h): h for h in fits}.values(), key=lambda h: -h.evidence)
+            fits = _sort({id(h): h for h in fits}.values())
             if not fits:
                 return
             height, plain_height = _heights(fits)
@@ -148,27 +153,24 @@ class Search:
             scored = [
                 start
                 for start in self.score_extensions(rest, library)
-                if not start.candidates[-1].is_nuisance
-                and start.candidates[-1] is not gone
-                and start.heights[0] > limit
+                if not start.candidates[-1].is_nuisance and start.candidates[-1] is not gone and start.evidence > limit
             ]
-            starts += sorted(scored, key=lambda start: -start.heights[0])[:SWAPPED]
+            starts += _sort(scored)[:SWAPPED]
             if rest.evidence > whole.evidence - MARGIN:
                 origin = join_values(v for c, v in whole.parameters if c is not gone)
-                starts.append(Start(rest.candidates, bound_parameters(rest.candidates, rest.known.mean), origin))
+                values = bound_parameters(rest.candidates, rest.known.mean)
+                starts.append(Start(rest.candidates, values, origin))
         return starts
 
     def _without(self, hypothesis: Hypothesis, gone: Candidate) -> Hypothesis:
         """Return a hypothesis without one of its effects, linearized about it."""
-        slopes, y = hypothesis.slopes[:, hypothesis.mark(lambda c: c is not gone)], hypothesis.linear
+        kept, y = hypothesis.mark(lambda c: c is not gone), hypothesis.linear
         candidates = tuple(c for c in hypothesis.candidates if c is not gone)
         if not gone.scale:
             others = tuple((c, v) for c, v in hypothesis.parameters if c is not gone)
-            before = (
-                self.problem.model.campaign.value - self.problem.model.predict(others).values
-            ) / self.problem.noise.sigma
+            before = self.problem.find_residual(self.problem.model.predict(others))
             y = y + before - hypothesis.residual
-        return self._linear(candidates, y, slopes)
+        return self._linear(candidates, y, hypothesis.slopes[:, kept])
 
     def _first_order(self, candidates: tuple[Candidate, ...]) -> Hypothesis:
         """Return a set of effects linearized about the nominal model."""
@@ -196,9 +198,9 @@ class Search:
         for hypothesis in frontier:
             for start in self.score_extensions(hypothesis, derivatives, simple=simple):
                 key = forms_of(start.candidates)
-                if key not in ranked or start.heights[1] > ranked[key].heights[1]:
+                if key not in ranked or start.plain_score > ranked[key].plain_score:
                     ranked[key] = start
-        return sorted(ranked.values(), key=lambda start: -start.heights[0])
+        return _sort(ranked.values())
 
     def score_extensions(self, hypothesis: Hypothesis, library: Library, *, simple: bool = False) -> Iterable[Start]:
         """Yield a hypothesis with each admitted (optionally simple) effect, to first order."""
@@ -224,30 +226,31 @@ class Search:
             for at, number in enumerate(numbers):
                 mixed, block = across[:, library.columns[number]], products.block(library, number)
                 if m:
-                    grams[at, :, k:, :k], grams[at, :, :k, k:] = mixed[..., :k], np.swapaxes(mixed[..., :k], 1, 2)
+                    grams[at, :, k:, :k], grams[at, :, :k, k:] = mixed[..., :k], mixed[..., :k].mT
                     grams[at, :, k:, k:], pulls[at, :, k:] = block, mixed[..., k]
                 else:
                     pulls[at] -= mixed[:, 0, :k]
                     totals[at] += block[:, 0, 0] - 2.0 * mixed[:, 0, k]
-            priors = [self.problem.rough_spreads_of(library.candidates[number]) for number in numbers]
+            added = [library.candidates[number] for number in numbers]
+            priors = [self.problem.rough_spreads_of(candidate) for candidate in added]
             scales = np.empty((len(numbers), len(priors[0].scales), k + m))
             scales[..., :k] = base
             scales[..., k:] = [prior.scales for prior in priors]
-            positive = np.append(positive_of(hypothesis.candidates)[kept], np.array(one_sided, dtype=np.bool_))
+            positive = np.array([*positive_of(hypothesis.candidates)[kept], *one_sided], dtype=np.bool_)
             logs, means, _ = log_evidences(grams, pulls, totals, log_weight, scales, positive)
-            for number, prior_of, log, mean in zip(numbers, priors, logs, means, strict=True):
-                candidate, log = library.candidates[number], log + prior_of.log_weight  # noqa: PLW2901
+            for candidate, prior_of, rough, mean in zip(added, priors, logs, means, strict=True):
+                log = rough + prior_of.log_weight
                 best = np.unravel_index(np.argmax(log), log.shape)
                 if m and not mean[best][k:].any():  # a discrepancy absorbed the one-sided effect
-                    best = np.unravel_index(np.argmax(np.where(without[:, None], log, -np.inf)), log.shape)
+                    sound = np.where(without[:, None], log, -np.inf)
+                    best = np.unravel_index(np.argmax(sound), log.shape)
                 odds = prior + self.problem.log_prior([candidate])
-                total, plain = (float(np.logaddexp.reduce(part.ravel())) for part in (log, log[without]))
                 candidates = (*hypothesis.candidates, candidate)
-                heights = (total + odds, plain + odds)
+                heights = (float(log_sum(part)) + odds for part in (log, log[without]))
                 start = np.append(hypothesis.values, mean[best][k:])
                 start[: len(kept)][kept] = mean[best][:k]
                 origin = np.append(known_good, np.zeros(m))
-                yield Start(candidates, bound_parameters(candidates, start), origin, heights)
+                yield Start(candidates, bound_parameters(candidates, start), origin, *heights)
 
 
 @dataclass(frozen=True)
@@ -279,16 +282,17 @@ class _Products:
         gone, scales = np.flatnonzero(many), hypothesis.known.scales[many]
         whole = inner[:, gone[:, None], gone] + np.diag(scales**-2.0)
         before, beside = across[:, :, gone], inner[:, left][:, :, gone]
-        share = np.linalg.solve(whole, np.swapaxes(np.concatenate([beside, before], axis=1), -1, -2))
-        mine, instead = share[..., : beside.shape[1]], np.swapaxes(share[..., beside.shape[1] :], -1, -2)
+        share = np.linalg.solve(whole, np.concatenate([beside, before], axis=1).mT)
+        mine, instead = np.split(share, [beside.shape[1]], axis=2)
         log = -0.5 * np.linalg.slogdet(whole)[1] - np.log(scales).sum()
-        return cls(~many, inner[:, left][:, :, left] - beside @ mine, across[:, :, left] - before @ mine, log, before,
-                   instead)  # fmt: skip
+        inner = inner[:, left][:, :, left] - beside @ mine
+        across = across[:, :, left] - before @ mine
+        return cls(~many, inner, across, log, before, instead.mT)
 
     def block(self, library: Library, number: int) -> Array:
         """Return inner products (q, k, k) of one effect's columns."""
         here = library.columns[number]
-        return library.blocks[number] - self.before[:, here] @ np.swapaxes(self.instead[:, here], -1, -2)
+        return library.blocks[number] - self.before[:, here] @ self.instead[:, here].mT
 
 
 @dataclass(frozen=True)
@@ -304,35 +308,42 @@ class _Fitted:
         """The best hypothesis so far."""
         return max(self.found.values(), key=lambda h: h.evidence)
 
-    def fit(self, starts: Sequence[Start], base: tuple[float, float], stage: str, most: int) -> list[Hypothesis]:
+    def fit(self, starts: Sequence[Start], base: Heights, stage: str, most: int) -> list[Hypothesis]:
         """Fit the starts that may compete with the best fitted hypothesis, in order."""
         fits: list[Hypothesis] = []
-        strikes: dict[int, int] = {}
+        strikes: Counter[int] = Counter()
         for start in starts:
             if len(fits) >= most:
                 break
-            if len(fits) >= LEAST_FITTED and all(map(_hopeless, start.heights, _heights(fits), base)):
+            promised = start.evidence, start.plain_score
+            if len(fits) >= LEAST_FITTED and all(map(_hopeless, promised, _heights(fits), base)):
                 continue
-            if any(strikes.get(id(c), 0) >= STRIKES for c in start.candidates):
+            if any(strikes[id(c)] >= STRIKES for c in start.candidates):
                 continue
             if self.progress:
                 self.progress(stage, len(fits) / most)
             key = forms_of(start.candidates)
             if key not in self.found or not self.found[key].converged:
                 target = max((h.plain_score for h in fits), default=-np.inf)
-                self.found[key] = self.problem.fit(start.candidates, start.values, target, start.origin)
+                own = start.candidates, start.values, target, start.origin
+                self.found[key] = self.problem.fit(*own)
             if self.found[key].short > MARGIN:
-                strikes.update({id(c): strikes.get(id(c), 0) + 1 for c in start.candidates if c.flexible})
+                strikes.update(id(c) for c in start.candidates if c.flexible)
             fits.append(self.found[key])
-        return sorted(fits, key=lambda h: -h.evidence)
+        return _sort(fits)
 
 
-def _heights(fits: Sequence[Hypothesis]) -> tuple[float, float]:
+def _sort(sets: Iterable[_Set]) -> list[_Set]:
+    """Return sets of effects, the best first."""
+    return sorted(sets, key=lambda each: -each.evidence)
+
+
+def _heights(sets: Sequence[Start | Hypothesis]) -> Heights:
     """Return the best evidence with and without a discrepancy."""
-    return max(h.evidence for h in fits), max(h.plain_score for h in fits)
+    return max(each.evidence for each in sets), max(each.plain_score for each in sets)
 
 
-def _gains(now: tuple[float, float], before: tuple[float, float]) -> bool:
+def _gains(now: Heights, before: Heights) -> bool:
     """Return whether one more effect is worthwhile, with or without a discrepancy."""
     return any(a >= b + GAIN for a, b in zip(now, before, strict=True))
 

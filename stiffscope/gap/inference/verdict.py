@@ -10,7 +10,7 @@ from stiffscope.gap.inference.lack_of_fit import lack_of_fit, model_errors
 from stiffscope.gap.inference.plausibility import implausible
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
+    from collections.abc import Iterator
 
     from stiffscope.gap.forward.forward_model import Candidate
     from stiffscope.gap.inference.findings import Findings, Group
@@ -54,7 +54,7 @@ def judge_findings(found: Findings) -> Judgement:
         strange.append(f"the readings follow {', '.join(unnamed)}, outside the known effects")
     groups = {c.name: found.group(c.name) for c in best.words}
     certain = [c for c in best.words if not wrong[c.name] and _certain(groups[c.name])]
-    favoured = [name for name, group in groups.items() if group.doubted < CONFIDENT <= group.probability]
+    favoured = [n for n, group in groups.items() if group.doubted < CONFIDENT <= group.probability]
     unsettled = [f"{found.find_instead(name)} fits about as well as {name}" for name in favoured]
     kept, before = found.fit_effects(certain), found.chi2(none)
     if certain and max(found.chi2(kept), found.chi2(best)) >= before:  # they fit details only
@@ -64,7 +64,7 @@ def judge_findings(found: Findings) -> Judgement:
     if few:
         unsettled.append(f"{count} readings are too few to identify {parameters} parameters")
     if certain and not few:
-        return _judge_named(found, kept, strange, unsettled)
+        return _judge(found, kept, strange, unsettled)
     gap = lack_of_fit(found, none)
     if gap:
         known = found.fit_effects(best.words)
@@ -73,14 +73,14 @@ def judge_findings(found: Findings) -> Judgement:
             left = rest if best.words else gap
             return Judgement("unexplained", (), none, (*strange, *([left] if left else [])))
         return Judgement("ambiguous", known.words, known, tuple(unsettled))
-    alone = sum(p for h, p in zip(found.hypotheses, found.probability, strict=True) if not h.words)
+    alone = sum(p for h, p in found.ranked if not h.words)
     if alone > MAJORITY or not best.words or strange:
         return Judgement("no-gap", (), none, tuple(strange))
     known = found.fit_effects(best.words)
     return Judgement("ambiguous", known.words, known, tuple(unsettled))
 
 
-def settle_verdict(found: Findings, judgement: Judgement, others: Mapping[str, Findings]) -> Judgement:
+def settle_verdict(found: Findings, judgement: Judgement, others: dict[str, Findings]) -> Judgement:
     """Return the verdict, or "ambiguous" if an effect is replaced under another prior.
 
     Parameters
@@ -100,7 +100,7 @@ def settle_verdict(found: Findings, judgement: Judgement, others: Mapping[str, F
     return judgement
 
 
-def _judge_named(found: Findings, kept: Hypothesis, strange: Sequence[str], unsettled: Sequence[str]) -> Judgement:
+def _judge(found: Findings, kept: Hypothesis, strange: list[str], unsettled: list[str]) -> Judgement:
     """Return the verdict if some effects are certain.
 
     kept: exactly these; strange: implausible or unnamed causes; unsettled: equally good ones.
@@ -128,9 +128,9 @@ def _certain(group: Group) -> bool:
 
 def _pattern_beside(found: Findings, kept: Hypothesis) -> bool:
     """Return whether a nuisance pattern is also certain and exceeds small model errors."""
-    pairs = zip(found.hypotheses, found.probability, strict=True)
-    unnamed = sum(p for h, p in pairs if len(h.words) < len(h.candidates))
-    return unnamed >= CONFIDENT and found.chi2(kept) - found.chi2(found.best) > model_errors(found, kept)
+    unnamed = sum(p for h, p in found.ranked if len(h.words) < len(h.candidates))
+    excess = found.chi2(kept) - found.chi2(found.best)
+    return unnamed >= CONFIDENT and excess > model_errors(found, kept)
 
 
 def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:
@@ -154,7 +154,7 @@ def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
 
     References
     ----------
-    Shapley, A value for n-person games (1953); Lipovetsky and Conklin, Appl. Stoch. Models Bus. Ind. 17 (2001) 319.
+    Shapley, A value for n-person games (1953); Lipovetsky, Conklin, Appl. Stoch. Models 17 (2001).
     """
     names = [c.name for c in hypothesis.candidates]
     if len(names) < 2:
@@ -182,5 +182,6 @@ def doubtful(found: Findings, named: tuple[Candidate, ...]) -> list[tuple[str, f
     known = {c.name for c in named} | {other for group in groups for other in group.others}
     names = {n for h in found.hypotheses for c in h.words for n in c.signature_of}
     likely = {n: found.compute_probability(n) for n in names - known}
-    open_ones = (n for n, p in likely.items() if max(p, found.doubted.compute_probability(n)) >= POSSIBLE)
+    even = found.doubted.compute_probability
+    open_ones = (n for n, p in likely.items() if max(p, even(n)) >= POSSIBLE)
     return sorted(((n, likely[n]) for n in open_ones), key=lambda item: (-item[1], item[0]))
