@@ -219,7 +219,8 @@ def _name_distinct(paths: Sequence[Sequence[str]]) -> list[str]:
 
 def _cut_path(path: Sequence[str]) -> Sequence[str]:
     """Return a path up to its last name below the root: a nameless solid is its product."""
-    return next((path[:n] for n in range(len(path), 1, -1) if not _is_nameless(path[n - 1])), path[:2])
+    ends = (end for end in range(len(path), 1, -1) if not _is_nameless(path[end - 1]))
+    return path[: next(ends, 2)]
 
 
 def _is_nameless(name: str) -> bool:

@@ -144,4 +144,4 @@ class ChannelParameters(_FlangedParameters):
         return [[(left, -z), (right, -z), *inner, (right, z), (left, z)]]
 
 
-BEAMS = {kind.shape: kind for kind in (TubeParameters, BoxParameters, IParameters, ChannelParameters)}
+BEAMS = {k.shape: k for k in (TubeParameters, BoxParameters, IParameters, ChannelParameters)}

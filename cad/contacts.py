@@ -115,10 +115,8 @@ def _drop_open(contacts: list[Contact]) -> list[Contact]:
 
 def _contacts_of(i: int, j: int, one: Instance, other: Instance) -> Iterator[Contact]:
     box = np.stack([np.maximum(one.box[0], other.box[0]), np.minimum(one.box[1], other.box[1])])
-    shared = [
-        [face for face, limits in zip(each.faces, each.face_boxes, strict=True) if _meet(limits, box, PLAY)]
-        for each in (one, other)
-    ]
+    boxed = (zip(each.faces, each.face_boxes, strict=True) for each in (one, other))
+    shared = ([face for face, limits in pairs if _meet(limits, box, PLAY)] for pairs in boxed)
     for a, b in product(*shared):
         if a.kind != b.kind:
             continue
@@ -129,12 +127,8 @@ def _contacts_of(i: int, j: int, one: Instance, other: Instance) -> Iterator[Con
         else:
             continue
         if found is not None:
-            point, axis, gap, size = found
-            round_ = a.kind != "plane"
-            yield Contact(
-                i, j, (a.index, b.index), a.kind, point, axis, gap, size,
-                radius=min(a.radius, b.radius) if round_ else 0.0, inner=int(a.hollow) if round_ else None,
-            )  # fmt: skip
+            own = (0.0, None) if a.kind == "plane" else (min(a.radius, b.radius), int(a.hollow))
+            yield Contact(i, j, (a.index, b.index), a.kind, *found, *own)
 
 
 def _meet(box: Array, other: Array, within: float) -> bool:

@@ -110,7 +110,8 @@ def _geometry(index: int, face: "Face") -> FaceGeometry:
             axis = cad.kernel.xyz(form.Axis().Direction())
         sizes = _sizes(kind, form)
     if sizes:
-        hollow, ends = cad.kernel.round_extent(face, 1e3 * origin, axis, sizes.get("half_angle", 0.0))
+        angle = sizes.get("half_angle", 0.0)
+        hollow, ends = cad.kernel.round_extent(face, 1e3 * origin, axis, angle)
         sizes |= {"hollow": hollow, "extent": tuple(1e-3 * ends)}
     if kind == "plane":
         axis = axis * np.sign(axis @ cad.kernel.middle_of(face)[1])
@@ -220,9 +221,8 @@ def select(shape: "Shape", selectors: Iterable[FaceSelector], field: str = "face
     if not chosen:
         raise InputError(f"{field}: expected at least one face selector, got none")
     if len(chosen) == len(geometries):
-        raise InputError(
-            f"{field}: expected some of the faces, got all {len(chosen)}; there are {_summary(geometries)}"
-        )
+        got = f"all {len(chosen)}; there are {_summary(geometries)}"
+        raise InputError(f"{field}: expected some of the faces, got {got}")
     return frozenset(chosen)
 
 
@@ -266,7 +266,8 @@ def _summary(geometries: Sequence[FaceGeometry]) -> str:
     planes = sorted({_direction(face.axis) for face in geometries if face.kind == "plane"})
     words = [f"planes with normal {', '.join(_few(planes))}"] if planes else []
     for kind in KINDS[1:-1]:
-        radii = sorted({round((f.minor_radius or f.radius) * 1e3, 3) for f in geometries if f.kind == kind})
+        alike = (face for face in geometries if face.kind == kind)
+        radii = sorted({round((face.minor_radius or face.radius) * 1e3, 3) for face in alike})
         if radii:
             words.append(f"{kind} of radius {', '.join(_few([f'{r:g}' for r in radii]))} mm")
     others = sum(face.kind == "other" for face in geometries)

@@ -217,7 +217,7 @@ def self_intersects(shape: Shape) -> bool:
 
 
 def surface_under(face: Face) -> tuple[str, Any]:
-    """Return the kind of a face's surface, splines recognized, and its `gp_Pln` or the like or None."""
+    """Return the kind of a face's surface, splines recognized, and its `gp_Pln` etc. or None."""
     surface, form = BRepAdaptor_Surface(face), None
     kind = surface.GetType().name.removeprefix("GeomAbs_")
     if kind in {*_FORMS, "Torus"}:
@@ -291,7 +291,7 @@ def bounds(shape: Shape) -> Floats:
 
 
 def middle_of(face: Face) -> tuple[Floats, Floats]:
-    """Return the point (3,) at the middle of a face's parameters, and its normal out of the solid."""
+    """Return the point (3,) at the middle of a face's parameters, and its outward normal (3,)."""
     u, u_end, v, v_end = BRepTools.UVBounds_s(face)
     point, normal = gp_Pnt(), gp_Vec()
     BRepGProp_Face(face).Normal(0.5 * (u + u_end), 0.5 * (v + v_end), point, normal)

@@ -60,7 +60,7 @@ class Material:
     def __post_init__(self) -> None:
         _check(self, "youngs_modulus", "shear_modulus", "density")
         ratio, typical = self.poisson, f"{self.youngs_modulus / 2.6e9:.3g} GPa"
-        valid = f"more than {self.youngs_modulus / 3 / 1e9:.4g} GPa (Poisson's ratio, here {ratio:.3g},"
+        valid = f"more than {self.youngs_modulus / 3e9:.4g} GPa (Poisson's ratio, here {ratio:.3g},"
         valid += f" is in (-1, 0.5); typically {typical})"
         field = f"materials.{self.name}.shear_modulus"
         require(-1 < ratio < 0.5, field, valid, f"{self.shear_modulus / 1e9:.4g} GPa")
@@ -191,10 +191,8 @@ CFRP_TUBE = TransverselyIsotropic(
     "1011, table 2; density: maker's data. Angle plies are stiffer in torsion and softer in tension: define your own",
 )  # fmt: skip
 
-MATERIALS: dict[str, AnyMaterial] = {
-    material.name: material
-    for material in (STEEL, ALUMINIUM_7075, ALUMINIUM_6082, CAST_IRON, DUCTILE_IRON, TITANIUM, CFRP_TUBE)
-}
+_METALS = (STEEL, ALUMINIUM_7075, ALUMINIUM_6082, CAST_IRON, DUCTILE_IRON, TITANIUM)
+MATERIALS: dict[str, AnyMaterial] = {each.name: each for each in (*_METALS, CFRP_TUBE)}
 DESIGNATIONS = {
     "AlMgSi1": "aluminium-6082", "EN AW-6082": "aluminium-6082", "EN AW-7075": "aluminium-7075",
     "EN-GJL-250": "cast-iron", "EN-GJS-400-15": "ductile-iron", "Ti-6Al-4V": "titanium", "TiAl6V4": "titanium",

@@ -25,7 +25,7 @@ class Turned:
     """A solid as a turned part: axis, surface fraction about it, outer and inner steps.
 
     ``steps``, ``bores``: (low, high, radius), m, along the axis from ``point``; ``ends``: of all;
-    ``flare``: largest radius of other round faces, m; ``hexagon``: half the width across flats of head or nut, m;
+    ``flare``: largest radius of other round faces, m; ``hexagon``: half the width across flats, m;
     ``holed``: whether it has other holes along the axis; ``slotted``: alike slots all around.
     """
 
@@ -101,7 +101,7 @@ def turned_form(faces: Sequence[FaceGeometry], shapes: Sequence[Face]) -> Turned
 
 
 def _find_flats(faces: Sequence[FaceGeometry], of: FaceGeometry) -> tuple[float, list[FaceGeometry], bool]:
-    """Return half the width across flats, m, and faces of a hexagon about a face's axis, or 0; whether slots are."""
+    """Return a hexagon's half width, m, or 0, its faces about a face's axis, and whether slots are."""
     apart = defaultdict[float, list["FaceGeometry"]](list)
     for face in faces:
         if face.kind == "plane" and abs(face.axis @ of.axis) < 1e-4:

@@ -1,8 +1,8 @@
 """Supports and loads of a part: rigid (kinematic) and distributed couplings of a face to a point.
 
 Rigid: the face moves as one body, u = R(x) t with the twist t = (v, ω) at the reference point.
-Distributed: the wrench w enters as the traction R(x) (RᵀMR)⁻¹ w, with M the face's mass matrix; its work-conjugate
-twist is the mean motion (RᵀMR)⁻¹ RᵀM u.
+Distributed: the wrench w enters as the traction R(x) (RᵀMR)⁻¹ w, with M the face's mass matrix; its
+work-conjugate twist is the mean motion (RᵀMR)⁻¹ RᵀM u.
 In both cases the compliance is C = Fᵀ A⁻¹ F, with A the stiffness of the unconstrained coordinates.
 """
 

@@ -29,10 +29,10 @@ def apply_by_elements(space: Cubic, supports: Supports, free: Ints, springs: csr
 
     def apply(coordinates: Floats) -> Floats:
         loads = coordinates.shape[1]
-        motion = expand(space, supports, free, coordinates)
+        motion = expand(space, supports, free, coordinates).reshape(-1, 3, loads)
         forces = np.zeros((space.count, 3 * loads))
         for batch, scatter in zip(batches, scatters, strict=True):
-            forces += scatter @ element_forces(space, batch, motion.reshape(-1, 3, loads)).reshape(-1, 3 * loads)
+            forces += scatter @ element_forces(space, batch, motion).reshape(-1, 3 * loads)
         if springs is not None:
             forces += springs @ motion.reshape(-1, 3 * loads)
         forces = forces.reshape(-1, loads)
@@ -63,7 +63,7 @@ def apply_by_blocks(
         return np.empty((len(every), width, loads))
 
     def sum_forces(blocks: list[Floats], motion: Floats, places: list[Ints], scatter: csr_array) -> Floats:
-        """Return the elements' forces (functions, 3 loads) due to motion (functions, 3, loads) at places."""
+        """Return the elements' forces (functions, 3 loads) for motion (functions, 3, loads)."""
         loads = motion.shape[2]
         local = scratch(blocks[0].shape[1], loads)
 

@@ -82,8 +82,9 @@ def enrich(mesh: TetMesh, elasticity: Floats) -> Cubic:
     cells = np.vstack([grid.dofs.element_dofs, base + dofs.element_dofs]).T
     signs = [np.ones(len(cells), dtype=int)] * 10
     signs += [element.orient(grid.mapping(), i) for i in range(10)]
-    (straight, at_middle), (curved, inside) = _straight_rule(), _curved_rule()
-    tables, rules = (straight, curved), (at_middle, inside)
+    straight, at_middle = _straight_rule()
+    inside = get_quadrature(RefTet, CURVED_ORDER)
+    tables, rules = (straight, tabulate(inside[0])[1]), (at_middle, inside)
     law, groups = tensor(elasticity), []
     for elements, number, inverse, volumes in integrate_cells(mesh, rules, len(cells)):
         pulled = np.einsum("rkcq,ikjl,slcq->cqrisj", inverse, law, inverse, optimize=True)
@@ -102,8 +103,3 @@ def _straight_rule() -> tuple[Floats, tuple[Floats, Floats]]:
     mass = (values * weights) @ values.T
     table = np.linalg.cholesky(mass).T @ tabulate(ElementTetP2.doflocs.T)[1]
     return table, (np.full((3, 1), 0.25), np.ones(1))
-
-
-def _curved_rule() -> tuple[Floats, tuple[Floats, Floats]]:
-    at, weights = get_quadrature(RefTet, CURVED_ORDER)
-    return tabulate(at)[1], (at, weights)

@@ -5,8 +5,7 @@ See ``stiffscope.fea.sensitivity`` for the theory.
 
 from __future__ import annotations
 
-import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -121,7 +120,7 @@ class Forms:
         cubic, quadratic = (-np.einsum("ab,aibj->ij", law, level.gradients) for level in self.fields)
         energy = np.einsum("ab,aibj->ij", law, self.shapes.integrals.gradients)
         made = self._derivative(value, unit, cubic, quadratic)
-        return dataclasses.replace(made, condensed_mass=self.shapes.follow_fields(energy))
+        return replace(made, condensed_mass=self.shapes.follow_fields(energy))
 
     def of_foundation(self) -> Derivative:
         """Return the derivative by the foundation stiffness per area under the clamp."""
@@ -138,7 +137,7 @@ class Forms:
         cubic, quadratic = share * self.levels.cubic, share * (self.levels.cubic - self.levels.gain)
         condensed = self.experiment.condensed_mass[:size, :size] / density
         made = self._derivative(density, "kg/m^3", cubic, quadratic)
-        return dataclasses.replace(made, mass=self.experiment.mass / density, condensed_mass=condensed)
+        return replace(made, mass=self.experiment.mass / density, condensed_mass=condensed)
 
     def of_dimension(self, number: int, value: float) -> Derivative:
         """Return the derivative by a move's dimension."""
@@ -151,7 +150,7 @@ class Forms:
         made = self._derivative(value, "m", *found)
         rate = self.mass_rates[number, 0]
         moment = self.mass_rates[number, 1:] + self.lumped_mass @ move.nodes
-        return dataclasses.replace(
+        return replace(
             made,
             mass=float(rate),
             centre=(moment - rate * self.experiment.centre) / self.experiment.mass,
@@ -233,14 +232,14 @@ class Forms:
         split, above = len(self.levels.quadratic), system.cubic.free
         step = SURFACE_STEP * specimen.volume ** (1 / 3)
         for sign in (step, -step):
-            moved = dataclasses.replace(mesh, points=mesh.points + sign * velocity)
+            moved = replace(mesh, points=mesh.points + sign * velocity)
             if bedded and modulus is not None:
                 bedding = springs(moved, specimen.clamped, modulus)
                 for k, level in enumerate(self.fields):
                     found[k] -= _contract_squares(level.motion, bedding) / (2 * sign)
             if loaded:
                 couplings = tuple(
-                    dataclasses.replace(coupling, reference_point=coupling.reference_point + sign * at)
+                    replace(coupling, reference_point=coupling.reference_point + sign * at)
                     for coupling, at in zip(system.couplings, reference, strict=True)
                 )
                 nodal = unit_loads(moved, system.supports, couplings)

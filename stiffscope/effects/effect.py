@@ -193,10 +193,6 @@ class Influence:
     """First row after a jump of an instrument and the size of the jump, m or rad."""
 
 
-def _stiff(_part: str) -> bool:
-    return False
-
-
 @dataclass(frozen=True)
 class Setting:
     """A robot and how it is measured; by default, only effects that it can adopt are candidates."""
@@ -210,7 +206,7 @@ class Setting:
     """Whether there are readings at M."""
     sensors: Mapping[str, bool] = field(default_factory=dict[str, bool])
     """Whether a sensor reads displacements, by name."""
-    suspect: Callable[[str], bool] = _stiff
+    suspect: Callable[[str], bool] = lambda _: False
     """Whether the (slow) virtual experiments on a part are worthwhile."""
     doubts: Doubts = field(default_factory=Doubts)
 

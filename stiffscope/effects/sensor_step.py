@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -28,13 +27,9 @@ class SensorStep(InstrumentEffect):
         for name, (row, size, turns) in setting.doubts.steps.items():
             yield cls(name, row).make_candidate(
                 Place(name), scale=(size,), units=("rad" if turns else "m", "1"), component=name,
-                physical=partial(_add_line, row[1]),
+                physical=lambda values, line=row[1]: np.array([values[0], line]),
             )  # fmt: skip
 
     def influence(self, values: Array) -> Influence:
         """Return the jump of later readings."""
         return Influence(jumps={self.instrument: (self.first, float(values[0]))})
-
-
-def _add_line(line: int, values: Array) -> Array:
-    return np.array([values[0], line])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -25,15 +24,12 @@ class Unit(InstrumentEffect):
     def candidates(cls, setting: Setting) -> Candidates:
         """Yield candidates at suspected instruments, with their apparent factor."""
         for name, factor in setting.doubts.units.items():
+            known = np.array([factor])
             yield cls(name, factor).make_candidate(
-                Place(name), scale=(), physical=partial(_keep, factor), component=name
+                Place(name), scale=(), physical=lambda _, known=known: known, component=name
             )
 
     def influence(self, values: Array) -> Influence:
         """Return the factor on the readings."""
         del values
         return Influence(factors={self.instrument: self.factor})
-
-
-def _keep(factor: float, _values: Array) -> Array:
-    return np.array([factor])

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def check_target(target: Path, robot: RobotFile | None) -> None:
     """Raise InputError early if the target cannot be written or there is no robot."""
     if robot is None:
-        raise InputError("--adopt: this campaign has predictions instead of a robot; only a robot can carry an effect")
+        raise InputError("--adopt: this campaign has predictions instead of a robot with effects")
     try:
         output.check_new(target)
     except InputError as error:
@@ -35,8 +35,8 @@ def check_target(target: Path, robot: RobotFile | None) -> None:
 
 
 def adopt(
-    target: Path, robot: RobotFile, bare: NominalRobot, diagnosis: Diagnosis, *, campaign: str, components: str,
-    modelled: Sequence[str] = (),
+    target: Path, robot: RobotFile, bare: NominalRobot, diagnosis: Diagnosis, *,
+    campaign: str, components: str, modelled: Sequence[str] = (),
 ) -> None:  # fmt: skip
     """Write a robot file with all effects of a diagnosis.
 
@@ -61,15 +61,16 @@ def adopt(
         The verdict is neither "identified" nor "partly", or the file cannot contain all effects.
     """
     if diagnosis.verdict not in {"identified", "partly"}:  # whose effects are certain
-        raise InputError(
-            f"--adopt: nothing is adopted, the verdict is {diagnosis.verdict}, not identified; no file is written"
-        )
+        verdict = f"the verdict is {diagnosis.verdict}, not identified"
+        raise InputError(f"--adopt: nothing is adopted: {verdict}")
     found = (*diagnosis.effects, *diagnosis.beside)  # values are only valid jointly
-    heavy = Gravity.word in (*modelled, *(effect.effect for effect in found)) or robot.carries(Gravity.word)
+    heavy = Gravity.word in {*modelled, *(e.effect for e in found)} or robot.carries(Gravity.word)
     left = list(_refusals(bare, found, heavy=heavy))
     if left:
         raise InputError(f"--adopt: nothing is adopted: {'; '.join(left)}")
-    output.write_new(target, _text(target, robot, found, diagnosis, campaign, components).encode())
+    document = robot_document(robot, target, components)
+    entries = [_entry(effect, diagnosis, campaign) for effect in found]
+    output.write_new(target, _text(document, entries).encode())
 
 
 def _refusals(bare: NominalRobot, found: Sequence[Effect], *, heavy: bool) -> Iterator[str]:
@@ -92,16 +93,13 @@ def _values(effect: Effect) -> dict[str, float]:
     return {name: p.value for name, p in (effect.errors or effect.parameters).items()}
 
 
-def _text(
-    target: Path, robot: RobotFile, carried: Sequence[Effect], diagnosis: Diagnosis, campaign: str, components: str
-) -> str:
-    document = robot_document(robot, target, components)
+def _text(document: Any, entries: list[dict[str, Any]]) -> str:
     former: list[dict[str, Any]] = document.pop("effects").unwrap() if "effects" in document else []
     if not former:
         document.add(tomlkit.nl())
     effects: Any = tomlkit.aot()
     document["effects"] = effects
-    for entry in [*former, *(_entry(effect, diagnosis, campaign) for effect in carried)]:
+    for entry in [*former, *entries]:
         table: Any = tomlkit.table()
         for key, value in entry.items():
             table.add(key, _inline(value) if isinstance(value, dict) else value)
@@ -120,12 +118,13 @@ def _entry(effect: Effect, diagnosis: Diagnosis, campaign: str) -> dict[str, Any
         "gap_held_out": _round(gap.held_out),
         "gap_noise": _round(gap.noise),
         "unit": "% rms",
+        "sigma": {name: _round(p.sigma) for name, p in effect.parameters.items()},
     }
     return {
         "effect": effect.effect,
         "place": effect.place,
         "parameters": _values(effect),
-        "provenance": provenance | {"sigma": {name: _round(p.sigma) for name, p in effect.parameters.items()}},
+        "provenance": provenance,
     }
 
 

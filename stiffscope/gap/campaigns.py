@@ -54,7 +54,7 @@ def diagnose(campaign: str | Path, robot: str | None = None) -> Diagnosis:
     Parameters
     ----------
     campaign
-        Folder with a campaign.toml and its readings, or the name of a campaign in `data/`, such as "published".
+        Folder with a campaign.toml and its readings, or a name in `data/`, such as "published".
     robot
         Robot file or name to use instead of the campaign's own, e.g. an adopted one.
 
@@ -72,7 +72,8 @@ def diagnose(campaign: str | Path, robot: str | None = None) -> Diagnosis:
     --------
     >>> import stiffscope as ss
     >>> found = ss.diagnose("published")
-    >>> found.verdict, found.effects[0].effect, round(found.effects[0].parameters["factor"].value, 3)
+    >>> effect = found.effects[0]
+    >>> found.verdict, effect.effect, round(effect.parameters["factor"].value, 3)
     ('identified', 'scale', 1.1)
     """
     with workshop() as shop:
@@ -147,9 +148,10 @@ def predict_roughly(case: Case) -> Array:
 
 def _rough_matrices(robot: RobotFile) -> dict[str, PartMatrix]:
     """Return part matrices by beam theory, as given, or rigid."""
-    sources = part_sources(robot, "beam")
-    rigid: dict[str, Any] = {name: rigid_part(robot, name) for name in needed_experiments(robot, "beam")}
-    return part_matrices(robot, {name: "beam" for name, source in sources.items() if source == "beam"}, rigid)
+    needed, sources = needed_experiments(robot, "beam"), part_sources(robot, "beam")
+    rigid: dict[str, Any] = {name: rigid_part(robot, name) for name in needed}
+    beams = {name: source for name, source in sources.items() if source == "beam"}
+    return part_matrices(robot, beams, rigid)
 
 
 def find_campaign(name: str | Path) -> Path:
@@ -163,13 +165,14 @@ def find_campaign(name: str | Path) -> Path:
         known = FOLDER / shelf / path.name
         if path.name == str(name) and (known / "campaign.toml").is_file():
             return known
-    listed = ", ".join(campaign_names()) or "(none)"
-    raise InputError(f"{name}: no such campaign; give a folder with a campaign.toml or one of the names {listed}")
+    valid = f"a folder with a campaign.toml or one of the names {', '.join(campaign_names())}"
+    raise InputError(f"{name}: no such campaign; give {valid}")
 
 
 def campaign_names() -> list[str]:
     """Return the names of the campaigns in `data/`."""
-    return sorted(p.parent.name for shelf in SHELVES for p in (FOLDER / shelf).glob("*/campaign.toml"))
+    found = (path for shelf in SHELVES for path in FOLDER.glob(f"{shelf}/*/campaign.toml"))
+    return sorted(path.parent.name for path in found)
 
 
 def _robot_of(folder: Path, campaign: Campaign, robot: str) -> Path:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -47,7 +48,7 @@ COMPARED = 50.0  # ln-odds within which an alternative's parameters are checked
 FACTOR = 10.0  # change of the prior, either way, to test the verdict
 TAILS = (0.025, 0.975)
 _LISTED = 12  # alternatives, possible effects
-_LEFT = 0.9  # of the variance of its prior: more left of an error, or of a combination of some, is nothing seen
+_LEFT = 0.9  # share of its prior variance: with more left, readings do not show an error
 _RIVALS = 4  # hypotheses that a further reading is to separate from the best
 
 
@@ -94,17 +95,24 @@ def conclude(found: Findings) -> Diagnosis:
         joint = joint.widen_covariance(max(found.misfit(joint), 1.0))
     effects = _effects(found, judgement, joint)
     residual = found.held_out_residual(reported)
-    check, held_out = _held_out_check(found, reported, residual)
+    check, held_out = _check(found, reported, residual)
     gap = _gap(found, reported, residual)
     beyond = judgement.verdict in {"partly", "unexplained"}
     together, open_ones = correlation(found, reported), doubtful(found, judgement.effects)[:_LISTED]
+    widened = f"{together}: intervals are widened by a discrepancy"
     remarks = (
         *found.problem.noise.remarks,
         *found.model.remarks(found.problem.noise, found.residual(found.none)),
         *judgement.remarks,
-        *([] if beyond or not together else [f"{together}: intervals are widened by a discrepancy"]),
+        *([widened] if together and not beyond else []),
         *unseen,
         *_counts(found, reported),
+    )
+    names = [c.name for c in judgement.effects]
+    beside = [c for c in joint.candidates if names and c.name not in names]
+    sensitivity = tuple(
+        Sensitivity(prior, judge_findings(o).verdict, {n: o.compute_probability(n) for n in names})
+        for prior, o in others.items()
     )
     return Diagnosis(
         judgement.verdict,
@@ -116,18 +124,11 @@ def conclude(found: Findings) -> Diagnosis:
         remarks,
         _steps(gap, effects),
         signature_correlation(found),
-        tuple(Possible(*name.split(" @ ", 1), p) for name, p in open_ones),  # type: ignore[arg-type]
-        tuple(
-            Sensitivity(
-                prior,
-                judge_findings(other).verdict,
-                {c.name: other.compute_probability(c.name) for c in judgement.effects},
-            )
-            for prior, other in others.items()
-        ),
+        tuple(Possible(*name.split(" @ "), p) for name, p in open_ones),  # type: ignore[arg-type]
+        sensitivity,
         check,
         draw_samples(found, joint if effects else reported, judgement.effects, held_out, reported),
-        _beside(found, judgement, joint),
+        tuple(_describe(found, joint, c) for c in beside),
     )
 
 
@@ -136,61 +137,44 @@ def _effects(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[
     share = shares(found, judgement.hypothesis)
     out: list[Effect] = []
     for candidate in sorted(judgement.effects, key=lambda c: -share[c.name]):
-        group, own = found.group(candidate.name), own_part(joint, candidate.name)
-        effect = Effect(
-            candidate.effect,
-            candidate.place,
-            found.compute_probability(candidate.name),
-            found.percent_rms(found.fit_effects([candidate])),
-            _parameters(candidate, *own),
-            group.others,
-            share[candidate.name],
-            group.probability,
-            _errors(candidate, *own),
-        )
-        out.append(effect)
+        group, effect = found.group(candidate.name), _describe(found, joint, candidate)
+        own = {"confused_with": group.others, "group_probability": group.probability}
+        out.append(replace(effect, share=share[candidate.name], **own))
     return tuple(out)
 
 
-def _beside(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[Effect, ...]:
-    """Return the effects fitted jointly with the named ones."""
-    names = {c.name for c in judgement.effects}
-    rest = [c for c in joint.candidates if names and c.name not in names]
-    return tuple(
-        Effect(
-            c.effect, c.place, found.compute_probability(c.name), found.percent_rms(found.fit_effects([c])),
-            {} if c.is_nuisance else _parameters(c, *own_part(joint, c.name)),
-            errors=_errors(c, *own_part(joint, c.name)),
-        )
-        for c in rest
-    )  # fmt: skip
+def _describe(found: Findings, joint: Hypothesis, c: Candidate) -> Effect:
+    """Return an effect with its probability, the gap that it leaves alone, and its parameters."""
+    own, probability = own_part(joint, c.name), found.compute_probability(c.name)
+    left = found.percent_rms(found.fit_effects([c]))
+    parameters = {} if c.is_nuisance else _parameters(c, *own)
+    return Effect(c.effect, c.place, probability, left, parameters, errors=_errors(c, *own))
 
 
 def _errors(candidate: Candidate, values: Array, covariance: Array) -> dict[str, Parameter]:
     """Return individual small errors, the largest first, with 1 rad equal to 1 m."""
-    sigma, width = np.sqrt(np.diagonal(covariance)), float(_quantiles(0.0, 1.0)[1])
-    return {
-        candidate.parts[k]: Parameter(
-            float(values[k]), float(sigma[k]), candidate.part_units[k],
-            interval=(float(values[k] - width * sigma[k]), float(values[k] + width * sigma[k])), nominal=0.0,
-        )
-        for k in map(int, np.argsort(-np.abs(values))[: len(candidate.parts)])
-    }  # fmt: skip
+    sigma, out = np.sqrt(np.diagonal(covariance)), dict[str, Parameter]()
+    reach = float(_quantiles(0.0, 1.0)[1]) * sigma
+    for k in map(int, np.argsort(-np.abs(values))[: len(candidate.parts)]):
+        ends = float(values[k] - reach[k]), float(values[k] + reach[k])
+        known = float(values[k]), float(sigma[k]), candidate.part_units[k]
+        out[candidate.parts[k]] = Parameter(*known, interval=ends, nominal=0.0)
+    return out
 
 
 def _parameters(candidate: Candidate, internal: Array, covariance: Array) -> dict[str, Parameter]:
     """Return physical parameters with standard uncertainties and intervals."""
     if not candidate.scale:  # e.g. a unit, which is discrete
-        fixed = zip(candidate.names, candidate.units, candidate.physical(internal), strict=True)
-        return {n: Parameter(float(v), 0.0, u, interval=(float(v), float(v)), nominal=1.0) for n, u, v in fixed}
+        values: list[float] = candidate.physical(internal).tolist()
+        fixed = zip(candidate.names, candidate.units, values, strict=True)
+        return {n: Parameter(v, 0.0, u, interval=(v, v), nominal=1.0) for n, u, v in fixed}
     values, sigma = candidate.physical(internal), physical_sigma(candidate, internal, covariance)
     intervals = _intervals(candidate, internal, covariance, values, sigma)
     fine, model = plausible(candidate, values, sigma), candidate.physical(np.zeros(len(internal)))
     known = [float(value) if np.isfinite(value) and value else None for value in model]
-    return {
-        name: Parameter(float(values[k]), float(sigma[k]), candidate.units[k], fine[k], intervals[k], known[k])
-        for k, name in enumerate(candidate.names)
-    }
+    fitted = values.tolist(), sigma.tolist(), candidate.units
+    rows = zip(*fitted, fine, intervals, known, strict=True)
+    return {name: Parameter(*row) for name, row in zip(candidate.names, rows, strict=True)}
 
 
 def _intervals(
@@ -206,8 +190,8 @@ def _intervals(
     if candidate.positive:
         sides = [candidate.physical(np.array([end[side] for end in ends])) for side in (0, 1)]
         return [(float(min(a, b)), float(max(a, b))) for a, b in zip(*sides, strict=True)]
-    below, above = _quantiles(0.0, 1.0)
-    return [(float(v + t * below), float(v + t * above)) for v, t in zip(values, sigma, strict=True)]
+    below, above = (values + sigma * end for end in _quantiles(0.0, 1.0))
+    return list(zip(below.tolist(), above.tolist(), strict=True))
 
 
 def _quantiles(mean: float, deviation: float, lowest: float = -np.inf) -> Array:
@@ -228,33 +212,37 @@ def _under_other_priors(found: Findings) -> dict[str, Findings]:
     return {prior: found.under(other) for prior, other in others.items()}
 
 
-def _held_out_check(found: Findings, hypothesis: Hypothesis, residual: Array) -> tuple[HeldOut | None, Array]:
+def _check(found: Findings, known: Hypothesis, residual: Array) -> tuple[HeldOut | None, Array]:
     """Check held-out readings against their predictive distribution; return residuals (n,) too."""
-    x = found.slopes(hypothesis)
-    z: Array = residual / np.sqrt(1.0 + np.einsum("ni,ij,nj->n", x, hypothesis.covariance, x).clip(min=0.0))
+    x = found.slopes(known)
+    spread = np.einsum("ni,ij,nj->n", x, known.covariance, x).clip(min=0.0)
+    z: Array = residual / np.sqrt(1.0 + spread)
     seen = z[found.used_readings]
     if not len(seen):
         return None, z
     widest = float(_quantiles(0.0, 1.0)[1])
     inside = float(np.mean(np.abs(seen) <= widest))
-    return HeldOut(inside, float(np.mean(np.square(seen)))), np.where(found.used_readings, z, np.nan)
+    check = HeldOut(inside, float(np.mean(np.square(seen))))
+    return check, np.where(found.used_readings, z, np.nan)
 
 
 def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative, ...]:
     """Return other single effects and competing sets, with the reasons against each."""
     out: list[Alternative] = []
-    for hypothesis, p in zip(found.hypotheses, found.probability, strict=True):
-        names, candidates = hypothesis.names, hypothesis.candidates
-        if not names or (best is not None and names >= best.names) or (len(names) > 1 and p < COMPETING):
+    for h, p in found.ranked:
+        whole = best is not None and h.names >= best.names
+        if not h.names or whole or any(c.is_nuisance for c in h.candidates):
             continue
-        if any(c.is_nuisance for c in candidates):
+        if len(h.names) > 1 and p < COMPETING:
             continue
-        behind = found.best.evidence - hypothesis.evidence
-        chi2 = found.chi2(hypothesis) / max(int(found.used_readings.sum()), 1)
-        why = f"ln-odds {behind:.1f} behind, χ² per reading {chi2:.3g}" if behind > 0.05 else "as good"
-        wrong = [t for c in candidates for t in implausible(c, hypothesis)] if behind < COMPARED else []
-        effect, place = (" + ".join(words) for words in zip(*((c.effect, c.place) for c in candidates), strict=True))
-        out.append(Alternative(effect, place, p, found.percent_rms(hypothesis), "; ".join([why, *wrong])))
+        behind = found.best.evidence - h.evidence
+        chi2 = found.chi2(h) / max(int(found.used_readings.sum()), 1)
+        far = f"ln-odds {behind:.1f} behind, χ² per reading {chi2:.3g}"
+        wrong = [t for c in h.candidates for t in implausible(c, h)] if behind < COMPARED else []
+        why = "; ".join([far if behind > 0.05 else "as good", *wrong])
+        effect = " + ".join(c.effect for c in h.candidates)
+        place = " + ".join(c.place for c in h.candidates)
+        out.append(Alternative(effect, place, p, found.percent_rms(h), why))
     return tuple(out[:_LISTED])
 
 
@@ -262,7 +250,7 @@ def _gap(found: Findings, reported: Hypothesis, held_out: Array) -> Gap:
     none = found.none
     count = max(int(found.used_readings.sum()), 1)
     c, explained = found.campaign, found.percent_rms(reported)
-    noise = percent_rms(c, c.value + found.sigma, found.sigma, found.used_readings)  # as uncertainties alone leave it
+    noise = percent_rms(c, c.value + found.sigma, found.sigma, found.used_readings)
     residuals = (found.residual(none), found.residual(reported), held_out, np.ones(len(held_out)))
     sizes = (found.sigma * each for each in residuals)
     return Gap(
@@ -281,13 +269,14 @@ def _steps(gap: Gap, effects: tuple[Effect, ...]) -> tuple[tuple[str, float], ..
     """Return the gap before, after each effect alone, after all, held out, and by noise alone."""
     alone = [(f"{e.effect} @ {e.place}", e.gap_after) for e in effects]
     together = [("together", gap.explained)] if len(alone) > 1 else []
-    return (("nominal", gap.nominal), *alone, *together, ("held out", gap.held_out), ("noise", gap.noise))
+    ends = ("held out", gap.held_out), ("noise", gap.noise)
+    return (("nominal", gap.nominal), *alone, *together, *ends)
 
 
 def _next(found: Findings) -> NextMeasurement | None:
     """Return the measurement that separates the best hypothesis from a competing one."""
     best, limit = found.best, COMPETING * found.probability[0]
-    rivals = [h for h, p in zip(found.hypotheses, found.probability, strict=True) if h is not best and p >= limit]
+    rivals = [h for h, p in found.ranked if h is not best and p >= limit]
     if not rivals:
         return None
     ranked = sorted(rivals[:_RIVALS], key=lambda h: best.names <= h.names)  # extensions last
@@ -302,7 +291,7 @@ def _unseen(found: Findings, joint: Hypothesis, effects: tuple[Candidate, ...]) 
             own = found.slopes(joint)[found.used_readings][:, here] * joint.known.scales[here]
             left = np.linalg.inv(np.eye(count) + own.T @ own)
             seen = int(np.sum(np.linalg.eigvalsh(left) < _LEFT))
-            alone = [name for name, share in zip(c.parts, np.diagonal(left), strict=True) if share >= _LEFT]
+            alone = list(compress(c.parts, np.diagonal(left) >= _LEFT))
             nothing = f", and nothing of {', '.join(alone)}" if alone else ""
             if seen < count:
                 yield f"{c.name}: readings show {seen} combinations of its {count} errors{nothing}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from itertools import compress, product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -101,15 +102,16 @@ def propose_plan(nominal: NominalRobot, name: str, question: str, given: Header 
         campaign = replace(load_campaign(folder, robot, planned=True), components="fea")
     model = RobotModel(campaign, nominal)
     simple = [c for c in model.library if c.simple and c.effect not in _NUMBERS]
-    known = {c.name: c for c in simple if len(c.scale) == len(c.names)}  # none of what is alike in all directions
+    known = {c.name: c for c in simple if len(c.scale) == len(c.names)}  # no isotropic supports
     sides = read_question(question, known)
     pairs = _pair_up(model, known, sides)
-    told = [p for p, odds in zip(pairs, judge_pairs(pairs, range(len(campaign))), strict=True) if odds >= AMPLE]
+    told = list(compress(pairs, judge_pairs(pairs, range(len(campaign))) >= AMPLE))
     asked = [known[name] for name in dict.fromkeys([*sides[0], *sides[1]])]
     least = FEW * (1 + max(len(c.scale) for c in asked))
     rows = choose_readings(told, offer.settings, ENOUGH, min(least, len(campaign)))
     if not rows:
-        raise InputError(f"--ask: expected causes that these instruments can distinguish, got {question!r}")
+        expected = "expected causes that these instruments can distinguish"
+        raise InputError(f"--ask: {expected}, got {question!r}")
     return Proposal(offer.select(rows), tuple(_summarize(pairs, told, {c.name for c in asked})))
 
 
@@ -120,13 +122,16 @@ def offer_readings(nominal: NominalRobot, given: Header | None = None) -> Plan:
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     poses = planned_poses(robot)
     soft = np.diagonal(compliance(mechanism, poses[:1])[0])[:3]
-    force = min(_LARGEST, float(f"{_DEFLECTION / np.median(soft[soft > 0.0]):.0e}")) if soft.any() else _LARGEST
+    middle = np.median(soft[soft > 0.0]) if soft.any() else _DEFLECTION / _LARGEST
+    force = min(_LARGEST, float(f"{_DEFLECTION / middle:.0e}"))
     sensors = given.sensors if given and given.sensors else _place_sensors(robot, mechanism.joints)
     strange = [sensor.name for sensor in sensors if sensor.absolute]
     if strange:
-        raise InputError(f"sensors.{strange[0]}.measures: expected displacement or rotation in a plan")
+        field = f"sensors.{strange[0]}.measures"
+        raise InputError(f"{field}: expected displacement or rotation in a plan")
     hooks = given.loads if given and given.loads else _place_hooks(robot, size)
-    pulls = [(k, size * force * axis) for k in range(len(hooks)) for axis in np.eye(3) for size in _SIZES]
+    forces = [size * force * axis for axis in np.eye(3) for size in _SIZES]
+    pulls = [*product(range(len(hooks)), forces)]
     return cross_plan(poses, sensors, hooks, [*pulls, (-1, np.zeros(3))])
 
 
@@ -134,7 +139,8 @@ def _place_hooks(robot: RobotFile, size: float) -> list[LoadPoint]:
     """Return two hooks, at the tool point and beside it."""
     at = np.array(robot.tool.at)
     side = np.round(at + _LEVER * size * np.array([1.0, 1.0, 0.0]), 3)
-    return [LoadPoint(n, robot.tool.body, tuple(p.tolist())) for n, p in (("hook", at), ("hook_beside", side))]
+    places = {"hook": at, "hook_beside": side}
+    return [LoadPoint(name, robot.tool.body, tuple(p.tolist())) for name, p in places.items()]
 
 
 def _place_sensors(robot: RobotFile, joints: Sequence[Joint]) -> list[Sensor]:
@@ -168,10 +174,12 @@ def read_question(question: str, known: Iterable[str]) -> tuple[tuple[str, ...],
 def _find_causes(patterns: str, known: tuple[str, ...]) -> tuple[str, ...]:
     found: dict[str, None] = {}
     for pattern in (each.strip() for each in patterns.split(",")):
-        matches = [n for n in known if pattern == _ALL or any(fnmatchcase(w, pattern) for w in (n, *n.split(" @ ")))]
+        glob = "*" if pattern == _ALL else pattern
+        matches = [n for n in known if any(fnmatchcase(w, glob) for w in (n, *n.split(" @ ")))]
         if not matches:
             words = ", ".join(dict.fromkeys(w for n in known for w in n.split(" @ ")))
-            raise InputError(f"--ask: expected causes that readings show of this robot ({words}), got {pattern!r}")
+            expected = f"expected causes that readings show of this robot ({words})"
+            raise InputError(f"--ask: {expected}, got {pattern!r}")
         found |= dict.fromkeys(matches)
     return tuple(found)
 
@@ -186,14 +194,14 @@ def _pair_up(
     asked = {*sides[0], *sides[1]}
     out: list[Pair] = []
     for first in dict.fromkeys([*sides[0], *sides[1]]):
-        own = USUAL * columns[first].T
-        opposite = {*(sides[1] if first in sides[0] else ()), *(sides[0] if first in sides[1] else ())}
+        changes = USUAL * columns[first].T
+        opposite = {name for own, other in (sides, sides[::-1]) if first in own for name in other}
         for second in (NONE, *known):
             if second == first or (second in asked and second not in opposite):
                 continue
             out += [
                 Pair(first, second, parameter, column, columns[second])
-                for parameter, column in zip(known[first].names, own, strict=True)
+                for parameter, column in zip(known[first].names, changes, strict=True)
             ]
     return out
 

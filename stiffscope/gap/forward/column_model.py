@@ -30,20 +30,6 @@ GROUPS = {"all": AXES, "translation": AXES[:3], "rotation": AXES[3:], **{x: (x,)
 
 
 @dataclass(frozen=True)
-class _Scale:
-    """Readings (n,) that are multiplied by the factor."""
-
-    chosen: Flags
-
-
-@dataclass(frozen=True)
-class _Rival:
-    """Values (n,) of another model."""
-
-    values: Array
-
-
-@dataclass(frozen=True)
 class ColumnPrediction:
     """Values of the model under test, or a rival of it, multiplied by scales."""
 
@@ -55,21 +41,24 @@ class ColumnPrediction:
 
     def columns(self, candidate: Candidate) -> Array:
         """Return the derivatives (n, 1) with respect to a scale factor; (n, 0) for a rival."""
-        if not isinstance(candidate.action, _Scale):
+        if candidate.effect != "scale":
             return np.zeros((len(self.values), 0))
         factor = self.factors.get(candidate.name, 1.0)
-        return (self.values * candidate.action.chosen / factor)[:, None]
+        return (self.values * candidate.action / factor)[:, None]
 
     def step(self, candidate: Candidate) -> Array:
         """Return the change (n,) of the values if a rival replaces the model under test."""
-        if not isinstance(candidate.action, _Rival):
+        if candidate.effect != "rival":
             return np.zeros(len(self.values))
-        return candidate.action.values * self.gain - self.values
+        return candidate.action * self.gain - self.values
 
 
 @dataclass(frozen=True)
 class ColumnModel:
-    """A campaign with predictions; ``value`` holds those of the model under test."""
+    """A campaign with predictions; ``value`` holds those of the model under test.
+
+    A rival's action are its values (n,), a scale's flags (n,) of the readings that it multiplies.
+    """
 
     campaign: Campaign
     most_effects: int = len(AXES)
@@ -82,7 +71,7 @@ class ColumnModel:
     @cached_property
     def _library(self) -> tuple[Candidate, ...]:
         models = self.campaign.predictions.items()
-        rivals = [Candidate("rival", m, action=_Rival(v)) for m, v in models if m != "value"]
+        rivals = [Candidate("rival", m, action=v) for m, v in models if m != "value"]
         kept: dict[bytes, tuple[Flags, list[str]]] = {}
         for place, axes in GROUPS.items():
             chosen: Flags = np.isin(self.campaign.direction, [AXES.index(axis) for axis in axes])
@@ -108,11 +97,11 @@ class ColumnModel:
         base, gain = self.campaign.predictions["value"], np.ones(len(self.campaign))
         factors: dict[str, float] = {}
         for candidate, values in parameters:
-            if isinstance(candidate.action, _Rival):
-                base = candidate.action.values
-            elif isinstance(candidate.action, _Scale):
+            if candidate.effect == "rival":
+                base = candidate.action
+            else:
                 factors[candidate.name] = 1.0 + values[0]
-                gain = np.where(candidate.action.chosen, factors[candidate.name] * gain, gain)
+                gain = np.where(candidate.action, factors[candidate.name] * gain, gain)
         return ColumnPrediction(base * gain, gain, factors)
 
     def noise(self) -> Noise:
@@ -158,4 +147,4 @@ class ColumnModel:
 def _scale(chosen: Flags, places: list[str]) -> Candidate:
     aliases = tuple(f"scale @ {place}" for place in places[1:])
     known = ("factor",), ("1",), (PRIOR_SCALE,), (PLAUSIBLE,), (-0.9, np.inf), *GROWTH
-    return Candidate("scale", places[0], *known, aliases=aliases, action=_Scale(chosen))
+    return Candidate("scale", places[0], *known, aliases=aliases, action=chosen)

@@ -42,10 +42,6 @@ class Noise:
     """Grid (m,) of the common factor."""
     remarks: tuple[str, ...] = ()
 
-    def weigh_residuals(self, factor: float) -> Array:
-        """Return weights (n,) of residuals in units of ``sigma`` for a common factor."""
-        return np.where(self.scaled, 1.0 / factor, 1.0)
-
 
 class Prediction(Protocol):
     """Predicted readings for one set of effects."""

@@ -134,15 +134,10 @@ def _places(at: RobotAtPoses, axes: Mapping[str, Array]) -> Iterator[tuple[str, 
 
 
 def _passive(at: RobotAtPoses) -> dict[str, Array]:
-    """Return passive joints with their constrained transverse directions (6,)."""
-    return {j.name: _find_held_across(j) for j in at.mechanism.joints if j.drive is None}
-
-
-def _find_held_across(joint: Joint) -> Array:
-    """Return flags (6,) of translations held across a joint's axis; all for a spherical joint."""
-    held = np.zeros(6)
-    held[[k for k in joint.held_components[0] if k > 0 or joint.axis is None]] = 1.0
-    return held
+    """Return passive joints with flags (6,) of translations held across their axes; all without."""
+    passive = [j for j in at.mechanism.joints if j.drive is None]
+    held = {j.name: [k for k in j.held_components[0] if k > 0 or j.axis is None] for j in passive}
+    return {name: np.isin(np.arange(6), axes).astype(np.float64) for name, axes in held.items()}
 
 
 def _make_unnamed(

@@ -160,11 +160,6 @@ class RobotAtPoses:
         """Instruments fitted to the rigid robot as commanded, and the weights of the readings."""
         return self.instruments.start(*self.targets(self.rest))
 
-    @property
-    def expected_values(self) -> Array:
-        """Positions and distances (a,) of the rigid robot as commanded."""
-        return self.instruments.look(self.instruments_start[0], *self.targets(self.rest))
-
     def targets(self, where: Places) -> tuple[Array, Array]:
         """Return target points (a, 3) of positions and distances, and body rotations (a, 3, 3)."""
         c, rows = self.campaign, self.instruments.rows

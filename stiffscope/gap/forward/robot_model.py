@@ -59,9 +59,9 @@ class RobotModel:
         """
         campaign = match_robot(self.campaign, self.nominal.robot)
         if (campaign.kind == POSITION).any() and campaign.expected is None:
-            at = RobotAtPoses(self.nominal, campaign)
-            expected = np.zeros(len(campaign))
-            expected[at.instruments.rows] = at.expected_values
+            at, expected = RobotAtPoses(self.nominal, campaign), np.zeros(len(campaign))
+            there = at.instruments.look(at.instruments_start[0], *at.targets(at.rest))
+            expected[at.instruments.rows] = there
             campaign = replace(campaign, value=campaign.value - expected, expected=expected)
         object.__setattr__(self, "campaign", campaign)
 

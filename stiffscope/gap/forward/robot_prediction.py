@@ -68,7 +68,9 @@ class RobotPrediction(RobotReadings):
                 columns = self._follow(candidate.action)
             else:
                 columns = self._grow(self._derivatives(candidate))
-            columns = self.display[0][:, None] * columns + self._find_jumps(candidate)
+            columns = self.display[0][:, None] * columns
+            if isinstance(candidate.action, SensorStep):
+                columns[:, 0] += self.behind(candidate.action.instrument, candidate.action.first)
             columns = self.projection.without(columns)
             self._columns[key] = candidate, columns  # keeps the action alive, and so its id
         return self._columns[key][1]
@@ -99,13 +101,6 @@ class RobotPrediction(RobotReadings):
         here = here + 2.0 * (steps @ np.array(candidate.one_sided, dtype=float))  # within range
         pairs = [(act(here + step), act(here - step), 2.0 * step.sum()) for step in steps]
         return find_slopes(self, pairs)
-
-    def _find_jumps(self, candidate: Candidate) -> Array:
-        """Return the derivatives (n, k) by an instrument's jump; zero for other effects."""
-        out = np.zeros((len(self.campaign), len(candidate.scale)))
-        if isinstance(candidate.action, SensorStep):
-            out[:, 0] = self.behind(candidate.action.instrument, candidate.action.first)
-        return out
 
     def step(self, candidate: Candidate) -> Array:
         """Return the change (n,) by a candidate without parameters: weight, unit or sign."""

@@ -76,11 +76,6 @@ class RobotReadings(InstrumentReadings):
         return self.campaign.is_motion
 
     @cached_property
-    def compliance(self) -> Array:
-        """True compliance (p, 6, 6) at M."""
-        return self.elastic_state.compliance
-
-    @cached_property
     def force_scale(self) -> float:
         """Ratio of true to stated wrench."""
         return float(np.prod([1.0 + each.force_gain for each in self.influences]))
@@ -160,7 +155,7 @@ class RobotReadings(InstrumentReadings):
     @cached_property
     def shown_compliance(self) -> Array:
         """Apparent compliance (p, 6, 6): shown motion over stated wrench."""
-        return self.instrument(-1) @ self.compliance * self.force_scale
+        return self.instrument(-1) @ self.elastic_state.compliance * self.force_scale
 
     @cached_property
     def pushed_targets(self) -> Array:

@@ -31,12 +31,6 @@ def _shows(candidate: Candidate, prediction: RobotPrediction) -> bool:
     return bool((sizes > _ROUNDING * largest).any())
 
 
-def _is_factor(candidate: Candidate, known: Sequence[Candidate]) -> bool:
-    """Return whether a candidate is the modulus of a part that has a stiffness factor."""
-    same = [c.members for c in known if c.effect == LinkStiffness.word]
-    return candidate.place.endswith(_MODULUS) and candidate.members in same
-
-
 def merge_twins(given: Sequence[Candidate], prediction: RobotPrediction) -> tuple[Candidate, ...]:
     """Merge candidates of one parameter with the same signature as twins of the first.
 
@@ -56,6 +50,7 @@ def merge_twins(given: Sequence[Candidate], prediction: RobotPrediction) -> tupl
     unit = columns / np.where(size > 0.0, size, 1.0)
     cosine = unit.T @ unit
     usual = np.log(size.clip(min=1e-300)) + np.log([c.scale[0] for c in singles])
+    factors = [c.members for c in candidates if c.effect == LinkStiffness.word]
     out = {id(c): c for c in candidates}
     for (i, first), (j, other) in combinations(enumerate(singles), 2):
         same = cosine[i, j] if first.positive or other.positive else abs(cosine[i, j])
@@ -63,7 +58,7 @@ def merge_twins(given: Sequence[Candidate], prediction: RobotPrediction) -> tupl
         alike = sized and same > 1.0 - _SAME and first.positive == other.positive
         if alike and id(first) in out and id(other) in out:
             known = out[id(first)]
-            if _is_factor(other, candidates):
+            if other.place.endswith(_MODULUS) and other.members in factors:  # is that factor
                 out[id(first)] = replace(known, aliases=(*known.aliases, other.name))
             else:
                 rate = float(np.copysign(size[i] / size[j], cosine[i, j]))

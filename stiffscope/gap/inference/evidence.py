@@ -210,12 +210,8 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
     ends = np.cumsum([0, *(prior.scales.shape[1] for prior in priors)])
     own: list[Indices] = [np.arange(start, end) for start, end in pairwise(ends.tolist())]
 
-    def logs_of(scales: Array) -> Array:
-        """Return ln evidence (s,) for prior scales (s, k)."""
-        return log_sum(log_evidences(*products, scales, positive)[0], axis=0)
-
     def alone(chosen: Array, mine: Indices, scales: Array) -> Array:
-        """Return it if only some scales change, to (s, m), summed over other normal parameters."""
+        """Return ln evidence (s,) if only some prior scales change, to (s, m)."""
         gone = ~positive
         gone[mine] = False
         left, log = eliminate(inner, np.append(gone, False), chosen[gone])
@@ -223,7 +219,10 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
         tried = _with(chosen, mine, scales)[:, ~gone]
         return log_sum(log_evidences(*rest, tried, positive[~gone])[0], axis=0)
 
-    chosen, averaging = _likeliest_together(priors, logs_of), 0.0
+    count, averaging = min((len(prior.scales) for prior in priors), default=1), 0.0
+    tried = np.hstack([np.zeros((count, 0)), *(prior.scales[:count] for prior in priors)])
+    logs = log_sum(log_evidences(*products, tried, positive)[0], axis=0)
+    chosen = tried[int(np.argmax(logs))]  # of scales with the same grid index for all effects
     for _ in range(_SWEEPS if len(priors) > 1 else len(priors)):
         averaging, before = 0.0, chosen
         for prior, mine in zip(priors, own, strict=True):
@@ -272,13 +271,6 @@ def eliminate(inner: Array, gone: Flags, scales: Array) -> tuple[Array, Array]:
     left = rest - reach.mT @ reach
     left[:, :-1, :-1] += _ROUNDING * np.eye(rest.shape[1] - 1) * rest[:, :-1, :-1]
     return left, -np.log(size[..., 0] * np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
-
-
-def _likeliest_together(priors: Sequence[Spreads], logs_of: Callable[[Array], Array]) -> Array:
-    """Return the most likely prior scales (k,) with the same grid index for all effects."""
-    count = min((len(prior.scales) for prior in priors), default=1)
-    tried = np.hstack([np.zeros((count, 0)), *(prior.scales[:count] for prior in priors)])
-    return tried[int(np.argmax(logs_of(tried)))]
 
 
 def _with(chosen: Array, mine: Indices, scales: Array) -> Array:

@@ -88,7 +88,7 @@ class Findings:
 
     @cached_property
     def _residual_weights(self) -> Array:
-        return self.problem.noise.weigh_residuals(self.best.known.noise_factor)
+        return np.where(self.problem.noise.scaled, 1.0 / self.best.known.noise_factor, 1.0)
 
     @cached_property
     def sigma(self) -> Array:

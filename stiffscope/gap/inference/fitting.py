@@ -235,7 +235,8 @@ class Problem:
         states = [(at, scales)]
         seen = [(setting, np.log(scales))]
         for _ in range(_REPEATED):  # what the start left may have looked like a larger discrepancy
-            setting, scales, here = int(np.argmax(known.settings)), known.scales, np.log(known.scales)
+            setting, scales = int(np.argmax(known.settings)), known.scales
+            here = np.log(scales)
             behind = known.log_evidence + self.log_prior(candidates) < target - MARGIN
             alike = (sizes for before, sizes in seen if before == setting)
             if behind or any(np.abs(sizes - here).max() < _ALIKE for sizes in alike):

@@ -29,7 +29,7 @@ def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
     Correlation alone is no lack of fit: the gap is at the noise; the discrepancy widens intervals.
     """
     dof, total = _degrees(found, hypothesis), found.chi2(hypothesis)
-    p = _tail(total, dof)
+    p = float(chdtrc(dof, total))
     ignored = max((NEGLIGIBLE - 1.0) * dof, model_errors(found, hypothesis))
     if total - dof <= ignored or p >= CORROBORATED:
         return ""
@@ -59,7 +59,7 @@ def correlation(found: Findings, hypothesis: Hypothesis) -> str:
     ignored = model_errors(found, hypothesis)
     for name, group in groups.items():
         total, dof = _of_group_means(r, group, x)
-        p = _tail(total, dof)
+        p = float(chdtrc(max(dof, 1), total))
         if p * len(groups) < SIGNIFICANCE and total - dof > ignored:
             return f"the residuals are correlated within each {name} (p = {p:.1g})"
     return ""
@@ -74,10 +74,6 @@ def model_errors(found: Findings, hypothesis: Hypothesis) -> float:
     dof = _degrees(found, hypothesis)
     excess = MODEL_ERROR * (found.chi2(found.none) - dof)
     return float(np.clip(excess, 0.0, (MODEL_NOISE**2 - 1.0) * dof))
-
-
-def _tail(total: float, dof: int) -> float:
-    return float(chdtrc(max(dof, 1), total))
 
 
 def _of_group_means(r: Array, group: Indices, x: Array) -> tuple[float, int]:

@@ -93,7 +93,7 @@ class Search:
             best = fitted.best
             rivals = _sort(found.values())[:RIVALS]
             close = (h for h in rivals if h.evidence > best.evidence - CLOSE)
-            starts = _sort(s for h in close for s in self._exchanges(h))  # before unassemblable ones
+            starts = _sort(start for h in close for start in self._exchanges(h))
             exchanged = fit(starts, base, "effects exchanged", len(starts))
             if not exchanged or exchanged[0].evidence < best.evidence + GAIN:
                 break
@@ -150,12 +150,9 @@ class Search:
         for gone in whole.candidates:
             rest = self._without(whole, gone)
             limit = whole.evidence - MARGIN - DOUBT * (whole.evidence - rest.evidence)
-            scored = [
-                start
-                for start in self.score_extensions(rest, library)
-                if not start.candidates[-1].is_nuisance and start.candidates[-1] is not gone and start.evidence > limit
-            ]
-            starts += _sort(scored)[:SWAPPED]
+            scored = (s for s in self.score_extensions(rest, library) if s.evidence > limit)
+            known = (s for s in scored if not s.candidates[-1].is_nuisance)
+            starts += _sort(s for s in known if s.candidates[-1] is not gone)[:SWAPPED]
             if rest.evidence > whole.evidence - MARGIN:
                 origin = join_values(v for c, v in whole.parameters if c is not gone)
                 values = bound_parameters(rest.candidates, rest.known.mean)
@@ -236,7 +233,8 @@ class Search:
             scales = np.empty((len(numbers), len(priors[0].scales), k + m))
             scales[..., :k] = base
             scales[..., k:] = [prior.scales for prior in priors]
-            positive = np.array([*positive_of(hypothesis.candidates)[kept], *one_sided], dtype=np.bool_)
+            before = positive_of(hypothesis.candidates)[kept]
+            positive = np.array([*before, *one_sided], dtype=np.bool_)
             logs, means, _ = log_evidences(grams, pulls, totals, log_weight, scales, positive)
             for candidate, prior_of, rough, mean in zip(added, priors, logs, means, strict=True):
                 log = rough + prior_of.log_weight
