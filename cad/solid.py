@@ -47,7 +47,7 @@ class Placement:
         direction("placement.x", self.x)
         direction("placement.z", self.z)
         cosine = np.dot(self.x, self.z) / np.linalg.norm(self.x) / np.linalg.norm(self.z)
-        require(abs(cosine) <= 1e-6, "placement.z", "a direction perpendicular to x", repr(self.z))
+        require(abs(cosine) <= 1e-6, "placement.z", "one at right angles to x", repr(self.z))
 
 
 def part_of(

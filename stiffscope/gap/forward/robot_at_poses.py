@@ -144,7 +144,7 @@ class RobotAtPoses:
         name = max(beyond, key=lambda each: beyond[each][0])
         times, value, unit, other = beyond[name]
         if times > 1.0:
-            meant = f'in {other}? Then add `units = {{ "{name}" = "{other}" }}` to campaign.toml'
+            meant = f'in {other}, as `units = {{ "{name}" = "{other}" }}` of campaign.toml says?'
             return InputError(f"{where}: {name}: expected {unit}, got {value:g}: {meant}")
         field = ", ".join(c.coordinates) if c.pose_names[pose].startswith("(") else "pose"
         got = f"{c.pose_names[pose]}: {found.reason(pose)}"
