@@ -145,7 +145,8 @@ def confusion(scores: Scores) -> Figure:
     """Draw the confusion matrix: single effects, no effect and effects outside the library."""
     planted, answered, counts = scores.confusion()
     size = 4.2 + 0.34 * len(answered), 3.4 + 0.27 * len(planted)
-    axes = (figure := new_figure(*size, "Planted (rows), diagnosed (columns)")).subplots()
+    figure = new_figure(*size, "Planted (rows), diagnosed (columns)")
+    axes = figure.subplots()
     grid = np.array(counts, dtype=float).reshape(len(planted), len(answered))
     most = max(grid.max(initial=1.0) * 1.4, 2.0)
     axes.imshow(np.where(grid > 0, grid, np.nan), cmap="Purples", vmin=0, vmax=most)

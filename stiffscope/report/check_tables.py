@@ -81,12 +81,10 @@ def show_import(found: Imported) -> None:
         show_line(f"Since the last import: {change}.")
     if found.changes == ():
         show_line("Since the last import: nothing has changed.")
-    counts = (
-        f"{found.solids} solids, {found.contacts} contacts; {len(found.model.bodies)} bodies, "
-        f"{len(found.model.joints)} joints, {len(found.hardware)} pieces of hardware "
-        f"(driven: {', '.join(found.driven) or 'none'})"
-    )
-    show_written(found.model, found.file, counts)
+    model, driven = found.model, ", ".join(found.driven) or "none"
+    seen = f"{found.solids} solids, {found.contacts} contacts; {len(model.bodies)} bodies"
+    made = f"{len(model.joints)} joints, {len(found.hardware)} pieces of hardware (driven: {driven})"
+    show_written(model, found.file, f"{seen}, {made}")
 
 
 def show_written(read: SimulatorModel, file: Path, counts: str) -> None:

@@ -84,6 +84,6 @@ def show_alternatives(diagnosis: Diagnosis) -> None:
     rows = []
     for a in diagnosis.alternatives:
         pairs = zip(a.effect.split(" + "), a.place.split(" + "), strict=True)
-        name = " + ".join(f"{effect} @ {place}" for effect, place in pairs)
+        name = " + ".join(map(" @ ".join, pairs))
         rows.append((name, text.probability(a.probability), percent(a.gap_after), a.why_not))
     show_table("Alternatives", groups, rows, prose=("effect @ place", "why not"))

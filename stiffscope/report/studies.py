@@ -103,17 +103,16 @@ def _chart_designs(study: Study, still: PageFigure | None = None) -> Chart:
 
 def study_json(study: Study) -> dict[str, Any]:
     """Return a study for JSON output: one row per design, SI; missing values are null."""
-    table, (converged, how) = study.table, judge_convergence(study)
+    table, nearest, (converged, how) = study.table, find_nearest(study), judge_convergence(study)
     found = find_bounds(study)
     bounds = [{"parameter": b.variable.name, "end": b.end, "designs": b.count} for b in found]
-    near = (n := find_nearest(study)) and {
-        "design": n.design + 1, "constraint": n.limit.text, "value": n.found,
-    }  # fmt: skip
     return {
         "study": study.file.path, "method": study.file.method,
         "columns": list(table.columns), "rows": table.astype(object).to_numpy().tolist(),
         "best": [k + 1 for k in study.best], "converged": converged, "search": list(how),
-        "bounds": bounds, "nearest": near,
+        "bounds": bounds, "nearest": nearest and {
+            "design": nearest.design + 1, "constraint": nearest.limit.text, "value": nearest.found,
+        },
     }  # fmt: skip
 
 
