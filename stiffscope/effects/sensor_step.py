@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -27,7 +28,7 @@ class SensorStep(InstrumentEffect):
         for name, (row, size, turns) in setting.doubts.steps.items():
             yield cls(name, row).make_candidate(
                 Place(name), scale=(size,), units=("rad" if turns else "m", "1"), component=name,
-                physical=lambda values, line=row[1]: np.array([values[0], line]),
+                physical=partial(np.append, values=row[1]),
             )  # fmt: skip
 
     def influence(self, values: Array) -> Influence:

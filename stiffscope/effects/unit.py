@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -24,10 +25,8 @@ class Unit(InstrumentEffect):
     def candidates(cls, setting: Setting) -> Candidates:
         """Yield candidates at suspected instruments, with their apparent factor."""
         for name, factor in setting.doubts.units.items():
-            known = np.array([factor])
-            yield cls(name, factor).make_candidate(
-                Place(name), scale=(), physical=lambda _, known=known: known, component=name
-            )
+            physical = partial(np.append, values=factor)
+            yield cls(name, factor).make_candidate(Place(name), scale=(), physical=physical, component=name)
 
     def influence(self, values: Array) -> Influence:
         """Return the factor on the readings."""

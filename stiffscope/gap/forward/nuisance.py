@@ -30,7 +30,6 @@ if TYPE_CHECKING:
 _FULL_FORCE = 0.2  # fraction of a drive's largest force that overcomes friction
 _SPRING = 1e6  # N/m: spring to the frame per unit parameter
 _LIKE_FORCE = 100.0  # N or N·m: joint load at which parameters equal deformations, m or rad
-_LAWS = (np.positive, np.cbrt, lambda force: force * np.abs(force))  # of nonlinear stiffening
 _MOST_SESSIONS = 6
 _MOST_CROSSED = 12  # most instruments and directions
 
@@ -261,7 +260,8 @@ def _make_yielding(across: Mapping[str, Array], prediction: RobotReadings) -> Ar
         read, force = (each * axes for each in prediction.find_wrenches(name))
         rest = np.where(still, 0.0, prediction.find_rest_wrench(name) * axes) / _LIKE_FORCE
         whole = rest + force / _LIKE_FORCE
-        steps = [law(whole) - law(rest) for law in _LAWS]
+        squares = whole * np.abs(whole) - rest * np.abs(rest)
+        steps = [whole - rest, np.cbrt(whole) - np.cbrt(rest), squares]
         columns += np.stack([np.sum(read * step, axis=1) for step in steps], axis=1)
     return np.where((c.kind <= DEVIATION)[:, None], columns, 0.0)
 
