@@ -25,10 +25,20 @@ _PARALLEL = 1e-6
 
 
 def check_compliance(matrix: ArrayLike, name: str, *, semidefinite: bool = False, ends: int = 1) -> Array:
-    """Return a compliance (6, 6), SI, or (6m, 6m) of m ``ends``, exactly symmetric.
+    """Check a compliance (6, 6), or (6m, 6m) of m ``ends``; return it exactly symmetric.
 
-    ``semidefinite`` allows zero compliance in some direction. Raises InputError, beginning with a
-    ``name``, if it has another shape, is not symmetric or is indefinite.
+    Raises InputError if it has another shape, is not symmetric or is indefinite.
+
+    Parameters
+    ----------
+    matrix
+        Compliance (6m, 6m), SI.
+    name
+        Name for messages.
+    semidefinite
+        Whether zero compliance in some direction is allowed.
+    ends
+        Number m of ends.
     """
     c, size = np.asarray(matrix, dtype=float), 6 * ends
     if c.shape != (size, size):
@@ -77,9 +87,18 @@ def check_name(table: str, name: str) -> str:
 
 
 def check_array(value: ArrayLike, shape: tuple[int, ...], here: str, what: str) -> Array:
-    """Return a value as an array of finite numbers of a given shape.
+    """Check that a value is an array of finite numbers of a given shape.
 
-    Raises InputError otherwise: at the field ``here``, ``what`` was expected.
+    Parameters
+    ----------
+    value
+        Value to check.
+    shape
+        Expected shape.
+    here
+        Field for messages.
+    what
+        Expected quantity, for messages.
     """
     array = np.asarray(value, dtype=float)
     if array.shape != shape or not np.isfinite(array).all():
@@ -90,7 +109,17 @@ def check_array(value: ArrayLike, shape: tuple[int, ...], here: str, what: str) 
 
 
 def check_vector(value: ArrayLike, here: str, what: str) -> Array:
-    """Check a vector (3,) as by ``check_array``."""
+    """Check that a value is a vector of three finite numbers.
+
+    Parameters
+    ----------
+    value
+        Value to check.
+    here
+        Field for messages.
+    what
+        Expected quantity, for messages.
+    """
     return check_array(value, (3,), here, what)
 
 
@@ -108,8 +137,18 @@ def axes_along(
 ) -> Array:
     """Return axes (3, 3) as columns: x along ``x`` (3,), y nearest to ``y`` (3,), z = x × y.
 
-    By default ``y`` is the base axis after the one nearest to ``x``. For messages: the ``name`` of
-    the axes' owner, and its ``keys`` of both directions.
+    ``name`` and ``keys`` are for messages.
+
+    Parameters
+    ----------
+    x
+        Direction (3,) of the first axis.
+    y
+        Direction (3,) near the second axis; by default the base axis after the one nearest to `x`.
+    name
+        Name for messages.
+    keys
+        Fields of x and y, for messages.
     """
     along = check_direction(x, f"{name}.{keys[0]}")
     following = np.eye(3)[(int(np.argmax(np.abs(along))) + 1) % 3]
@@ -123,5 +162,15 @@ def axes_along(
 
 
 def assign(owner: object, key: str, value: object) -> None:
-    """Set a field of a frozen dataclass during its initialization."""
+    """Set a field of a frozen dataclass during its initialization.
+
+    Parameters
+    ----------
+    owner
+        Instance under initialization.
+    key
+        Name of the field.
+    value
+        Value to set.
+    """
     object.__setattr__(owner, key, value)

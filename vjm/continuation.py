@@ -168,7 +168,14 @@ def _transfer(source: Linkage, target: Linkage, followed: Followed) -> Array:
 def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
     """Return the sign (n,) of det(drive rates by commanded coordinates); 0 if not square.
 
-    ``rates`` (m, k, n): of all coordinates by the commanded ones.
+    Parameters
+    ----------
+    solver
+        Solver of the mechanism.
+    placed
+        Links at the configurations.
+    rates
+        Rates of the coordinates by the commanded coordinates.
     """
     drives = solver.mechanism.drives
     n = rates.shape[2]
@@ -207,7 +214,17 @@ class Followed:
 
 
 def follow_paths(solver: Solver, values: Array, size: int) -> Iterator[Followed]:
-    """Follow paths to values (n, k), displacements from home, in chunks of ``size`` paths."""
+    """Follow paths to given values (n, k), displacements from home, in chunks.
+
+    Parameters
+    ----------
+    solver
+        Solver of the mechanism.
+    values
+        Displacements (n, k) from home.
+    size
+        Configurations per chunk; more take more memory.
+    """
     if len(values) <= _FEW:
         yield Reached(solver).visit(values)
         return

@@ -146,8 +146,16 @@ def _pick_rows(rows: Any, index: NDArray[np.intp]) -> Any:
 def form_coordinates(mechanism: Mechanism, where: Places, length: float, drives: Iterable[str]) -> Coordinates:
     """Form the coordinates of a mechanism whose bodies are not bent.
 
-    Joints with a drive have its spring, others move freely. ``length``, m, scales rotations to
-    translations; ``drives``: joints without a drive whose rates are included, as free drives.
+    Parameters
+    ----------
+    mechanism
+        Mechanism in which joints with a drive have its spring, and those without move freely.
+    where
+        Places of the nodes at n configurations.
+    length
+        Characteristic length in m that scales rotations to translations.
+    drives
+        Joints without a drive whose rates are included: free drives.
     """
     out = Coordinates(mechanism, where, length)
     unit = np.repeat([1.0 / length, 1.0], 3)

@@ -77,6 +77,15 @@ def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
     """Solve ``solve_loads`` with the drives' laws, one equilibrium per case.
 
     Also raises InputError if no equilibrium is found.
+
+    Parameters
+    ----------
+    order
+        Elimination order of the network.
+    where
+        Places of all nodes at n configurations.
+    loads
+        Wrenches on nodes and imposed offsets, c cases.
     """
     laws = find_laws(order.mechanism)
     if not laws:

@@ -185,10 +185,18 @@ def start_note(mechanism: Mechanism) -> str | None:
 def configure_chunks(
     mechanism: Mechanism, points: Array, size: int = CHUNK, given: Given = "tool"
 ) -> Iterator[Configurations]:
-    """Yield configurations in chunks of ``size``; more take more memory.
+    """Yield configurations at checked tool poses (n, k) or drive displacements (n, d), in chunks.
 
-    The points, m and rad, are checked tool poses (n, k), or drive displacements from home (n, d) if
-    ``given`` is "drives".
+    Parameters
+    ----------
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    points
+        Tool poses, or displacements of the drives from home, m and rad.
+    size
+        Configurations per chunk; more take more memory.
+    given
+        Whether the points are tool poses or drive displacements.
     """
     solver = find_solver(mechanism, given)
     home = mechanism.tool.home if given == "tool" else 0.0

@@ -243,9 +243,16 @@ def map_links(linkage: Linkage) -> dict[str, int]:
 
 
 def moves_with(element: Element, link: int, links: dict[str, int]) -> bool:
-    """Return whether an element's compliance and free directions are constant in a link's axes.
+    """Return whether compliance and free directions of an element are constant in a link's axes.
 
-    The link is at one of its ends; ``links``: numbers of the rigid links, by node.
+    Parameters
+    ----------
+    element
+        Element of the network.
+    link
+        Number of the rigid link, at one of the element's ends.
+    links
+        Number of the rigid link of each node.
     """
     joint = element.joint
     if joint is None or joint.kind == "fixed":

@@ -285,8 +285,16 @@ def _concatenate(parts: list[Array], axis: int) -> Array:
 def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bool]:
     """Return the stiffness (n, 6, 6) of F Fᵀ with free directions N, and whether it is finite.
 
-    ``factor`` F (n, 6, k), ``free`` N (n, 6, f); ``length``, m, scales rotations to translations.
-    With P the projector onto N's complement, ``K = P (P C P + s (I - P))⁻¹ P``.
+    With P the projector onto N's complement, ``K = P (P C P + s (I - P))⁻¹ P``, lengths scaled.
+
+    Parameters
+    ----------
+    factor
+        Factor F (n, 6, k) of the compliance.
+    free
+        Free directions (n, 6, f).
+    length
+        Characteristic length (m) that scales rotations to translations.
     """
     scale = np.array([1.0 / length] * 3 + [1.0] * 3)[:, None]
     f = factor * scale

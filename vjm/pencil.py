@@ -89,7 +89,14 @@ def form_pencils(
 ) -> Iterator[tuple[Pencil, NDArray[np.intp]]]:
     """Yield pencils of reachable configurations, each with the indices of its configurations.
 
-    ``drives`` are springs ("held") or move freely ("free").
+    Parameters
+    ----------
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    found
+        Configurations; unreachable ones are skipped.
+    drives
+        Drives are springs ("held") or move freely ("free").
     """
     free = [j.name for j in mechanism.drives] if drives == "free" else []
     shaken = mechanism

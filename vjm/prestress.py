@@ -86,9 +86,16 @@ class Bent:
 
 
 def bend_network(order: Order, where: Places, small: float = _SMALL) -> Bent:
-    """Find the equilibrium under own weight and offsets: one linear step, or more if not ``small``.
+    """Equilibrium under own weight and offsets: a linear step, and more where displacements are not ``small``.
 
-    ``small``: displacement, rad or relative to the mechanism's length, up to which one is enough.
+    Parameters
+    ----------
+    order
+        Elimination order of the network.
+    where
+        Places of all nodes at n configurations.
+    small
+        Rad, or of the mechanism's length, up to which one step is enough; smaller costs more steps.
     """
     n, uncached = len(where.tool), replace(where)  # what it caches is not kept
     moved = solve_loads(order, uncached, own_loads(order, where), "nodes")

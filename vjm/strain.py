@@ -35,7 +35,16 @@ def find_remaining_offsets(order: Order, where: Places, rest: Places) -> dict[st
     """Return offsets (n, 6, 1) for a linear step from deformed places to obey every element's law.
 
     In each element's own axes at its own point. A spring strained by θ of its offset t₀ still has
-    t₀ - θ to go. ``rest``: places of the unloaded mechanism.
+    t₀ - θ to go.
+
+    Parameters
+    ----------
+    order
+        Elimination order of the network.
+    where
+        Places of all nodes at n configurations.
+    rest
+        Places of the unloaded mechanism.
     """
     out: dict[str, Array] = {}
     for e in order.elements:

@@ -97,8 +97,19 @@ def find_blocks(basis: Array, sizes: list[int]) -> list[tuple[list[int], int]]:
 def name_directions(basis: Array, bound: str, free: str, length: float) -> list[Direction]:
     """Return directions of a screw space (6, k); line (force, angular velocity) before couple.
 
-    First pure couples, of kind ``free``, then lines, of kind ``bound``, with the smallest pitch
-    that the couples allow. ``length``, m, scales rotations to translations.
+    First pure couples (``free``), then lines (``bound``) with the smallest pitch that the couples
+    allow.
+
+    Parameters
+    ----------
+    basis
+        Basis (6, k) of the space of screws.
+    bound
+        Kind of a direction with a line.
+    free
+        Kind of a couple.
+    length
+        Characteristic length (m) that scales rotations to translations.
     """
     couples = basis[3:] @ null_space(basis[:3])
     out = [Direction(free, axis) for axis in _align(couples)]

@@ -58,7 +58,17 @@ def rigid_mechanism(robot: RobotFile) -> Mechanism:
 
 
 def configured_poses(robot: RobotFile, mechanism: Mechanism, poses: ArrayLike) -> Configurations:
-    """Return configurations at poses (n, k), SI; InputError at `[tool] pose` if infeasible."""
+    """Return configurations at poses (n, k); InputError at `[tool] pose` if it cannot be commanded.
+
+    Parameters
+    ----------
+    robot
+        Robot file.
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    poses
+        Tool poses (n, k), SI.
+    """
     try:
         return configure(mechanism, poses)
     except InputError as error:

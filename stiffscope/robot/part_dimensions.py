@@ -64,7 +64,17 @@ def part_parameters(robot: RobotFile, name: str) -> dict[str, tuple[float, str]]
 
 
 def find_vanishing(robot: RobotFile, name: str, parameter: str) -> float:
-    """Return the value of a part's parameter at which it vanishes (a tube without wall), else 0."""
+    """Return the value of a parameter at which its part vanishes (a tube without wall), else 0.
+
+    Parameters
+    ----------
+    robot
+        Robot file.
+    name
+        Name of the part.
+    parameter
+        Name of the parameter.
+    """
     part = robot.parts[name]
     size = part.lengths() if isinstance(part, ParametricPart) else {}
     if parameter == "radius":
@@ -76,8 +86,18 @@ def find_vanishing(robot: RobotFile, name: str, parameter: str) -> float:
 def with_parameter(robot: RobotFile, name: str, parameter: str, value: float) -> RobotFile:
     """Return the robot with one part parameter changed: dimension, foundation or material constant.
 
-    The value is in SI; an infinite foundation is rigid. Raises InputError if it makes the part
-    infeasible.
+    An infinite foundation is rigid. Raises InputError if the value makes the part infeasible.
+
+    Parameters
+    ----------
+    robot
+        Robot file.
+    name
+        Name of the part.
+    parameter
+        Name of the parameter.
+    value
+        New value, SI.
     """
     part = robot.parts[name]
     parametric = isinstance(part, ParametricPart)
@@ -149,8 +169,16 @@ def on_foundation(rigid: Array, values: Sequence[float], matrices: Sequence[Arra
     """Return the compliance on any foundation (N/m³), interpolated between elastic and rigid ones.
 
     The added compliance is a polynomial in the logarithm of the stiffness, and inversely
-    proportional to the stiffness beyond the tested values. Compliances (6, 6): ``rigid`` on a rigid
-    foundation, ``matrices`` on those of stiffnesses ``values``, N/m³.
+    proportional to the stiffness beyond the tested values.
+
+    Parameters
+    ----------
+    rigid
+        Compliance (6, 6) on a rigid foundation.
+    values
+        Stiffnesses of the foundations, N/m³.
+    matrices
+        Compliances (6, 6) at the values.
     """
     added = np.array(matrices) - rigid
     softer = (np.einsum("kii->ki", added) > 0.0).all(axis=1)
@@ -183,7 +211,17 @@ def _polynomial(at: Array, matrices: Array, x: float) -> Array:
 
 
 def is_beam(robot: RobotFile, name: str, compliance: Array) -> bool:
-    """Return whether a part's compliance (6, 6), SI, equals that of beam theory."""
+    """Return whether a part's compliance (6, 6) equals that of beam theory.
+
+    Parameters
+    ----------
+    robot
+        Robot file.
+    name
+        Name of the part.
+    compliance
+        Compliance (6, 6), SI.
+    """
     part = robot.parts.get(name)
     if not isinstance(part, ParametricPart) or robot.material(name) is None:
         return False

@@ -132,6 +132,15 @@ def find_element(place: str, bodies: Collection[str], joints: Collection[str]) -
     """Return the body or joint at a place: NAME, "bodies.NAME" or "joints.NAME"; None if neither.
 
     A joint named like a body is always "joints.NAME". Raises InputError if a place is ambiguous.
+
+    Parameters
+    ----------
+    place
+        Name, "bodies.NAME" or "joints.NAME".
+    bodies
+        Names of the bodies.
+    joints
+        Names of the joints.
     """
     if place in bodies and f"joints.{place}" in joints:
         ways = f"bodies.{place} or joints.{place}"

@@ -67,9 +67,16 @@ def evaluate(data: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float], di
 
 
 def evaluate_value(data: Any, values: Mapping[str, float], key: Key = ()) -> Any:
-    """Evaluate all expressions in a value, list or table at a ``key``, given the names' ``values``.
+    """Evaluate all expressions in a value, list or table; raise FieldError if one is invalid.
 
-    Raises FieldError if one is invalid.
+    Parameters
+    ----------
+    data
+        Value, list or table with expressions.
+    values
+        Values of the names.
+    key
+        Key of the value: keys of its tables, outermost first.
     """
 
     def number(text: str, here: Key) -> Any:

@@ -43,10 +43,21 @@ class Override:
 
 
 def apply_overrides(data: dict[str, Any], source: Source, tolerance: str | None) -> list[Override]:
-    """Apply a source's overrides to a parsed file, in place; add their keys to its `changed`.
+    """Apply overrides to a parsed file, in place.
 
-    ``tolerance``: of the meshes of all solid parts; None: as in the file. Returns the overrides of
-    copies, which do not exist yet.
+    Parameters
+    ----------
+    data
+        Parsed file.
+    source
+        Source with the overrides; their keys are added to its `changed`.
+    tolerance
+        Tolerance of the meshes of all solid parts; None: as in the file.
+
+    Returns
+    -------
+    list of Override
+        Overrides of copies, which do not exist yet.
     """
     names = {key: list(value) for key, value in data.items() if isinstance(value, dict)}
     copied = {key: list(copied_names(data, names.get(key, []))) for key in ("bodies", "joints")}
@@ -110,7 +121,19 @@ def _ways(name: str, known: Iterable[str]) -> list[tuple[str, ...]]:
 
 
 def assign(data: dict[str, Any], key: Key, value: Any, text: str) -> None:
-    """Set the value of a key in place; InputError with the override's text if it is in no table."""
+    """Set the value of a key; raise InputError with the override's text if it is not in a table.
+
+    Parameters
+    ----------
+    data
+        Tables to change.
+    key
+        Keys from the outermost table to the value.
+    value
+        New value.
+    text
+        Text of the override, for messages.
+    """
     table: Any = data
     for part in key[:-1]:
         if not isinstance(table, dict):

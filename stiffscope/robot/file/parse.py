@@ -128,9 +128,26 @@ def field_name(key: Key) -> str:
 
 
 def parse_text(path: Path, text: str, what: str = "a robot file") -> dict[str, Any]:
-    """Parse a TOML text of bounded size and depth, with the path and kind of its file for messages.
+    """Parse a TOML text of bounded size and depth.
 
-    Raises InputError if the text is invalid; the message names line and column, or line and field.
+    Parameters
+    ----------
+    path
+        File named in messages.
+    text
+        Content of the file.
+    what
+        Expected kind of file, for messages.
+
+    Returns
+    -------
+    dict
+        Data from `tomllib`.
+
+    Raises
+    ------
+    InputError
+        If the text is invalid; the message names line and column, or line and field.
     """
     deep = _DOTTED.search(text)
     if deep:

@@ -24,7 +24,17 @@ _EXPECTED = {
 
 
 def read_table(model: type[Model], value: Any, key: Key) -> Model:
-    """Read the table at a key as a section of a model; raise FieldError for its first error."""
+    """Read a table as a section; raise FieldError for its first error.
+
+    Parameters
+    ----------
+    model
+        Model of the section.
+    value
+        Value in the file.
+    key
+        Key of the value: keys of its tables, outermost first.
+    """
     try:
         return model.model_validate(value)
     except ValidationError as error:
@@ -33,7 +43,17 @@ def read_table(model: type[Model], value: Any, key: Key) -> Model:
 
 
 def one_of(word: Any, valid: Iterable[str], what: str) -> str:
-    """Return a word if it is valid; else raise ValueError with ``what`` it may be, and a guess."""
+    """Return a word if it is valid; otherwise raise ValueError, with the closest match.
+
+    Parameters
+    ----------
+    word
+        Word to check.
+    valid
+        Valid words.
+    what
+        Description of the expected value, for messages.
+    """
     valid = list(valid)
     if isinstance(word, str) and word in valid:
         return word

@@ -49,9 +49,28 @@ def validate(
     tolerances: Mapping[Key, float],
     copied: dict[str, Turned],
 ) -> RobotFile:
-    """Create a robot, each section valid by itself; FieldError for the first error found.
+    """Create a robot from evaluated tables.
 
-    From the file's evaluated tables with copies, the results of `evaluate`, and of `make_copies`.
+    Parameters
+    ----------
+    data
+        Content of the file, with copies.
+    source
+        Source of the file.
+    values, tolerances
+        Results of `evaluate`.
+    copied
+        Result of `make_copies`.
+
+    Returns
+    -------
+    RobotFile
+        Robot with each section valid by itself.
+
+    Raises
+    ------
+    FieldError
+        For the first error found.
     """
 
     def read(key: str, function: Callable[[str, Any], Any]) -> Mapping[str, Any]:
@@ -217,7 +236,17 @@ def _read_groups(
 
 
 def read_pose(value: Any, tool: sections.ToolSection, key: Key) -> tuple[float, ...]:
-    """Read a tool pose, SI: a number for each coordinate of `[tool] pose`. Raises FieldError."""
+    """Read a tool pose: a number for each coordinate in `[tool] pose`; FieldError if invalid.
+
+    Parameters
+    ----------
+    value
+        Value in the file.
+    tool
+        Section of the tool, with the coordinates.
+    key
+        Key of the value: keys of its tables, outermost first.
+    """
     if not isinstance(value, list | tuple) or len(value) != len(tool.pose):
         what = f"a pose of {len(tool.pose)}, {' '.join(tool.pose)}"
         raise FieldError(key, q.expected(what, value))
