@@ -206,6 +206,13 @@ def select(shape: "Shape", selectors: Iterable[FaceSelector], field: str = "face
 
     Raises InputError, which names the ``field`` and lists the faces, if a selector matches no face,
     or all together every face.
+
+    Parameters
+    ----------
+    shape, selectors
+        Solid, and selectors of its faces.
+    field
+        Field named in messages.
     """
     geometries, faces = face_geometries(shape), cad.kernel.faces(shape)
     chosen: set[int] = set()

@@ -137,7 +137,12 @@ def round_holes(face: Face) -> list[tuple[Edge, Floats, float]]:
 def imprint_circle(solid: Solid, face: Face, centre: Floats, normal: Floats, radius: float) -> tuple[Solid, list[Face]]:
     """Split a plane face along a circle; return the solid, and the pieces of the face in it.
 
-    ``centre``, ``normal``: (3,), of the circle; lengths in the unit of the solid.
+    Parameters
+    ----------
+    solid, face
+        Solid, and its plane face.
+    centre, normal, radius
+        Of the circle: (3,), (3,), and its radius in the unit of the solid.
     """
     circle = gp_Circ(gp_Ax2(gp_Pnt(*centre), gp_Dir(*normal)), radius)
     split = BRepFeat_SplitShape(solid)
@@ -270,7 +275,17 @@ def distance(shape: Shape, point: Floats) -> float:
 
 
 def in_axes(solid: Solid, origin: Floats, x: Floats, z: Floats) -> Solid:
-    """Return the solid in axes of an origin (3,) and directions x, z (3,), in its present axes."""
+    """Return the solid in axes of an origin (3,) and directions x, z (3,), in its present axes.
+
+    Parameters
+    ----------
+    solid
+        Solid in its present axes.
+    origin
+        Origin (3,) of the new axes, in the unit of the solid.
+    x, z
+        Directions (3,) of the new x and z.
+    """
     change = gp_Trsf()
     change.SetTransformation(gp_Ax3(gp_Pnt(*origin), gp_Dir(*z), gp_Dir(*x)))
     return TopoDS.Solid(solid.Moved(TopLoc_Location(change)))
@@ -341,8 +356,14 @@ def inertia(properties: GProp_GProps) -> Floats:
 def triangulate(shape: Shape, deflection: float, angle: float) -> list[tuple[Floats, NDArray[np.int64]]]:
     """Return nodes (n, 3) and outward triangles (t, 3) of each face of a shape.
 
-    ``deflection``: largest distance of a triangle from its face, in the unit of the shape;
-    ``angle``: largest angle between normals of adjacent triangles, rad.
+    Parameters
+    ----------
+    shape
+        Shape whose faces are triangulated.
+    deflection
+        Largest distance of a triangle from its face, in the unit of the shape.
+    angle
+        Largest angle between normals of adjacent triangles, rad.
     """
     BRepTools.Clean_s(shape)
     BRepMesh_IncrementalMesh(shape, deflection, False, angle, False)

@@ -145,8 +145,14 @@ class Surface:
 def surface(part: Part, deflection: float = 5e-4, angle: float = 0.8) -> Surface:
     """Tessellate a part; raise InputError if the result is not closed.
 
-    ``deflection``: largest distance between a chord and the surface, m; ``angle``: largest angle
-    between neighbouring chords, rad.
+    Parameters
+    ----------
+    part
+        Part whose solid is tessellated.
+    deflection
+        Largest distance between a chord and the surface, m.
+    angle
+        Largest angle between neighbouring chords, rad.
     """
     vertices, triangles, face_of_triangle = tessellate(part.solid, deflection, angle)
     gaps = open_edges(triangles)
@@ -193,8 +199,17 @@ def project(part: Part, place: int, points: Floats, borders: "Sequence[Shape] | 
     """Return the closest points (n, 3), m, on a face's surface, or on a border of faces.
 
     Planes and round surfaces are unbounded, others bounded by the face's parameter range.
-    ``place``: index of a face; ``len(part.faces) + k`` for the k-th border, by default of the
-    part's seams.
+
+    Parameters
+    ----------
+    part
+        Part with its faces.
+    place
+        Index of a face, or ``len(part.faces) + k`` for the k-th border.
+    points
+        Points to project (n, 3), m.
+    borders
+        Borders of faces; by default the part's seams.
     """
     points = np.asarray(points, dtype=float)
     if place >= len(part.faces):

@@ -93,7 +93,15 @@ def solve_within(
 
 
 def solve_on(specimen: Specimen, mesh: TetMesh, settings: Settings) -> Solution:
-    """Solve on one mesh without refinement."""
+    """Solve on one mesh without refinement.
+
+    Parameters
+    ----------
+    specimen, mesh
+        Part as plain numbers, and its mesh.
+    settings
+        Interface, solver and foundation; its tolerance has no effect.
+    """
     flat = specimen.slender or specimen.flatness_on(mesh) > 1
     solver = "direct" if settings.solver == "auto" and flat else settings.solver
     return solve_specimen(specimen, mesh, settings.interface, solver, settings.foundation)

@@ -85,6 +85,15 @@ def dofs_of(nodes: Ints) -> Ints:
 def support(mesh: TetMesh, clamped: Ints, couplings: tuple[Coupling, ...]) -> Supports:
     """Return the constraints of clamped nodes and rigid couplings.
 
+    Parameters
+    ----------
+    mesh
+        Mesh with n nodes.
+    clamped
+        Indices of the clamped nodes.
+    couplings
+        Loaded interfaces; distributed ones constrain nothing.
+
     Raises
     ------
     InputError : if a rigid face shares nodes with the clamp or with another rigid face.
@@ -151,7 +160,15 @@ def traction_work(mesh: TetMesh, coupling: Coupling, element: ElementH1) -> Floa
 
 
 def unit_loads(mesh: TetMesh, supports: Supports, couplings: tuple[Coupling, ...]) -> Floats:
-    """Return generalized forces (3f + 6r, 6n) of unit wrenches (f, m) at n reference points."""
+    """Return generalized forces (3f + 6r, 6n) of unit wrenches (f, m) at n reference points.
+
+    Parameters
+    ----------
+    mesh, supports
+        Mesh, and its constraints with f free nodes and r rigid couplings.
+    couplings
+        The n loaded interfaces.
+    """
     slot = 3 * len(supports.free)
     loads = np.zeros((slot + supports.tie.shape[1], len(couplings), 6))
     for k, coupling in enumerate(couplings):

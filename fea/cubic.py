@@ -177,7 +177,15 @@ def _free_cubics(mesh: TetMesh, space: Cubic, supports: Supports) -> Ints:
 
 
 def cubic_loads(mesh: TetMesh, space: Cubic, couplings: tuple[Coupling, ...]) -> Floats:
-    """Return the work (count, 3, 6n) of distributed unit tractions on cubics; 0 on nodes."""
+    """Return the work (count, 3, 6n) of distributed unit tractions on cubics; 0 on nodes.
+
+    Parameters
+    ----------
+    mesh, space
+        Mesh, and its space of cubic functions.
+    couplings
+        The n loaded interfaces; rigid ones do no work on cubics.
+    """
     loads = np.zeros((space.count, 3, 6 * len(couplings)))
     for k, coupling in enumerate(couplings):
         if coupling.kind == "distributed":

@@ -122,7 +122,17 @@ def cell_bases(mesh: TetMesh, element: Element, straight: int, curved: int) -> l
 
 
 def face_basis(mesh: TetMesh, element: Element, faces: frozenset[int], order: int) -> FacetBasis:
-    """Return the basis on the boundary facets of CAD faces."""
+    """Return the basis on the boundary facets of CAD faces.
+
+    Parameters
+    ----------
+    mesh, element
+        Mesh, and finite element of the basis.
+    faces
+        Indices of the CAD faces.
+    order
+        Order of the quadrature.
+    """
     facets = np.concatenate([mesh.grid.boundaries[str(face)] for face in sorted(faces)])
     rule = get_quadrature(RefTri, order)
     mapping = _FacetMapping(mesh.grid, facets, rule[0])

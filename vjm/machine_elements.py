@@ -226,7 +226,15 @@ def carriage_contacts(
 
 
 def guide_of_balls(contacts: Contacts, rails: tuple[int, float], carriages: tuple[int, float]) -> MachineElement:
-    """Compute a guide of equal carriages; number and spacing (m) of rails and of carriages."""
+    """Compute a guide of equal carriages; number and spacing (m) of rails and of carriages.
+
+    Parameters
+    ----------
+    contacts
+        Ball contacts of a carriage, from `carriage_contacts`.
+    rails, carriages
+        Number and spacing, m, of rails and of carriages on a rail.
+    """
     length = float(np.linalg.norm(contacts.at, axis=1).max())
     one = _element(contacts, np.zeros(6), length, (0,), f"{_POINTS}; rigid rail and carriage")
     return replace(one, stiffness=_on_rails(one.stiffness, rails, carriages))
@@ -235,12 +243,30 @@ def guide_of_balls(contacts: Contacts, rails: tuple[int, float], carriages: tupl
 def guide_of_sheet(
     diagonal: Sequence[float], rails: tuple[int, float], carriages: tuple[int, float], source: str
 ) -> MachineElement:
-    """Compute a guide from carriage stiffnesses (6,): 0 along x, then y, z, and about x, y, z."""
+    """Compute a guide from carriage stiffnesses (6,): 0 along x, then y, z, and about x, y, z.
+
+    Parameters
+    ----------
+    diagonal
+        Stiffnesses (6,) of a carriage: 0 along x, along y, z in N/m, about x, y, z in N·m/rad.
+    rails, carriages
+        Number and spacing, m, of rails and of carriages on a rail.
+    source
+        Where the stiffnesses are from.
+    """
     return MachineElement(_on_rails(np.diag(diagonal), rails, carriages), (0,), source)
 
 
 def of_sheet(radial: float, axial: float, tilting: float, source: str) -> MachineElement:
-    """Create a rotary bearing from stiffnesses, N/m, N/m, N·m/rad; 0 is free, as is its axis."""
+    """Create a rotary bearing from stiffnesses, N/m, N/m, N·m/rad; 0 is free, as is its axis.
+
+    Parameters
+    ----------
+    radial, axial, tilting
+        Stiffnesses, N/m, N/m, N·m/rad; 0 is free.
+    source
+        Where they are from.
+    """
     diagonal = np.array([axial, radial, radial, 0.0, tilting, tilting])
     free = tuple(int(i) for i in np.flatnonzero(diagonal == 0.0))
     return MachineElement(np.diag(diagonal), free, source)

@@ -196,7 +196,17 @@ def stiffness_bars(assembled: Assembled, poses: Any) -> np.ndarray | None:
 
 
 def deflection_bars(assembled: Assembled, poses: Any, twist: np.ndarray) -> np.ndarray | float:
-    """Return bounds ``|C| |δK| |t|`` (n, 6) on twists (n, 6) in m, rad; 0 if no part has bounds."""
+    """Return bounds ``|C| |δK| |t|`` (n, 6) on twists (n, 6) in m, rad; 0 if no part has bounds.
+
+    Parameters
+    ----------
+    assembled
+        Robot with bounds on its parts.
+    poses
+        Commanded poses (n, k), m and rad.
+    twist
+        Twists of the tool (n, 6), m and rad.
+    """
     bars = stiffness_bars(assembled, poses)
     if bars is None:
         return 0.0

@@ -105,6 +105,15 @@ def order_part(
     """Return the experiment of a part as set in the robot file, on its own shape or a STEP file.
 
     Raises InputError if the part does not exist, has no solid, or its solid is infeasible.
+
+    Parameters
+    ----------
+    robot, name
+        Robot file, and name of the part.
+    step
+        STEP file instead of the part's own shape.
+    label
+        Name in progress and results; by default that of the part.
     """
     if name not in robot.parts:
         known = ", ".join(robot.parts) or "(none)"

@@ -250,7 +250,17 @@ def check_columns(name: str, header: list[str], required: Collection[str], valid
 
 
 def numbers(table: Table, column: str, *, empty: bool = False, expected: str = "a finite number") -> Array:
-    """Return a column as floats (n,); `empty` allows NaN for empty cells. Raise InputError."""
+    """Return a column as floats (n,); `empty` allows NaN for empty cells. Raise InputError.
+
+    Parameters
+    ----------
+    table, column
+        Table of text, and name of the column.
+    empty
+        Whether empty cells are NaN instead of refused.
+    expected
+        Words for the message.
+    """
     cells = table.columns[column]
     if isinstance(cells, np.ndarray):
         return cells

@@ -107,7 +107,15 @@ def pick_evenly(n: int, most: int) -> Indices:
 
 
 def tool_error(target: Array, commanded: Array, twist: Array) -> Array:
-    """Return the loaded minus the wanted tool pose (n, 6): translation and rotation vector."""
+    """Return the loaded minus the wanted tool pose (n, 6): translation and rotation vector.
+
+    Parameters
+    ----------
+    target, commanded
+        Wanted and commanded tool poses (n, 6), m and rotation vectors, rad.
+    twist
+        Deflection of the tool (n, 6), m and rad.
+    """
     turned = Rotation.from_rotvec(twist[:, 3:]) * Rotation.from_rotvec(commanded[:, 3:])
     turn = (turned * Rotation.from_rotvec(target[:, 3:]).inv()).as_rotvec()
     return np.concatenate([commanded[:, :3] + twist[:, :3] - target[:, :3], turn], axis=1)

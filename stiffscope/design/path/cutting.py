@@ -41,7 +41,17 @@ def cutting_materials() -> dict[str, tuple[float, float]]:
 
 
 def specific_force(kc1: float, mc: float, chip: float) -> float:
-    """Return the specific cutting force, Pa, at a chip thickness in m."""
+    """Return the specific cutting force, Pa, at a chip thickness in m.
+
+    Parameters
+    ----------
+    kc1
+        Specific cutting force at a chip thickness of 1 mm, Pa.
+    mc
+        Exponent of its decrease.
+    chip
+        Chip thickness, m.
+    """
     return kc1 * (1e3 * chip) ** -mc
 
 

@@ -115,7 +115,17 @@ def cross_plan(
     poses: Array, sensors: Sequence[Sensor], hooks: Sequence[LoadPoint],
     pulls: Sequence[tuple[int, Array]],
 ) -> Plan:  # fmt: skip
-    """Return a plan of every sensor under every pull at every pose."""
+    """Return a plan of every sensor under every pull at every pose.
+
+    Parameters
+    ----------
+    poses
+        Commanded poses (p, k), m and rad.
+    sensors, hooks
+        Sensors, and points where loads act.
+    pulls
+        Index of a hook (-1: at M) and wrench (6,), N and N·m, of each load.
+    """
     settings = np.array([*product(range(len(poses)), range(len(pulls)), range(len(sensors)))])
     return Plan(poses, tuple(sensors), tuple(hooks), tuple(pulls), settings)
 

@@ -259,6 +259,15 @@ def eliminate(inner: Array, gone: Flags, scales: Array) -> tuple[Array, Array]:
     """Return inner products (q, l, l) with normal parameters (g,) of prior scales marginalized.
 
     The last column holds the readings. Also returns the contribution to ln evidence (q,).
+
+    Parameters
+    ----------
+    inner
+        Inner products (q, m, m) of columns, the last being the readings.
+    gone
+        Flags (m,) of the g columns to marginalize.
+    scales
+        Prior standard deviations (g,) of their parameters.
     """
     wide = scales[:, None] * inner[:, gone]
     unit = np.eye(len(scales))
@@ -344,6 +353,13 @@ def constrained_minima(matrices: Array, pulls: Array, positive: Flags) -> tuple[
     """Return minima (..., k) of ``½ uᵀ A u - bᵀ u`` with some u ≥ 0, and which u are free.
 
     Fixes the most negative one at a time; `scipy.optimize.nnls` takes one factor and bounds all u.
+
+    Parameters
+    ----------
+    matrices, pulls
+        A (..., k, k), positive definite, and b (..., k).
+    positive
+        Flags (k,) of the u that must not be negative.
     """
     shape, k = pulls.shape, pulls.shape[-1]
     if k == 0:

@@ -77,6 +77,13 @@ def expected_log_odds(trial: Trial, first: Predicted, second: Predicted) -> Arra
     This is the relative entropy of their predictive Gaussians, which include noise and parameter
     uncertainty, so differences that the second's parameters can fit do not count.
 
+    Parameters
+    ----------
+    trial
+        Readings in groups, g of them.
+    first, second
+        Means, columns and covariances of the two predictions.
+
     References
     ----------
     MacKay, Information-based objective functions for active data selection, Neural Comp. 4 (1992).

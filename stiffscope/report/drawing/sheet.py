@@ -19,7 +19,17 @@ GREY = "#5a6570"
 
 
 def sheet_of(rows: int, columns: int, size: tuple[int, int], title: str) -> tuple[Figure, list[Axes]]:
-    """Return a titled figure and its cells, row by row, for renderings of a size in pixels."""
+    """Return a titled figure and its cells, row by row, for renderings of a size in pixels.
+
+    Parameters
+    ----------
+    rows, columns
+        Numbers of cells.
+    size
+        Width and height of a rendering, pixels.
+    title
+        Heading of the figure.
+    """
     height = WIDTH * size[1] / size[0] + 0.78
     whole = rows * height + 0.5
     figure = Figure(figsize=(columns * WIDTH, whole), facecolor="white")

@@ -80,10 +80,17 @@ def import_assembly(
 ) -> Imported:
     """Write a robot file from a STEP assembly, and its elastic parts to a folder named after it.
 
-    ``said`` takes precedence over an `assembly.toml` beside the assembly. A robot file from an
-    earlier import is overwritten unless it was changed since. ``progress`` receives the progress of
-    reading and of the search for contacts. Raises InputError if the file is not an assembly, an
-    option matches nothing, or a part's material is unknown.
+    A robot file from an earlier import is overwritten unless it was changed since. Raises InputError
+    if the file is not an assembly, an option matches nothing, or a part's material is unknown.
+
+    Parameters
+    ----------
+    path, out
+        STEP assembly, and robot file to write.
+    said
+        Settings, which take precedence over an `assembly.toml` beside the assembly.
+    progress
+        Receives the progress of reading and of the search for contacts.
     """
     path, out = Path(path), Path(out)
     earlier = check_place(out)

@@ -29,11 +29,18 @@ def import_model(
     home: Sequence[str] = (),
     materials: Sequence[str] = (),
 ) -> SimulatorModel:
-    """Write a robot file, which must not exist, from a URDF or MJCF file.
+    """Write a robot file from a URDF or MJCF file; the model's notes list omissions and guesses.
 
-    ``drives``, ``home`` and ``materials`` are as in the options `--drive`, `--home`, `--material`;
-    ``tool`` is a body or site. The `notes` of the model list omissions and guesses. Raises
-    InputError if the file is not a model, or an option matches nothing in it.
+    Raises InputError if the file is not a model, or an option matches nothing in it.
+
+    Parameters
+    ----------
+    path, out
+        URDF or MJCF file, and robot file to write, which must not exist.
+    drives, home, materials
+        As in the options `--drive`, `--home`, `--material`.
+    tool
+        Body or site that is the tool; by default a last one.
     """
     check_new(out)
     path, out, urdf = Path(path), Path(out), Path(path).suffix.lower() == ".urdf"

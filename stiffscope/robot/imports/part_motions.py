@@ -71,7 +71,17 @@ class Bond:
 
 
 def joint_freedom(kind: str, at: Array, axis: Array | None, axis2: Array | None) -> Array:
-    """Return the twists (6, k) at the base origin that a joint leaves free."""
+    """Return the twists (6, k) at the base origin that a joint leaves free.
+
+    Parameters
+    ----------
+    kind
+        Kind of the joint.
+    at
+        Its position (3,), m.
+    axis, axis2
+        Directions (3,); None where it has none.
+    """
     x = np.eye(3)[0] if axis is None else axis
     across = null_space(x[None, :])
     axes = np.column_stack((x, across) if axis2 is None else (x, axis2, across[:, 0]))
