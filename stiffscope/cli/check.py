@@ -10,6 +10,7 @@ import click
 from stiffscope.cli import options
 from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit
+from stiffscope.effects.vocabulary import check_effects
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import check_solids
 from stiffscope.experiments.manifest import manifest_of
@@ -40,6 +41,7 @@ def check(name: str, *, overrides: Texts, output: Output) -> None:
     with open_drawing(ahead=output.folder is not None) as draw_now:
         found, parts = inspect_robot(robot), {}
         try:
+            check_effects(robot)
             parts = check_solids(robot)
         except InputError as error:
             found = replace(found, error=found.error or str(error))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -72,23 +73,28 @@ def apply_effect(robot: NominalRobot, effect: str, place: str, parameters: Mappi
     InputError
         For names that are not in the vocabulary, and for an effect that is not part of the robot.
     """
-    if effect not in EFFECTS:
-        raise InputError(f"effect: expected one of {', '.join(EFFECTS)}, got {effect!r}")
+    _check_words(effect, place, parameters)
     if reason := _KIND_OF[effect].refusal(robot, place):
         raise InputError(reason)
     if not EFFECTS[effect]:
         return robot
     known = _find_candidate(robot, effect, place, list(parameters))
-    names, factor = known.parts or known.names, parameters.get("factor", 1.0)
+    names = known.parts or known.names
     if not parameters:
         raise InputError(f"{effect} @ {place}: expected parameters {', '.join(names)}, got none")
-    if not factor > 0.0:
-        raise InputError(f"{effect} @ {place}, factor: expected more than 0, got {factor:g}")
     nominal = np.zeros(len(known.scale))
     nominal = nominal if known.parts else known.physical(nominal)
     values = dict(zip(names, nominal, strict=True)) | dict(parameters)
     influence = known.action.influence(known.internal(np.array(list(values.values()), dtype=float)))
     return replace(robot, mechanism=change_robot(robot.mechanism, influence))
+
+
+def _check_words(effect: str, place: str, parameters: Mapping[str, float]) -> None:
+    """Raise InputError for a word or a factor that no robot can have."""
+    if effect not in EFFECTS:
+        raise InputError(f"effect: expected one of {', '.join(EFFECTS)}, got {effect!r}")
+    if not (factor := parameters.get("factor", 1.0)) > 0.0:
+        raise InputError(f"{effect} @ {place}, factor: expected more than 0, got {factor:g}")
 
 
 def _find_candidate(robot: NominalRobot, effect: str, place: str, given: list[str]) -> Candidate:
@@ -115,9 +121,23 @@ def apply_effects(mechanism: Mechanism, robot: RobotFile) -> Mechanism:
     Raises InputError, with the line in the file, for an effect that is not part of the robot.
     """
     nominal = NominalRobot(mechanism, robot)
-    for number, effect in enumerate(robot.effects):
-        try:
-            nominal = apply_effect(nominal, effect.effect, effect.place, effect.parameters)
-        except InputError as error:
-            raise robot.refuse(("effects", number), str(error)) from error
+    for number, each in enumerate(robot.effects):
+        with _at_line(robot, number):
+            nominal = apply_effect(nominal, each.effect, each.place, each.parameters)
     return nominal.mechanism
+
+
+def check_effects(robot: RobotFile) -> None:
+    """Raise InputError, with the line in the file, for an adopted effect that no robot can have."""
+    for number, each in enumerate(robot.effects):
+        with _at_line(robot, number):
+            _check_words(each.effect, each.place, each.parameters)
+
+
+@contextmanager
+def _at_line(robot: RobotFile, number: int) -> Iterator[None]:
+    """Give an InputError the line of an adopted effect."""
+    try:
+        yield
+    except InputError as error:
+        raise robot.refuse(("effects", number), str(error)) from error

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import logging
 import math
 import re
 import zipfile
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Flags, Indices
 
 
+log = logging.getLogger(__name__)
 MOST_ROWS = 200_000  # of one table
 MOST_COLUMNS = 1_000
 MOST_CELLS = 20_000_000  # of a sheet, including empty ones; takes two seconds
@@ -150,7 +152,7 @@ def _sheet(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
         with open_file(path, "an .xlsx workbook") as stream:
             _check_unpacked(path, stream)
             book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
-            sheet = next(each for each in book.worksheets if each.sheet_state == "visible")
+            sheet = _first_visible(path, book)
             sheet.reset_dimensions()  # the stated size is unreliable
             rows, lines = _filled_rows(path, sheet.iter_rows(values_only=True), most)
             gaps = any("" in row or len(row) < len(rows[0]) for row in rows)
@@ -158,13 +160,21 @@ def _sheet(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
                 _check_formulas(path, stream, sheet)
     except InputError:
         raise
-    except StopIteration:
-        raise InputError(f"{path}: expected an .xlsx workbook with a sheet not hidden") from None
     except Exception as error:  # noqa: BLE001 (any error of the zip and XML parsers)
         got = " ".join(str(error).split())
         raise InputError(f"{path}: expected an .xlsx workbook, got {got}") from None
     width = len(rows[0]) if rows else 0
     return [row + [""] * (width - len(row)) for row in rows], lines, True
+
+
+def _first_visible(path: Path, book: openpyxl.Workbook) -> Any:
+    """Return the first sheet that is not hidden; warn of others, raise InputError if there is none."""
+    shown = [each for each in book.worksheets if each.sheet_state == "visible"]
+    if not shown:
+        raise InputError(f"{path}: expected an .xlsx workbook with a sheet not hidden")
+    if others := ", ".join(ascii(each.title) for each in shown[1:]):
+        log.warning("%s: sheet %a is read, not %s", path.name, shown[0].title, others)
+    return shown[0]
 
 
 def _filled_rows(path: Path, rows: Iterable[Sequence[object]], most: int) -> tuple[list[list[str]], list[int]]:

@@ -54,6 +54,21 @@ def test_unusable_robot_is_shown_and_refused(tmp_path, capsys):
     assert "can move in at home, got z" in shown.err
 
 
+@pytest.mark.parametrize(
+    ("effect", "message"),
+    [
+        ('effect = "nonsense"', "effects[0]: effect: expected one of"),
+        ('effect = "link-stiffness"\nparameters = { factor = -2 }', "factor: expected more than 0, got -2"),
+    ],
+)
+def test_an_effect_that_no_robot_can_have_is_refused(tmp_path, capsys, effect, message):
+    assert run("new", "five-bar", tmp_path / "robot.toml") == 0
+    with (tmp_path / "robot.toml").open("a") as file:
+        file.write(f'\n[[effects]]\nplace = "tool"\n{effect}\n')
+    assert run("check", tmp_path / "robot.toml") == 2
+    assert message in capsys.readouterr().err
+
+
 def test_list_and_copy(tmp_path, capsys):
     assert run("robots") == 0
     lines = capsys.readouterr().out.splitlines()

@@ -94,6 +94,13 @@ def test_a_hidden_sheet_is_not_read(tmp_path):
         load(tmp_path, "r.xlsx")
 
 
+def test_a_second_sheet_is_told(tmp_path, caplog):
+    old = [*ROW[:4], 7e-5, 1e-6]
+    workbook(tmp_path, ("old", "visible", [COLUMNS, old]), ("new", "visible", [COLUMNS, ROW]))
+    assert load(tmp_path, "r.xlsx").value.tolist() == [7e-5]
+    assert "r.xlsx: sheet 'old' is read, not 'new'" in caplog.text
+
+
 def test_a_formula_without_its_value_is_refused(tmp_path):
     workbook(tmp_path, ("one", "visible", [COLUMNS, ROW, [*ROW[:4], 2e-5, None], {"F3": "=E3/10"}]))
     with pytest.raises(InputError, match=r"^r.xlsx:3: column 6: expected a formula with its value, got none; open the"):

@@ -38,8 +38,13 @@ def check_top(data: Mapping[str, Any]) -> None:
             raise FieldError((key,), unknown_key(key, TOP))
     for key in {**data, "name": {}}:
         kind, what = (list, f"[[{key}]], a list of tables") if key in LISTS else (dict, "a table")
-        if key != "name" and not isinstance(data[key], kind):
+        if key == "name":
+            continue
+        if not isinstance(data[key], kind):
             raise FieldError((key,), q.expected(what, data[key]))
+        for name in data[key] if kind is dict else ():
+            if not name.isprintable():  # a terminal would obey it
+                raise FieldError((key, name), q.expected("a name of printable characters", name))
 
 
 def validate(
@@ -265,8 +270,8 @@ def _read_map(table: Any, tool: sections.ToolSection) -> sections.MapSection:
         if name not in tool.pose:
             message = f"expected coordinates of the pose ({known}), got {name}"
             raise FieldError(("map", name), message)
-    if len(swept) != min(2, len(tool.pose)):
+    if len(swept) != 2:
         got = " ".join(swept) or "none"
-        raise FieldError(("map",), f"expected two coordinates to sweep, got {got}")
+        raise FieldError(("map",), f"expected two coordinates of the pose ({known}) to sweep, got {got}")
     at = None if found.at is None else read_pose(found.at, tool, ("map", "at"))
     return found.model_copy(update={"at": at})
