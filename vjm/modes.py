@@ -364,7 +364,7 @@ def _solve_densely(pencil: Pencil, index: NDArray[np.intp]) -> Iterator[_Solved]
     for k in range(len(index)):
         one = pencil.some(np.array([k]))
         values, vectors = one.all_vectors()
-        inert = values > NOTHING * max(values[0], 1e-300)
+        inert = values > NOTHING * values.max(initial=1e-300)
         yield _normalize(one, vectors[None][..., inert], one), index[k : k + 1]
 
 

@@ -107,7 +107,9 @@ def respond(
         nodes[node] = nodes.get(node, 0.0) + carry @ wrench
     nodes[END] = nodes.get(END, 0.0) + applied
     offsets: dict[str, Array] = {k: t * times for k, t in own.offsets.items() if times.any()}
-    return find_equilibrium(order, where, Loads(cases, nodes, offsets))
+    out = find_equilibrium(order, where, Loads(cases, nodes, offsets))
+    out.nodes[END] = np.broadcast_to(out.twist, (len(found), 6, cases))
+    return out
 
 
 def deflection(mechanism: Mechanism, poses: Poses, wrench: ArrayLike) -> Deflection:
@@ -140,7 +142,7 @@ def deflection(mechanism: Mechanism, poses: Poses, wrench: ArrayLike) -> Deflect
     found = configure(mechanism, poses).require_valid()
     n = len(found)
     response = respond(mechanism, found, _check_wrench(wrench, n)[..., None])
-    twist = np.broadcast_to(response.twist[..., 0], (n, 6))
+    twist = response.twist[..., 0]
     stored = {name: np.broadcast_to(e[:, 0], (n,)) for name, e in response.energies.items()}
     energy = sum(stored.values(), np.zeros(n))
     whole = np.where(energy > 0.0, energy, 1.0)

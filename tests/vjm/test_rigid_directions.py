@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
+from stiffscope.errors import InputError
+from stiffscope.report.robot_view import unit_wrenches
 from stiffscope.vjm.bodies import Body
 from stiffscope.vjm.joints import Drive, Joint
 from stiffscope.vjm.kinematics import configure, configure_drives
 from stiffscope.vjm.mechanism import Mechanism, Tool
+from stiffscope.vjm.modes import modes
 from stiffscope.vjm.screws import rotation
 from stiffscope.vjm.singularity import rigid_note
 from stiffscope.vjm.statics import analyse, compliance, sag, stiffness
@@ -140,6 +143,18 @@ def test_a_straight_wrist_is_rigid_in_one_direction_and_regular_elsewhere(rng):
         else:
             assert np.isnan(k).all()
             assert rigid.shape[0] == 1
+
+
+def test_a_tool_that_joints_fix_is_rigid_in_all_directions_at_every_pose():
+    bodies = Body("upper", 1.0, [0.1, 0, 0]), Body("fore", 0.5, [0.2, 0.1, 0])
+    joints = Joint("j1", "ground", "upper", "fixed", [0, 0, 0]), Joint("j2", "upper", "fore", "fixed", [0.2, 0, 0])
+    m = Mechanism(bodies, joints, Tool("fore", [0.2, 0.2, 0], ("x", "y")), (0, -9.81, 0))
+    poses = np.array([m.tool.home, m.tool.home])
+    for gravity in ("none", "exact"):
+        assert [len(each) for each in analyse(m, poses, gravity=gravity).rigid] == [6, 6]
+    assert [len(each) for each in unit_wrenches(m, configure(m, poses))] == [6, 6]
+    with pytest.raises(InputError, match="bodies: expected a mass on a body that can move, got none"):
+        modes(m, poses)
 
 
 def test_stiffness_alone_is_still_refused_where_it_is_infinite():
