@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
     from stiffscope.vjm.subspaces import Direction
 
-_FREE = 1e-9  # relative principal stiffness below which a direction is free
+_FREE = 1e-9  # of the fourth principal stiffness: a smaller one is free
+_LOST = 1e-12  # of the largest principal stiffness: rounding
 _RIGID = 1e-10  # relative principal compliance below which a direction is rigid
 _ROUNDING = 1e-9  # of a wrench's largest component
 _NEAR = 1e-6  # relative principal stiffness below which a pose is near singular
@@ -48,10 +49,14 @@ def characteristic_length(matrix: Array) -> Array:
 
 
 def count_freedoms(matrix: Array) -> tuple[NDArray[np.int_], Array]:
-    """Return the number of free directions and the inverse condition number (0 is singular)."""
+    """Return the number of free directions and the inverse condition number (0 is singular).
+
+    Judged by the fourth principal stiffness: up to two may be nearly infinite.
+    """
     values, _ = principal(matrix)
-    ratio = values / np.where(values[..., -1:] > 0.0, values[..., -1:], 1.0)
-    return np.sum(np.abs(ratio) < _FREE, axis=-1), np.clip(ratio[..., 0], 0.0, None)
+    size, largest = np.sort(np.abs(values)), np.where(values[..., -1:] > 0.0, values[..., -1:], 1.0)
+    least = np.maximum(_FREE * size[..., 3:4], _LOST * largest)
+    return np.sum(size < least, axis=-1), np.clip(values / largest, 0.0, None)[..., 0]
 
 
 def rigid_wrenches(compliance: Array, length: float) -> Array:
@@ -84,10 +89,14 @@ def rigid_note(rigid: Array) -> str | None:
     """Describe wrenches (k, 6) along which the tool is rigid; None if there are none."""
     if not len(rigid):
         return None
-    space = np.linalg.qr(rigid.T)[0]
-    names = ", ".join(_name_rigid(each) for each in name_directions(space, "force", "moment", 1.0))
     rest = "its stiffness is infinite, see its compliance"
-    return f"the tool is rigid in {len(rigid)} direction(s): {names}; {rest}"
+    return f"the tool is rigid in {len(rigid)} direction(s): {_name_wrenches(rigid)}; {rest}"
+
+
+def _name_wrenches(wrenches: Array) -> str:
+    """Return the directions that wrenches (k, 6) span."""
+    space = np.linalg.qr(wrenches.T)[0]
+    return ", ".join(_name_rigid(each) for each in name_directions(space, "force", "moment", 1.0))
 
 
 def _name_rigid(direction: Direction) -> str:
@@ -106,9 +115,12 @@ def singular_note(matrix: Array) -> str | None:
     if not count and inverse_condition > _NEAR:
         return None
     values, vectors = principal(matrix)
+    rest = f"inverse condition number {inverse_condition:.2g}"
+    if not count and values[0] * values[-1] > values[3] ** 2:
+        return f"near a singular pose, nearly rigid: {_name_wrenches((matrix @ vectors[:, -1:]).T)}; {rest}"
     twist, size = vectors[:, 0], np.abs(vectors[:, 0])
     softest = ", ".join(f"{v:+.3g}" for v in np.where(size < _NEAR * size.max(), 0.0, twist))
     state = f"the tool moves freely in {count} direction(s)" if count else "near a singular pose"
-    if values[0] < -_NEAR:
+    if values[0] < -max(_NEAR * values[3], _LOST):
         state = "unstable, the loads overturn it"
-    return f"{state}: softest twist ({softest}), inverse condition number {inverse_condition:.2g}"
+    return f"{state}: softest twist ({softest}), {rest}"

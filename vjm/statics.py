@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     Work = Callable[[Order, Places], Array]
 
 Gravity = Literal["none", "exact"]
-_ROUNDING = 1e-12  # of the largest compliance
+_ROUNDING = 1e-12  # of a unit wrench, squared: what is not rigid
 _FAR = 0.1  # rad or relative length: sag beyond which linearization is invalid
 _UNKNOWN = np.full((1, 6, 6), np.nan)
 
@@ -51,7 +51,7 @@ class Stiffness(Labelled):
 
     ``matrix`` (n, 6, 6) in N/m, N, N·m/rad, NaN if infinite in some direction; ``compliance`` (n,
     6, 6), its inverse, NaN if the tool moves freely; ``rigid``: unit wrenches (k, 6) at each pose
-    without deflection; ``sag`` (n, 6) in m, rad; ``mobility`` (n,): number of free directions;
+    without deflection, but for what weight bends to second order; ``sag`` (n, 6) in m, rad; ``mobility`` (n,): number of free directions;
     ``inverse_condition`` (n,): smallest over largest principal stiffness (0: singular or rigid).
     """
 
@@ -76,12 +76,13 @@ class Stiffness(Labelled):
     @property
     def finite(self) -> Array:
         """Stiffness (n, 6, 6); if infinite, 1/C_ii: each direction with all others free."""
-        alone = np.einsum("nii->ni", self.compliance)
-        yielding = alone > _ROUNDING * np.nan_to_num(alone).max(axis=1, keepdims=True)
-        single = np.where(yielding, 1.0 / np.where(yielding, alone, 1.0), np.nan)
-        diagonal = np.where(np.eye(6, dtype=bool), single[:, None], np.nan)
-        infinite = np.array([len(each) > 0 for each in self.rigid], dtype=bool)
-        return np.where(infinite[:, None, None], diagonal, self.matrix)
+        out = self.matrix.copy()
+        for k, rigid in enumerate(self.rigid):
+            if len(rigid):
+                within = np.square(np.linalg.qr(rigid.T)[0]).sum(axis=1)  # of each unit wrench
+                alone = np.where(within < 1.0 - _ROUNDING, np.diagonal(self.compliance[k]), np.nan)
+                out[k] = np.where(np.eye(6, dtype=bool), 1.0 / alone, np.nan)
+        return out
 
     @property
     def valid(self) -> NDArray[np.bool_]:
@@ -210,7 +211,7 @@ def analyse(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") ->
         As for ``stiffness``.
     gravity
         ``"exact"``: under own weight and offsets. If there is no equilibrium nearby, the stiffness
-        is the unloaded one, and the sag is NaN.
+        is the unloaded one, and the sag is NaN. What is rigid without weight is so with it.
 
     Returns
     -------
@@ -229,18 +230,19 @@ def analyse(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") ->
     both = _map_chunks(mechanism, found, (6, 13), _find_unloaded, gravity)
     matrix = both[..., :6]
     yielding, free, inverse_condition = _complete_compliance(matrix, both[..., 6:12])
-    sagged = np.zeros((len(found), 6))
+    stuck, plain, sagged = ~np.isfinite(matrix).all(axis=(1, 2)), yielding, np.zeros((len(found), 6))
     if gravity != "none":
         loaded = _analyse_weight(mechanism, found, matrix, yielding)
         sagged, still = loaded[..., 12], np.isnan(loaded[:, :1, 12:])
         matrix = np.where(still, matrix, loaded[..., :6])
         yielding = np.where(still, yielding, loaded[..., 6:12])
         yielding, free, inverse_condition = _complete_compliance(matrix, yielding)
-    stuck = found.valid & ~np.isfinite(matrix).all(axis=(1, 2))
-    free[stuck], inverse_condition[stuck] = 0, 0.0
+        plain = np.where(stuck[:, None, None], plain, yielding)  # weight bends what is rigid, little
+    stuck = found.valid & (stuck | ~np.isfinite(matrix).all(axis=(1, 2)))
+    matrix[stuck], free[stuck], inverse_condition[stuck] = np.nan, 0, 0.0
     rigid: list[Array] = [np.zeros((0, 6))] * len(found)
     for k in np.flatnonzero(stuck):
-        rigid[k] = rigid_wrenches(yielding[k], found.linkage.length)
+        rigid[k] = rigid_wrenches(plain[k], found.linkage.length)
     return Stiffness(found, matrix, sagged, free, inverse_condition, yielding, tuple(rigid))
 
 

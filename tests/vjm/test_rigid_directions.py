@@ -11,7 +11,7 @@ from stiffscope.vjm.kinematics import configure, configure_drives
 from stiffscope.vjm.mechanism import Mechanism, Tool
 from stiffscope.vjm.modes import modes
 from stiffscope.vjm.screws import rotation
-from stiffscope.vjm.singularity import rigid_note
+from stiffscope.vjm.singularity import rigid_note, singular_note
 from stiffscope.vjm.statics import analyse, compliance, sag, stiffness
 from stiffscope.vjm.yielding import deflection, respond
 
@@ -143,6 +143,35 @@ def test_a_straight_wrist_is_rigid_in_one_direction_and_regular_elsewhere(rng):
         else:
             assert np.isnan(k).all()
             assert rigid.shape[0] == 1
+
+
+def test_weight_bends_a_rigid_direction_but_frees_none():
+    """A straight wrist that sags is rigid as without weight; 1/C_ii of both differ as the geometry does, by the sag."""
+    found = configure_drives(WRISTED, np.zeros((1, 6)))
+    plain, loaded = (analyse(WRISTED, found, gravity=g) for g in ("none", "exact"))
+    assert np.abs(loaded.sag).max() > 1e-4
+    assert (loaded.mobility[0], len(loaded.rigid[0])) == (0, 1)
+    assert np.allclose(loaded.rigid[0], plain.rigid[0])
+    (a,), (b,) = (np.diagonal(each.finite, axis1=1, axis2=2) for each in (plain, loaded))
+    assert np.allclose(a, 1.0 / np.diag(own_compliance(WRISTED, np.zeros(6))), rtol=1e-9)
+    assert np.allclose(b, a, rtol=10 * np.abs(loaded.sag).max())
+
+
+def test_a_direction_that_rigid_parts_hold_stays_rigid_under_weight():
+    state = analyse(PLANAR_2R, PLANAR_2R.tool.home[None], gravity="exact")
+    assert np.isnan(np.diagonal(state.finite[0])).tolist() == [False, False, True, True, True, False]
+
+
+@pytest.mark.parametrize("gravity", ["none", "exact"])
+@pytest.mark.parametrize("bend", [3e-5, 1e-4, 1e-3])
+def test_a_nearly_straight_wrist_is_nearly_rigid_not_free(bend, gravity):
+    found = configure_drives(WRISTED, bend * np.eye(6)[4:5])
+    state = analyse(WRISTED, found, gravity=gravity)
+    known = own_compliance(WRISTED, bend * np.eye(6)[4])
+    assert state.mobility[0] == 0
+    assert np.allclose(state.compliance[0], known, atol=(1e-6 if gravity == "none" else 0.01) * np.abs(known).max())
+    note = rigid_note(state.rigid[0]) or singular_note(state.matrix[0])
+    assert "rigid: force along y, its line (-850" in note or "rigid in 1 direction(s): force along y" in note
 
 
 def test_a_tool_that_joints_fix_is_rigid_in_all_directions_at_every_pose():
