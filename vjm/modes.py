@@ -218,12 +218,13 @@ def _solve_chunks(
     if count < 1:
         raise InputError(f"count: expected at least 1 mode, got {count}")
     reached = np.flatnonzero(found.valid)
-    most = 0
+    most, massless = 0, False
     for start in range(0, len(reached), _CHUNK):
         chunk = reached[start : start + _CHUNK]
         for pencil, some in form_pencils(mechanism, found[chunk], drives):
             idle = _check_empty(pencil)
             for solved, which in _solve(pencil, count):
+                massless = massless or solved.squares.shape[1] < len(pencil.scale)
                 part, more = _drop_idle(solved, count)
                 idle = idle or more
                 most = max(most, part.squares.shape[1])
@@ -231,7 +232,7 @@ def _solve_chunks(
             if idle and not remarks:
                 remarks[_idle_text(mechanism, found, int(chunk[some[0]]))] = None
     if reached.size and most < count:
-        _say_few(mechanism, most, count, remarks)
+        _say_few(mechanism, most, count, remarks, massless=massless)
 
 
 def _check_empty(pencil: Pencil) -> bool:
@@ -285,8 +286,12 @@ def _idle_text(mechanism: Mechanism, found: Configurations, index: int) -> str:
     return f"left out, as without stiffness: {known or 'a free motion'}"
 
 
-def _say_few(mechanism: Mechanism, most: int, count: int, remarks: dict[str, None]) -> None:
+def _say_few(mechanism: Mechanism, most: int, count: int, remarks: dict[str, None], *, massless: bool) -> None:
     """Add a remark on why there are fewer modes than requested. InputError if there is none."""
+    few = f"{most} modes, not {count}: all else is rigid"
+    if most and not massless:
+        remarks[few] = None
+        return
     lacking: dict[str, list[str]] = {"mass": [], "inertia": []}
     for b in mechanism.bodies:
         if b.inertia is None and (b.elastic is None or b.elastic.dynamics is None):
@@ -295,7 +300,7 @@ def _say_few(mechanism: Mechanism, most: int, count: int, remarks: dict[str, Non
         bare = list_names(lacking["mass"] or ["bodies"])
         raise InputError(f"{bare}: expected a mass on a body that can move, got none")
     why = "; ".join(f"without {what}: {list_names(who)}" for what, who in lacking.items() if who)
-    remarks[f"{most} modes, not {count}: nothing else has inertia{why and f' ({why})'}"] = None
+    remarks[f"{few} or has no inertia{why and f' ({why})'}"] = None
 
 
 def _solve(pencil: Pencil, count: int) -> Iterator[_Solved]:

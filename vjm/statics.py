@@ -51,8 +51,9 @@ class Stiffness(Labelled):
 
     ``matrix`` (n, 6, 6) in N/m, N, N·m/rad, NaN if infinite in some direction; ``compliance`` (n,
     6, 6), its inverse, NaN if the tool moves freely; ``rigid``: unit wrenches (k, 6) at each pose
-    without deflection, but for what weight bends to second order; ``sag`` (n, 6) in m, rad; ``mobility`` (n,): number of free directions;
-    ``inverse_condition`` (n,): smallest over largest principal stiffness (0: singular or rigid).
+    without deflection, but for what weight bends to second order; ``sag`` (n, 6) in m, rad;
+    ``mobility`` (n,): number of free directions; ``inverse_condition`` (n,): smallest over largest
+    principal stiffness (0: singular or rigid).
     """
 
     configurations: Configurations

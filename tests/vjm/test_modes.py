@@ -16,6 +16,7 @@ from stiffscope.vjm.modes import frequencies, modes
 from tests.robots import GEOMETRY, euler_bernoulli, pose_at, random_poses
 from tests.vjm import dense_modes
 from tests.vjm.files import CHECKED, biglide, read, serial_arm
+from tests.vjm.test_rigid_directions import PLANAR_2R
 
 
 def inertia(rng, size):
@@ -216,9 +217,14 @@ def test_idle_motions_are_named_and_bodies_without_inertia():
     with pytest.raises(InputError, match=r"bodies\.link6: expected a mass and inertia to move freely, got none"):
         modes(flange, arm.tool.home, drives="free")
     assert (modes(flange, arm.tool.home, 3).frequencies > 0.0).all()  # held, it follows statically
-    assert "without inertia: bodies.link1" in modes(arm, arm.tool.home, 8).remarks[0]
+    (few,) = modes(flange, arm.tool.home, 8).remarks
+    assert "all else is rigid or has no inertia (without mass: bodies.link6" in few
     with pytest.raises(InputError, match="count: expected at least 1"):
         modes(arm, arm.tool.home, 0)
+
+
+def test_directions_that_are_rigid_do_not_lack_inertia():
+    assert modes(PLANAR_2R, PLANAR_2R.tool.home).remarks == ("2 modes, not 6: all else is rigid",)
 
 
 def test_a_mass_on_a_spring():
