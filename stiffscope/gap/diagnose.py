@@ -128,7 +128,7 @@ def conclude(found: Findings) -> Diagnosis:
         sensitivity,
         check,
         draw_samples(found, joint if effects else reported, judgement.effects, held_out, reported),
-        tuple(_describe(found, joint, c) for c in beside),
+        tuple(_describe(found, joint, reported, c) for c in beside),
     )
 
 
@@ -137,16 +137,17 @@ def _effects(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[
     share = shares(found, judgement.hypothesis)
     out: list[Effect] = []
     for candidate in sorted(judgement.effects, key=lambda c: -share[c.name]):
-        group, effect = found.group(candidate.name), _describe(found, joint, candidate)
+        group, effect = found.group(candidate.name), _describe(found, joint, judgement.hypothesis, candidate)
         own = {"confused_with": group.others, "group_probability": group.probability}
         out.append(replace(effect, share=share[candidate.name], **own))
     return tuple(out)
 
 
-def _describe(found: Findings, joint: Hypothesis, c: Candidate) -> Effect:
+def _describe(found: Findings, joint: Hypothesis, reported: Hypothesis, c: Candidate) -> Effect:
     """Return an effect with its probability, the gap that it leaves alone, and its parameters."""
     own, probability = own_part(joint, c.name), found.compute_probability(c.name)
-    left = found.percent_rms(found.fit_effects([c]))
+    alone = found.fit_effects([c])
+    left = found.percent_rms(alone if alone is reported else found.fit_plainly(alone))
     parameters = {} if c.is_nuisance else _parameters(c, *own)
     return Effect(c.effect, c.place, probability, left, parameters, errors=_errors(c, *own))
 
@@ -231,19 +232,22 @@ def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative
     out: list[Alternative] = []
     for h, p in found.ranked:
         whole = best is not None and h.names >= best.names
+        if len(out) == _LISTED:
+            break
         if not h.names or whole or any(c.is_nuisance for c in h.candidates):
             continue
         if len(h.names) > 1 and p < COMPETING:
             continue
         behind = found.best.evidence - h.evidence
-        chi2 = found.chi2(h) / max(int(found.used_readings.sum()), 1)
+        alone = found.fit_plainly(h)
+        chi2 = found.chi2(alone) / max(int(found.used_readings.sum()), 1)
         far = f"ln-odds {behind:.1f} behind, χ² per reading {chi2:.3g}"
         wrong = [t for c in h.candidates for t in implausible(c, h)] if behind < COMPARED else []
         why = "; ".join([far if behind > 0.05 else "as good", *wrong])
         effect = " + ".join(c.effect for c in h.candidates)
         place = " + ".join(c.place for c in h.candidates)
-        out.append(Alternative(effect, place, p, found.percent_rms(h), why))
-    return tuple(out[:_LISTED])
+        out.append(Alternative(effect, place, p, found.percent_rms(alone), why))
+    return tuple(out)
 
 
 def _gap(found: Findings, reported: Hypothesis, held_out: Array) -> Gap:

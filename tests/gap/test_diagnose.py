@@ -284,6 +284,16 @@ def test_what_would_widen_the_gap_is_not_named(tmp_path):
     assert {f"{e.effect} @ {e.place}" for e in found.effects} <= {"actuator-stiffness @ limb1"}
 
 
+@pytest.mark.parametrize("noise", [1e-7, 1e-9])
+def test_no_alternative_to_a_large_effect_leaves_more_than_no_effect(noise):
+    """A compliance of all sliders did: its fit beside a discrepancy followed details."""
+    seen = campaign(("actuator-stiffness", "limb1", {"factor": 0.5}), displacement=noise, rotation=noise)
+    found = diagnose_campaign(seen, ROBOT)
+    assert named(found) == {"actuator-stiffness @ limb1"}
+    assert len(found.alternatives) > 1
+    assert all(a.gap_after <= found.gap.nominal * (1.0 + 1e-9) for a in found.alternatives)
+
+
 def test_backlash_of_a_drive_with_two_slopes_is_found_adopted_and_predicted():
     """The stage hardens as its file says; its backlash is found, adopted, and found no more."""
     curve = 'stage.actuator.drive={ curve = [["3 um", "36 N"], ["12 um", "216 N"]] }'

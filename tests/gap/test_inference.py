@@ -235,6 +235,26 @@ def test_four_effects_are_found_with_shares_that_add_up():
     )  # beside priors
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_an_alternative_leaves_what_least_squares_leave(seed):
+    """Beside a large discrepancy a gain of all readings followed details: it left 1.7 times the gap."""
+    model = linear_model(np.random.default_rng(seed), effects=4, parameters=(1,))
+    columns = model.signatures | {"effect-1 @ place": model.nominal[:, None]}
+    model = planted(replace(model, signatures=columns), e0=(0.5,), e3=(0.2 * (seed % 2),))
+    c = model.campaign
+    rest = c.value - model.nominal
+    diagnosis = conclude(find(replace(model, campaign=replace(c, sigma=1e-2 * c.sigma))))
+    assert len(diagnosis.alternatives) > 1
+    left = [(a.effect, a.gap_after) for a in diagnosis.alternatives]
+    if len(diagnosis.effects) > 1:  # else what it leaves alone is what the reported values leave
+        left += [(e.effect, e.gap_after) for e in diagnosis.effects]
+    for effect, gap in left:
+        x = columns[f"{effect} @ place"][:, 0]
+        least = np.linalg.norm(rest - x * (x @ rest) / (x @ x)) / np.linalg.norm(c.value)
+        assert gap <= diagnosis.gap.nominal * (1.0 + 1e-9)
+        assert gap == pytest.approx(100.0 * least, rel=1e-6)
+
+
 def test_a_certain_effect_is_not_hidden_by_a_doubtful_one():
     """The second is worth about its prior odds: whatever becomes of it, the first is identified."""
     model = linear_model(np.random.default_rng(6))

@@ -250,6 +250,20 @@ class Findings:
             self.fitted[chosen] = self.problem.fit([c for c, _ in kept], start)
         return self.fitted[chosen]
 
+    def fit_plainly(self, hypothesis: Hypothesis) -> Hypothesis:
+        """Return a hypothesis fitted without a discrepancy, by which the rest is least.
+
+        A fit beside a large discrepancy follows details, and may leave more than no effect does.
+        """
+        noise, widens = self.problem.noise, self.chi2(hypothesis) > self.chi2(self.none)
+        if not widens and not self.problem.errors.sizes[np.argmax(hypothesis.known.settings)]:
+            return hypothesis
+        scaled = noise.scaled | (not noise.scaled.any())  # by a known factor: one, or the best's
+        plain = replace(noise, scaled=scaled, factors=np.array([self.best.known.noise_factor]))
+        problem, here = replace(self.problem, noise=plain), hypothesis.values
+        starts = (here, 0.0 * here) if widens else (here,)
+        return min((problem.fit(hypothesis.candidates, start) for start in starts), key=self.chi2)
+
     def predict_readings(self, hypothesis: Hypothesis) -> Array:
         """Return the readings (n,) predicted by a hypothesis."""
         return self.campaign.value - hypothesis.residual * self.problem.noise.sigma
