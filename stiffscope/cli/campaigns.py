@@ -106,7 +106,7 @@ def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output
             page=page, kept="diagnosis.json", also=carry,
         )  # fmt: skip
         if adopt and nominal and output.loud:
-            parts = f"with the parts' matrices of the diagnosis ({case.campaign.components})"
+            parts = f"with the parts' matrices of the diagnosis ({tables.sources(nominal)})"
             tables.show_line(f"Adopted in {adopt}, {parts}")
 
 

@@ -36,7 +36,7 @@ def check_target(target: Path, robot: RobotFile | None) -> None:
 
 def adopt(
     target: Path, robot: RobotFile, bare: NominalRobot, diagnosis: Diagnosis, *,
-    campaign: str, components: str, modelled: Sequence[str] = (),
+    campaign: str, components: str | None, modelled: Sequence[str] = (),
 ) -> None:  # fmt: skip
     """Write a robot file with all effects of a diagnosis.
 
@@ -51,7 +51,7 @@ def adopt(
     campaign
         Name of the campaign, for the provenance.
     components
-        Source of the parts' matrices used for the diagnosis; the written file uses the same.
+        Source of the parts' matrices stated by the campaign, to be written; None: as in the robot file.
     modelled
         Effects already in the model, as stated by the campaign.
 

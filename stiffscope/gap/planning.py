@@ -99,7 +99,7 @@ def propose_plan(nominal: NominalRobot, name: str, question: str, given: Header 
     offer = offer_readings(nominal, given)
     with scratch_folder() as folder:
         write_plan(robot, name, folder, offer)
-        campaign = replace(load_campaign(folder, robot, planned=True), components="fea")
+        campaign = load_campaign(folder, robot, planned=True)
     model = RobotModel(campaign, nominal)
     simple = [c for c in model.library if c.simple and c.effect not in _NUMBERS]
     known = {c.name: c for c in simple if len(c.scale) == len(c.names)}  # no isotropic supports

@@ -19,6 +19,7 @@ def test_the_template_of_every_robot_is_a_plan_within_reach(tmp_path, name):
     assert _guarded(["campaign", "check", str(folder), "--quiet", "--json", str(report)]) == 0
     said = json.loads(report.read_text())
     robot = load_robot(name)
+    assert load_campaign(folder, robot, planned=True).components is None
     assert said["coordinates"] == list(robot.tool.pose)
     assert len(said["poses"]) == 8
     assert said["readings"] == said["empty"] == 8 * 4 * 4

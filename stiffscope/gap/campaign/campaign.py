@@ -101,7 +101,8 @@ class Campaign:
     robot: str | None
     """Name of a bundled robot, or path of a robot file as written; None with predictions."""
     modelled: tuple[str, ...]
-    components: str
+    components: str | None
+    """Source of the matrices of rods and plates; None: as in the robot file."""
     pose_names: tuple[str, ...]
     poses: Array
     """Commanded coordinates (p, k); NaN if poses are labels."""

@@ -41,7 +41,8 @@ class Header:
 
     robot: str | None
     modelled: tuple[str, ...]
-    components: str
+    components: str | None
+    """Source of the matrices of rods and plates; None: as in the robot file."""
     readings: tuple[str, ...]
     predictions: str | None
     source: Source
@@ -91,8 +92,9 @@ def load_header(folder: Path) -> Header:
     for name, section in top.sections("loads"):
         section.check_keys(LOAD_KEYS)
         loads.append(LoadPoint(name, section.body(), section.point("at")))
+    components = top.choice("components", COMPONENTS) if "components" in top.data else None
     return Header(
-        robot, modelled, top.choice("components", COMPONENTS, "fea"), readings, predictions, source,
+        robot, modelled, components, readings, predictions, source,
         {column: unit for column in units.data if (unit := units.text(column))}, ignore, frames,
         tuple(sensors), tuple(loads),
     )  # fmt: skip

@@ -92,7 +92,7 @@ def write_template(
 def write_plan(robot: RobotFile, name: str, folder: Path, plan: Plan) -> None:
     """Write the files of a plan into a folder; see `write_template`."""
     header: dict[str, Any] = {
-        "robot": name, "modelled": ["gravity"] if robot.gravity else [], "components": "fea",
+        "robot": name, "modelled": ["gravity"] if robot.gravity else [],
         "ignore": ["remark"],
         "sensors": {
             s.name: describe_sensor(
@@ -185,7 +185,8 @@ Instead of a sensor a row may have a quantity at M in a column quantity: dx dy d
 by the wrench; ex ey ez erx ery erz, deviations of the unloaded tool; kx..., px..., stiffness with other
 motions held or free; f1 f2 ..., natural frequencies in Hz.
 
-modelled: effects already in the nominal model; components: the parts' matrices, fea, beam or published.
+modelled: effects already in the nominal model.
+components = "fea", "beam" or "published": source of the parts' matrices; as in the robot file without it.
 units = {{ value = "um", sigma = "um" }}: units by column; SI without it.
 Bodies: {", ".join(robot.bodies)}; an elastic one has two ends, NAME.base and NAME.tip. Positions at home, base axes.
 zero = "session": one unknown zero offset of the sensor per session."""
