@@ -72,14 +72,19 @@ class Solver:
 
     @cached_property
     def ranges(self) -> tuple[Array, Array]:
-        """Least and greatest displacement (d,) of the drives from home, infinite without an end."""
-        drives = [j.drive for j in self.mechanism.drives if j.drive is not None]
-        return np.array([d.low for d in drives]), np.array([d.high for d in drives])
+        """See `find_ranges`."""
+        return find_ranges(self.mechanism)
 
     @property
     def start_values(self) -> Array:
         """Given values (k,) at the start, as displacements from home."""
         return self.start[self.linkage.known]
+
+
+def find_ranges(mechanism: Mechanism) -> tuple[Array, Array]:
+    """Return the least and greatest displacement (d,) of the drives from home, infinite without an end."""
+    drives = [j.drive for j in mechanism.drives if j.drive is not None]
+    return np.array([d.low for d in drives]), np.array([d.high for d in drives])
 
 
 _solvers: WeakKeyDictionary[Mechanism, dict[Given, Solver]] = WeakKeyDictionary()

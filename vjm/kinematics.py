@@ -15,7 +15,7 @@ from stiffscope.errors import InputError
 from stiffscope.runtime.brief import describe_briefly
 from stiffscope.vjm.checks import spell_name
 from stiffscope.vjm.closure import CLOSED
-from stiffscope.vjm.continuation import OPEN, RANGE, REACHED, Reached, find_solver, follow_paths
+from stiffscope.vjm.continuation import OPEN, RANGE, REACHED, Reached, find_ranges, find_solver, follow_paths
 from stiffscope.vjm.linkage import rotation_vector
 from stiffscope.vjm.reach import reach_toward
 
@@ -287,10 +287,22 @@ def _configurations(solver: Solver, followed: Followed) -> Configurations:
         poses = mechanism.tool.home + q[linkage.known].T
     out = Configurations(mechanism, poses, tool, failure == 0, q, linkage, failure, culprit)
     out.__dict__["placed_links"] = placed
-    drives, (low, high) = out.drives, solver.ranges
-    outside = ((drives < low - _SLACK) | (drives > high + _SLACK)) & (failure == REACHED)[:, None]
+    _refuse_beyond(out, *solver.ranges, _SLACK)
+    return out
+
+
+def limit_drives(found: Configurations, mechanism: Mechanism, slack: float) -> Configurations:
+    """Return configurations, valid within the ranges of another mechanism's drives, ± slack, rad or m."""
+    own = {key: getattr(found, key).copy() for key in ("valid", "failure", "culprit")}
+    out = replace(found, mechanism=mechanism, **own)
+    _refuse_beyond(out, *find_ranges(mechanism), slack)
+    return out
+
+
+def _refuse_beyond(found: Configurations, low: Array, high: Array, slack: float) -> None:
+    drives, failure = found.drives, found.failure
+    outside = ((drives < low - slack) | (drives > high + slack)) & (failure == REACHED)[:, None]
     if outside.any():
         some = outside.any(axis=1)
-        failure[some], culprit[some] = RANGE, outside[some].argmax(axis=1)
-        np.equal(failure, 0, out=out.valid)
-    return out
+        failure[some], found.culprit[some] = RANGE, outside[some].argmax(axis=1)
+        np.equal(failure, 0, out=found.valid)

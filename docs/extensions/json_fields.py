@@ -499,7 +499,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "without_sigma": ("number of readings without an uncertainty", ""),
             "copies": ("list of readings that repeat others exactly, as one line; null: none", ""),
             "remarks": (
-                "suspicious readings: `doubt`, `instrument` (or load), `where` (files, lines) and `text`",
+                "suspicious readings: `doubt`, `instrument` (or load, drive), `where` (files, lines) and `text`",
                 "",
             ),
             "channels[].reads": ("sensor, or quantity at M", ""),

@@ -26,9 +26,8 @@ from stiffscope.gap.adoption import check_target
 from stiffscope.gap.blind.check import case_files, check_cases, run_blind
 from stiffscope.gap.blind.laboratory import blind_robots
 from stiffscope.gap.campaign.campaign_header import load_header
-from stiffscope.gap.campaign.sanity import inspect_readings
 from stiffscope.gap.campaign.template import write_template
-from stiffscope.gap.campaigns import assemble_nominal, configure_case, diagnose_case, open_case, predict_roughly
+from stiffscope.gap.campaigns import assemble_nominal, configure_case, diagnose_case, inspect_case, open_case
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.posterior_samples import write_posterior, write_readings
 from stiffscope.gap.planning import propose_plan
@@ -183,8 +182,7 @@ def check_campaign(name: str, *, output: Output) -> None:
     case = open_case(name, planned=True)
     with open_drawing(ahead=True) if output.folder and case.robot else nullcontext() as draw:
         found = configure_case(case)
-        remarks = inspect_readings(case.campaign, predict_roughly(case))
-        facts = campaign_check.campaign_json(case.campaign, remarks)
+        facts = campaign_check.campaign_json(case.campaign, inspect_case(case, found))
 
         def fill(folder: Path) -> None:
             if case.robot is not None and found is not None and draw is not None:

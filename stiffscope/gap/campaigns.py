@@ -16,6 +16,7 @@ from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.part_dimensions import tested_dimensions
 from stiffscope.gap.campaign.readings import load_campaign, match_robot
+from stiffscope.gap.campaign.sanity import inspect_ranges, inspect_readings
 from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
 from stiffscope.gap.forward.robot_model import RobotModel
@@ -30,6 +31,7 @@ from stiffscope.runtime.workshop import workshop
 if TYPE_CHECKING:
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.gap.campaign.campaign import Array, Campaign
+    from stiffscope.gap.campaign.sanity import ReadingRemark
     from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.workshop import Workshop
@@ -123,6 +125,14 @@ def configure_case(case: Case, nominal: Assembled | None = None) -> Configuratio
         return None
     mechanism = nominal.mechanism if nominal else rigid_mechanism(case.robot)
     return RobotAtPoses(NominalRobot(mechanism, case.robot), case.campaign).configurations
+
+
+def inspect_case(case: Case, found: Configurations | None) -> tuple[ReadingRemark, ...]:
+    """Return remarks on poses, found by `configure_case`, and on readings, without experiments."""
+    remarks = inspect_readings(case.campaign, predict_roughly(case))
+    if case.robot is None or found is None:
+        return remarks
+    return (*inspect_ranges(case.campaign, rigid_mechanism(case.robot), found), *remarks)
 
 
 def predict_roughly(case: Case) -> Array:

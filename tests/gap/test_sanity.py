@@ -12,8 +12,10 @@ from stiffscope.gap.blind.laboratory import BlindRobot, Lab
 from stiffscope.gap.campaign.quantities import DEVIATION
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaign.sanity import find_doubts, inspect_readings
-from stiffscope.gap.campaigns import Case, open_case, predict_roughly
+from stiffscope.gap.campaigns import Case, configure_case, inspect_case, open_case, predict_roughly
+from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.lab.measuring import Noise, measure, write_readings
+from stiffscope.robot.library import find_robot
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
@@ -144,6 +146,26 @@ def test_a_small_table_is_doubted(tmp_path, rows, doubt, text):
     found = inspect_readings(case.campaign, predict_roughly(case))
     assert [remark.doubt for remark in found] == ([doubt] if doubt else [])
     assert all(text in remark.text for remark in found)
+
+
+@pytest.mark.parametrize(("angles", "line"), [((0, 0.08727, -0.0872), 0), ((0, 0.2, 0.3), 3), ((-0.1, 0, 0), 2)])
+def test_the_first_reading_beyond_the_range_of_a_drive_is_named(angles, line, tmp_path):
+    """Of a Delta whose second motor may turn 5 degrees, 0.0873 rad; the columns are the drives' own positions."""
+    text = find_robot("delta").read_text().replace('"-45 deg", "75 deg"', '"-5 deg", "5 deg"')
+    (tmp_path / "mine.toml").write_text(text)
+    (tmp_path / "campaign.toml").write_text(FEW.replace('"delta"', '"mine.toml"'))
+    rows = [f"0,{angle},0,hook,1,g,1e-5,1e-6,a" for angle in angles]
+    names = ",".join(f"q:leg{k}.motor" for k in (1, 2, 3))
+    (tmp_path / "readings.csv").write_text("\n".join([f"{names},load,fx,sensor,value,sigma,session", *rows]))
+    case = open_case(tmp_path)
+    found = [r for r in inspect_case(case, configure_case(case)) if r.doubt == "range"]
+    assert [(r.instrument, r.where) for r in found] == ([("leg2.motor", (f"readings.csv:{line}",))] if line else [])
+    position = np.degrees(angles[line - 2])
+    text = f'"leg2.motor": {position:.6g} deg is outside its range -5 to 5 deg: are the poses in m and rad?'
+    assert all(text in r.text for r in found)
+    model = RobotModel(case.campaign, NominalRobot(mechanism_of(case.robot, part_matrices(case.robot)), case.robot))
+    said = model.remarks(model.noise(), np.zeros(3))
+    assert [r for r in said if "range" in r] == [r.text for r in found]
 
 
 def test_a_stuck_or_empty_plan_is_no_doubt(labs, tmp_path):

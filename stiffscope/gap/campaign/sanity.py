@@ -14,6 +14,7 @@ from stiffscope.effects.effect import Doubts
 from stiffscope.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 from stiffscope.gap.campaign import quantities as of
 from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS
+from stiffscope.vjm.kinematics import limit_drives
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
     from stiffscope.effects.effect import Row
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.runtime.types import Array, Flags, Indices
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.mechanism import Mechanism
 
 LEAST = 4  # fewest readings of a channel that are checked
 UNIT = 30.0  # ratio to the model, either way, that suggests a wrong unit
@@ -35,17 +38,18 @@ _APART = 1.5  # least ratio of an outlier to the largest other reading
 _FAR = 1000.0  # least ratio of an invalid reading to the model and half of its channel
 _RARE = 0.1  # largest fraction of outliers in a channel
 _SIDE = 3  # least readings on either side of a step
+_ROUNDED = 1e-5  # rad or m: poses in tables are rounded
 
 
 @dataclass(frozen=True)
 class ReadingRemark:
-    """A doubt about the readings of one instrument."""
+    """A doubt about the readings of one instrument, or about the poses."""
 
     doubt: str
     """"unit", "sensor-sign", "sensor-step", "constant", "copied", "outlier", "contradiction",
-    "no-load" or "few"."""
+    "no-load", "few" or "range"."""
     instrument: str
-    """Name of the instrument or load; empty if all are meant."""
+    """Name of the instrument, load or drive; empty if all are meant."""
     where: tuple[str, ...]
     """Files and lines."""
     text: str
@@ -74,6 +78,28 @@ def inspect_readings(campaign: Campaign, predicted: Array) -> tuple[ReadingRemar
     for (name, rows), look in zip(channels, looks, strict=True):
         found += _inspect_channel(campaign, predicted, name, rows, look)
     return (*found, *_find_copied(campaign, channels))
+
+
+def inspect_ranges(c: Campaign, mechanism: Mechanism, found: Configurations) -> tuple[ReadingRemark, ...]:
+    """Return a remark on the first reading at a pose beyond the range of a drive, if there is one.
+
+    Parameters
+    ----------
+    c
+        The campaign with p poses.
+    mechanism
+        The nominal robot with the ranges of its drives.
+    found
+        The robot at the p poses, reached whatever the ranges.
+    """
+    limited = limit_drives(found, mechanism, _ROUNDED)
+    rows = np.flatnonzero(~limited.valid[c.pose])
+    if not len(rows):
+        return ()
+    pose, where = int(c.pose[rows[0]]), c.where(int(rows[0]))
+    first = f"{where}, the first of {len(rows)} such readings" if len(rows) > 1 else where
+    text = f"{first}: {limited.reason(pose)}: are the poses in m and rad?"
+    return (ReadingRemark("range", mechanism.drives[limited.culprit[pose]].name, (where,), text),)
 
 
 def _channels(c: Campaign, least: int = LEAST) -> Iterator[tuple[str, Indices]]:

@@ -15,7 +15,7 @@ from stiffscope.effects.part_compliance import PartCompliance
 from stiffscope.effects.vocabulary import find_candidates
 from stiffscope.gap.campaign.quantities import POSITION
 from stiffscope.gap.campaign.readings import match_robot
-from stiffscope.gap.campaign.sanity import find_doubts
+from stiffscope.gap.campaign.sanity import find_doubts, inspect_ranges
 from stiffscope.gap.forward.elastic_state import ElasticState
 from stiffscope.gap.forward.forward_model import Trial, join_columns
 from stiffscope.gap.forward.noise import noise_of
@@ -159,7 +159,9 @@ class RobotModel:
         return Trial(replace(self, campaign=campaign), noise, group)
 
     def remarks(self, noise: Noise, unexplained: Array) -> tuple[str, ...]:
-        """Return remarks on excess or mistaken stiffness, and on gravity that is not the cause."""
+        """Return remarks on poses beyond a drive's range, stiffness too high or mistaken, and excluded gravity."""
         nominal = self.predict()
         weight = nominal.step(Gravity().make_candidate(Place("robot"))) * (not self._has_gravity)
-        return find_remarks(nominal, self.predict_as, noise, unexplained, weight)
+        beyond = inspect_ranges(self.campaign, self.nominal.mechanism, self._sound.at.configurations)
+        own = find_remarks(nominal, self.predict_as, noise, unexplained, weight)
+        return (*(remark.text for remark in beyond), *own)
