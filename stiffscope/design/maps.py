@@ -62,20 +62,19 @@ class Wanted:
     wrench: tuple[float, ...] | None = None
 
     def evaluate(self, compliance: Array) -> dict[str, Scalar]:
-        """Return the quantities (n,) of compliances (n, 6, 6); NaN if these are NaN."""
+        """Return the quantities (n,) of compliances (n, 6, 6); NaN if these are NaN or it is rigid."""
         translation = compliance[:, :3, :3]
         known = np.isfinite(translation).all(axis=(1, 2))
         yields = np.full((len(compliance), 3), np.nan)
         yields[known] = np.linalg.eigvalsh(translation[known])
-        stiffest, softest = yields[:, 0], yields[:, 2]
-        stiffest = np.where(stiffest > 1e-12 * softest, stiffest, np.nan)
+        stiffest, softest = np.where(yields > 1e-12 * yields[:, 2:], yields, np.nan).T[[0, 2]]
         each = {"worst": 1.0 / softest, "best": 1.0 / stiffest, "condition": softest / stiffest}
         out = {name: Scalar(each[name], *PRINCIPAL[name]) for name in self.principal}
         if self.direction is not None:
             unit = np.array(self.direction) / np.linalg.norm(self.direction)
             words = "stiffness along " + ", ".join(f"{x:.3g}" for x in self.direction)
             soft = np.einsum("i,nij,j->n", unit, translation, unit)
-            out["along"] = Scalar(1.0 / soft, "N m-1", words)
+            out["along"] = Scalar(1.0 / np.where(soft > 0.0, soft, np.nan), "N m-1", words)
         if self.wrench is not None:
             moved = compliance[:, :3] @ np.array(self.wrench)
             texts = [f"{x:.4g}" for x in self.wrench]
@@ -88,13 +87,14 @@ class Wanted:
 
 @dataclass(frozen=True, eq=False)
 class StiffnessMap:
-    """Maps over a grid of tool poses; NaN if a pose is out of reach or has no equilibrium.
+    """Maps over a grid of tool poses; NaN if a pose is out of reach, has no equilibrium or is rigid.
 
     ``across``, ``up``: swept coordinates; ``columns`` (na,), ``rows`` (nu,): their values; ``at``:
     values of the others, m and rad. ``stiffness``, ``loaded`` (nu, na, 6): diagonals of K at M
-    without and with own weight, N/m and N·m/rad; ``sag`` (nu, na, 6), m and rad. ``down``: rows
-    grow downwards. ``frequencies`` (nu, na, c): natural frequencies, Hz, drives held, or None;
-    ``more``: other quantities (nu, na) of the loaded robot by column.
+    without and with own weight, N/m and N·m/rad; ``sag`` (nu, na, 6), m and rad; ``rigid`` (nu,
+    na): whether K is infinite in some direction, and replaced by 1/C_ii. ``down``: rows grow
+    downwards. ``frequencies`` (nu, na, c): natural frequencies, Hz, drives held, or None; ``more``:
+    other quantities (nu, na) of the loaded robot by column.
     """
 
     across: str
@@ -105,9 +105,15 @@ class StiffnessMap:
     stiffness: np.ndarray
     loaded: np.ndarray
     sag: np.ndarray
+    rigid: np.ndarray
     down: bool = False
     frequencies: np.ndarray | None = None
     more: dict[str, Scalar] = field(default_factory=dict)
+
+    @property
+    def reached(self) -> np.ndarray:
+        """Whether the poses are within reach (nu, na)."""
+        return self.rigid | np.isfinite(self.stiffness[..., 0])
 
     def holds(self, coordinates: Mapping[str, float]) -> bool:
         """Return whether a pose lies in the swept plane."""
@@ -242,6 +248,7 @@ def map_volume(
             across, up, columns, rows,
             {n: float(v) for n, v in zip(pose, layer, strict=True) if n not in {across, up}},
             *(value.reshape(*size, 6) for value in (*diagonals, sag)),
+            np.array([len(each) > 0 for each in state.rigid]).reshape(size),
             down=bool(weight > 0.0),
             frequencies=None if sounds is None else sounds.reshape(*size, frequencies),
             more={n: scalar._replace(values=scalar.values.reshape(size)) for n, scalar in more},
@@ -279,8 +286,7 @@ def write_rows(found: StiffnessMap | StiffnessVolume, file: Path) -> None:
             held = [np.full(n, each.at[name]) for name in third]
             fields = (values.reshape(n, -1) for values in _fields(each).values())
             rows = np.column_stack([across.ravel(), up.ravel(), *held, *fields])
-            known = np.isfinite(each.stiffness[..., 0]).ravel()
-            np.savetxt(stream, rows[known], delimiter=",", fmt="%.9g")
+            np.savetxt(stream, rows[each.reached.ravel()], delimiter=",", fmt="%.9g")
 
 
 def _fields(found: StiffnessMap) -> dict[str, np.ndarray]:
@@ -297,10 +303,11 @@ def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
     """
     import xarray as xr
 
+    where = "; 1/C_ii where a direction is rigid" if found.rigid.any() else ""
     forces, lengths = ("N m-1",) * 3 + ("N m rad-1",) * 3, ("m",) * 3 + ("rad",) * 3
     kinds = (
-        ("{0}", found.stiffness, forces, "stiffness at M without gravity"),
-        ("{0}_loaded", found.loaded, forces, "stiffness at M with the robot's own weight"),
+        ("{0}", found.stiffness, forces, f"stiffness at M without gravity{where}"),
+        ("{0}_loaded", found.loaded, forces, f"stiffness at M with the robot's own weight{where}"),
         ("sag_{1}", found.sag, lengths, "twist of the tool under the robot's own weight"),
     )
     scalars = {

@@ -277,7 +277,7 @@ def _draw_map(assembled: Assembled, folder: Path) -> None:
     robot = assembled.robot
     found = map_robot(robot, assembled.mechanism, MAP_POINTS, "exact")
     write_map(found, folder)
-    title = f"{robot.name}: {maps.stiffness_title(found)}"
+    title = f"{robot.name}: {maps.stiffness_title(found)}, gravity exact"
     maps.draw_map(found, maps.stiffness_panels(found), robot.poses, title, folder / "map.png")
 
 

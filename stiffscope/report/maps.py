@@ -65,7 +65,7 @@ def pick_slices(found: StiffnessMap | StiffnessVolume) -> list[StiffnessMap]:
     """Return a map itself, or the first, middle and last reachable maps of a volume."""
     if not isinstance(found, StiffnessVolume):
         return [found]
-    reached = [each for each in found.maps if np.isfinite(each.stiffness).any()]
+    reached = [each for each in found.maps if each.reached.any()]
     return [reached[k] for k in sorted({0, len(reached) // 2, len(reached) - 1})]
 
 
@@ -120,6 +120,22 @@ def draw_map(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: 
 
 
 def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
+    (across, wide), (up, tall) = shown_unit(found.across), shown_unit(found.up)
+    grid = across * found.columns, up * found.rows
+    if np.isfinite(panel.values).any():
+        _colour(axes, grid, panel)
+    else:
+        axes.pcolormesh(*grid, panel.values, shading="nearest", vmin=0.0, vmax=1.0)
+        text = "rigid" if found.rigid.any() else "no value"
+        axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", fontsize=14, color=MARK)
+    down = ", down" if found.down else ""
+    axes.set(xlabel=f"{found.across} ({wide})", ylabel=f"{found.up} ({tall}{down})")
+    axes.set_aspect("equal" if wide == tall else "auto")
+    axes.set_title(panel.title, fontsize=12)
+    axes.label_outer()
+
+
+def _colour(axes: Axes, grid: tuple[np.ndarray, np.ndarray], panel: Panel) -> None:
     values, change = panel.values, panel.colours == CHANGE
     low, high, clipped = _limits(values)
     largest = max(abs(low), abs(high))
@@ -127,8 +143,6 @@ def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
         low, high = -largest, largest
     if high - low <= 1e-9 * largest:  # constant up to rounding
         low, high = low - max(abs(low), 1e-6), high + max(abs(high), 1e-6)
-    (across, wide), (up, tall) = shown_unit(found.across), shown_unit(found.up)
-    grid = across * found.columns, up * found.rows
     colours: Any = {"cmap": panel.colours, "vmin": low, "vmax": high}
     image = axes.pcolormesh(*grid, values, shading="nearest", rasterized=True, **colours)
     if np.nanmax(values) - np.nanmin(values) > 1e-6 * abs(high):
@@ -139,11 +153,6 @@ def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
     figure: Any = axes.get_figure()
     bar = axes.inset_axes((1.03, 0.0, 0.045, 1.0))  # as high as the map for any aspect ratio
     figure.colorbar(image, cax=bar, extend="both" if clipped else "neither")
-    down = ", down" if found.down else ""
-    axes.set(xlabel=f"{found.across} ({wide})", ylabel=f"{found.up} ({tall}{down})")
-    axes.set_aspect("equal" if wide == tall else "auto")
-    axes.set_title(panel.title, fontsize=12)
-    axes.label_outer()
 
 
 def _limits(values: np.ndarray) -> tuple[float, float, bool]:
@@ -197,4 +206,5 @@ def held_text(found: StiffnessMap) -> str:
 
 def stiffness_title(found: StiffnessMap) -> str:
     """Return the title of a map's `stiffness_panels`."""
-    return f"stiffness at M (diagonal of K){held_text(found)}"
+    what = "diagonal of K" + "; 1/C_ii where a direction is rigid" * bool(found.rigid.any())
+    return f"stiffness at M ({what}){held_text(found)}"

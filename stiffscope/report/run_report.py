@@ -241,7 +241,7 @@ def _caption_robot(assembled: Assembled) -> dict[str, tuple[str, str]]:
         words = f"the robot at {name}, its parts in colours, joints dark, drives red"
         captions[f"robot_{name}.png"] = caption, words
     captions["map.png"] = (
-        "Stiffness at M (diagonal of K) over the workspace, under the robot's own weight",
+        "Stiffness at M over the workspace, under the robot's own weight",
         "six maps of the translational and rotational stiffness",
     )
     return captions

@@ -4,15 +4,33 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from stiffscope.design.maps import map_robot, map_stiffness, to_dataset, write_map
+from stiffscope.design.maps import (
+    PRINCIPAL,
+    StiffnessVolume,
+    Wanted,
+    map_robot,
+    map_stiffness,
+    map_volume,
+    to_dataset,
+    write_map,
+)
 from stiffscope.errors import InputError
 from stiffscope.report.figures import new_figure, save_figure
-from stiffscope.report.maps import _limits, held_text
+from stiffscope.report.maps import (
+    _limits,
+    draw_map,
+    held_text,
+    pick_slices,
+    scalar_panels,
+    stiffness_panels,
+    stiffness_title,
+)
 from stiffscope.report.notebook import stiffness_map as picture
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.statics import sag, stiffness
+from tests.vjm.test_rigid_directions import PLANAR_2R
 
 NAMES = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")
 
@@ -69,6 +87,21 @@ def test_an_angle_against_a_length_at_another_pose(stewart, tmp_path):
 def test_what_cannot_be_mapped_is_refused(stewart, ranges, message):
     with pytest.raises(InputError, match=message):
         map_stiffness(stewart[1], ranges, 3)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_map_says_what_is_rigid(tmp_path):
+    """A planar arm yields in its plane only: along x and y, about z, by 1/C_ii."""
+    x, y = PLANAR_2R.tool.home
+    ranges = {"x": (x - 0.02, x + 0.02), "y": (y - 0.02, y + 0.02)}
+    found = map_volume(PLANAR_2R, ranges, 3, gravity="exact", wanted=Wanted(tuple(PRINCIPAL), (0, 0, 1))).maps[0]
+    assert stiffness_title(found) == "stiffness at M (diagonal of K; 1/C_ii where a direction is rigid)"
+    assert pick_slices(StiffnessVolume("", np.zeros(1), (found,))) == [found]
+    write_map(found, tmp_path)
+    assert len((tmp_path / "map.csv").read_text().splitlines()) == 1 + 9
+    assert "1/C_ii" in to_dataset(found)["K_tx_loaded"].long_name
+    draw_map(found, [*stiffness_panels(found), *scalar_panels(found)], {}, "", tmp_path / "map.svg")
+    assert (tmp_path / "map.svg").read_text().count(">rigid<") == 6  # z, rx, ry; best, condition, along z
 
 
 def test_a_few_stiff_poses_do_not_swallow_the_colours():
