@@ -76,9 +76,9 @@ def superelement(ends: str) -> Callable[..., Any]:
     return folder("--superelement", text)
 
 
-def count(name: str, default: int, text: str, *ends: int) -> Callable[..., Any]:
+def count(name: str, default: int, text: str, least: int, most: int | None = None) -> Callable[..., Any]:
     """Return an option for a whole number between its least and greatest value, if any."""
-    return click.option(name, default=default, show_default=True, type=click.IntRange(*ends), help=text)
+    return click.option(name, default=default, show_default=True, type=click.IntRange(least, most), help=text)
 
 
 robot = click.argument("name", metavar="ROBOT")

@@ -21,7 +21,7 @@ from stiffscope.errors import InputError
 from stiffscope.robot.nominal import NominalRobot
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterator, Mapping
+    from collections.abc import Collection, Generator, Iterator, Mapping
 
     from stiffscope.effects.effect import Candidate
     from stiffscope.robot.file.description import RobotFile
@@ -135,7 +135,7 @@ def check_effects(robot: RobotFile) -> None:
 
 
 @contextmanager
-def _at_line(robot: RobotFile, number: int) -> Iterator[None]:
+def _at_line(robot: RobotFile, number: int) -> Generator[None]:
     """Give an InputError the line of an adopted effect."""
     try:
         yield

@@ -166,8 +166,8 @@ def _errors(candidate: Candidate, values: Array, covariance: Array) -> dict[str,
 def _parameters(candidate: Candidate, internal: Array, covariance: Array) -> dict[str, Parameter]:
     """Return physical parameters with standard uncertainties and intervals."""
     if not candidate.scale:  # e.g. a unit, which is discrete
-        values: list[float] = candidate.physical(internal).tolist()
-        fixed = zip(candidate.names, candidate.units, values, strict=True)
+        exact: list[float] = candidate.physical(internal).tolist()
+        fixed = zip(candidate.names, candidate.units, exact, strict=True)
         return {n: Parameter(v, 0.0, u, interval=(v, v), nominal=1.0) for n, u, v in fixed}
     values, sigma = candidate.physical(internal), physical_sigma(candidate, internal, covariance)
     intervals = _intervals(candidate, internal, covariance, values, sigma)

@@ -168,8 +168,7 @@ def _two(rms: float, greatest: float) -> str:
 
 def draw_path(state: Along, after: Compensated | None, folder: Path) -> None:
     """Write path (coloured by error) and error (over length of the path) as PNG and SVG."""
-    figures = {"path": lambda: _draw_map(state), "error": lambda: _draw_error(state, after)}
-    save_figures(folder, figures)
+    save_figures(folder, {"path": lambda: _draw_map(state), "error": lambda: _draw_error(state, after)})
 
 
 def write_stress(stresses: Sequence[PartStress], folder: Path) -> None:

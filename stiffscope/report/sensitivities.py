@@ -32,7 +32,7 @@ MOST_BARS = 15
 def part_json(found: PartSensitivity, result: PartResult) -> dict[str, Any]:
     """Return a part's derivatives per unit of each parameter for JSON output, SI."""
     names = ("value", "unit", "compliance", "error", "self_weight", "self_weight_error", "mass", "centre")
-    keys = dict(zip(names, names, strict=True))
+    keys: dict[str, str] = dict(zip(names, names, strict=True))
     if len(result.experiment.reference_points) > 1:
         keys |= {"flexibility": "full_compliance", "flexibility_error": "full_error"}
     keys["condensed_mass"] = "condensed_mass"

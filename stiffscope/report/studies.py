@@ -50,7 +50,7 @@ def write_study(study: Study, folder: Path) -> None:
 def write_study_page(study: Study, report: Draft) -> None:
     """Write the page with the shown tables, the folder's pictures and the manifest."""
     stem = "pareto" if len(study.file.goals) > 1 else "progress"
-    words = {each: {f"{each}.png": (CAPTIONS[each],) * 2} for each in (stem, "parallel")}
+    words = {each: {f"{each}.png": (CAPTIONS[each], CAPTIONS[each])} for each in (stem, "parallel")}
     still, parallel = map(report.figures, words.values())
     facts = [f"method {study.file.method}", f"{len(study.designs)} designs", "files in SI units"]
     sections = [

@@ -50,7 +50,7 @@ def _parts(at: RobotAtPoses) -> Iterator[Candidate]:
         for names in (bodies, *((name,) for name in bodies if len(bodies) > 1)):
             if names and soft.issuperset(names):
                 lengths = {name: nominal.length(name) for name in names}
-                place = f"bowed bodies, {part}" if len(names) > 1 else f"a bowed body, {names[0]}"
+                place = f"bowed bodies, {part}" if len(names) > 1 else f"a bowed body, {', '.join(names)}"
                 yield _make_unnamed(place, (1e-4,), ElementEffect(partial(_bow, lengths)), "bowed")
 
 

@@ -99,7 +99,7 @@ def _trial_poses(c: Campaign, nominal: NominalRobot) -> Array:
     shares = Halton(len(free), scramble=False).random(_TRIALS)
     points[:, free] = low[free] + shares * (high - low)[free]
     home = tool.home if c.coordinates == tool.pose else 0.0 * middle
-    lines = [_trace_coordinate(start, k, low[k], high[k]) for start in (home, middle) for k in free]
+    lines = [_trace_coordinate(start, k, low[k], high[k]) for start in (home, middle) for k in free.tolist()]
     reached = np.vstack([*lines, points, c.poses[: _TRIALS // 8]])
 
     def reaches(poses: Array) -> Flags:

@@ -6,6 +6,7 @@ import math
 from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any, cast
 
+from stiffscope.gap.inference.residuals import AbsoluteGap
 from stiffscope.runtime.brief import describe_briefly
 
 if TYPE_CHECKING:
@@ -66,18 +67,6 @@ class Alternative:
     probability: float
     gap_after: float
     why_not: str
-
-
-@dataclass(frozen=True)
-class AbsoluteGap:
-    """Rms difference of model and measurement for one kind of reading, in its own unit."""
-
-    unit: str
-    before: float
-    """After fitting instruments, targets and zeros, which are not part of the gap."""
-    after: float
-    held_out: float
-    noise: float
 
 
 @dataclass(frozen=True)

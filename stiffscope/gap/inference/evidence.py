@@ -239,7 +239,8 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
 
     def find_covariance() -> Array:
         few = share > _NEGLIGIBLE
-        part = [each[few] for each in products]
+        grams, pulls, totals, log_weight = (each[few] for each in products)
+        part = grams, pulls, totals, log_weight
         covariance = _find_moment(*log_evidences(*part, chosen[None], positive), chosen[None], mean)
         wider = np.ones(k)
         for prior, mine in zip(priors, own, strict=True):  # its prior scale is not known either

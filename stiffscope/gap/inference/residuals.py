@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stiffscope.gap.campaign.quantities import AXES, FREQUENCY, POSITION
-from stiffscope.gap.inference.diagnosis import AbsoluteGap
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.runtime.types import Array, Flags, Indices
+
+
+@dataclass(frozen=True)
+class AbsoluteGap:
+    """Rms difference of model and measurement for one kind of reading, in its own unit."""
+
+    unit: str
+    before: float
+    """After fitting instruments, targets and zeros, which are not part of the gap."""
+    after: float
+    held_out: float
+    noise: float
 
 
 def percent_rms(campaign: Campaign, model: Array, sigma: Array, chosen: Flags) -> float:
