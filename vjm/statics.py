@@ -77,12 +77,13 @@ class Stiffness(Labelled):
     @property
     def finite(self) -> Array:
         """Stiffness (n, 6, 6); if infinite, 1/C_ii: each direction with all others free."""
-        out = self.matrix.copy()
-        for k, rigid in enumerate(self.rigid):
-            if len(rigid):
-                within = np.square(np.linalg.qr(rigid.T)[0]).sum(axis=1)  # of each unit wrench
-                alone = np.where(within < 1.0 - _ROUNDING, np.diagonal(self.compliance[k]), np.nan)
-                out[k] = np.where(np.eye(6, dtype=bool), 1.0 / alone, np.nan)
+        out, counts = self.matrix.copy(), np.array([len(each) for each in self.rigid], dtype=int)
+        for count in set(counts.tolist()) - {0}:
+            some = np.flatnonzero(counts == count)
+            rigid = np.array([self.rigid[k] for k in some])
+            within = np.square(np.linalg.qr(rigid.mT)[0]).sum(axis=2)  # of each unit wrench
+            alone = np.where(within < 1.0 - _ROUNDING, np.einsum("nii->ni", self.compliance[some]), np.nan)
+            out[some] = np.where(np.eye(6, dtype=bool), 1.0 / alone[:, None], np.nan)
         return out
 
     @property

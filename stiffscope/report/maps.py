@@ -127,7 +127,7 @@ def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
     else:
         axes.pcolormesh(*grid, panel.values, shading="nearest", vmin=0.0, vmax=1.0)
         text = "rigid" if found.rigid.any() else "no value"
-        axes.text(0.5, 0.5, text, transform=axes.transAxes, ha="center", va="center", fontsize=14, color=MARK)
+        axes.text(0.5, 0.85, text, transform=axes.transAxes, ha="center", va="center", fontsize=14, color=MARK)
     down = ", down" if found.down else ""
     axes.set(xlabel=f"{found.across} ({wide})", ylabel=f"{found.up} ({tall}{down})")
     axes.set_aspect("equal" if wide == tall else "auto")
