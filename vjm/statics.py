@@ -232,7 +232,8 @@ def analyse(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") ->
     both = _map_chunks(mechanism, found, (6, 13), _find_unloaded, gravity)
     matrix = both[..., :6]
     yielding, free, inverse_condition = _complete_compliance(matrix, both[..., 6:12])
-    stuck, plain, sagged = ~np.isfinite(matrix).all(axis=(1, 2)), yielding, np.zeros((len(found), 6))
+    stuck = np.asarray(~np.isfinite(matrix).all(axis=(1, 2)))
+    plain, sagged = yielding, np.zeros((len(found), 6))
     if gravity != "none":
         loaded = _analyse_weight(mechanism, found, matrix, yielding)
         sagged, still = loaded[..., 12], np.isnan(loaded[:, :1, 12:])

@@ -248,7 +248,7 @@ def map_volume(
             across, up, columns, rows,
             {n: float(v) for n, v in zip(pose, layer, strict=True) if n not in {across, up}},
             *(value.reshape(*size, 6) for value in (*diagonals, sag)),
-            np.array([len(each) > 0 for each in state.rigid]).reshape(size),
+            rigid=np.array([len(each) > 0 for each in state.rigid]).reshape(size),
             down=bool(weight > 0.0),
             frequencies=None if sounds is None else sounds.reshape(*size, frequencies),
             more={n: scalar._replace(values=scalar.values.reshape(size)) for n, scalar in more},

@@ -66,12 +66,12 @@ def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Com
     scale = np.sqrt(np.outer(np.diag(fea), np.diag(fea)))
     entries = []
     for i, j in np.transpose(np.triu_indices(6)).tolist():
-        at = i, j
+        at: tuple[int, int] = (i, j)
         known = beam[at] or (printed is not None and printed[at])
         if known or abs(fea[at]) > max(error[at], 1e-4 * scale[at]):
             published = None if printed is None else float(printed[at])
             sources = (fea[at], error[at], simple[at], beam[at], published)
-            entries.append(Entry(*parts_of.entry_name(i, j), *sources))
+            entries.append(Entry(*parts_of.entry_name(*at), *sources))
     findings = _findings(robot, name, fea, simple, beam, printed)
     return Comparison(name, tuple(entries), tuple(findings))
 

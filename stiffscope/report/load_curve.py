@@ -74,7 +74,7 @@ def _project_curve(curve: LoadCurve) -> tuple[float, Array, str, Array]:
     unit = np.zeros(6)
     unit[part] = axis
     matrices = np.moveaxis(curve.stiffness, 3, 1)
-    known: Flags = np.isfinite(matrices).all(axis=(2, 3), keepdims=True)
+    known: Flags = np.asarray(np.isfinite(matrices).all(axis=(2, 3), keepdims=True))
     yielding = np.linalg.pinv(np.where(known, matrices, 0.0), rcond=1e-9, hermitian=True) @ unit
     held = np.abs((matrices @ yielding[..., None])[..., 0] - unit).max(axis=2) < 1e-6
     stiff = np.where(held, 1.0 / np.where(held, yielding @ unit, 1.0), 0.0)

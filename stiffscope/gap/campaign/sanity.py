@@ -99,7 +99,7 @@ def inspect_ranges(c: Campaign, mechanism: Mechanism, found: Configurations) -> 
     pose, where = int(c.pose[rows[0]]), c.where(int(rows[0]))
     first = f"{where}, the first of {len(rows)} such readings" if len(rows) > 1 else where
     text = f"{first}: {limited.reason(pose)}: are the poses in m and rad?"
-    return (ReadingRemark("range", mechanism.drives[limited.culprit[pose]].name, (where,), text),)
+    return (ReadingRemark("range", mechanism.drives[int(limited.culprit[pose])].name, (where,), text),)
 
 
 def _channels(c: Campaign, least: int = LEAST) -> Iterator[tuple[str, Indices]]:
