@@ -182,8 +182,7 @@ def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
     rates
         Rates of the coordinates by the commanded coordinates.
     """
-    drives = solver.mechanism.drives
-    n = rates.shape[2]
+    drives, n = solver.mechanism.drives, rates.shape[2]
     if len(drives) != rates.shape[1]:
         return np.zeros(n)
     rows = np.empty((n, len(drives), len(drives)))

@@ -19,7 +19,7 @@ import numpy as np
 from stiffscope.cad.part import mass_properties
 from stiffscope.design.maps import map_stiffness
 from stiffscope.errors import InputError
-from stiffscope.report import maps, page, part_tables, tables
+from stiffscope.report import maps, page, part_tables, sensitivities, studies, tables
 from stiffscope.report.check_tables import show_check, show_import
 from stiffscope.report.figures import save_figures
 from stiffscope.report.numbers import coordinates, name_pose, point, pose_values, vector
@@ -330,15 +330,11 @@ def _text(value: Any) -> str:
 
 
 def _study(shown: Study) -> None:
-    from stiffscope.report.studies import show_study
-
-    show_study(shown)
+    studies.show_study(shown)
 
 
 def _sensitivity(shown: Sensitivity) -> None:
-    from stiffscope.report.sensitivities import show_sensitivity
-
-    show_sensitivity(shown, [name_pose(pose, shown.robot.tool.pose) for pose in shown.poses])
+    sensitivities.show_sensitivity(shown, [name_pose(pose, shown.robot.tool.pose) for pose in shown.poses])
 
 
 def _show_omitted(count: int) -> None:
