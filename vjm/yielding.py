@@ -108,7 +108,7 @@ def respond(
     nodes[END] = nodes.get(END, 0.0) + applied
     offsets: dict[str, Array] = {k: t * times for k, t in own.offsets.items() if times.any()}
     out = find_equilibrium(order, where, Loads(cases, nodes, offsets))
-    out.nodes[END] = np.broadcast_to(out.twist, (len(found), 6, cases))
+    out.nodes[END] = np.array(np.broadcast_to(out.twist, (len(found), 6, cases)))
     return out
 
 

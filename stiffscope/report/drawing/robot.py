@@ -308,7 +308,8 @@ def _draw_arrow(plotter: pv.Plotter, view: View, ends: Floats, colour: str) -> N
     """Draw an arrow in front of all solids; parallel projection keeps its place."""
     along, start = ends[1] - ends[0], ends[0] + 15.0 * view.half_height * view.direction
     scale = float(np.linalg.norm(along))
-    arrow = pv.Arrow(start, along, shaft_radius=0.03, tip_radius=0.085, scale=scale)
+    sizes = {"shaft_radius": 0.03, "tip_radius": 0.085, "scale": scale}
+    arrow = pv.Arrow(start=start, direction=along, **sizes)
     plotter.add_mesh(arrow, color=colour, ambient=0.5)
 
 
