@@ -48,14 +48,14 @@ def levels_of(stub, kind="rigid", solver="direct"):
 
 
 def test_mass_properties_of_a_box_are_exact_and_those_of_a_bar_the_cylinders(plate, link):
-    for experiment, moments in (
-        (plate, (0.32**2 + 0.02**2, 0.085**2 + 0.02**2, 0.085**2 + 0.32**2)),
-        (link, (6 * 0.0125**2, 3 * 0.0125**2 + 0.5**2, 3 * 0.0125**2 + 0.5**2)),
+    for experiment, moments, near in (  # the bar's curved sides lose 2e-6 of its volume, on one mesh of many 3e-5
+        (plate, (0.32**2 + 0.02**2, 0.085**2 + 0.02**2, 0.085**2 + 0.32**2), 1e-6),
+        (link, (6 * 0.0125**2, 3 * 0.0125**2 + 0.5**2, 3 * 0.0125**2 + 0.5**2), 1e-4),
     ):
         mass = DENSITY * experiment.cad_volume
-        assert experiment.mass == pytest.approx(mass, rel=2e-5)
-        assert experiment.centre == pytest.approx(experiment.reference_point / 2, abs=1e-6)
-        assert np.diag(experiment.inertia) == pytest.approx(mass / 12 * np.array(moments), rel=5e-5)
+        assert experiment.mass == pytest.approx(mass, rel=near)
+        assert experiment.centre == pytest.approx(experiment.reference_point / 2, abs=max(0.5 * near, 1e-6))
+        assert np.diag(experiment.inertia) == pytest.approx(mass / 12 * np.array(moments), rel=4 * near)
 
 
 def test_rigid_motion_of_the_condensed_model_has_the_parts_mass_exactly(plate, link):
