@@ -22,7 +22,7 @@ from stiffscope.fea.settings import Settings
 from tests.benchmarks.codes import meshed
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(3600)]
-RUNS = 4
+RUNS, MOST = 4, 1.6  # times that two interfaces take
 LARGE = """
 import json, resource, sys, time
 from stiffscope.fea.run import run_experiment
@@ -70,7 +70,7 @@ def test_four_interfaces_take_less_than_1_6_times_as_long_as_two_on_the_same_mes
     print(
         f"\n| bracket | {3 * len(former.mesh.points):,} | whole {ratios[0]:.2f} | compliance {ratios[1]:.2f} | {least}"
     )
-    assert ratios[0] < 1.6
+    assert ratios[0] < MOST
 
 
 def factorized_by_pardiso(stiffness, supports, loads):
