@@ -308,8 +308,7 @@ def _draw_arrow(plotter: pv.Plotter, view: View, ends: Floats, colour: str) -> N
     """Draw an arrow in front of all solids; parallel projection keeps its place."""
     along, start = ends[1] - ends[0], ends[0] + 15.0 * view.half_height * view.direction
     scale = float(np.linalg.norm(along))
-    sizes = {"shaft_radius": 0.03, "tip_radius": 0.085, "scale": scale}
-    arrow = pv.Arrow(start=start, direction=along, **sizes)
+    arrow = pv.Arrow(start=start, direction=along, shaft_radius=0.03, tip_radius=0.085, scale=scale)
     plotter.add_mesh(arrow, color=colour, ambient=0.5)
 
 
