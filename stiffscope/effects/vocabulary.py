@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -18,10 +17,11 @@ import stiffscope.effects
 from stiffscope.effects.effect import Effect, Setting
 from stiffscope.effects.elements import change_robot
 from stiffscope.errors import InputError
+from stiffscope.robot.file.parse import blame
 from stiffscope.robot.nominal import NominalRobot
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Generator, Iterator, Mapping
+    from collections.abc import Collection, Iterator, Mapping
 
     from stiffscope.effects.effect import Candidate
     from stiffscope.robot.file.description import RobotFile
@@ -122,7 +122,7 @@ def apply_effects(mechanism: Mechanism, robot: RobotFile) -> Mechanism:
     """
     nominal = NominalRobot(mechanism, robot)
     for number, each in enumerate(robot.effects):
-        with _at_line(robot, number):
+        with robot.source.refusing(), blame("effects", number):
             nominal = apply_effect(nominal, each.effect, each.place, each.parameters)
     return nominal.mechanism
 
@@ -130,14 +130,5 @@ def apply_effects(mechanism: Mechanism, robot: RobotFile) -> Mechanism:
 def check_effects(robot: RobotFile) -> None:
     """Raise InputError, with the line in the file, for an adopted effect that no robot can have."""
     for number, each in enumerate(robot.effects):
-        with _at_line(robot, number):
+        with robot.source.refusing(), blame("effects", number):
             _check_words(each.effect, each.place, each.parameters)
-
-
-@contextmanager
-def _at_line(robot: RobotFile, number: int) -> Generator[None]:
-    """Give an InputError the line of an adopted effect."""
-    try:
-        yield
-    except InputError as error:
-        raise robot.refuse(("effects", number), str(error)) from error
