@@ -9,7 +9,7 @@ import threading
 import time
 
 import pytest
-from distributed import Future, LocalCluster
+from distributed import Client, Future, LocalCluster
 
 from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.runtime.executor import WorkerError, work_through
@@ -71,6 +71,7 @@ def test_an_answer_that_is_lost_with_its_worker_is_asked_for_again(monkeypatch):
 def test_jobs_survive_the_kills_of_their_workers_and_one_that_kills_them_is_named():
     with (
         LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local,
+        Client(local) as client,
         Scheduler(local.scheduler_address) as executor,
     ):
         murders = threading.Event()
@@ -89,6 +90,7 @@ def test_jobs_survive_the_kills_of_their_workers_and_one_that_kills_them_is_name
         assert sorted(done) == [n * n for n in range(400)]
         with pytest.raises(WorkerError, match="mine: 4 workers ended at it"):
             executor.submit(os._exit, 1, name="mine").result(60)
+        client.wait_for_workers(2, timeout=60)  # Dask cannot close a cluster whose worker is being started again
 
 
 def square(number):
