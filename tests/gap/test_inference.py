@@ -15,6 +15,7 @@ from stiffscope.gap.inference.evidence import (
     eliminate,
     errors_of,
     log_evidences,
+    marginalize,
     posterior,
 )
 from stiffscope.gap.inference.findings import find
@@ -116,9 +117,12 @@ def test_parameters_that_are_summed_over_leave_the_gaussian_of_the_readings():
     assert np.isfinite(log).all()
     x = 1e3 * np.linspace(-1.0, 1.0, 90)[:, None] ** np.arange(61)  # hardly independent, of sizes over many decades
     gone = np.append(rng.permutation(60) < 40, False)
-    left, _ = eliminate((x.T @ x)[None], gone, 10.0 ** rng.choice([-3.0, 9.0], 40))
-    assert np.abs(left - left.mT).max() < 1e-12 * np.diagonal(left[0]).max()
-    assert np.linalg.eigvalsh(left[0, :-1, :-1])[0] > 0.0
+    inner, scales = x.T @ x, 10.0 ** rng.choice([-3.0, 9.0], 40)
+    share = marginalize(inner[None, gone][:, :, gone], scales)[0](inner[None, :, gone])  # from the columns gone, too
+    left, _ = eliminate(inner[None], gone, scales)
+    for found, least in (left[0, :-1, :-1], 0.0), (inner - share[0] @ share[0].T, -1e-15 * inner.trace()):
+        assert np.abs(found - found.T).max() < 1e-12 * np.diagonal(found).max()
+        assert np.linalg.eigvalsh(found)[0] > least
 
 
 def test_prior_sizes_are_averaged_effect_by_effect():

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -111,12 +110,11 @@ def errors_of(campaign: Campaign, noise: Noise, log_odds: float) -> Errors:
     ----------
     Kennedy and O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63 (2001).
     """
-    none = np.zeros((len(campaign), 2)), np.zeros(0)
-    group = np.zeros(len(campaign), dtype=np.int64)
+    none = np.zeros(len(campaign), dtype=np.int64), np.zeros((len(campaign), 2)), np.zeros(0)
     if noise.scaled.any() or not noise.used.any():
         factors = noise.factors if (noise.used & noise.scaled).any() else np.ones(1)
         weight = -float((noise.used & noise.scaled).sum()) * np.log(factors) - np.log(len(factors))
-        return Errors(noise, group, *none, factors, np.zeros(len(factors)), weight)
+        return Errors(noise, *none, factors, np.zeros(len(factors)), weight)
     group, shape, norms = _features(campaign, noise)
     sizes = np.concatenate([[0.0], DISCREPANCIES])
     volume = -0.5 * np.log1p(sizes[:, None] ** 2 * norms).sum(axis=1)
@@ -142,9 +140,8 @@ def _features(c: Campaign, noise: Noise) -> tuple[Indices, Array, Array]:
     value = np.where(noise.used, _without_scatter(c, noise), 0.0)
     mean = np.sqrt(np.bincount(axis, value**2) / np.maximum(np.bincount(axis, noise.used), 1))
     raw = np.stack([mean[axis], value], axis=1) * (noise.used / noise.sigma)[:, None]
-    products = raw[:, [0, 0, 1, 1]] * raw[:, [0, 1, 0, 1]]
-    sums = [np.bincount(safe, each, minlength=count) for each in products.T]
-    gram = np.stack(sums, axis=1).reshape(-1, 2, 2)
+    gram = np.zeros((count, 2, 2))
+    np.add.at(gram, safe, raw[:, :, None] * raw[:, None, :])
     norms, turn = np.linalg.eigh(gram)
     norms = np.where(norms > _PARALLEL * norms[:, 1:], norms, 0.0)
     return safe, np.einsum("ni,nij->nj", raw, turn[safe]), norms.T.ravel()
@@ -207,8 +204,7 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
     projected = errors.project(np.column_stack([x, y]))
     inner, k = errors.inner(projected, projected), x.shape[1]
     products = inner[:, :k, :k], inner[:, :k, k], inner[:, k, k], errors.log_weight
-    ends = np.cumsum([0, *(prior.scales.shape[1] for prior in priors)])
-    own: list[Indices] = [np.arange(start, end) for start, end in pairwise(ends.tolist())]
+    own = np.split(np.arange(k), np.cumsum([prior.scales.shape[1] for prior in priors], dtype=int))[:-1]
 
     def alone(chosen: Array, mine: Indices, scales: Array) -> Array:
         """Return ln evidence (s,) if only some prior scales change, to (s, m)."""
@@ -251,8 +247,7 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
         return wider[:, None] * covariance * wider
 
     whole, plain = (float(log_sum(each)) + averaging for each in (log, log[errors.sizes == 0.0]))
-    factor = float(np.exp(share @ np.log(errors.factors)))
-    size = float(np.sqrt(share @ errors.sizes**2))
+    factor, size = float(np.exp(share @ np.log(errors.factors))), float(np.sqrt(share @ errors.sizes**2))
     return Posterior(whole, mean, find_covariance, chosen, averaging, share, plain, factor, size)
 
 
@@ -270,22 +265,39 @@ def eliminate(inner: Array, gone: Flags, scales: Array) -> tuple[Array, Array]:
     scales
         Prior standard deviations (g,) of their parameters.
     """
-    wide = scales[:, None] * inner[:, gone]
+    find_share, log = marginalize(inner[:, gone][:, :, gone], scales)
+    share, rest = find_share(inner[:, ~gone][:, :, gone]), inner[:, ~gone][:, :, ~gone]
+    readings = np.arange(rest.shape[1]) == rest.shape[1] - 1
+    return rest * (1.0 + _ROUNDING * np.diag(~readings)) - share @ share.mT, log
+
+
+def marginalize(inner: Array, scales: Array) -> tuple[Callable[[Array], Array], Array]:
+    """Return the share of other columns that normal parameters explain, and ln evidence (q,).
+
+    The share (q, c, g) follows from inner products (q, c, g) of the columns with theirs; products
+    of columns A and B, marginalized, are ``AᵀB - share(A) share(B)ᵀ``.
+
+    Parameters
+    ----------
+    inner
+        Inner products (q, g, g) of the parameters' columns.
+    scales
+        Prior standard deviations (g,).
+    """
     unit = np.eye(len(scales))
-    whole = (wide[:, :, gone] * scales + unit) * (1.0 + _ROUNDING * unit)
-    beside = wide[:, :, ~gone]
-    rest = inner[:, ~gone][:, :, ~gone]
+    whole = (scales[:, None] * inner * scales + unit) * (1.0 + _ROUNDING * unit)
     size = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))[..., None]
     root = np.linalg.cholesky(whole / size / size.mT)  # equal diagonals keep the rest definite
-    reach = np.linalg.solve(root, beside / size)
-    left = rest - reach.mT @ reach
-    left[:, :-1, :-1] += _ROUNDING * np.eye(rest.shape[1] - 1) * rest[:, :-1, :-1]
-    return left, -np.log(size[..., 0] * np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+
+    def find_share(products: Array) -> Array:
+        return np.linalg.solve(root, scales[:, None] * products.mT / size).mT
+
+    return find_share, -np.log(size[..., 0] * np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
 
 
 def _with(chosen: Array, mine: Indices, scales: Array) -> Array:
     """Return prior scales (s, k): the chosen ones (k,) with some replaced by each of (s, m)."""
-    tried = np.repeat(chosen[None], len(scales), axis=0)
+    tried = np.tile(chosen, (len(scales), 1))
     tried[:, mine] = scales
     return tried
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
-from stiffscope.gap.inference.evidence import log_evidences, log_sum
+from stiffscope.gap.inference.evidence import log_evidences, log_sum, marginalize
 from stiffscope.gap.inference.fitting import DOUBT, MARGIN
 from stiffscope.gap.inference.hypothesis import (
     Hypothesis,
@@ -263,9 +263,8 @@ class _Products:
     """Inner products (q, c, l+1) of all effects with them."""
     log_weight: Array
     """Contribution (q,) of the others to ln evidence, except through the readings."""
-    before: Array
-    """Inner products (q, c, m) of effects with the others; ``instead`` holds their solutions."""
-    instead: Array
+    share: Array
+    """What the others take (q, c, m) from all effects."""
 
     @classmethod
     def of(cls, errors: Errors, hypothesis: Hypothesis, library: Library) -> _Products:
@@ -273,24 +272,19 @@ class _Products:
         own = errors.project(np.column_stack([hypothesis.slopes, hypothesis.linear]))
         inner, across = errors.inner(own, own), errors.inner(library.projection, own)
         many = hypothesis.mark(lambda c: bool(c.parts))
-        left = np.append(~many, np.ones(1, dtype=np.bool_))
+        left, log = np.append(~many, np.ones(1, dtype=np.bool_)), np.zeros(len(inner))
         if not many.any():
-            empty = np.zeros((len(inner), across.shape[1], 0))
-            return cls(~many, inner, across, np.zeros(len(inner)), empty, empty)
-        gone, scales = np.flatnonzero(many), hypothesis.known.scales[many]
-        whole = inner[:, gone[:, None], gone] + np.diag(scales**-2.0)
-        before, beside = across[:, :, gone], inner[:, left][:, :, gone]
-        share = np.linalg.solve(whole, np.concatenate([beside, before], axis=1).mT)
-        mine, instead = np.split(share, [beside.shape[1]], axis=2)
-        log = -0.5 * np.linalg.slogdet(whole)[1] - np.log(scales).sum()
-        inner = inner[:, left][:, :, left] - beside @ mine
-        across = across[:, :, left] - before @ mine
-        return cls(~many, inner, across, log, before, instead.mT)
+            return cls(~many, inner, across, log, np.zeros((len(inner), across.shape[1], 0)))
+        gone = np.flatnonzero(many)
+        find_share, log = marginalize(inner[:, gone[:, None], gone], hypothesis.known.scales[many])
+        mine, share = find_share(inner[:, left][:, :, gone]), find_share(across[:, :, gone])
+        inner, across = inner[:, left][:, :, left] - mine @ mine.mT, across[:, :, left] - share @ mine.mT
+        return cls(~many, inner, across, log, share)
 
     def block(self, library: Library, number: int) -> Array:
         """Return inner products (q, k, k) of one effect's columns."""
-        here = library.columns[number]
-        return library.blocks[number] - self.before[:, here] @ self.instead[:, here].mT
+        share = self.share[:, library.columns[number]]
+        return library.blocks[number] - share @ share.mT
 
 
 @dataclass(frozen=True)
