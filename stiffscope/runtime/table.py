@@ -9,7 +9,6 @@ import math
 import re
 import zipfile
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -44,6 +43,8 @@ class Table:
     columns: Mapping[str, Sequence[str] | Array]
     lines: Sequence[int]
     """Line number of each row in the file."""
+    decimal_comma: bool = False
+    """Whether numbers may have a decimal comma."""
 
     def fail(self, row: int, column: str, expected: str) -> InputError:
         """Return the error for a cell."""
@@ -99,27 +100,27 @@ def read_table(
     """
     told, most = most is not None, most or MOST_ROWS
     read = _sheet if path.suffix.lower() == ".xlsx" else _lines
-    rows, lines, decimal_comma = read(path, most)
+    rows, lines, decimal_comma, sheets = read(path, most)
+    name = f"{path.name} (sheet {sheets[0]})" if sheets[1:] else path.name
     if not rows:
-        raise InputError(f"{path.name}: expected a header line of column names, got an empty file")
-    header = _header(path.name, rows[0], lines[0])
-    check(path.name, [name for name in header if name not in ignore])
+        raise InputError(f"{name}: expected a header line of column names, got an empty file")
+    header = _header(name, rows[0], lines[0])
+    check(name, [column for column in header if column not in ignore])
     if len(rows) > most + 1:
-        what = f"{path.name}:{lines[most + 1]}: expected at most {most:,} rows, got more"
+        what = f"{name}:{lines[most + 1]}: expected at most {most:,} rows, got more"
         raise InputError(what if told else f"{what}; average repeated readings")
-    _check_lengths(path.name, header, rows, lines)
+    _check_lengths(name, header, rows, lines)
     if len(rows) == 1:
-        raise InputError(f"{path.name}:{lines[0] + 1}: expected at least one row under the header")
+        raise InputError(f"{name}:{lines[0] + 1}: expected at least one row under the header")
+    if sheets[1:]:
+        log.warning("%s: sheet %s is read, not %s", path.name, sheets[0], ", ".join(sheets[1:]))
     cells = zip(header, zip(*rows[1:], strict=True), strict=True)
-    columns = {name: tuple(map(str.strip, column)) for name, column in cells if name not in ignore}
-    if decimal_comma:
-        swap = partial(_DECIMAL_COMMA.sub, r"\1.\2")
-        columns = {name: tuple(map(swap, column)) for name, column in columns.items()}
-    return Table(path.name, columns, tuple(lines[1:]))
+    columns = {each: tuple(map(str.strip, column)) for each, column in cells if each not in ignore}
+    return Table(name, columns, tuple(lines[1:]), decimal_comma)
 
 
-def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
-    """Return up to ``most + 1`` data rows, line numbers, and whether decimal commas are allowed."""
+def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool, list[str]]:
+    """Return up to ``most + 1`` data rows, line numbers, whether decimal commas are allowed, no sheets."""
     text = read_text(path, "a table in CSV", MOST_BYTES * max(1, most // MOST_ROWS))
     start = text.lstrip()[:_LONGEST].partition("\n")[0]
     mark = "\t" if "\t" in start else ";" if ";" in start else ","
@@ -130,8 +131,7 @@ def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
     before = 0
     try:
         for row in reader:
-            blank = not row or (len(row) == 1 and not row[0].strip())
-            if not blank and (mark == "," or "".join(row).strip()):  # skip rows of separators only
+            if "".join(row).strip():  # skip rows of separators only
                 rows.append(row)
                 lines.append(before + 1)
                 if len(rows) > most + 1 or len(row) > MOST_COLUMNS:
@@ -143,16 +143,17 @@ def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
     except csv.Error as error:
         got = "a quote that nothing closes" if "end of data" in str(error) else error
         raise InputError(f"{path.name}:{before + 1}: expected a CSV row, got {got}") from None
-    return rows, lines, mark != ","
+    return rows, lines, mark != ",", []
 
 
-def _sheet(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
-    """Return the rows of the first visible sheet of an .xlsx file, with their numbers."""
+def _sheet(path: Path, most: int) -> tuple[list[list[str]], list[int], bool, list[str]]:
+    """Return the rows of the first visible sheet of an .xlsx file, their numbers, and all visible titles."""
     try:
         with open_file(path, "an .xlsx workbook") as stream:
             _check_unpacked(path, stream)
             book = openpyxl.load_workbook(stream, read_only=True, data_only=True)
-            sheet = _first_visible(path, book)
+            shown = _visible(path, book)
+            sheet = shown[0]
             sheet.reset_dimensions()  # the stated size is unreliable
             rows, lines = _filled_rows(path, sheet.iter_rows(values_only=True), most)
             gaps = any("" in row or len(row) < len(rows[0]) for row in rows)
@@ -164,17 +165,14 @@ def _sheet(path: Path, most: int) -> tuple[list[list[str]], list[int], bool]:
         got = " ".join(str(error).split())
         raise InputError(f"{path}: expected an .xlsx workbook, got {got}") from None
     width = len(rows[0]) if rows else 0
-    return [row + [""] * (width - len(row)) for row in rows], lines, True
+    return [row + [""] * (width - len(row)) for row in rows], lines, True, [ascii(each.title) for each in shown]
 
 
-def _first_visible(path: Path, book: openpyxl.Workbook) -> Any:
-    """Return the first sheet that is not hidden; warn of others, raise InputError if there is none."""
-    shown = [each for each in book.worksheets if each.sheet_state == "visible"]
-    if not shown:
-        raise InputError(f"{path}: expected an .xlsx workbook with a sheet not hidden")
-    if others := ", ".join(ascii(each.title) for each in shown[1:]):
-        log.warning("%s: sheet %a is read, not %s", path.name, shown[0].title, others)
-    return shown[0]
+def _visible(path: Path, book: openpyxl.Workbook) -> list[Any]:
+    """Return the sheets that are not hidden; raise InputError if there is none."""
+    if shown := [each for each in book.worksheets if each.sheet_state == "visible"]:
+        return shown
+    raise InputError(f"{path}: expected an .xlsx workbook with a sheet not hidden")
 
 
 def _filled_rows(path: Path, rows: Iterable[Sequence[object]], most: int) -> tuple[list[list[str]], list[int]]:
@@ -259,6 +257,19 @@ def check_columns(name: str, header: list[str], required: Collection[str], valid
         raise InputError(f"{name}:1: {unknown[0]}: expected one of {', '.join(valid)}")
 
 
+def check_marks(table: Table, columns: Iterable[str]) -> None:
+    """Raise InputError for a number such as "1.000" in columns of a text where another has a comma, "4,2"."""
+    if not table.decimal_comma or ".xlsx" in table.name:
+        return
+    texts = {name: "\n".join(table.columns[name]) for name in columns if name in table.columns}
+    for mark, other in ((".", ","), (",", ".")):
+        sure = re.search(rf"^[+-]?\d*\{other}\d+$", "\n".join(texts.values()), re.MULTILINE)
+        for name, text in texts.items() if sure else ():
+            if doubtful := re.search(rf"^[+-]?[1-9]\d{{0,2}}\{mark}\d{{3}}$", text, re.MULTILINE):
+                row, expected = text.count("\n", 0, doubtful.start()), f"one decimal mark, as in {sure and sure[0]}"
+                raise table.fail(row, name, f"{expected}, and no separator of thousands")
+
+
 def numbers(table: Table, column: str, *, empty: bool = False, expected: str = "a finite number") -> Array:
     """Return a column as floats (n,); `empty` allows NaN for empty cells. Raise InputError.
 
@@ -274,7 +285,8 @@ def numbers(table: Table, column: str, *, empty: bool = False, expected: str = "
     cells = table.columns[column]
     if isinstance(cells, np.ndarray):
         return cells
-    values = np.array([_number(cell) for cell in cells], dtype=np.float64)
+    texts = (_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in cells) if table.decimal_comma else cells
+    values = np.array([_number(text) for text in texts], dtype=np.float64)
     bad = ~np.isfinite(values)
     table.refuse_where(bad & [bool(cell) for cell in cells] if empty else bad, column, expected)
     return values

@@ -99,6 +99,11 @@ def test_a_second_sheet_is_told(tmp_path, caplog):
     workbook(tmp_path, ("old", "visible", [COLUMNS, old]), ("new", "visible", [COLUMNS, ROW]))
     assert load(tmp_path, "r.xlsx").value.tolist() == [7e-5]
     assert "r.xlsx: sheet 'old' is read, not 'new'" in caplog.text
+    caplog.clear()
+    workbook(tmp_path, ("empty", "visible", []), ("new", "visible", [COLUMNS, ROW]))
+    with pytest.raises(InputError, match=r"^r\.xlsx \(sheet 'empty'\): expected a header line"):
+        load(tmp_path, "r.xlsx")
+    assert not caplog.text  # a refusal is one line
 
 
 def test_a_formula_without_its_value_is_refused(tmp_path):
@@ -221,3 +226,30 @@ def test_a_malformed_cell_is_named(tmp_path, column, cell):
     (tmp_path / "r.csv").write_text("\t".join(COLUMNS) + "\n" + "\t".join(row) + "\n")
     with pytest.raises(InputError, match=rf"^r\.csv:2: {column}: expected "):
         load(tmp_path, "r.csv")
+
+
+@pytest.mark.parametrize(
+    ("rows", "place"),
+    [
+        (("1.000;4,2;a", "900;3,9;a"), "2: fx"),  # thousands as Germans write them
+        (("900;4.2;a", "1,000;3.9;a"), "3: fx"),  # and as the English do
+        (("900;987,5;a", "900;1.234;a"), "3: value"),
+        (("900;4,2;1.234", "900;2,345;1.1"), ""),  # labels are no numbers
+        (("900;0.125;a", "900;1.234;a"), ""),
+    ],
+)
+def test_a_separator_of_thousands_is_not_a_decimal_mark(tmp_path, rows, place):
+    lines = ["x;y;z;quantity;sigma;fx;value;session", *(f"0;0;0;dx;;{row}" for row in rows)]
+    (tmp_path / "r.csv").write_text("\n".join(lines))
+    if not place:
+        assert len(load(tmp_path, "r.csv")) == 2
+        return
+    with pytest.raises(InputError, match=rf"^r\.csv:{place}: expected one decimal mark, as in .*, and no separator of"):
+        load(tmp_path, "r.csv")
+
+
+def test_rows_of_separators_are_skipped_and_labels_keep_their_commas(tmp_path):
+    (tmp_path / "r.csv").write_text(f"{HEADER}\n{LINE}\n,,,,,\n,,,,,\n")
+    assert len(load(tmp_path, "r.csv")) == 1
+    (tmp_path / "r.csv").write_text("x;y;z;quantity;value;sigma;session\n0;0;0,35;ez;1e-5;1e-6;1,5\n")
+    assert load(tmp_path, "r.csv").session_names == ("1,5",)

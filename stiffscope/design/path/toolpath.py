@@ -10,7 +10,7 @@ import numpy as np
 from stiffscope.design.path.gcode import MOST_POINTS, Program, program_text, read_program
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
-from stiffscope.runtime.table import Table, check_columns, numbers, read_table
+from stiffscope.runtime.table import Table, check_columns, check_marks, numbers, read_table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -140,6 +140,7 @@ def read_toolpath(
             raise InputError(f"{name}:1: expected {expected}, got both")
 
     table = _read_plain(path, check) or read_table(path, check, most=MOST_POINTS)
+    check_marks(table, table.columns)
     columns = tuple(name for name in table.columns if name.startswith(JOINT)) or pose
     factors = {name: _factor(path, name, units.get(name)) for name in table.columns}
     found = {name: numbers(table, name) * factor for name, factor in factors.items()}

@@ -20,7 +20,7 @@ from stiffscope.robot.file.description import GROUND
 from stiffscope.robot.file.quantities import show_value
 from stiffscope.runtime.reading import open_file
 from stiffscope.runtime.reading import show_path as shown_path
-from stiffscope.runtime.table import numbers, read_table
+from stiffscope.runtime.table import check_marks, numbers, read_table
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -132,6 +132,7 @@ def _read_readings(path: Path, header: Header, *, planned: bool) -> tuple[Keys, 
     """Return the keys, values and uncertainties (n,) of a table."""
     bare = header.predictions is not None
     table = read_table(path, partial(of_rows.check_readings_columns, bare=bare), header.ignore)
+    check_marks(table, [name for name in table.columns if name not in {*OPTIONAL, *LABEL}])
     of_rows.check_units(header, table)
     keys = of_rows.read_keys(table, header, bare=bare)
     value = numbers(table, "value", empty=planned, expected="a finite reading in SI")
@@ -168,6 +169,7 @@ def _read_predictions(path: Path, header: Header, parts: list[Keys]) -> dict[str
         raise InputError(f"{table.name}:1: sigma: expected predictions, which have no sigma")
     keys = of_rows.read_keys(table, header, bare=True)
     models = [n for n in table.columns if n not in {*expected, *WRENCH, *OPTIONAL, *AXES}]
+    check_marks(table, [*WRENCH, *AXES, *models])
     read = partial(numbers, table, expected="a finite predicted value in SI")
     convert = partial(readings_in_si, table, header, quantity=keys.quantity, unit_of="value")
     found = {name: read(name) for name in models}
