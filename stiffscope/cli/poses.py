@@ -68,7 +68,7 @@ def _coordinates(robot: RobotFile, text: str) -> tuple[float, ...]:
         return robot.poses[text]
     pose = robot.tool.pose
     try:
-        return q.several(text, *(q.ANGLE if name.startswith("r") else q.LENGTH for name in pose))
+        return q.several(text, *map(robot.dimension_of, pose))
     except ValueError as error:
         examples = {"z": "350 mm", **dict.fromkeys(("rx", "ry", "rz"), "10 deg")}
         example = ",".join(examples.get(name, "0") for name in pose)
@@ -92,9 +92,8 @@ def _displacements(robot: RobotFile, text: str) -> list[float]:
             guess = "" if name in given else meant(name, drives)
             expected = f"expected each of {', '.join(drives)} once"
             raise InputError(f'--joints {text}: {expected}, got "{name}"{guess}')
-        kind = q.ANGLE if robot.joints[name].type == "revolute" else q.LENGTH
         try:
-            (given[name],) = q.several(value, kind)
+            (given[name],) = q.several(value, robot.dimension_of(f"q:{name}"))
         except ValueError as error:
             raise InputError(f"--joints {text}: {name}: {error}") from error
     return [given.get(name, 0.0) for name in drives]

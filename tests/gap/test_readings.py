@@ -357,6 +357,9 @@ def test_names_what_is_wrong_with_sensors(tmp_path, old, new, expected):
         ("direction = [0, 0, 2]", "direction = [0, 0, 0]", "sensors.gauge.direction: expected a direction"),
         ('at = ["75 mm", 0, 0.33]', 'at = ["75 N", 0, 0]', "sensors.gauge.at: expected a displacement|a length"),
         ("zero =", "nought =", "sensors.level.nought: expected one of measures"),
+        ("[sensors.level]", '[sensors."a\\u001b[31m"]', 'sensors.".*": expected a name of printable characters'),
+        ("[sensors.level]", '[sensors." level"]', 'sensors." level": expected a name of printable characters without'),
+        ("[sensors.level]", '[sensors.""]', 'sensors."": expected a name of printable characters'),
         ('zero = "session"', 'zero = "daily"', "sensors.level.zero: expected one of none, session"),
         ('value = "um"', 'value = "furl"', "units.value: expected a unit such as"),
         ('value = "um"', 'fz = "mm"', "units.fz: expected a unit of a force"),
@@ -391,6 +394,13 @@ def test_poses_by_name_or_by_joints_are_those_of_the_robot(tmp_path):
     assert c.poses[0] == pytest.approx([0.1, np.radians(10.0), 0.0])
     with pytest.raises(InputError, match=r"readings.csv:1: q:leg3.motor: expected the coordinates that command delta"):
         load_campaign(folder(tmp_path / "d", joints.replace(",q:leg3.motor", "").replace(",0,", ","), toml=toml), delta)
+    with pytest.raises(
+        InputError, match=r"^campaign.toml:3: units.*leg2.motor.*: expected a unit of an angle, got .mm"
+    ):
+        load_campaign(folder(tmp_path / "e", joints, toml=toml.replace("deg", "mm")), delta)
+    both = "x,y,z," + joints.replace("0.1,10,", "0,0,-0.4,0.1,10,")
+    with pytest.raises(InputError, match=r"readings.csv:1: q:leg1.motor: expected the coordinates .* got x y z q:leg1"):
+        load_campaign(folder(tmp_path / "f", both, toml=toml), delta)
 
 
 @pytest.mark.parametrize(

@@ -452,6 +452,10 @@ def test_set_reaches_parts_parameters_joints_bodies_and_copies(read):
             r'^--set leg2.motor.axis=\[0,0,0\]: joints."leg2.motor".axis: expected a direction',
         ),
         ("leg2.motor.drive.range=3", '^--set .*: joints."leg2.motor".drive.range: expected two angles'),
+        (
+            "parameters.thh=30 deg",
+            r'^--set .*: expected a parameter of the file .*, got "thh"; did you mean "th"',
+        ),
         ("parameters.th=nix", "^--set parameters.th=nix: parameters.th: expected a quantity"),
         ("arm.length=230mm", r'robot.toml:\d+: bodies."leg1.arm".tip: expected .* \(with --set arm.length=230mm\)$'),
         ("arm.fitting_radius=9mm", r"robot.toml:8: .*fitting_length: .* \(with --set arm.fitting_radius=9mm\)$"),

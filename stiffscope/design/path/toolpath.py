@@ -25,8 +25,6 @@ PROGRAMS = {".nc", ".ngc", ".gcode", ".tap", ".cnc", ".iso", ".mpf"}
 MOST_LOAD = 1e6  # N, N·m
 _MOST_ROW = 1000  # bytes
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
-_PLACE = q.Dimension("a length", "m", "mm", most=1e4)
-_TURN = q.Dimension("an angle", "rad", "deg", most=1e4)
 _FEED = q.Dimension("a speed", "m/s", "mm/min", most=1e3)
 _TIME = q.Dimension("a time", "s", "s", most=1e9)
 
@@ -142,7 +140,7 @@ def read_toolpath(
     table = _read_plain(path, check) or read_table(path, check, most=MOST_POINTS)
     check_marks(table, table.columns)
     columns = tuple(name for name in table.columns if name.startswith(JOINT)) or pose
-    factors = {name: _factor(path, name, units.get(name)) for name in table.columns}
+    factors = {name: _factor(path, name, units.get(name), robot) for name in table.columns}
     found = {name: numbers(table, name) * factor for name, factor in factors.items()}
     values = np.column_stack([found[name] for name in columns])
     wrench = None
@@ -187,19 +185,17 @@ def _read_plain(path: Path, check: Callable[[str, list[str]], None]) -> Table | 
     return Table(path.name, columns, range(2, found.num_rows + 2))
 
 
-def _factor(path: Path, column: str, unit: str | None) -> float:
+def _factor(path: Path, column: str, unit: str | None, robot: RobotFile) -> float:
     """Return the factor from a column's unit to SI. Raise InputError for an unknown unit."""
     if unit is None:
         return 1.0
-    sizes = {"feed": (_FEED,), "t": (_TIME,)}
-    sizes |= dict.fromkeys(WRENCH[:3], (q.FORCE,)) | dict.fromkeys(WRENCH[3:], (q.MOMENT,))
-    sizes |= dict.fromkeys(_AXES[:3], (_PLACE,)) | dict.fromkeys(_AXES[3:], (_TURN,))
-    for dimension in sizes.get(column, (_PLACE, _TURN)):
-        try:
-            return q.to_si(f"1 {unit}", dimension)
-        except ValueError:
-            continue
-    raise InputError(f'{path.name}: units.{column}: expected a unit of its kind, got "{unit}"')
+    sizes = {"feed": _FEED, "t": _TIME, **dict.fromkeys(WRENCH[:3], q.FORCE), **dict.fromkeys(WRENCH[3:], q.MOMENT)}
+    dimension = sizes.get(column) or robot.dimension_of(column)
+    try:
+        return q.to_si(f"1 {unit}", dimension)
+    except ValueError as error:
+        expected = f'expected a unit of {dimension.noun}, got "{unit}"'
+        raise InputError(f"{path.name}: units.{column}: {expected}") from error
 
 
 def _of_program(path: Path, robot: RobotFile, step: float, at: Array, axes: Array) -> ToolPath:

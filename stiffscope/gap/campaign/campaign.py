@@ -12,6 +12,8 @@ from stiffscope.gap.campaign import quantities as of
 from stiffscope.gap.campaign.quantities import AXES, DEVIATION, kind_of
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from stiffscope.robot.file.parse import Source
     from stiffscope.runtime.types import Array, Flags, Indices
 
@@ -138,6 +140,8 @@ class Campaign:
     expected: Array | None = None
     """Offset (n,) subtracted from ``value`` once the robot is known: position or distance of the
     rigid robot as commanded, zero for other readings; None: values are as read."""
+    units: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Units of columns that were not in SI."""
     source: Source | None = None
     """Text of the campaign.toml, used to give line numbers in errors; None if nothing was read."""
 

@@ -250,4 +250,8 @@ class _Table:
 
     def sections(self, key: str) -> list[tuple[str, _Table]]:
         found = self.table(key)
+        for name in found.data:
+            if not name.isprintable() or not name or name != name.strip():  # a terminal would obey it
+                expected = "expected a name of printable characters without blanks around it"
+                raise found.refuse(name, f"{expected}, got {show_value(name)}")
         return [(name, found.table(name)) for name in found.data]

@@ -201,7 +201,7 @@ def check_units(header: Header, table: Table) -> None:
     known = {*AXES, *WRENCH, "value", "sigma"}
     for column in header.units:
         if column not in known and not column.startswith(of.JOINT):
-            valid = ", ".join((*AXES, *WRENCH, "value", "sigma", "q:of.JOINT"))
+            valid = ", ".join((*AXES, *WRENCH, "value", "sigma", "q:JOINT"))
             raise header.source.refuse(("units", column), f"expected a column among {valid}")
         if column not in table.columns and column in {"value", "sigma"}:
             raise InputError(f"{table.name}:1: {column}: expected this column, got none")

@@ -17,7 +17,7 @@ from stiffscope.gap.campaign.campaign_header import load_header
 from stiffscope.gap.campaign.keys import LABEL, MOVED, OPTIONAL, coordinates_of, readings_in_si
 from stiffscope.gap.campaign.quantities import AXES, WRENCH, kind_of, label_pose
 from stiffscope.robot.file.description import GROUND
-from stiffscope.robot.file.quantities import show_value
+from stiffscope.robot.file.quantities import show_value, to_si
 from stiffscope.runtime.reading import open_file
 from stiffscope.runtime.reading import show_path as shown_path
 from stiffscope.runtime.table import check_marks, numbers, read_table
@@ -98,6 +98,7 @@ def load_campaign(
         loads=header.loads,
         load=np.concatenate([part.load for part in parts]),
         frames=header.frames,
+        units=header.units,
         source=header.source,
     )
     _check_some(campaign)
@@ -225,13 +226,19 @@ def _order_columns(campaign: Campaign, robot: RobotFile) -> Campaign:
     joints = tuple(f"{of.JOINT}{name}" for name in robot.drives())
     wanted = next((names for names in (pose, joints) if names and set(names) == set(given)), None)
     if wanted is None:
-        strange = [name for name in given if name not in {*pose, *joints}]
         valid = joints if given[0].startswith(of.JOINT) else pose
-        lacking = [*strange, *(name for name in valid if name not in given)]
+        wrong = next(name for name in (*given, *valid) if (name in given) != (name in valid))
         expected = f"{' '.join(pose)}, or {' '.join(joints)}, got {' '.join(given)}"
-        where = f"{campaign.files[0]}:1: {lacking[0]}"
+        where = f"{campaign.files[0]}:1: {wrong}"
         command = f"the coordinates that command {robot.name}"
         raise InputError(f"{where}: expected {command}: {expected}")
+    for name in [name for name in wanted if name in campaign.units]:
+        unit, dimension = campaign.units[name], robot.dimension_of(name)
+        try:
+            to_si(f"1 {unit}", dimension)
+        except ValueError:
+            expected = f"expected a unit of {dimension.noun}, got {show_value(unit)}"
+            raise campaign.refuse(("units", name), expected) from None
     order = [given.index(name) for name in wanted]
     return replace(campaign, poses=campaign.poses[:, order], coordinates=wanted)
 

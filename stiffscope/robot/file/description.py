@@ -10,6 +10,7 @@ from stiffscope.cad.materials import AnyMaterial, material
 from stiffscope.errors import InputError
 from stiffscope.robot.file import sections
 from stiffscope.robot.file.parse import Source
+from stiffscope.robot.file.quantities import ANGLE, LENGTH
 from stiffscope.runtime.brief import describe_briefly
 
 if TYPE_CHECKING:
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
     from stiffscope.robot.file.part_sections import PartSection
     from stiffscope.robot.file.positions import Key
+    from stiffscope.robot.file.quantities import Dimension
 
 GROUND = "ground"
 ENDS = ("base", "tip")
@@ -108,6 +110,12 @@ class RobotFile:
     def drives(self) -> tuple[str, ...]:
         """Return the names of the driven joints."""
         return tuple(name for name, joint in self.joints.items() if getattr(joint, "drive", None))
+
+    def dimension_of(self, coordinate: str) -> Dimension:
+        """Return what a coordinate of the tool, or of a drive, "q:JOINT", measures: a length or an angle."""
+        joint = self.joints.get(coordinate.removeprefix("q:"))
+        turns = coordinate in sections.AXES[3:] if joint is None else joint.type == "revolute"
+        return ANGLE if turns else LENGTH
 
     def members(self, place: str) -> tuple[str, ...]:
         """Return the names of the bodies and joints at a place.

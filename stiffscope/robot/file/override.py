@@ -99,6 +99,9 @@ def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
         (section, *rest) for section in NAMED for rest in _ways(name, names.get(section, ()))
     ]
     section, _, rest = name.partition(".")
+    if section == "parameters" and rest not in (there := names.get(section, ())):
+        what = f"a parameter of the file ({list_some(there) or 'it has none'})"
+        raise InputError(f'--set {text}: expected {what}, got "{rest}"{meant(rest, there)}')
     if section in TABLES:
         inside = _ways(rest, names.get(section, ())) if section in _NESTED else []
         found.append((section, *(inside[0] if inside else rest.split("."))))
