@@ -118,7 +118,8 @@ def test_a_four_bar_with_two_connects_on_a_line(imported):
 
 
 def test_what_is_welded_is_weighed_together(imported):
-    _, robot, _ = imported(FOUR_BAR, ".xml")
+    _, robot, _ = imported(FOUR_BAR.replace('-4"/>', '-4"><flag equality="disable"/></option>'), ".xml")
+    assert robot.tool.pose == ("x",)  # the loop is closed, whatever a simulation does
     crank = robot.bodies["crank"]
     assert crank.mass == 3.0
     assert crank.centre == pytest.approx(((0 + 0) / 3, 0.1 / 3, 1 + (2 * 0.1 + 0.2) / 3))
@@ -130,6 +131,17 @@ def test_what_is_welded_is_weighed_together(imported):
     )
     xx, yy, zz, xy, xz, yz = crank.inertia
     np.testing.assert_allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], expected, atol=1e-15)
+
+
+def test_a_link_with_shapes_alone_has_no_mass(imported):
+    """MuJoCo would give it that of water."""
+    own = re.search(r"(?s)<inertial>.*?</inertial>", ARM)[0]
+    shape = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
+    model, robot, _ = imported(ARM.replace(own, shape), ".urdf")
+    assert robot.bodies["upper"].mass == 1.0  # of the plate alone
+    model, robot, _ = imported(ARM.replace(own, shape).replace('"fixed"', '"continuous"'), ".urdf", path="other.toml")
+    assert robot.bodies["upper"].mass == 0.0
+    assert "the source gives no mass of upper" in model.notes
 
 
 def test_an_arm_in_urdf(imported):
@@ -232,6 +244,11 @@ def test_a_platform_that_hangs_on_closures_and_two_hinges_of_one_body(imported):
         (FOUR_BAR, {"home": ["motor"]}, "--home motor: expected JOINT=POSITION"),
         (FOUR_BAR, {"home": ["moter=1"]}, "--home moter: expected a joint"),
         (FOUR_BAR, {"home": ["motor=0.1", "motor=0.2"]}, "--home motor=0.2: expected each joint once, got motor twice"),
+        (FOUR_BAR, {"home": ["motor=30 mm"]}, "--home motor: expected an angle such as .*, which is a length"),
+        (FOUR_BAR.replace("</mujoco>", '<keyframe><key name="home" qpos="nan 0 0"/></keyframe></mujoco>'), {},
+         "model.xml: expected .* whose home is finite numbers"),
+        (FOUR_BAR.replace("</equality>", '<connect body1="rocker" anchor="0 0 0.2"/></equality>'), {},
+         "expected a tool that moves, got one that joints and loops hold"),
         (FOUR_BAR, {"home": ["motor=70 deg"]}, "--home motor: expected a position within its range, -0.5236 to 0.8727"),
         (FOUR_BAR, {"drives": ["m*=1", "motor=2"]}, "--drive motor=2: expected one stiffness of each joint, got two"),
         (FOUR_BAR.replace('pos="0.4 0 0">', 'pos="2 0 0">').replace(
@@ -258,14 +275,16 @@ def test_refusals(imported, tmp_path, text, options, message):
         ('<origin xyz="0.1 0 0"/><axis', '<origin xyzx="0.1 0 0"/><axis', r'23: origin: expected a known .*mean "xyz"'),
         ('rpy="0 0 1.57', 'ryp="0 0 1.57', "16: origin: expected a known key"),
         ('<axis xyz="1 0 0"/>', '<axisx xyz="1 0 0"/>', r'23: axisx: expected an element of URDF, got "axisx"'),
+        ('<joint name="weld"', '<xacro:arm prefix="l"/><joint name="weld"', "19: xacro:arm: expected a URDF without"),
         ('iyz="0"/></inertial>\n  </link>\n  <joint', 'iyz="inf"/></inertial>\n  </link>\n  <joint',
          r'13: inertia\.iyz: expected finite numbers, got "inf"'),
     ],
 )  # fmt: skip
 def test_words_of_urdf_that_a_parser_passes_over_are_refused(imported, old, new, message):
     assert old in ARM
-    with pytest.raises(InputError, match=rf"model\.urdf:{message}"):
-        imported(ARM.replace(old, new), ".urdf")
+    for suffix in (".urdf", ".URDF", ".xml"):
+        with pytest.raises(InputError, match=rf"model\{suffix}:{message}"):
+            imported(ARM.replace(old, new), suffix)
 
 
 def test_two_joints_of_one_name_are_refused(imported):

@@ -13,6 +13,7 @@ from xml.parsers import expat
 import numpy as np
 
 from stiffscope.errors import InputError, meant
+from stiffscope.robot.file.quantities import ANGLE, LENGTH, to_si
 from stiffscope.robot.file.tables import unknown_key
 from stiffscope.runtime.reading import read_bytes
 
@@ -122,14 +123,15 @@ def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
             "install it by: python -m pip install mujoco"
         ) from error
     content = read_bytes(path, _MODEL)
-    if path.suffix.lower() == ".urdf":
+    if is_urdf(content):
         _check_urdf(path, content)
     library: Any = mujoco
     warnings: list[str] = []
     library.set_mju_user_warning(warnings.append)  # default: MUJOCO_LOG.TXT
     try:
-        model, notes = _compile(library, path)
+        model, notes = _compile(library, path, content)
         _check_finite(path, model)
+        model.opt.disableflags &= ~int(library.mjtDisableBit.mjDSBL_EQUALITY)
         compiled = CompiledModel(library, path, model, library.MjData(model), notes)
         _go_home(compiled, home)
     finally:
@@ -140,12 +142,24 @@ def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
     return compiled
 
 
-def _compile(mj: Any, path: Path) -> tuple[Any, list[str]]:
+def is_urdf(content: bytes) -> bool:
+    """Return whether a file's first element is that of URDF."""
+    first = re.search(rb"<([A-Za-z]\w*)", re.sub(rb"(?s)<!--.*?(-->|\Z)", b"", content))
+    return first is not None and first[1] == b"robot"
+
+
+def _compile(mj: Any, path: Path, content: bytes) -> tuple[Any, list[str]]:
     """Return the compiled model and notes on omissions."""
     try:
-        spec = mj.MjSpec.from_file(str(path))
+        if path.suffix in {".urdf", ".xml"}:
+            spec = mj.MjSpec.from_file(str(path))
+        else:  # MuJoCo knows its files by their names
+            spec = mj.MjSpec.from_string(content.decode(errors="replace"))
         spec.compiler.fusestatic = 0
-        _check_spec(path, spec)
+        never, auto = (getattr(mj.mjtInertiaFromGeom, f"mjINERTIAFROMGEOM_{each}") for each in ("FALSE", "AUTO"))
+        if is_urdf(content) and spec.compiler.inertiafromgeom == auto:
+            spec.compiler.inertiafromgeom = never  # a link without <inertial> has no mass, not that of water
+        _check_spec(path, spec, urdf=is_urdf(content))
         least = spec.compiler  # minimum mass and inertia, which moving bodies need to compile
         least.boundmass = max(least.boundmass, 1e-9)
         least.boundinertia = max(least.boundinertia, 1e-15)
@@ -176,6 +190,9 @@ def _check_urdf(path: Path, content: bytes) -> None:
 
     def look(element: str, attributes: Mapping[str, str]) -> None:
         place = f"{path}:{parser.CurrentLineNumber}: {print_safely(element)}"
+        if element.startswith("xacro:"):
+            got = 'got one to be converted ("xacro FILE.xacro > FILE.urdf")'
+            raise InputError(f"{place}: expected a URDF without xacro, {got}")
         if element not in {*_URDF, "inertial"} and (guess := meant(element, _URDF, cutoff=0.8)):
             raise InputError(f'{place}: expected an element of URDF, got "{element}"{guess}')
         for name, text in attributes.items() if element in _URDF else ():
@@ -190,7 +207,7 @@ def _check_urdf(path: Path, content: bytes) -> None:
         parser.Parse(content, True)
 
 
-def _check_spec(path: Path, spec: Any) -> None:
+def _check_spec(path: Path, spec: Any, *, urdf: bool) -> None:
     for quantity, unit, what, things in (
         ("mass", "kg", "body", spec.bodies), ("mass", "kg", "geom", spec.geoms),
         ("inertia", "kg*m^2", "body", spec.bodies), ("density", "kg/m^3", "geom", spec.geoms),
@@ -199,7 +216,7 @@ def _check_spec(path: Path, spec: Any) -> None:
             if (value := np.min(getattr(each, quantity))) < 0:
                 got = f'{value:g} {unit} of {what} "{print_safely(each.name)}"'
                 raise InputError(f"{path}: expected no {quantity} below zero, got {got}")
-    for joint in spec.joints if path.suffix.lower() == ".urdf" else ():
+    for joint in spec.joints if urdf else ():
         if not joint.name:  # MuJoCo drops duplicate names
             message = "expected joints with names of their own, got one without, or with another's"
             raise InputError(f'{path}: {message}, to "{print_safely(joint.parent.name)}"')
@@ -227,6 +244,8 @@ def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
     if key >= 0:
         mj.mj_resetDataKeyframe(m, d, key)
         compiled.notes.append('home is the keyframe "home" of the source')
+    if not np.isfinite(d.qpos).all():
+        raise InputError(f"{compiled.path}: expected {_MODEL} whose home is finite numbers, got others")
     joints = {
         name: each
         for name, each in compiled.labels("joint", m.njnt).items()
@@ -237,6 +256,11 @@ def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
             what = f"a joint that turns or slides ({', '.join(joints)})"
             raise InputError(f'--home {name}: expected {what}, got "{name}"')
         number = joints[name]
+        slides = compiled.is_a(m.jnt_type[number], "mjtJoint", "mjJNT_SLIDE")
+        try:
+            to_si(value, LENGTH if slides else ANGLE, sign="any")
+        except ValueError as error:
+            raise InputError(f"--home {name}: {error}") from error
         low, high = m.jnt_range[number]
         if m.jnt_limited[number] and not low <= value <= high:
             what = f"a position within its range, {low:.4g} to {high:.4g}"

@@ -6,14 +6,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stiffscope.errors import InputError
-from stiffscope.robot.file.values import any_quantity
+from stiffscope.robot.file.values import measured_quantity
 from stiffscope.robot.imports.assembly_parts import part_lines, write_import
-from stiffscope.robot.imports.compiled_model import print_safely
+from stiffscope.robot.imports.compiled_model import is_urdf, print_safely
 from stiffscope.robot.imports.import_record import parts_folder
 from stiffscope.robot.imports.model_solids import add_solids
 from stiffscope.robot.imports.robot_text import check_text, driven, number_or_text, robot_text
 from stiffscope.robot.imports.simulator_model import read_model
 from stiffscope.runtime.output import check_new, write_new
+from stiffscope.runtime.reading import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,7 +44,7 @@ def import_model(
         Body or site that is the tool; by default a last one.
     """
     check_new(out)
-    path, out, urdf = Path(path), Path(out), Path(path).suffix.lower() == ".urdf"
+    path, out, urdf = Path(path), Path(out), is_urdf(read_bytes(path, "a model in URDF or MJCF"))
     if materials and not urdf:
         raise InputError(f"--material: expected a STEP assembly or a URDF, got {path.name}")
     model = read_model(path, tool, _positions(home))
@@ -68,7 +69,7 @@ def _positions(texts: Sequence[str]) -> dict[str, float]:
         if name in found:
             raise InputError(f"--home {text}: expected each joint once, got {name} twice")
         try:
-            found[name] = any_quantity(number_or_text(value) if equals else None)
+            found[name] = measured_quantity(number_or_text(value) if equals else None)
         except ValueError as error:
             what = 'JOINT=POSITION such as "elbow=90 deg"'
             raise InputError(f'--home {text}: expected {what}, got "{text}"') from error

@@ -56,6 +56,9 @@ def movable_coordinates(source: CompiledModel, body: int, at: Array) -> tuple[st
         basis = rows[(sizes > 1e-9 * sizes[0]).sum() :].T
     chosen = choose_coordinates(jacobian @ basis)
     count = len(chosen)
+    if not count:
+        got = "one that joints and loops hold; choose another with --tool"
+        raise InputError(f"{source.path}: expected a tool that moves, got {got}")
     if not closures.size and count < min(6, m.nv) and _nearby_rank(source, body, at) > count:
         why = "the tool moves in more directions elsewhere; choose another with --home"
         source.notes.append(f"home is singular: {why}")

@@ -88,6 +88,8 @@ def read_model(path: str | Path, tool: str | None = None, home: Mapping[str, flo
     source = compile_at_home(Path(path), home or {})
     joints = _name_apart([*_tree_joints(source), *_closing_joints(source)])
     bodies = [_merge(source, number, name) for number, name in source.movers.items() if number]
+    if bare := [body.name for body in bodies if not body.mass]:
+        source.notes.append(f"the source gives no mass of {', '.join(bare)}")
     ends = {name for joint in joints for name in (joint.first, joint.second)}
     between = sorted(ends - {GROUND, *(body.name for body in bodies)})  # two joints of one body
     reached = find_distances(joints, GROUND)
