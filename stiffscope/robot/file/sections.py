@@ -246,9 +246,9 @@ class Copies(Section):
     """A copied set of bodies and joints, renamed and rotated about an axis through the origin."""
 
     of: Name
-    as_: tuple[str, ...] = Field(alias="as")
+    as_: Annotated[tuple[str, ...], Says('names such as ["leg2", "leg3"]')] = Field(alias="as")
     axis: v.Direction
-    angles: tuple[v.Angle, ...]
+    angles: Annotated[tuple[v.Angle, ...], Says('angles such as ["120 deg", "240 deg"]')]
 
     @field_validator("as_", "angles", mode="before")
     @classmethod
@@ -264,7 +264,7 @@ class ToolSection(Section):
 
     body: Name
     at: v.Point
-    pose: tuple[Literal["x", "y", "z", "rx", "ry", "rz"], ...]
+    pose: Annotated[tuple[Literal["x", "y", "z", "rx", "ry", "rz"], ...], Says('coordinates such as ["x", "y", "rz"]')]
 
     @field_validator("pose")
     @classmethod

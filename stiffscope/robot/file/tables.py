@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import typing
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
@@ -105,7 +105,8 @@ def _describe_missing(model: type[BaseModel], key: str) -> str:
     field = next((field for name, field in fields if key in {name, field.alias}), None)
     notes = [note for note in (field.metadata if field else ()) if isinstance(note, Reads | Says)]
     said = [note.says if isinstance(note, Reads) else note for note in notes]
-    return said[-1] if said else "a value"
+    words = typing.get_args(field.annotation) if field and typing.get_origin(field.annotation) is Literal else ()
+    return said[-1] if said else f"one of {list_some(words)}" if words else "a value"
 
 
 def _model_at(model: type[BaseModel], key: Key) -> type[BaseModel]:
