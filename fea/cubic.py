@@ -24,7 +24,7 @@ import numpy as np
 from stiffscope.fea.couplings import Coupling, Supports, traction_work
 from stiffscope.fea.cubic_products import apply_by_blocks, apply_by_elements, element_forces, expand, invert_blocks
 from stiffscope.fea.mesh import Floats, Ints, MeshError, TetMesh
-from stiffscope.fea.solvers import Solve, Solver, conjugate_gradients
+from stiffscope.fea.solvers import Solve, Solver, conjugate_gradients, in_portions
 from stiffscope.fea.spaces import ElementTetCubic
 
 if TYPE_CHECKING:
@@ -103,22 +103,25 @@ def solve_cubic(
     ------
     MeshError : if the iteration does not converge.
     """
-    split = len(start)
-    motion = np.vstack([start, np.zeros((len(force) - split, force.shape[1]))])
-    enough = tolerance, limit
-    if problem.eliminated is None:
-        operators = problem.apply, problem.precondition
-        motion, converged = conjugate_gradients(*operators, force, motion, *enough)
-    else:
-        operators = problem.eliminated, lambda x: problem.jacobi @ x
-        rest = (force - problem.apply(motion))[split:]
-        motion[split:], converged = conjugate_gradients(*operators, rest, np.zeros_like(rest), *enough)
-    if not converged:
-        why = "flat elements or a material like rubber"
-        raise MeshError(f"solve: the cubic solution did not converge in {limit} steps: {why}")
-    # nodal equilibrium, independent of errors in the cubics
-    motion[:split] += problem.balance((force - problem.apply(motion))[:split])
-    return motion
+    split, enough = len(start), (tolerance, limit)
+
+    def solve(force: Floats, start: Floats) -> Floats:
+        motion = np.vstack([start, np.zeros((len(force) - split, force.shape[1]))])
+        if problem.eliminated is None:
+            operators = problem.apply, problem.precondition
+            motion, converged = conjugate_gradients(*operators, force, motion, *enough)
+        else:
+            operators = problem.eliminated, lambda x: problem.jacobi @ x
+            rest = (force - problem.apply(motion))[split:]
+            motion[split:], converged = conjugate_gradients(*operators, rest, np.zeros_like(rest), *enough)
+        if not converged:
+            why = "flat elements or a material like rubber"
+            raise MeshError(f"solve: the cubic solution did not converge in {limit} steps: {why}")
+        # nodal equilibrium, independent of errors in the cubics
+        motion[:split] += problem.balance((force - problem.apply(motion))[:split])
+        return motion
+
+    return in_portions(solve)(force, start)
 
 
 def work(apply: Solve, force: Floats, motion: Floats) -> Floats:
@@ -133,7 +136,7 @@ def work(apply: Solve, force: Floats, motion: Floats) -> Floats:
     motion
         Approximate solution.
     """
-    found = motion.T @ (2 * force - apply(motion))
+    found = in_portions(lambda some, moved: motion.T @ (2 * some - apply(moved)))(force, motion)
     return (found + found.T) / 2
 
 

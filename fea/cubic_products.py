@@ -12,10 +12,12 @@ import numpy as np
 from scipy.sparse import bsr_array, csr_array
 
 from stiffscope.fea.couplings import Supports, dofs_of
-from stiffscope.fea.solvers import Solve, on_all_cores
+from stiffscope.fea.solvers import Solve, in_portions, on_all_cores
 from stiffscope.fea.spaces import sum_matrix
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from stiffscope.fea.cubic_space import Cubic, Group
     from stiffscope.fea.mesh import Floats, Ints
 
@@ -38,7 +40,7 @@ def apply_by_elements(space: Cubic, supports: Supports, free: Ints, springs: csr
         forces = forces.reshape(-1, loads)
         return np.vstack([supports.restrict(forces[:base]), forces[high]])
 
-    return apply
+    return in_portions(apply)
 
 
 def apply_by_blocks(
@@ -160,7 +162,7 @@ def expand(space: Cubic, supports: Supports, free: Ints, coordinates: Floats) ->
     return motion
 
 
-def element_forces(space: Cubic, batch: list[Group], motion: Floats) -> Floats:
+def element_forces(space: Cubic, batch: Sequence[Group], motion: Floats) -> Floats:
     """Return element forces (m, 20, 3, loads) on functions for motions (count, 3, loads).
 
     Parameters

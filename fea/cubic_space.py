@@ -17,10 +17,12 @@ from stiffscope.fea.elasticity import tensor
 from stiffscope.fea.spaces import ElementTetCubic, integrate_cells, tabulate
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
 CURVED_ORDER = 6
-CHUNK, BATCH = 512, 128  # elements per task; tasks with results in memory at once
+CHUNK, BATCH = 512, 128  # elements per group; groups with results in memory at once
 
 
 @dataclass(frozen=True)
@@ -31,7 +33,7 @@ class Cubic:
     ----------
     dofs : scikit-fem's numbering of the cubics.
     cells, signs : (m, 20) functions of each element and their orientations.
-    groups : elements by quadrature, with reference gradients and pulled-back elasticity.
+    groups : few elements of one quadrature each, with reference gradients and pulled-back elasticity.
     base : number of nodes, which are the first functions.
     """
 
@@ -46,20 +48,13 @@ class Cubic:
         """Number of functions, three degrees of freedom each."""
         return self.base + self.dofs.N
 
-    def batches(self, chosen: np.ndarray | None = None) -> list[list[Group]]:
-        """Return elements, or those chosen (m,), in chunks and batches that bound memory."""
-        chunks = [
-            Group(group.elements[some], group.table, group.elasticity[some])
-            for group in self.groups
-            for some in _split(len(group.elements) if chosen is None else chosen[group.elements])
-        ]
+    def batches(self, chosen: np.ndarray | None = None) -> list[Sequence[Group]]:
+        """Return elements, or those chosen (m,), in batches of groups that bound memory."""
+        chunks = self.groups
+        if chosen is not None:
+            some = [(each, np.flatnonzero(chosen[each.elements])) for each in chunks]
+            chunks = [Group(each.elements[at], each.table, each.elasticity[at]) for each, at in some if len(at)]
         return [chunks[k : k + BATCH] for k in range(0, len(chunks), BATCH)]
-
-
-def _split(kept: np.ndarray | int) -> list[Ints]:
-    """Split indices, given by a count or a mask, into chunks."""
-    numbers = np.arange(kept) if isinstance(kept, int) else np.flatnonzero(kept)
-    return np.split(numbers, range(CHUNK, len(numbers), CHUNK))
 
 
 @dataclass(frozen=True)
@@ -86,7 +81,7 @@ def enrich(mesh: TetMesh, elasticity: Floats) -> Cubic:
     inside = get_quadrature(RefTet, CURVED_ORDER)
     tables, rules = (straight, tabulate(inside[0])[1]), (at_middle, inside)
     law, groups = tensor(elasticity), []
-    for elements, number, inverse, volumes in integrate_cells(mesh, rules, len(cells)):
+    for elements, number, inverse, volumes in integrate_cells(mesh, rules, CHUNK):
         pulled = np.einsum("rkcq,ikjl,slcq->cqrisj", inverse, law, inverse, optimize=True)
         pulled *= volumes[:, :, None, None, None, None]
         groups.append(Group(elements, tables[number], pulled.reshape(*pulled.shape[:2], 9, 9)))

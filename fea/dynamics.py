@@ -24,6 +24,7 @@ from stiffscope.fea.modes import lowest_modes, ritz
 from stiffscope.fea.rigid import rigid_modes, rigid_twists
 from stiffscope.fea.settings import MOST_MODES, Settings
 from stiffscope.fea.solution import Solution, System, accelerate
+from stiffscope.fea.solvers import in_portions
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -197,11 +198,15 @@ def _up_to(vibration: _Vibration, some: Callable[[int], Floats], highest: float)
 
 def _gain_on_cubics(vibration: _Vibration, squares: Floats, modes: Floats) -> Floats:
     """Estimate the relative softening (k,) of modes (c, k) by cubic functions: one Jacobi step."""
-    system, still = vibration.system, np.zeros_like(modes)
-    inertia = times(system.mass.cubics, system.supports.expand(modes))[system.cubic_rows] * squares
-    stresses = system.cubic.apply(np.vstack([modes, np.zeros_like(inertia)]))[len(modes) :]
-    residual = np.vstack([still, inertia - stresses])
-    return np.einsum("ij,ij->j", residual, system.cubic.precondition(residual)) / squares
+    system = vibration.system
+
+    def soften(modes: Floats, squares: Floats) -> Floats:
+        inertia = times(system.mass.cubics, system.supports.expand(modes))[system.cubic_rows] * squares
+        stresses = system.cubic.apply(np.vstack([modes, np.zeros_like(inertia)]))[len(modes) :]
+        residual = np.vstack([np.zeros_like(modes), inertia - stresses])
+        return np.sum(residual * system.cubic.precondition(residual), axis=0, keepdims=True) / squares
+
+    return in_portions(soften)(modes, squares[None])[0]
 
 
 def clamp_point(system: System) -> Floats:

@@ -19,6 +19,8 @@ from stiffscope.fea.mesh import Floats, MeshError
 if TYPE_CHECKING:
     from stiffscope.fea.solvers import Solve
 
+    Block = tuple[Floats, Floats, Floats]  # vectors (c, b), and their products with stiffness and mass
+
 LIMIT = 200  # steps
 DEPENDENT = 1e-10  # relative squared length below which a direction is dependent
 
@@ -51,11 +53,13 @@ def lowest_modes(
     """
     pushed = mass(start) if exact else stiffness(start)
     modes = precondition(pushed) if exact else start
-    basis = modes, pushed, mass(modes)
-    squares, turn = ritz(basis[0].T @ basis[1], basis[0].T @ basis[2], start.shape[1])
-    modes, pushed, moved = (part @ turn for part in basis)
-    former: tuple[tuple[Floats, ...], ...] = ()
+    blocks = [(modes, pushed, mass(modes))]
     for _ in range(LIMIT):
+        squares, turn = ritz(_inner(blocks, 1), _inner(blocks, 2), start.shape[1])
+        sizes = np.cumsum([block[0].shape[1] for block in blocks])
+        own, *others = np.split(turn, sizes[:-1])
+        former = [sum((b[k] @ t for b, t in zip(blocks[1:], others, strict=True)), start=0.0) for k in range(3)]
+        modes, pushed, moved = (blocks[0][k] @ own + former[k] for k in range(3))
         residual = pushed - moved * squares
         step = precondition(residual)
         left = np.einsum("ij,ij->j", residual, step) > tolerance * squares
@@ -65,13 +69,14 @@ def lowest_modes(
         along = moved.T @ step
         step -= modes @ along
         new = step, residual - pushed @ along if exact else stiffness(step), mass(step)
-        basis = [np.hstack(part) for part in zip((modes, pushed, moved), new, *former, strict=True)]
-        squares, turn = ritz(basis[0].T @ basis[1], basis[0].T @ basis[2], modes.shape[1])
-        old = modes.shape[1]
-        former = (tuple(part[:, old:] @ turn[old:] for part in basis),)
-        modes, pushed, moved = (part @ turn for part in basis)
+        blocks = [(modes, pushed, moved), new, *([tuple(former)] if others else [])]
     late = f"the natural frequencies did not converge in {LIMIT} steps"
     raise MeshError(f"solve: {late}: the part is too thin for solid elements")
+
+
+def _inner(blocks: list[Block], with_part: int) -> Floats:
+    """Return inner products (k, k) of all blocks' vectors with their products with a matrix."""
+    return np.block([[one[0].T @ other[with_part] for other in blocks] for one in blocks])
 
 
 def ritz(stiffness: Floats, mass: Floats, count: int) -> tuple[Floats, Floats]:

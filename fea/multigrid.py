@@ -20,7 +20,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from stiffscope.fea.couplings import Supports, factorize
 from stiffscope.fea.settings import check_solver
-from stiffscope.fea.solvers import Solve, Solver, conjugate_gradients, product
+from stiffscope.fea.solvers import Solve, Solver, conjugate_gradients, in_portions, product
 
 if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats, TetMesh
@@ -90,7 +90,7 @@ def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve
         logger.warning("multigrid: not converged after %d steps; factorizing", LIMIT)
         return factorize(stiffness, supports)(force)
 
-    return Solver(solve, cycle)
+    return Solver(in_portions(solve), in_portions(cycle))
 
 
 def _linear_level(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve:

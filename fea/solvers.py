@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 Solve = Callable[[Floats], Floats]
 LEFT = 0.3  # of a tolerance: safety margin of the stopping criterion
+PORTION = 150_000_000  # bytes of columns in use at a time
 
 
 @dataclass(frozen=True)
@@ -61,6 +62,19 @@ def factorize_matrix(matrix: csr_array) -> Solve:
     """Factorize a symmetric positive definite matrix: symmetric ordering, diagonal pivots."""
     how = {"permc_spec": "MMD_AT_PLUS_A", "diag_pivot_thresh": 0.0}
     return splu(matrix.tocsc(), **how, options={"SymmetricMode": True}).solve
+
+
+def in_portions(work: Callable[..., Floats]) -> Callable[..., Floats]:
+    """Return a function of columns (n, c), (m, c), … that works on a few at a time if they are large."""
+
+    def work_on(*columns: Floats) -> Floats:
+        count = min(-(-columns[0].nbytes // PORTION), columns[0].shape[1])
+        if count < 2:
+            return work(*columns)
+        portions = [np.array_split(each, count, axis=1) for each in columns]
+        return np.hstack([work(*some) for some in zip(*portions, strict=True)])
+
+    return work_on
 
 
 def conjugate_gradients(

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
+CHUNK = 20_000  # elements of a basis, which holds all functions at all points
 GRADIENTS = np.vstack([-np.ones(3), np.eye(3)])  # of barycentric coordinates
 
 
@@ -112,13 +113,12 @@ def sum_matrix(places: Ints, count: int) -> csr_array:
     return csr_array(entries, shape=(count, places.size))
 
 
-def cell_bases(mesh: TetMesh, element: Element, straight: int, curved: int) -> list[Basis]:
-    """Return bases of straight-sided and of curved elements, with these quadrature orders."""
-    return [
-        Basis(mesh.grid, element, mapping=mapping, intorder=order, elements=chosen, disable_doflocs=True)
-        for (chosen, mapping), order in zip(_groups(mesh), (straight, curved), strict=True)
-        if len(chosen)
-    ]
+def cell_bases(mesh: TetMesh, element: Element, straight: int, curved: int) -> Iterator[Basis]:
+    """Yield bases of straight-sided and of curved elements, with these quadrature orders, in chunks."""
+    for (chosen, mapping), order in zip(_groups(mesh), (straight, curved), strict=True):
+        for start in range(0, len(chosen), CHUNK):
+            some, options = chosen[start : start + CHUNK], {"intorder": order, "disable_doflocs": True}
+            yield Basis(mesh.grid, element, mapping=mapping, elements=some, **options)
 
 
 def face_basis(mesh: TetMesh, element: Element, faces: frozenset[int], order: int) -> FacetBasis:

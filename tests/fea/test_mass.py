@@ -9,6 +9,8 @@ from scipy.sparse import eye_array, kron
 from scipy.sparse.linalg import LinearOperator, eigsh
 
 import stiffscope.fea.dynamics
+import stiffscope.fea.solvers
+import stiffscope.fea.spaces
 from stiffscope.errors import InputError
 from stiffscope.fea.beam import rectangle, timoshenko
 from stiffscope.fea.dynamics import compute_dynamics, vibration_of
@@ -107,6 +109,19 @@ def test_modes_are_lanczoss(stub, interface):
     found = fixed if interface == "rigid" else squares
     assert found[:6] == pytest.approx(np.sort(lanczos), rel=1e-7)
     assert (fixed[:6] >= squares[:6]).all()
+
+
+def test_a_large_part_is_worked_on_in_portions_with_the_same_result(stub, monkeypatch):
+    def results():
+        levels = levels_of(stub, solver="multigrid")
+        cubics = Mass(levels.system.mesh, DENSITY).cubics
+        return cubics.toarray(), levels.quadratic, levels.cubic, compute_dynamics(levels, Settings()).frequencies
+
+    whole = results()
+    monkeypatch.setattr(stiffscope.fea.solvers, "PORTION", 1)
+    monkeypatch.setattr(stiffscope.fea.spaces, "CHUNK", 100)
+    for all_at_once, one_by_one, near in zip(whole, results(), (1e-12, 1e-6, 1e-4, 1e-4), strict=True):
+        assert np.abs(one_by_one - all_at_once).max() < near * np.abs(all_at_once).max()
 
 
 def test_directions_that_depend_on_others_are_left_out(rng):
