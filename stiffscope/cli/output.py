@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from stiffscope.errors import InputError
 from stiffscope.report.progress import progress
 from stiffscope.report.terminal import record_shown, show_line
+from stiffscope.runtime.cache import cache_folder
 from stiffscope.runtime.output import check_output, staged_folder, write_json
 from stiffscope.runtime.workshop import workshop
 
@@ -48,6 +49,8 @@ class Output:
     def check_folder(self, folder: Path | None, *others: Path | None) -> None:
         """Raise InputError if a folder cannot be written or would contain another output."""
         if folder is not None:
+            if folder.resolve() == cache_folder().resolve():
+                raise InputError(f"{folder}: is the folder of the cache; give another one for the output")
             check_output(folder, None if self.json == "-" else self.json, *others)
 
 

@@ -293,7 +293,8 @@ def _list_poses(found: ResponseSection, robot: RobotFile, key: Key) -> list[Pose
         names = [names]
     if not isinstance(names, list) or not names:
         raise _refuse(where, 'names of poses, numbers in a list, or "map"', found.at)
-    chosen = [names] if not isinstance(names[0], list) and names[0] not in robot.poses else names
+    numeric = re.match(r"\s*[-+.\d]", str(names[0])) and names[0] not in robot.poses
+    chosen = [names] if numeric else names
     out: list[Pose] = []
     for each in names if isinstance(found.at, str) else chosen:
         try:

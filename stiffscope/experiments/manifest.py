@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from stiffscope.experiments import orders
 from stiffscope.runtime import output
 from stiffscope.runtime.cache import library_version
-from stiffscope.runtime.json_text import to_json
+from stiffscope.runtime.json_text import encodable, to_json
 from stiffscope.runtime.reading import file_digest
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Manifest:
             "versions": {"python": sys.version.split()[0], **versions},
             "machine": {"system": platform.system(), "processor": platform.machine()},
         }  # fmt: skip
-        (folder / output.MANIFEST).write_text(to_json(content), encoding="utf-8")
+        (folder / output.MANIFEST).write_text(encodable(to_json(content), "utf-8"), encoding="utf-8")
 
 
 def manifest_of(robot: RobotFile | None, *inputs: Path) -> Manifest:

@@ -203,7 +203,7 @@ def write_page(
     given["repeated"] = {view.still.source for view in views if view.still}
     given["charts"] = read_library() if any(section.charts for section in filled) else ""
     text = templates().get_template("report.html").render(given).lstrip()
-    target.write_text(text, encoding="utf-8")
+    target.write_text(text, encoding="utf-8", errors="backslashreplace")
     if watched:
         state = templates().get_template("state.html").render(watched=watched)
         target.with_name("state.html").write_text(state, encoding="utf-8")

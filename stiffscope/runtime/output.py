@@ -308,7 +308,7 @@ def _list_files(folder: Path) -> None:
     names = sorted(each.relative_to(folder).as_posix() for each in files)
     sums = {name: file_digest(folder / name) for name in names}
     content = {"made_by": MAKER, **manifest, "files": names, "sha256": sums}
-    path.write_text(to_json(content), encoding="utf-8")
+    path.write_text(encodable(to_json(content), "utf-8"), encoding="utf-8")
 
 
 def _exchange(aside: Path, goal: Path, target: str | Path) -> None:

@@ -32,6 +32,11 @@ def answer(capsys, *words):
     return json.loads(capsys.readouterr().out)
 
 
+def test_the_cache_is_no_output_folder(root, capsys):
+    assert _guarded(["check", "delta", "--out", str(root)]) == 2
+    assert "is the folder of the cache; give another" in capsys.readouterr().err
+
+
 def test_it_says_where_and_how_large(root, capsys):
     assert _guarded(["cache"]) == 0
     said = capsys.readouterr().out

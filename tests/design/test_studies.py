@@ -197,6 +197,7 @@ REFUSED = {
     ('"sobol"', '"sobol"\nset = []\ntolerance = "5 kg"'): r"study.toml:4: tolerance: --tolerance 5 kg: .* is a mass",
     ("[responses]", "[response]"): r"study.toml:8: response: expected a known key",
     ('"home"', '"away"'): r"study.toml:10: responses.f.at: expected a pose \(home\), got \"away\"",
+    ('"home"', '["away"]'): r"study.toml:10: responses.f.at: expected a pose \(home\), got \"away\"",
     ('"f1/K_tx"', '"f1/"'): r"study.toml:10: responses.f.of: expected an expression",
     (
         'unit = "1"',

@@ -37,6 +37,8 @@ def test_output_is_replaced_as_a_whole(tmp_path):
     assert sorted(os.listdir(tmp_path / "a" / "out")) == ["manifest.json", "same"]
     assert os.listdir(tmp_path / "a") == ["out"]
     assert json.loads((tmp_path / "a" / "out" / "manifest.json").read_text())["files"] == ["same"]
+    fill(tmp_path / "out", **{"a\udcff": "1"})  # a name that is no UTF-8
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["files"] == ["a\udcff"]
 
 
 def test_failure_leaves_what_was_there(tmp_path):

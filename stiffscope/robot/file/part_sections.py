@@ -300,7 +300,11 @@ class MatrixPart(PartSection):
             sound = check_compliance(np.array(value), "matrix", semidefinite=True)
         except ValueError as error:
             what, why = "a symmetric, positive semidefinite compliance", str(error).partition(": ")
-            raise ValueError(f"expected {what}, got one that is {why[2]}") from error
+            raise ValueError(f"expected {what}, got another: {why[2]}") from error
+        for k, most in enumerate((q.COMPLIANCE,) * 3 + (q.TILTING,) * 3):
+            if beyond := most.refusal(sound[k, k]) if sound[k, k] > 1.0 else "":
+                got = f"{sound[k, k]:g} for entry {k + 1}{k + 1}, which is {beyond}"
+                raise ValueError(f"expected {most.noun}, not a stiffness, got {got}")
         return tuple(tuple(map(float, row)) for row in sound)
 
     @field_validator("error")
