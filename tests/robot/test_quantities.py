@@ -39,6 +39,15 @@ def test_refusals_are_one_line_with_an_example(bad):
     assert len(str(refused.value)) < 200
 
 
+@pytest.mark.parametrize(
+    ("text", "noun"),
+    [("24 kN*m/rad", "a torsional stiffness"), ("5 N*m", "a moment"), ("5 N*mm/mrad", "a torsional stiffness")],
+)
+def test_what_is_per_radian_is_named_so(text, noun):
+    with pytest.raises(ValueError, match=f"which is {noun}$"):
+        q.to_si(text, q.STIFFNESS)
+
+
 def test_several_values_each_have_their_unit():
     wrench = (*[q.FORCE] * 3, *[q.MOMENT] * 3)
     assert q.several("100 N, 0,-2e3 ,0,0 N*m,5 N*mm", *wrench) == pytest.approx((100, 0, -2000, 0, 0, 0.005))

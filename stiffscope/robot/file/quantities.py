@@ -221,13 +221,16 @@ def _why(unit: str) -> str:
     if found.dimensionless and "%" in unit:
         return nothing
     measured, read = found.dimensionality, _registry().parse_units
-    same = (other.noun for other in NAMED if measured == read(other.unit).dimensionality)
+    turns = "rad" in unit or "deg" in unit
+    named = sorted(NAMED, key=lambda other: ("rad" in other.unit) != turns)
+    same = (other.noun for other in named if measured == read(other.unit).dimensionality)
     return f", which is {noun}" if (noun := next(same, None)) else f", which measures {measured}"
 
 
 def _name_powers(powers: Powers | None) -> str:
     """What a quantity is called; its units where it has no name."""
-    alike = next((each.noun for each in NAMED if fits(powers, powers_of(each.unit))), None)
+    named = sorted(NAMED, key=lambda each: powers_of(each.unit) != powers)  # what differs by radians comes later
+    alike = next((each.noun for each in named if fits(powers, powers_of(each.unit))), None)
     return alike or f"in {show_powers(powers or PLAIN)}"
 
 
