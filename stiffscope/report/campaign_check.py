@@ -92,7 +92,7 @@ def campaign_json(campaign: Campaign, remarks: Iterable[ReadingRemark] = ()) -> 
         "robot": c.robot, "readings": len(c), "empty": int(np.isnan(c.value).sum()),
         "kinds": {name: n for name, n in counts if n}, "coordinates": list(c.coordinates),
         "poses": {name: pose.tolist() for name, pose in zip(c.pose_names, c.poses, strict=True)},
-        "sessions": {name: int((c.session == k).sum()) for k, name in enumerate(c.session_names)},
+        "sessions": dict(zip(c.session_names, np.bincount(c.session).tolist(), strict=True)),
         "without_sigma": int(np.isnan(c.sigma).sum()), "copies": copies(c)[1] or None,
         "remarks": [asdict(remark) for remark in remarks], "channels": _channels(c),
         "sensors": {s.name: _sensor(c, k) for k, s in enumerate(c.sensors)}, "loads": loads,

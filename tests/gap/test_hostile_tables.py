@@ -5,12 +5,15 @@ import resource
 import signal
 import time
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.readings import load_campaign
+from stiffscope.report.campaign_check import campaign_json
 from stiffscope.runtime.table import MOST_BYTES
 
 openpyxl = pytest.importorskip("openpyxl")
@@ -253,3 +256,11 @@ def test_rows_of_separators_are_skipped_and_labels_keep_their_commas(tmp_path):
     assert len(load(tmp_path, "r.csv")) == 1
     (tmp_path / "r.csv").write_text("x;y;z;quantity;value;sigma;session\n0;0;0,35;ez;1e-5;1e-6;1,5\n")
     assert load(tmp_path, "r.csv").session_names == ("1,5",)
+
+
+def test_as_many_sessions_as_readings_are_counted_in_time(tmp_path):
+    (tmp_path / "r.csv").write_text(f"{HEADER}\n{LINE}\n")
+    count = 120_000
+    many = load(tmp_path, "r.csv").select(np.zeros(count, dtype=int))
+    many = replace(many, session=np.arange(count), session_names=tuple(map(str, range(count))))
+    assert set(campaign_json(many)["sessions"].values()) == {1}
