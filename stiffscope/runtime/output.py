@@ -163,10 +163,13 @@ def scratch_folder(parent: Path | None = None) -> Iterator[Path]:
             if _is_abandoned(left, prefix):
                 shutil.rmtree(left, ignore_errors=True)
     folder = holder / (prefix + owner())
-    folder.mkdir(mode=0o700)
     try:
-        yield folder
-    finally:
+        try:
+            folder.mkdir(mode=0o700)
+            yield folder
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+    finally:  # a stop may have interrupted that; there is no second one
         shutil.rmtree(folder, ignore_errors=True)
 
 

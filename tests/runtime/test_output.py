@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -190,6 +191,20 @@ def test_what_a_run_killed_in_the_exchange_left_is_put_right(tmp_path):
     with pytest.raises(InputError, match=r'holds "notes\.txt"'):
         fill(out, page="3")  # brought back first: then it holds what is not ours
     assert (out / "notes.txt").read_text() == "mine"
+
+
+def test_a_stop_while_a_scratch_folder_is_removed_does_not_keep_it(tmp_path, monkeypatch):
+    remove, stops = shutil.rmtree, [KeyboardInterrupt]
+
+    def stopped(*args, **kwargs):
+        if stops:
+            raise stops.pop()
+        remove(*args, **kwargs)
+
+    monkeypatch.setattr(shutil, "rmtree", stopped)
+    with pytest.raises(KeyboardInterrupt), scratch_folder(tmp_path):
+        pass
+    assert not list(tmp_path.iterdir())
 
 
 def test_scratch_folders_of_dead_processes_are_removed_and_no_others(tmp_path):
