@@ -90,7 +90,7 @@ def move_ends(directions: Mapping[str, Array], values: Array) -> Changes:
 def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
     """Return the mechanism with changes. Raises InputError for an unknown or indefinite element.
 
-    A change that stiffens a drive acts on the drive: a bearing's added compliance is not negative.
+    A change that stiffens a drive acts on it and on its bearing (a ball screw) in proportion to their compliances.
     """
     stiffer: dict[str, Joint] = {}
     bearings = dict(changes)
@@ -99,7 +99,9 @@ def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
         if joint.drive is None or change is None or change.compliance is None:
             continue
         along, rest = 3 if joint.kind == "revolute" else 0, change.compliance.copy()
-        added, rest[along, along] = float(rest[along, along]), 0.0
+        screw = 0.0 if joint.compliance is None else float(joint.compliance[along, along])
+        added = float(rest[along, along]) / (1.0 + screw * joint.drive.stiffness)
+        rest[along, along] -= added
         if added < 0.0:
             try:
                 stiffer[joint.name] = replace(joint, drive=joint.drive.add_compliance(added))
