@@ -80,7 +80,8 @@ RESPONSES = {
 }
 NEXT = (
     "best next reading, or null: pose (`pose` or coordinates by name), `wrench` at M or `load`, "
-    "`quantity` or `sensors`; `separates`: explanations it distinguishes; `expected_gain`: expected ln-odds"
+    "`quantity` or `sensors`; `separates`: explanations it distinguishes; `expected_gain`: expected ln-odds; "
+    "`new`: sensors and load points that the campaign lacks, by name, as in campaign.toml"
 )
 SHARES = {
     "singles": ("share of correct diagnoses among single effects with ln-odds above 10", "1"),
@@ -569,6 +570,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "where.pose": ("[pose][x y z rx ry rz]: rms of the residuals; null without readings", "σ"),
             "where.unexplained": ("rms of the residuals with the effects, as in `where.pose`", "σ"),
             "next_measurement": (NEXT, "m, rad; N, N·m"),
+            "why_no_next": ("why no reading is proposed for causes not distinguished; else empty", ""),
             "remarks": ("further remarks, one sentence each", ""),
             "sensitivity[].prior": ("prior quantity that is multiplied or divided by ten", ""),
             "sensitivity[].verdict": ("verdict with this prior", ""),

@@ -159,7 +159,7 @@ def new_campaign(name: str, goal: Path, *, ask: str | None, given: Path | None, 
         with open_workshop(output) as shop:
             made = assemble_robots({"nominal": robot}, "beam", shop)["nominal"]
         nominal = NominalRobot(made.mechanism, robot)
-        proposal = propose_plan(nominal, robot.path.resolve().as_posix(), ask, header)
+        proposal = propose_plan(nominal, ask, header)
         plan = {"plan": campaign_check.plan_json(proposal)}
     poses, readings = write_template(robot, named, goal, proposal and proposal.plan)
 

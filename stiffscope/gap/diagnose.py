@@ -22,7 +22,6 @@ from stiffscope.gap.inference.diagnosis import (
     Possible,
     Sensitivity,
 )
-from stiffscope.gap.inference.experiment_design import next_measurement
 from stiffscope.gap.inference.findings import COMPETING, find
 from stiffscope.gap.inference.lack_of_fit import correlation
 from stiffscope.gap.inference.location import locate_residuals, signature_correlation
@@ -30,13 +29,13 @@ from stiffscope.gap.inference.plausibility import implausible, own_part, physica
 from stiffscope.gap.inference.posterior_samples import draw_samples
 from stiffscope.gap.inference.residuals import percent_rms, rms_by_kind
 from stiffscope.gap.inference.verdict import doubtful, judge_findings, settle_verdict, shares
+from stiffscope.gap.next_reading import find_next
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.forward_model import Candidate, ForwardModel
-    from stiffscope.gap.inference.diagnosis import NextMeasurement
     from stiffscope.gap.inference.findings import Findings
     from stiffscope.gap.inference.hypothesis import Hypothesis
     from stiffscope.gap.inference.verdict import Judgement
@@ -49,7 +48,6 @@ FACTOR = 10.0  # change of the prior, either way, to test the verdict
 TAILS = (0.025, 0.975)
 _LISTED = 12  # alternatives, possible effects
 _LEFT = 0.9  # share of its prior variance: with more left, readings do not show an error
-_RIVALS = 4  # hypotheses that a further reading is to separate from the best
 
 
 def diagnose_campaign(
@@ -120,7 +118,7 @@ def conclude(found: Findings) -> Diagnosis:
         effects,
         _alternatives(found, reported if effects else None),
         locate_residuals(found, reported, beyond=beyond),
-        _next(found),
+        *find_next(found, effects, is_open=judgement.verdict == "ambiguous"),
         remarks,
         _steps(gap, effects),
         signature_correlation(found),
@@ -275,16 +273,6 @@ def _steps(gap: Gap, effects: tuple[Effect, ...]) -> tuple[tuple[str, float], ..
     together = [("together", gap.explained)] if len(alone) > 1 else []
     ends = ("held out", gap.held_out), ("noise", gap.noise)
     return (("nominal", gap.nominal), *alone, *together, *ends)
-
-
-def _next(found: Findings) -> NextMeasurement | None:
-    """Return the measurement that separates the best hypothesis from a competing one."""
-    best, limit = found.best, COMPETING * found.probability[0]
-    rivals = [h for h, p in found.ranked if h is not best and p >= limit]
-    if not rivals:
-        return None
-    ranked = sorted(rivals[:_RIVALS], key=lambda h: best.names <= h.names)  # extensions last
-    return next_measurement(found.model.trial(found.sigma), best, ranked)
 
 
 def _unseen(found: Findings, joint: Hypothesis, effects: tuple[Candidate, ...]) -> Iterator[str]:

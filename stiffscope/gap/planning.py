@@ -30,6 +30,7 @@ from stiffscope.vjm.statics import compliance
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
+    from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.campaign.campaign_header import Header
     from stiffscope.gap.forward.forward_model import Candidate
     from stiffscope.robot.file.description import RobotFile
@@ -75,15 +76,13 @@ class Proposal:
     """Pairs by ascending ln-odds, those of the question first."""
 
 
-def propose_plan(nominal: NominalRobot, name: str, question: str, given: Header | None = None) -> Proposal:
+def propose_plan(nominal: NominalRobot, question: str, given: Header | None = None) -> Proposal:
     """Find the fewest readings that answer a question.
 
     Parameters
     ----------
     nominal
         The robot with its parts' matrices.
-    name
-        Its name in a campaign.
     question
         `A from B`, or only causes, or `all`; each is an effect, a place or `effect @ place`, with
         shell-style patterns, separated by commas.
@@ -95,11 +94,8 @@ def propose_plan(nominal: NominalRobot, name: str, question: str, given: Header 
     InputError
         The question names no possible and observable cause, or a given sensor reads no motion.
     """
-    robot = nominal.robot
     offer = offer_readings(nominal, given)
-    with scratch_folder() as folder:
-        write_plan(robot, name, folder, offer)
-        campaign = load_campaign(folder, robot, planned=True)
+    campaign = plan_campaign(nominal, offer)
     model = RobotModel(campaign, nominal)
     simple = [c for c in model.library if c.simple and c.effect not in _NUMBERS]
     known = {c.name: c for c in simple if len(c.scale) == len(c.names)}  # no isotropic supports
@@ -133,6 +129,13 @@ def offer_readings(nominal: NominalRobot, given: Header | None = None) -> Plan:
     forces = [size * force * axis for axis in np.eye(3) for size in _SIZES]
     pulls = [*product(range(len(hooks)), forces)]
     return cross_plan(poses, sensors, hooks, [*pulls, (-1, np.zeros(3))])
+
+
+def plan_campaign(nominal: NominalRobot, offer: Plan) -> Campaign:
+    """Return the readings of a plan as a campaign without values."""
+    with scratch_folder() as folder:
+        write_plan(nominal.robot, nominal.robot.name, folder, offer)
+        return load_campaign(folder, nominal.robot, planned=True)
 
 
 def _place_hooks(robot: RobotFile, size: float) -> list[LoadPoint]:

@@ -59,7 +59,7 @@ def write_diagnosis_report(
     def figures(stem: str) -> list[Figure]:
         return report.figures({f"{stem}.svg": FIGURES[stem]})
 
-    following = diagnosis.next_measurement
+    following = text.next_step(diagnosis)
     with record_shown() as gap:
         gap_tables.show_gap(diagnosis)
     with record_shown() as alternatives:
@@ -74,7 +74,7 @@ def write_diagnosis_report(
         Section("Effects", _effects(diagnosis), figures("corner"), files=numbers),
         Section("Gap", gap, figures("waterfall"), charts=charts, files=("readings.csv",)),
         Section("Alternatives", alternatives, figures("signatures")),
-        Section("What to measure next", _lines([text.what_next(following)] if following else [])),
+        Section("What to measure next", _lines([following] if following else [])),
         Section("Checks", checks, figures("predictive")),
     ]
     lead = Lead(text.sentence(diagnosis), diagnosis.verdict)

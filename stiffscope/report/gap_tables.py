@@ -26,8 +26,7 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
     show_alternatives(diagnosis)
     _show_list("Possible", text.possible(diagnosis))
     _show_list("Where", text.describe_location(diagnosis.where))
-    if diagnosis.next_measurement:
-        _show_list("Next", [text.what_next(diagnosis.next_measurement)])
+    _show_list("Next", [following] if (following := text.next_step(diagnosis)) else [])
     _show_list("Checks", text.checks(diagnosis))
     _show_list("Remarks", diagnosis.remarks)
     show_line("")

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from stiffscope.gap.forward.forward_model import UNNAMED
-from stiffscope.report.numbers import WRENCH, name_pose, percent
+from stiffscope.report.numbers import WRENCH, name_pose, percent, point, vector
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -78,8 +78,7 @@ def _group(diagnosis: Diagnosis) -> str:
 
 
 def _proposal(diagnosis: Diagnosis) -> str:
-    step = diagnosis.next_measurement
-    return f" Next: {what_next(step)}." if step else ""
+    return f" Next: {words}." if (words := next_step(diagnosis)) else ""
 
 
 def _list_keys(keys: Sequence[str], most: int = 4) -> str:
@@ -199,6 +198,12 @@ def steps(diagnosis: Diagnosis) -> Sequence[tuple[str, float]]:
     return [("nominal", gap.nominal), *effects, ("held out", gap.held_out), ("noise", gap.noise)]
 
 
+def next_step(diagnosis: Diagnosis) -> str:
+    """Return the next measurement, or why there is none for a group; empty without either."""
+    step = diagnosis.next_measurement
+    return what_next(step) if step else diagnosis.why_no_next
+
+
 def what_next(step: NextMeasurement) -> str:
     """Return the next measurement as an instruction."""
     place = f"at pose {step.pose}" if step.pose else ""
@@ -214,7 +219,15 @@ def what_next(step: NextMeasurement) -> str:
     elif step.wrench is not None:
         action += " without load, against the commanded pose"
     pair = " from ".join(step.separates)
-    return f"{action}: distinguishes {pair} (expected ln-odds {step.expected_gain:.3g})"
+    action += f": distinguishes {pair} (expected ln-odds {step.expected_gain:.3g})"
+    placed = ", ".join(f"{key} on {new['body']}{_place(new)}" for key, new in (step.new or {}).items())
+    return f"{action}; new here: {placed}" if placed else action
+
+
+def _place(new: dict[str, Any]) -> str:
+    """Return where a sensor or load point is and what it reads along: " at (0, 0, 35 mm) along x"."""
+    at = f" at ({point(new['at'])} mm)" if "at" in new else ""
+    return at + (f" along {vector(new['direction'], 3)}" if "direction" in new else "")
 
 
 def shares(robot: RobotFile, diagnosis: Diagnosis) -> dict[str, float]:

@@ -1,5 +1,6 @@
 """Whole diagnoses of robots that the first format did not know: what was planted is named, with its size."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -12,12 +13,14 @@ from stiffscope.gap.campaign.quantities import DEVIATION
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import conclude, diagnose_campaign
 from stiffscope.gap.forward.robot_model import RobotModel
+from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.findings import find
 from stiffscope.gap.inference.residuals import by_sensor
 from stiffscope.gap.lab.faults import inject
 from stiffscope.gap.lab.measuring import Noise, Plan, Sensor
 from stiffscope.gap.lab.measuring import measure as taken
 from stiffscope.gap.lab.response import Spot
+from stiffscope.report.text import sentence
 from tests.benchmarks.second_lab import campaign_of
 from tests.gap.test_robot_model import nominal, readings
 from tests.labs import machine
@@ -156,6 +159,28 @@ def test_gauges_and_a_hook_name_a_soft_element(name, effect, place, size, spread
     assert set(shares) == {"gauge", "level", "x", "y", "z"}
     assert found.where.left_by_sensor == {}
     assert sum(shares.values()) == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize(
+    ("name", "effect", "place", "size", "spread", "said"),
+    [
+        ("stewart", "encoder-offset", "strut1.drive", {"offset": 2e-4}, [0.05] * 3 + [0.1] * 3,
+         r"Next: read (gauge_strut1_lower_tip_\w) .*; new here: \1 on strut1\.lower\.tip at .* mm\) along"),
+        ("delta", "thermal", "leg1.rod1", {"temperature": 30.0}, [0.25, 0.25, 0.12],
+         "Next: none of this campaign's instruments .* nor are gauges on platform, leg1"),
+        ("five-bar", "link-stiffness", "right.outer", {"factor": 0.6}, [0.05, 0.03],
+         "Next: no reading distinguishes them: these are names of the same change"),
+    ],
+)  # fmt: skip
+def test_the_headline_of_a_group_says_which_reading_would_tell_it_apart_if_any(name, effect, place, size, spread, said):
+    """Readings at the tool alone: where none of them helps, a gauge on another body may."""
+    robot = nominal(name)
+    c = measured(robot, apply_effect(robot, effect, place, size), ("dx", "ex", "ey", "ez", "erx", "ery"), spread)
+    found = diagnose_campaign(c.select(np.flatnonzero(c.sensor < 0)), robot)
+    assert any(e.confused_with for e in found.effects)
+    assert re.search(said, sentence(found))
+    assert to_json(found)["why_no_next"] == found.why_no_next
+    assert (found.next_measurement is None) == bool(found.why_no_next)
 
 
 def test_the_campaign_that_the_documentation_works_through_is_the_lab_s():

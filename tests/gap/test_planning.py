@@ -31,7 +31,7 @@ def lab():
 
 @pytest.fixture(scope="module")
 def proposal(lab):
-    return propose_plan(lab.robot.nominal, "five-bar", "base-compliance from actuator-stiffness")
+    return propose_plan(lab.robot.nominal, "base-compliance from actuator-stiffness")
 
 
 def fill(folder, plan, machine, rng):
@@ -80,14 +80,14 @@ def test_only_the_instruments_that_are_there_are_planned(lab, tmp_path):
     sensors = "[sensors.dial]\nmeasures = 'displacement'\n"
     sensors += "body = 'left.outer.tip'\nat = [0, '1 mm', 0]\ndirection = [0, 1, 0]\n"
     (tmp_path / "campaign.toml").write_text(f'robot = "five-bar"\nreadings = "r.csv"\n{sensors}')
-    made = propose_plan(lab.robot.nominal, "five-bar", "left.motor from base", load_header(tmp_path))
+    made = propose_plan(lab.robot.nominal, "left.motor from base", load_header(tmp_path))
     assert {sensor.name for sensor in made.plan.sensors} == {"dial"}
     (tmp_path / "campaign.toml").write_text(
         'robot = "five-bar"\nreadings = "r.csv"\nframes.t.pose = "unknown"\n[sensors.p]\nmeasures = "position"\n'
         'frame = "t"\nbody = "left.outer.tip"\nat = [0, 0, 0]\n'
     )
     with pytest.raises(InputError, match=r"sensors\.p\.x\.measures: expected displacement or rotation in a plan"):
-        propose_plan(lab.robot.nominal, "five-bar", "left.motor from base", load_header(tmp_path))
+        propose_plan(lab.robot.nominal, "left.motor from base", load_header(tmp_path))
 
 
 def test_every_pair_of_the_question_reaches_its_ln_odds(proposal):

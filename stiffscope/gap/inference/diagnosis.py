@@ -121,6 +121,8 @@ class NextMeasurement:
     """Sensors to read, unless the quantity is read at M."""
     load: str | None = None
     """Load point, unless M is loaded."""
+    new: dict[str, dict[str, Any]] | None = None
+    """Sensors and load points that the campaign lacks, by name, as in campaign.toml."""
 
 
 @dataclass(frozen=True)
@@ -157,6 +159,8 @@ class Diagnosis:
     alternatives: tuple[Alternative, ...]
     where: Where
     next_measurement: NextMeasurement | None = None
+    why_no_next: str = ""
+    """Why no reading is proposed for causes that these readings do not distinguish."""
     remarks: tuple[str, ...] = ()
     steps: tuple[tuple[str, float], ...] = ()
     """Gap in % rms: nominal, after each effect alone, after all, held out, and by noise alone."""
