@@ -50,10 +50,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class _Step:
-    """A watched robot, its stiffness, and the checksums of its files."""
+    """A watched robot, its stiffness with 95 % bounds if known, and the checksums of its files."""
 
     robot: Assembled
     state: Stiffness
+    bars: np.ndarray | None
     files: dict[str, str]
 
 
@@ -128,7 +129,8 @@ def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequenc
                 manifest = manifest_of(robot)
                 made = assemble_robots({"now": robot}, components, shop, whole=False, near=meshed)
                 now = made["now"]
-                step = _Step(now, at_named_poses(now, robot.poses), digest_sources(robot))
+                state = at_named_poses(now, robot.poses)
+                step = _Step(now, state, stiffness_bars(now, state.configurations), digest_sources(robot))
             except InputError as error:
                 click.echo(f"stiffscope: {error}", err=True)
                 continue
@@ -172,10 +174,11 @@ def _show_step(step: _Step, before: _Step | None) -> None:
     names = list(step.robot.robot.poses)
     if before is None or list(before.robot.robot.poses) != names:
         title = f"Stiffness at M ({tables.sources(step.robot)})"
-        tables.show_stiffness(names, step.state, title=title)
+        tables.show_stiffness(names, step.state, step.bars, title=title)
         return
     changed = differences(before.robot.robot, step.robot.robot, before.files, step.files)
-    tables.show_change(names, before.state.matrix, step.state.matrix, changed or ["no value"])
+    bars = before.bars, step.bars
+    tables.show_change(names, before.state.matrix, step.state.matrix, changed or ["no value"], bars)
 
 
 def _folder_of(

@@ -171,7 +171,9 @@ def show_modes(names: Sequence[str], found: Modes, title: str) -> None:
         show_line(remark)
 
 
-def show_change(names: Sequence[str], old: Any, new: Any, overrides: Sequence[str]) -> None:
+def show_change(
+    names: Sequence[str], old: Any, new: Any, overrides: Sequence[str], bars: Sequence[Any | None] = (None, None)
+) -> None:
     """Show the diagonals of stiffness before and after `--set`.
 
     Parameters
@@ -180,13 +182,17 @@ def show_change(names: Sequence[str], old: Any, new: Any, overrides: Sequence[st
         Names (n,) of the poses, stiffnesses (n, 6, 6) there before and after.
     overrides
         Overrides as given with `--set`.
+    bars
+        95 % bounds (n, 6, 6) on the stiffness before and after; None if unknown.
     """
     factor, units = _scale(old)
     rows = []
     for i, name in enumerate(names):
         before, after = np.diag(old[i]), np.diag(new[i])
-        rows.append((name, "before", *(f"{v / factor:z.4f}" for v in before)))
-        rows.append(("", "now", *(f"{v / factor:z.4f}" for v in after)))
+        for label, each, bar in zip(("before", "now"), (before, after), bars, strict=True):
+            rows.append((name if label == "before" else "", label, *(f"{v / factor:z.4f}" for v in each)))
+            if bar is not None:
+                rows.append(("", "± 95 %", *(f"{v / factor:.2g}" for v in np.diag(bar[i]))))
         rows.append(("", "change", *(f"{100 * share:+z.2f} %" for share in after / before - 1)))
     title = f"Changed: {', '.join(overrides)} ({units.rpartition(',')[0]})"
     show_table(title, (("pose", ""), *SIX), rows)

@@ -6,6 +6,7 @@ import shutil
 import threading
 import time
 
+import numpy as np
 import pytest
 
 from stiffscope.cli.main import _guarded
@@ -78,6 +79,7 @@ def undrawn(monkeypatch):
 
 def test_each_saved_file_is_run_and_a_bad_one_is_told(tmp_path, monkeypatch, capsys, undrawn):
     one_part(tmp_path, MATRIX)
+    monkeypatch.setattr("stiffscope.cli.running.stiffness_bars", lambda *_: np.full((1, 6, 6), 1.5e4))
     file, out = tmp_path / "robot.toml", tmp_path / "out"
     text = file.read_text()
     saved = [text.replace("stiffness = 1e7", "stiffness = 2e7"), text.replace("prismatic", "prismatik"), text]
@@ -97,6 +99,7 @@ def test_each_saved_file_is_run_and_a_bad_one_is_told(tmp_path, monkeypatch, cap
     assert "slide.drive.stiffness 10000000.0 → 20000000.0" in changed.out
     stiffer = (1 / 1e7 + 1e-8) / (1 / 2e7 + 1e-8)  # drive and part in series
     assert f"{100 * (stiffer - 1):+.2f} %" in changed.out
+    assert changed.out.partition("before")[2].count("± 95 %") == 2
     assert "robot.toml" in bad.err
     assert 'did you mean "prismatic"' in bad.err
     assert "before" not in bad.out
