@@ -87,16 +87,14 @@ def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
 
 
 def check_file(path: Path) -> bytes:
-    """Return the content of a STEP file; refuse an empty, truncated or other file."""
+    """Return the content of a STEP file; refuse a truncated or other file."""
     content = read_bytes(path, "a STEP file")
     head, tail = content[:4096], content[-4096:]
-    if not head.strip():
-        raise InputError(f"{path}: expected a STEP file, found an empty one")
-    if START not in head:
+    if START not in head and not START.startswith(head.strip()):
         begins = f"which begins with {START.decode()}"
         raise InputError(f"{path}: expected a STEP file, {begins}; found another format")
     if END not in tail:
-        found = f"a truncated one (no {END.decode()} at its end)"
+        found = f"a truncated one ({len(content):,} bytes, no {END.decode()}; at its end)"
         raise InputError(f"{path}: expected a whole STEP file, found {found}")
     _check_measures(path, content)
     return content

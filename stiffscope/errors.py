@@ -17,6 +17,10 @@ class InputError(StiffscopeError, ValueError):
 
 
 def meant(word: str, valid: Iterable[str], cutoff: float = 0.6) -> str:
-    """End of a message: the valid word that was probably meant, where one is as like as ``cutoff`` (1 is the same)."""
-    close = difflib.get_close_matches(word, list(valid), n=1, cutoff=cutoff)
-    return f'; did you mean "{close[0]}"?' if close else ""
+    """End of a message: the valid word that was probably meant, where one is as like as ``cutoff`` (1 is the same).
+
+    Capital and small letters are the same.
+    """
+    known = {each.casefold(): each for each in valid}
+    close = difflib.get_close_matches(word.casefold(), known, n=1, cutoff=cutoff)
+    return f'; did you mean "{known[close[0]]}"?' if close else ""

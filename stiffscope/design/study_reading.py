@@ -61,7 +61,7 @@ class StudySection(Section):
     set: Texts = ()
     tolerance: Annotated[str | None, Says("error bar of the parts' matrices, as `--tolerance` takes it")] = None
     method: Method
-    designs: Annotated[int | None, Reads(lambda value: value and _read_count(value), says="how many at most")] = None
+    designs: Annotated[int | None, Reads(_read_count, says="how many at most")] = None
     seed: Annotated[int, Reads(parse_whole, says="a whole number")] = 1
     parameters: Annotated[dict[str, Any], Says('a table such as "slider.thickness" = ["15 mm", "40 mm"]')]
     responses: Annotated[dict[str, Any], Says('a table such as stiffness = "K_tx"')]

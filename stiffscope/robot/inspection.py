@@ -130,7 +130,7 @@ def inspect_robot(robot: RobotFile) -> Inspection:
         *_of_home(found, mechanism),
         *_of_poses(poses),
         *([f"{100 * (mapped or 0.0):.0f} % of the map's points are reached"] if missed else []),
-        *_of_matrices(robot),
+        *doubt_matrices(robot),
         *_of_places(robot, mechanism),
         *_of_masses(robot, masses),
     )
@@ -235,7 +235,7 @@ def _of_poses(poses: Iterable[Pose]) -> Iterator[str]:
             yield f"pose {pose.name} is {word}: {how}"
 
 
-def _of_matrices(robot: RobotFile) -> Iterator[str]:
+def doubt_matrices(robot: RobotFile) -> Iterator[str]:
     """Yield remarks on matrices whose slender length √(3·C22/C66) contradicts the body's length."""
     for name in used_parts(robot):
         part = robot.parts[name]

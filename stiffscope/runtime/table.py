@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import openpyxl
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, meant
 from stiffscope.runtime.reading import open_file, read_text
 
 if TYPE_CHECKING:
@@ -249,12 +249,14 @@ def _check_lengths(name: str, header: list[str], rows: list[list[str]], lines: l
 
 def check_columns(name: str, header: list[str], required: Collection[str], valid: Collection[str]) -> None:
     """Raise InputError for a missing column, or for one that is not in `valid`."""
-    missing = [column for column in required if column not in header]
-    if missing:
-        raise InputError(f"{name}:1: {missing[0]}: expected this column, got none")
     unknown = [column for column in header if column not in valid]
+    for missing in (column for column in required if column not in header):
+        near = (
+            f'"{each}"' for each in header if each.casefold() == missing or (each in unknown and meant(each, [missing]))
+        )
+        raise InputError(f"{name}:1: {missing}: expected this column, got {next(near, 'none')}")
     if unknown:
-        raise InputError(f"{name}:1: {unknown[0]}: expected one of {', '.join(valid)}")
+        raise InputError(f"{name}:1: {unknown[0]}: expected one of {', '.join(valid)}{meant(unknown[0], valid)}")
 
 
 def check_marks(table: Table, columns: Iterable[str]) -> None:

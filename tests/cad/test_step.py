@@ -160,7 +160,8 @@ def test_what_is_no_solid_is_refused_in_a_file(tmp_path: Path) -> None:
 def test_rubbish_is_refused(step: Path, tmp_path: Path) -> None:
     text = step.read_text()
     bodies = {
-        "empty": ("", "an empty one"),
+        "empty": ("", "a truncated one (0 bytes, no END-ISO-10303-21; at its end)"),
+        "begun": (text[:6], "a truncated one (6 bytes"),
         "other": ("solid cube\nendsolid", "another format"),
         "torn": (text[: len(text) // 2], "a truncated one"),
         "hollow": ("ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n", "no solid and no face"),

@@ -15,6 +15,7 @@ from stiffscope.cad.solid import build
 from stiffscope.cad.step import write_step
 from stiffscope.cli.main import _guarded
 from stiffscope.robot.reader import load_robot
+from tests.experiments.one_part import MATRIX, one_part
 
 COMMAND = [sys.executable, "-c", "from stiffscope.cli.main import main; main()"]
 
@@ -275,6 +276,13 @@ def test_what_a_published_matrix_does_not_follow_is_said(caplog):
     assert _guarded([*words, "--set", "slider.thickness=25mm"]) == 0
     said = "--set slider.thickness=25mm: changes nothing of the compliance of slider, which is as published"
     assert caplog.messages == [said]
+
+
+def test_a_matrix_that_contradicts_its_length_is_doubted_once_by_each_command(tmp_path, caplog):
+    one_part(tmp_path, MATRIX)
+    assert _guarded(["stiffness", str(tmp_path / "robot.toml")]) == 0
+    (said,) = caplog.messages
+    assert "part bar 1: √(3·C22/C66) = 1.73 m" in said
 
 
 def test_a_stop_that_a_library_turns_into_its_own_error_is_a_stop(monkeypatch, capsys):

@@ -195,6 +195,7 @@ REFUSED = {
     ): r"study.toml:3: constraints\[0\]: expected a value of K such as .* got \"3 kg\", which is a mass",
     ("robot.toml", "robt.toml"): r"study.toml:1: robot: .*robt.toml: expected a robot file",
     ('"sobol"', '"sobol"\nset = []\ntolerance = "5 kg"'): r"study.toml:4: tolerance: --tolerance 5 kg: .* is a mass",
+    ('"sobol"', '"sobol"\ndesigns = 0'): r"study.toml:3: designs: expected 1 to 1000000, got 0",
     ("[responses]", "[response]"): r"study.toml:8: response: expected a known key",
     ('"home"', '"away"'): r"study.toml:10: responses.f.at: expected a pose \(home\), got \"away\"",
     ('"home"', '["away"]'): r"study.toml:10: responses.f.at: expected a pose \(home\), got \"away\"",

@@ -93,8 +93,12 @@ def test_names_the_malformed_cell(tmp_path, row, column, cell, expected):
         (HEADER, "2: expected at least one row"),
         (HEADER + "\n".join(GOOD)[:-20], "5: .*: expected 13 cells, got 3: the row ends early"),
         (HEADER.replace(",sigma", "") + GOOD[0], "1: sigma: expected this column, got none"),
+        (HEADER.replace(",value", ",Value") + GOOD[0], '1: value: expected this column, got "Value"'),
         (HEADER.replace("fz,", "") + GOOD[0], "2: column 13: expected 12 cells, got 13"),
-        (HEADER.replace("session", "Session") + GOOD[0], "1: Session: expected one of x, y, z"),
+        (
+            HEADER.replace("session", "Session") + GOOD[0],
+            '1: Session: expected one of x, y, z.*; did you mean "session"',
+        ),
         (HEADER.replace("session", "pose") + GOOD[0], "1: pose: expected one of x, y, z"),
         (HEADER.replace("session", "x") + GOOD[0], "1: x: expected each name once"),
         (HEADER.replace(",", ";") + GOOD[0], "2: y: expected 13 cells, got 1: the row ends early"),
@@ -180,7 +184,8 @@ def test_published_campaign_reproduces_the_corrected_rms():
         ("pose,quantity,value\nA,kx,1\nB,ky,x\n", "model.csv:3: value: expected a finite predicted"),
         ("pose,quantity,value\nA,kx,1\nB,ky,2\nA,kx,3\n", "model.csv:4: value: .* on line 2"),
         ("pose,quantity,value,sigma\nA,kx,1,1\n", "model.csv:1: sigma"),
-        ("pose,quantity,rival\nA,kx,1\n", "model.csv:1: value: expected this column"),
+        ("pose,quantity,rival\nA,kx,1\n", "model.csv:1: value: expected this column, got none"),
+        ("pose,quantity,VALUE\nA,kx,1\n", 'model.csv:1: value: expected this column, got "VALUE"'),
         ("x,y,z,quantity,value\n0,0,0,kx,1\n", r"model.csv:1: expected the readings' own key columns"),
     ],
 )
