@@ -287,9 +287,28 @@ def test_words_of_urdf_that_a_parser_passes_over_are_refused(imported, old, new,
             imported(ARM.replace(old, new), suffix)
 
 
-def test_two_joints_of_one_name_are_refused(imported):
-    with pytest.raises(InputError, match=r'expected joints with names of their own, .* to "carriage"'):
-        imported(ARM.replace('name="slide"', 'name="shoulder"'), ".urdf")
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ('name="slide"', 'name="shoulder"', '22: joint.name: expected a name of its own, got another "shoulder"'),
+        ('joint name="slide"', "joint", '22: joint.name: expected a name of its own, got ""'),
+        ('link name="plate"', 'link name="upper"', '8: link.name: expected a name of its own, got another "upper"'),
+    ],
+)
+def test_repeated_and_missing_names_are_refused_with_their_line(imported, old, new, message):
+    with pytest.raises(InputError, match=rf"model\.urdf:{message}"):
+        imported(ARM.replace(old, new), ".urdf")
+
+
+def test_tendons_their_actuators_and_friction_are_said_to_be_left_out(imported):
+    loose = """<mujoco><worldbody><body name="a"><joint name="j1" axis="0 1 0" frictionloss="0.4"/>
+      <geom size=".1" mass="1"/></body></worldbody>
+      <tendon><fixed name="belt"><joint joint="j1" coef="1"/></fixed></tendon>
+      <actuator><position name="pull" tendon="belt"/><motor name="motor" joint="j1"/></actuator></mujoco>"""
+    model, _, text = imported(loose, ".xml")
+    assert "tendons are left out: belt" in model.notes
+    assert "actuators of no joint are left out: pull" in model.notes
+    assert "# the source has friction 0.4 here (SI), not taken" in text
 
 
 def test_a_file_that_is_there_is_kept(imported, tmp_path):

@@ -159,7 +159,7 @@ def _compile(mj: Any, path: Path, content: bytes) -> tuple[Any, list[str]]:
         never, auto = (getattr(mj.mjtInertiaFromGeom, f"mjINERTIAFROMGEOM_{each}") for each in ("FALSE", "AUTO"))
         if is_urdf(content) and spec.compiler.inertiafromgeom == auto:
             spec.compiler.inertiafromgeom = never  # a link without <inertial> has no mass, not that of water
-        _check_spec(path, spec, urdf=is_urdf(content))
+        _check_spec(path, spec)
         least = spec.compiler  # minimum mass and inertia, which moving bodies need to compile
         least.boundmass = max(least.boundmass, 1e-9)
         least.boundinertia = max(least.boundinertia, 1e-15)
@@ -185,8 +185,9 @@ def _compile(mj: Any, path: Path, content: bytes) -> tuple[Any, list[str]]:
 
 
 def _check_urdf(path: Path, content: bytes) -> None:
-    """Refuse what MuJoCo silently accepts: misspelled words, and numbers that are not finite."""
-    parser = expat.ParserCreate()
+    """Refuse what MuJoCo accepts or does not name: misspelled words, numbers not finite, repeated names."""
+    parser, opened = expat.ParserCreate(), list[str]()
+    named = set[tuple[str, str]]()
 
     def look(element: str, attributes: Mapping[str, str]) -> None:
         place = f"{path}:{parser.CurrentLineNumber}: {print_safely(element)}"
@@ -195,6 +196,12 @@ def _check_urdf(path: Path, content: bytes) -> None:
             raise InputError(f"{place}: expected a URDF without xacro, {got}")
         if element not in {*_URDF, "inertial"} and (guess := meant(element, _URDF, cutoff=0.8)):
             raise InputError(f'{place}: expected an element of URDF, got "{element}"{guess}')
+        if len(opened) == 1 and element in {"link", "joint"}:
+            own = element, attributes.get("name", "")
+            if not own[1] or own in named:
+                raise InputError(f'{place}.name: expected a name of its own, got {own[1] and "another "}"{own[1]}"')
+            named.add(own)
+        opened.append(element)
         for name, text in attributes.items() if element in _URDF else ():
             if name not in _URDF[element]:
                 raise InputError(f"{place}: {unknown_key(name, _URDF[element])}")
@@ -202,12 +209,12 @@ def _check_urdf(path: Path, content: bytes) -> None:
             if element != "limit" and words & {"inf", "nan", "infinity"}:
                 raise InputError(f'{place}.{name}: expected finite numbers, got "{text}"')
 
-    parser.StartElementHandler = look
+    parser.StartElementHandler, parser.EndElementHandler = look, lambda _: opened.pop()
     with contextlib.suppress(expat.ExpatError):  # MuJoCo says what is wrong
         parser.Parse(content, True)
 
 
-def _check_spec(path: Path, spec: Any, *, urdf: bool) -> None:
+def _check_spec(path: Path, spec: Any) -> None:
     for quantity, unit, what, things in (
         ("mass", "kg", "body", spec.bodies), ("mass", "kg", "geom", spec.geoms),
         ("inertia", "kg*m^2", "body", spec.bodies), ("density", "kg/m^3", "geom", spec.geoms),
@@ -216,10 +223,6 @@ def _check_spec(path: Path, spec: Any, *, urdf: bool) -> None:
             if (value := np.min(getattr(each, quantity))) < 0:
                 got = f'{value:g} {unit} of {what} "{print_safely(each.name)}"'
                 raise InputError(f"{path}: expected no {quantity} below zero, got {got}")
-    for joint in spec.joints if urdf else ():
-        if not joint.name:  # MuJoCo drops duplicate names
-            message = "expected joints with names of their own, got one without, or with another's"
-            raise InputError(f'{path}: {message}, to "{print_safely(joint.parent.name)}"')
 
 
 def _reason(error: Exception) -> str:

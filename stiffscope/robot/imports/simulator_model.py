@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 _LEAST_MASS = 1e-8  # kg; less is the minimum that MuJoCo assigns to massless bodies
 _SAME_POINT, _SQUARE = 1e-9, 1e-6
+_DYNAMICS = "stiffness", "damping", "armature", "friction"
 _LARGE = 30.0  # m: hardly any arm is as large, unless its lengths are in mm
 
 
@@ -47,7 +48,7 @@ class ModelBody:
 class ModelJoint:
     """A joint as in a robot file; ``range``: displacements from home; ``note``: from the source.
 
-    ``gain``: of a position servo, N·m/rad or N/m; ``dynamics``: stiffness, damping, armature.
+    ``gain``: of a position servo, N·m/rad or N/m; ``dynamics``: stiffness, damping, armature, friction.
     """
 
     name: str
@@ -130,7 +131,7 @@ def _note_omissions(source: CompiledModel, joints: Iterable[ModelJoint]) -> None
     if fixed:
         listed = ", ".join(f"{source.label('body', b)} {m.body_mass[b]:.4g} kg" for b in fixed)
         source.notes.append(f"bodies fixed to the ground have no mass here: {listed}")
-    for word in ("stiffness", "damping", "armature"):
+    for word in _DYNAMICS:
         names = [joint.name for joint in joints if joint.dynamics.get(word)]
         if names:
             of = f"the source's {word} of {', '.join(names)}"
@@ -139,6 +140,10 @@ def _note_omissions(source: CompiledModel, joints: Iterable[ModelJoint]) -> None
         names = [joint.name for joint in joints if joint.gain * sign > 0]
         if names:
             source.notes.append(f"position gains (kp) of {', '.join(names)} are {told}")
+    others = [name for name, number in source.labels("actuator", m.nu).items() if not _moves_joint(source, number)]
+    for word, names in (("tendons", source.labels("tendon", m.ntendon)), ("actuators of no joint", others)):
+        if names:
+            source.notes.append(f"{word} are left out: {', '.join(names)}")
     size = float(max((np.abs(joint.at).max() for joint in joints), default=0.0))
     if size > _LARGE:
         far = f"joints are up to {size:.3g} m from the origin"
@@ -181,9 +186,9 @@ def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
             source.notes.append(f"limits of {name} are left out: the lower is above the upper")
     note, gain = _actuator(source, number)
     dof, at = int(m.jnt_dofadr[number]), d.xanchor[number].copy()
-    found = m.jnt_stiffness[number], m.dof_damping[dof], m.dof_armature[dof]
+    found = m.jnt_stiffness[number], m.dof_damping[dof], m.dof_armature[dof], m.dof_frictionloss[dof]
     sizes = (float(np.ravel(each)[0]) for each in found)
-    pairs = zip(("stiffness", "damping", "armature"), sizes, strict=True)
+    pairs = zip(_DYNAMICS, sizes, strict=True)
     dynamics = {word: size for word, size in pairs if size}
     return ModelJoint(name, "", "", kind, at, axis, None, limits, note, gain, dynamics)
 
@@ -192,10 +197,14 @@ def _actuator(source: CompiledModel, joint: int) -> tuple[str, float]:
     """Return a note on a joint's actuator, and its stiffness if it is a position servo."""
     m = source.model
     for number in np.flatnonzero(m.actuator_trnid[:, 0] == joint):
-        if source.is_a(m.actuator_trntype[number], "mjtTrn", "mjTRN_JOINT", "mjTRN_JOINTINPARENT"):
+        if _moves_joint(source, int(number)):
             gain = -float(m.actuator_biasprm[number, 1]) * float(m.actuator_gear[number, 0]) ** 2
             return f'actuator "{source.label("actuator", int(number))}" of the source', gain
     return "", 0.0
+
+
+def _moves_joint(source: CompiledModel, actuator: int) -> bool:
+    return source.is_a(source.model.actuator_trntype[actuator], "mjtTrn", "mjTRN_JOINT", "mjTRN_JOINTINPARENT")
 
 
 def _closing_joints(source: CompiledModel) -> Iterator[ModelJoint]:
