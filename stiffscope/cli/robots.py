@@ -15,7 +15,7 @@ from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit, open_workshop, warn_of_robot
 from stiffscope.cli.poses import find_poses
 from stiffscope.errors import InputError
-from stiffscope.experiments.assembly import assemble_robots, deflection_bars, stiffness_bars, stiffness_json
+from stiffscope.experiments.assembly import assemble_robots, deflection_bars, name_robot, stiffness_bars, stiffness_json
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.experiments.superelements import write_robot
 from stiffscope.report import tables
@@ -67,7 +67,8 @@ def stiffness(
     manifest = manifest_of(robot)
     assembled = assemble(robot, components, output)
     at = asked.configurations
-    state = analyse(assembled.mechanism, at, gravity="exact" if gravity == "exact" else "none")
+    with name_robot(robot):
+        state = analyse(assembled.mechanism, at, gravity="exact" if gravity == "exact" else "none")
     if gravity == "literal":
         matrix, sunk = literal_gravity(assembled.mechanism, at.poses), sag(assembled.mechanism, at)
         state = dataclasses.replace(state, matrix=matrix, sag=sunk)

@@ -14,6 +14,7 @@ from stiffscope.cli.output import emit
 from stiffscope.cli.poses import find_poses
 from stiffscope.cli.robots import assemble
 from stiffscope.errors import InputError
+from stiffscope.experiments.assembly import name_robot
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.report import frequency_response as report
 from stiffscope.report.mode_pictures import draw_modes, modes_json
@@ -55,7 +56,8 @@ def modes(
     asked = find_poses(robot, poses, joints)
     manifest = manifest_of(robot)
     made = assemble(robot, components, output)
-    found = find_modes(made.mechanism, asked.configurations, count, drives=drives)
+    with name_robot(robot):
+        found = find_modes(made.mechanism, asked.configurations, count, drives=drives)
     title = f"Natural frequencies, drives {drives}"
     emit(
         output, modes_json(found), lambda: show_modes(asked.names, found, title), manifest=manifest,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,7 @@ from stiffscope.vjm import statics
 from stiffscope.vjm.screws import CONVENTION
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from stiffscope.cad.part import Part
     from stiffscope.experiments.experiments import PartResult
@@ -179,12 +180,22 @@ def _check_length(robot: RobotFile, name: str, length: float) -> None:
             raise robot.refuse(("bodies", body, "tip"), message)
 
 
+@contextmanager
+def name_robot(robot: RobotFile) -> Iterator[None]:
+    """Put the robot's file before the message of an InputError of its mechanics."""
+    try:
+        yield
+    except InputError as error:
+        raise InputError(f"{robot.path}: {error}") from error
+
+
 def at_named_poses(assembled: Assembled, poses: Mapping[str, Sequence[float]]) -> Stiffness:
     """Return stiffness without gravity and sag under gravity; NaN if the tool moves freely."""
-    found = statics.analyse(assembled.mechanism, np.array(list(poses.values())))
-    firm = found.valid & np.isfinite(found.compliance).all(axis=(1, 2))
-    sag = np.full_like(found.sag, np.nan)
-    sag[firm] = statics.sag(assembled.mechanism, found.configurations[firm])
+    with name_robot(assembled.robot):
+        found = statics.analyse(assembled.mechanism, np.array(list(poses.values())))
+        firm = found.valid & np.isfinite(found.compliance).all(axis=(1, 2))
+        sag = np.full_like(found.sag, np.nan)
+        sag[firm] = statics.sag(assembled.mechanism, found.configurations[firm])
     return dataclasses.replace(found, sag=sag)
 
 

@@ -278,6 +278,16 @@ def test_what_a_published_matrix_does_not_follow_is_said(caplog):
     assert caplog.messages == [said]
 
 
+@pytest.mark.parametrize("command", [["stiffness"], ["modes"], ["run", "--out", "{}/out"]])
+def test_a_robot_without_a_drive_is_refused_by_the_name_of_its_file(tmp_path, capsys, command):
+    file = tmp_path / "loose.toml"
+    joint = '[joints.j]\nbetween = ["ground", "a"]\ntype = "revolute"\nat = [0, 0, 0]\naxis = [0, 0, 1]\n'
+    tool = '[tool]\nbody = "a"\nat = ["30 cm", 0, 0]\npose = ["y"]\n'
+    file.write_text(f'name = "loose"\n[bodies.a]\n{joint}{tool}')
+    assert _guarded([command[0], str(file), *(word.format(tmp_path) for word in command[1:])]) == 2
+    assert capsys.readouterr().err.startswith(f"stiffscope: {file}: ")
+
+
 def test_a_matrix_that_contradicts_its_length_is_doubted_once_by_each_command(tmp_path, caplog):
     one_part(tmp_path, MATRIX)
     assert _guarded(["stiffness", str(tmp_path / "robot.toml")]) == 0

@@ -26,6 +26,7 @@ from stiffscope.robot.imports.import_assembly import from_assembly, import_assem
 from stiffscope.robot.imports.said import Said, said_beside
 from stiffscope.robot.inspection import inspect_robot
 from stiffscope.robot.reader import load_robot
+from tests.experiments.one_part import write_bar
 from tests.robot import assemblies
 
 STANDING = {  # place (mm, degrees), unit and whether solids have names
@@ -427,6 +428,12 @@ def test_a_solid_that_is_not_manifold_is_refused_by_that_name(tmp_path):
     cad.kernel_files.write_step(BRepBuilderAPI_MakeSolid(shell).Solid(), tmp_path / "machine.step")
     with pytest.raises(InputError, match=r"expected manifold solids, got 1 that fall into 2, as edges"):
         read_assembly(tmp_path / "machine.step")
+
+
+def test_a_step_of_one_solid_is_refused_by_its_name(tmp_path):
+    write_bar(tmp_path / "bar.step")
+    with pytest.raises(InputError, match=r'bar\.step: expected parts that joints connect, got one solid; .* "step"$'):
+        import_assembly(tmp_path / "bar.step", tmp_path / "robot.toml")
 
 
 def test_what_assembly_toml_says_wrongly_is_refused_with_its_line(tmp_path):

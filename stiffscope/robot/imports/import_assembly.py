@@ -154,7 +154,7 @@ def _import(
     joints, settled = as_said(joints, said.joint, solids, contacts)
     named = [{solids[n].name for n in pair} for pair in settled]
     doubts = [doubt for doubt in doubts if {*doubt.solids} not in named]
-    found = _Found(solids, hardware, tuple(joints))
+    found = _Found(path, solids, hardware, tuple(joints))
     ground = _choose_ground(found, said.ground)
     reached = find_distances(found.joints, ground)
     loose = {each for joint in found.joints for each in joint.ends} - {*reached, *hardware.roles}
@@ -184,8 +184,9 @@ def _import(
 
 @dataclass(frozen=True, eq=False)
 class _Found:
-    """An assembly with its hardware and joints."""
+    """An assembly, its file or name, with its hardware and joints."""
 
+    path: Path
     solids: Sequence[Instance]
     hardware: Hardware
     joints: tuple[Freedom, ...]
@@ -200,7 +201,7 @@ def _choose_ground(found: _Found, wanted: str | None) -> int:
     parts = [n for n in range(len(found.solids)) if n not in found.hardware.roles]
     if not parts:
         what = "got hardware alone; say --part NAME of what is a part"
-        raise InputError(f"expected an assembly with parts, {what}")
+        raise InputError(f"{show_path(found.path)}: expected an assembly with parts, {what}")
     if wanted is not None:
         return _find_wanted(found, "--ground", wanted, parts, "a part, no hardware")
     named = [n for n in parts if _GROUND.search(found.solids[n].name.split(".")[-1])]
@@ -213,7 +214,8 @@ def _choose_tool(found: _Found, ground: int, wanted: str | None, reached: Mappin
     solids, able = found.solids, [n for n in reached if n != ground]
     if not able:
         got = f"none that touches {solids[ground].name}, the ground; say --ground or --joint"
-        raise InputError(f"expected parts that joints connect, got {got}")
+        got = got if len(solids) > 1 else 'one solid; describe a single part in a robot file, with shape = "step"'
+        raise InputError(f"{show_path(found.path)}: expected parts that joints connect, got {got}")
     if wanted is not None:
         return _find_wanted(found, "--tool", wanted, able, "a part that moves")
     fixed = [joint for joint in found.joints if joint.kind == "fixed"]
