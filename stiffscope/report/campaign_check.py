@@ -221,9 +221,9 @@ def draw_sensors(
         place = pose_text(mechanism, found.tool[k, mechanism.tool.commanded_axes].tolist())
         title = f"{robot.name}, sensors and loads at {place}"
         shown.append({"file": file, "title": title, "moves": place_robot(found, k).moves})
-    close, first, last = shown
-    close["close"] = True
-    pictures = [close] * bool(arrows) + [first] + [last] * (len(found) > 1)
+    named, first, last = shown
+    named["names"] = True
+    pictures = [named] * bool(arrows) + [first] + [last] * (len(found) > 1)
     with optional_pictures():
         draw("robot", folder, pictures=pictures, marks=arrows, **scene(robot, mechanism))
 

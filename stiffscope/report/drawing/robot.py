@@ -58,8 +58,6 @@ LONG = 1300  # longest title, in characters times points
 _DARK_DOUBT = "#9a6a00"
 AXES = ("#d62728", "#2ca02c", "#1f4fd6")
 MARKS = {"sensor": "#8e24aa", "load": "#ef6c00"}
-CONTEXT = 1.7  # field of view of a close picture over the extent of its arrows
-SURROUNDINGS = 0.11  # least half field of view of a close picture over the robot's reach
 SHADES = 9  # shades of the colour scale in a page's viewer
 _NAMED = 5  # most parts in the key
 _ALIKE = 12.0  # pixels within which equal labels are one
@@ -83,8 +81,8 @@ def robot(
         Folder to write to.
     pictures
         ``moves``: node to [R (3, 3), p (3,)] from home. Optional: ``before``, former ``moves``, and
-        ``ghost``, another robot {bodies, joints, tool, moves}, both drawn light; ``close``: show
-        only the marks with names, and their surroundings; ``kinds``: label joints with their kind.
+        ``ghost``, another robot {bodies, joints, tool, moves}, both drawn light; ``names``:
+        label the marks; ``kinds``: label joints with their kind.
         A GIF has ``frames``, each like ``moves``, and their ``order`` in the loop instead.
     bodies
         {name, nodes, part, experiment, shape, mesh, axes, base, length, places}; a rigid body has
@@ -130,18 +128,11 @@ def robot(
             former = ghost["moves"]
         if former is not None:
             shapes["before"] = _join_shapes([solid.move(_moves(former)) for solid in others])
-        close = picture.get("close", False)
-        arrows = _arrows(marks or [], moves, reach, close)
-        seen = None
-        if close:  # scaled from the middle, so that the view includes the surroundings
-            ends = np.vstack([each.ends for each in arrows])
-            half = np.maximum(0.5 * CONTEXT * np.ptp(ends, axis=0), SURROUNDINGS * reach)
-            corners = np.array(list(product((-1, 1), repeat=3)))
-            seen = (ends.max(axis=0) + ends.min(axis=0)) / 2 + half * corners
+        arrows = _arrows(marks or [], moves, reach)
         point = _place(moves, tool["node"], tool["at"])
-        image, view = _scene(shapes, point, upward, reach, seen, arrows=arrows)
+        image, view = _scene(shapes, point, upward, reach, arrows=arrows)
         figure = frame_picture(image, view, picture["title"])
-        if close:
+        if picture.get("names", False):
             free = ((each, each.ends[0 if each.kind == "sensor" else 1]) for each in arrows)
             labels = [(end, each.name, MARKS[each.kind]) for each, end in free]
             _put_labels(figure, view, labels, "bold")
@@ -209,15 +200,12 @@ class Arrow:
     ends: Floats
 
 
-def _arrows(marks: list[dict[str, Any]], moves: Moves, reach: float, close: bool) -> list[Arrow]:
-    """Return arrows that end at sensors or start at loads, sized for a whole or close view."""
+def _arrows(marks: list[dict[str, Any]], moves: Moves, reach: float) -> list[Arrow]:
+    """Return arrows that end at sensors or start at loads."""
     places = [_place(moves, mark["node"], mark["at"]) for mark in marks]
-    size = 0.14 * reach
-    if close:
-        size = float(np.clip(0.4 * np.ptp(places, axis=0).max(), 0.5 * size, size))
     out = []
     for mark, place in zip(marks, places, strict=True):
-        along = size * np.array(mark["direction"], float)
+        along = 0.14 * reach * np.array(mark["direction"], float)
         ends = (place - along, place) if mark["kind"] == "sensor" else (place, place + along)
         out.append(Arrow(mark["kind"], mark["name"], np.array(ends)))
     return out
