@@ -71,14 +71,14 @@ def map_(
         raise InputError(f"--gravity literal: expected none or exact for a map, {got}")
     wanted = _read_wanted(show, direction, wrench)
     ranges = _find_ranges(robot, over)
-    moving = rigid_mechanism(robot)
+    moving, points = rigid_mechanism(robot), points or _POINTS[len(ranges)]
+    evaluated.check_points(moving, ranges, points)
     configured_poses(robot, moving, moving.tool.home)  # raises before any experiment
     fixed = evaluated.require_map(robot).at if not over else None
     if at is not None:
         fixed = tuple(find_poses(robot, (at,), ()).configurations.poses[0].tolist())
     manifest = manifest_of(robot)
     made = assemble(robot, components, output)
-    points = points or _POINTS[len(ranges)]
     swept = evaluated.map_volume(
         made.mechanism, ranges, points, gravity=gravity, at=fixed, frequencies=count, wanted=wanted
     )

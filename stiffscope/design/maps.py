@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     Ranges = Mapping[str, tuple[float, float]]
 
+MEMORY, PER_ELEMENT = 1.5e9, 200.0  # bytes: of a process at most, and of one by pose and element of the robot
 IN_PLANE = 1e-6  # m or rad; tolerance for marking a pose on the map
 PRINCIPAL = {
     "worst": ("N m-1", "stiffness along the softest direction"),
@@ -188,6 +189,14 @@ class StiffnessVolume:
     maps: tuple[StiffnessMap, ...]
 
 
+def check_points(mechanism: Mechanism, ranges: Ranges, points: int) -> None:
+    """Raise InputError if a map of so many poses along each coordinate needs more memory than `MEMORY`."""
+    most = int((MEMORY / (PER_ELEMENT * len(mechanism.elements))) ** (1 / len(ranges)))
+    if points > most:
+        expected = f"expected at most {most} poses along each of {' and '.join(ranges)}"
+        raise InputError(f"points: {expected}, as a map takes {MEMORY / 1e9:g} GB then, got {points}")
+
+
 def map_volume(
     mechanism: Mechanism, ranges: Ranges, points: int, *, gravity: Gravity = "none",
     at: Sequence[float] | None = None, frequencies: int = 0, wanted: Wanted | None = None,
@@ -215,6 +224,7 @@ def map_volume(
     pose = mechanism.tool.pose
     if len(ranges) not in {2, 3} or not set(ranges) <= set(pose):
         raise _refuse_ranges("two" if len(ranges) == 2 else "three", mechanism, ranges)
+    check_points(mechanism, ranges, points)
     values = {name: np.linspace(*ends, points) for name, ends in ranges.items()}
     (across, columns), (up, rows), *third = values.items()
     through, heights = third[0] if third else ("", np.zeros(1))

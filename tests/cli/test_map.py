@@ -1,6 +1,7 @@
 """`stiffscope map`: figures, and the same numbers in every form."""
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -25,6 +26,14 @@ def test_numbers_carry_names_and_units(tmp_path, capsys):
     for stem in ("map", "gravity_difference", "sag"):
         assert (out / f"{stem}.png").stat().st_size > 10_000
         assert (out / f"{stem}.svg").read_text().startswith("<?xml")
+
+
+def test_a_map_that_needs_too_much_memory_is_refused_before_it_begins(tmp_path, capsys):
+    assert _guarded(["map", "biglide", "--out", str(tmp_path / "map"), "--points", "3000"]) == 2
+    assert re.fullmatch(
+        r"stiffscope: points: expected at most \d{3} poses along each of x and z, .* GB then, got 3000\n",
+        capsys.readouterr().err,
+    )
 
 
 def test_a_volume_holds_what_maps_and_single_poses_hold(tmp_path, capsys):
