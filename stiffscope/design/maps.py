@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     Ranges = Mapping[str, tuple[float, float]]
 
-MEMORY, PER_ELEMENT = 1.5e9, 200.0  # bytes: of a process at most, and of one by pose and element of the robot
+MEMORY, PER_POSE, PER_ELEMENT = 1.4e9, 4e3, 100.0  # bytes: most of a map; of a pose, and of each element there
 IN_PLANE = 1e-6  # m or rad; tolerance for marking a pose on the map
 PRINCIPAL = {
     "worst": ("N m-1", "stiffness along the softest direction"),
@@ -191,10 +191,10 @@ class StiffnessVolume:
 
 def check_points(mechanism: Mechanism, ranges: Ranges, points: int) -> None:
     """Raise InputError if a map of so many poses along each coordinate needs more memory than `MEMORY`."""
-    most = int((MEMORY / (PER_ELEMENT * len(mechanism.elements))) ** (1 / len(ranges)))
+    most = int((MEMORY / (PER_POSE + PER_ELEMENT * len(mechanism.elements))) ** (1 / len(ranges)))
     if points > most:
         expected = f"expected at most {most} poses along each of {' and '.join(ranges)}"
-        raise InputError(f"points: {expected}, as a map takes {MEMORY / 1e9:g} GB then, got {points}")
+        raise InputError(f"points: {expected}, which take {MEMORY / 1e9:g} GB, got {points}")
 
 
 def map_volume(

@@ -31,7 +31,7 @@ def test_numbers_carry_names_and_units(tmp_path, capsys):
 def test_a_map_that_needs_too_much_memory_is_refused_before_it_begins(tmp_path, capsys):
     assert _guarded(["map", "biglide", "--out", str(tmp_path / "map"), "--points", "3000"]) == 2
     assert re.fullmatch(
-        r"stiffscope: points: expected at most \d{3} poses along each of x and z, .* GB then, got 3000\n",
+        r"stiffscope: points: expected at most \d{3} poses along each of x and z, which take 1.4 GB, got 3000\n",
         capsys.readouterr().err,
     )
 

@@ -485,7 +485,9 @@ def twin(model, name, **others):
     named = (twin.split(" @ ") for twin in others.pop("twins", ()))
     alike = tuple((replace(own, effect=effect, place=place), 1.0) for effect, place in named)
     changed = replace(own, twins=alike, **others)
-    return replace(model, library=tuple(changed if c.name == name else c for c in model.library))
+    signatures = model.signatures | {other.name: model.signatures[name] for other, _ in alike}
+    library = tuple(changed if c.name == name else c for c in model.library)
+    return replace(model, library=library, signatures=signatures)
 
 
 @pytest.mark.parametrize(("count", "verdict"), [(0, "identified"), (2, "identified"), (4, "ambiguous")])
