@@ -30,10 +30,11 @@ VALUES = (
     "nan", "inf", "-inf", "0", "-1", "1e308", "1e-308", "-1e30", "true", '""', "[]", "{}", '"5 kg"', '"3 rad"', '"7 N"',
     '"-20 mm"', '"0 mm"', '"1e9 m"', '"nan mm"', '"5 furlong"', '"no such name"', '"= nothing"', '"= 1/0"', '"= 1e999"',
     '"a\\nb"', '"\\u001b[31mred"', '"' + "x" * 3000 + '"',
-    "1979-05-27", '["1 mm"]', '"../../../etc/passwd"', '"ground"',
+    "1979-05-27", '["1 mm"]', '"../../../etc/passwd"', '"ground"', '"1,5 mm"', '"1.000,5 mm"', '"\u22125 mm"', '"5 Nm"',
 )  # fmt: skip
-NUMBERS = ("nan", "inf", "-1", "0", "1e308", "1e-300", "-1e9", "1e9", "007", "1,5", "x")
+NUMBERS = ("nan", "inf", "-1", "0", "1e308", "1e-300", "-1e9", "1e9", "007", "1,5", "x", "1.000", "1 000", "\u22121")
 UNITS = ("mm", "um", "m", "kg", "g", "N", "N*m", "N/um", "kN*m/rad", "deg", "rad", "um/N", "rad/(N*m)", "%", "Hz", "Pa")
+HARMLESS = "a spelling of the same"
 REFUSAL = re.compile(r"stiffscope: [^:]+(?P<line>:\d+)?: .*expected .+")
 
 
@@ -50,6 +51,8 @@ def mutate(rng: random.Random, data: bytes, suffix: str) -> tuple[bytes, str]:
         return data[:at] + rng.choice((b"\xff", b"\x00", b"\xe9", b"\x1b[2J")) + data[at:], f"a byte at {at}"
     if broken < 0.07:
         return data.decode().encode("utf-16"), "UTF-16"
+    if broken < 0.1 and suffix != ".step":
+        return rng.choice((b"\xef\xbb\xbf" + data, data.replace(b"\n", b"\r\n"), data + b"\n\n")), HARMLESS
     lines = data.decode().split("\n")
     unlike = {line: k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")}
     at = rng.choice(list(unlike.values()))  # STEP repeats many lines that mean little
@@ -73,7 +76,8 @@ def _mutate_line(  # noqa: PLR0911 (one for each kind)
     if kind == "unit" and (found := _choose(rng, r"(?<=\d )[a-zA-Z*/()^0-9]+(?=[\" ])", line)):
         return [line[: found.start()] + rng.choice(UNITS) + line[found.end() :]]
     if kind == "name" and names and (found := _choose(rng, r'(?<=")[A-Za-z][^"]*(?=")', line)):
-        other = rng.choice((rng.choice(names), "nobody", "a\\nb", "a\\u001b[31m", "ground", "", found[0] + "x"))
+        alike = found[0] + "x", found[0].upper(), found[0] + " ", found[0].replace("a", "\u0430").replace("e", "\u0435")
+        other = rng.choice((rng.choice(names), "nobody", "a\\nb", "a\\u001b[31m", "ground", "", *alike))
         return [line[: found.start()] + other + line[found.end() :]]
     if kind == "key" and (found := _choose(rng, r"[A-Za-z_]\w*(?=\s*=)|(?<=<)\w+", line)):
         return [line[: found.start()] + rng.choice((found[0] + "x", rng.choice(names or ["x"]))) + line[found.end() :]]
@@ -171,7 +175,7 @@ def run(family: Family, seed: int | None) -> Case:
         made -= {"out.json"} if family.arguments[0] == "check" else set()  # which reports what it then refuses
         answer = Path(folder) / "out.json"
         answer = answer.read_text() if answer.exists() else ""
-    wrong = _judge(code, said, answer, made)
+    wrong = _judge(code, said, answer, made) or ("refused" if code and HARMLESS in change else "")
     if taken > SECONDS and used.ru_utime + used.ru_stime > SECONDS:
         wrong = wrong or f"{taken:.0f} s"
     if used.ru_maxrss << 10 > MEMORY:
