@@ -33,7 +33,7 @@ Project = Callable[[int, Floats], Floats]
 logger = logging.getLogger(__name__)
 
 MOST_ELEMENTS = 2e6
-MESHING, SOLVING = 0.8e-3, 4e-3  # processor seconds per element; half of the latter for modes
+MESHING, SOLVING = 0.4e-3, 2.5e-3  # processor seconds per element, twice those of a slider; half the latter for modes
 MISJUDGED = 1.75  # ratio of estimate to time left to refuse meshing: two processors are faster
 PLANE = 0.8  # share of plane area for flat elements in thin walls; curved walls need small ones
 ENERGY = 10.0  # largest distortion energy that the mesher leaves; 3 for a regular element
@@ -148,7 +148,7 @@ def edge_length(mesh: TetMesh) -> float:
 
 
 def expected_elements(surface: Surface, volume: float, size: float) -> float:
-    """Estimate the number of tetrahedra of a size (m), with grading, within a factor of about two.
+    """Estimate the number of tetrahedra of a size (m), with grading, within a factor of about 1.5.
 
     Surface triangles are as large as the size, or as the sides of curved faces if these are
     shorter, except for features so narrow that the mesher omits them.
@@ -169,7 +169,7 @@ def expected_elements(surface: Surface, volume: float, size: float) -> float:
     curved = np.array([face.kind != "plane" for face in surface.faces])[surface.face_of_triangle]
     finest = min(size, 2 * default_envelope(surface, size))
     sides = np.where(curved, np.clip(shortest, finest, size), size)
-    return float(2 * (areas / (0.433 * sides**2)).sum() + 3 * 8.5 * volume / size**3)
+    return float(2 * (areas / (0.433 * sides**2)).sum() + 12.0 * volume / size**3)
 
 
 def check_time(elements: float, time_limit: float, cure: str, *, meshed: bool = False) -> None:

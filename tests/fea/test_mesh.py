@@ -7,7 +7,7 @@ import pytest
 from stiffscope.cad import slider
 from stiffscope.cad.solid import build
 from stiffscope.fea.geometry import centroid, jacobian_range, volume
-from stiffscope.fea.mesh import MeshError, boundary_facets, tetrahedralize
+from stiffscope.fea.mesh import MeshError, boundary_facets, check_time, expected_elements, tetrahedralize
 from stiffscope.fea.refine import bisect, grade
 from stiffscope.fea.run import run_experiment, specimen_of
 from stiffscope.fea.settings import Settings
@@ -141,3 +141,12 @@ def test_a_pad_lower_than_the_first_envelope_keeps_its_area():
     mesh = run_experiment(part).mesh
     loaded = sorted(part.loaded[0].faces)
     assert face_areas(mesh, len(part.faces))[loaded] == pytest.approx([part.faces[k].area for k in loaded], rel=1e-3)
+
+
+def test_the_number_of_tetrahedra_and_their_time_are_estimated(caplog):
+    """A slider of 28,000 takes 38 s of a processor to solve: neither refused nor doubted within 80 s."""
+    specimen = specimen_of(build(slider.SliderParameters()), Settings())
+    made = len(mesh_specimen(specimen, size=0.012).cells)
+    assert 0.6 < expected_elements(specimen.surface, specimen.volume, 0.012) / made < 1.7
+    check_time(28_000, 80.0, "", meshed=True)
+    assert not caplog.messages
