@@ -115,7 +115,8 @@ class Contacts:
         pressed = size - self.reach
         if not self.turning:
             pressed = pressed + np.einsum("ki,ki->k", along, moved)
-        pressed = np.where(pressed > _TOUCHING * pressed.max(initial=0.0), pressed, 0.0)
+        least = max(_TOUCHING * pressed.max(initial=0.0), 4e-16 * size.max(initial=0.0))  # what rounding leaves
+        pressed = np.where(pressed > least, pressed, 0.0)
         return along, pressed, self.constant * pressed**self.exponent, size
 
     def energy(self, twist: Array) -> float:
@@ -161,8 +162,10 @@ def settle(contacts: Contacts, wrench: Array, length: float) -> Array:
     load: Array = np.asarray(wrench, dtype=float) * unit
     most = float(np.linalg.norm(load))
     typical = float((most / contacts.constant.max()) ** (1.0 / contacts.exponent))
-    size = max(most, float(contacts.state(np.zeros(6))[2].max()), 1e-300)
-    x: Array = load / max(most, 1e-300) * typical
+    size = max(most, float(contacts.state(np.zeros(6))[2].max()))
+    if not size:
+        return np.zeros(6)  # nothing is pressed
+    x: Array = load / (most or 1.0) * typical
 
     def potential(at: Array) -> float:
         return contacts.energy(at * unit) - float(load @ at)
