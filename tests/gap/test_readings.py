@@ -428,6 +428,7 @@ def test_refuses_what_no_robot_shows(tmp_path, cell, expected):
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
+        (",1e-6,a", ",1e-6,\x1b[31ma", "2: session: expected a label of printable characters"),
         (",1e-6,a", ",1e-300,a", "2: sigma: expected an uncertainty of at least 1e-14 m, got '1e-300'"),
         (",1e-6,a", ",1e300,a", "2: sigma: expected a displacement of at most 10 m"),
         ("0,0,0.35,100", "0,0,1e9,100", "2: z: expected a length of at most 10000 m"),

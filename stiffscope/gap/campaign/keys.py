@@ -129,6 +129,9 @@ def read_keys(table: Table, header: Header, *, bare: bool) -> Keys:
     else:
         values = (coordinate(table, header, name).tolist() for name in coordinates)
         place = tuple(zip(*values, strict=True))
+    for name in ("session", *LABEL):
+        strange = np.array([not cell.isprintable() for cell in table.column(name)])
+        table.refuse_where(strange, name, "a label of printable characters")  # a terminal would obey it
     return Keys(table, coordinates, place, wrench, quantity, sensor, load, table.column("session"))
 
 
