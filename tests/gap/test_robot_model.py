@@ -368,17 +368,19 @@ def test_what_is_tried_for_the_next_reading_is_within_reach_by_itself(monkeypatc
 
 
 def test_a_modulus_is_another_name_for_the_plain_factor_of_its_part():
-    """Of a Stewart platform's struts at rest readings see the axial compliance: radius and bore are other causes."""
+    """Of a Stewart platform's struts readings at M see the axial compliance: radius and bore are other causes."""
     robot = nominal("stewart")
-    c = readings(robot, ("ex", "ey", "ez", "erx"))
+    c = readings(robot, ("dx", "dy", "dz", "drx", "dry", "drz"))
     rows = np.flatnonzero(c.sensor < 0)
     kept = {k: getattr(c, k)[rows] for k in ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line")}
     library = RobotModel(replace(c, **kept, sensors=(), sensor=(), loads=(), load=()), robot).library
-    plain = next(k for k in library if k.name == "link-stiffness @ lower")
-    names = [f"part-dimension @ lower.{key}" for key in ("radius", "bore", "youngs_modulus")]
-    assert set(names[:2]) <= set(plain.signature_of)
-    assert names[2] in plain.aliases
-    assert names[2] not in plain.signature_of
+    known = {each.name: each for k in library for each in (k, *(twin for twin, _ in k.twins))}
+    for part in ("lower", "upper"):  # the upper one's factor is a twin of soft drives
+        modulus = f"part-dimension @ {part}.youngs_modulus"
+        assert [name for name, k in known.items() if modulus in k.aliases] == [f"link-stiffness @ {part}"]
+        assert modulus not in known
+    names = {"part-dimension @ lower.radius", "part-dimension @ lower.bore"}
+    assert names <= set(known["link-stiffness @ lower"].signature_of)
 
 
 def test_a_former_word_is_no_word_more():

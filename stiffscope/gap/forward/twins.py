@@ -31,6 +31,12 @@ def _shows(candidate: Candidate, prediction: RobotPrediction) -> bool:
     return bool((sizes > _ROUNDING * largest).any())
 
 
+def _is_factor(first: Candidate, other: Candidate) -> bool:
+    """Return whether a modulus of a part is the factor on the stiffness of its bodies."""
+    modulus = other.place.endswith(_MODULUS) and other.members == first.members
+    return modulus and first.effect == LinkStiffness.word
+
+
 def merge_twins(given: Sequence[Candidate], prediction: RobotPrediction) -> tuple[Candidate, ...]:
     """Merge candidates of one parameter with the same signature as twins of the first.
 
@@ -50,18 +56,17 @@ def merge_twins(given: Sequence[Candidate], prediction: RobotPrediction) -> tupl
     unit = columns / np.where(size > 0.0, size, 1.0)
     cosine = unit.T @ unit
     usual = np.log(size.clip(min=1e-300)) + np.log([c.scale[0] for c in singles])
-    factors = [c.members for c in candidates if c.effect == LinkStiffness.word]
     out = {id(c): c for c in candidates}
-    for (i, first), (j, other) in combinations(enumerate(singles), 2):
+    pairs = sorted(combinations(enumerate(singles), 2), key=lambda pair: not _is_factor(pair[0][1], pair[1][1]))
+    for (i, first), (j, other) in pairs:
         same = cosine[i, j] if first.positive or other.positive else abs(cosine[i, j])
         sized = abs(usual[i] - usual[j]) <= np.log(_OF_ONE_SIZE)
         alike = sized and same > 1.0 - _SAME and first.positive == other.positive
         if alike and id(first) in out and id(other) in out:
-            known = out[id(first)]
-            if other.place.endswith(_MODULUS) and other.members in factors:  # is that factor
+            known, twin = out[id(first)], out.pop(id(other))
+            if _is_factor(first, other):
                 out[id(first)] = replace(known, aliases=(*known.aliases, other.name))
             else:
                 rate = float(np.copysign(size[i] / size[j], cosine[i, j]))
-                out[id(first)] = replace(known, twins=(*known.twins, (other, rate)))
-            del out[id(other)]
+                out[id(first)] = replace(known, twins=(*known.twins, (twin, rate)))
     return tuple(out.values())
