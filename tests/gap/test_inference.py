@@ -520,18 +520,25 @@ def test_a_twin_is_as_likely_as_where_it_stands_by_itself(rate, widest):
     assert merged.best.evidence == pytest.approx(np.logaddexp(one, two), abs=0.1)
 
 
-def test_prior_odds_alone_identify_nothing():
-    """A word that may be at sixty places does at one of them what another does that may be at one alone."""
+@pytest.mark.parametrize(("alike", "verdict"), [(1, "identified"), (5, "ambiguous")])
+def test_prior_odds_alone_identify_nothing(alike, verdict):
+    """A word that may be at sixty places does at some of them what another does that may be at one alone.
+
+    One such place is of the group: what odds make unlikely is named; five are more than a group holds.
+    """
     rng = np.random.default_rng(12)
     model, many = linear_model(rng, effects=6, parameters=(1,)), linear_model(rng, effects=60, parameters=(1,))
     crowd = [replace(c, effect="crowd", place=c.effect) for c in many.library]
     signatures = {c.name: many.signatures[f"{c.place} @ place"] for c in crowd}
-    signatures[crowd[0].name] = model.signatures["effect-0 @ place"]
+    signatures |= {c.name: model.signatures["effect-0 @ place"] for c in crowd[:alike]}
     model = replace(model, library=(*model.library, *crowd), signatures=model.signatures | signatures)
     diagnosis = conclude(find(planted(model, e0=(0.5,))))
-    assert (diagnosis.verdict, [e.effect for e in diagnosis.effects]) == ("ambiguous", ["effect-0"])
-    assert diagnosis.effects[0].probability == pytest.approx(60 / 61, abs=0.01)
-    assert any("crowd @ effect-0 fits about as well as effect-0 @ place" in r for r in diagnosis.remarks)
+    assert (diagnosis.verdict, [e.effect for e in diagnosis.effects]) == (verdict, ["effect-0"])
+    assert diagnosis.effects[0].probability == pytest.approx(60 / (60 + alike), abs=0.01)
+    others = [c.name for c in crowd[:alike]]
+    assert set(diagnosis.effects[0].confused_with) <= {*others}
+    assert len(diagnosis.effects[0].confused_with) == min(alike, 2)
+    assert (verdict == "ambiguous") == any("fits about as well as effect-0 @ place" in r for r in diagnosis.remarks)
 
 
 def test_what_stands_in_the_place_of_another_effect_is_in_no_group_but_its_own():
@@ -609,8 +616,12 @@ def test_what_is_likelier_without_a_word_is_not_named():
     assert [e.effect for e in conclude(found).effects] == ["effect-1"]
 
 
-def test_a_part_entry_by_entry_takes_no_place_of_others_in_a_group():
-    """A matrix does as well as the plain factor that bears its name too; two others do, but for a little noise."""
+@pytest.mark.parametrize("merged", [False, True])
+def test_a_part_entry_by_entry_takes_no_place_of_others_in_a_group(merged):
+    """A matrix does as well as the plain factor that bears its name too; two others do, but for a little noise.
+
+    Factor and matrix are one cause, as likely as another, also where a drive has the factor's signature.
+    """
     model = linear_model(np.random.default_rng(31), parameters=(1,))
     own = model.signatures["effect-0 @ place"]
     rough = np.random.default_rng(32).standard_normal((len(own), 4))
@@ -622,14 +633,31 @@ def test_a_part_entry_by_entry_takes_no_place_of_others_in_a_group():
     plain = replace(model.library[0], aliases=("matrix @ place",))
     matrix = replace(plain, effect="matrix", names=tuple("abc"), units=("1",) * 3, scale=(1.0,) * 3, aliases=(),
                      plausible=3 * plain.plausible, flexible=True)  # fmt: skip
-    found = find(planted(replace(model, signatures=signatures, library=(plain, matrix, *model.library[1:])), e0=(0.5,)))
+    if merged:
+        plain = replace(model.library[0], twins=((replace(plain, effect="factor"), 1.0),))
+    model = replace(model, signatures=signatures, library=(plain, matrix, *model.library[1:]))
+    found = find(planted(model, e0=(0.5,)))
     assert [*map(sorted, (h.names for h in found.hypotheses[:4]))] == [
         ["effect-0 @ place"], ["matrix @ place"], ["effect-1 @ place"], ["effect-2 @ place"]
     ]  # fmt: skip
+    odds = Problem(model, model.noise()).odds_of
+    assert odds(plain).sum() + odds(matrix).sum() == pytest.approx((1 + merged) * odds(model.library[3]).sum())
     assert found.probability[3] > 0.02
     group = found.group("effect-0 @ place")
-    assert group.others == ("effect-1 @ place", "effect-2 @ place")
-    assert group.probability > 0.98  # with the matrix
+    names = "factor @ place", "effect-1 @ place", "effect-2 @ place"
+    assert group.others == (names[:2] if merged else names[1:])
+    assert group.probability > 0.9  # with the matrix
+
+
+def test_a_group_has_the_likeliest_of_what_readings_do_not_tell_apart():
+    """A twin has half of the odds that it and the effect have in common; two others fit a little less well."""
+    model = linear_model(np.random.default_rng(31), parameters=(1,))
+    rough = 1.3e-7 * np.random.default_rng(32).standard_normal((len(model.nominal), 1))
+    alike = {f"effect-{k} @ place": model.signatures["effect-0 @ place"] + rough for k in (1, 2)}
+    model = twin(replace(model, signatures=model.signatures | alike), "effect-0 @ place", twins=("twin-0 @ place",))
+    found = find(planted(model, e0=(0.5,)))
+    assert found.probability[0] / 4.0 < found.probability[1] < found.probability[0] / 2.0
+    assert found.group("effect-0 @ place").others[0] == "twin-0 @ place"
 
 
 def test_a_main_cause_that_is_not_settled_is_ambiguous():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import prod
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     Fitted = dict[frozenset[tuple[str, int]], Hypothesis]
 
 
+CONFIDENT = 0.9  # least probability of a certain effect or group
 CONFUSED = 2  # most other effects listed as indistinguishable
 COMPETING = 0.02  # least probability of a competing hypothesis over that of the best
 IMITATING = 3.0  # most ln evidence behind the best set to mention a pattern
@@ -112,20 +114,6 @@ class Findings:
         return _rank(problem, [(h, problem.reweigh(h)) for h in near], self.fitted)
 
     @cached_property
-    def _canonical(self) -> dict[str, str]:
-        """Canonical name of each effect at a place: that with the fewest parameters."""
-        known: dict[str, str] = {}
-        words = {id(c): c for h in self.hypotheses for c in h.words}
-        for c in sorted(words.values(), key=lambda c: len(c.scale)):
-            name = known.setdefault(c.name, c.name)
-            for alias in c.aliases:
-                known.setdefault(alias, name)
-        return known
-
-    def _find_canonical(self, name: str) -> str:
-        return self._canonical.get(name, name)
-
-    @cached_property
     def _shares(self) -> dict[int, list[dict[str, float]]]:
         """Probabilities of each effect and its twins if one is present, by hypothesis and name."""
         return {
@@ -137,14 +125,15 @@ class Findings:
             for h in self.hypotheses
         }
 
+    def _find_missed(self, hypothesis: Hypothesis, names: Iterable[str]) -> list[float]:
+        """Return, of each effect of a hypothesis, the probability that it is none of these."""
+        listed, cause = {self.problem.find_cause(name) for name in names}, self.problem.find_cause
+        own = self._shares[id(hypothesis)]
+        return [1.0 - sum(p for name, p in shares.items() if cause(name) in listed) for shares in own]
+
     def _sum_missed(self, hypothesis: Hypothesis, names: Iterable[str]) -> float:
         """Return the probability that none of these effects is present, given a hypothesis."""
-        listed = {self._find_canonical(name) for name in names}
-        missed = 1.0
-        for shares in self._shares[id(hypothesis)]:
-            present = (p for name, p in shares.items() if self._find_canonical(name) in listed)
-            missed *= 1.0 - sum(present)
-        return missed
+        return prod(self._find_missed(hypothesis, names))
 
     def compute_probability(self, name: str) -> float:
         """Return the probability of an effect; indistinguishable effects share theirs."""
@@ -154,17 +143,19 @@ class Findings:
     def group(self, name: str) -> Group:
         """Return an effect of the best hypothesis with its most probable substitutes.
 
+        Where these are certain by prior odds alone, the likeliest of equal odds follow.
         Nuisance patterns come last, and of these the same fault elsewhere if it is less probable.
         Other names of what is in the group are added if there is place.
         """
         listed, own = [name], next(c for c in self.best.candidates if c.name == name)
-        self._add_rivals(listed, own, patterns=False)
+        self._add_rivals(listed, own, self)
+        self._add_rivals(listed, own, self.doubted, CONFIDENT)
         known = self.at_work(listed)
-        self._add_rivals(listed, own, patterns=True)
+        self._add_rivals(listed, own, self, patterns=True)
         elsewhere = [c.name for c in self.imitating_patterns.get(name, ()) if c.like == own.effect]
         listed = list(dict.fromkeys([*listed, *elsewhere]))[: CONFUSED + 1]
-        same = {self._find_canonical(each) for each in listed}
-        aliases = (a for a in (*own.aliases, *self._canonical) if self._find_canonical(a) in same)
+        same = {self.problem.find_cause(each) for each in listed}
+        aliases = (a for a in (*own.aliases, *self.problem.causes) if self.problem.find_cause(a) in same)
         others = tuple(dict.fromkeys([*listed, *aliases]))[1 : CONFUSED + 1]
         whole = self.at_work([name, *others])  # what there is no place for is not part of it
         doubted = self.doubted.at_work([name, *others])
@@ -214,30 +205,32 @@ class Findings:
         """Return the probability that one of these effects is present."""
         return min(float(sum(p * (1.0 - self._sum_missed(h, names)) for h, p in self.ranked)), 1.0)
 
-    def _add_rivals(self, listed: list[str], own: Candidate, *, patterns: bool) -> None:
+    def _add_rivals(
+        self, listed: list[str], own: Candidate, by: Findings, enough: float = 1.0, *, patterns: bool = False
+    ) -> None:
         """Add the most probable substitutes of an effect, except known ones of other effects.
 
-        patterns: whether nuisance patterns may be added.
+        by: ranking that tells how probable they are; enough: probability of the group at which
+        none is missing; patterns: whether nuisance patterns may be added.
         """
         rest = self.best.names - {own.name}
         elsewhere = {name for other in rest for name in self._in_place_of.get(other, ())}
         elsewhere -= {*self._in_place_of.get(own.name, ()), *own.signature_of}
-        while len(listed) <= CONFUSED:
-            known = {self._find_canonical(each) for each in listed}
+        while len(listed) <= CONFUSED and by.at_work(listed) < enough:
+            known = {self.problem.find_cause(each) for each in listed}
             gains: dict[str, float] = {}
-            for h, p in self.ranked:
-                missed = self._sum_missed(h, listed)
-                if missed <= 0.0:
-                    continue
-                weight = p * missed * (1.0 if rest <= h.names and len(h.names - rest) == 1 else 0.5)
-                for other, shares in zip(h.candidates, self._shares[id(h)], strict=True):
+            for h, p in by.ranked:
+                weight = p * (1.0 if rest <= h.names and len(h.names - rest) == 1 else 0.5)
+                missed = by._find_missed(h, listed)
+                for k, (other, shares) in enumerate(zip(h.candidates, by._shares[id(h)], strict=True)):
                     if other.name in rest | elsewhere or (other.is_nuisance and not patterns):
                         continue
+                    beside = weight * prod(missed[:k] + missed[k + 1 :])  # its names exclude each other
                     for each, share in shares.items():
-                        if (same := self._find_canonical(each)) not in known:
-                            gains[same] = gains.get(same, 0.0) + weight * share
+                        if (same := self.problem.find_cause(each)) not in known:
+                            gains[same] = gains.get(same, 0.0) + beside * share
             best = max(gains, key=lambda n: gains[n], default="")
-            if not best or gains[best] <= COMPETING * self.probability[0]:
+            if not best or gains[best] <= COMPETING * by.probability[0]:
                 break
             listed.append(best)
 

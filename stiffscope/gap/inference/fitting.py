@@ -104,10 +104,34 @@ class Problem:
     """Whether all effects have the same odds, independent of the number of places."""
 
     @cached_property
+    def _known(self) -> list[Candidate]:
+        """All known effects at all places, with their twins."""
+        known = (c for c in self.model.library if not c.is_nuisance)
+        return [each for c in known for each in (c, *(twin for twin, _ in c.twins))]
+
+    @cached_property
     def _place_counts(self) -> Counter[str]:
         """Number of places of each effect of the vocabulary."""
-        known = (c for c in self.model.library if not c.is_nuisance)
-        return Counter(word_of(name) for name in {name for c in known for name in c.signature_of})
+        return Counter(word_of(name) for name in {c.name for c in self._known})
+
+    @cached_property
+    def causes(self) -> dict[str, str]:
+        """Cause that each name means: the name of an effect at a place with the fewest parameters."""
+        known: dict[str, str] = {}
+        for c in sorted(self._known, key=lambda c: len(c.scale)):
+            name = known.setdefault(c.name, c.name)
+            for alias in c.aliases:
+                known.setdefault(alias, name)
+        return known
+
+    def find_cause(self, name: str) -> str:
+        """Return the cause that a name means, or a name itself that no effect bears."""
+        return self.causes.get(name, name)
+
+    @cached_property
+    def _form_counts(self) -> Counter[str]:
+        """Number of forms of each cause: a part's factor and its matrix are two."""
+        return Counter(self.find_cause(name) for name, _ in {(c.name, c.flexible) for c in self._known})
 
     @cached_property
     def _unknown(self) -> Counter[str]:
@@ -115,13 +139,17 @@ class Problem:
         return Counter(["", *(c.pattern for c in self.model.library if c.is_nuisance)])
 
     def odds_of(self, candidate: Candidate) -> Array:
-        """Return prior odds (t,) of an effect and its twins, equal for effects and their places."""
+        """Return prior odds (t,) of an effect and its twins, equal for effects and their places.
+
+        Forms of one cause share them, whatever they are called.
+        """
         if candidate.is_nuisance:
             return np.array([self._odds_of_pattern(candidate.pattern)])
         counts = self._place_counts
         words = map(word_of, candidate.signature_of)
         places = np.array([max(counts[word], 1) for word in words], dtype=float)
         places[:] = counts.total() / len(counts) if self.even else places
+        places *= [max(self._form_counts[self.find_cause(name)], 1) for name in candidate.signature_of]
         return self.odds / len(counts) / places
 
     def weigh_twins(self, candidate: Candidate, hypothesis: Hypothesis) -> Array:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations, permutations
 from typing import TYPE_CHECKING
 
+from stiffscope.gap.inference.findings import CONFIDENT
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit, model_errors
 from stiffscope.gap.inference.plausibility import implausible
 
@@ -16,7 +17,6 @@ if TYPE_CHECKING:
     from stiffscope.gap.inference.findings import Findings, Group
     from stiffscope.gap.inference.hypothesis import Hypothesis
 
-CONFIDENT = 0.9  # least probability of a certain effect or group
 MAJORITY = 0.5  # least probability of no gap, and of known effects in a group
 FEW = 3  # least readings per parameter for an identification
 POSSIBLE = 0.02  # least probability of an effect listed as possible
