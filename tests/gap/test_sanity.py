@@ -77,9 +77,14 @@ def test_what_is_wrong_with_one_instrument_is_named(robot, style, name, labs, tm
     one("unit", lambda v: v * 1e-3)
     one("sensor-sign", lambda v: -v)
     one("constant", lambda v: np.full(len(v), v[0]))
-    half = len(rows) // 2
-    where = one("sensor-step", lambda v: v + 3e-4 * (np.arange(len(v)) >= half))
-    assert where == (sound.where(int(rows[half])),)
+    for first in (0.1, 0.3, 0.5, 0.85):
+        later = np.arange(len(rows)) >= int(first * len(rows))
+        where = one("sensor-step", lambda v, later=later: v + 3e-4 * later)
+        assert where == (sound.where(int(rows[later][0])),)
+    slipped = np.array(sound.value)
+    slipped[rows] = 3e-4 * (np.arange(len(rows)) >= 20) - slipped[rows]  # and reversed
+    found, instrument = find_doubts(replace(sound, value=slipped), predicted), sound.instruments[sound.channel[rows[0]]]
+    assert (list(found.steps), found.signs) == ([instrument], (instrument,))
     bad = [7, 30]
     where = one("outlier", lambda v: v + np.where(np.isin(np.arange(len(v)), bad), 3e-4, 0.0))
     assert set(where) == {sound.where(int(rows[k])) for k in bad}

@@ -33,7 +33,7 @@ _SAME = 3.0  # largest ratio to the model of deviations not due to geometric err
 _SIZED = 0.1  # of the largest prediction: smaller ones do not show unit and sign
 _SHOWN = 5  # most rows in a remark
 _JUMP = 8.0  # least size of a step or an outlier, standard deviations of the scatter
-_CLEARED = 3.0  # least reduction of the scatter by removing a step
+_BEYOND = 0.9  # least share of the readings on either side of a step that are beyond its middle
 _APART = 1.5  # least ratio of an outlier to the largest other reading
 _FAR = 1000.0  # least ratio of an invalid reading to the model and half of its channel
 _RARE = 0.1  # largest fraction of outliers in a channel
@@ -264,26 +264,26 @@ def find_doubts(campaign: Campaign, predicted: Array) -> Doubts:
     predicted
         Nominal prediction (n,) of each.
     """
-    c = campaign
+    c, value = campaign, np.array(campaign.value)
     factors: dict[str, float] = {}
     signs: dict[str, float] = {}
     steps: dict[str, tuple[Row, float, bool]] = {}
     turning: dict[str, bool] = {}
     channels = [(name, rows) for name, rows in _channels(c) if int(c.kind[rows[0]]) <= DEVIATION]
-    for (_, rows), look in zip(channels, _look_at_all(c, channels, predicted), strict=True):
-        value, model = c.value[rows], predicted[rows]
-        if not _is_comparable(value, model):
-            continue
-        name = c.instruments[int(c.channel[rows[0]])]
+    channels = [(name, rows) for name, rows in channels if _is_comparable(c.value[rows], predicted[rows])]
+    names = [c.instruments[int(c.channel[rows[0]])] for _, rows in channels]
+    for name, (_, rows) in zip(names, channels, strict=True):
         turning[name] = bool(c.direction[rows[0]] >= 3)
+        step = _find_jump(_scatter(c, rows, c.value[rows], predicted[rows]))
+        if step is not None:
+            row, usual = int(rows[step[0]]), float(np.sqrt(np.mean(predicted[rows] ** 2)))
+            steps.setdefault(name, ((int(c.file[row]), int(c.line[row])), usual, turning[name]))
+            value[rows[step[0] :]] -= step[1]  # which may hide a sign
+    for name, look in zip(names, _look_at_all(replace(c, value=value), channels, predicted), strict=True):
         if look is not None and np.isfinite(look.factor):
             factors.setdefault(name, look.factor)
         if look is not None and look.sign:
             signs.setdefault(name, look.sign)
-        step = _find_jump(_scatter(c, rows, value, model))
-        if step is not None:
-            row, usual = int(rows[step[0]]), float(np.sqrt(np.mean(model**2)))
-            steps.setdefault(name, ((int(c.file[row]), int(c.line[row])), usual, turning[name]))
     family = set(turning) - {sensor.name for sensor in c.sensors} or set(turning)
     rotations = {name for name in family if turning[name]}
     families = {INSTRUMENT: family, TRANSLATION: family - rotations, ROTATION: rotations}
@@ -350,7 +350,9 @@ def _find_jump(left: Array) -> tuple[int, float] | None:
     place = int(before[np.argmax(gain)])  # which splits them best into two levels
     jump = float(np.median(left[place:]) - np.median(left[:place]))
     after = _spread(np.where(np.arange(count) >= place, left - jump, left))
-    return (place, jump) if abs(jump) > _JUMP * after and spread > _CLEARED * after else None
+    beyond = (left - np.median(left[:place])) / jump > 0.5 if jump else np.zeros(count, dtype=np.bool_)
+    apart = min(np.mean(~beyond[:place]), np.mean(beyond[place:])) >= _BEYOND
+    return (place, jump) if abs(jump) > _JUMP * after and apart else None
 
 
 def _name_outliers(c: Campaign, name: str, rows: Indices, left: Array) -> Iterator[ReadingRemark]:

@@ -204,7 +204,8 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
     projected = errors.project(np.column_stack([x, y]))
     inner, k = errors.inner(projected, projected), x.shape[1]
     products = inner[:, :k, :k], inner[:, :k, k], inner[:, k, k], errors.log_weight
-    own = np.split(np.arange(k), np.cumsum([prior.scales.shape[1] for prior in priors], dtype=int))[:-1]
+    ends = np.cumsum([prior.scales.shape[1] for prior in priors], dtype=np.int64)
+    own = np.split(np.arange(k, dtype=np.int64), ends)[:-1]
 
     def alone(chosen: Array, mine: Indices, scales: Array) -> Array:
         """Return ln evidence (s,) if only some prior scales change, to (s, m)."""
@@ -267,8 +268,7 @@ def eliminate(inner: Array, gone: Flags, scales: Array) -> tuple[Array, Array]:
     """
     find_share, log = marginalize(inner[:, gone][:, :, gone], scales)
     share, rest = find_share(inner[:, ~gone][:, :, gone]), inner[:, ~gone][:, :, ~gone]
-    readings = np.arange(rest.shape[1]) == rest.shape[1] - 1
-    return rest * (1.0 + _ROUNDING * np.diag(~readings)) - share @ share.mT, log
+    return rest * (1.0 + _ROUNDING * np.diag([*np.ones(rest.shape[1] - 1), 0.0])) - share @ share.mT, log
 
 
 def marginalize(inner: Array, scales: Array) -> tuple[Callable[[Array], Array], Array]:
