@@ -72,7 +72,7 @@ def test_an_angle_against_a_length_at_another_pose(stewart, tmp_path):
         here = file.isel(z=1, ry=3)
         pose = [0.01, 0.0, float(here.z), 0.0, float(here.ry), 0.1]
         matrix = stiffness(mechanism, pose)[0]
-    assert [float(here[name]) for name in NAMES] == pytest.approx(np.diag(matrix), rel=1e-9)
+        assert [float(here[name]) for name in NAMES] == pytest.approx(np.diag(matrix), rel=1e-9)
     assert picture(mechanism, {"z": (0.27, 0.3), "ry": (-0.1, 0.1)}, 3, at).png.startswith(b"\x89PNG")
 
 
