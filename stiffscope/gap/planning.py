@@ -118,7 +118,7 @@ def offer_readings(nominal: NominalRobot, given: Header | None = None) -> Plan:
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     poses = planned_poses(robot)
     soft = np.diagonal(compliance(mechanism, poses[:1])[0])[:3]
-    middle = np.median(soft[soft > 0.0]) if soft.any() else _DEFLECTION / _LARGEST
+    middle = np.median(soft[soft > 0.0]) if (soft > 0.0).any() else _DEFLECTION / _LARGEST
     force = min(_LARGEST, float(f"{_DEFLECTION / middle:.0e}"))
     sensors = given.sensors if given and given.sensors else _place_sensors(robot, mechanism.joints)
     strange = [sensor.name for sensor in sensors if sensor.absolute]
