@@ -48,7 +48,8 @@ def check_compliance(matrix: ArrayLike, name: str, *, semidefinite: bool = False
     if (np.diagonal(c) < 0.0).any():
         least = np.diagonal(c).min()
         raise InputError(f"{name}: diagonal entries must not be negative, got {least:.6g}")
-    scale = np.sqrt(np.outer(np.diagonal(c), np.diagonal(c)))
+    root = np.sqrt(np.diagonal(c))  # products of tiny entries would be lost
+    scale = np.outer(root, root)
     worst = np.unravel_index(np.argmax(np.abs(c - c.T) - _SYMMETRY * scale), c.shape)
     if abs(c[worst] - c[worst[::-1]]) > _SYMMETRY * scale[worst]:
         i, j = (int(k) + 1 for k in worst)
@@ -56,8 +57,8 @@ def check_compliance(matrix: ArrayLike, name: str, *, semidefinite: bool = False
         raise InputError(f"{name}: not symmetric, C{i}{j} = {there:.6g} but C{j}{i} = {across:.6g}")
     c = 0.5 * (c + c.T)
     by_kind = np.diagonal(c).reshape(ends, 2, 3).max(axis=(0, 2))
-    largest = np.tile(np.repeat(by_kind, 3), ends)
-    if ((scale == 0.0) & (np.abs(c) > _SYMMETRY * np.sqrt(np.outer(largest, largest)))).any():
+    largest = np.sqrt(np.tile(np.repeat(by_kind, 3), ends))
+    if ((scale == 0.0) & (np.abs(c) > _SYMMETRY * np.outer(largest, largest))).any():
         fault = "an entry couples with a direction that does not yield"
         raise InputError(f"{name}: not positive definite ({fault})")
     unit = np.where(scale > 0.0, c, 0.0) / np.where(scale > 0.0, scale, 1.0)

@@ -129,6 +129,7 @@ def test_a_mechanism_may_be_copied():
 def test_a_coupling_with_a_direction_that_does_not_yield_is_refused():
     matrix = np.diag([1e-8, 1e-8, 1e-8, 1e-7, 1e-7, 0.0])
     assert check_compliance(matrix, "tool", semidefinite=True)[5, 5] == 0.0
+    assert np.array_equal(check_compliance(1e-190 * matrix, "tool", semidefinite=True), 1e-190 * matrix)
     matrix[3, 5] = matrix[5, 3] = -3e-9
     with pytest.raises(InputError, match="tool: not positive definite"):
         check_compliance(matrix, "tool", semidefinite=True)
