@@ -68,7 +68,7 @@ def test_a_whole_process_from_the_cad(monkeypatch):
 def test_two_levels_and_a_large_mesh(monkeypatch, coarse, capsys):
     monkeypatch.setattr(test_solvers, "meshed", lambda *_: coarse)
     test_solvers.test_two_levels_beside_a_factorization("link", 2.0)
-    monkeypatch.setattr(sys, "argv", ["-c", "0.03"])
+    monkeypatch.setattr(sys, "argv", ["-c", "0.03", "compliance"])
     capsys.readouterr()
     exec(test_solvers.LARGE, {})  # noqa: S102
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["dofs"] > 1000
