@@ -81,6 +81,8 @@ def test_what_is_wrong_with_one_instrument_is_named(robot, style, name, labs, tm
         later = np.arange(len(rows)) >= int(first * len(rows))
         where = one("sensor-step", lambda v, later=later: v + 3e-4 * later)
         assert where == (sound.where(int(rows[later][0])),)
+    first = sound.pose[rows] == sound.pose[rows[0]]
+    assert {r.doubt for r in changed(lambda v: v + 3e-4 * first)} == {"outlier"}  # a fault of the robot there?
     slipped = np.array(sound.value)
     slipped[rows] = 3e-4 * (np.arange(len(rows)) >= 20) - slipped[rows]  # and reversed
     found, instrument = find_doubts(replace(sound, value=slipped), predicted), sound.instruments[sound.channel[rows[0]]]

@@ -274,7 +274,7 @@ def find_doubts(campaign: Campaign, predicted: Array) -> Doubts:
     names = [c.instruments[int(c.channel[rows[0]])] for _, rows in channels]
     for name, (_, rows) in zip(names, channels, strict=True):
         turning[name] = bool(c.direction[rows[0]] >= 3)
-        step = _find_jump(_scatter(c, rows, c.value[rows], predicted[rows]))
+        step = _find_jump(_scatter(c, rows, c.value[rows], predicted[rows]), c.pose[rows])
         if step is not None:
             row, usual = int(rows[step[0]]), float(np.sqrt(np.mean(predicted[rows] ** 2)))
             steps.setdefault(name, ((int(c.file[row]), int(c.line[row])), usual, turning[name]))
@@ -328,7 +328,7 @@ def _centre(values: Array) -> Array:
 
 def _find_breaks(c: Campaign, name: str, rows: Indices, left: Array) -> Iterator[ReadingRemark]:
     """Yield remarks on a step from one row on, and on outlying rows besides."""
-    step = _find_jump(left)
+    step = _find_jump(left, c.pose[rows])
     if step is not None:
         place, jump = step
         where, unit = c.where(int(rows[place])), "rad" if c.direction[rows[0]] >= 3 else "m"
@@ -338,8 +338,11 @@ def _find_breaks(c: Campaign, name: str, rows: Indices, left: Array) -> Iterator
     yield from _name_outliers(c, name, rows, _centre(left))
 
 
-def _find_jump(left: Array) -> tuple[int, float] | None:
-    """Return the index and size of a jump of a scatter (r,); None if there is none."""
+def _find_jump(left: Array, poses: Indices) -> tuple[int, float] | None:
+    """Return the index and size of a jump of a scatter (r,) at poses (r,); None if there is none.
+
+    All readings at one pose, before or after the others, may differ by a fault of the robot there.
+    """
     count, spread = len(left), _spread(left)
     if count < 2 * (_SIDE + 1):
         return None
@@ -352,6 +355,8 @@ def _find_jump(left: Array) -> tuple[int, float] | None:
     after = _spread(np.where(np.arange(count) >= place, left - jump, left))
     beyond = (left - np.median(left[:place])) / jump > 0.5 if jump else np.zeros(count, dtype=np.bool_)
     apart = min(np.mean(~beyond[:place]), np.mean(beyond[place:])) >= _BEYOND
+    visited = min(len(np.unique(poses[:place])), len(np.unique(poses[place:])))
+    apart &= visited > 1 or poses[place - 1] == poses[place]
     return (place, jump) if abs(jump) > _JUMP * after and apart else None
 
 
