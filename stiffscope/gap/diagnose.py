@@ -7,7 +7,8 @@ from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import log_ndtr, ndtri_exp  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
+from scipy.optimize import brentq  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
+from scipy.special import log_ndtr, ndtr, ndtri_exp  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from stiffscope.errors import InputError
 from stiffscope.gap.forward.column_model import ColumnModel
@@ -42,6 +43,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array, Progress
 
+    Averaged = list[tuple[Hypothesis, float]]
 
 COMPARED = 50.0  # ln-odds within which an alternative's parameters are checked
 FACTOR = 10.0  # change of the prior, either way, to test the verdict
@@ -89,9 +91,9 @@ def conclude(found: Findings) -> Diagnosis:
     reported = judgement.hypothesis
     joint = found.best if reported.names <= found.best.names else reported
     unseen = tuple(_unseen(found, joint, judgement.effects))
-    if judgement.verdict == "partly":  # what is left shows in the values, too
-        joint = joint.widen_covariance(max(found.misfit(joint), 1.0))
-    effects = _effects(found, judgement, joint)
+    left = max(found.misfit(joint), 1.0) if judgement.verdict == "partly" else 1.0  # shows in the values, too
+    averaged = [(h.widen_covariance(left), w) for h, w in found.average_over(joint, judgement.effects)]
+    effects = _effects(found, judgement, joint, averaged)
     residual = found.held_out_residual(reported)
     check, held_out = _check(found, reported, residual)
     gap = _gap(found, reported, residual)
@@ -125,29 +127,56 @@ def conclude(found: Findings) -> Diagnosis:
         tuple(Possible(*name.split(" @ "), p) for name, p in open_ones),  # type: ignore[arg-type]
         sensitivity,
         check,
-        draw_samples(found, joint if effects else reported, judgement.effects, held_out, reported),
-        tuple(_describe(found, joint, reported, c) for c in beside),
+        draw_samples(found, averaged if effects else [(reported, 1.0)], judgement.effects, held_out, reported),
+        tuple(_describe(found, joint, reported, c, [(joint, 1.0)]) for c in beside),
     )
 
 
-def _effects(found: Findings, judgement: Judgement, joint: Hypothesis) -> tuple[Effect, ...]:
+def _effects(found: Findings, judgement: Judgement, joint: Hypothesis, averaged: Averaged) -> tuple[Effect, ...]:
     """Return named effects by descending share, with parameters fitted jointly with likely ones."""
     share = shares(found, judgement.hypothesis)
     out: list[Effect] = []
     for candidate in sorted(judgement.effects, key=lambda c: -share[c.name]):
-        group, effect = found.group(candidate.name), _describe(found, joint, judgement.hypothesis, candidate)
+        group = found.group(candidate.name)
+        effect = _describe(found, joint, judgement.hypothesis, candidate, averaged)
         own = {"confused_with": group.others, "group_probability": group.probability}
         out.append(replace(effect, share=share[candidate.name], **own))
     return tuple(out)
 
 
-def _describe(found: Findings, joint: Hypothesis, reported: Hypothesis, c: Candidate) -> Effect:
+def _describe(found: Findings, joint: Hypothesis, reported: Hypothesis, c: Candidate, averaged: Averaged) -> Effect:
     """Return an effect with its probability, the gap that it leaves alone, and its parameters."""
-    own, probability = own_part(joint, c.name), found.compute_probability(c.name)
+    probability = found.compute_probability(c.name)
     alone = found.fit_effects([c])
     left = found.percent_rms(alone if alone is reported else found.fit_plainly(alone))
-    parameters = {} if c.is_nuisance else _parameters(c, *own)
-    return Effect(c.effect, c.place, probability, left, parameters, errors=_errors(c, *own))
+    parameters = {} if c.is_nuisance else _average_parameters(c.name, joint, averaged)
+    return Effect(c.effect, c.place, probability, left, parameters, errors=_errors(c, *own_part(joint, c.name)))
+
+
+def _average_parameters(name: str, joint: Hypothesis, averaged: Averaged) -> dict[str, Parameter]:
+    """Return an effect's parameters in one hypothesis, with uncertainties over all averaged ones."""
+    known, weights = _parameters(name, joint), np.array([weight for _, weight in averaged])
+    fits = [_parameters(name, hypothesis) for hypothesis, _ in averaged]
+    for key, own in known.items():
+        each = [fit[key] for fit in fits]
+        value, sigma = np.array([(p.value, p.sigma) for p in each]).T
+        spread = float(np.sqrt(weights @ (sigma**2 + (value - own.value) ** 2)))
+        known[key] = replace(own, sigma=spread, interval=_mix(np.array([p.interval for p in each]), weights))
+    return known
+
+
+def _mix(ends: Array, weights: Array) -> tuple[float, float]:
+    """Return the 95 % interval of a mixture of normal distributions with their own intervals (m, 2)."""
+    middle, reach = ends.mean(axis=1), _quantiles(0.0, 1.0)[1]
+    deviation = (np.ptp(ends, axis=1) / (2.0 * reach)).clip(min=1e-12 * np.ptp(ends) + 1e-300)
+
+    def find_end(tail: float, mine: Array) -> float:
+        if np.ptp(mine) == 0.0:
+            return float(mine[0])
+        excess = lambda at: float(weights @ ndtr((at - middle) / deviation)) - tail  # noqa: E731
+        return float(brentq(excess, mine.min(), mine.max()))
+
+    return find_end(TAILS[0], ends[:, 0]), find_end(TAILS[1], ends[:, 1])
 
 
 def _errors(candidate: Candidate, values: Array, covariance: Array) -> dict[str, Parameter]:
@@ -161,8 +190,10 @@ def _errors(candidate: Candidate, values: Array, covariance: Array) -> dict[str,
     return out
 
 
-def _parameters(candidate: Candidate, internal: Array, covariance: Array) -> dict[str, Parameter]:
-    """Return physical parameters with standard uncertainties and intervals."""
+def _parameters(name: str, hypothesis: Hypothesis) -> dict[str, Parameter]:
+    """Return an effect's physical parameters with standard uncertainties and intervals."""
+    candidate = next(c for c in hypothesis.candidates if c.name == name)
+    internal, covariance = own_part(hypothesis, name)
     if not candidate.scale:  # e.g. a unit, which is discrete
         exact: list[float] = candidate.physical(internal).tolist()
         fixed = zip(candidate.names, candidate.units, exact, strict=True)

@@ -128,6 +128,19 @@ def test_an_effect_is_named_with_its_size(effect):
             assert abs(fit.value - parameters[name]) < 4 * fit.sigma
 
 
+@pytest.mark.parametrize("place", ["joints", pytest.param("limb2.link2.joint_b", marks=pytest.mark.long)])
+def test_a_bearing_that_yields_nearly_alike_along_its_axis_has_intervals_that_hold_it(place):
+    """That it yields alike fits as well: its axial compliance had the narrow interval of the radial one."""
+    planted = {"radial": 3e-8, "axial": 2.4e-8, "tilting": 3e-7}
+    diagnosis = diagnose_campaign(campaign(("joint-compliance", place, planted), seed=3), ROBOT)
+    (found,) = diagnosis.effects
+    assert f"{found.effect} @ {found.place}" == f"joint-compliance @ {place}"
+    for name, value in planted.items():
+        drawn = np.quantile(diagnosis.samples.parameters[f"joint-compliance @ {place}: {name}"], [0.025, 0.975])
+        for low, high in (found.parameters[name].interval, drawn):
+            assert low <= value <= high
+
+
 @pytest.mark.parametrize("seed", [11, *(pytest.param(k, marks=pytest.mark.long) for k in (5, 6, 7, 8, 9, 10, 12))])
 def test_a_tool_that_turns_about_one_oblique_axis_blames_nothing_else(seed):
     """Its rotations' matrix is of rank one: at the edge of what can be."""

@@ -868,7 +868,7 @@ def test_units_of_parameters_change_neither_what_is_held_out_nor_what_is_drawn()
         found = find(each)
         assert len(found.best.names) == 2
         held_out.append(found.held_out_residual(found.best))
-        samples = draw_samples(found, found.best, found.best.candidates, held_out[0]).parameters
+        samples = draw_samples(found, [(found.best, 1.0)], found.best.candidates, held_out[0]).parameters
         draws = np.stack([samples[f"{c.name}: p0"].ravel() for c in (small, large)])
         spread.append(np.corrcoef(draws)[0, 1])
         sigma = [np.sqrt(np.diagonal(found.best.covariance))[found.best.candidates.index(c)] for c in each.library]

@@ -65,52 +65,57 @@ class Samples:
 
 def draw_samples(
     found: Findings,
-    joint: Hypothesis,
+    averaged: Sequence[tuple[Hypothesis, float]],
     named: tuple[Candidate, ...],
     held_out: Array,
     reported: Hypothesis | None = None,
     seed: int = 0,
 ) -> Samples:
-    """Draw from the posterior of a fitted hypothesis, keeping parameters of the named effects.
+    """Draw from the posteriors of fitted hypotheses, keeping parameters of the named effects.
 
-    The posterior is Laplace's approximation, truncated at zero for non-negative parameters.
+    Each is Laplace's approximation, truncated at zero for non-negative parameters.
 
     Parameters
     ----------
-    found, joint
-        The search and the hypothesis whose parameters are drawn.
+    found, averaged
+        The search, and hypotheses that share the named effects, with weights that sum to 1.
     named
         Effects whose parameters are kept.
     held_out : (n,)
         Residuals of held-out poses, in predictive standard deviations.
     reported
-        Hypothesis whose predictions are shown (default: `joint`).
+        Hypothesis whose predictions are shown (default: the first).
     seed
         Seed of the random numbers.
     """
-    rng = np.random.default_rng(seed)
-    u = _internal_draws(joint, CHAINS * DRAWS, rng)
-    setting = rng.choice(len(joint.known.settings), CHAINS * DRAWS, p=joint.known.settings)
-    size = found.problem.errors.sizes[setting]
-    parameters: dict[str, Array] = {}
-    units: dict[str, str] = {}
-    kept = {c.name for c in named}
-    for candidate in joint.candidates:
-        own = joint.mark(lambda c, candidate=candidate: c is candidate)
-        if candidate.name in kept and own.any():
-            physical = np.array([candidate.physical(row) for row in u[:, own]])
-            for k, (name, unit) in enumerate(zip(candidate.names, candidate.units, strict=True)):
-                parameters[f"{candidate.name}: {name}"] = physical[:, k].reshape(CHAINS, DRAWS)
-                units[f"{candidate.name}: {name}"] = unit
-    parameters[DISCREPANCY], units[DISCREPANCY] = size.reshape(CHAINS, DRAWS), "1"
-    c = found.campaign
+    rng, c, total = np.random.default_rng(seed), found.campaign, CHAINS * DRAWS
     few = int(np.clip(PREDICTED // max(len(c), 1), 10, DRAWS))
     pick = (np.arange(CHAINS)[:, None] * DRAWS + np.arange(few)).ravel()
-    predicted = _predict(found, joint, u[pick], size[pick], rng).reshape(CHAINS, few, len(c))
+    source = rng.choice(len(averaged), total, p=[weight for _, weight in averaged])
+    size, predicted = np.empty(total), np.empty((len(pick), len(c)), dtype=np.float32)
+    parameters: dict[str, Array] = {}
+    units: dict[str, str] = {}
+    kept = {candidate.name for candidate in named}
+    for number, (hypothesis, _) in enumerate(averaged):
+        here = np.flatnonzero(source == number)
+        u = _internal_draws(hypothesis, len(here), rng)
+        setting = rng.choice(len(hypothesis.known.settings), len(here), p=hypothesis.known.settings)
+        size[here] = found.problem.errors.sizes[setting]
+        for candidate in hypothesis.candidates:
+            own = hypothesis.mark(lambda other, candidate=candidate: other is candidate)
+            if candidate.name in kept and own.any() and len(here):
+                physical = np.array([candidate.physical(row) for row in u[:, own]])
+                for k, (name, unit) in enumerate(zip(candidate.names, candidate.units, strict=True)):
+                    full = f"{candidate.name}: {name}"
+                    parameters.setdefault(full, np.empty(total))[here], units[full] = physical[:, k], unit
+        shown, place = np.isin(here, pick), np.searchsorted(pick, here)
+        drawn = _predict(found, hypothesis, u[shown], size[here[shown]], rng)
+        predicted[place[shown]] = drawn
+    parameters[DISCREPANCY], units[DISCREPANCY] = size, "1"
     return Samples(
-        parameters,
+        {name: draws.reshape(CHAINS, DRAWS) for name, draws in parameters.items()},
         units,
-        predicted,
+        predicted.reshape(CHAINS, few, len(c)),
         np.array(c.value),
         found.sigma,
         found.used_readings,
@@ -118,7 +123,7 @@ def draw_samples(
         tuple(c.what(k) for k in range(len(c))),
         held_out,
         found.predict_readings(found.none),
-        found.predict_readings(reported or joint),
+        found.predict_readings(reported or averaged[0][0]),
         split_by_kind(c),
         tuple(c.where(k) for k in range(len(c))),
     )
