@@ -166,7 +166,7 @@ def new_campaign(name: str, goal: Path, *, ask: str | None, given: Path | None, 
     def show() -> None:
         if proposal is not None:
             campaign_check.show_plan(proposal, robot.tool.pose)
-        tables.show_line(f"Written: {goal}, {readings} readings at {poses} poses to fill in.")
+        tables.show_line(f"Written: {goal}, {readings} readings at {poses} pose{'s' * (poses != 1)} to fill in.")
         tables.show_line(f"Next: stiffscope campaign check {goal}")
 
     emit(output, {"folder": str(goal), "readings": readings, "poses": poses, **plan}, show)
