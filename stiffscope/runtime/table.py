@@ -260,16 +260,29 @@ def check_columns(name: str, header: list[str], required: Collection[str], valid
 
 
 def check_marks(table: Table, columns: Iterable[str]) -> None:
-    """Raise InputError for a number such as "1.000" in columns of a text where another has a comma, "4,2"."""
-    if not table.decimal_comma or ".xlsx" in table.name:
+    """Raise InputError for a number such as "1.000" in columns of a text where another has a comma, "4,2".
+
+    Numbers of a workbook need no mark, so there "1,000" is refused where no other is surely decimal.
+    """
+    if not table.decimal_comma:
         return
     texts = {name: "\n".join(table.columns[name]) for name in columns if name in table.columns}
-    for mark, other in ((".", ","), (",", ".")):
-        sure = re.search(rf"^[+-]?\d*\{other}\d+$", "\n".join(texts.values()), re.MULTILINE)
-        for name, text in texts.items() if sure else ():
-            if doubtful := re.search(rf"^[+-]?[1-9]\d{{0,2}}\{mark}\d{{3}}$", text, re.MULTILINE):
-                row, expected = text.count("\n", 0, doubtful.start()), f"one decimal mark, as in {sure and sure[0]}"
-                raise table.fail(row, name, f"{expected}, and no separator of thousands")
+    doubt = {mark: rf"[+-]?[1-9]\d{{0,2}}\{mark}\d{{3}}" for mark in ",."}
+
+    def find(pattern: str, text: str) -> re.Match[str] | None:
+        return re.search(f"^{pattern}$", text, re.MULTILINE)
+
+    whole = "\n".join(texts.values())
+    if ".xlsx" in table.name:
+        expected = {} if find(rf"(?!{doubt[',']}$)[+-]?\d*,\d+", whole) else {",": "a number"}
+    else:
+        marks = ((mark, find(rf"[+-]?\d*\{other}\d+", whole)) for mark, other in (".,", ",."))
+        expected = {mark: f"one decimal mark, as in {sure[0]}," for mark, sure in marks if sure}
+    for mark, what in expected.items():
+        for name, text in texts.items():
+            if doubtful := find(doubt[mark], text):
+                row = text.count("\n", 0, doubtful.start())
+                raise table.fail(row, name, f"{what} and no separator of thousands")
 
 
 def numbers(table: Table, column: str, *, empty: bool = False, expected: str = "a finite number") -> Array:

@@ -251,6 +251,24 @@ def test_a_separator_of_thousands_is_not_a_decimal_mark(tmp_path, rows, place):
         load(tmp_path, "r.csv")
 
 
+@pytest.mark.parametrize(("other", "taken"), [("4,25", True), ("0,125", True), ("1,234", False), (4.25, False)])
+def test_a_text_of_a_workbook_has_no_separator_of_thousands(tmp_path, other, taken):
+    """A comma in three digits is decimal only beside one that cannot be anything else."""
+    book = openpyxl.Workbook()
+    for row in (
+        ["x", "y", "z", "quantity", "value", "sigma"],
+        [0, 0, 0, "ez", "1,000", 1e-6],
+        [0, 0, 0, "ez", other, 1e-6],
+    ):
+        book.active.append(row)
+    book.save(tmp_path / "r.xlsx")
+    if taken:
+        assert load(tmp_path, "r.xlsx").value[0] == 1.0
+        return
+    with pytest.raises(InputError, match=r"^r\.xlsx:2: value: expected a number and no separator of thousands, got"):
+        load(tmp_path, "r.xlsx")
+
+
 def test_rows_of_separators_are_skipped_and_labels_keep_their_commas(tmp_path):
     (tmp_path / "r.csv").write_text(f"{HEADER}\n{LINE}\n,,,,,\n,,,,,\n")
     assert len(load(tmp_path, "r.csv")) == 1
