@@ -127,8 +127,8 @@ class Candidate:
 
     @property
     def simple(self) -> bool:
-        """Whether it is a known effect without couplings that is not flexible."""
-        return not (self.is_nuisance or self.flexible or self.couplings)
+        """Whether it is a known effect with parameters, without couplings, and not flexible."""
+        return bool(self.scale) and not (self.is_nuisance or self.flexible or self.couplings)
 
 
 Candidates = Iterator[Candidate]

@@ -47,3 +47,16 @@ def test_an_instrument_at_fault_is_named(fault, style, beside, lab, tmp_path):
         assert value == pytest.approx(fault.parameters[name], rel=0.02, abs=6.0 if name == "row" else 0.0)
     if beside:
         assert effects[SOFT.effect, SOFT.place]["factor"] == pytest.approx(0.8, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [Fault("link-length", "left.inner", {"error": 3e-5}), Fault("force-scale", "instrument", {"factor": 1.05})],
+    ids=["length", "scale"],
+)
+def test_a_unit_is_no_gain_that_differs_by_direction(other, lab, tmp_path):
+    """Beside two causes: such gains explain all but one of them at once, and a unit changes what the others do."""
+    faults = Fault("unit", "gauge3", {"factor": 1e-3}), other, Fault("link-stiffness", "right.outer", {"factor": 0.8})
+    found, effects = diagnose(lab, faults, "gauges", tmp_path)
+    assert found.verdict == "identified"
+    assert set(effects) == {(f.effect, f.place) for f in faults}

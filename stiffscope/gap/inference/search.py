@@ -78,11 +78,17 @@ class Search:
         tried = [Start(each, np.zeros(count), np.zeros(count)) for each, count in counts]
         fit(tried, base, "effects", len(tried))
         self._grow([none], fitted)
+        fixed: tuple[Candidate, ...] = ()  # what has no parameters changes the derivatives of all others
+        for candidate in self.problem.model.library:
+            if not candidate.scale and self.problem.model.admits((*fixed, candidate)):
+                fixed = (*fixed, candidate)
+        if fixed:
+            self._grow(fit([Start(fixed, np.zeros(0), np.zeros(0))], base, "instruments", 1), fitted)
         best = fitted.best
         if len(best.candidates) > OBVIOUS or not all(c.simple for c in best.candidates):
             complex_ones = tuple(c for c in best.words if not c.simple)
             for core in [complex_ones, ()] if complex_ones else [()]:
-                for starts in self._sketches(self._first_order(core)):
+                for starts in self._sketches(core):
                     new = [start for start in starts if forms_of(start.candidates) not in found]
                     stage = f"simple effects, {len(starts[0].candidates)} at once"
                     fit(new, base, stage, SKETCHED)
@@ -100,24 +106,26 @@ class Search:
             self._grow(exchanged[:1], fitted)
         return _sort(found.values())
 
-    def _sketches(self, base: Hypothesis) -> Iterable[list[Start]]:
+    def _sketches(self, core: tuple[Candidate, ...]) -> Iterable[list[Start]]:
         """Yield the best first-order sets with more simple effects, two or more, while they gain.
 
         `_grow` keeps few sets, and flexible or ambiguous effects crowd out sets whose effects only
         fit jointly. These sets are not fitted before the next step, so that many can be kept.
         """
-        kept = [base]
+        fixed, nominal = tuple(c for c in core if not c.scale), self.problem.nominal
+        library = self.problem.library_at(self._first_order(fixed, nominal))
+        kept = [self._first_order(core, library)]
         while len(kept[0].candidates) < self.problem.model.most_effects:
-            starts = self._extensions(kept, simple=True)
+            starts = self._extensions(kept, library, simple=True)
             plain = sorted(starts, key=lambda start: -start.plain_score)
             if not starts or not _gains(_heights(starts), _heights(kept)):
                 return
             pairs = zip(starts, plain, strict=True)
             starts = list(dict.fromkeys(start for pair in pairs for start in pair))
-            starts = starts[: WIDE[bool(base.names)]]
+            starts = starts[: WIDE[bool(core)]]
             if kept[0].names:
                 yield [replace(start, origin=np.zeros(len(start.origin))) for start in starts]
-            kept = _sort(self._first_order(start.candidates) for start in starts)
+            kept = _sort(self._first_order(start.candidates, library) for start in starts)
 
     def _grow(self, frontier: Sequence[Hypothesis], fitted: _Fitted) -> None:
         """Fit larger and larger sets while they gain."""
@@ -169,16 +177,15 @@ class Search:
             y = y + before - hypothesis.residual
         return self._linear(candidates, y, hypothesis.slopes[:, kept])
 
-    def _first_order(self, candidates: tuple[Candidate, ...]) -> Hypothesis:
-        """Return a set of effects linearized about the nominal model."""
+    def _first_order(self, candidates: tuple[Candidate, ...], library: Library) -> Hypothesis:
+        """Return a set of effects to first order, with the derivatives of a library."""
         y = self.problem.nominal_residual
         columns: list[Array] = [np.zeros((len(y), 0))]
         for candidate in candidates:
-            own = self.problem.nominal.differentiate(candidate)
             if candidate.scale:
-                columns.append(own)
+                columns.append(library.differentiate(candidate))
             else:
-                y = y - own[:, 0]
+                y = y - self.problem.nominal.differentiate(candidate)[:, 0]
         return self._linear(candidates, y, np.hstack(columns))
 
     def _linear(self, candidates: tuple[Candidate, ...], y: Array, slopes: Array) -> Hypothesis:
@@ -188,12 +195,20 @@ class Search:
         parameters = split(candidates, known.mean)
         return Hypothesis(parameters, y - slopes @ known.mean, slopes, log, known, converged=False)
 
-    def _extensions(self, frontier: Sequence[Hypothesis], *, simple: bool = False) -> list[Start]:
-        """Return sets with one more (optionally simple) effect, by first-order evidence."""
+    def _extensions(
+        self, frontier: Sequence[Hypothesis], library: Library | None = None, *, simple: bool = False
+    ) -> list[Start]:
+        """Return sets with one more (optionally simple) effect, by first-order evidence.
+
+        library: derivatives; default: those about the first hypothesis with the same fixed effects.
+        """
         ranked: dict[Forms, Start] = {}
-        derivatives = self.problem.library_at(frontier[0])
+        about: dict[frozenset[str], Library] = {}
         for hypothesis in frontier:
-            for start in self.score_extensions(hypothesis, derivatives, simple=simple):
+            fixed = frozenset(c.name for c in hypothesis.candidates if not c.scale)
+            if fixed not in about:
+                about[fixed] = library or self.problem.library_at(hypothesis)
+            for start in self.score_extensions(hypothesis, about[fixed], simple=simple):
                 key = forms_of(start.candidates)
                 if key not in ranked or start.plain_score > ranked[key].plain_score:
                     ranked[key] = start
