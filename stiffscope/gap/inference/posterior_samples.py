@@ -15,7 +15,7 @@ from stiffscope.gap.inference.hypothesis import positive_of
 from stiffscope.gap.inference.residuals import split_by_kind
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from numpy.random import Generator
@@ -101,16 +101,11 @@ def draw_samples(
         u = _internal_draws(hypothesis, len(here), rng)
         setting = rng.choice(len(hypothesis.known.settings), len(here), p=hypothesis.known.settings)
         size[here] = found.problem.errors.sizes[setting]
-        for candidate in hypothesis.candidates:
-            own = hypothesis.mark(lambda other, candidate=candidate: other is candidate)
-            if candidate.name in kept and own.any() and len(here):
-                physical = np.array([candidate.physical(row) for row in u[:, own]])
-                for k, (name, unit) in enumerate(zip(candidate.names, candidate.units, strict=True)):
-                    full = f"{candidate.name}: {name}"
-                    parameters.setdefault(full, np.empty(total))[here], units[full] = physical[:, k], unit
-        shown, place = np.isin(here, pick), np.searchsorted(pick, here)
-        drawn = _predict(found, hypothesis, u[shown], size[here[shown]], rng)
-        predicted[place[shown]] = drawn
+        for name, unit, values in _physical_draws(hypothesis, kept, u):
+            parameters.setdefault(name, np.empty(total))[here], units[name] = values, unit
+        shown = here[np.isin(here, pick)]
+        drawn = _predict(found, hypothesis, u[np.isin(here, pick)], size[shown], rng)
+        predicted[np.searchsorted(pick, shown)] = drawn
     parameters[DISCREPANCY], units[DISCREPANCY] = size, "1"
     return Samples(
         {name: draws.reshape(CHAINS, DRAWS) for name, draws in parameters.items()},
@@ -127,6 +122,17 @@ def draw_samples(
         split_by_kind(c),
         tuple(c.where(k) for k in range(len(c))),
     )
+
+
+def _physical_draws(hypothesis: Hypothesis, kept: set[str], u: Array) -> Iterator[tuple[str, str, Array]]:
+    """Yield name, unit and draws (d,) of each parameter of the kept effects, from internal draws (d, k)."""
+    for candidate in hypothesis.candidates:
+        own = hypothesis.mark(lambda other, candidate=candidate: other is candidate)
+        if candidate.name in kept and own.any():
+            rows = [candidate.physical(row) for row in u[:, own]]
+            columns = np.reshape(rows, (len(u), len(candidate.names))).T
+            for name, unit, values in zip(candidate.names, candidate.units, columns, strict=True):
+                yield f"{candidate.name}: {name}", unit, values
 
 
 def _internal_draws(joint: Hypothesis, count: int, rng: Generator) -> Array:
