@@ -7,7 +7,6 @@ from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import brentq  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 from scipy.special import log_ndtr, ndtr, ndtri_exp  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from stiffscope.errors import InputError
@@ -49,6 +48,7 @@ COMPARED = 50.0  # ln-odds within which an alternative's parameters are checked
 FACTOR = 10.0  # change of the prior, either way, to test the verdict
 TAILS = (0.025, 0.975)
 _LISTED = 12  # alternatives, possible effects
+_POINTS = 1000  # between the ends of intervals, to find that of their mixture
 _LEFT = 0.9  # share of its prior variance: with more left, readings do not show an error
 
 
@@ -167,14 +167,14 @@ def _average_parameters(name: str, joint: Hypothesis, averaged: Averaged) -> dic
 
 def _mix(ends: Array, weights: Array) -> tuple[float, float]:
     """Return the 95 % interval of a mixture of normal distributions with their own intervals (m, 2)."""
-    middle, reach = ends.mean(axis=1), _quantiles(0.0, 1.0)[1]
-    deviation = (np.ptp(ends, axis=1) / (2.0 * reach)).clip(min=1e-12 * np.ptp(ends) + 1e-300)
+    if len(weights) == 1:
+        return float(ends[0, 0]), float(ends[0, 1])
+    middle, width = ends.mean(axis=1)[:, None], np.ptp(ends, axis=1)[:, None]
+    deviation = (width / np.ptp(_quantiles(0.0, 1.0))).clip(min=1e-12 * np.ptp(ends) + 1e-300)
 
-    def find_end(tail: float, mine: Array) -> float:
-        if np.ptp(mine) == 0.0:
-            return float(mine[0])
-        excess = lambda at: float(weights @ ndtr((at - middle) / deviation)) - tail  # noqa: E731
-        return float(brentq(excess, mine.min(), mine.max()))
+    def find_end(tail: float, own: Array) -> float:
+        at = np.linspace(own.min(), own.max(), _POINTS)
+        return float(np.interp(tail, weights @ ndtr((at - middle) / deviation), at))
 
     return find_end(TAILS[0], ends[:, 0]), find_end(TAILS[1], ends[:, 1])
 

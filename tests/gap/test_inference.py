@@ -6,7 +6,7 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from stiffscope.gap.diagnose import conclude
+from stiffscope.gap.diagnose import _mix, conclude
 from stiffscope.gap.forward.forward_model import Noise
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.evidence import (
@@ -875,6 +875,15 @@ def test_units_of_parameters_change_neither_what_is_held_out_nor_what_is_drawn()
         assert draws.std(axis=1) == pytest.approx(sigma, rel=0.1)
     assert held_out[0] == pytest.approx(held_out[1])
     assert spread[0] == pytest.approx(spread[1], abs=0.1)
+
+
+def test_the_interval_of_competing_hypotheses_is_that_of_draws_from_all():
+    mean, sigma, weight = np.array([0.0, 3.0, 1.0]), np.array([1.0, 0.5, 2.0]), np.array([0.5, 0.3, 0.2])
+    rng = np.random.default_rng(0)
+    source = rng.choice(3, 200_000, p=weight)
+    drawn = mean[source] + sigma[source] * rng.standard_normal(200_000)
+    ends = np.stack([mean - 1.96 * sigma, mean + 1.96 * sigma], axis=1)
+    assert _mix(ends, weight) == pytest.approx(np.quantile(drawn, [0.025, 0.975]), abs=0.03)
 
 
 def test_what_no_reading_shows_of_many_errors_is_said():
