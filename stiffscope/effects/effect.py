@@ -169,6 +169,12 @@ class Doubts:
     steps: Mapping[str, tuple[Row, float, bool]] = field(default_factory=dict[str, Any])
     """First row after an apparent slip, size of the readings, m or rad, and whether rad."""
 
+    @property
+    def key(self) -> tuple[frozenset[str], frozenset[str], frozenset[tuple[str, Row]]]:
+        """What is doubted: units, signs, and rows of slips."""
+        slips = ((name, row) for name, (row, _, _) in self.steps.items())
+        return frozenset(self.units), frozenset(self.signs), frozenset(slips)
+
 
 @dataclass(frozen=True)
 class Influence:

@@ -7,6 +7,7 @@ from stiffscope.gap.blind.drawing import write_case
 from stiffscope.gap.blind.laboratory import BlindRobot, Lab
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import diagnose_campaign
+from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
@@ -60,3 +61,19 @@ def test_a_unit_is_no_gain_that_differs_by_direction(other, lab, tmp_path):
     found, effects = diagnose(lab, faults, "gauges", tmp_path)
     assert found.verdict == "identified"
     assert set(effects) == {(f.effect, f.place) for f in faults}
+
+
+def test_a_slip_that_other_causes_hide_is_found_beside_them(lab, tmp_path):
+    """They move the tool ten times as far as the sensor slips, which shows only once they are fitted."""
+    base, slip = Fault("base-compliance", "base", {"rz": 1e-5}), Fault("sensor-step", "y", {"jump": 2e-5, "row": 200})
+    write_case(tmp_path, 5, BlindCase("triple", 8, (slip, SOFT, base), "tool"), lab)
+    model = RobotModel(load_campaign(tmp_path), lab.robot.nominal)
+    yielding = next(c for c in model.library if c.name == "base-compliance @ base" and len(c.scale) == 6)
+    drive = next(c for c in model.library if c.name == "actuator-stiffness @ left.motor")
+    known = (yielding, (0.0, 0.0, 0.0, 0.0, 0.0, 1e-5)), (drive, (1 / 0.8 - 1,))
+    again = model.doubt_again(known)
+    assert "y" not in model.setting.doubts.steps
+    row, _, turns = again.setting.doubts.steps["y"]
+    assert (row, turns) == ((0, 201), False)
+    step = next(c for c in again.library if c.name == "sensor-step @ y")
+    assert again.doubt_again((*known, (step, (2e-5,)))) is None

@@ -11,7 +11,7 @@ from stiffscope.gap.blind.drawing import draw_case, prepare_case
 from stiffscope.gap.blind.laboratory import BlindRobot, Lab
 from stiffscope.gap.campaign.quantities import DEVIATION
 from stiffscope.gap.campaign.readings import load_campaign
-from stiffscope.gap.campaign.sanity import find_doubts, inspect_readings
+from stiffscope.gap.campaign.sanity import _find_jump, find_doubts, inspect_readings
 from stiffscope.gap.campaigns import Case, configure_case, inspect_case, open_case, predict_roughly
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.lab.measuring import Noise, measure, write_readings
@@ -204,3 +204,15 @@ def test_a_few_readings_that_the_fit_reproduces_leave_no_scatter(tmp_path):
     predicted = predict_roughly(case)
     values = [case.campaign.value, predicted, 1e-9 * predicted + 1e-6]
     assert not any(find_doubts(replace(case.campaign, value=value), predicted).steps for value in values)
+
+
+def test_a_jump_is_found_beside_what_resembles_it():
+    """A prediction that is larger in the second half follows half of a jump there."""
+    rng = np.random.default_rng(2)
+    late = np.arange(60) >= 30
+    columns = np.linalg.qr(np.column_stack([rng.standard_normal(60) + 2.0 * late, np.ones(60)]))[0]
+    value = columns @ [5.0, 1.0] + 0.3 * late + 0.01 * rng.standard_normal(60)
+    place, jump = _find_jump(value, columns, np.arange(60))
+    assert place == 30
+    assert jump == pytest.approx(0.3, abs=0.02)
+    assert _find_jump(value - 0.3 * late, columns, np.arange(60)) is None

@@ -38,6 +38,8 @@ _APART = 1.5  # least ratio of an outlier to the largest other reading
 _FAR = 1000.0  # least ratio of an invalid reading to the model and half of its channel
 _RARE = 0.1  # largest fraction of outliers in a channel
 _SIDE = 3  # least readings on either side of a step
+_OWN = 0.1  # least share of these, or of a step, that what else varies does not follow
+_ALIKE = 1e-9  # relative size below which columns are one
 _ROUNDED = 1e-5  # rad or m: poses in tables are rounded
 
 
@@ -172,7 +174,7 @@ def _inspect_channel(
     if look is not None:
         yield from _compare(c, name, rows, look)
     if kind in (DEFLECTION, DEVIATION, of.POSITION):
-        yield from _find_breaks(c, name, rows, _scatter(c, rows, value, model))
+        yield from _find_breaks(c, name, rows, _columns(c, rows, model))
     elif (model > 0).all():
         yield from _name_outliers(c, name, rows, _centre(np.log(value / model)))
 
@@ -274,7 +276,7 @@ def find_doubts(campaign: Campaign, predicted: Array) -> Doubts:
     names = [c.instruments[int(c.channel[rows[0]])] for _, rows in channels]
     for name, (_, rows) in zip(names, channels, strict=True):
         turning[name] = bool(c.direction[rows[0]] >= 3)
-        step = _find_jump(_scatter(c, rows, c.value[rows], predicted[rows]), c.pose[rows])
+        step = _find_jump(c.value[rows], _columns(c, rows, predicted[rows]), c.pose[rows])
         if step is not None:
             row, usual = int(rows[step[0]]), float(np.sqrt(np.mean(predicted[rows] ** 2)))
             steps.setdefault(name, ((int(c.file[row]), int(c.line[row])), usual, turning[name]))
@@ -301,20 +303,25 @@ def _gather(seen: Mapping[str, float], families: Mapping[str, set[str]]) -> dict
     return out | {name: value for name, value in left.items() if value != 1.0}
 
 
-def _scatter(c: Campaign, rows: Indices, value: Array, model: Array) -> Array:
-    """Return residuals (r,) of a robust fit by prediction, wrench and a constant."""
+def _columns(c: Campaign, rows: Indices, model: Array) -> Array:
+    """Return orthonormal columns (r, m) that span prediction, wrench and a constant."""
     columns = np.column_stack([model, np.nan_to_num(c.wrench[rows]), np.ones(len(rows))])
     columns = columns[:, np.abs(columns).max(axis=0) > 0]
-    columns = columns / np.abs(columns).max(axis=0)
-    weight = np.ones(len(rows))
-    left = np.asarray(value, dtype=float)
+    left, size, _ = np.linalg.svd(columns / np.abs(columns).max(axis=0), full_matrices=False)
+    return left[:, size > _ALIKE * size[0]]
+
+
+def _fit_robustly(value: Array, columns: Array) -> tuple[Array, Array]:
+    """Return coefficients (m,) of columns (r, m) in a robust fit of values (r,), and residuals (r,)."""
+    solve: Any = np.linalg.lstsq
+    weight, left = np.ones(len(value)), np.asarray(value, dtype=float)
     rounding = max(1e-15 * float(np.abs(value).max()), 1e-300)
+    fit = np.zeros(columns.shape[1])
     for _ in range(30):
-        solve: Any = np.linalg.lstsq
-        fit = solve(columns * weight[:, None], value * weight, rcond=1e-9)[0]
+        fit = solve(columns * weight[:, None], value * weight, rcond=_ALIKE)[0]
         left = np.asarray(value - columns @ fit, dtype=float)
         weight = np.sqrt(1.0 / (1.0 + (left / max(2.0 * _spread(left), rounding)) ** 2))
-    return left
+    return fit, left
 
 
 def _spread(values: Array) -> float:
@@ -326,38 +333,41 @@ def _centre(values: Array) -> Array:
     return values - np.median(values)
 
 
-def _find_breaks(c: Campaign, name: str, rows: Indices, left: Array) -> Iterator[ReadingRemark]:
+def _find_breaks(c: Campaign, name: str, rows: Indices, columns: Array) -> Iterator[ReadingRemark]:
     """Yield remarks on a step from one row on, and on outlying rows besides."""
-    step = _find_jump(left, c.pose[rows])
+    step = _find_jump(c.value[rows], columns, c.pose[rows])
     if step is not None:
         place, jump = step
         where, unit = c.where(int(rows[place])), "rad" if c.direction[rows[0]] >= 3 else "m"
         text = f"{name} jumps by {jump:.2g} {unit} at {where} and stays there: has it slipped?"
         yield ReadingRemark("sensor-step", name, (where,), text)
-        left = np.where(np.arange(len(left)) >= place, left - jump, left)
-    yield from _name_outliers(c, name, rows, _centre(left))
+        columns = np.column_stack([columns, np.arange(len(rows)) >= place])
+    yield from _name_outliers(c, name, rows, _centre(_fit_robustly(c.value[rows], columns)[1]))
 
 
-def _find_jump(left: Array, poses: Indices) -> tuple[int, float] | None:
-    """Return the index and size of a jump of a scatter (r,) at poses (r,); None if there is none.
+def _find_jump(value: Array, columns: Array, poses: Indices) -> tuple[int, float] | None:
+    """Return the index and size of a jump of values (r,) at poses (r,); None if there is none.
 
-    All readings at one pose, before or after the others, may differ by a fault of the robot there.
+    It is fitted together with orthonormal columns (r, m). All readings at one pose, before or after
+    the others, may differ by a fault of the robot there.
     """
-    count, spread = len(left), _spread(left)
+    count = len(value)
     if count < 2 * (_SIDE + 1):
         return None
-    clipped = np.clip(_centre(left), -10 * spread, 10 * spread)
-    total = np.cumsum(clipped)[_SIDE - 1 : count - _SIDE]
+    left = _fit_robustly(value, columns)[1]
+    clipped = np.clip(_centre(left), -10 * _spread(left), 10 * _spread(left))
+    clipped = clipped - columns @ (columns.T @ clipped)
     before = np.arange(_SIDE, count - _SIDE + 1)
-    gain = total**2 / before + (clipped.sum() - total) ** 2 / (count - before)
-    place = int(before[np.argmax(gain)])  # which splits them best into two levels
-    jump = float(np.median(left[place:]) - np.median(left[:place]))
-    after = _spread(np.where(np.arange(count) >= place, left - jump, left))
-    beyond = (left - np.median(left[:place])) / jump > 0.5 if jump else np.zeros(count, dtype=np.bool_)
-    apart = min(np.mean(~beyond[:place]), np.mean(beyond[place:])) >= _BEYOND
+    pull, shared = (np.cumsum(each[::-1], axis=0)[::-1][before] for each in (clipped, columns))
+    own = count - before - np.sum(shared**2, axis=1)  # of a step, what the columns do not follow
+    place = int(before[np.argmax(pull**2 / own.clip(min=_OWN * np.minimum(before, count - before)))])
+    fit, rest = _fit_robustly(value, np.column_stack([columns, np.arange(count) >= place]))
+    jump = float(fit[-1])
+    if abs(jump) <= _JUMP * _spread(rest):
+        return None
+    apart = min(np.mean(rest[:place] / jump <= 0.5), np.mean(rest[place:] / jump > -0.5)) >= _BEYOND
     visited = min(len(np.unique(poses[:place])), len(np.unique(poses[place:])))
-    apart &= visited > 1 or poses[place - 1] == poses[place]
-    return (place, jump) if abs(jump) > _JUMP * after and apart else None
+    return (place, jump) if apart and (visited > 1 or poses[place - 1] == poses[place]) else None
 
 
 def _name_outliers(c: Campaign, name: str, rows: Indices, left: Array) -> Iterator[ReadingRemark]:

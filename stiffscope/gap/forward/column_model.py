@@ -104,6 +104,10 @@ class ColumnModel:
                 gain = np.where(candidate.action, factors[candidate.name] * gain, gain)
         return ColumnPrediction(base * gain, gain, factors)
 
+    def doubt_again(self, parameters: Parameters) -> None:
+        """Return none: predictions have no instruments."""
+        del parameters
+
     def noise(self) -> Noise:
         """Return the noise: stated, or an unknown factor times the reading or its kind's rms."""
         c = self.campaign

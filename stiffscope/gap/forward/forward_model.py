@@ -108,6 +108,10 @@ class ForwardModel(Protocol):
         """Predict readings with these effects. Raises InputError outside the assemblable range."""
         ...
 
+    def doubt_again(self, parameters: Parameters) -> ForwardModel | None:
+        """Return the model with other faults of instruments that a prediction shows, if any."""
+        ...
+
     def noise(self) -> Noise:
         """Return noise and gross outliers of the readings."""
         ...

@@ -9,9 +9,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.effects.actuator_stiffness import ActuatorStiffness
-from stiffscope.effects.effect import Place, Setting
+from stiffscope.effects.effect import UNNAMED, Doubts, Place, Setting
 from stiffscope.effects.gravity import Gravity
 from stiffscope.effects.part_compliance import PartCompliance
+from stiffscope.effects.sensor_sign import SensorSign
+from stiffscope.effects.sensor_step import SensorStep
+from stiffscope.effects.unit import Unit
 from stiffscope.effects.vocabulary import find_candidates
 from stiffscope.gap.campaign.quantities import POSITION
 from stiffscope.gap.campaign.readings import match_robot
@@ -37,6 +40,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array
 
 _SUSPECT = 0.2  # fraction of squared gap (beyond drives, noise) to test a part
+_IMITATING = {Unit.word, SensorSign.word, SensorStep.word, UNNAMED}  # effects that are doubts or follow any
 _SIGNIFICANT = 3.0  # standard deviations
 _ROUNDING = 1e-10  # relative to the largest reading
 
@@ -51,6 +55,8 @@ class RobotModel:
     """An effect excluded from the library."""
     most_effects: int = 5
     tried: tuple[tuple[Candidate, ...], ...] = ()
+    doubts: Doubts | None = None
+    """Doubts about instruments (default: by the nominal prediction)."""
 
     def __post_init__(self) -> None:
         """Match poses, sensors and loads to the robot. Raises InputError if they do not.
@@ -80,7 +86,18 @@ class RobotModel:
     def setting(self) -> Setting:
         """Robot and measurement setup that determine the candidates."""
         setting = find_setting(self._sound, self._is_suspect)
-        return replace(setting, doubts=find_doubts(self.campaign, self.predict().values))
+        return replace(setting, doubts=self.doubts or find_doubts(self.campaign, self.predict().values))
+
+    def doubt_again(self, parameters: Parameters) -> RobotModel | None:
+        """Return the model with doubts by a prediction with effects, too; None if there is no other.
+
+        What the nominal robot lacks hides a slip, a sign or a unit.
+        """
+        sound = tuple(each for each in parameters if each[0].effect not in _IMITATING)
+        before, now = self.setting.doubts, find_doubts(self.campaign, self.predict(sound).values)
+        signs = tuple(dict.fromkeys((*before.signs, *now.signs)))
+        both = Doubts({**now.units, **before.units}, signs, {**before.steps, **now.steps})
+        return None if both.key == before.key else replace(self, doubts=both)
 
     def _is_suspect(self, part: str) -> bool:
         """Return whether a part's compliance entries explain much of the gap left by drives."""

@@ -333,7 +333,19 @@ class Findings:
 
 
 def find(model: ForwardModel, progress: Progress | None = None) -> Findings:
-    """Search for the effects and nuisance patterns that explain a model's campaign."""
+    """Search for the effects and nuisance patterns that explain a model's campaign.
+
+    Faults of instruments that show only beside what was found are searched for once more.
+    """
+    found = _search(model, progress)
+    again = model.doubt_again(found.best.parameters)
+    if again is None:
+        return found
+    other = _search(again, progress)
+    return max(found, other, key=lambda each: each.best.evidence - each.none.evidence)
+
+
+def _search(model: ForwardModel, progress: Progress | None) -> Findings:
     problem = Problem(model, _without_copies(model.campaign, model.noise()))
     distinct: dict[frozenset[str], Hypothesis] = {}
     hypotheses = Search(problem, progress).hypotheses()
