@@ -7,11 +7,11 @@ from itertools import compress
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import log_ndtr, ndtr, ndtri_exp  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from stiffscope.errors import InputError
 from stiffscope.gap.forward.column_model import ColumnModel
 from stiffscope.gap.forward.robot_model import RobotModel
+from stiffscope.gap.inference.averaging import average_over, mix_intervals, quantiles
 from stiffscope.gap.inference.diagnosis import (
     Alternative,
     Diagnosis,
@@ -36,19 +36,16 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.forward_model import Candidate, ForwardModel
+    from stiffscope.gap.inference.averaging import Averaged
     from stiffscope.gap.inference.findings import Findings
     from stiffscope.gap.inference.hypothesis import Hypothesis
     from stiffscope.gap.inference.verdict import Judgement
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array, Progress
 
-    Averaged = list[tuple[Hypothesis, float]]
-
 COMPARED = 50.0  # ln-odds within which an alternative's parameters are checked
 FACTOR = 10.0  # change of the prior, either way, to test the verdict
-TAILS = (0.025, 0.975)
 _LISTED = 12  # alternatives, possible effects
-_POINTS = 1000  # between the ends of intervals, to find that of their mixture
 _LEFT = 0.9  # share of its prior variance: with more left, readings do not show an error
 
 
@@ -92,7 +89,7 @@ def conclude(found: Findings) -> Diagnosis:
     joint = found.best if reported.names <= found.best.names else reported
     unseen = tuple(_unseen(found, joint, judgement.effects))
     left = max(found.misfit(joint), 1.0) if judgement.verdict == "partly" else 1.0  # shows in the values, too
-    averaged = [(h.widen_covariance(left), w) for h, w in found.average_over(joint, judgement.effects)]
+    averaged = [(h.widen_covariance(left), w) for h, w in average_over(found, joint, judgement.effects)]
     effects = _effects(found, judgement, joint, averaged)
     residual = found.held_out_residual(reported)
     check, held_out = _check(found, reported, residual)
@@ -161,28 +158,14 @@ def _average_parameters(name: str, joint: Hypothesis, averaged: Averaged) -> dic
         each = [fit[key] for fit in fits]
         value, sigma = np.array([(p.value, p.sigma) for p in each]).T
         spread = float(np.sqrt(weights @ (sigma**2 + (value - own.value) ** 2)))
-        known[key] = replace(own, sigma=spread, interval=_mix(np.array([p.interval for p in each]), weights))
+        known[key] = replace(own, sigma=spread, interval=mix_intervals(np.array([p.interval for p in each]), weights))
     return known
-
-
-def _mix(ends: Array, weights: Array) -> tuple[float, float]:
-    """Return the 95 % interval of a mixture of normal distributions with their own intervals (m, 2)."""
-    if len(weights) == 1:
-        return float(ends[0, 0]), float(ends[0, 1])
-    middle, width = ends.mean(axis=1)[:, None], np.ptp(ends, axis=1)[:, None]
-    deviation = (width / np.ptp(_quantiles(0.0, 1.0))).clip(min=1e-12 * np.ptp(ends) + 1e-300)
-
-    def find_end(tail: float, own: Array) -> float:
-        at = np.linspace(own.min(), own.max(), _POINTS)
-        return float(np.interp(tail, weights @ ndtr((at - middle) / deviation), at))
-
-    return find_end(TAILS[0], ends[:, 0]), find_end(TAILS[1], ends[:, 1])
 
 
 def _errors(candidate: Candidate, values: Array, covariance: Array) -> dict[str, Parameter]:
     """Return individual small errors, the largest first, with 1 rad equal to 1 m."""
     sigma, out = np.sqrt(np.diagonal(covariance)), dict[str, Parameter]()
-    reach = float(_quantiles(0.0, 1.0)[1]) * sigma
+    reach = float(quantiles(0.0, 1.0)[1]) * sigma
     for k in map(int, np.argsort(-np.abs(values))[: len(candidate.parts)]):
         ends = float(values[k] - reach[k]), float(values[k] + reach[k])
         known = float(values[k]), float(sigma[k]), candidate.part_units[k]
@@ -213,21 +196,15 @@ def _intervals(
     """Return 95 % intervals: by quantiles for one parameter, else by standard uncertainties."""
     deviation = np.sqrt(np.diagonal(covariance).clip(min=1e-300))
     lowest = [0.0 if one_sided else -np.inf for one_sided in candidate.one_sided]
-    ends = [_quantiles(m, s, low) for m, s, low in zip(internal, deviation, lowest, strict=True)]
+    ends = [quantiles(m, s, low) for m, s, low in zip(internal, deviation, lowest, strict=True)]
     if len(values) == 1:
         low, high = sorted(float(candidate.physical(np.array([end]))[0]) for end in ends[0])
         return [(low, high)]
     if candidate.positive:
         sides = [candidate.physical(np.array([end[side] for end in ends])) for side in (0, 1)]
         return [(float(min(a, b)), float(max(a, b))) for a, b in zip(*sides, strict=True)]
-    below, above = (values + sigma * end for end in _quantiles(0.0, 1.0))
+    below, above = (values + sigma * end for end in quantiles(0.0, 1.0))
     return list(zip(below.tolist(), above.tolist(), strict=True))
-
-
-def _quantiles(mean: float, deviation: float, lowest: float = -np.inf) -> Array:
-    """Return the 95 % interval (2,) of a normal distribution truncated below ``lowest``."""
-    above = np.log1p(-np.array(TAILS)) + log_ndtr((mean - lowest) / deviation)  # ln of upper tails
-    return mean - deviation * np.asarray(ndtri_exp(above), dtype=float)
 
 
 def _under_other_priors(found: Findings) -> dict[str, Findings]:
@@ -250,7 +227,7 @@ def _check(found: Findings, known: Hypothesis, residual: Array) -> tuple[HeldOut
     seen = z[found.used_readings]
     if not len(seen):
         return None, z
-    widest = float(_quantiles(0.0, 1.0)[1])
+    widest = float(quantiles(0.0, 1.0)[1])
     inside = float(np.mean(np.abs(seen) <= widest))
     check = HeldOut(inside, float(np.mean(np.square(seen))))
     return check, np.where(found.used_readings, z, np.nan)

@@ -6,8 +6,9 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from stiffscope.gap.diagnose import _mix, conclude
+from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.forward.forward_model import Noise
+from stiffscope.gap.inference.averaging import mix_intervals
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.evidence import (
     Errors,
@@ -877,13 +878,29 @@ def test_units_of_parameters_change_neither_what_is_held_out_nor_what_is_drawn()
     assert spread[0] == pytest.approx(spread[1], abs=0.1)
 
 
+def test_a_parameter_taken_for_zero_has_the_interval_that_the_readings_leave_it():
+    """One of three shows well, so that the others fit as zero; they are as uncertain as in least squares, nearly."""
+    model = linear_model(np.random.default_rng(2), effects=2, parameters=(3,))
+    first = replace(model.library[0], bounds=(0.0, np.inf))
+    columns = model.signatures[first.name] * [1.0, 0.02, 0.02]
+    model = replace(model, library=(first, *model.library[1:]), signatures=model.signatures | {first.name: columns})
+    (effect,) = conclude(find(planted(model, e0=(1.0, 0.1, 0.1)))).effects
+    own = columns / model.campaign.sigma[:, None]
+    sigma = np.sqrt(np.diagonal(np.linalg.inv(own.T @ own)))
+    for k in (1, 2):
+        fit = effect.parameters[f"p{k}"]
+        assert fit.value < 1e-6
+        assert fit.interval[0] <= 0.1 <= fit.interval[1]
+        assert fit.interval[1] > 1.5 * sigma[k]
+
+
 def test_the_interval_of_competing_hypotheses_is_that_of_draws_from_all():
     mean, sigma, weight = np.array([0.0, 3.0, 1.0]), np.array([1.0, 0.5, 2.0]), np.array([0.5, 0.3, 0.2])
     rng = np.random.default_rng(0)
     source = rng.choice(3, 200_000, p=weight)
     drawn = mean[source] + sigma[source] * rng.standard_normal(200_000)
     ends = np.stack([mean - 1.96 * sigma, mean + 1.96 * sigma], axis=1)
-    assert _mix(ends, weight) == pytest.approx(np.quantile(drawn, [0.025, 0.975]), abs=0.03)
+    assert mix_intervals(ends, weight) == pytest.approx(np.quantile(drawn, [0.025, 0.975]), abs=0.03)
 
 
 def test_what_no_reading_shows_of_many_errors_is_said():

@@ -15,7 +15,7 @@ from stiffscope.gap.inference.residuals import percent_rms
 from stiffscope.gap.inference.search import Search
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable, Iterator
+    from collections.abc import Iterable, Iterator
 
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.forward_model import Candidate, ForwardModel, Noise
@@ -242,25 +242,6 @@ class Findings:
             start = join_values(values for _, values in kept)
             self.fitted[chosen] = self.problem.fit([c for c, _ in kept], start)
         return self.fitted[chosen]
-
-    def average_over(self, joint: Hypothesis, named: Collection[Candidate]) -> list[tuple[Hypothesis, float]]:
-        """Return competing hypotheses with the named effects of one, in any form, and their weights.
-
-        A hypothesis alone understates how uncertain a parameter is. The weights sum to 1.
-
-        References
-        ----------
-        Hoeting et al., Bayesian model averaging: a tutorial, Statistical Science 14 (1999).
-        """
-        known = {(c.name, c.names) for c in named}
-        if not known:
-            return [(joint, 1.0)]
-        able = [h for h in self.fitted.values() if known <= {(c.name, c.names) for c in h.candidates}]
-        best = max(h.evidence for h in able)
-        weights = [(h, np.exp(h.evidence - best)) for h in able]
-        kept = [(h, w) for h, w in weights if w > COMPETING]
-        total = sum(w for _, w in kept)
-        return [(h, float(w / total)) for h, w in kept]
 
     def fit_plainly(self, hypothesis: Hypothesis) -> Hypothesis:
         """Return a hypothesis fitted without a discrepancy, by which the rest is least.

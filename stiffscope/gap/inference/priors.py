@@ -29,6 +29,12 @@ class Spreads:
     """Scales (c, k)."""
     log_weight: Array
     """Ln probability (c,) of each."""
+    dense: int | None = None
+    """Number of the first of them in which no parameter is zero; None: all."""
+
+    def without_zeros(self) -> Spreads:
+        """Return the prior in which no parameter is zero."""
+        return Spreads(self.scales[: self.dense], self.log_weight[: self.dense])
 
 
 def spread_groups(scale: Array, positive: Flags, groups: Sequence[int], sizes: Array) -> list[Spreads]:
@@ -82,7 +88,7 @@ def spread_priors(scale: Array, positive: Flags, sizes: Array) -> Spreads:
     left = sizes[:, None] * np.where(few, scale, _ABSENT * scale)[:, None, :]
     scales = np.concatenate([whole, left.reshape(-1, len(scale))])
     logs = [np.log1p(-SPARSE) + log, (share[:, None] + log).ravel()]
-    return Spreads(scales, np.concatenate(logs))
+    return Spreads(scales, np.concatenate(logs), len(sizes))
 
 
 def choose_near(priors: Sequence[Spreads], near: Array | None) -> Sequence[Spreads]:
@@ -95,7 +101,7 @@ def choose_near(priors: Sequence[Spreads], near: Array | None) -> Sequence[Sprea
         own, near = near[:count], near[count:]
         away = np.abs(np.log(prior.scales / own)).max(axis=1, initial=0.0)
         kept = away <= away.min() + _SAME
-        out.append(Spreads(prior.scales[kept], prior.log_weight[kept]))
+        out.append(Spreads(prior.scales[kept], prior.log_weight[kept], int(kept[: prior.dense].sum())))
     return out
 
 
