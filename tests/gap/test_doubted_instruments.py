@@ -1,5 +1,8 @@
 """Instruments in another unit, reversed or slipped are causes of a gap, and are not named where they are sound."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
 from stiffscope.gap.blind.cases import BlindCase, Fault
@@ -77,3 +80,20 @@ def test_a_slip_that_other_causes_hide_is_found_beside_them(lab, tmp_path):
     assert (row, turns) == ((0, 201), False)
     step = next(c for c in again.library if c.name == "sensor-step @ y")
     assert again.doubt_again((*known, (step, (2e-5,)))) is None
+
+
+@pytest.mark.parametrize("every", [5, 7, 9])
+def test_few_readings_without_sigma_name_their_cause(every, lab, tmp_path):
+    """The joint fit of all effects has more columns than there are readings: 70, 50 and 40 of five gauges."""
+    write_case(tmp_path, 5, BlindCase("single", 8, (SOFT,), "gauges"), lab)
+    whole = load_campaign(tmp_path)
+    rows = np.flatnonzero(whole.pose % 4 == 0)
+    rows = rows[np.arange(len(rows)) // 5 % every < 2]
+    columns = ("pose", "wrench", "quantity", "value", "session", "file", "line", "sensor", "load")
+    few = replace(whole, **{k: getattr(whole, k)[rows] for k in columns}, sigma=np.full(len(rows), np.nan))
+    found = diagnose_campaign(few, lab.robot.nominal)
+    assert found.verdict == "identified"
+    assert [(e.effect, e.place) for e in found.effects] == [(SOFT.effect, SOFT.place)]
+    noise = RobotModel(few, lab.robot.nominal).noise().sigma / whole.sigma[rows]
+    assert (noise > 0.4).all()
+    assert (noise < 2.0).all()

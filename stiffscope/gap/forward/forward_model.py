@@ -41,6 +41,8 @@ class Noise:
     factors: Array
     """Grid (m,) of the common factor."""
     remarks: tuple[str, ...] = ()
+    freedom: float = np.inf
+    """Degrees of freedom from which sigma was estimated; infinite if it is known."""
 
 
 class Prediction(Protocol):

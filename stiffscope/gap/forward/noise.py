@@ -16,7 +16,7 @@ from stiffscope.gap.forward.forward_model import Noise
 if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.forward_model import ForwardModel
-    from stiffscope.runtime.types import Array, Flags
+    from stiffscope.runtime.types import Array, Flags, Indices
 
 
 OUTLYING = 6.0  # robust standard deviations
@@ -28,15 +28,20 @@ FRACTIONS = np.geomspace(1e-5, 2.0, 80)  # candidate ratios of noise to gap
 
 
 _DOUBTED = {Unit.word, SensorSign.word}  # if suspected, assumed present for the noise estimate
+_LEAST_FREE = 1e-6  # least share of a reading's variance that a joint fit leaves
+_ALIKE = 4.0  # readings as which it counts that noise is alike in a unit, and in all
+_USUAL, _WITHIN = 0.01, 2.0  # noise over the gap, and its standard deviation in logarithms
+_TOLD = 3.0  # least degrees of freedom that tell the noise
+_EFFICIENCY = 0.5  # of the robust scatter: share of the degrees of freedom that it uses
 _MOST = 0.4  # most columns per reading in the joint fit
 
 
 @dataclass(frozen=True)
 class _Fit:
-    """Joint fit: residuals in sigmas, and the fraction of degrees of freedom left."""
+    """Joint fit: residuals (n,) in sigmas, of which the fit leaves a share (n,) of the variance."""
 
     residual: Array
-    free: float
+    free: Array
 
 
 @dataclass(frozen=True)
@@ -72,21 +77,24 @@ def noise_of(model: ForwardModel) -> Noise:
     sigma = np.where(unknown, _first_guess(campaign, gap, x), campaign.sigma)
     every = np.ones(len(gap), dtype=np.bool_)
     noise = Noise(sigma, every, ~every, np.ones(1))
-    if len(gap) <= 2 * x.shape[1]:
+    if len(gap) <= 2 * x.shape[1] and not unknown.any():
         return noise
-    fit, columns = _Fit(np.zeros(len(gap)), 1.0), _Columns(LOOSE * x / sigma[:, None])
+    fit, columns = _Fit(np.zeros(len(gap)), np.ones(len(gap))), _Columns(LOOSE * x / sigma[:, None])
     for _ in range(PASSES):
         fit = _joint_fit(columns, gap / noise.sigma, noise.used, fit)
         before = noise.sigma
         noise, fit = _judge_noise(campaign, noise, fit)
         if not np.array_equal(before, noise.sigma):
             columns = _Columns(LOOSE * x / noise.sigma[:, None])
+    if noise.freedom < _TOLD:
+        remark = f"{len(gap)} readings do not tell their noise, which is guessed: state sigma"
+        return Noise(sigma, every, ~every, np.ones(1), (remark,), _TOLD)
     return _add_remarks(campaign, noise, fit)
 
 
 def _first_guess(c: Campaign, gap: Array, x: Array) -> Array:
     """Return initial sigmas (n,): the likeliest fraction of their kind's gap, all effects free."""
-    like = c.kind_numbers
+    like = _number_units(c)
     size = np.where(c.relative, np.abs(c.value), 1.0)
     mean = np.sqrt(np.bincount(like, (gap / size) ** 2) / np.maximum(np.bincount(like), 1))
     least = 1e-12 * float(np.abs(c.value).max())
@@ -97,39 +105,56 @@ def _first_guess(c: Campaign, gap: Array, x: Array) -> Array:
     q = vectors.T @ y
     spread = values.clip(min=0.0)[:, None] + FRACTIONS**2
     likelihood = -0.5 * np.sum(q[:, None] ** 2 / spread + np.log(spread), axis=0)
-    return unit * FRACTIONS[int(np.argmax(likelihood))]
+    usual = -0.5 * (np.log(FRACTIONS / _USUAL) / _WITHIN) ** 2
+    return unit * FRACTIONS[int(np.argmax(likelihood + usual))]
 
 
 def _joint_fit(columns: _Columns, y: Array, used: Flags, before: _Fit) -> _Fit:
     """Fit all effects jointly, with less weight on readings with large previous residuals."""
     a, weight = columns.values, used / np.maximum(1.0, np.abs(before.residual) / 2.0)
     values, vectors = np.linalg.eigh(columns.gram(weight))
-    keep = values > 1e-8 * values[-1]
-    inverse = (vectors[:, keep] / values[keep]) @ vectors[:, keep].T
-    residual = y - a @ (inverse @ (a.T @ (weight * y)))
-    return _Fit(residual, max(1.0 - float(keep.sum()) / max(float(used.sum()), 1.0), 0.1))
+    turned = a @ (vectors / np.sqrt(values.clip(min=0.0) + 1.0))  # their prior has unit size
+    residual = y - turned @ (turned.T @ (weight * y))
+    return _Fit(residual, (1.0 - weight * np.sum(turned**2, axis=1)).clip(min=_LEAST_FREE))
 
 
 def _judge_noise(c: Campaign, noise: Noise, fit: _Fit) -> tuple[Noise, _Fit]:
-    """Estimate unknown noise from the robust scatter of its kind, and flag outliers."""
-    unknown = np.isnan(c.sigma)
-    like = c.kind_numbers
-    scatter = np.ones(len(c))
+    """Estimate unknown noise from the robust scatter of its instrument, and flag outliers.
+
+    Few readings tell little of an instrument's noise. Relative to the size of readings, it is like
+    that of others in its unit, and of all.
+    """
+    unknown, like, unit = np.isnan(c.sigma), c.kind_numbers, _number_units(c)
+    free = np.where(noise.used, fit.free, 0.0)
+    residual, scatter = fit.residual / np.sqrt(fit.free), np.ones(len(c))
     for group in np.unique(like):
-        mine = (like == group) & noise.used
-        if mine.any():
-            scatter[like == group] = max(_scatter(fit.residual[mine]) / np.sqrt(fit.free), 1e-6)
-    residual = np.where(unknown, fit.residual / scatter, fit.residual)
+        scatter[like == group] = max(_scatter(residual[(like == group) & noise.used]), 1e-6)
+    mean = np.bincount(unit, c.value**2) / np.maximum(np.bincount(unit), 1)
+    size = np.where(c.relative, np.abs(c.value), np.sqrt(mean)[unit]) + 1e-300
+    few = np.bincount(like, free).clip(min=1.0)[like]
+    share = np.log(scatter * noise.sigma / size) + 0.5 / few  # the mean logarithm of few is less
+    usual = np.full(len(c), np.average(share, weights=free + 1e-9))
+    for groups in (unit, like):
+        count, total = np.bincount(groups, free), np.bincount(groups, free * share)
+        usual = (total[groups] + _ALIKE * usual) / (count[groups] + _ALIKE)
+    scatter = np.where(unknown, np.exp(usual) * size / noise.sigma, scatter)
+    residual = np.where(unknown, residual / scatter, fit.residual)
     used = np.abs(residual) < OUTLYING * np.where(unknown, 1.0, scatter)
     sigma = np.where(unknown, noise.sigma * scatter, noise.sigma)
-    return replace(noise, sigma=sigma, used=used), replace(fit, residual=residual)
+    freedom = _EFFICIENCY * float(free[unknown].sum()) if unknown.any() else np.inf
+    return replace(noise, sigma=sigma, used=used, freedom=freedom), replace(fit, residual=residual)
+
+
+def _number_units(c: Campaign) -> Indices:
+    """Return group numbers (n,) of readings in m, in rad, and relative to their size."""
+    return np.where(c.relative, 2, c.direction >= 3).astype(np.int64)
 
 
 def _add_remarks(c: Campaign, noise: Noise, fit: _Fit) -> Noise:
     known = ~np.isnan(c.sigma)
     sigma, remarks = noise.sigma, list(noise.remarks)
     if known.any():
-        ratio = _scatter(fit.residual[known & noise.used]) / np.sqrt(fit.free)
+        ratio = _scatter((fit.residual / np.sqrt(fit.free))[known & noise.used])
         if ratio < OVERSTATED:
             sigma = np.where(known, ratio * sigma, sigma)
             times = f"{1 / ratio:.2g} times the observed scatter"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.special import chdtrc  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
+from scipy.special import chdtrc, fdtrc  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 if TYPE_CHECKING:
     from stiffscope.gap.inference.findings import Findings
@@ -19,6 +19,7 @@ NEGLIGIBLE = 1.03  # χ² per degree of freedom below which lack of fit is ignor
 MODEL_ERROR = 0.002  # fraction of explained χ² due to small errors of the forward model,
 MODEL_NOISE = 1.2  # limited to this multiple of the noise
 ENOUGH = 60  # least number of readings to test group means
+_SURE = 1e9  # degrees of freedom of a noise that is known
 _OBSERVABLE = 0.05  # least fraction of a group mean that the fit leaves
 
 
@@ -29,7 +30,8 @@ def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
     Correlation alone is no lack of fit: the gap is at the noise; the discrepancy widens intervals.
     """
     dof, total = _degrees(found, hypothesis), found.chi2(hypothesis)
-    p = float(chdtrc(dof, total))
+    known = min(found.problem.noise.freedom, _SURE)
+    p = float(fdtrc(dof, known, total / dof))  # of χ² if the noise is known
     ignored = max((NEGLIGIBLE - 1.0) * dof, model_errors(found, hypothesis))
     if total - dof <= ignored or p >= CORROBORATED:
         return ""
