@@ -270,6 +270,17 @@ def test_an_arm_follows_its_errors_exactly():
     assert longer.shift(tool)[0] == pytest.approx([*(e * along), 0, 0, 0], abs=1e-12)
 
 
+def test_a_turn_of_both_bodies_of_a_sensor_is_not_read():
+    """The shoulder's error moves foot and target of a sensor beyond it alike, also far from home."""
+    arm = machine_of(load_robot("serial-arm"), part_matrices(load_robot("serial-arm"), "beam"))
+    poses = np.array([load_robot("serial-arm").poses["near"]])
+    spot = Spot("wrist1", np.array([0.4, 0.1, 0.2]))
+    for joint, alike in (("J2", True), ("J3", False)):
+        response = respond(inject(arm, "encoder-offset", joint, {"offset": 1e-3}), poses, [])
+        moved = response.shift(spot) - response.shift(spot, "upper.tip")
+        assert (np.abs(moved).max() < 1e-12) == alike
+
+
 def test_an_axis_that_lies_off_leads_the_arm_about_itself():
     """J1 by q about an axis off by (x, y), tilted by e: M turns about that, and stays where it is at home."""
     arm, home = without_weight(machine("serial-arm")), load_robot("serial-arm").poses["near"]

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiffscope.effects.effect import Setting
+from stiffscope.effects.effect import Candidate, Setting
 from stiffscope.effects.elements import ElementEffect, change_elements
 from stiffscope.effects.vocabulary import apply_effect, find_candidates
 from stiffscope.errors import InputError
@@ -349,6 +349,13 @@ def test_a_robot_is_plausible_as_it_is(name):
         if candidate.scale and not candidate.is_nuisance:
             values = candidate.physical(np.zeros(count))
             assert all(plausible(candidate, values, np.zeros(len(values)))), candidate.name
+
+
+def test_no_uncertainty_excuses_a_payload_that_is_nowhere():
+    """Its centre is moments over mass, which may be next to zero."""
+    payload = Candidate("payload", "hand", ("mass", "x"), ("kg", "m"), (0.2, 0.02), ((0.0, 3.0), (-0.5, 0.5)))
+    assert plausible(payload, np.array([0.3, 0.7]), np.array([0.1, 0.1])) == [True, True]
+    assert plausible(payload, np.array([0.0, 7e7]), np.array([0.2, 5e9])) == [True, False]
 
 
 def test_what_is_tried_for_the_next_reading_is_within_reach_by_itself(monkeypatch):

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
 
 SIGNIFICANT = 3.0  # least significant deviation from the plausible range, standard deviations
+_SENSIBLE = 100.0  # times its range: largest uncertainty of a parameter that says anything
 
 
 def physical_sigma(candidate: Candidate, internal: Array, covariance: Array) -> Array:
@@ -33,11 +34,13 @@ def own_part(hypothesis: Hypothesis, name: str) -> tuple[Array, Array]:
 
 
 def plausible(candidate: Candidate, values: Array, sigma: Array) -> list[bool]:
-    """Return whether each physical parameter is within its range or insignificantly beyond."""
-    return [
-        bool(low - SIGNIFICANT * s <= v <= high + SIGNIFICANT * s)
-        for v, s, (low, high) in zip(values, sigma, candidate.plausible, strict=True)
-    ]
+    """Return whether each physical parameter is within its range or insignificantly beyond.
+
+    An uncertainty far above the range excuses none: the centre of a payload without mass has it.
+    """
+    known = zip(values, sigma, candidate.plausible, strict=True)
+    rows = ((v, SIGNIFICANT * s if s < _SENSIBLE * (high - low) else 0.0, low, high) for v, s, (low, high) in known)
+    return [bool(low - away <= v <= high + away) for v, away, low, high in rows]
 
 
 def implausible(

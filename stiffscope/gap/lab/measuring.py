@@ -259,7 +259,7 @@ def _displacements(
     cases[:, :, response.dead + 1 :] = _settle_slots(machine, response, force, gaps=True)
     rigid: list[Array] = []
     for s in channels:
-        moved = response.shift(Spot(s.node, s.at)) - response.shift(Spot(s.against, s.at))
+        moved = response.shift(Spot(s.node, s.at)) - response.shift(Spot(s.node, s.at), s.against)
         rigid.append(_read_channel(machine.instrument, s, moved))
     shift = np.stack(rigid, axis=1) @ _make_mixing(machine.instrument, channels).T
     return shift[:, None] + np.einsum("nkc,nmc->nmk", seen, cases)

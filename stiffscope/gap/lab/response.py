@@ -65,11 +65,15 @@ class Response:
         """Return the twists (n, 6, cases) of a spot."""
         return lever(self.true.point(spot.node, spot.at)) @ self.twists[spot.node]
 
-    def shift(self, spot: Spot) -> Array:
-        """Return the twist (n, 6) of a spot from its assumed to its true pose without weights."""
-        moved = self.true.point(spot.node, spot.at) - self.nominal.point(spot.node, spot.at)
-        back = np.swapaxes(self.nominal.rotation[spot.node], -1, -2)
-        return np.concatenate([moved, vector_of(self.true.rotation[spot.node] @ back)], axis=1)
+    def shift(self, spot: Spot, carrier: str = "") -> Array:
+        """Return the twist (n, 6) of a spot from its assumed to its true pose without weights.
+
+        It is that of a carrier where the spot is assumed, or of its own node.
+        """
+        node, place = carrier or spot.node, self.nominal.point(spot.node, spot.at)
+        turned = self.true.rotation[node] @ np.swapaxes(self.nominal.rotation[node], -1, -2)
+        arm = (turned @ (place - self.nominal.position[node])[..., None])[..., 0]
+        return np.concatenate([arm + self.true.position[node] - place, vector_of(turned)], axis=1)
 
 
 def tool_spot(machine: Machine) -> Spot:
