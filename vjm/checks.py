@@ -21,7 +21,9 @@ BASE = "<base>"
 TOOL = "<tool>"
 _SYMMETRY = 1e-6  # relative; published matrices are rounded
 _INDEFINITE = -1e-9
-_PARALLEL = 1e-6
+PARALLEL = 1e-6
+"""Sine of the angle below which two directions are parallel."""
+_EQUAL = 1e-9  # of a unit vector's components
 
 
 def check_compliance(matrix: ArrayLike, name: str, *, semidefinite: bool = False, ends: int = 1) -> Array:
@@ -152,10 +154,11 @@ def axes_along(
         Fields of x and y, for messages.
     """
     along = check_direction(x, f"{name}.{keys[0]}")
-    following = np.eye(3)[(int(np.argmax(np.abs(along))) + 1) % 3]
+    near = np.abs(along)
+    following = np.eye(3)[(int(np.argmax(near > near.max() - _EQUAL)) + 1) % 3]
     side = following if y is None else check_direction(y, f"{name}.{keys[1]}")
     normal = np.cross(along, side)
-    if np.linalg.norm(normal) < _PARALLEL:
+    if np.linalg.norm(normal) < PARALLEL:
         expected = f"a direction other than {keys[0]}"
         raise InputError(f"{name}.{keys[1]}: expected {expected}, got {side.tolist()}")
     normal = normal / np.linalg.norm(normal)

@@ -17,7 +17,7 @@ from stiffscope.robot.file.parse import FieldError, blame, split_place
 from stiffscope.robot.file.part_sections import ParametricPart, solid_length
 from stiffscope.robot.file.sections import Bearing, ElasticBody, RigidBody
 from stiffscope.robot.file.tables import one_of
-from stiffscope.robot.mechanism_of import rigid_mechanism
+from stiffscope.robot.mechanism_of import rigid_mechanism, written_axes
 from stiffscope.vjm.joints import DRIVEN
 
 if TYPE_CHECKING:
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.file.positions import Key
-    from stiffscope.robot.file.sections import JointSection
 
 SAME_LENGTH = 1e-4  # relative tolerance; coordinates are often rounded to 0.01 mm
 _ROUNDED = 1e-9  # relative tolerance of moments of inertia
@@ -155,17 +154,18 @@ def _check_joint(robot: RobotFile, name: str, known: Mapping[str, str]) -> None:
         if sine < _PARALLEL:
             message = f"expected a direction other than axis, got {list(axis2)}"
             raise FieldError((*key, "axis2"), message)
-    _check_bearing(key, joint)
+    _check_bearing(robot, name)
 
 
-def _check_bearing(key: tuple[str, ...], joint: JointSection) -> None:
+def _check_bearing(robot: RobotFile, name: str) -> None:
     """Refuse a joint's compliance beside a bearing or along the direction of its drive."""
+    joint, key = robot.joints[name], ("joints", name)
     if joint.bearing is not None:
         if joint.compliance is not None:
             message = "expected none beside a bearing, whose data give it, got one"
             raise FieldError((*key, "compliance"), message)
         with blame(*key, "bearing", inner=True):
-            joint.yielding(np.eye(3))
+            joint.yielding(written_axes(robot, name))
     if getattr(joint, "drive", None) is None or joint.compliance is None:
         return
     along = DRIVEN[joint.type]

@@ -119,15 +119,21 @@ def _bearing(robot: RobotFile, name: str, joint: JointSection) -> np.ndarray | N
 
     A copy's bearing is that of its original, rotated with it and expressed in the copy's own axes.
     """
-    turn = robot.copied[name].rotation if name in robot.copied else np.eye(3)
-    written, here = (_axes(joint, rotation) for rotation in (turn.T, np.eye(3)))
+    written = written_axes(robot, name)
     matrix = joint.yielding(written)
     if not matrix.any():
         return None
     if name not in robot.copied:
         return matrix
-    relative = np.kron(np.eye(2), here.T @ turn @ written)
+    here = _axes(joint, np.eye(3))
+    relative = np.kron(np.eye(2), here.T @ robot.copied[name].rotation @ written)
     return relative @ matrix @ relative.T
+
+
+def written_axes(robot: RobotFile, name: str) -> np.ndarray:
+    """Return the axes (3, 3) of a joint as written in the file: those of a copy before its rotation."""
+    turn = robot.copied[name].rotation.T if name in robot.copied else np.eye(3)
+    return _axes(robot.joints[name], turn)
 
 
 def _axes(joint: JointSection, rotation: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Bearings, guides and screws of joints from their data sheets, from the robot file to the robot."""
 
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.parameters import parameters
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import read_robot
-from stiffscope.vjm.screws import shift
+from stiffscope.vjm.screws import rotation_of, shift
 from stiffscope.vjm.statics import stiffness
 
 BALLS = 'kind = "angular-contact", balls = 16, ball = "12 mm", pitch = "80 mm", angle = "25 deg", preload = "500 N"'
@@ -98,6 +99,89 @@ def test_a_guide_and_a_screw_make_a_slide():
     k = k_of(robot_of(SLIDE))
     expected = [axial, 4 * 300e6, 4 * 200e6, 4 * 300e6 * 0.1**2, 4 * 200e6 * 0.075**2, 4 * 300e6 * 0.075**2]
     assert np.diag(k) == pytest.approx(expected, rel=1e-9)
+
+
+GUIDE = """
+[bodies.spindle]
+[joints.turn]
+between = ["ground", "spindle"]
+type = "revolute"
+at = [0, 0, 0]
+axis = AXIS
+drive = { stiffness = 2e5 }
+[bodies.table]
+[joints.slide]
+between = ["spindle", "table"]
+type = "prismatic"
+at = [0, 0, 0]
+axis = AXIS
+SPRING
+[[joints.slide.bearing]]
+kind = "linear-guide"
+vertical = 3e8
+lateral = 2e8
+rails = 2
+rail_spacing = 0.2
+carriages = 2
+carriage_spacing = 0.15
+normal = NORMAL
+[tool]
+body = "table"
+at = [0, 0, 0]
+pose = ["POSE"]
+"""
+
+
+def guided(axis, normal, spring, more=""):
+    text = GUIDE.replace("AXIS", str(list(axis))).replace("NORMAL", str(list(normal))).replace("SPRING", spring)
+    text = text.replace("POSE", "r" + "xyz"[np.argmax(np.abs(axis))])
+    return robot_of(text + more)
+
+
+@pytest.mark.parametrize("spring", ["drive = { stiffness = 1e7 }", "spring = 1e7"])
+def test_a_guide_is_as_stiff_in_any_direction(spring):
+    """The robot with axis x and normal z, turned: K is turned with it; the screw axis is the rail."""
+    k = np.diag([1e7, 8e8, 12e8, 1 / (1 / 2e5 + 1 / 12e6), 12e8 * 0.075**2, 8e8 * 0.075**2])
+    turns = [rotation_of(each) for each in np.random.default_rng(3).normal(size=(20, 3))]
+    ways = [(x, y) for x, y in product(np.vstack([np.eye(3), -np.eye(3)]), repeat=2) if x @ y == 0.0]
+    turns += [np.column_stack([x, np.cross(z, x), z]) for x, z in [*ways, ([1, 1, 0], [0, 0, 1])]]
+    for turn in turns:
+        robot = guided(turn[:, 0].tolist(), (turn[:, 2] + 0.3 * turn[:, 0]).tolist(), spring)
+        both = np.kron(np.eye(2), turn / np.linalg.norm(turn, axis=0))
+        expected = both @ k @ both.T
+        found = stiffness(mechanism_of(robot, part_matrices(robot)), [robot.poses["home"]])[0]
+        assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * k.max())
+
+
+@pytest.mark.parametrize("axis", [[1, 1, 0], [0, 0, 1], [0.3, -0.5, 0.8]])
+@pytest.mark.parametrize("normal", ["", "normal = [1, -1, 0.2]"])
+def test_a_copied_guide_is_its_original_turned(axis, normal):
+    copies = """
+[[copies]]
+of = "slide"
+as = ["other"]
+axis = [0, 0, 1]
+angles = ["6 deg"]  # rounding makes y the largest component of [1, 1, 0], turned and back
+"""
+    text = GUIDE[: GUIDE.index("[bodies.spindle]")] + GUIDE[GUIDE.index("[bodies.table]") :]
+    text = text.replace("normal = NORMAL", normal).replace("AXIS", str(axis)).replace("SPRING", "")
+    text = text.replace("POSE", "x")
+    text = text.replace("bodies.table", "bodies.slide").replace('"table"', '"slide"').replace("spindle", "ground")
+    robot = robot_of(text + copies)
+    turn = robot.copied["other"].rotation
+    one, other = (
+        np.kron(np.eye(2), each.axes) @ each.compliance @ np.kron(np.eye(2), each.axes).T
+        for each in mechanism_of(robot, {}).joints
+    )
+    both = np.kron(np.eye(2), turn)
+    assert other == pytest.approx(both @ one @ both.T, rel=1e-9, abs=1e-9 * np.abs(one).max())
+
+
+def test_a_normal_along_the_rail_is_refused():
+    with pytest.raises(
+        InputError, match=r"robot.toml:\d+: joints.slide.bearing.normal: expected a direction across the"
+    ):
+        guided([0, 1, 0], [0, -2, 0], "spring = 1e7")
 
 
 def test_its_numbers_can_be_set_and_varied():

@@ -17,7 +17,7 @@ from stiffscope.robot.file.parse import Source, blame, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import Says, Section
 from stiffscope.vjm import machine_elements as me
-from stiffscope.vjm.checks import axes_along
+from stiffscope.vjm.checks import PARALLEL
 from stiffscope.vjm.rolling import LINE, POINT
 from stiffscope.vjm.screws import shift
 
@@ -54,7 +54,7 @@ class ElementSection(Section):
         raise NotImplementedError
 
     def turn(self, axes: np.ndarray) -> np.ndarray:
-        """Return the rotation (3, 3) from own axes to the joint's; ``axes`` (3, 3) in base axes."""
+        """Return the rotation (3, 3) about x from own to joint axes; ``axes`` (3, 3) in base axes."""
         del axes
         return np.eye(3)
 
@@ -214,8 +214,15 @@ class LinearGuide(ElementSection):
         """See `ElementSection`."""
         if self.normal is None:
             return np.eye(3)
-        across = np.cross(self.normal, axes[:, 0])
-        return axes.T @ axes_along(axes[:, 0], across, "bearing.normal")
+        across = axes.T @ np.cross(self.normal, axes[:, 0])
+        cosine, sine = across[1:]
+        size = float(np.hypot(cosine, sine))
+        if size < PARALLEL * float(np.linalg.norm(self.normal)):
+            expected = "a direction across the joint's axis"
+            got = f"one along it, {list(self.normal)}"
+            raise InputError(f"bearing.normal: expected {expected}, got {got}")
+        turn = np.array([[size, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
+        return turn / size  # its zeros are exact: what is free before it is free after it
 
     def element(self) -> me.MachineElement:
         """See `ElementSection`."""
