@@ -1,5 +1,8 @@
 """A robot file of any mechanism: what it means, and that errors name file, line, field and what would be valid."""
 
+from pathlib import Path
+from time import perf_counter
+
 import numpy as np
 import pytest
 
@@ -9,7 +12,7 @@ from stiffscope.robot.library import copy_robot, find_robot, robot_names
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.parameters import parameters
 from stiffscope.robot.part_matrices import PartMatrix, needed_experiments, part_matrices
-from stiffscope.robot.reader import load_robot, pose_of
+from stiffscope.robot.reader import load_robot, pose_of, read_robot
 from tests.robot import at_home
 
 TEXT = """name = "delta"
@@ -146,6 +149,26 @@ def test_copies_are_turned_and_renamed(read):
     assert robot.joints["leg2.wrist"].between == ("leg2.rod.tip", "platform")
     assert robot.joints["leg3.motor"].between == ("ground", "leg3.arm.base")
     assert robot.copied["leg3.arm"].name == "leg1.arm"
+
+
+def _nest(entries, each):
+    sets = [[f"q.{k}{n}" for n in range(each)] for k in range(entries)]
+    turns = [f'"{n + 1} deg"' for n in range(each)]
+    copies = (
+        f"[[copies]]\nof = 'q'\nas = {names}\naxis = [0, 0, 1]\nangles = [{', '.join(turns)}]\n" for names in sets
+    )
+    joint = '[joints.q]\nbetween = ["ground", "q"]\ntype = "fixed"\nat = [0, 0, 0]\n'
+    tool = '[tool]\nbody = "q"\nat = [0, 0, 0]\npose = ["x"]\n'
+    return f"[bodies.q]\n{joint}{tool}{''.join(copies)}"
+
+
+def test_copies_within_their_own_set_do_not_multiply():
+    """Three entries that copy each other's copies are refused at once; thirty copies of one set are thirty."""
+    start = perf_counter()
+    with pytest.raises(InputError, match=r"^r.toml:\d+: copies\[0\].of: expected a set that is no copy of its copy"):
+        read_robot(Path("r.toml"), _nest(3, 4))
+    assert len(read_robot(Path("r.toml"), _nest(1, 30)).bodies) == 31
+    assert perf_counter() - start < 1.0
 
 
 def test_a_copy_of_a_copy_and_a_copy_within_a_set(read):

@@ -50,10 +50,11 @@ def make_copies(data: dict[str, Any]) -> dict[str, Turned]:
     for number in _order(entries):
         entry = entries[number]
         _check(tables, entry, number)
+        found = [_find_within(table, entry.of) for table in tables]  # without the copies
         for new, angle in zip(entry.as_, entry.angles, strict=True):
             turn = rotation(np.array(entry.axis) / np.linalg.norm(entry.axis), angle)
-            for table in tables:
-                for name in _find_within(table, entry.of):
+            for table, names in zip(tables, found, strict=True):
+                for name in names:
                     made = rename(name, entry.of, new)
                     origin = copied.get(name, Turned(name, np.eye(3)))
                     copied[made] = Turned(origin.name, turn @ origin.rotation)
@@ -63,7 +64,7 @@ def make_copies(data: dict[str, Any]) -> dict[str, Turned]:
 
 def copied_names(data: Mapping[str, Any], written: Iterable[str]) -> Iterator[str]:
     """Yield the names that `[[copies]]` will create, from unchecked data."""
-    names = list(written)
+    names = dict.fromkeys(written)
     listed = data.get("copies", [])
     entries = [each for each in listed if isinstance(each, dict)]
     for _ in entries:  # copies of copies need further passes
@@ -72,8 +73,10 @@ def copied_names(data: Mapping[str, Any], written: Iterable[str]) -> Iterator[st
             for name in _find_within(names, str(entry.get("of"))):
                 for made in new if isinstance(new, list) else []:
                     copied = rename(name, str(entry["of"]), str(made))
+                    if len(names) > MOST:  # refused later
+                        return
                     if copied not in names:
-                        names.append(copied)
+                        names[copied] = None
                         yield copied
 
 
