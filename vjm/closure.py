@@ -37,7 +37,7 @@ _NEAR = 1e-6  # of a first step that needs no such check
 _STILL = 1e-4  # rad or relative length: first step after which the next may reuse the factors
 _STRAGGLERS = 0.25  # fraction of the poses that continue separately
 _FAR = 0.7  # rad or relative length, of a first step
-_PASSIVE_FIRST = 1e-4  # weight of driven columns: passive ones take the motion if there is a choice
+_LATER = 1e-4  # weight of columns that others replace if there is a choice
 
 
 Factors: TypeAlias = "SparseFactors | DenseFactors"
@@ -97,8 +97,11 @@ class Closure:
         self._order(q)
 
     def _independent_columns(self, whole: Array, unknown: list[int]) -> list[int]:
-        weight = np.where(np.isin(unknown, self.linkage.driven), _PASSIVE_FIRST, 1.0)
-        return [unknown[k] for k in _find_independent(whole[:, unknown] * weight)]
+        """Choose passive columns first, then drives; sprung ones only for what these cannot do."""
+        sprung = self.linkage.sprung
+        free = [c for c in unknown if c not in sprung]
+        chosen = _choose(whole, free, self.linkage.driven)
+        return _choose(whole, [*chosen, *sprung], sprung) if sprung else chosen
 
     def _order(self, q: Array) -> None:
         """Choose pivots by Markowitz's rule, and find the fill of the factors."""
@@ -301,6 +304,12 @@ class DenseFactors:
     def solve(self, right: Array) -> Array:
         """Return the solution (columns, n) for one right-hand side."""
         return (self.inverse @ right.T[..., None])[..., 0].T
+
+
+def _choose(whole: Array, columns: list[int], later: list[int]) -> list[int]:
+    """Return independent columns; those that come ``later`` only if the others do not suffice."""
+    weight = np.where(np.isin(columns, later), _LATER, 1.0)
+    return [columns[k] for k in _find_independent(whole[:, columns] * weight)]
 
 
 def _find_independent(matrix: Array) -> list[int]:

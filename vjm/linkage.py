@@ -125,12 +125,12 @@ class Linkage:
         self.scale = scale
 
     def _tree(self, joints: list[Joint], links: int) -> set[str]:
-        """Grow the tree (Kruskal): few unknowns first, driven before passive; cut the freest."""
+        """Grow the tree (Kruskal): sprung joints, few unknowns, drives first; cut the freest."""
 
-        def unknown(j: Joint) -> tuple[float, bool]:
+        def unknown(j: Joint) -> tuple[bool, float, bool]:
             count = sum(3 if kind == "S" else 1 for kind, _ in j.motions)
             known = j.drive is not None and self.given == "drives"
-            return count - known, j.drive is None
+            return j.spring is None, count - known, j.drive is None
 
         joined: Any = DisjointSet(range(links))
         if self.given == "tool":
@@ -192,6 +192,12 @@ class Linkage:
         """Columns of the drives in the tree, in the mechanism's order."""
         drives = [j for j in self.mechanism.drives if j.name in self.columns]
         return [self.columns[j.name][j.driven or 0] for j in drives]
+
+    @property
+    def sprung(self) -> list[int]:
+        """Columns of passive joints with springs in the tree."""
+        sprung = [j for j in self.mechanism.joints if j.spring is not None]
+        return [c for j in sprung for c in self.columns.get(j.name, ())]
 
     def place_links(self, q: Array) -> Placed:
         """Place links at coordinates (m, n)."""

@@ -196,12 +196,13 @@ def _of_mobility(found: Mobility, start: str | None = None) -> Iterator[str]:
 
 
 def _of_choice(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
-    """Yield a remark on the drives held at home if a pose has a continuum of configurations."""
+    """Yield a remark on drives and springs held at home if a pose leaves a continuum of configurations."""
     motions = found.dof - found.idle_count
     ways = motions - len(mechanism.tool.pose)
     solver = find_solver(mechanism, "tool")
     columns, held = solver.linkage.columns, set(solver.closure.held)
-    still = [j.name for j in mechanism.drives if held.intersection(columns.get(j.name, ()))]
+    able = [j for j in mechanism.joints if j.drive is not None or j.spring is not None]
+    still = [j.name for j in able if held.intersection(columns.get(j.name, ()))]
     if ways > 0 and still:
         stay = f"{list_names(still)} {'stays' if len(still) == 1 else 'stay'} as at home"
         yield f"[tool] pose leaves {ways} of {motions} motions open: {stay}"

@@ -9,8 +9,10 @@ import pytest
 
 from stiffscope.data import FOLDER
 from stiffscope.robot.inspection import inspect_robot, inspection_json
+from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.reader import load_robot, read_robot
 from stiffscope.runtime.json_text import to_json
+from stiffscope.vjm.kinematics import configure
 from tests.robot.test_reader import TEXT
 
 ROBOTS = FOLDER / "robots"
@@ -146,6 +148,52 @@ def test_rounded_coordinates_are_told(tmp_path):
     found = inspect_robot(changed("biglide", tmp_path, (old, old.replace("[0, 1, 0]", "[1e-6, 1, 0]"))))
     assert any("are coordinates rounded?" in each for each in found.remarks)
     assert not any("are coordinates rounded?" in each for each in inspect_robot(load_robot("biglide")).remarks)
+
+
+FLEXURE = """
+[bodies.table]
+[bodies.head]
+[joints.motor]
+between = ["ground", "table"]
+type = "revolute"
+at = [0, 0, 0]
+axis = [0, 0, 1]
+drive = { stiffness = "50 kN*m/rad" }
+[joints.hinge]
+between = ["table", "head"]
+type = "revolute"
+at = [0.3, 0, 0]
+axis = [0, 0, 1]
+spring = "30 kN*m/rad"
+[tool]
+body = "head"
+at = [0.4, 0.1, 0]
+pose = ["rz"]
+[poses]
+turned = ["30 deg"]
+"""
+
+
+@pytest.mark.parametrize("pose", ["rz", "y"])
+def test_drives_reach_a_pose_before_flexures_bend(pose):
+    """A motor and a flexure that both turn the tool: the flexure stays at rest, which is told."""
+    text = FLEXURE.replace('"rz"', f'"{pose}"').replace('"30 deg"', {"rz": '"30 deg"', "y": "0.2"}[pose])
+    robot = read_robot(Path("flexure.toml"), text)
+    at = configure(rigid_mechanism(robot), [robot.poses["turned"]])
+    assert at.coordinates("hinge") == pytest.approx(0.0, abs=1e-12)
+    assert at.valid.all()
+    assert abs(at.drives[0, 0]) > 0.2
+    remarks = inspect_robot(robot).remarks
+    assert any("leaves 1 of 2 motions open: hinge stays as at home" in each for each in remarks)
+
+
+def test_a_flexure_bends_where_no_drive_reaches():
+    """A motor about z and a flexure about y, with the pose ry: the flexure alone turns the tool so."""
+    across = FLEXURE.replace('"rz"', '"rz", "ry"').replace('["30 deg"]', '["30 deg", "5 deg"]')
+    robot = read_robot(Path("flexure.toml"), across.replace("0, 0, 1]\nspring", "0, 1, 0]\nspring"))
+    at = configure(rigid_mechanism(robot), [robot.poses["turned"]])
+    assert at.valid.all()
+    assert abs(at.coordinates("hinge")).max() > 0.05
 
 
 def test_drives_that_a_pose_does_not_tell_are_named():
