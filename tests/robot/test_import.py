@@ -230,6 +230,30 @@ def test_a_platform_that_hangs_on_closures_and_two_hinges_of_one_body(imported):
     assert at_home.motions(robot, driven=False).shape[1] == len(robot.tool.pose) == 3
 
 
+PAN_TILT = """<mujoco><worldbody><body name="head">
+  <joint name="pan" axis="0 0 1"/><joint name="tilt" axis="0 1 0"/><geom size=".1" pos=".1 0 .2"/>
+</body></worldbody></mujoco>"""
+
+
+def test_hinges_of_one_body_that_cross_are_merged_and_told(imported):
+    model, robot, _ = imported(PAN_TILT, ".xml")
+    assert {name: joint.type for name, joint in robot.joints.items()} == {"pan": "universal"}
+    assert "pan and tilt of head are one universal joint here, pan; name one with --drive to have two" in model.notes
+
+
+@pytest.mark.parametrize(
+    ("drives", "ranged"), [(["pan=1e4", "tilt=1e4"], ""), (["t*=1e4"], ""), ([], "pan"), ([], "tilt")]
+)
+def test_hinges_that_a_drive_or_range_names_stay_two(imported, drives, ranged):
+    text = PAN_TILT.replace(f'"{ranged}"', f'"{ranged}" range="-30 50"')
+    model, robot, text = imported(text, ".xml", drives=drives)
+    assert [joint.type for joint in robot.joints.values()] == ["revolute", "revolute"]
+    assert robot.joints["pan"].between[1] == robot.joints["tilt"].between[0]
+    assert (robot.joints["tilt"].drive is not None) == bool(drives)
+    assert ("range = [-0.523598775598, 0.872664625997]" in text) == bool(ranged)
+    assert not any("universal" in note for note in model.notes)
+
+
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [

@@ -47,7 +47,7 @@ def import_model(
     path, out, urdf = Path(path), Path(out), is_urdf(read_bytes(path, "a model in URDF or MJCF"))
     if materials and not urdf:
         raise InputError(f"--material: expected a STEP assembly or a URDF, got {path.name}")
-    model = read_model(path, tool, _positions(home))
+    model = read_model(path, tool, _positions(home), [each.partition("=")[0].strip() for each in drives])
     model, parts = add_solids(path, model, materials) if urdf else (model, [])
     lines = part_lines(parts, out)
     text = robot_text(model, print_safely(path.name), driven(model, drives), parts=lines)

@@ -6,6 +6,7 @@ parameters serve control and time integration: they are reported for the user to
 
 from __future__ import annotations
 
+import fnmatch
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +17,7 @@ from stiffscope.robot.imports.compiled_model import GROUND, compile_at_home, pri
 from stiffscope.robot.imports.model_tool import find_tool, movable_coordinates
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from stiffscope.robot.imports.compiled_model import CompiledModel
     from stiffscope.runtime.types import Array
@@ -78,16 +79,19 @@ class SimulatorModel:
     notes: tuple[str, ...]
 
 
-def read_model(path: str | Path, tool: str | None = None, home: Mapping[str, float] | None = None) -> SimulatorModel:
+def read_model(
+    path: str | Path, tool: str | None = None, home: Mapping[str, float] | None = None, drives: Sequence[str] = ()
+) -> SimulatorModel:
     """Read a URDF or MJCF file, whose meshes need not exist, as a model at its home.
 
     ``tool``: body or site; by default a usually named site, else the last body of the longest
     chain. ``home``: positions of hinges (rad) and slides (m); by default those of the keyframe
-    "home" or the zero pose, as far as loops permit. Raises InputError if MuJoCo is missing, the
+    "home" or the zero pose, as far as loops permit. ``drives``: patterns of joints that will be
+    driven. Raises InputError if MuJoCo is missing, the
     file is not a model, loops do not close, or there is no such tool.
     """
     source = compile_at_home(Path(path), home or {})
-    joints = _name_apart([*_tree_joints(source), *_closing_joints(source)])
+    joints = _name_apart([*_tree_joints(source, drives), *_closing_joints(source)])
     bodies = [_merge(source, number, name) for number, name in source.movers.items() if number]
     if bare := [body.name for body in bodies if not body.mass]:
         source.notes.append(f"the source gives no mass of {', '.join(bare)}")
@@ -150,13 +154,18 @@ def _note_omissions(source: CompiledModel, joints: Iterable[ModelJoint]) -> None
         source.notes.append(f"{far}: check that lengths of the source are in m")
 
 
-def _tree_joints(source: CompiledModel) -> Iterator[ModelJoint]:
+def _tree_joints(source: CompiledModel, drives: Sequence[str]) -> Iterator[ModelJoint]:
     """Yield the tree's joints; several joints of a body form a chain of massless bodies."""
     m = source.model
     for body, name in source.movers.items():
         first, count = int(m.body_jntadr[body]), int(m.body_jntnum[body])
         found = [_tree_joint(source, first + n) for n in range(count)]
-        joints = _universals([joint for joint in found if joint is not None])
+        joints = [joint for joint in found if joint is not None]
+        if _are_universal(joints, drives):
+            one, two = joints
+            joints = [replace(one, kind="universal", axis2=two.axis)]
+            merged = f"{one.name} and {two.name} of {name} are one universal joint here, {one.name}"
+            source.notes.append(f"{merged}; name one with --drive to have two")
         parent = source.mover(int(m.body_parentid[body])) if body else GROUND
         for place, joint in enumerate(joints):
             here = name if place == len(joints) - 1 else f"{name}.{place + 1}"
@@ -273,12 +282,12 @@ def find_distances(joints: Iterable[Any], ground: Any) -> dict[Any, int]:
     return distances
 
 
-def _universals(joints: list[ModelJoint]) -> list[ModelJoint]:
-    """Merge two undriven hinges of one body that cross at right angles to a universal joint."""
-    if len(joints) != 2 or any(joint.kind != "revolute" or joint.note for joint in joints):
-        return joints
+def _are_universal(joints: list[ModelJoint], drives: Sequence[str]) -> bool:
+    """Return whether these are two hinges without drives and ranges that cross at right angles."""
+    if len(joints) != 2 or any(joint.kind != "revolute" or joint.note or joint.range for joint in joints):
+        return False
     one, two = joints
     cosine = np.vdot(np.asarray(one.axis), np.asarray(two.axis))
-    if np.linalg.norm(one.at - two.at) > _SAME_POINT or abs(cosine) > _SQUARE:
-        return joints
-    return [replace(one, kind="universal", axis2=two.axis, range=None)]
+    if any(joint.name in drives or any(fnmatch.filter([joint.name], each) for each in drives) for joint in joints):
+        return False
+    return bool(np.linalg.norm(one.at - two.at) <= _SAME_POINT and abs(cosine) <= _SQUARE)
