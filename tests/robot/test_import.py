@@ -175,6 +175,18 @@ def test_a_mimic_joint_is_told_and_moves_freely(imported):
         (ARM.replace('lower="-1" upper="2"', 'lower="1" upper="2"'), ".urdf", "home of shoulder is beyond its range"),
         (ARM.replace('<origin xyz="0.1 0 0"/><axis', '<origin xyz="100 0 0"/><axis'), ".urdf",
          "m from the origin: check that lengths"),
+        (ARM.replace('rpy="0 0 1.57', 'rpy="0 0 90.0'), ".urdf",
+         'line 16: origin.rpy = "0 0 90.007963267948966" is beyond 2π rad: is it in degrees?'),
+        (ARM.replace('lower="-1" upper="2"', 'lower="-90" upper="2"'), ".urdf",
+         'line 17: limit.lower = "-90" is beyond 2π rad: is it in degrees?'),
+        (ARM.replace('<limit lower="-0.1"', '<mimic joint="slide"/><limit lower="-0.1"'), ".urdf",
+         "line 24: joint slide mimics itself, which is left out"),
+        (ARM.replace('ixx="0.01" iyy="0.02" izz="0.02"', 'ixx="100" iyy="200" izz="200"'), ".urdf",
+         "the inertia of upper is that of a body far larger than the robot (0.167 m): check that it is in kg·m²"),
+        (FOUR_BAR.replace('"crank"', '"crank" gravcomp="1"'), ".xml",
+         "gravity compensation (gravcomp) of crank is left out: its whole weight acts here"),
+        (FOUR_BAR.replace('-4"/>', '-4"><flag gravity="disable"/></option>'), ".xml",
+         "the source disables gravity; it acts here"),
         (FOUR_BAR.replace('kp="1234"', 'kp="-5"'), ".xml", "position gains (kp) of motor are below zero and left out"),
     ],
 )  # fmt: skip
@@ -182,6 +194,12 @@ def test_doubtful_numbers_are_told(imported, text, suffix, note):
     model, robot, _ = imported(text, suffix)
     assert note in " ".join(model.notes)
     assert len(robot.joints) >= 2
+
+
+def test_usual_numbers_are_not_doubted(imported):
+    endless = ARM.replace('"revolute"', '"continuous"').replace('lower="-1" upper="2" effort="10"', 'effort="inf"')
+    model, *_ = imported(endless.replace('rpy="0 0 1.57', 'rpy="6.2832 0 1.57'), ".urdf")
+    assert not any("2π" in note or "inertia" in note or "gravity" in note for note in model.notes)
 
 
 def test_gains_and_masses_that_are_not_taken_are_told(imported):
@@ -302,6 +320,8 @@ def test_refusals(imported, tmp_path, text, options, message):
         ('<joint name="weld"', '<xacro:arm prefix="l"/><joint name="weld"', "19: xacro:arm: expected a URDF without"),
         ('iyz="0"/></inertial>\n  </link>\n  <joint', 'iyz="inf"/></inertial>\n  </link>\n  <joint',
          r'13: inertia\.iyz: expected finite numbers, got "inf"'),
+        ('lower="-1"', 'lower="-inf"', r'17: limit\.lower: expected finite numbers, got "-inf"'),
+        ('upper="0.2"', 'upper="nan"', r'24: limit\.upper: expected finite numbers, got "nan"'),
     ],
 )  # fmt: skip
 def test_words_of_urdf_that_a_parser_passes_over_are_refused(imported, old, new, message):

@@ -18,7 +18,7 @@ from stiffscope.robot.file.tables import unknown_key
 from stiffscope.runtime.reading import read_bytes
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     from stiffscope.runtime.types import Array
@@ -27,6 +27,7 @@ GROUND = "ground"
 CLOSED = 1e-10  # m, rad: largest error of a closed loop
 _ROUNDS = 100
 _MODEL = "a model in URDF or MJCF"
+_TURN = 1.01 * 2.0 * np.pi  # rad: hardly any angle is larger, unless it is in degrees
 _FARTHEST = 1e6  # m: of a place in a model
 _URDF = {
     "origin": ("xyz", "rpy"), "axis": ("xyz",), "mass": ("value",),
@@ -123,8 +124,7 @@ def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
             "install it by: python -m pip install mujoco"
         ) from error
     content = read_bytes(path, _MODEL)
-    if is_urdf(content):
-        _check_urdf(path, content)
+    doubts = _check_urdf(path, content) if is_urdf(content) else []
     library: Any = mujoco
     warnings: list[str] = []
     library.set_mju_user_warning(warnings.append)  # default: MUJOCO_LOG.TXT
@@ -138,7 +138,7 @@ def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
         library.set_mju_user_warning(None)
     if any("'NaN'" in each for each in warnings):
         raise InputError(f"{path}: expected {_MODEL} whose numbers are finite, got NaN")
-    compiled.notes += [print_safely(each) for each in dict.fromkeys(warnings)]
+    compiled.notes += [print_safely(each) for each in [*doubts, *dict.fromkeys(warnings)]]
     return compiled
 
 
@@ -184,10 +184,13 @@ def _compile(mj: Any, path: Path, content: bytes) -> tuple[Any, list[str]]:
     return model, [f"read without its meshes ({first})", bare]
 
 
-def _check_urdf(path: Path, content: bytes) -> None:
-    """Refuse what MuJoCo accepts or does not name: misspelled words, numbers not finite, repeated names."""
-    parser, opened = expat.ParserCreate(), list[str]()
-    named = set[tuple[str, str]]()
+def _check_urdf(path: Path, content: bytes) -> list[str]:
+    """Refuse what MuJoCo accepts or does not name: misspelled words, numbers not finite, repeated names.
+
+    Returns notes on doubtful angles and on joints that mimic themselves.
+    """
+    parser, opened, doubts = expat.ParserCreate(), list[str](), list[str]()
+    named, joint = set[tuple[str, str]](), dict[str, str]()
 
     def look(element: str, attributes: Mapping[str, str]) -> None:
         place = f"{path}:{parser.CurrentLineNumber}: {print_safely(element)}"
@@ -201,17 +204,34 @@ def _check_urdf(path: Path, content: bytes) -> None:
             if not own[1] or own in named:
                 raise InputError(f'{place}.name: expected a name of its own, got {own[1] and "another "}"{own[1]}"')
             named.add(own)
+            joint.clear()
+            joint.update(attributes)
         opened.append(element)
+        kind = joint.get("type")
+        doubts.extend(f"line {parser.CurrentLineNumber}: {each}" for each in _doubt(element, attributes, joint))
         for name, text in attributes.items() if element in _URDF else ():
             if name not in _URDF[element]:
                 raise InputError(f"{place}: {unknown_key(name, _URDF[element])}")
             words = {word.lower().lstrip("+-") for word in text.split()}
-            if element != "limit" and words & {"inf", "nan", "infinity"}:
+            endless = name in {"effort", "velocity"} or (element == "limit" and kind == "continuous")
+            if not endless and words & {"inf", "nan", "infinity"}:
                 raise InputError(f'{place}.{name}: expected finite numbers, got "{text}"')
 
     parser.StartElementHandler, parser.EndElementHandler = look, lambda _: opened.pop()
     with contextlib.suppress(expat.ExpatError):  # MuJoCo says what is wrong
         parser.Parse(content, True)
+    return doubts
+
+
+def _doubt(element: str, attributes: Mapping[str, str], joint: Mapping[str, str]) -> Iterator[str]:
+    """Yield notes on an element of a URDF, the last joint so far given by its attributes."""
+    if element == "mimic" and attributes.get("joint") == joint.get("name"):
+        yield f"joint {joint.get('name')} mimics itself, which is left out"
+    turns = element == "origin" or (element == "limit" and joint.get("type") == "revolute")
+    for key in ("rpy", "lower", "upper") if turns else ():
+        with contextlib.suppress(ValueError):  # MuJoCo says what is wrong
+            if max((abs(float(each)) for each in attributes.get(key, "").split()), default=0.0) > _TURN:
+                yield f'{element}.{key} = "{attributes[key]}" is beyond 2π rad: is it in degrees?'
 
 
 def _check_spec(path: Path, spec: Any) -> None:

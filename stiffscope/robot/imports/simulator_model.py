@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 _LEAST_MASS = 1e-8  # kg; less is the minimum that MuJoCo assigns to massless bodies
 _SAME_POINT, _SQUARE = 1e-9, 1e-6
 _DYNAMICS = "stiffness", "damping", "armature", "friction"
+_WIDE = 10.0  # of the robot's size: radius of gyration beyond which an inertia is in another unit
 _LARGE = 30.0  # m: hardly any arm is as large, unless its lengths are in mm
 
 
@@ -105,6 +106,7 @@ def read_model(
             source.notes.append(f'"{name}" floats in the source; it is fixed to the ground here')
     bodies += [ModelBody(name, 0.0, np.zeros(3), np.zeros((3, 3))) for name in between]
     _note_omissions(source, joints)
+    _note_doubts(source, joints, bodies)
     body, at, where = find_tool(source, tool)
     pose = movable_coordinates(source, body, at)
     source.notes.append(f"tool: {where}; check body and point")
@@ -148,10 +150,27 @@ def _note_omissions(source: CompiledModel, joints: Iterable[ModelJoint]) -> None
     for word, names in (("tendons", source.labels("tendon", m.ntendon)), ("actuators of no joint", others)):
         if names:
             source.notes.append(f"{word} are left out: {', '.join(names)}")
-    size = float(max((np.abs(joint.at).max() for joint in joints), default=0.0))
-    if size > _LARGE:
-        far = f"joints are up to {size:.3g} m from the origin"
-        source.notes.append(f"{far}: check that lengths of the source are in m")
+    weightless = [name for number, name in source.movers.items() if m.body_gravcomp[number]]
+    if weightless:
+        left = f"gravity compensation (gravcomp) of {', '.join(weightless)} is left out"
+        source.notes.append(f"{left}: {'its' if len(weightless) == 1 else 'their'} whole weight acts here")
+    if m.opt.disableflags & int(source.mj.mjtDisableBit.mjDSBL_GRAVITY) and m.opt.gravity.any():
+        source.notes.append("the source disables gravity; it acts here")
+
+
+def _note_doubts(source: CompiledModel, joints: Iterable[ModelJoint], bodies: Iterable[ModelBody]) -> None:
+    """Note lengths and inertias that are probably in another unit."""
+    points = np.array([*(each.at for each in joints), *(each.centre for each in bodies if each.mass)]).reshape(-1, 3)
+    far = float(np.abs([joint.at for joint in joints]).max(initial=0.0))
+    if far > _LARGE:
+        apart = f"joints are up to {far:.3g} m from the origin"
+        source.notes.append(f"{apart}: check that lengths of the source are in m")
+    size = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
+    gyrating = ((b.name, np.linalg.eigvalsh(b.inertia)[-1] / b.mass) for b in bodies if b.mass)
+    wide = [name for name, square in gyrating if size and square > (_WIDE * size) ** 2]
+    if wide:
+        larger = f"the inertia of {', '.join(wide)} is that of a body far larger than the robot ({size:.3g} m)"
+        source.notes.append(f"{larger}: check that it is in kg·m²")
 
 
 def _tree_joints(source: CompiledModel, drives: Sequence[str]) -> Iterator[ModelJoint]:
