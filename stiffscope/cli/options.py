@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import logging
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,7 @@ import click
 
 from stiffscope.cli.output import Output
 from stiffscope.runtime.output import check_json, overwrite
+from stiffscope.runtime.reading import forget_opened
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,7 +33,9 @@ def takes(*options: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(command)
         def work(json: str | None = None, out: Path | None = None, *, quiet: bool, **given: Any) -> Any:
             output = Output(json, out, quiet)
-            output.check_folder(out)
+            texts = (each for each in given.values() if isinstance(each, str | Path))
+            output.check_folder(out, *(Path(each) for each in texts if os.path.isfile(each)))  # noqa: PTH113
+            forget_opened()
             return command(output=output, **given)
 
         for option in reversed((*options, force, quiet, debug)):

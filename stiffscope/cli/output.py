@@ -12,7 +12,7 @@ from stiffscope.report.progress import progress
 from stiffscope.report.terminal import record_shown, show_line
 from stiffscope.robot.inspection import doubt_matrices
 from stiffscope.runtime.cache import cache_folder
-from stiffscope.runtime.output import check_output, staged_folder, write_json
+from stiffscope.runtime.output import check_no_input, check_output, staged_folder, write_json
 from stiffscope.runtime.workshop import workshop
 
 if TYPE_CHECKING:
@@ -46,6 +46,11 @@ class Output:
         if self.folder is None:
             raise InputError("--out: expected a folder to write, got none")
         return self.folder
+
+    def check_json(self) -> None:
+        """Raise InputError if the JSON would replace a file that the command has read."""
+        if self.json:
+            check_no_input(self.json)
 
     def check_folder(self, folder: Path | None, *others: Path | None) -> None:
         """Raise InputError if a folder cannot be written or would contain another output."""
@@ -87,6 +92,7 @@ def emit(
     also
         Writes further files of the command after folder and JSON were written.
     """
+    output.check_json()
     if callable(answer) and (output.json or kept):
         answer = answer()
     if output.folder is not None and manifest is not None:
@@ -111,7 +117,8 @@ def emit(
 
 @contextmanager
 def open_workshop(output: Output) -> Iterator[Workshop]:
-    """Open a workshop with parallel jobs and progress on standard error."""
+    """Open a workshop with parallel jobs and progress on standard error, before a command's work."""
+    output.check_json()
     with progress(quiet=output.quiet) as open_line, workshop(open_line, together=True) as shop:
         yield shop
 

@@ -14,7 +14,9 @@ import pytest
 from stiffscope.cad.solid import build
 from stiffscope.cad.step import write_step
 from stiffscope.cli.main import _guarded
+from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
+from stiffscope.runtime.output import staged_folder
 from tests.experiments.one_part import MATRIX, one_part
 
 COMMAND = [sys.executable, "-c", "from stiffscope.cli.main import main; main()"]
@@ -186,6 +188,26 @@ def test_stiffness_of_the_published_robot_as_json(capsys):
     assert np.diagonal(found["stiffness"], axis1=1, axis2=2) / 1e6 == pytest.approx(np.array(expected), rel=2e-5)
     assert found["mobility"] == [0, 0]
     assert np.array(found["sag"]).tolist() == np.zeros((2, 6)).tolist()
+
+
+def test_no_command_writes_over_its_input(tmp_path, monkeypatch, capsys):
+    """Neither over the robot file, even if forced, nor over its folder, even if that is an output of ours."""
+    monkeypatch.chdir(tmp_path)
+    text = find_robot("stewart").read_text()
+    with staged_folder("out") as folder:
+        (folder / "robot.toml").write_text(text)
+        (folder / "manifest.json").write_text("{}")
+    Path("robot.toml").write_text(text)
+    Path("link.json").symlink_to("robot.toml")
+    for name in ("robot.toml", "link.json", "./out/../robot.toml"):
+        assert _guarded(["stiffness", "robot.toml", "--json", name, "--force"]) == 2
+        said = f"stiffscope: {name}: expected a file that the command does not read, got one of its inputs\n"
+        assert capsys.readouterr().err == said
+    assert _guarded(["map", "out/robot.toml", "--out", "out", "--force"]) == 2
+    assert "out/robot.toml: is in out, which is replaced as a whole" in capsys.readouterr().err
+    for _ in range(2):
+        assert _guarded(["stiffness", "robot.toml", "--json", "k.json", "--quiet"]) == 0
+    assert Path("robot.toml").read_text() == Path("out/robot.toml").read_text() == text
 
 
 def test_sag_under_its_own_weight(capsys):
