@@ -1,5 +1,7 @@
 """Numbers with units become SI; what is not one is refused with an example."""
 
+import math
+
 import pint
 import pytest
 
@@ -48,6 +50,30 @@ def test_what_is_per_radian_is_named_so(text, noun):
         q.to_si(text, q.STIFFNESS)
 
 
+@pytest.mark.parametrize(
+    ("text", "dimension", "why"),
+    [
+        ("5e4 N*m*rad", q.TORSION, "which has radians to the power 1"),
+        ("5e4 N*m/rad/rad", q.TORSION, "which has radians to the power -2"),
+        ("5 N*m/rad", q.MOMENT, "which is a torsional stiffness"),
+        ("5 mm*deg", q.LENGTH, "which has radians to the power 1"),
+        ("60 rpm", q.FREQUENCY, "which has radians to the power 1"),
+        ("60 %", q.ANGLE, 'and "%" is not a unit'),
+        ("60 ppm", q.ANGLE, "which is a plain number"),
+    ],
+)
+def test_radians_are_counted_and_shares_are_no_angles(text, dimension, why):
+    with pytest.raises(ValueError, match=f"expected {dimension.noun} such as .*, got .*, {why}$"):
+        q.to_si(text, dimension, sign="any")
+
+
+def test_radians_may_be_left_out():
+    assert q.to_si("2 mm/m", q.ANGLE) == 0.002
+    assert q.to_si("5 kN*m", q.TORSION) == 5000.0
+    assert q.to_si("5 J/turn", q.TORSION) == pytest.approx(5.0 / math.tau)
+    assert q.to_si("2e-6 1/(N*m)", q.TILTING) == 2e-6
+
+
 def test_several_values_each_have_their_unit():
     wrench = (*[q.FORCE] * 3, *[q.MOMENT] * 3)
     assert q.several("100 N, 0,-2e3 ,0,0 N*m,5 N*mm", *wrench) == pytest.approx((100, 0, -2000, 0, 0, 0.005))
@@ -65,7 +91,7 @@ def test_usual_units_are_what_pint_says(monkeypatch):
 
     pairs = [(unit, si) for unit in q.USUAL for si in q.SI]
     ours = [answer(*pair) for pair in pairs]
-    assert sum(isinstance(each, float) for each in ours) == len(q.USUAL) + 5  # rad, deg; N*m, N*m/rad, kN*m/rad
+    assert sum(isinstance(each, float) for each in ours) == len(q.USUAL) + 3  # rad, deg as numbers; N*m as torsion
     monkeypatch.setattr(q, "USUAL", {})
     q._factor.cache_clear()
     assert [answer(*pair) for pair in pairs] == ours

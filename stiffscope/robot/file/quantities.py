@@ -191,14 +191,24 @@ def _factor(unit: str, si: str) -> float:
     """What one of a unit is in SI. Raises whatever pint does for what is no such unit."""
     if unit in USUAL and si in SI:
         base, factor = USUAL[unit]
-        if (powers_of(base) or PLAIN)[:-1] != (powers_of(si) or PLAIN)[:-1]:  # but for radians
+        *given, turns = powers_of(base) or PLAIN
+        *wanted, most = powers_of(si) or PLAIN
+        if given != wanted or (si and turns not in {0.0, most}):
             raise ValueError(f"{unit} is no {si}")
         return factor
     _check_unit(unit)
     one = _registry().Quantity(1.0, _registry().parse_units(unit.removeprefix("*").strip()))
-    if dict(one.unit_items()).get("percent", 1) != 1:
+    shares = {name for name, _ in one.unit_items()} & {"percent", "ppm"} if si == "rad" else ()
+    radians = si and _radians(unit) not in {0.0, _radians(si)}
+    if dict(one.unit_items()).get("percent", 1) != 1 or shares or radians:
         raise ValueError(f"{unit} is not a unit")
     return float(one.to(si or "dimensionless").magnitude)
+
+
+def _radians(unit: str) -> float:
+    """Return the power of radians in a unit."""
+    one = _registry().Quantity(1.0, _registry().parse_units(unit.removeprefix("*").strip()))
+    return dict(one.to_root_units().unit_items()).get("radian", 0.0)
 
 
 def _check_unit(text: str) -> None:
@@ -220,11 +230,13 @@ def _why(unit: str) -> str:
         return nothing
     if found.dimensionless and "%" in unit:
         return nothing
-    measured, read = found.dimensionality, _registry().parse_units
-    turns = "rad" in unit or "deg" in unit
-    named = sorted(NAMED, key=lambda other: ("rad" in other.unit) != turns)
-    same = (other.noun for other in named if measured == read(other.unit).dimensionality)
-    return f", which is {noun}" if (noun := next(same, None)) else f", which measures {measured}"
+    measured, read, turns = found.dimensionality, _registry().parse_units, _radians(unit)
+    same = [other for other in NAMED if measured == read(other.unit).dimensionality]
+    if noun := next((other.noun for other in same if _radians(other.unit) == turns), None):
+        return f", which is {noun}"
+    if found.dimensionless and not turns:
+        return ", which is a plain number"
+    return f", which has radians to the power {turns:g}" if same else f", which measures {measured}"
 
 
 def _name_powers(powers: Powers | None) -> str:
