@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 ILL_CONDITIONED = 1e-2  # a pose is nearly singular below this inverse condition number
 RANK_GAP = 1e-12  # singular values below this are rounding errors of double precision
 _NEARBY = 0.01  # relative to the mechanism's characteristic length, and rad
+_REVERSED = 0.5  # of a beam's coupling, with the other sign
 _CONTRADICTED = 1.5, 5.0  # how many times a part may be longer, shorter than by its bending
 _APART = 1e-5  # m
 _GRID = 9  # points along each coordinate of the map
@@ -237,7 +238,7 @@ def _of_poses(poses: Iterable[Pose]) -> Iterator[str]:
 
 
 def doubt_matrices(robot: RobotFile) -> Iterator[str]:
-    """Yield remarks on matrices whose slender length √(3·C22/C66) contradicts the body's length."""
+    """Yield remarks on matrices that contradict a beam of the body's length: √(3·C22/C66) = L, C26 = 3/(2L)·C22."""
     for name in used_parts(robot):
         part = robot.parts[name]
         if not isinstance(part, MatrixPart):
@@ -249,7 +250,7 @@ def doubt_matrices(robot: RobotFile) -> Iterator[str]:
             moved = f"one newton moves its tip by {most:.3g} m, more than its length {length:.3g} m"
             yield f"part {name}: {moved}; {doubt}"
             continue
-        for lateral, turning in ((1, 5), (2, 4)):
+        for lateral, turning, sign in ((1, 5, 1.0), (2, 4, -1.0)):
             if not (given[lateral, lateral] > 0.0 and given[turning, turning] > 0.0):
                 continue
             slender = float(np.sqrt(3.0 * given[lateral, lateral] / given[turning, turning]))
@@ -258,6 +259,15 @@ def doubt_matrices(robot: RobotFile) -> Iterator[str]:
                 yield (
                     f"part {name}: √(3·{entries}) = {slender:.3g} m, the length of a slender part, "
                     f"contradicts its length {length:.3g} m; {doubt}"
+                )
+                break
+            both, beam = given[lateral, turning], sign * 1.5 / length * given[lateral, lateral]
+            if both / beam < -_REVERSED:
+                name_of = f"C{lateral + 1}{turning + 1}"
+                of = f"{'+' if sign > 0.0 else '-'}3/(2L)·C{lateral + 1}{lateral + 1}"
+                yield (
+                    f"part {name}: {name_of} = {both:.3g} contradicts a beam, whose {name_of} is {of} = {beam:.3g}; "
+                    "is it of its tip, clamped at its base, x from base to tip, right-handed?"
                 )
                 break
 
