@@ -35,7 +35,6 @@ class Variable:
     levels: tuple[Value, ...]
     low: float | None = None
     high: float | None = None
-    also: tuple[str, ...] = ()
 
     @property
     def column(self) -> str:
@@ -53,9 +52,9 @@ class Variable:
         """Return the index of the value at a fraction from 0 to 1 of the values."""
         return min(int(share * len(self.levels)), len(self.levels) - 1)
 
-    def overrides(self, value: Value) -> tuple[str, ...]:
-        """Return the overrides for `--set`."""
-        return (*self.also, write_override(self.name, value))
+    def override(self, value: Value) -> str:
+        """Return the override for `--set`."""
+        return write_override(self.name, value)
 
 
 def round_off(value: float) -> float:
@@ -119,5 +118,5 @@ class StudyFile:
     def design(self, values: Iterable[Value]) -> RobotFile:
         """Return the robot with these values. Raise InputError if they are invalid."""
         pairs, source = zip(self.variables, values, strict=True), self.robot.source
-        changes = [text for v, value in pairs for text in v.overrides(value)]
+        changes = [v.override(value) for v, value in pairs]
         return read_robot(source.path, source.text, [*source.overrides, *changes], self.tolerance)

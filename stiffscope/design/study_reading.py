@@ -176,11 +176,10 @@ def _read_variable(key: Key, name: str, given: Any, robot: RobotFile, top: Study
     if (found.range is None) == (found.values is None):
         raise _refuse(key, f"{RANGE}, or a table with range or values", given)
     known = {each.name: each for each in parameters(robot, top.components)}
-    also = known[name].also if name in known else ()
     texts = (found.range if found.values is None else found.values) or []
     if found.values is None and len(texts) != 2:
         raise _refuse(key, f"{RANGE}, two ends", texts)
-    _check_takes(name, texts, robot, also, key)
+    _check_takes(name, texts, robot, key)
     unit = known[name].unit if name in known else unit_of(texts[0])
     read = _read_number if found.values is None else _read_value
     values = tuple(read(each, key) for each in texts)
@@ -191,12 +190,12 @@ def _read_variable(key: Key, name: str, given: Any, robot: RobotFile, top: Study
         what = f"{RANGE}, both ends" if found.values is None else "values that are all"
         raise _refuse(key, f"{what} in {unit}", texts)
     if found.values is not None:
-        return Variable(name, unit, values, also=also)
+        return Variable(name, unit, values)
     low, high = map(float, values)
     if not low < high:
         raise _refuse(key, f"{RANGE}, the lower end first", texts)
     levels = tuple(round_off(float(each)) for each in np.linspace(low, high, found.steps))
-    return Variable(name, unit, levels, low, high, also)
+    return Variable(name, unit, levels, low, high)
 
 
 def _read_number(value: Any, key: Key) -> float:
@@ -216,16 +215,14 @@ def _read_value(value: Any, key: Key) -> Value:
         raise
 
 
-def _check_takes(
-    name: str, texts: list[Any], robot: RobotFile, also: tuple[str, ...], key: Key
-) -> None:  # fmt: skip
+def _check_takes(name: str, texts: list[Any], robot: RobotFile, key: Key) -> None:
     """Raise FieldError if a word is invalid itself, or no value gives a valid robot."""
     refused, valid, source = list[FieldError](), False, robot.source
     for value in texts:
         text = write_override(name, value)
         is_word = isinstance(value, str) and isinstance(_read_value(value, key), str)
         try:
-            made = read_robot(source.path, source.text, [*source.overrides, *also, text])
+            made = read_robot(source.path, source.text, [*source.overrides, text])
         except InputError as error:
             message = str(error).removeprefix(f"--set {text}: ")
             refused.append(FieldError(key, message))

@@ -29,16 +29,12 @@ CONSTANTS = {"modulus": "Pa", "poisson": "1", "density": "kg/m^3"}  # unit by th
 
 @dataclass(frozen=True)
 class Parameter:
-    """A number of a robot file, not an expression: key, value and unit, SI; tolerance if given.
-
-    ``also``: overrides required with its own (the other constants of a built-in material).
-    """
+    """A number of a robot file, not an expression: key, value and unit, SI; tolerance if given."""
 
     key: Key
     value: float
     unit: str
     tolerance: float | None = None
-    also: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
@@ -49,7 +45,7 @@ class Parameter:
         """Return the robot with another value of it; raise InputError if that is invalid."""
         override = f"{'.'.join(map(str, self.key))}={value!r}"
         source = robot.source
-        return read_robot(source.path, source.text, [*source.overrides, *self.also, override])
+        return read_robot(source.path, source.text, [*source.overrides, override])
 
 
 def parameters(robot: RobotFile, components: Components = None) -> tuple[Parameter, ...]:
@@ -59,14 +55,14 @@ def parameters(robot: RobotFile, components: Components = None) -> tuple[Paramet
     """
     written = parse_text(robot.path, robot.source.text)
     found = []
-    for key, value, unit, *also in _candidates(robot, written, components):
+    for key, value, unit in _candidates(robot, written, components):
         given = _find_given(robot, written, key)
         if value and not is_expression(given):
-            found.append(Parameter(key, float(value), unit, robot.tolerances.get(key), tuple(also)))
+            found.append(Parameter(key, float(value), unit, robot.tolerances.get(key)))
     return tuple(found)
 
 
-def _candidates(robot: RobotFile, written: dict[str, Any], components: Components) -> Iterator[tuple[Any, ...]]:
+def _candidates(robot: RobotFile, written: dict[str, Any], components: Components) -> Iterator[tuple[Key, Any, str]]:
     for name, value in written.get("parameters", {}).items():
         yield ("parameters", name), robot.parameters[normalize(name)], unit_of(value)
     yield from _of_parts(robot, components)
@@ -79,7 +75,7 @@ def _candidates(robot: RobotFile, written: dict[str, Any], components: Component
             yield ("bodies", name, "mass"), body.mass, "kg"
 
 
-def _of_parts(robot: RobotFile, components: Components) -> Iterator[tuple[Any, ...]]:
+def _of_parts(robot: RobotFile, components: Components) -> Iterator[tuple[Key, Any, str]]:
     sources = part_sources(robot, components)
     materials: dict[str, AnyMaterial] = {}
     for name, source in sources.items():
@@ -98,10 +94,10 @@ def _of_parts(robot: RobotFile, components: Components) -> Iterator[tuple[Any, .
         if material is not None:
             materials[material.name] = material
     for material in materials.values():
-        yield from _constants(robot, material)
+        yield from _constants(material)
 
 
-def _of_joint(name: str, joint: JointSection) -> Iterator[tuple[Any, ...]]:
+def _of_joint(name: str, joint: JointSection) -> Iterator[tuple[Key, Any, str]]:
     drive, bearing = getattr(joint, "drive", None), joint.compliance
     if drive is not None and drive.stiffness:
         unit = "N*m/rad" if joint.type == "revolute" else "N/m"
@@ -114,7 +110,7 @@ def _of_joint(name: str, joint: JointSection) -> Iterator[tuple[Any, ...]]:
         yield as_written(("joints", name, "compliance", key)), value, unit
 
 
-def _of_bearings(robot: RobotFile, written: Any, name: str, joint: JointSection) -> Iterator[tuple[Any, ...]]:
+def _of_bearings(robot: RobotFile, written: Any, name: str, joint: JointSection) -> Iterator[tuple[Key, Any, str]]:
     """Yield the numbers with a unit of a joint's bearings that the file gives."""
     for number, element in enumerate(joint.bearing or ()):
         place = as_written(("joints", name, "bearing"))
@@ -125,15 +121,11 @@ def _of_bearings(robot: RobotFile, written: Any, name: str, joint: JointSection)
                 yield (*place, key), value, unit_of(given)
 
 
-def _constants(robot: RobotFile, material: AnyMaterial) -> Iterator[tuple[Any, ...]]:
-    """Yield the constants of a material; those of a built-in one must be set together."""
-    own = material.name in robot.materials
-    constants = {each.name: getattr(material, each.name) for each in dataclasses.fields(material)}
-    units = {name: CONSTANTS.get(name.rpartition("_")[2]) for name in constants}
-    known = {name: value for name, value in constants.items() if units[name]}
-    also = [f"materials.{material.name}.{name}={value!r}" for name, value in known.items()]
-    for name, value in known.items():
-        yield ("materials", material.name, name), value, units[name], *([] if own else also)
+def _constants(material: AnyMaterial) -> Iterator[tuple[Key, Any, str]]:
+    """Yield the constants of a material."""
+    for each in dataclasses.fields(material):
+        if unit := CONSTANTS.get(each.name.rpartition("_")[2]):
+            yield ("materials", material.name, each.name), getattr(material, each.name), unit
 
 
 def _find_given(robot: RobotFile, written: Any, key: Key) -> Any:

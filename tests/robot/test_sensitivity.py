@@ -1,14 +1,20 @@
 """Derivatives of robots beside closed forms and energies; tolerances of a robot file."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+import tomlkit
 
+from stiffscope.cad.materials import STEEL
 from stiffscope.design.sensitivity import robot_sensitivity
 from stiffscope.errors import InputError
+from stiffscope.experiments.robot_files import robot_document
 from stiffscope.robot.beam_dynamics import beam_dynamics
+from stiffscope.robot.library import robot_names
 from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.parameters import parameters
 from stiffscope.robot.part_matrices import beam_compliance, beam_segments, part_matrices
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm import statics
@@ -95,6 +101,30 @@ def derivative(name, key, value, override):
         reference_points=(up.experiment.reference_points - down.experiment.reference_points) / step,
         clamp_point=np.zeros(3),
     )
+
+
+@pytest.mark.parametrize("name", robot_names())
+def test_what_can_be_varied_can_be_set(name):
+    """Every number that a sensitivity lists, by its name there, as `--set` takes it."""
+    robot = load_robot(name)
+    for each in parameters(robot):
+        changed = load_robot(name, [f"{each.name}={0.999 * each.value!r}"])
+        found = {other.name: other.value for other in parameters(changed)}
+        assert found[each.name] == pytest.approx(0.999 * each.value, rel=1e-12)
+        assert each.set_to(robot, 0.999 * each.value).source.changed.keys() == changed.source.changed.keys()
+
+
+def test_a_constant_of_a_built_in_material_is_set_alone(tmp_path):
+    """The others stay those of the material, in this robot and in its saved file."""
+    robot = load_robot("stewart", ["materials.steel.youngs_modulus=200 GPa"])
+    assert robot.materials["steel"] == replace(STEEL, youngs_modulus=200e9)
+    saved = tmp_path / "softer.toml"
+    saved.write_text(tomlkit.dumps(robot_document(robot, saved)))
+    assert load_robot(saved).materials == robot.materials
+    both = load_robot("stewart", ["materials.steel.youngs_modulus=2e11", "materials.steel.density=8e3"])
+    assert both.materials["steel"] == replace(STEEL, youngs_modulus=2e11, density=8e3)
+    with pytest.raises(InputError, match=r"materials\.steel\.stiffness: expected a known key"):
+        load_robot("stewart", ["materials.steel.stiffness=1"])
 
 
 def test_derivatives_of_parts_reach_the_robot_as_the_parts_themselves_would():

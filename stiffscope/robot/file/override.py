@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import tomllib
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from stiffscope.cad.materials import MATERIALS
 from stiffscope.errors import InputError, meant
 from stiffscope.robot.file.copies import copied_names
 from stiffscope.robot.file.part_sections import PARTS, InterfacePart
@@ -138,6 +139,8 @@ def assign(data: dict[str, Any], key: Key, value: Any, text: str) -> None:
         Text of the override, for messages.
     """
     table: Any = data
+    if key[0] == "materials" and len(key) > 2:
+        _add_material(data, str(key[1]))
     for part in key[:-1]:
         if not isinstance(table, dict):
             break
@@ -149,3 +152,10 @@ def assign(data: dict[str, Any], key: Key, value: Any, text: str) -> None:
         table[last] = value
     else:
         raise InputError(f'{text}: expected a key of a table, got "{last}" of a value that is none')
+
+
+def _add_material(data: dict[str, Any], name: str) -> None:
+    """Add the constants of a built-in material, of which one is set, unless the file has its own."""
+    own = data.setdefault("materials", {})
+    if isinstance(own, dict) and name not in own and name in MATERIALS:
+        own[name] = {key: value for key, value in asdict(MATERIALS[name]).items() if key != "name"}
