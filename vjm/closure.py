@@ -98,7 +98,8 @@ class Closure:
 
     def _independent_columns(self, whole: Array, unknown: list[int]) -> list[int]:
         """Choose passive columns first, then drives; sprung ones only for what these cannot do."""
-        sprung = self.linkage.sprung
+        joints = [j for j in self.linkage.mechanism.joints if j.spring is not None]
+        sprung = [c for j in joints for c in self.linkage.columns.get(j.name, ())]
         free = [c for c in unknown if c not in sprung]
         chosen = _choose(whole, free, self.linkage.driven)
         return _choose(whole, [*chosen, *sprung], sprung) if sprung else chosen

@@ -193,12 +193,6 @@ class Linkage:
         drives = [j for j in self.mechanism.drives if j.name in self.columns]
         return [self.columns[j.name][j.driven or 0] for j in drives]
 
-    @property
-    def sprung(self) -> list[int]:
-        """Columns of passive joints with springs in the tree."""
-        sprung = [j for j in self.mechanism.joints if j.spring is not None]
-        return [c for j in sprung for c in self.columns.get(j.name, ())]
-
     def place_links(self, q: Array) -> Placed:
         """Place links at coordinates (m, n)."""
         if q.shape[1] <= FEW:

@@ -12,7 +12,7 @@ import click
 
 from stiffscope.cli.output import Output
 from stiffscope.runtime.output import check_json, overwrite
-from stiffscope.runtime.reading import forget_opened
+from stiffscope.runtime.reading import opened
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -35,7 +35,7 @@ def takes(*options: Callable[..., Any]) -> Callable[..., Any]:
             output = Output(json, out, quiet)
             texts = (each for each in given.values() if isinstance(each, str | Path))
             output.check_folder(out, *(Path(each) for each in texts if os.path.isfile(each)))  # noqa: PTH113
-            forget_opened()
+            opened.clear()
             return command(output=output, **given)
 
         for option in reversed((*options, force, quiet, debug)):

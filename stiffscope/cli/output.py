@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -12,7 +13,8 @@ from stiffscope.report.progress import progress
 from stiffscope.report.terminal import record_shown, show_line
 from stiffscope.robot.inspection import doubt_matrices
 from stiffscope.runtime.cache import cache_folder
-from stiffscope.runtime.output import check_no_input, check_output, staged_folder, write_json
+from stiffscope.runtime.output import check_output, staged_folder, write_json
+from stiffscope.runtime.reading import opened, show_path
 from stiffscope.runtime.workshop import workshop
 
 if TYPE_CHECKING:
@@ -49,8 +51,9 @@ class Output:
 
     def check_json(self) -> None:
         """Raise InputError if the JSON would replace a file that the command has read."""
-        if self.json:
-            check_no_input(self.json)
+        if self.json and os.path.realpath(self.json) in opened:
+            expected = "expected a file that the command does not read"
+            raise InputError(f"{show_path(self.json)}: {expected}, got one of its inputs")
 
     def check_folder(self, folder: Path | None, *others: Path | None) -> None:
         """Raise InputError if a folder cannot be written or would contain another output."""

@@ -52,10 +52,6 @@ class Variable:
         """Return the index of the value at a fraction from 0 to 1 of the values."""
         return min(int(share * len(self.levels)), len(self.levels) - 1)
 
-    def override(self, value: Value) -> str:
-        """Return the override for `--set`."""
-        return write_override(self.name, value)
-
 
 def round_off(value: float) -> float:
     """Round a number to twelve digits for robot files."""
@@ -118,5 +114,5 @@ class StudyFile:
     def design(self, values: Iterable[Value]) -> RobotFile:
         """Return the robot with these values. Raise InputError if they are invalid."""
         pairs, source = zip(self.variables, values, strict=True), self.robot.source
-        changes = [v.override(value) for v, value in pairs]
+        changes = [write_override(v.name, value) for v, value in pairs]
         return read_robot(source.path, source.text, [*source.overrides, *changes], self.tolerance)

@@ -263,12 +263,8 @@ def doubt_matrices(robot: RobotFile) -> Iterator[str]:
                 break
             both, beam = given[lateral, turning], sign * 1.5 / length * given[lateral, lateral]
             if both / beam < -_REVERSED:
-                name_of = f"C{lateral + 1}{turning + 1}"
-                of = f"{'+' if sign > 0.0 else '-'}3/(2L)·C{lateral + 1}{lateral + 1}"
-                yield (
-                    f"part {name}: {name_of} = {both:.3g} contradicts a beam, whose {name_of} is {of} = {beam:.3g}; "
-                    "is it of its tip, clamped at its base, x from base to tip, right-handed?"
-                )
+                entry = f"C{lateral + 1}{turning + 1} = {both:.3g} contradicts its length, by which it is {beam:.3g}"
+                yield f"part {name}: {entry}; is it clamped at its base and loaded at its tip, x from base to tip?"
                 break
 
 

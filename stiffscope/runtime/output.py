@@ -24,7 +24,7 @@ import psutil
 
 from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.runtime.json_text import encodable, to_json
-from stiffscope.runtime.reading import file_digest, read_bytes, show_path, was_opened, why
+from stiffscope.runtime.reading import file_digest, read_bytes, show_path, why
 from stiffscope.runtime.signals import STOPS, deaf_to
 
 if TYPE_CHECKING:
@@ -110,13 +110,6 @@ def check_json(path: Path) -> None:
             expected = "expected a new file or JSON that stiffscope wrote"
             raise InputError(f"{show_path(path)}: {expected}, got another; --force replaces it")
     check_file(path)
-
-
-def check_no_input(path: str | Path) -> None:
-    """Raise InputError for a file that the command has read."""
-    if was_opened(path):
-        expected = "expected a file that the command does not read"
-        raise InputError(f"{show_path(path)}: {expected}, got one of its inputs")
 
 
 def _is_stream(path: Path) -> bool:

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
 
 MOST_TEXT = 1 << 20  # bytes of a file written by hand; a thousand bodies need a quarter of it
 MOST_BYTES = 1 << 28  # bytes of any other file, e.g. a STEP file or a table of readings
-_opened = set[str]()  # resolved paths of the files read since `forget_opened`
+opened = set[str]()
+"""Resolved paths of the files read by this process, or since a command has cleared them."""
 _KINDS = {
     stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket",
     stat.S_IFCHR: "a device", stat.S_IFBLK: "a device",
@@ -50,23 +51,13 @@ def open_file(path: str | Path, what: str = "a file", most: int = MOST_BYTES) ->
         kind = _KINDS.get(stat.S_IFMT(os.fstat(handle).st_mode), "no regular file")
         os.close(handle)
         raise InputError(f"{show_path(path)}: expected {what}, got {kind}")
-    _opened.add(os.path.realpath(path))
+    opened.add(os.path.realpath(path))
     size = os.fstat(handle).st_size
     if size > most:
         stream.close()
         what = f"{what} of at most {_size(most)}"
         raise InputError(f"{show_path(path)}: expected {what}, got {_size(size)}")
     return stream
-
-
-def forget_opened() -> None:
-    """Forget which files were read, before a command reads its own."""
-    _opened.clear()
-
-
-def was_opened(path: str | Path) -> bool:
-    """Return whether a file was read since `forget_opened`."""
-    return os.path.realpath(path) in _opened
 
 
 def read_bytes(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -> bytes:

@@ -184,7 +184,7 @@ def test_a_mimic_joint_is_told_and_moves_freely(imported):
         (ARM.replace('ixx="0.01" iyy="0.02" izz="0.02"', 'ixx="100" iyy="200" izz="200"'), ".urdf",
          "the inertia of upper is that of a body far larger than the robot (0.167 m): check that it is in kg·m²"),
         (FOUR_BAR.replace('"crank"', '"crank" gravcomp="1"'), ".xml",
-         "gravity compensation (gravcomp) of crank is left out: its whole weight acts here"),
+         "gravity compensation (gravcomp) of crank is left out: the whole weight acts here"),
         (FOUR_BAR.replace('-4"/>', '-4"><flag gravity="disable"/></option>'), ".xml",
          "the source disables gravity; it acts here"),
         (FOUR_BAR.replace('kp="1234"', 'kp="-5"'), ".xml", "position gains (kp) of motor are below zero and left out"),

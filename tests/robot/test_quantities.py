@@ -59,7 +59,7 @@ def test_what_is_per_radian_is_named_so(text, noun):
         ("5 mm*deg", q.LENGTH, "which has radians to the power 1"),
         ("60 rpm", q.FREQUENCY, "which has radians to the power 1"),
         ("60 %", q.ANGLE, 'and "%" is not a unit'),
-        ("60 ppm", q.ANGLE, "which is a plain number"),
+        ("60 ppm", q.ANGLE, 'and "ppm" is not a unit'),
     ],
 )
 def test_radians_are_counted_and_shares_are_no_angles(text, dimension, why):

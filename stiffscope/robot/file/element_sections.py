@@ -215,14 +215,11 @@ class LinearGuide(ElementSection):
         if self.normal is None:
             return np.eye(3)
         across = axes.T @ np.cross(self.normal, axes[:, 0])
-        cosine, sine = across[1:]
-        size = float(np.hypot(cosine, sine))
-        if size < PARALLEL * float(np.linalg.norm(self.normal)):
-            expected = "a direction across the joint's axis"
+        if (size := np.linalg.norm(across)) < PARALLEL * np.linalg.norm(self.normal):
             got = f"one along it, {list(self.normal)}"
-            raise InputError(f"bearing.normal: expected {expected}, got {got}")
-        turn = np.array([[size, 0.0, 0.0], [0.0, cosine, -sine], [0.0, sine, cosine]])
-        return turn / size  # its zeros are exact: what is free before it is free after it
+            raise InputError(f"bearing.normal: expected a direction across the joint's axis, got {got}")
+        _, c, s = across / size
+        return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])  # its zeros are exact: x stays free
 
     def element(self) -> me.MachineElement:
         """See `ElementSection`."""

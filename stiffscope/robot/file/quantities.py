@@ -191,16 +191,15 @@ def _factor(unit: str, si: str) -> float:
     """What one of a unit is in SI. Raises whatever pint does for what is no such unit."""
     if unit in USUAL and si in SI:
         base, factor = USUAL[unit]
-        *given, turns = powers_of(base) or PLAIN
-        *wanted, most = powers_of(si) or PLAIN
-        if given != wanted or (si and turns not in {0.0, most}):
+        found, wanted = powers_of(base) or PLAIN, powers_of(si) or PLAIN
+        if found[:-1] != wanted[:-1] or (si and found[-1] not in {0.0, wanted[-1]}):
             raise ValueError(f"{unit} is no {si}")
         return factor
     _check_unit(unit)
     one = _registry().Quantity(1.0, _registry().parse_units(unit.removeprefix("*").strip()))
-    shares = {name for name, _ in one.unit_items()} & {"percent", "ppm"} if si == "rad" else ()
-    radians = si and _radians(unit) not in {0.0, _radians(si)}
-    if dict(one.unit_items()).get("percent", 1) != 1 or shares or radians:
+    names = dict(one.unit_items())
+    share = si == "rad" and names.keys() & {"percent", "ppm"}
+    if names.get("percent", 1) != 1 or share or (si and _radians(unit) not in {0.0, _radians(si)}):
         raise ValueError(f"{unit} is not a unit")
     return float(one.to(si or "dimensionless").magnitude)
 
@@ -228,14 +227,12 @@ def _why(unit: str) -> str:
         found = _registry().parse_units(unit)
     except Exception:  # noqa: BLE001 (pint raises a dozen kinds, even ZeroDivisionError)
         return nothing
-    if found.dimensionless and "%" in unit:
+    if found.dimensionless and ("%" in unit or "ppm" in unit):
         return nothing
     measured, read, turns = found.dimensionality, _registry().parse_units, _radians(unit)
     same = [other for other in NAMED if measured == read(other.unit).dimensionality]
     if noun := next((other.noun for other in same if _radians(other.unit) == turns), None):
         return f", which is {noun}"
-    if found.dimensionless and not turns:
-        return ", which is a plain number"
     return f", which has radians to the power {turns:g}" if same else f", which measures {measured}"
 
 

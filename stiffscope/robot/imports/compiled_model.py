@@ -185,10 +185,7 @@ def _compile(mj: Any, path: Path, content: bytes) -> tuple[Any, list[str]]:
 
 
 def _check_urdf(path: Path, content: bytes) -> list[str]:
-    """Refuse what MuJoCo accepts or does not name: misspelled words, numbers not finite, repeated names.
-
-    Returns notes on doubtful angles and on joints that mimic themselves.
-    """
+    """Refuse misspelled words, numbers not finite and repeated names, which MuJoCo accepts; return notes."""
     parser, opened, doubts = expat.ParserCreate(), list[str](), list[str]()
     named, joint = set[tuple[str, str]](), dict[str, str]()
 
@@ -207,13 +204,12 @@ def _check_urdf(path: Path, content: bytes) -> list[str]:
             joint.clear()
             joint.update(attributes)
         opened.append(element)
-        kind = joint.get("type")
         doubts.extend(f"line {parser.CurrentLineNumber}: {each}" for each in _doubt(element, attributes, joint))
         for name, text in attributes.items() if element in _URDF else ():
             if name not in _URDF[element]:
                 raise InputError(f"{place}: {unknown_key(name, _URDF[element])}")
             words = {word.lower().lstrip("+-") for word in text.split()}
-            endless = name in {"effort", "velocity"} or (element == "limit" and kind == "continuous")
+            endless = name in {"effort", "velocity"} or (element == "limit" and joint.get("type") == "continuous")
             if not endless and words & {"inf", "nan", "infinity"}:
                 raise InputError(f'{place}.{name}: expected finite numbers, got "{text}"')
 

@@ -87,9 +87,9 @@ def read_model(
 
     ``tool``: body or site; by default a usually named site, else the last body of the longest
     chain. ``home``: positions of hinges (rad) and slides (m); by default those of the keyframe
-    "home" or the zero pose, as far as loops permit. ``drives``: patterns of joints that will be
-    driven. Raises InputError if MuJoCo is missing, the
-    file is not a model, loops do not close, or there is no such tool.
+    "home" or the zero pose, as far as loops permit. ``drives``: patterns of the driven joints.
+    Raises InputError if MuJoCo is missing, the file is not a model, loops do not close, or there is
+    no such tool.
     """
     source = compile_at_home(Path(path), home or {})
     joints = _name_apart([*_tree_joints(source, drives), *_closing_joints(source)])
@@ -106,7 +106,7 @@ def read_model(
             source.notes.append(f'"{name}" floats in the source; it is fixed to the ground here')
     bodies += [ModelBody(name, 0.0, np.zeros(3), np.zeros((3, 3))) for name in between]
     _note_omissions(source, joints)
-    _note_doubts(source, joints, bodies)
+    source.notes += _doubt_units(joints, [body for body in bodies if body.mass])
     body, at, where = find_tool(source, tool)
     pose = movable_coordinates(source, body, at)
     source.notes.append(f"tool: {where}; check body and point")
@@ -150,27 +150,22 @@ def _note_omissions(source: CompiledModel, joints: Iterable[ModelJoint]) -> None
     for word, names in (("tendons", source.labels("tendon", m.ntendon)), ("actuators of no joint", others)):
         if names:
             source.notes.append(f"{word} are left out: {', '.join(names)}")
-    weightless = [name for number, name in source.movers.items() if m.body_gravcomp[number]]
-    if weightless:
-        left = f"gravity compensation (gravcomp) of {', '.join(weightless)} is left out"
-        source.notes.append(f"{left}: {'its' if len(weightless) == 1 else 'their'} whole weight acts here")
+    if lifted := ", ".join(name for number, name in source.movers.items() if m.body_gravcomp[number]):
+        source.notes.append(f"gravity compensation (gravcomp) of {lifted} is left out: the whole weight acts here")
     if m.opt.disableflags & int(source.mj.mjtDisableBit.mjDSBL_GRAVITY) and m.opt.gravity.any():
         source.notes.append("the source disables gravity; it acts here")
 
 
-def _note_doubts(source: CompiledModel, joints: Iterable[ModelJoint], bodies: Iterable[ModelBody]) -> None:
-    """Note lengths and inertias that are probably in another unit."""
-    points = np.array([*(each.at for each in joints), *(each.centre for each in bodies if each.mass)]).reshape(-1, 3)
-    far = float(np.abs([joint.at for joint in joints]).max(initial=0.0))
-    if far > _LARGE:
-        apart = f"joints are up to {far:.3g} m from the origin"
-        source.notes.append(f"{apart}: check that lengths of the source are in m")
-    size = float(np.linalg.norm(np.ptp(points, axis=0))) if len(points) else 0.0
-    gyrating = ((b.name, np.linalg.eigvalsh(b.inertia)[-1] / b.mass) for b in bodies if b.mass)
-    wide = [name for name, square in gyrating if size and square > (_WIDE * size) ** 2]
-    if wide:
-        larger = f"the inertia of {', '.join(wide)} is that of a body far larger than the robot ({size:.3g} m)"
-        source.notes.append(f"{larger}: check that it is in kg·m²")
+def _doubt_units(joints: list[ModelJoint], bodies: list[ModelBody]) -> Iterator[str]:
+    """Yield notes on lengths and inertias that are probably in another unit."""
+    places = np.array([joint.at for joint in joints] or np.zeros((1, 3)))
+    if (far := float(np.abs(places).max())) > _LARGE:
+        yield f"joints are up to {far:.3g} m from the origin: check that lengths of the source are in m"
+    size = float(np.linalg.norm(np.ptp([*places, *(body.centre for body in bodies)], axis=0)))
+    largest = (_WIDE * size) ** 2 or np.inf
+    if wide := ", ".join(b.name for b in bodies if np.linalg.eigvalsh(b.inertia)[-1] / b.mass > largest):
+        larger = f"the inertia of {wide} is that of a body far larger than the robot ({size:.3g} m)"
+        yield f"{larger}: check that it is in kg·m²"
 
 
 def _tree_joints(source: CompiledModel, drives: Sequence[str]) -> Iterator[ModelJoint]:
@@ -305,8 +300,8 @@ def _are_universal(joints: list[ModelJoint], drives: Sequence[str]) -> bool:
     """Return whether these are two hinges without drives and ranges that cross at right angles."""
     if len(joints) != 2 or any(joint.kind != "revolute" or joint.note or joint.range for joint in joints):
         return False
-    one, two = joints
-    cosine = np.vdot(np.asarray(one.axis), np.asarray(two.axis))
     if any(joint.name in drives or any(fnmatch.filter([joint.name], each) for each in drives) for joint in joints):
         return False
+    one, two = joints
+    cosine = np.vdot(np.asarray(one.axis), np.asarray(two.axis))
     return bool(np.linalg.norm(one.at - two.at) <= _SAME_POINT and abs(cosine) <= _SQUARE)
