@@ -139,7 +139,7 @@ def assign(data: dict[str, Any], key: Key, value: Any, text: str) -> None:
         Text of the override, for messages.
     """
     table: Any = data
-    if key[0] == "materials" and len(key) > 2:
+    if key[0] == "materials" and key[2:]:
         _add_material(data, str(key[1]))
     for part in key[:-1]:
         if not isinstance(table, dict):

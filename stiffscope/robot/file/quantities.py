@@ -207,7 +207,7 @@ def _factor(unit: str, si: str) -> float:
 def _radians(unit: str) -> float:
     """Return the power of radians in a unit."""
     one = _registry().Quantity(1.0, _registry().parse_units(unit.removeprefix("*").strip()))
-    return dict(one.to_root_units().unit_items()).get("radian", 0.0)
+    return float(dict(one.to_root_units().unit_items()).get("radian", 0.0))
 
 
 def _check_unit(text: str) -> None:
