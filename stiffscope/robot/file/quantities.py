@@ -206,7 +206,7 @@ def _factor(unit: str, si: str) -> float:
 
 def _radians(unit: str) -> float:
     """Return the power of radians in a unit."""
-    one = _registry().Quantity(1.0, _registry().parse_units(unit.removeprefix("*").strip()))
+    one: Any = _registry().Quantity(1.0, _registry().parse_units(unit.removeprefix("*").strip()))
     return float(dict(one.to_root_units().unit_items()).get("radian", 0.0))
 
 
