@@ -15,6 +15,7 @@ from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.part_dimensions import tested_dimensions
+from stiffscope.gap.campaign.extremes import inspect_extremes
 from stiffscope.gap.campaign.readings import load_campaign, match_robot
 from stiffscope.gap.campaign.sanity import inspect_ranges, inspect_readings
 from stiffscope.gap.diagnose import diagnose_campaign
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.kinematics import Configurations
 
 SHELVES = ("campaigns", "withheld")
+_REFUSED = 10.0  # factor on the limits of places and loads beyond which a diagnosis is refused
 
 
 @dataclass(frozen=True)
@@ -91,11 +93,24 @@ def assemble_nominal(case: Case, shop: Workshop) -> Assembled | None:
 
 
 def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diagnosis:
-    """Diagnose a campaign with its nominal robot, if there is one."""
+    """Diagnose a campaign with its nominal robot, if there is one.
+
+    Raises InputError for places and loads that are far too large.
+    """
     if nominal is None:
         return diagnose_campaign(case.campaign)
+    for remark in inspect_extremes(case.campaign, nominal.mechanism, _REFUSED):
+        raise InputError(remark.text)
     carrying = NominalRobot(nominal.mechanism, nominal.robot, tested_dimensions(nominal, shop))
-    return diagnose_campaign(case.campaign, carrying, shop.open_line("diagnosis"))
+    try:
+        found = diagnose_campaign(case.campaign, carrying, shop.open_line("diagnosis"))
+    except np.linalg.LinAlgError as error:
+        units = [r for r in inspect_readings(case.campaign, predict_roughly(case)) if r.doubt == "unit"]
+        if not units:
+            raise
+        raise InputError(f"{units[0].where[0]}: {units[0].text}") from error
+    said = (remark.text for remark in inspect_extremes(case.campaign, nominal.mechanism))
+    return dataclasses.replace(found, remarks=(*said, *found.remarks))
 
 
 def open_case(name: str | Path, *, planned: bool = False, instead: str | None = None) -> Case:
@@ -132,7 +147,9 @@ def inspect_case(case: Case, found: Configurations | None) -> tuple[ReadingRemar
     remarks = inspect_readings(case.campaign, predict_roughly(case))
     if case.robot is None or found is None:
         return remarks
-    return (*inspect_ranges(case.campaign, rigid_mechanism(case.robot), found), *remarks)
+    mechanism = rigid_mechanism(case.robot)
+    ranges = inspect_ranges(case.campaign, mechanism, found)
+    return (*inspect_extremes(case.campaign, mechanism), *ranges, *remarks)
 
 
 def predict_roughly(case: Case) -> Array:

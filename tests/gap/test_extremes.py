@@ -1,0 +1,68 @@
+"""Places, wrenches and readings that no robot has are doubted, and end no diagnosis with an unexpected error."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiffscope.errors import InputError
+from stiffscope.gap.campaigns import configure_case, diagnose, inspect_case, open_case
+
+GAUGES = Path(__file__).parents[2] / "data" / "campaigns" / "gauges"
+
+
+def changed(folder, file, old, new):
+    """The bundled campaign of a Delta with a text replaced once."""
+    shutil.copytree(GAUGES, folder, dirs_exist_ok=True)
+    text = (folder / file).read_text(encoding="utf-8")
+    assert old in text
+    (folder / file).write_text(text.replace(old, new, 1), encoding="utf-8")
+    return folder
+
+
+def remarks(folder):
+    case = open_case(folder, planned=True)
+    return {remark.doubt: remark.text for remark in inspect_case(case, configure_case(case))}
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "doubt", "text"),
+    [
+        ("campaign.toml", '"60 mm", "20 mm", "-1054 mm"', "60, 20, -1054", "place",
+         r"campaign.toml:\d+: sensors.gauge_x.at: expected a place near the robot, got one \d+ m away, \d+ times"),
+        ("campaign.toml", '[0, 0, "-1124 mm"]', "[0, 0, -1124]", "place", r"campaign.toml:\d+: loads.hook.at:"),
+        ("readings.csv", ";-49;", ";-1e12;", "wrench",
+         r"readings.csv:2: fz: expected a load of the size of the others, got -1e\+12 N, \S+ times as large: wrong"),
+    ],
+)  # fmt: skip
+def test_what_is_far_too_large_is_doubted_and_refused(tmp_path, file, old, new, doubt, text):
+    folder = changed(tmp_path, file, old, new)
+    assert re.match(text, remarks(folder)[doubt])
+    with pytest.raises(InputError, match=text):
+        diagnose(folder)
+
+
+def test_a_place_too_far_for_a_robot_is_doubted_and_said(tmp_path):
+    folder = changed(tmp_path, "campaign.toml", '[0, 0, "-1124 mm"]', '[0, 0, "-60 m"]')
+    text = remarks(folder)["place"]
+    assert diagnose(folder).remarks[0] == text
+
+
+def test_a_singular_matrix_by_a_wrong_unit_is_no_unexpected_error(tmp_path, monkeypatch):
+    """Forces of 1e11 N end so after ten seconds: no prior counts beside them."""
+
+    def fail(*_):
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr("stiffscope.gap.campaigns.diagnose_campaign", fail)
+    with pytest.raises(np.linalg.LinAlgError):
+        diagnose(GAUGES)
+    folder = changed(tmp_path, "campaign.toml", "value =", 'fx = "GN", fz = "GN", value =')
+    with pytest.raises(InputError, match=r"^readings.csv:\d+: gauge_x reads about 1e-9 times the model: wrong unit"):
+        diagnose(folder)
+
+
+def test_a_sound_campaign_has_no_doubts():
+    assert remarks(GAUGES) == {}
