@@ -17,8 +17,9 @@ from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.part_dimensions import tested_dimensions
 from stiffscope.gap.campaign.extremes import inspect_extremes
 from stiffscope.gap.campaign.readings import load_campaign, match_robot
-from stiffscope.gap.campaign.sanity import inspect_ranges, inspect_readings
+from stiffscope.gap.campaign.sanity import ReadingRemark, inspect_ranges, inspect_readings
 from stiffscope.gap.diagnose import diagnose_campaign
+from stiffscope.gap.forward.misread_frames import find_misread
 from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.robot.file.quantities import show_value
@@ -32,7 +33,6 @@ from stiffscope.runtime.workshop import workshop
 if TYPE_CHECKING:
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.gap.campaign.campaign import Array, Campaign
-    from stiffscope.gap.campaign.sanity import ReadingRemark
     from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.workshop import Workshop
@@ -148,8 +148,10 @@ def inspect_case(case: Case, found: Configurations | None) -> tuple[ReadingRemar
     if case.robot is None or found is None:
         return remarks
     mechanism = rigid_mechanism(case.robot)
+    misread = find_misread(RobotAtPoses(NominalRobot(mechanism, case.robot), case.campaign))
+    frames = [ReadingRemark("frame", name, (), str(error)) for name, error in misread]
     ranges = inspect_ranges(case.campaign, mechanism, found)
-    return (*inspect_extremes(case.campaign, mechanism), *ranges, *remarks)
+    return (*inspect_extremes(case.campaign, mechanism), *frames, *ranges, *remarks)
 
 
 def predict_roughly(case: Case) -> Array:

@@ -10,6 +10,8 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.gap.forward.column_model import ColumnModel
+from stiffscope.gap.forward.misread_frames import find_misread
+from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.averaging import average_over, mix_intervals, quantiles
 from stiffscope.gap.inference.diagnosis import (
@@ -67,8 +69,11 @@ def diagnose_campaign(
     Raises
     ------
     InputError
-        For unreachable poses, or if there is neither a robot nor predictions.
+        For unreachable poses, frames read in mirrored axes or another unit, or if there is neither
+        a robot nor predictions.
     """
+    for _, error in find_misread(RobotAtPoses(robot, campaign)) if robot else ():
+        raise error
     return conclude(find(forward_model(campaign, robot), progress))
 
 

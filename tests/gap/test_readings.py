@@ -293,6 +293,14 @@ def test_reads_targets_in_the_frames_of_their_instruments(tmp_path):
     assert not c.relative.any()
 
 
+def test_a_distance_is_negative_only_beside_an_unknown_zero(tmp_path):
+    rows, free = "x,y,z,sensor,value,sigma\n0,0,0.35,wire,-2.2,1e-5\n", 'measures = "distance"\nzero = "session"'
+    with pytest.raises(InputError, match=r"readings.csv:2: value: expected a distance of at least 0, got '-2.2'"):
+        load_campaign(folder(tmp_path, rows, toml=BIGLIDE + FRAMES))
+    toml = (BIGLIDE + FRAMES).replace('measures = "distance"', free)
+    assert load_campaign(folder(tmp_path, rows, toml=toml)).value == pytest.approx([-2.2])
+
+
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [

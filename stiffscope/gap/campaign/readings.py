@@ -142,6 +142,8 @@ def _read_readings(path: Path, header: Header, *, planned: bool) -> tuple[Keys, 
     stiff = (kind >= of.STIFFNESS) & (kind < of.FREQUENCY)
     table.refuse_where(stiff & (value <= 0), "value", "a positive stiffness")
     table.refuse_where((kind == of.FREQUENCY) & (value <= 0), "value", "a positive frequency")
+    lengths = np.array([s.measures == "distance" and s.zero == "none" for s in header.sensors] + [False])
+    table.refuse_where(lengths[keys.sensor] & (value < 0), "value", "a distance of at least 0")
     expected = "a positive number, or an empty cell if unknown"
     sigma = numbers(table, "sigma", empty=True, expected=expected)
     table.refuse_where(sigma <= 0, "sigma", expected)

@@ -49,7 +49,7 @@ class ReadingRemark:
 
     doubt: str
     """"unit", "sensor-sign", "sensor-step", "constant", "copied", "outlier", "contradiction",
-    "no-load", "few", "range", "place" or "wrench"."""
+    "no-load", "few", "range", "place", "wrench" or "frame"."""
     instrument: str
     """Name of the instrument, load or drive; empty if all are meant."""
     where: tuple[str, ...]

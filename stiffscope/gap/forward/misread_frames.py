@@ -1,0 +1,51 @@
+"""Frames whose readings fit the robot only if mirrored or in another unit, or not at all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.gap.campaign.extremes import measure_robot
+from stiffscope.gap.forward.setup import Instruments
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from stiffscope.errors import InputError
+    from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
+    from stiffscope.runtime.types import Array
+
+_LARGE = 0.01  # of the robot's size: median residuals beyond are no errors of a robot
+_WILD = 0.1  # of the robot's size: median residuals refused whatever their cause
+_RIGHT = 0.1  # largest residual of the right reading over that of the readings as they are
+_MISREAD = {-1.0: "mirrored: mirrored axes", 1e-3: "divided by 1000: mm", 1e3: "multiplied by 1000: mm"}
+
+
+def find_misread(at: RobotAtPoses) -> Iterator[tuple[str, InputError]]:
+    """Yield names of such frames with their errors, by the rigid robot as commanded."""
+    c = at.campaign
+    if not c.frames:
+        return
+    read = ~np.isnan(c.value[at.instruments.rows])
+    rows, size = at.instruments.rows[read], measure_robot(at.mechanism)[0]
+    names, every = np.array([s.frame for s in c.sensors])[c.sensor[rows]], at.targets(at.rest)
+    for name in np.unique(names).tolist():
+        part = Instruments(c.select(rows[names == name]))
+        targets = [each[read][names == name] for each in every]
+        if (own := _misfit(part, targets, 1.0)) < _LARGE * size:
+            continue
+        right, cause = min((_misfit(part, targets, factor), cause) for factor, cause in _MISREAD.items())
+        fits = right < min(_RIGHT * own, _LARGE * size)
+        if fits or own > _WILD * size:
+            meant = f"and {right:.2g} m if {cause}" if fits else "more than errors of a robot: wrong poses or rows"
+            got = f"ones {own:.2g} m off it, {meant}?"
+            yield name, c.refuse(("frames", name), f"expected positions of the robot, got {got}")
+
+
+def _misfit(part: Instruments, targets: list[Array], factor: float) -> float:
+    """Return the median residual, m, of the best fit to readings times a factor."""
+    value = factor * part.measured_values
+    tried = Instruments(replace(part.campaign, value=value, expected=None))
+    return float(np.median(np.abs(value - tried.look(tried.start(*targets)[0], *targets))))
