@@ -310,7 +310,7 @@ def test_a_distance_is_negative_only_beside_an_unknown_zero(tmp_path):
         ('frame = "tracker"', "", "sensors.smr.frame: expected one of tracker, arm, got nothing"),
         ('"20 mm"', '"-20 mm"', "sensors.smr.at_sigma: expected a length .* must not be negative"),
         ('at_sigma = "20 mm"', "direction = [0, 0, 1]", "sensors.smr.direction: expected none for a position"),
-        ("[sensors.wire]", '[sensors."smr.x"]', "sensors.smr: expected another name than smr.x"),
+        ("[sensors.wire]", '[sensors."smr.x"]', "sensors.smr: expected another name than those of other sensors, got"),
     ],
 )
 def test_names_what_is_wrong_with_a_target(tmp_path, old, new, expected):
@@ -388,6 +388,14 @@ def test_names_what_is_wrong_with_the_header(tmp_path, old, new, expected):
     toml = (BIGLIDE + UNITS + SENSORS).replace(old, new)
     with pytest.raises(InputError, match=rf"^campaign.toml:\d+: .*({expected})"):
         load_campaign(folder(tmp_path, GAUGED.replace("level;;11;2", "gauge;;11;2"), toml=toml))
+
+
+@pytest.mark.parametrize("name", ["instrument", "translation", "rotation", "x", "rz", "dx", "erz", "kx", "px", "f1"])
+def test_names_that_mean_something_else_are_no_sensors(tmp_path, name):
+    toml = BIGLIDE + SENSORS.replace("sensors.level", f"sensors.{name}")
+    expected = rf"sensors.{name}: expected another name than instrument, translation, .*, got \"{name}"
+    with pytest.raises(InputError, match=rf"^campaign.toml:\d+: {expected}"):
+        load_campaign(folder(tmp_path, toml=toml))
 
 
 def test_poses_by_name_or_by_joints_are_those_of_the_robot(tmp_path):

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
+from stiffscope.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 from stiffscope.effects.vocabulary import EFFECTS
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.campaign import InstrumentFrame, LoadPoint, Sensor
+from stiffscope.gap.campaign.quantities import AXES, QUANTITIES
 from stiffscope.robot.file.parse import Source, parse_text
 from stiffscope.robot.file.quantities import LENGTH, NUMBER, Dimension, show_value, to_si
 from stiffscope.runtime.reading import read_text
@@ -31,6 +33,8 @@ ZEROS = ("none", "session")
 SENSOR_KEYS = ("measures", "body", "at", "at_sigma", "direction", "against", "frame", "zero")
 FRAME_KEYS = ("pose", "sigma", "per")
 LOAD_KEYS = ("body", "at")
+_RESERVED = {INSTRUMENT, TRANSLATION, ROTATION, "f", *AXES, *QUANTITIES}
+_SHOWN = f"{INSTRUMENT}, {TRANSLATION}, {ROTATION}, {' '.join(AXES)} f and quantities such as dx, kx or f1"
 _ANGLE = Dimension("an angle", "rad", "90 deg", most=1e4)
 _POSE = (*(LENGTH,) * 3, *(_ANGLE,) * 3)
 
@@ -85,8 +89,9 @@ def load_header(folder: Path) -> Header:
         sensors += _read_sensor(name, section, known)
     names = [sensor.name for sensor in sensors]
     for sensor in sensors:
-        if names.count(sensor.name) > 1:
-            message = f"expected another name than {sensor.name}"
+        if names.count(sensor.name) > 1 or sensor.name in _RESERVED:
+            taken = _SHOWN if sensor.name in _RESERVED else "those of other sensors"
+            message = f"expected another name than {taken}, got {show_value(sensor.name)}"
             raise top.table("sensors").refuse(sensor.target or sensor.name, message)
     loads: list[LoadPoint] = []
     for name, section in top.sections("loads"):
