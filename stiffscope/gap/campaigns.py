@@ -15,7 +15,7 @@ from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.part_dimensions import tested_dimensions
-from stiffscope.gap.campaign.extremes import inspect_extremes
+from stiffscope.gap.campaign.extremes import find_unloaded, inspect_extremes, inspect_mechanics
 from stiffscope.gap.campaign.readings import load_campaign, match_robot
 from stiffscope.gap.campaign.sanity import ReadingRemark, inspect_ranges, inspect_readings
 from stiffscope.gap.diagnose import diagnose_campaign
@@ -102,15 +102,16 @@ def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diag
     for remark in inspect_extremes(case.campaign, nominal.mechanism, _REFUSED):
         raise InputError(remark.text)
     carrying = NominalRobot(nominal.mechanism, nominal.robot, tested_dimensions(nominal, shop))
+    loaded = case.campaign.select(np.flatnonzero(~find_unloaded(case.campaign)))
     try:
-        found = diagnose_campaign(case.campaign, carrying, shop.open_line("diagnosis"))
+        found = diagnose_campaign(loaded, carrying, shop.open_line("diagnosis"))
     except np.linalg.LinAlgError as error:
         units = [r for r in inspect_readings(case.campaign, predict_roughly(case)) if r.doubt == "unit"]
         if not units:
             raise
         raise InputError(f"{units[0].where[0]}: {units[0].text}") from error
-    said = (remark.text for remark in inspect_extremes(case.campaign, nominal.mechanism))
-    return dataclasses.replace(found, remarks=(*said, *found.remarks))
+    doubts = (*inspect_extremes(case.campaign, nominal.mechanism), *inspect_mechanics(case.campaign))
+    return dataclasses.replace(found, remarks=(*(doubt.text for doubt in doubts), *found.remarks))
 
 
 def open_case(name: str | Path, *, planned: bool = False, instead: str | None = None) -> Case:
@@ -151,7 +152,8 @@ def inspect_case(case: Case, found: Configurations | None) -> tuple[ReadingRemar
     misread = find_misread(RobotAtPoses(NominalRobot(mechanism, case.robot), case.campaign))
     frames = [ReadingRemark("frame", name, (), str(error)) for name, error in misread]
     ranges = inspect_ranges(case.campaign, mechanism, found)
-    return (*inspect_extremes(case.campaign, mechanism), *frames, *ranges, *remarks)
+    doubts = (*inspect_extremes(case.campaign, mechanism), *inspect_mechanics(case.campaign))
+    return (*doubts, *frames, *ranges, *remarks)
 
 
 def predict_roughly(case: Case) -> Array:

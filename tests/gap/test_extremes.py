@@ -66,3 +66,55 @@ def test_a_singular_matrix_by_a_wrong_unit_is_no_unexpected_error(tmp_path, monk
 
 def test_a_sound_campaign_has_no_doubts():
     assert remarks(GAUGES) == {}
+
+
+TILTED = """robot = "delta"
+modelled = ["gravity"]
+components = "beam"
+readings = "readings.csv"
+[sensors.gauge]
+measures = "displacement"
+body = "platform"
+at = ["60 mm", "20 mm", "-1054 mm"]
+direction = [0, 0, 1]
+[sensors.level]
+measures = "displacement"
+body = "platform"
+at = ["-60 mm", "20 mm", "-1054 mm"]
+direction = [0, 0, 1]
+zero = "session"
+[loads.hook]
+body = "platform"
+at = [0, 0, "-1124 mm"]
+"""
+
+
+def written(folder, columns, rows):
+    (folder / "campaign.toml").write_text(TILTED)
+    (folder / "readings.csv").write_text("\n".join([columns, *rows]))
+    return folder
+
+
+def test_a_deflection_under_no_load_is_named_and_left_out(tmp_path):
+    """Unless it is zero within its noise, or its zero is unknown."""
+    loaded = [f"0,{k}e-2,-1.064,hook,{f},{s},deflection,{-f}e-6,1e-7" for k in range(4) for f in (20, 40)
+              for s in ("gauge", "level")]  # fmt: skip
+    still = [f"0,{k}e-2,-1.064,hook,0,{s},deflection,{v}e-6,1e-7" for k, s, v in
+             ((0, "gauge", -30), (1, "gauge", 0.3), (2, "level", 50), (3, "gauge", 20))]  # fmt: skip
+    folder = written(tmp_path, "x,y,z,load,fx,sensor,kind,value,sigma", [*still, *loaded])
+    text = "gauge is deflected by no force or moment at readings.csv:2, readings.csv:5: is a load missing?"
+    assert remarks(folder)["no-load"] == f"{text} A diagnosis leaves these out"
+    found = diagnose(folder)
+    assert f"{text} A diagnosis leaves these out" in found.remarks
+    assert "18 readings" in " ".join(found.remarks)
+
+
+def test_a_stiffness_below_that_of_a_push_is_a_contradiction(tmp_path):
+    """K_ii is at least 1/C_ii: holding other motions cannot soften."""
+    rows = ["0,0,-1.064,kx,1e5,1e3", "0,0,-1.064,px,5e6,5e4", "0,0,-1.064,ky,1e6,1e3", "0,0,-1.064,py,1.002e6,1e3",
+            "0.1,0,-1.064,px,5e6,5e4"]  # fmt: skip
+    folder = written(tmp_path, "x,y,z,quantity,value,sigma", rows)
+    text = r"kx is 1e\+05 at readings.csv:2, below px of 5e\+06 at readings.csv:3 and one pose: .* exchanged\?"
+    assert re.fullmatch(text, remarks(folder)["contradiction"])
+    twice = ["0,0,-1.064,kx,1e5,1e3", "0,0,-1.064,kx,5e6,5e4"]
+    assert "contradiction" in remarks(written(tmp_path, "x,y,z,quantity,value,sigma", [*rows[2:], *twice]))

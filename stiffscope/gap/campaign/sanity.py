@@ -31,7 +31,7 @@ DEGREES = 180.0 / np.pi
 _AGREE = 0.8  # least net fraction of readings with the model's sign, or correlation
 _SAME = 3.0  # largest ratio to the model of deviations not due to geometric errors
 _SIZED = 0.1  # of the largest prediction: smaller ones do not show unit and sign
-_SHOWN = 5  # most rows in a remark
+SHOWN = 5  # most rows in a remark
 _JUMP = 8.0  # least size of a step or an outlier, standard deviations of the scatter
 _BEYOND = 0.9  # least share of the readings on either side of a step that are beyond its middle
 _APART = 1.5  # least ratio of an outlier to the largest other reading
@@ -147,7 +147,6 @@ def _find_contradictions(c: Campaign) -> Iterator[ReadingRemark]:
         first = np.searchsorted(group, group)  # index of the least value of each row's group
         apart, sigma = c.value[order] - c.value[order[first]], np.nan_to_num(c.sigma[order])
         size = np.maximum(np.abs(c.value[order]), np.abs(c.value[order[first]]))
-        sigma *= np.where(c.relative[order], size, 1.0)
         known = apart[apart > 0]
         sound = np.maximum(_JUMP * sigma, _JUMP * np.median(known) if len(known) >= LEAST else 0.0)
         bad = (apart > sound) & (apart > 0.5 * size)
@@ -384,8 +383,8 @@ def _name_outliers(c: Campaign, name: str, rows: Indices, left: Array) -> Iterat
 def _name_rows(c: Campaign, name: str, rows: Indices) -> ReadingRemark:
     """Return a remark on outlying rows."""
     where = tuple(c.where(int(row)) for row in rows)
-    more = f" and {len(where) - _SHOWN} more" if len(where) > _SHOWN else ""
-    text = f"{name} is an outlier among its readings at {', '.join(where[:_SHOWN])}{more}"
+    more = f" and {len(where) - SHOWN} more" if len(where) > SHOWN else ""
+    text = f"{name} is an outlier among its readings at {', '.join(where[:SHOWN])}{more}"
     return ReadingRemark("outlier", name, where, text)
 
 
