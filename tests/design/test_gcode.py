@@ -93,12 +93,22 @@ def test_a_dwell_moves_nothing(tmp_path):
         ("G81 X1 Z-3", "a.nc:2: G81"),
         ("G90.1", "a.nc:2: G90.1"),
         ("M98 P1000", "a.nc:2: M98"),
+        ("G1 X1e1", "a.nc:2: X: expected a number without an exponent, got X1E1"),
+        ("G1 Y-2.5E+1 F200", r"a.nc:2: Y: expected a number without an exponent, got Y-2.5E\+1"),
+        ("G1 X1 Y2 X9", "a.nc:2: X: expected one word of a letter, got X1 and X9"),
+        ("G1 X1 F0", "a.nc:2: F: expected a feed above 0, got F0"),
+        ("F-10", "a.nc:2: F: expected a feed above 0, got F-10"),
     ],
 )
 def test_what_no_path_is_read_from_is_refused(line, message, tmp_path):
     (tmp_path / "a.nc").write_text(f"G21\n{line}\n")
     with pytest.raises(InputError, match=message):
         read_program(tmp_path / "a.nc", 1e-3)
+
+
+def test_an_extruder_s_word_is_no_exponent(tmp_path):
+    (tmp_path / "a.nc").write_text("G21 G90\nG1X10Y5E0.5F600\nG1 X20 E2\n")
+    assert read_program(tmp_path / "a.nc", np.inf).points[:, 0] == pytest.approx([0.010, 0.020])
 
 
 @pytest.mark.parametrize("climb", [True, False])

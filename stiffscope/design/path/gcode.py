@@ -24,6 +24,7 @@ MOST_BYTES = 1 << 28
 MOST_POINTS = 1_000_000
 INCH = 25.4e-3
 _WORD = re.compile(r"([A-Z])\s*([-+]?(?:\d+\.?\d*|\.\d+))")
+_EXPONENT = re.compile(r"[A-Z]\s*[-+]?[\d.]*\dE[-+]?\d+(?![\d.])")
 _COMMENT = re.compile(r"\([^)]*\)|;.*")
 _MODES = re.compile(
     r"(?i)(?<![A-Z(])(G\s*(0?[0-3]|1[789]|2[01]|9[01])(?![\d.])|F\s*[\d.]+)\s*"
@@ -100,10 +101,7 @@ def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Arr
     bare = _COMMENT.sub("", line).strip().upper()
     if not bare or bare.startswith(("%", "/")):
         return
-    words = _WORD.findall(bare)
-    rest = _WORD.sub("", bare).strip()
-    if rest:
-        raise InputError(f"{here}: expected words such as G1 X10.5 F200, got {rest[:20]!r}")
+    words = _read_words(bare, here)
     values = {letter: float(number) for letter, number in words if letter not in "GMNTSOH"}
     for letter, number in words:
         _set_mode(state, letter, float(number), here)
@@ -127,6 +125,25 @@ def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Arr
     else:
         yield from _arc(state, end, values, here, step)
     state.at = end
+
+
+def _read_words(bare: str, here: str) -> list[tuple[str, str]]:
+    """Return letters and numbers of a line. Raises InputError for what is ambiguous or no word."""
+    words = _WORD.findall(bare)
+    rest = _WORD.sub("", bare).strip()
+    if rest:
+        raise InputError(f"{here}: expected words such as G1 X10.5 F200, got {rest[:20]!r}")
+    if raised := _EXPONENT.search(bare):
+        raise InputError(f"{here}: {raised[0][0]}: expected a number without an exponent, got {raised[0]}")
+    known: dict[str, str] = {}
+    for letter, number in words:
+        if letter in known and letter not in "GM":
+            got = f"{letter}{known[letter]} and {letter}{number}"
+            raise InputError(f"{here}: {letter}: expected one word of a letter, got {got}")
+        known[letter] = number
+    if float(known.get("F", 1.0)) <= 0.0:
+        raise InputError(f"{here}: F: expected a feed above 0, got F{known['F']}")
+    return words
 
 
 def _set_mode(state: _State, letter: str, code: float, here: str) -> None:
