@@ -155,6 +155,20 @@ def test_a_pose_without_a_name_is_shown_in_millimetres_and_degrees(coordinates, 
     assert label_pose(coordinates, pose) == label
 
 
+@pytest.mark.parametrize(
+    ("names", "expected"),
+    [
+        ('["readings.csv", "./readings.csv"]', r'different ones, got "readings.csv" and "./readings.csv", the same'),
+        ('["readings.csv", "other.csv"]', 'different ones, got "readings.csv" and "other.csv", the same'),
+        ('"readings.csv/"', 'a table .*, got a name that ends with "/"'),
+    ],
+)
+def test_a_table_is_read_once(tmp_path, names, expected):
+    (tmp_path / "other.csv").symlink_to("readings.csv")
+    with pytest.raises(InputError, match=rf"^campaign.toml:2: readings: expected .*{expected}"):
+        load_campaign(folder(tmp_path, toml=f'robot = "biglide"\nreadings = {names}\n'))
+
+
 def test_several_files_share_poses_and_sessions(tmp_path):
     folder(tmp_path, toml='robot = "biglide"\nmodelled = ["gravity"]\nreadings = ["readings.csv", "more.csv"]')
     (tmp_path / "more.csv").write_text(HEADER + GOOD[0] + "\n" + GOOD[2][:-1] + "c\n")
@@ -377,6 +391,10 @@ def test_names_what_is_wrong_with_sensors(tmp_path, old, new, expected):
         ('value = "um"', 'value = "furl"', "units.value: expected a unit such as"),
         ('value = "um"', 'fz = "mm"', "units.fz: expected a unit of a force"),
         ('value = "um"', 'weight = "kg"', "units.weight: expected a column among"),
+        ('value = "um"', 'fx = "N"', "units.fx: expected a column among x, y, z, fz, value, sigma"),
+        ('value = "um"', '"q:" = "deg"', "units.*q:.*: expected a column among x, y, z, fz, value, sigma"),
+        ('ignore = ["note"]', 'ignore = ["note", "nope"]', 'ignore: expected columns of the readings, got "nope"'),
+        ('robot = "biglide"', 'robot = "biglide"\nmodelled = ["payload", "payload"]', "modelled: expected .* each once"),
         (
             'ignore = ["note"]',
             'ignore = ["note", "value"]',

@@ -72,8 +72,8 @@ def load_header(folder: Path) -> Header:
         key = "predictions" if robot else "robot"
         raise top.refuse(key, "expected either robot or predictions, one of the two")
     modelled = top.texts("modelled", ())
-    if strange := [name for name in modelled if name not in EFFECTS]:
-        message = f"expected effects among {', '.join(EFFECTS)}, got {show_value(strange[0])}"
+    if strange := [name for k, name in enumerate(modelled) if name not in EFFECTS or name in modelled[:k]]:
+        message = f"expected effects among {', '.join(EFFECTS)}, each once, got {show_value(strange[0])}"
         raise top.refuse("modelled", message)
     readings = top.texts("readings")
     if not readings or len(set(readings)) < len(readings):

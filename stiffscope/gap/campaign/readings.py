@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign_header import Header
     from stiffscope.gap.campaign.keys import Keys
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.runtime.table import Table
 
 log = logging.getLogger(__name__)
 MOST_POSES = 2_000  # a diagnosis needs 0.02 s and 0.1 MB for each
@@ -61,7 +63,9 @@ def load_campaign(
     """
     header = load_header(folder)
     _check_files(folder, header)
-    read = [_read_readings(folder / name, header, planned=planned) for name in header.readings]
+    tables = [_read_table(folder / name, header) for name in header.readings]
+    of_rows.check_header(header, tables)
+    read = [_read_readings(table, header, planned=planned) for table in tables]
     parts = [keys for keys, _, _ in read]
     first = parts[0]
     other = next((part for part in parts if part.coordinates != first.coordinates), None)
@@ -106,7 +110,7 @@ def load_campaign(
 
 
 def _check_files(folder: Path, header: Header) -> None:
-    """Raise InputError, with the key, for a table that is not a file."""
+    """Raise InputError, with the key, for a table that is not a file, or is one of the others."""
     named = [("readings", name) for name in header.readings]
     named += [("predictions", header.predictions)] if header.predictions is not None else []
     for key, name in named:
@@ -115,6 +119,14 @@ def _check_files(folder: Path, header: Header) -> None:
         except InputError as error:
             message = str(error).removeprefix(f"{shown_path(folder / name)}: ")
             raise header.source.refuse((key,), f"{message} ({shown_path(name)})") from error
+        if name.endswith("/"):
+            expected = "expected a table (.csv, .tsv, .xlsx)"
+            raise header.source.refuse((key,), f'{expected}, got a name that ends with "/" ({shown_path(name)})')
+    known: dict[str, str] = {}
+    for name in header.readings:
+        if (first := known.setdefault(os.path.realpath(folder / name), name)) != name:
+            got = f"{show_value(first)} and {show_value(name)}, the same file"
+            raise header.source.refuse(("readings",), f"expected different ones, got {got}")
 
 
 def _check_some(c: Campaign) -> None:
@@ -129,13 +141,16 @@ def _check_some(c: Campaign) -> None:
         raise InputError(f"{c.where(0)}: value: expected readings other than zero, got {got}")
 
 
-def _read_readings(path: Path, header: Header, *, planned: bool) -> tuple[Keys, Array, Array]:
-    """Return the keys, values and uncertainties (n,) of a table."""
-    bare = header.predictions is not None
-    table = read_table(path, partial(of_rows.check_readings_columns, bare=bare), header.ignore)
+def _read_table(path: Path, header: Header) -> Table:
+    check = partial(of_rows.check_readings_columns, bare=header.predictions is not None)
+    table = read_table(path, check, header.ignore)
     check_marks(table, [name for name in table.columns if name not in {*OPTIONAL, *LABEL}])
-    of_rows.check_units(header, table)
-    keys = of_rows.read_keys(table, header, bare=bare)
+    return table
+
+
+def _read_readings(table: Table, header: Header, *, planned: bool) -> tuple[Keys, Array, Array]:
+    """Return the keys, values and uncertainties (n,) of a table."""
+    keys = of_rows.read_keys(table, header, bare=header.predictions is not None)
     value = numbers(table, "value", empty=planned, expected="a finite reading in SI")
     value = readings_in_si(table, header, "value", value, keys.quantity)
     kind = kind_of(keys.quantity)
