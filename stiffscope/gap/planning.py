@@ -169,9 +169,11 @@ def _touch(robot: RobotFile, joints: Sequence[Joint]) -> list[tuple[str, Array]]
 
 def read_question(question: str, known: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the causes on both sides of a question; see `propose_plan`."""
-    first, _, second = question.partition(_FROM)
-    sides = tuple(_find_causes(side, tuple(known)) for side in (first, second or first))
-    return sides[0], sides[1]
+    known, (first, asked, second) = tuple(known), question.partition(_FROM)
+    own, other = _find_causes(first, known), _find_causes(second if asked else first, known)
+    if asked and {*own} == {*other}:
+        raise InputError(f"--ask: expected other causes after from than before, got {question!r}")
+    return own, other
 
 
 def _find_causes(patterns: str, known: tuple[str, ...]) -> tuple[str, ...]:
@@ -181,8 +183,8 @@ def _find_causes(patterns: str, known: tuple[str, ...]) -> tuple[str, ...]:
         matches = [n for n in known if any(fnmatchcase(w, glob) for w in (n, *n.split(" @ ")))]
         if not matches:
             words = ", ".join(dict.fromkeys(w for n in known for w in n.split(" @ ")))
-            expected = f"expected causes that readings show of this robot ({words})"
-            raise InputError(f"--ask: {expected}, got {pattern!r}")
+            got = repr(pattern) if pattern else f"none in {patterns!r}"
+            raise InputError(f"--ask: expected causes that readings show of this robot, got {got} ({words})")
         found |= dict.fromkeys(matches)
     return tuple(found)
 

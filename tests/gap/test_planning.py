@@ -125,5 +125,11 @@ def test_questions_name_effects_places_and_patterns():
     assert read_question("base from actuator-stiffness", known) == (known[:1], known[1:3])
     assert read_question("*@ J1, payload from base-*", known) == ((known[1], known[3]), known[:1])
     assert read_question("all", known) == (known, known)
-    with pytest.raises(InputError, match=r"--ask: expected causes .*base-compliance, base, .* got 'colum'"):
-        read_question("base from colum", known)
+    causes = "--ask: expected causes that readings show of this robot"
+    for question, got in (("base from colum", "'colum'"), ("", "none in ''"), ("J2,", "none in 'J2,'"), ("[", "'\\['"),
+                          ("J2 from ", "none in ''")):  # fmt: skip
+        with pytest.raises(InputError, match=rf"^{causes}, got {got} \(base-compliance, base, .*payload, tool\)$"):
+            read_question(question, known)
+    for question in ("J2 from J2", "J1, base from base-compliance,J1"):
+        with pytest.raises(InputError, match=r"^--ask: expected other causes after from than before, got"):
+            read_question(question, known)
