@@ -379,7 +379,7 @@ process.milling = {{material = "{material}", speed = "{speed}", diameter = 0.01,
     [
         (MILLING.format(material="cheese", speed="9 rpm"), r"job\.toml:3: process\.milling: expected a material"),
         (MILLING.format(material="C45E", speed="9 rad/s"), "rotational speed"),
-        ('robot = "arm.toml"\npath = "line.csv"\nunits = { x = "kg" }', "expected a unit"),
+        ('robot = "arm.toml"\npath = "line.csv"\nunits = { x = "kg" }', r"job\.toml:3: units\.x: expected a unit"),
         ('robot = "arm.toml"\npath = "none.csv"', r"job\.toml:2: path: .*none\.csv: expected a table"),
         ('robot = "arm.toml"\npath = "line.csv"\nfree.spindle = ["9 deg", "-9 deg"]',
          r"job\.toml:3: free\.spindle: expected a lower and a higher value"),

@@ -10,6 +10,7 @@ import numpy as np
 from stiffscope.design.path.gcode import MOST_POINTS, Program, program_text, read_program
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file.parse import FieldError
 from stiffscope.runtime.table import Table, check_columns, check_marks, numbers, read_table
 
 if TYPE_CHECKING:
@@ -124,6 +125,8 @@ def read_toolpath(
     ------
     InputError
         A column or number is invalid; the message names file, line and column.
+    FieldError
+        A unit is invalid.
     """
     if path.suffix.lower() in PROGRAMS:
         return _of_program(path, robot, step, np.array(at, dtype=float), axes)
@@ -140,7 +143,7 @@ def read_toolpath(
     table = _read_plain(path, check) or read_table(path, check, most=MOST_POINTS)
     check_marks(table, table.columns)
     columns = tuple(name for name in table.columns if name.startswith(JOINT)) or pose
-    factors = {name: _factor(path, name, units.get(name), robot) for name in table.columns}
+    factors = {name: _factor(name, units.get(name), robot) for name in table.columns}
     found = {name: numbers(table, name) * factor for name, factor in factors.items()}
     values = np.column_stack([found[name] for name in columns])
     wrench = None
@@ -185,8 +188,8 @@ def _read_plain(path: Path, check: Callable[[str, list[str]], None]) -> Table | 
     return Table(path.name, columns, range(2, found.num_rows + 2))
 
 
-def _factor(path: Path, column: str, unit: str | None, robot: RobotFile) -> float:
-    """Return the factor from a column's unit to SI. Raise InputError for an unknown unit."""
+def _factor(column: str, unit: str | None, robot: RobotFile) -> float:
+    """Return the factor from a column's unit to SI. Raise FieldError of the job for an unknown unit."""
     if unit is None:
         return 1.0
     sizes = {"feed": _FEED, "t": _TIME, **dict.fromkeys(WRENCH[:3], q.FORCE), **dict.fromkeys(WRENCH[3:], q.MOMENT)}
@@ -194,8 +197,7 @@ def _factor(path: Path, column: str, unit: str | None, robot: RobotFile) -> floa
     try:
         return q.to_si(f"1 {unit}", dimension)
     except ValueError as error:
-        expected = f'expected a unit of {dimension.noun}, got "{unit}"'
-        raise InputError(f"{path.name}: units.{column}: {expected}") from error
+        raise FieldError(("units", column), f"expected a unit of {dimension.noun}, got {q.show_value(unit)}") from error
 
 
 def _of_program(path: Path, robot: RobotFile, step: float, at: Array, axes: Array) -> ToolPath:
