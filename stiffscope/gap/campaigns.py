@@ -109,7 +109,8 @@ def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diag
         units = [r for r in inspect_readings(case.campaign, predict_roughly(case)) if r.doubt == "unit"]
         if not units:
             raise
-        raise InputError(f"{units[0].where[0]}: {units[0].text}") from error
+        expected = f"{units[0].where[0]}: value: expected a size near the model's"
+        raise InputError(f"{expected}: {units[0].text}") from error
     doubts = (*inspect_extremes(case.campaign, nominal.mechanism), *inspect_mechanics(case.campaign))
     return dataclasses.replace(found, remarks=(*(doubt.text for doubt in doubts), *found.remarks))
 

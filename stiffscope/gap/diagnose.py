@@ -72,9 +72,10 @@ def diagnose_campaign(
         For unreachable poses, frames read in mirrored axes or another unit, or if there is neither
         a robot nor predictions.
     """
-    for _, error in find_misread(RobotAtPoses(robot, campaign)) if robot else ():
+    model = forward_model(campaign, robot)
+    for _, error in find_misread(RobotAtPoses(robot, model.campaign)) if robot else ():
         raise error
-    return conclude(find(forward_model(campaign, robot), progress))
+    return conclude(find(model, progress))
 
 
 def forward_model(campaign: Campaign, robot: NominalRobot | None) -> ForwardModel:

@@ -60,7 +60,7 @@ def test_a_singular_matrix_by_a_wrong_unit_is_no_unexpected_error(tmp_path, monk
     with pytest.raises(np.linalg.LinAlgError):
         diagnose(GAUGES)
     folder = changed(tmp_path, "campaign.toml", "value =", 'fx = "GN", fz = "GN", value =')
-    with pytest.raises(InputError, match=r"^readings.csv:\d+: gauge_x reads about 1e-9 times the model: wrong unit"):
+    with pytest.raises(InputError, match=r"^readings.csv:\d+: value: .*: gauge_x reads about 1e-9 times"):
         diagnose(folder)
 
 

@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
     from stiffscope.runtime.types import Array
 
-_LARGE = 0.01  # of the robot's size: median residuals beyond are no errors of a robot
-_WILD = 0.1  # of the robot's size: median residuals refused whatever their cause
+_LARGE = 0.01  # of the sizes of robot and workspace: median residuals beyond are no errors of a robot
+_WILD = 0.05  # of these sizes: median residuals refused whatever their cause
 _RIGHT = 0.1  # largest residual of the right reading over that of the readings as they are
 _MISREAD = {-1.0: "mirrored: mirrored axes", 1e-3: "divided by 1000: mm", 1e3: "multiplied by 1000: mm"}
 
@@ -29,8 +29,9 @@ def find_misread(at: RobotAtPoses) -> Iterator[tuple[str, InputError]]:
     if not c.frames:
         return
     read = ~np.isnan(c.value[at.instruments.rows])
-    rows, size = at.instruments.rows[read], measure_robot(at.mechanism)[0]
-    names, every = np.array([s.frame for s in c.sensors])[c.sensor[rows]], at.targets(at.rest)
+    rows, every = at.instruments.rows[read], at.targets(at.rest)
+    names = np.array([s.frame for s in c.sensors])[c.sensor[rows]]
+    size = measure_robot(at.mechanism)[0] + float(np.linalg.norm(np.ptp(every[0], axis=0)))
     for name in np.unique(names).tolist():
         part = Instruments(c.select(rows[names == name]))
         targets = [each[read][names == name] for each in every]
