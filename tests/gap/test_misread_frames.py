@@ -30,7 +30,7 @@ def swap(c):
         ("position", swap, "if mirrored: mirrored axes?"),
         ("position", lambda c: 1e3 * c.value, "if divided by 1000: mm?"),
         ("position", lambda c: 1e-3 * c.value, "if multiplied by 1000: mm?"),
-        ("position", lambda c: np.roll(c.value, 30), "wrong poses or rows?"),
+        ("position", lambda c: np.roll(c.value, 30), "wrong poses, rows or frame?"),
         ("distance", lambda c: 1e3 * c.value, "if divided by 1000: mm?"),
     ],
 )

@@ -40,7 +40,7 @@ def find_misread(at: RobotAtPoses) -> Iterator[tuple[str, InputError]]:
         right, cause = min((_misfit(part, targets, factor), cause) for factor, cause in _MISREAD.items())
         fits = right < min(_RIGHT * own, _LARGE * size)
         if fits or own > _WILD * size:
-            meant = f"and {right:.2g} m if {cause}" if fits else "more than errors of a robot: wrong poses or rows"
+            meant = f"and {right:.2g} m if {cause}" if fits else "no error of a robot: wrong poses, rows or frame"
             got = f"ones {own:.2g} m off it, {meant}?"
             yield name, c.refuse(("frames", name), f"expected positions of the robot, got {got}")
 
