@@ -45,8 +45,6 @@ class Table:
     """Line number of each row in the file."""
     decimal_comma: bool = False
     """Whether numbers may have a decimal comma."""
-    ignored: tuple[str, ...] = ()
-    """Columns of the file that were skipped."""
 
     def fail(self, row: int, column: str, expected: str) -> InputError:
         """Return the error for a cell."""
@@ -118,7 +116,7 @@ def read_table(
         log.warning("%s: sheet %s is read, not %s", path.name, sheets[0], ", ".join(sheets[1:]))
     cells = zip(header, zip(*rows[1:], strict=True), strict=True)
     columns = {each: tuple(map(str.strip, column)) for each, column in cells if each not in ignore}
-    return Table(name, columns, tuple(lines[1:]), decimal_comma, tuple(each for each in header if each in ignore))
+    return Table(name, columns, tuple(lines[1:]), decimal_comma)
 
 
 def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool, list[str]]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.errors import InputError
 from stiffscope.gap.campaign import quantities as of
 from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, DEVIATION, KINDS, WRENCH, kind_of
 from stiffscope.robot.file import quantities as q
@@ -198,17 +199,15 @@ def _check_wrench(
     return out
 
 
-def check_header(header: Header, tables: Collection[Table]) -> None:
-    """Raise InputError for units of columns, and ignored columns, that no table of readings has."""
-    columns = dict.fromkeys(column for table in tables for column in table.columns)
+def check_units(header: Header, table: Table) -> None:
+    """Raise InputError for units of unknown or missing columns."""
     known = {*AXES, *WRENCH, "value", "sigma"}
-    valid = [column for column in columns if column in known or column.startswith(of.JOINT)]
-    for column in (column for column in header.units if column not in valid):
-        raise header.source.refuse(("units", column), f"expected a column among {', '.join(valid)}")
-    ignored = [column for column in header.ignore if not any(column in table.ignored for table in tables)]
-    if ignored and header.predictions is None:  # which may have it
-        message = f"expected columns of the readings, got {show_value(ignored[0])}"
-        raise header.source.refuse(("ignore",), message)
+    for column in header.units:
+        if column not in known and not (column.startswith(of.JOINT) and column[len(of.JOINT) :]):
+            valid = ", ".join((*AXES, *WRENCH, "value", "sigma", "q:JOINT"))
+            raise header.source.refuse(("units", column), f"expected a column among {valid}")
+        if column not in table.columns and column in {"value", "sigma"}:
+            raise InputError(f"{table.name}:1: {column}: expected this column, got none")
 
 
 def coordinate(table: Table, header: Header, name: str) -> Array:

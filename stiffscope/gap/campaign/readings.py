@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign_header import Header
     from stiffscope.gap.campaign.keys import Keys
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.runtime.table import Table
 
 log = logging.getLogger(__name__)
 MOST_POSES = 2_000  # a diagnosis needs 0.02 s and 0.1 MB for each
@@ -63,9 +62,7 @@ def load_campaign(
     """
     header = load_header(folder)
     _check_files(folder, header)
-    tables = [_read_table(folder / name, header) for name in header.readings]
-    of_rows.check_header(header, tables)
-    read = [_read_readings(table, header, planned=planned) for table in tables]
+    read = [_read_readings(folder / name, header, planned=planned) for name in header.readings]
     parts = [keys for keys, _, _ in read]
     first = parts[0]
     other = next((part for part in parts if part.coordinates != first.coordinates), None)
@@ -141,16 +138,13 @@ def _check_some(c: Campaign) -> None:
         raise InputError(f"{c.where(0)}: value: expected readings other than zero, got {got}")
 
 
-def _read_table(path: Path, header: Header) -> Table:
-    check = partial(of_rows.check_readings_columns, bare=header.predictions is not None)
-    table = read_table(path, check, header.ignore)
-    check_marks(table, [name for name in table.columns if name not in {*OPTIONAL, *LABEL}])
-    return table
-
-
-def _read_readings(table: Table, header: Header, *, planned: bool) -> tuple[Keys, Array, Array]:
+def _read_readings(path: Path, header: Header, *, planned: bool) -> tuple[Keys, Array, Array]:
     """Return the keys, values and uncertainties (n,) of a table."""
-    keys = of_rows.read_keys(table, header, bare=header.predictions is not None)
+    bare = header.predictions is not None
+    table = read_table(path, partial(of_rows.check_readings_columns, bare=bare), header.ignore)
+    check_marks(table, [name for name in table.columns if name not in {*OPTIONAL, *LABEL}])
+    of_rows.check_units(header, table)
+    keys = of_rows.read_keys(table, header, bare=bare)
     value = numbers(table, "value", empty=planned, expected="a finite reading in SI")
     value = readings_in_si(table, header, "value", value, keys.quantity)
     kind = kind_of(keys.quantity)
