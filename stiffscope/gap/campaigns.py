@@ -103,14 +103,7 @@ def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diag
         raise InputError(remark.text)
     carrying = NominalRobot(nominal.mechanism, nominal.robot, tested_dimensions(nominal, shop))
     loaded = case.campaign.select(np.flatnonzero(~find_unloaded(case.campaign)))
-    try:
-        found = diagnose_campaign(loaded, carrying, shop.open_line("diagnosis"))
-    except np.linalg.LinAlgError as error:
-        units = [r for r in inspect_readings(case.campaign, predict_roughly(case)) if r.doubt == "unit"]
-        if not units:
-            raise
-        expected = f"{units[0].where[0]}: value: expected a size near the model's"
-        raise InputError(f"{expected}: {units[0].text}") from error
+    found = diagnose_campaign(loaded, carrying, shop.open_line("diagnosis"))
     doubts = (*inspect_extremes(case.campaign, nominal.mechanism), *inspect_mechanics(case.campaign))
     return dataclasses.replace(found, remarks=(*(doubt.text for doubt in doubts), *found.remarks))
 

@@ -894,6 +894,15 @@ def test_a_parameter_taken_for_zero_has_the_interval_that_the_readings_leave_it(
         assert fit.interval[1] > 1.5 * sigma[k]
 
 
+def test_parallel_columns_far_above_their_prior_are_fitted():
+    """Forces in GN for N: no prior counts beside the readings, and their products are singular."""
+    model = linear_model(np.random.default_rng(3), effects=1, parameters=(2,))
+    columns = 1e11 * model.signatures["effect-0 @ place"][:, [0, 0]]
+    model = planted(replace(model, signatures={"effect-0 @ place": columns}), e0=(0.2, 0.1))
+    fit = Problem(model, model.noise()).fit(model.library, np.zeros(2))
+    assert sum(fit.values) == pytest.approx(0.3, rel=1e-6)
+
+
 def test_the_interval_of_competing_hypotheses_is_that_of_draws_from_all():
     mean, sigma, weight = np.array([0.0, 3.0, 1.0]), np.array([1.0, 0.5, 2.0]), np.array([0.5, 0.3, 0.2])
     rng = np.random.default_rng(0)

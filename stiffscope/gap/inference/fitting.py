@@ -44,6 +44,7 @@ _ALIKE = 0.5  # ln of the ratio of two sizes below which descents in both find t
 _DAMPING = (1.0, 0.5, 0.25, 0.1, 0.02)
 _FAR = 4.0  # largest squared distance (sigmas) of a mean from the linearization
 _SLIGHT = 1.0  # expected decrease of the cost that does not justify much damping
+_ROUNDING = 1e-12  # relative regularization of inner products
 _UNASSEMBLABLE = "a parameter is outside the assemblable range"
 
 
@@ -308,7 +309,8 @@ class Problem:
         cost, short = float(inner[k, k] + u**2 @ prior), 0.0
         for _ in range(_STEPS):
             gram = inner[:k, :k]
-            precision, pull = gram + np.diag(prior), inner[:k, k] + gram @ u
+            rounding = _ROUNDING * np.diagonal(gram)  # prior and noise may differ by more
+            precision, pull = gram + np.diag(prior + rounding), inner[:k, k] + gram @ u
             whole = constrained_minima(precision, pull, positive)[0]
             short = float((whole - u) @ precision @ (whole - u))
             step = _minimize_bounded(candidates, precision, pull, whole) - u
