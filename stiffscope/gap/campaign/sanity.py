@@ -340,7 +340,7 @@ def _find_breaks(c: Campaign, name: str, rows: Indices, columns: Array) -> Itera
         where, unit = c.where(int(rows[place])), "rad" if c.direction[rows[0]] >= 3 else "m"
         text = f"{name} jumps by {jump:.2g} {unit} at {where} and stays there: has it slipped?"
         yield ReadingRemark("sensor-step", name, (where,), text)
-        columns = np.column_stack([columns, np.arange(len(rows)) >= place])
+        columns = np.column_stack([columns, np.heaviside(np.arange(len(rows)) - place, 1.0)])
     yield from _name_outliers(c, name, rows, _centre(_fit_robustly(c.value[rows], columns)[1]))
 
 
@@ -360,7 +360,7 @@ def _find_jump(value: Array, columns: Array, poses: Indices) -> tuple[int, float
     pull, shared = (np.cumsum(each[::-1], axis=0)[::-1][before] for each in (clipped, columns))
     own = count - before - np.sum(shared**2, axis=1)  # of a step, what the columns do not follow
     place = int(before[np.argmax(pull**2 / own.clip(min=_OWN * np.minimum(before, count - before)))])
-    fit, rest = _fit_robustly(value, np.column_stack([columns, np.arange(count) >= place]))
+    fit, rest = _fit_robustly(value, np.column_stack([columns, np.heaviside(np.arange(count) - place, 1.0)]))
     jump = float(fit[-1])
     if abs(jump) <= _JUMP * _spread(rest):
         return None

@@ -82,7 +82,7 @@ def mix_intervals(ends: Array, weights: Array) -> tuple[float, float]:
     deviation = (width / np.ptp(quantiles(0.0, 1.0))).clip(min=1e-12 * np.ptp(ends) + 1e-300)
 
     def find_end(tail: float, own: Array) -> float:
-        at = np.linspace(own.min(), own.max(), _POINTS)
+        at: Array = np.linspace(float(own.min()), float(own.max()), _POINTS)
         return float(np.interp(tail, weights @ ndtr((at - middle) / deviation), at))
 
     return find_end(TAILS[0], ends[:, 0]), find_end(TAILS[1], ends[:, 1])
