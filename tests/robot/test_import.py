@@ -368,6 +368,7 @@ def test_a_model_without_a_body_is_refused_in_one_line(tmp_path):
     assert not (tmp_path / "new.toml").exists()
 
 
+@pytest.mark.filterwarnings("error::UserWarning")
 @pytest.mark.parametrize("number", ["nan", "inf", "1e300"])
 @pytest.mark.parametrize("place", ["MASS", "CENTRE", "AXIS", "ORIGIN"])
 def test_numbers_that_are_none_are_refused_in_one_line(tmp_path, monkeypatch, capfd, place, number):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import re
+import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import chain
@@ -126,19 +127,22 @@ def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
     content = read_bytes(path, _MODEL)
     doubts = _check_urdf(path, content) if is_urdf(content) else []
     library: Any = mujoco
-    warnings: list[str] = []
-    library.set_mju_user_warning(warnings.append)  # default: MUJOCO_LOG.TXT
+    said: list[str] = []
+    library.set_mju_user_warning(said.append)  # default: MUJOCO_LOG.TXT
     try:
-        model, notes = _compile(library, path, content)
+        with warnings.catch_warnings(record=True) as warned:
+            warnings.simplefilter("always")
+            model, notes = _compile(library, path, content)
+        said += [str(each.message) for each in warned]
         _check_finite(path, model)
         model.opt.disableflags &= ~int(library.mjtDisableBit.mjDSBL_EQUALITY)
         compiled = CompiledModel(library, path, model, library.MjData(model), notes)
         _go_home(compiled, home)
     finally:
         library.set_mju_user_warning(None)
-    if any("'NaN'" in each for each in warnings):
+    if any("'NaN'" in each for each in said):
         raise InputError(f"{path}: expected {_MODEL} whose numbers are finite, got NaN")
-    compiled.notes += [print_safely(each) for each in [*doubts, *dict.fromkeys(warnings)]]
+    compiled.notes += [print_safely(each) for each in [*doubts, *dict.fromkeys(said)]]
     return compiled
 
 
