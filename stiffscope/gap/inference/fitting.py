@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,6 +14,7 @@ from stiffscope.errors import InputError
 from stiffscope.gap.forward.forward_model import join_columns
 from stiffscope.gap.inference.evidence import constrained_minima, errors_of, log_sum, posterior
 from stiffscope.gap.inference.hypothesis import Hypothesis, bound_parameters, join_values, positive_of, split
+from stiffscope.gap.inference.library import Library
 from stiffscope.gap.inference.plausibility import implausible
 from stiffscope.gap.inference.priors import choose_near, spread_groups, spread_priors
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from stiffscope.gap.forward.forward_model import Candidate, ForwardModel, Noise, Prediction
-    from stiffscope.gap.inference.evidence import Errors, Posterior, Projection
+    from stiffscope.gap.inference.evidence import Errors, Posterior
     from stiffscope.gap.inference.priors import Spreads
     from stiffscope.runtime.types import Array, Flags
 
@@ -65,29 +65,6 @@ class _Point:
     def linear(self) -> Array:
         """Readings (n,) minus the prediction extrapolated to internal parameters of zero."""
         return self.residual + self.slopes @ self.u
-
-
-@dataclass(frozen=True)
-class Library:
-    """Derivatives of all effects about one prediction, with inner products for scoring."""
-
-    candidates: tuple[Candidate, ...]
-    columns: tuple[slice, ...]
-    """Columns of each candidate: derivatives, or the step if it has no parameters."""
-    values: Array
-    """Columns (n, c) in units of sigma."""
-    projection: Projection
-    blocks: tuple[Array, ...]
-    """Inner products (q, k, k) of each candidate's columns."""
-
-    @cached_property
-    def _by_candidate(self) -> dict[int, Array]:
-        pairs = zip(self.candidates, self.columns, strict=True)
-        return {id(candidate): self.values[:, here] for candidate, here in pairs}
-
-    def differentiate(self, candidate: Candidate) -> Array:
-        """Return a candidate's derivatives (n, k), or its step (n, 1)."""
-        return self._by_candidate[id(candidate)]
 
 
 @dataclass(frozen=True)
@@ -375,20 +352,7 @@ class Problem:
     @cached_property
     def nominal(self) -> Library:
         """Derivatives of all effects about the nominal model."""
-        return self._library(self.model.predict())
-
-    def _library(self, prediction: Prediction) -> Library:
-        effects, sigma = self.model.library, self.noise.sigma[:, None]
-        parts = [prediction.columns(c) if c.scale else prediction.step(c)[:, None] for c in effects]
-        ends = np.cumsum([0, *(part.shape[1] for part in parts)])
-        where = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
-        values = np.hstack([sigma[:, :0], *parts]) / sigma
-        values = np.where(np.isfinite(values), values, 0.0)
-        projection = self.errors.project(values)
-        whole = projection.stated, projection.scaled, projection.features
-        parts = [type(projection)(*(part[:, here] for part in whole)) for here in where]
-        blocks = tuple(self.errors.inner(part, part) for part in parts)
-        return Library(effects, where, values, projection, blocks)
+        return Library.of(self.model.library, self.model.predict(), self.noise.sigma, self.errors)
 
     def library_at(self, hypothesis: Hypothesis) -> Library:
         """Return derivatives about a hypothesis, or the nominal ones if it is nearly linear."""
@@ -400,7 +364,8 @@ class Problem:
         fixed = any(not c.scale for c in hypothesis.candidates)  # a unit also changes derivatives
         if not fixed and error <= CURVED * change:
             return self.nominal
-        return self._library(self.model.predict(hypothesis.parameters))
+        prediction = self.model.predict(hypothesis.parameters)
+        return Library.of(self.model.library, prediction, self.noise.sigma, self.errors)
 
     @cached_property
     def nominal_residual(self) -> Array:

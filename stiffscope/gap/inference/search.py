@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.forward.forward_model import Candidate
     from stiffscope.gap.inference.evidence import Errors
-    from stiffscope.gap.inference.fitting import Library, Problem
+    from stiffscope.gap.inference.fitting import Problem
+    from stiffscope.gap.inference.library import Library
     from stiffscope.runtime.types import Array, Flags, Progress
 
     Forms = frozenset[tuple[str, int]]
