@@ -55,7 +55,10 @@ def test_an_instrument_at_fault_is_named(fault, style, beside, lab, tmp_path):
 
 @pytest.mark.parametrize(
     "other",
-    [Fault("link-length", "left.inner", {"error": 3e-5}), Fault("force-scale", "instrument", {"factor": 1.05})],
+    [
+        pytest.param(Fault("link-length", "left.inner", {"error": 3e-5}), marks=pytest.mark.long),
+        Fault("force-scale", "instrument", {"factor": 1.05}),
+    ],
     ids=["length", "scale"],
 )
 def test_a_unit_is_no_gain_that_differs_by_direction(other, lab, tmp_path):
