@@ -13,7 +13,7 @@ from stiffscope.gap.forward.column_model import ColumnModel
 from stiffscope.gap.forward.misread_frames import find_misread
 from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
 from stiffscope.gap.forward.robot_model import RobotModel
-from stiffscope.gap.inference.averaging import average_over, mix_intervals, quantiles
+from stiffscope.gap.inference.averaging import TAILS, average_over, mix_intervals, quantiles
 from stiffscope.gap.inference.diagnosis import (
     Alternative,
     Diagnosis,
@@ -25,12 +25,13 @@ from stiffscope.gap.inference.diagnosis import (
     Sensitivity,
 )
 from stiffscope.gap.inference.findings import COMPETING, find
+from stiffscope.gap.inference.hypothesis import positive_of
 from stiffscope.gap.inference.lack_of_fit import correlation
 from stiffscope.gap.inference.location import locate_residuals, signature_correlation
 from stiffscope.gap.inference.plausibility import implausible, own_part, physical_sigma, plausible
-from stiffscope.gap.inference.posterior_samples import draw_samples
+from stiffscope.gap.inference.posterior_samples import draw_internal, draw_samples
 from stiffscope.gap.inference.residuals import percent_rms, rms_by_kind
-from stiffscope.gap.inference.verdict import doubtful, judge_findings, settle_verdict, shares
+from stiffscope.gap.inference.verdict import check_held_out, doubtful, judge_findings, settle_verdict, shares
 from stiffscope.gap.next_reading import find_next
 
 if TYPE_CHECKING:
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 
 COMPARED = 50.0  # ln-odds within which an alternative's parameters are checked
 FACTOR = 10.0  # change of the prior, either way, to test the verdict
+_DRAWS = 1000  # for the interval of a parameter that is no linear function of internal ones
 _LISTED = 12  # alternatives, possible effects
 _LEFT = 0.9  # share of its prior variance: with more left, readings do not show an error
 
@@ -90,7 +92,7 @@ def forward_model(campaign: Campaign, robot: NominalRobot | None) -> ForwardMode
 def conclude(found: Findings) -> Diagnosis:
     """Return the diagnosis of a search: the verdict with all its numbers."""
     others = _under_other_priors(found)
-    judgement = settle_verdict(found, judge_findings(found), others)
+    judgement = check_held_out(found, settle_verdict(found, judge_findings(found), others))
     reported = judgement.hypothesis
     joint = found.best if reported.names <= found.best.names else reported
     unseen = tuple(_unseen(found, joint, judgement.effects))
@@ -199,7 +201,12 @@ def _parameters(name: str, hypothesis: Hypothesis) -> dict[str, Parameter]:
 def _intervals(
     candidate: Candidate, internal: Array, covariance: Array, values: Array, sigma: Array
 ) -> list[tuple[float, float]]:
-    """Return 95 % intervals: by quantiles for one parameter, else by standard uncertainties."""
+    """Return 95 % intervals: by quantiles for one parameter or couplings, else by standard uncertainties."""
+    if candidate.couplings:  # such as a centre of mass, a ratio
+        positive, rng = positive_of([candidate]), np.random.default_rng(0)
+        draws = draw_internal(internal, covariance, positive, _DRAWS, rng)
+        low, high = np.quantile([candidate.physical(row) for row in draws], TAILS, axis=0)
+        return list(zip(low.tolist(), high.tolist(), strict=True))
     deviation = np.sqrt(np.diagonal(covariance).clip(min=1e-300))
     lowest = [0.0 if one_sided else -np.inf for one_sided in candidate.one_sided]
     ends = [quantiles(m, s, low) for m, s, low in zip(internal, deviation, lowest, strict=True)]

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,6 +25,8 @@ from stiffscope.report.text import sentence
 from tests.benchmarks.second_lab import campaign_of
 from tests.gap.test_robot_model import nominal, readings
 from tests.labs import machine
+
+SHARED = Path(__file__).parents[1] / "vjm" / "robots"
 
 
 def resized(robot, length, stiffness):
@@ -84,12 +87,11 @@ def test_a_robot_of_another_size_and_stiffness_gets_the_same_answer(number, seed
     assert answers[0][0] == ("identified" if planted.name else "no-gap")
 
 
-def sagged(robot, true, noise=5e-6):
-    """Deviations of an arm under its own weight at some postures, with noise in m and rad."""
+def sagged(robot, true, noise=5e-6, middle=None, spread=(0.1, 0.4)):
+    """Deviations of a robot under its own weight at some postures, with noise in m and rad."""
     rng = np.random.default_rng(5)
-    poses = np.array(list(robot.robot.poses.values())).mean(axis=0) + rng.uniform(-1, 1, (16, 6)) * np.repeat(
-        [0.1, 0.4], 3
-    )
+    middle = np.array(list(robot.robot.poses.values())).mean(axis=0) if middle is None else middle
+    poses = middle + rng.uniform(-1, 1, (16, 6)) * np.repeat(spread, 3)
     pose, direction = np.divmod(np.arange(6 * len(poses)), 6)
     n = len(pose)
     c = Campaign(
@@ -128,6 +130,22 @@ def test_geometry_and_masses_have_no_favourite_size(effect, place, parameters):
     assert answers[0][0] in {"identified", "ambiguous"}
     for answer in answers[1:]:
         assert answer == (answers[0][0], pytest.approx(answers[0][1], abs=0.1))
+
+
+def test_a_mass_that_no_reading_shows_leaves_its_effect_named():
+    """On a strut hung in its fixed foot only moments about the foot show: a fit without mass has its centre nowhere."""
+    robot = nominal(SHARED / "stewart.toml")
+    true = {"mass": 1.3, "x": -0.036, "y": 0.0875, "z": -0.059}
+    loaded = apply_effect(robot, "payload", "strut6.lower", true)
+    c = sagged(robot, loaded, 1e-6, robot.mechanism.tool.home, (0.03, 0.1))
+    found = diagnose_campaign(c, robot)
+    (effect,) = found.effects
+    assert (found.verdict, effect.effect, effect.place) == ("identified", "payload", "strut6.lower")
+    for name, value in true.items():
+        (low, high), fitted = effect.parameters[name].interval, effect.parameters[name].value
+        assert low < value < high
+        assert low < fitted < high
+    assert all(abs(effect.parameters[name].value) < 0.11 for name in "xyz")
 
 
 def measured(robot, true, quantities, spread, seed=1):

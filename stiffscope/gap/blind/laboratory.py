@@ -11,6 +11,7 @@ from stiffscope.effects.vocabulary import word_of
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.gap.blind.cases import Fault
+from stiffscope.gap.forward.robot_at_poses import configure_robot
 from stiffscope.gap.lab.closure import COORDINATES
 from stiffscope.gap.lab.faults import ENTRIES, KNOWN, acts_on, inject, is_uniform
 from stiffscope.gap.lab.machine import machine_of
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.machine import Machine
     from stiffscope.gap.lab.rotations import Array
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.runtime.types import Flags
     from stiffscope.runtime.workshop import Workshop
 
 _POOL = 72  # poses of a robot from which campaigns are drawn
@@ -105,7 +107,11 @@ class Lab:
         self.sound = machine
         self._steps: dict[str, dict[str, Array]] = {}
         self._words: dict[tuple[str, ...], dict[str, tuple[str, str]]] = {}
-        self.workspace: Workspace = workspace(machine, poses, np.random.default_rng(_SEED))
+        self.workspace: Workspace = workspace(machine, poses, np.random.default_rng(_SEED), self._is_reached)
+
+    def _is_reached(self, poses: Array) -> Flags:
+        """Return which poses (n, k) the model reaches from home without passing a singular one."""
+        return configure_robot(self.robot.nominal.mechanism, self.sound.pose, poses).valid
 
     def with_faults(self, faults: Sequence[Fault]) -> Machine:
         """Return the machine with faults."""

@@ -17,6 +17,7 @@ from scipy.special import log_ndtr, ndtr, ndtri_exp  # pyright: ignore[reportMis
 from stiffscope.gap.inference.evidence import posterior
 from stiffscope.gap.inference.findings import COMPETING
 from stiffscope.gap.inference.hypothesis import positive_of, split
+from stiffscope.gap.inference.plausibility import find_plausible
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -70,8 +71,9 @@ def _without_zeros(problem: Problem, hypothesis: Hypothesis) -> Hypothesis | Non
     y, x = hypothesis.linear, hypothesis.slopes
     known = posterior(problem.errors, y, x, priors, positive_of(hypothesis.candidates))
     log = hypothesis.evidence + known.log_evidence - hypothesis.known.log_evidence
-    parameters = split(hypothesis.candidates, known.mean)
-    return replace(hypothesis, parameters=parameters, residual=y - x @ known.mean, evidence=log, known=known)
+    dense = replace(hypothesis, parameters=split(hypothesis.candidates, known.mean), evidence=log, known=known)
+    u = known.mean if (near := find_plausible(dense)) is None else near
+    return replace(dense, parameters=split(hypothesis.candidates, u), residual=y - x @ u)
 
 
 def mix_intervals(ends: Array, weights: Array) -> tuple[float, float]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.errors import InputError
 from stiffscope.gap.campaign.campaign import AT_TOOL
 from stiffscope.gap.campaign.quantities import DEVIATION, QUANTITIES
 from stiffscope.gap.forward.forward_model import join_columns
@@ -37,11 +38,15 @@ def next_measurement(trial: Trial, first: Hypothesis, others: Iterable[Hypothesi
 
     Returns
     -------
-        None if no reading is expected to gain `WORTHWHILE`.
+        None if no reading is expected to gain `WORTHWHILE`. Explanations whose effects are too large for
+        one of the poses are left out.
     """
-    here = _predict(trial, first)
+    if (here := _predict(trial, first)) is None:
+        return None
     for second in others:
-        gain = expected_log_odds(trial, here, _predict(trial, second))
+        if (there := _predict(trial, second)) is None:
+            continue
+        gain = expected_log_odds(trial, here, there)
         best = int(np.argmax(gain))
         if gain[best] >= WORTHWHILE:
             separates = tuple(" + ".join(sorted(h.names)) or "no effect" for h in (first, second))
@@ -105,8 +110,14 @@ def expected_log_odds(trial: Trial, first: Predicted, second: Predicted) -> Arra
     return gain
 
 
-def _predict(trial: Trial, hypothesis: Hypothesis) -> Predicted:
-    """Return readings (n,), derivatives (n, k), both over sigma, and covariance (k, k)."""
+def _predict(trial: Trial, hypothesis: Hypothesis) -> Predicted | None:
+    """Return readings (n,), derivatives (n, k), both over sigma, and covariance (k, k).
+
+    None if the robot cannot be assembled with these effects at one of the poses.
+    """
     prediction, sigma = trial.model.predict(hypothesis.parameters), trial.sigma
-    columns = join_columns(prediction, hypothesis.candidates)
+    try:
+        columns = join_columns(prediction, hypothesis.candidates)
+    except InputError:
+        return None
     return prediction.values / sigma, columns / sigma[:, None], hypothesis.covariance

@@ -15,7 +15,7 @@ from stiffscope.gap.forward.forward_model import join_columns
 from stiffscope.gap.inference.evidence import constrained_minima, errors_of, log_sum, posterior
 from stiffscope.gap.inference.hypothesis import Hypothesis, bound_parameters, join_values, positive_of, split
 from stiffscope.gap.inference.library import Library
-from stiffscope.gap.inference.plausibility import implausible
+from stiffscope.gap.inference.plausibility import find_plausible, implausible
 from stiffscope.gap.inference.priors import choose_near, spread_groups, spread_priors
 
 if TYPE_CHECKING:
@@ -258,6 +258,9 @@ class Problem:
         log = known.log_evidence - 0.5 * at.short
         whole = split(candidates, at.u), at.residual, at.slopes, log, known
         found = Hypothesis(*whole, short=at.short, local=local)
+        if (u := find_plausible(found)) is not None:
+            at = self._linearize(candidates, u)
+            found = replace(found, parameters=split(candidates, u), residual=at.residual, slopes=at.slopes)
         return replace(found, evidence=log + self.log_odds(found))
 
     def _find_distance(self, known: Posterior, at: _Point) -> float:

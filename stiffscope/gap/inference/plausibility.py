@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.gap.inference.hypothesis import bound_parameters, positive_of, split
+
 if TYPE_CHECKING:
     from stiffscope.gap.forward.forward_model import Candidate
     from stiffscope.gap.inference.hypothesis import Hypothesis
@@ -13,6 +15,7 @@ if TYPE_CHECKING:
 
 
 SIGNIFICANT = 3.0  # least significant deviation from the plausible range, standard deviations
+_DISTANCES = np.linspace(0.05, 1.0, 20) * SIGNIFICANT
 _SENSIBLE = 100.0  # times its range: largest uncertainty of a parameter that says anything
 
 
@@ -58,3 +61,22 @@ def implausible(
     rows = zip(other.names, other.units, values, plausible(other, values, sigma), strict=True)
     strange = (f"{name} of {v:.3g} {unit}" for name, unit, v, fine in rows if not fine)
     return [f"{other.name}: {each} is not plausible" for each in strange]
+
+
+def find_plausible(hypothesis: Hypothesis) -> Array | None:
+    """Return the nearest internal parameters (k,) that are plausible; None if the fit is, or none are near.
+
+    A mass that readings hardly show may be zero in a fit, and its centre anywhere. A positive parameter is
+    therefore increased by at most `SIGNIFICANT` standard deviations, with the others at their expectation for
+    that value.
+    """
+    candidates, covariance = hypothesis.candidates, hypothesis.covariance
+    wrong = [c for c in candidates if c.couplings and implausible(c, hypothesis)]
+    for j in np.flatnonzero(hypothesis.mark(lambda c: c in wrong) & positive_of(candidates)) if wrong else ():
+        along = covariance[:, j] / np.sqrt(covariance[j, j])
+        for distance in _DISTANCES:
+            there = bound_parameters(candidates, hypothesis.values + distance * along)
+            moved = ((c, c.physical(np.array(own))) for c, own in split(candidates, there) if c in wrong)
+            if all(all(plausible(c, values, np.zeros(len(values)))) for c, values in moved):
+                return there
+    return None

@@ -98,7 +98,8 @@ def draw_samples(
     kept = {candidate.name for candidate in named}
     for number, (hypothesis, _) in enumerate(averaged):
         here = np.flatnonzero(source == number)
-        u = _internal_draws(hypothesis, len(here), rng)
+        positive = positive_of(hypothesis.candidates)
+        u = draw_internal(hypothesis.values, hypothesis.covariance, positive, len(here), rng)
         setting = rng.choice(len(hypothesis.known.settings), len(here), p=hypothesis.known.settings)
         size[here] = found.problem.errors.sizes[setting]
         for name, unit, values in _physical_draws(hypothesis, kept, u):
@@ -135,16 +136,14 @@ def _physical_draws(hypothesis: Hypothesis, kept: set[str], u: Array) -> Iterato
                 yield f"{candidate.name}: {name}", unit, values
 
 
-def _internal_draws(joint: Hypothesis, count: int, rng: Generator) -> Array:
-    """Return draws of internal parameters (count, k)."""
-    mean = joint.values
+def draw_internal(mean: Array, covariance: Array, positive: Flags, count: int, rng: Generator) -> Array:
+    """Return normal draws (count, k) of internal parameters, truncated at zero where they are positive."""
     if not len(mean):
         return np.zeros((count, 0))
-    deviation = np.sqrt(np.diagonal(joint.covariance).clip(min=1e-300))
-    scaled = joint.covariance / np.outer(deviation, deviation)  # units differ widely
+    deviation = np.sqrt(np.diagonal(covariance).clip(min=1e-300))
+    scaled = covariance / np.outer(deviation, deviation)  # units differ widely
     values, vectors = np.linalg.eigh(scaled)
     root = deviation[:, None] * vectors * np.sqrt(values.clip(min=0.0))
-    positive = positive_of(joint.candidates)
     out = mean + rng.standard_normal((count, len(mean))) @ root.T
     for _ in range(_REDRAWN):
         wrong = np.flatnonzero((out < 0.0)[:, positive].any(axis=1))

@@ -14,9 +14,12 @@ from stiffscope.gap.lab.response import Spot, respond, tool_spot
 from stiffscope.gap.lab.rotations import turn
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from stiffscope.gap.lab.closure import Located
     from stiffscope.gap.lab.machine import Machine
     from stiffscope.gap.lab.rotations import Array
+    from stiffscope.runtime.types import Flags
 
 Style = Literal["tool", "gauges", "sag", "tracker"]
 """The tool's pose with and without loads; five gauges and a hook; the unloaded tool only; positions
@@ -89,10 +92,23 @@ class Workspace:
     """Configuration of its bodies at the poses."""
 
 
-def workspace(machine: Machine, count: int, rng: np.random.Generator) -> Workspace:
+def workspace(
+    machine: Machine, count: int, rng: np.random.Generator, known: Callable[[Array], Flags] | None = None
+) -> Workspace:
     """Return reachable poses throughout the workspace of a sound machine, away from singularities.
 
-    Raises InputError if hardly any pose is reachable.
+    Parameters
+    ----------
+    machine, count, rng
+        The machine, the number of poses, and the random generator that draws them.
+    known
+        Returns which poses (n, k) the robot's model reaches too; default: all. The machine steps past
+        singular poses between its own steps.
+
+    Raises
+    ------
+    InputError
+        Hardly any pose is reachable.
     """
     box, yields = ranges(machine), diagonal_at(machine, home_of(machine)[None])[0].reshape(2, 3)
     limit = _SOFT * yields.max(axis=1).repeat(3)
@@ -104,8 +120,8 @@ def workspace(machine: Machine, count: int, rng: np.random.Generator) -> Workspa
         located = locate(machine, trial)
         if located.closed.any():
             there = np.abs(diagonal_at(machine, located.some(located.closed)))
-            firm = (there <= limit).all(axis=1)
-            found = np.concatenate([found, trial[located.closed][firm]])[:count]
+            firm = trial[located.closed][(there <= limit).all(axis=1)]
+            found = np.concatenate([found, firm[known(firm)] if known and len(firm) else firm])[:count]
         if len(found) == count:
             return Workspace(machine, scale, found, locate(machine, found))
     message = "expected a [map] within reach, got poses of which hardly any can be reached"
