@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from distributed import LocalCluster
+from scipy.spatial.transform import Rotation
 
 from stiffscope.errors import InputError
 from stiffscope.gap.blind import check as blind
@@ -82,6 +83,23 @@ def test_the_withheld_campaigns_get_right_answers():
             right += truth <= known
     assert len(cases) == 8
     assert right >= 7
+
+
+def test_a_laboratory_visits_no_pose_beyond_a_singular_one():
+    """A low platform's heads may lie below its feet: the determinant of its six legs has changed its sign there."""
+    robot = load_robot(Path(__file__).parents[1] / "vjm" / "robots" / "stewart.toml")
+    mechanism = mechanism_of(robot, {})
+    lab = Lab(BlindRobot(NominalRobot(mechanism, robot), {}, "beam"), 60)
+    feet, heads = (np.array([mechanism.joint(f"strut{k}.{end}").at for k in range(1, 7)]) for end in ("foot", "head"))
+    home = mechanism.tool.home
+
+    def determinant(pose):
+        levers = (heads - home[:3]) @ Rotation.from_rotvec(pose[3:]).as_matrix().T
+        legs = pose[:3] + levers - feet
+        return np.linalg.det(np.hstack([legs, np.cross(levers, legs)]))
+
+    signs = np.sign([determinant(pose) for pose in lab.workspace.poses])
+    assert (signs == np.sign(determinant(home))).all()
 
 
 @pytest.mark.parametrize("name", ["five-bar", *(pytest.param(n, marks=pytest.mark.long) for n in SLOWER)])

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from itertools import permutations
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -26,7 +27,7 @@ from stiffscope.gap.inference.lack_of_fit import lack_of_fit
 from stiffscope.gap.inference.posterior_samples import draw_samples, write_posterior
 from stiffscope.gap.inference.priors import SPARSE, Spreads, spread_groups, spread_priors
 from stiffscope.gap.inference.search import Search
-from stiffscope.gap.inference.verdict import shares
+from stiffscope.gap.inference.verdict import Judgement, check_held_out, shares
 from tests.gap.synthetic import LinearModel, LinearPrediction, linear_model
 
 
@@ -925,3 +926,22 @@ def test_what_no_reading_shows_of_many_errors_is_said():
     assert [e.effect for e in found.effects] == ["effect-0"]
     text = "effect-0 @ place: readings show 2 combinations of its 4 errors, and nothing of b.z"
     assert text in found.remarks
+
+
+@pytest.mark.parametrize(("worse", "verdict"), [(1.0, "partly"), (1.3, "unexplained")])
+def test_what_predicts_other_poses_worse_than_nothing_explains_no_part(worse, verdict):
+    """The pitch of six screws gets axes of 13 um for a name, which double what is left at poses held out."""
+    found = SimpleNamespace(
+        campaign=SimpleNamespace(pose=np.arange(8)), used_readings=np.ones(8, dtype=bool), none=object(),
+        chi2=lambda _: 800.0, held_out_residual=lambda _: np.full(8, np.sqrt(100.0 * worse)),
+    )  # fmt: skip
+    part = Judgement("partly", (SimpleNamespace(name="geometry @ robot"),), object(), ("a rest is left",))
+    assert check_held_out(found, replace(part, verdict="identified")).verdict == "identified"
+    judgement = check_held_out(found, part)
+    assert judgement.verdict == verdict
+    if verdict == "unexplained":
+        assert judgement.effects == ()
+        assert judgement.hypothesis is found.none
+        assert judgement.remarks[0].startswith("geometry @ robot would explain a part")
+        found.campaign.pose = np.arange(8) % 4
+        assert check_held_out(found, part) is part

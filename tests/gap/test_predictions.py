@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stiffscope.errors import InputError
 from stiffscope.gap.campaign.campaign import Campaign
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import diagnose_campaign
@@ -135,6 +136,25 @@ def test_rivals_exclude_each_other():
     sets = [h.names for h in find(model).hypotheses]
     assert frozenset(["rival @ softer"]) in sets
     assert not any({"rival @ softer", "rival @ other"} <= names for names in sets)
+
+
+def test_no_measurement_is_suggested_where_the_robot_cannot_be_assembled_with_what_it_is_to_separate():
+    """The pitch of six screws passed for axes 13 um off: no robot with these closes at some pose tried."""
+    model = ColumnModel(campaign(factors=(1.1,) * 6))
+    problem = Problem(model, model.noise())
+    scale = next(c for c in model.library if c.name == "scale @ all")
+    none, scaled = problem.fit((), np.zeros(0)), problem.fit([scale], np.array([0.1]))
+
+    class Assembled(ColumnModel):
+        def predict(self, parameters=()):
+            if parameters:
+                raise InputError("loop closure: no solution")
+            return super().predict(parameters)
+
+    trial = replace(model.trial(np.full(36, 1e-6)), model=Assembled(model.campaign))
+    assert next_measurement(trial, none, [scaled]) is None
+    assert next_measurement(trial, scaled, [none]) is None
+    assert next_measurement(replace(trial, model=model), none, [scaled]) is not None
 
 
 @pytest.mark.parametrize(("odds", "worthwhile"), [(0.15, False), (0.9, False), (1.2, True), (24.0, True)])

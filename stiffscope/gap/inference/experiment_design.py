@@ -115,8 +115,9 @@ def _predict(trial: Trial, hypothesis: Hypothesis) -> Predicted | None:
 
     None if the robot cannot be assembled with these effects at one of the poses.
     """
-    prediction, sigma = trial.model.predict(hypothesis.parameters), trial.sigma
+    sigma = trial.sigma
     try:
+        prediction = trial.model.predict(hypothesis.parameters)
         columns = join_columns(prediction, hypothesis.candidates)
     except InputError:
         return None
