@@ -36,7 +36,7 @@ class AddedMass(Effect):
     word = "payload"
     precedence = 20
     adoptable = True
-    parameters = (Parameter("mass", "kg", 0.2, 0.0, 3.0), *(Parameter(x, "m", 0.1, -0.5, 0.5) for x in "xyz"))
+    parameters = (Parameter("mass", "kg", 0.2, 0.0, 3.0), *(Parameter(x, "m", 0.25, -0.5, 0.5) for x in "xyz"))
     bounds = ADDED
 
     body: str

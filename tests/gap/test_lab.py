@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stiffscope.effects.vocabulary import apply_effect
 from stiffscope.errors import InputError
 from stiffscope.gap.lab import faults as lab_faults
 from stiffscope.gap.lab.closure import locate
@@ -18,6 +19,7 @@ from stiffscope.gap.lab.plans import draw_plan, workspace
 from stiffscope.gap.lab.response import Spot, respond, tool_spot
 from stiffscope.gap.lab.rotations import rates_of_vector, turn, vector_of
 from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot, read_robot
 from stiffscope.vjm import statics
@@ -137,6 +139,23 @@ def test_stiffness_and_sag_are_those_of_the_mechanism_engine(name):
     size = np.sqrt(np.einsum("nii->ni", k))
     assert (np.abs(stiffness(sound, poses) - k) < 1e-8 * size[:, :, None] * size[:, None, :]).all()
     assert np.abs(sag(sound, poses) - w).max() < 1e-8 * np.abs(w).max()
+
+
+def test_a_load_on_a_body_without_mass_is_placed_from_the_middle_of_its_joints():
+    """By lab and model alike: the body of a robot file with the load as its own mass sags as much."""
+    file = Path(__file__).parents[1] / "vjm" / "robots" / "stewart.toml"
+    robot, load = load_robot(file), {"mass": 1.3, "x": -0.036, "y": 0.0875, "z": -0.059}
+    joints = [joint.at for joint in mechanism_of(robot, {}).joints if "strut6.lower" in (joint.first, joint.second)]
+    centre = (np.mean(joints, axis=0) + [load[axis] for axis in "xyz"]).tolist()
+    section = '[bodies."strut6.lower"]'
+    heavy = read_robot(file, file.read_text().replace(section, f"{section}\nmass = 1.3\ncentre = {centre}"))
+    poses = mechanism_of(robot, {}).tool.home + np.array([[0.0] * 6, [0.02, -0.01, 0.01, 0.05, -0.1, 0.08]])
+    expected = statics.sag(mechanism_of(heavy, {}), poses)
+    assert sag(inject(machine_of(robot, {}), "payload", "strut6.lower", load), poses) == pytest.approx(
+        expected, rel=1e-6
+    )
+    loaded_robot = apply_effect(NominalRobot(mechanism_of(robot, {}), robot), "payload", "strut6.lower", load)
+    assert statics.sag(loaded_robot.mechanism, poses) == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -174,9 +174,11 @@ def _grow(body: Body, strain: float) -> Body:
 
 
 def _payload(machine: Machine, place: str, parameters: Parameters) -> Machine:
-    """Add a mass to a rigid body, with its centre relative to M (tool) or the body's centre."""
+    """Add a mass to a rigid body, with its centre relative to M (tool), or to the body's or its joints' centre."""
     node = machine.tool if place == "tool" else place
-    origin = machine.at if node == machine.tool else machine.bodies[node].centre
+    joints = [joint.at for joint in machine.joints.values() if node in (joint.first, joint.second)]
+    own = machine.bodies[node].centre if machine.bodies[node].mass else np.mean(joints, axis=0)
+    origin = machine.at if node == machine.tool else own
     load = Payload(node, parameters["mass"], origin + name_parameters(parameters, "x", "y", "z"))
     return replace(machine, payloads=(*machine.payloads, load))
 
