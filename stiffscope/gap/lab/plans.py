@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.closure import Located
     from stiffscope.gap.lab.machine import Machine
     from stiffscope.gap.lab.rotations import Array
-    from stiffscope.runtime.types import Flags
 
 Style = Literal["tool", "gauges", "sag", "tracker"]
 """The tool's pose with and without loads; five gauges and a hook; the unloaded tool only; positions
@@ -93,7 +92,7 @@ class Workspace:
 
 
 def workspace(
-    machine: Machine, count: int, rng: np.random.Generator, known: Callable[[Array], Flags] | None = None
+    machine: Machine, count: int, rng: np.random.Generator, known: Callable[[Array], Array] | None = None
 ) -> Workspace:
     """Return reachable poses throughout the workspace of a sound machine, away from singularities.
 
