@@ -17,6 +17,7 @@ from stiffscope.vjm.checks import spell_name
 from stiffscope.vjm.closure import CLOSED
 from stiffscope.vjm.continuation import OPEN, RANGE, REACHED, Reached, find_ranges, find_solver, follow_paths
 from stiffscope.vjm.linkage import rotation_vector
+from stiffscope.vjm.mechanism import COORDINATES
 from stiffscope.vjm.reach import reach_toward
 
 if TYPE_CHECKING:
@@ -180,6 +181,15 @@ def start_note(mechanism: Mechanism) -> str | None:
     joints = [(spell_name("joints", name), mechanism.joint(name), v) for name, v in displaced.items()]
     where = ", ".join(f"{here} = {_value_text(joint, value)}" for here, joint, value in joints)
     return f"home is singular: tool poses start from {where}, the nearest regular configuration"
+
+
+def find_still(mechanism: Mechanism) -> tuple[list[str], list[str]]:
+    """Return the drives and springs, and the tool's coordinates, that stay as at home where poses leave a choice."""
+    solver = find_solver(mechanism, "tool")
+    columns, held = solver.linkage.columns, set(solver.closure.held)
+    able = [j.name for j in mechanism.joints if j.drive is not None or j.spring is not None]
+    moved = zip(COORDINATES, columns.get("", ()), strict=False)
+    return [n for n in able if held.intersection(columns.get(n, ()))], [n for n, column in moved if column in held]
 
 
 def configure_chunks(

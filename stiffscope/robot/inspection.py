@@ -17,8 +17,7 @@ from stiffscope.robot.imports.import_record import parts_folder, read_record
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.robot.part_matrices import known_mass, source_of, used_parts
 from stiffscope.vjm.checks import list_names
-from stiffscope.vjm.continuation import find_solver
-from stiffscope.vjm.kinematics import configure, start_note
+from stiffscope.vjm.kinematics import configure, find_still, start_note
 from stiffscope.vjm.linkage import Linkage
 from stiffscope.vjm.mobility import NEAR, mobility
 from stiffscope.vjm.reach import reach
@@ -197,13 +196,11 @@ def _of_mobility(found: Mobility, start: str | None = None) -> Iterator[str]:
 
 
 def _of_choice(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
-    """Yield a remark on drives and springs held at home if a pose leaves a continuum of configurations."""
+    """Yield a remark on what stays as at home if a pose leaves a continuum of configurations."""
     motions = found.dof - found.idle_count
     ways = motions - len(mechanism.tool.pose)
-    solver = find_solver(mechanism, "tool")
-    columns, held = solver.linkage.columns, set(solver.closure.held)
-    able = [j for j in mechanism.joints if j.drive is not None or j.spring is not None]
-    still = [j.name for j in able if held.intersection(columns.get(j.name, ()))]
+    joints, coordinates = find_still(mechanism)
+    still = [*joints, *(f"{name} of the tool" for name in coordinates)]
     if ways > 0 and still:
         stay = f"{list_names(still)} {'stays' if len(still) == 1 else 'stay'} as at home"
         yield f"[tool] pose leaves {ways} of {motions} motions open: {stay}"

@@ -26,6 +26,7 @@ from stiffscope.gap.blind.scores import Outcome, outcome_of, score
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.forward.robot_model import RobotModel
+from stiffscope.gap.lab.closure import locate
 from stiffscope.gap.lab.faults import bearing_words
 from stiffscope.gap.lab.measuring import Noise, measure, sigma_of, true_readings, write_readings
 from stiffscope.gap.lab.signatures import Signatures
@@ -33,6 +34,7 @@ from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot, read_robot
+from stiffscope.vjm.kinematics import configure
 from tests.labs import ARM
 from tests.robots import nominal_robot
 
@@ -100,6 +102,25 @@ def test_a_laboratory_visits_no_pose_beyond_a_singular_one():
 
     signs = np.sign([determinant(pose) for pose in lab.workspace.poses])
     assert (signs == np.sign(determinant(home))).all()
+
+
+@pytest.mark.parametrize("flexure", [False, True])
+def test_what_poses_leave_open_stays_at_home_in_the_laboratory_too(flexure):
+    """Two drives, or a drive and a flexure, for one coordinate: the model leaves the tool's angle, or the flexure."""
+    text = ARM.format(kind="revolute", axis="[0, 0, 1]", at="[0.3, 0.2, 0]", pose='["y"]')
+    if flexure:
+        text = text.replace("drive = { stiffness = 2e5 }", "spring = 2e5")
+    robot = read_robot(Path("arm.toml"), text)
+    mechanism = mechanism_of(robot, {})
+    sound = Lab(BlindRobot(NominalRobot(mechanism, robot), {}, "beam"), 4).sound
+    poses = mechanism.tool.home + np.array([[-0.05], [0.0], [0.04]])
+    found = locate(sound, poses)
+    assert found.closed.all()
+    for body in ("upper", "fore"):
+        turn, position = configure(mechanism, poses).frame(body)
+        assert found.frames.rotation[body] == pytest.approx(turn, abs=1e-9)
+        assert found.frames.position[body] == pytest.approx(position, abs=1e-9)
+    assert np.abs(found.frames.rotation["upper"] - np.eye(3)).max() > 0.05
 
 
 @pytest.mark.parametrize("name", ["five-bar", *(pytest.param(n, marks=pytest.mark.long) for n in SLOWER)])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_dimensions import find_vanishing, part_parameters, with_parameter
 from stiffscope.robot.part_matrices import part_matrices, part_sources
 from stiffscope.robot.reader import load_robot
-from stiffscope.vjm.kinematics import start_note
+from stiffscope.vjm.kinematics import find_still, start_note
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -101,7 +101,8 @@ class Lab:
     def __init__(self, robot: BlindRobot, poses: int = _POOL) -> None:
         self.robot = robot
         file = robot.nominal.robot
-        machine = machine_of(file, robot.parts)
+        still, kept = map(tuple, find_still(robot.nominal.mechanism))
+        machine = replace(machine_of(file, robot.parts), still=still, kept=kept)
         for effect in file.effects:  # which model and machine have in common
             machine = inject(machine, word_of(effect.effect), effect.place, effect.parameters)
         self.sound = machine

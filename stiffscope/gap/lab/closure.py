@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -170,8 +170,13 @@ class Located:
 
 def home_of(machine: Machine) -> Array:
     """Return the commanded coordinates (k,) of M at home."""
+    return _find_home(machine, machine.pose)
+
+
+def _find_home(machine: Machine, names: tuple[str, ...]) -> Array:
+    """Return some coordinates (k,) of M at home."""
     home = np.concatenate([machine.at, np.zeros(3)])
-    return home[[COORDINATES.index(name) for name in machine.pose]]
+    return home[[COORDINATES.index(name) for name in names]]
 
 
 def locate(machine: Machine, poses: Array) -> Located:
@@ -211,21 +216,25 @@ def _equations(machine: Machine, frames: Frames, target: Array) -> tuple[Array, 
     for joint in machine.joints.values():
         first, second = machine.carrier(joint.first), machine.carrier(joint.second)
         state = joint_state(joint.drawn_joint, frames, first, second)
-        held = state.held
-        if joint.drive is not None:  # its direction is free here
+        held, misfit = state.held, state.misfit
+        if joint.name in machine.still and joint.drive is None:
+            free, away = spring_state(replace(joint, rest=0.0), frames, first, second)
+            held, misfit = np.concatenate([held, free], axis=1), misfit + away
+        elif joint.drive is not None and joint.name not in machine.still:  # its direction is free here
             held = held[:, held[0, :, DRIVEN[joint.kind]] == 0.0]
         line = np.zeros((n, held.shape[1], columns))
         for name, sign in ((second, 1.0), (first, -1.0)):
             if name != GROUND:
                 line[:, :, index[name] : index[name] + 6] += sign * held @ state.carry
         rows.append(line)
-        errors.append((held @ state.misfit[..., None])[..., 0])
+        errors.append((held @ misfit[..., None])[..., 0])
     body = machine.carrier(machine.tool)
     point = frames.point(body, machine.at)
     vector = vector_of(frames.rotation[body])
     move = lever(point)
     move[:, 3:, 3:] = rates_of_vector(vector)
-    wanted = [COORDINATES.index(name) for name in machine.pose]
+    wanted = [COORDINATES.index(name) for name in (*machine.pose, *machine.kept)]
+    target = np.hstack([target, np.tile(_find_home(machine, machine.kept), (n, 1))])
     line = np.zeros((n, len(wanted), columns))
     line[:, :, index[body] : index[body] + 6] = move[:, wanted]
     rows.append(line)

@@ -222,6 +222,9 @@ class Machine:
     payloads: tuple[Payload, ...] = ()
     slots: tuple[Slot, ...] = ()
     instrument: Instrument = field(default_factory=Instrument)
+    still: tuple[str, ...] = ()
+    kept: tuple[str, ...] = ()
+    """Drives and springs, and coordinates of M, that poses leave as at home."""
 
     def members(self, place: str) -> tuple[str, ...]:
         """Return the bodies and joints of a place; `robot` means all that expand thermally."""
