@@ -91,7 +91,7 @@ def test_a_laboratory_visits_no_pose_beyond_a_singular_one():
     """A low platform's heads may lie below its feet: the determinant of its six legs has changed its sign there."""
     robot = load_robot(Path(__file__).parents[1] / "vjm" / "robots" / "stewart.toml")
     mechanism = mechanism_of(robot, {})
-    lab = Lab(BlindRobot(NominalRobot(mechanism, robot), {}, "beam"), 60)
+    lab = Lab(BlindRobot(NominalRobot(mechanism, robot), {}, "beam"), 20)
     feet, heads = (np.array([mechanism.joint(f"strut{k}.{end}").at for k in range(1, 7)]) for end in ("foot", "head"))
     home = mechanism.tool.home
 

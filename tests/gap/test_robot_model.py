@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,8 +18,8 @@ from stiffscope.gap.forward import robot_at_poses
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.forward.robot_prediction import Pattern
 from stiffscope.gap.inference.fitting import Problem
-from stiffscope.gap.inference.hypothesis import bound_parameters
-from stiffscope.gap.inference.plausibility import plausible
+from stiffscope.gap.inference.hypothesis import Hypothesis, bound_parameters
+from stiffscope.gap.inference.plausibility import find_plausible, plausible
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_dimensions import beam_dimensions
@@ -356,6 +357,21 @@ def test_no_uncertainty_excuses_a_payload_that_is_nowhere():
     payload = Candidate("payload", "hand", ("mass", "x"), ("kg", "m"), (0.2, 0.02), ((0.0, 3.0), (-0.5, 0.5)))
     assert plausible(payload, np.array([0.3, 0.7]), np.array([0.1, 0.1])) == [True, True]
     assert plausible(payload, np.array([0.0, 7e7]), np.array([0.2, 5e9])) == [True, False]
+
+
+@pytest.mark.parametrize(("sigma", "expected"), [(4.0, True), (0.3, False)])
+def test_a_fit_without_mass_moves_to_the_nearest_plausible_one_along_its_ridge(sigma, expected):
+    """Readings show m + 2 p = -0.3 kg m of a mass m and its moment p: p/m is above -0.6 m from m = 1.5 kg on."""
+    payload = Candidate("payload", "hand", ("mass", "x"), ("kg", "m"), (0.2, 0.05), ((0.0, 3.0), (-0.6, 0.6)),
+        (0.0, np.inf), lambda u: np.array([u[0], u[1] / max(u[0], 1e-9)]), couplings=1)  # fmt: skip
+    ridge = np.array([1.0, -0.5])
+    known = SimpleNamespace(covariance=sigma**2 * np.outer(ridge, ridge) + 1e-9 * np.eye(2))
+    fit = Hypothesis(((payload, (0.0, -0.15)),), np.zeros(0), np.zeros((0, 2)), 0.0, known)
+    near = find_plausible(fit)
+    assert (near is not None) == expected
+    if near is not None:
+        assert near[0] + 2.0 * near[1] == pytest.approx(-0.3)
+        assert 1.5 <= near[0] < 1.5 + 0.2 * sigma
 
 
 def test_what_is_tried_for_the_next_reading_is_within_reach_by_itself(monkeypatch):
