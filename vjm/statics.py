@@ -134,7 +134,7 @@ def stiffness(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") 
     >>> (k.diagonal()[:3] / 1e6).round(2)  # N/um
     array([23.84,  1.97, 12.4 ])
     """
-    return _map_chunks(mechanism, poses, (6, 6), _find_stiffness, gravity)
+    return map_chunks(mechanism, poses, (6, 6), _find_stiffness, gravity)
 
 
 def compliance(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") -> Array:
@@ -150,7 +150,7 @@ def compliance(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none")
     Array
         (n, 6, 6) at M in base axes, m/N, 1/N, rad/(N·m); NaN if out of reach or moving freely.
     """
-    both = _map_chunks(mechanism, poses, (6, 13), _find_matrices, gravity)
+    both = map_chunks(mechanism, poses, (6, 13), _find_matrices, gravity)
     return _complete_compliance(both[..., :6], both[..., 6:12])[0]
 
 
@@ -201,7 +201,7 @@ def sag(mechanism: Mechanism, poses: Poses) -> Array:
     def work(order: Order, where: Places) -> Array:
         return find_equilibrium(order, where, own_loads(order, where)).twist[..., 0]
 
-    return _map_chunks(mechanism, poses, (6,), work)
+    return map_chunks(mechanism, poses, (6,), work)
 
 
 def analyse(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") -> Stiffness:
@@ -229,7 +229,7 @@ def analyse(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") ->
     np.float64(11.05)
     """
     found = configure(mechanism, poses)
-    both = _map_chunks(mechanism, found, (6, 13), _find_unloaded, gravity)
+    both = map_chunks(mechanism, found, (6, 13), _find_unloaded, gravity)
     matrix = both[..., :6]
     yielding, free, inverse_condition = _complete_compliance(matrix, both[..., 6:12])
     stuck = np.asarray(~np.isfinite(matrix).all(axis=(1, 2)))
@@ -267,7 +267,7 @@ def _analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array
     out = np.full((len(unloaded), 6, 13), np.nan)
     loose = bool(find_laws(mechanism))  # weights may hold motions that are free without them
     firm = np.flatnonzero(found.valid & (loose | np.isfinite(yielding).all(axis=(1, 2))))
-    both = _map_chunks(mechanism, found[firm], (6, 13), _find_matrices, "exact")
+    both = map_chunks(mechanism, found[firm], (6, 13), _find_matrices, "exact")
     size = np.ones((len(firm), 6))
     size[:, :3] = found.linkage.length
     known = np.isfinite(unloaded[firm]).all(axis=(1, 2)) & (not loose)
@@ -298,7 +298,7 @@ def stiffness_error(mechanism: Mechanism, poses: Poses) -> Array:
             out = out + carried.mT @ bar @ carried
         return out
 
-    return _map_chunks(mechanism, poses, (6, 6), work)
+    return map_chunks(mechanism, poses, (6, 6), work)
 
 
 def _find_stiffness(order: Order, where: Places, gravity: Gravity) -> Array:
@@ -346,7 +346,7 @@ def _find_unloaded(order: Order, where: Places, gravity: Gravity) -> Array:
         return stack_columns([np.zeros((1, 6, 6)), _UNKNOWN, np.zeros((1, 6, 1))])
 
 
-def _map_chunks(
+def map_chunks(
     mechanism: Mechanism, poses: Poses, entries: tuple[int, ...], work: Callable[..., Array], *more: Any
 ) -> Array:
     """Apply work to configurations in chunks; only the result grows with their number."""

@@ -27,6 +27,7 @@ from stiffscope.robot.file import quantities as q
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.screws import CONVENTION
 from stiffscope.vjm.singularity import rigid_note, singular_note
+from stiffscope.vjm.slender import find_thrusts
 from stiffscope.vjm.statics import analyse, sag
 from stiffscope.vjm.yielding import deflection as deflect
 from stiffscope.vjm.yielding import find_load_curve
@@ -39,9 +40,12 @@ if TYPE_CHECKING:
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.report.run_report import Draft
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.statics import Stiffness
 
 log = logging.getLogger(__name__)
+_SLENDER = 0.01  # of its buckling load, axial force of a body under own weight that is said
 
 
 @click.command()
@@ -76,6 +80,8 @@ def stiffness(
     if superelement:
         write_robot(assembled, asked.names, asked.configurations, superelement, manifest)
     _warn_of_singular(asked.names, state)
+    if gravity == "exact" and np.isfinite(state.sag).any():
+        _warn_of_slender(assembled.mechanism, at)
 
     def show() -> None:
         title = f"Stiffness at M ({tables.sources(assembled)}; gravity {gravity})"
@@ -153,6 +159,20 @@ def deflection(
         twist, matrix = np.moveaxis(curve.twist, 2, 1), np.moveaxis(curve.stiffness, 3, 1)
         answer["path"] = {"load": curve.load, "twist": twist, "stiffness": matrix}
     emit(output, answer, show, manifest=manifest, page=page)
+
+
+def _warn_of_slender(mechanism: Mechanism, at: Configurations) -> None:
+    """Warn of axial forces that bend slender bodies, which exact gravity leaves out."""
+    for name, (force, share) in find_thrusts(mechanism, at).items():
+        if share > _SLENDER:
+            pulled = force > 0.0
+            carried = f"{name} carries {abs(force):.3g} N of {'tension' if pulled else 'compression'}"
+            what = (
+                "that it buckles"
+                if share >= 1.0 and not pulled
+                else f"that this {'straightens' if pulled else 'bends'} it"
+            )
+            log.warning("%s, %.0f %% of its buckling load: %s is left out", carried, 100.0 * share, what)
 
 
 def _warn_of_singular(names: Sequence[str], state: Stiffness) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stiffscope.biglide.literal import Behind, literal_stiffness, load_hessian
+from stiffscope.cli.main import _guarded
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
@@ -14,6 +15,7 @@ from stiffscope.vjm.dynamics import Dynamics
 from stiffscope.vjm.joints import Drive, Joint
 from stiffscope.vjm.mechanism import Change, Mechanism, Tool
 from stiffscope.vjm.screws import rotation
+from stiffscope.vjm.slender import find_thrusts
 from stiffscope.vjm.statics import analyse, sag, stiffness
 from tests.robots import GEOMETRY, euler_bernoulli, pose_at, published_slider, random_compliance
 from tests.vjm import energy, oracle
@@ -280,3 +282,68 @@ def test_load_hessian_is_the_second_derivative_of_the_work():
     second = [[(work(a + b) - work(a - b) - work(b - a) + work(-a - b)) / (4 * step**2) for b in basis] for a in basis]
     assert np.allclose(load_hessian(force, lever)[3:, 3:], second, atol=1e-6)
     assert not load_hessian(force, lever)[:3].any()
+
+
+@pytest.mark.parametrize("hung", [False, True])
+def test_thrust_of_a_slender_rod_is_told_beside_eulers_load(tmp_path, caplog, hung):
+    """A rod of length L and bending stiffness EI, clamped at one end, buckles under π² EI / 4 L²."""
+    end = -0.5 if hung else 0.5
+    file = tmp_path / "upright.toml"
+    file.write_text(f"""
+name = "upright"
+[gravity]
+acceleration = 9.81
+direction = [0, 0, -1]
+[materials.light]
+youngs_modulus = "210 GPa"
+shear_modulus = "80 GPa"
+density = 1e-3
+[parts.column]
+shape = "rod"
+length = "500 mm"
+radius = "3 mm"
+bore = "0 mm"
+material = "light"
+[bodies.rod]
+part = "column"
+base = [0.1, 0, 0]
+tip = [0.1, 0, {end}]
+[bodies.block]
+mass = "5 kg"
+centre = [0.1, 0, {end}]
+[joints.slide]
+between = ["ground", "rod.base"]
+type = "prismatic"
+at = [0, 0, 0]
+axis = [1, 0, 0]
+drive = {{ stiffness = 1e12 }}
+[joints.clamp]
+between = ["rod.tip", "block"]
+type = "fixed"
+at = [0.1, 0, {end}]
+[tool]
+body = "block"
+at = [0.1, 0, {end}]
+pose = ["x"]
+[poses]
+home = [0.1]
+""")
+    robot = load_robot(file)
+    machine = mechanism_of(robot, part_matrices(robot, "beam"))
+    ((name, (force, share)),) = find_thrusts(machine, machine.tool.home[None]).items()
+    euler = np.pi**2 * 210e9 * np.pi * 0.003**4 / 4 / (4 * 0.5**2)
+    assert (name, force) == ("rod", pytest.approx(5 * 9.81 if hung else -5 * 9.81, rel=1e-6))
+    assert share == pytest.approx(5 * 9.81 / euler, rel=0.01)
+    assert _guarded(["stiffness", str(file), "--gravity", "exact", "--components", "beam"]) == 0
+    kind, effect = ("tension", "straightens") if hung else ("compression", "bends")
+    assert (
+        f"rod carries 49.1 N of {kind}, 37 % of its buckling load: that this {effect} it is left out"
+        in capsys.readouterr().err
+    )
+
+
+def test_thrust_of_short_bodies_is_far_from_buckling_them():
+    machine = biglide()
+    found = find_thrusts(machine, machine.tool.home[None])
+    assert {"limb1.link1", "limb2.link3"} <= set(found)
+    assert max(share for _, share in found.values()) < 2e-3
