@@ -31,7 +31,7 @@ from stiffscope.gap.inference.location import locate_residuals, signature_correl
 from stiffscope.gap.inference.plausibility import implausible, own_part, physical_sigma, plausible
 from stiffscope.gap.inference.posterior_samples import draw_internal, draw_samples
 from stiffscope.gap.inference.residuals import percent_rms, rms_by_kind
-from stiffscope.gap.inference.verdict import check_held_out, doubtful, judge_findings, settle_verdict, shares
+from stiffscope.gap.inference.verdict import doubtful, judge_findings, settle_verdict, shares
 from stiffscope.gap.next_reading import find_next
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def forward_model(campaign: Campaign, robot: NominalRobot | None) -> ForwardMode
 def conclude(found: Findings) -> Diagnosis:
     """Return the diagnosis of a search: the verdict with all its numbers."""
     others = _under_other_priors(found)
-    judgement = check_held_out(found, settle_verdict(found, judge_findings(found), others))
+    judgement = settle_verdict(found, judge_findings(found), others)
     reported = judgement.hypothesis
     joint = found.best if reported.names <= found.best.names else reported
     unseen = tuple(_unseen(found, joint, judgement.effects))

@@ -34,7 +34,7 @@ from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot, read_robot
-from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.kinematics import configure, find_still
 from tests.labs import ARM
 from tests.robots import nominal_robot
 
@@ -121,6 +121,22 @@ def test_what_poses_leave_open_stays_at_home_in_the_laboratory_too(flexure):
         assert found.frames.rotation[body] == pytest.approx(turn, abs=1e-9)
         assert found.frames.position[body] == pytest.approx(position, abs=1e-9)
     assert np.abs(found.frames.rotation["upper"] - np.eye(3)).max() > 0.05
+
+
+def test_what_merely_spins_or_bends_one_way_is_not_held_in_the_laboratory():
+    """Struts that slide and spin, as one joint, and a universal joint with springs, of which one motion is left."""
+    file = Path(__file__).parents[1] / "vjm" / "robots" / "stewart.toml"
+    text = file.read_text().replace('type = "prismatic"', 'type = "cylindrical"')
+    hexapod = mechanism_of(read_robot(file, text), {})
+    assert not find_still(hexapod)[0]
+    text = ARM.format(kind="revolute", axis="[0, 0, 1]", at="[0.3, 0.2, 0]", pose='["y", "z"]')
+    elbow = 'type = "revolute"\nat = [0.3, 0, 0]\naxis = [0, 0, 1]\ndrive = { stiffness = 2e5 }'
+    assert elbow in text
+    bent = 'type = "universal"\nat = [0.3, 0, 0]\naxis = [0, 0, 1]\naxis2 = [1, 0, 0]\nspring = 2e5'
+    robot = read_robot(Path("arm.toml"), text.replace(elbow, bent))
+    mechanism = mechanism_of(robot, {})
+    sound = Lab(BlindRobot(NominalRobot(mechanism, robot), {}, "beam"), 4).sound
+    assert locate(sound, mechanism.tool.home + np.array([[-0.05, 0.02], [0.03, -0.04]])).closed.all()
 
 
 @pytest.mark.parametrize("name", ["five-bar", *(pytest.param(n, marks=pytest.mark.long) for n in SLOWER)])

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 from itertools import permutations
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -27,7 +26,7 @@ from stiffscope.gap.inference.lack_of_fit import lack_of_fit
 from stiffscope.gap.inference.posterior_samples import draw_samples, write_posterior
 from stiffscope.gap.inference.priors import SPARSE, Spreads, spread_groups, spread_priors
 from stiffscope.gap.inference.search import Search
-from stiffscope.gap.inference.verdict import Judgement, check_held_out, shares
+from stiffscope.gap.inference.verdict import shares
 from tests.gap.synthetic import LinearModel, LinearPrediction, linear_model
 
 
@@ -928,20 +927,23 @@ def test_what_no_reading_shows_of_many_errors_is_said():
     assert text in found.remarks
 
 
-@pytest.mark.parametrize(("worse", "verdict"), [(1.0, "partly"), (1.3, "unexplained")])
-def test_what_predicts_other_poses_worse_than_nothing_explains_no_part(worse, verdict):
-    """The pitch of six screws gets axes of 13 um for a name, which double what is left at poses held out."""
-    found = SimpleNamespace(
-        campaign=SimpleNamespace(pose=np.arange(8)), used_readings=np.ones(8, dtype=bool), none=object(),
-        chi2=lambda _: 800.0, held_out_residual=lambda _: np.full(8, np.sqrt(100.0 * worse)),
-    )  # fmt: skip
-    part = Judgement("partly", (SimpleNamespace(name="geometry @ robot"),), object(), ("a rest is left",))
-    assert check_held_out(found, replace(part, verdict="identified")).verdict == "identified"
-    judgement = check_held_out(found, part)
-    assert judgement.verdict == verdict
-    if verdict == "unexplained":
-        assert judgement.effects == ()
-        assert judgement.hypothesis is found.none
-        assert judgement.remarks[0].startswith("geometry @ robot would explain a part")
-        found.campaign.pose = np.arange(8) % 4
-        assert check_held_out(found, part) is part
+def test_a_pose_is_held_out_of_the_fit_that_is_reported():
+    """Two effects and an unknown rest, five times as large at one pose: each by the posterior of the others."""
+    rng = np.random.default_rng(103)
+    model = linear_model(rng, poses=6, loads=2, effects=6, parameters=(6,), rough=0.05)
+    c, names = model.campaign, list(model.signatures)
+    weight = np.where(c.pose == 0, 5.0, 1.0)
+    signatures = {name: x * weight[:, None] for name, x in model.signatures.items()}
+    value = c.value + sum(signatures[name] @ rng.choice([-1.0, 1.0], 6) for name in names[:2])
+    value = value + 6e-6 * weight * rng.standard_normal(len(c.pose))
+    model = replace(model, campaign=replace(c, value=value), signatures=signatures)
+    found = find(model)
+    best = found.best
+    assert found.problem.errors.sizes[np.argmax(best.known.settings)] > 0.0
+    left = found.held_out_residual(best)
+    for pose in range(6):
+        here = c.pose == pose
+        noise = replace(found.problem.noise, used=found.problem.noise.used & ~here)
+        mean = Problem(model, noise).posterior(best.candidates, best.linear, best.slopes).mean
+        assert left[here] == pytest.approx(best.linear[here] - best.slopes[here] @ mean)
+    assert left @ left < 0.1 * found.chi2(found.none)

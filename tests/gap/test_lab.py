@@ -154,6 +154,10 @@ def test_a_load_on_a_body_without_mass_is_placed_from_the_middle_of_its_joints()
     assert sag(inject(machine_of(robot, {}), "payload", "strut6.lower", load), poses) == pytest.approx(
         expected, rel=1e-6
     )
+    placed = read_robot(file, file.read_text().replace(section, f"{section}\ncentre = {centre}"))
+    own = inject(machine_of(placed, {}), "payload", "strut6.lower", {"mass": 1.3})
+    assert sag(own, poses) == pytest.approx(expected, rel=1e-6)
+    assert np.isfinite(sag(inject(machine_of(robot, {}), "payload", "tool", load), poses)).all()
     loaded_robot = apply_effect(NominalRobot(mechanism_of(robot, {}), robot), "payload", "strut6.lower", load)
     assert statics.sag(loaded_robot.mechanism, poses) == pytest.approx(expected, rel=1e-6)
 

@@ -370,8 +370,10 @@ def test_a_fit_without_mass_moves_to_the_nearest_plausible_one_along_its_ridge(s
     near = find_plausible(fit)
     assert (near is not None) == expected
     if near is not None:
-        assert near[0] + 2.0 * near[1] == pytest.approx(-0.3)
-        assert 1.5 <= near[0] < 1.5 + 0.2 * sigma
+        (mass, moment), cost = near
+        assert mass + 2.0 * moment == pytest.approx(-0.3)
+        assert 1.5 <= mass < 1.5 + 0.2 * sigma
+        assert cost == pytest.approx(0.5 * (mass / sigma) ** 2)
 
 
 def test_what_is_tried_for_the_next_reading_is_within_reach_by_itself(monkeypatch):

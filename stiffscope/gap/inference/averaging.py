@@ -71,9 +71,9 @@ def _without_zeros(problem: Problem, hypothesis: Hypothesis) -> Hypothesis | Non
     y, x = hypothesis.linear, hypothesis.slopes
     known = posterior(problem.errors, y, x, priors, positive_of(hypothesis.candidates))
     log = hypothesis.evidence + known.log_evidence - hypothesis.known.log_evidence
-    dense = replace(hypothesis, parameters=split(hypothesis.candidates, known.mean), evidence=log, known=known)
-    u = known.mean if (near := find_plausible(dense)) is None else near
-    return replace(dense, parameters=split(hypothesis.candidates, u), residual=y - x @ u)
+    dense = replace(hypothesis, parameters=split(hypothesis.candidates, known.mean), known=known)
+    u, cost = find_plausible(dense) or (known.mean, 0.0)
+    return replace(dense, parameters=split(hypothesis.candidates, u), residual=y - x @ u, evidence=log - cost)
 
 
 def mix_intervals(ends: Array, weights: Array) -> tuple[float, float]:

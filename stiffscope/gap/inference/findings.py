@@ -304,7 +304,8 @@ class Findings:
         noise, x, r = self.problem.noise, hypothesis.slopes, hypothesis.residual
         if not x.shape[1]:
             return np.zeros(0)
-        if noise.scaled.any():  # noise of unknown size is estimated again
+        discrepancy = self.problem.errors.sizes[int(np.argmax(hypothesis.known.settings))]
+        if noise.scaled.any() or discrepancy:  # both are estimated again
             rest = Problem(self.model, replace(noise, used=noise.used & ~here))
             known = rest.posterior(hypothesis.candidates, hypothesis.linear, x)
             return known.mean - hypothesis.values

@@ -13,9 +13,17 @@ from stiffscope.effects.vocabulary import word_of
 from stiffscope.errors import InputError
 from stiffscope.gap.forward.forward_model import join_columns
 from stiffscope.gap.inference.evidence import constrained_minima, errors_of, log_sum, posterior
-from stiffscope.gap.inference.hypothesis import Hypothesis, bound_parameters, join_values, positive_of, split
+from stiffscope.gap.inference.hypothesis import (
+    Hypothesis,
+    at_bounds,
+    bound_parameters,
+    join_values,
+    minimize_bounded,
+    positive_of,
+    split,
+)
 from stiffscope.gap.inference.library import Library
-from stiffscope.gap.inference.plausibility import find_plausible, implausible
+from stiffscope.gap.inference.plausibility import SIGNIFICANT, find_plausible, implausible
 from stiffscope.gap.inference.priors import choose_near, spread_groups, spread_priors
 
 if TYPE_CHECKING:
@@ -24,7 +32,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.forward.forward_model import Candidate, ForwardModel, Noise, Prediction
     from stiffscope.gap.inference.evidence import Errors, Posterior
     from stiffscope.gap.inference.priors import Spreads
-    from stiffscope.runtime.types import Array, Flags
+    from stiffscope.runtime.types import Array
 
     Effects = Sequence[Candidate]
 
@@ -234,7 +242,7 @@ class Problem:
         many = np.repeat([bool(c.parts) for c in candidates], [len(c.scale) for c in candidates])
         scales = np.where(many, known.scales, scales)  # not all errors are observable
         at = self._descend(candidates, at, setting, scales)
-        if at.short > MARGIN and not _at_bounds(candidates, at.u).any():
+        if at.short > MARGIN and not at_bounds(candidates, at.u).any():
             again = self._descend(candidates, self._start(candidates, safe, safe), setting, scales)
             at = again if again.short < at.short else at
         known = self.posterior(candidates, at.linear, at.slopes)
@@ -258,10 +266,22 @@ class Problem:
         log = known.log_evidence - 0.5 * at.short
         whole = split(candidates, at.u), at.residual, at.slopes, log, known
         found = Hypothesis(*whole, short=at.short, local=local)
-        if (u := find_plausible(found)) is not None:
-            at = self._linearize(candidates, u)
-            found = replace(found, parameters=split(candidates, u), residual=at.residual, slopes=at.slopes)
+        if near := find_plausible(found):
+            found, log = self._move(found, near[0]), log - near[1]
         return replace(found, evidence=log + self.log_odds(found))
+
+    def _move(self, hypothesis: Hypothesis, u: Array) -> Hypothesis:
+        """Return a hypothesis at other internal parameters (k,), where it is as linear as they were chosen by."""
+        try:
+            at = self._linearize(hypothesis.candidates, u)
+        except (InputError, np.linalg.LinAlgError):
+            return hypothesis
+        setting = int(np.argmax(hypothesis.known.settings))
+        both = (hypothesis.residual, at.residual)
+        before, after = (float(self.errors.inner_at(setting, each[:, None])[0, 0]) for each in both)
+        if after > before + SIGNIFICANT**2:
+            return hypothesis
+        return replace(hypothesis, parameters=split(hypothesis.candidates, u), residual=at.residual, slopes=at.slopes)
 
     def _find_distance(self, known: Posterior, at: _Point) -> float:
         """Return the squared distance, in sigmas, of a posterior mean from its linearization."""
@@ -293,7 +313,7 @@ class Problem:
             precision, pull = gram + np.diag(prior + rounding), inner[:k, k] + gram @ u
             whole = constrained_minima(precision, pull, positive)[0]
             short = float((whole - u) @ precision @ (whole - u))
-            step = _minimize_bounded(candidates, precision, pull, whole) - u
+            step = minimize_bounded(candidates, precision, pull, whole) - u
             near = float(step @ precision @ step)
             if near < _CONVERGED:
                 break
@@ -374,23 +394,3 @@ class Problem:
     def nominal_residual(self) -> Array:
         """Residual (n,) without effects in units of sigma."""
         return self.find_residual(self.model.predict())
-
-
-def _at_bounds(candidates: Effects, u: Array) -> Flags:
-    """Return which internal parameters (k,) are at a bound, except zero of non-negative ones."""
-    inside = [c.bounds if not c.positive else (-np.inf, c.bounds[1]) for c in candidates]
-    counts = [len(c.scale) for c in candidates]
-    low, high = (np.repeat([ends[side] for ends in inside], counts) for side in (0, 1))
-    return (u <= low) | (u >= high)
-
-
-def _minimize_bounded(candidates: Effects, precision: Array, pull: Array, whole: Array) -> Array:
-    """Return the minimum (k,) of ``½ uᵀ P u - bᵀ u`` within bounds; ``whole`` is without them."""
-    out = bound_parameters(candidates, whole)
-    held = np.zeros(len(out), dtype=np.bool_)
-    while ((now := held | _at_bounds(candidates, out)) != held).any():
-        held, free = now, ~now & (out != 0.0)
-        rest = pull[free] - precision[np.ix_(free, held)] @ out[held]
-        out[free] = np.linalg.solve(precision[np.ix_(free, free)], rest)
-        out = bound_parameters(candidates, out)
-    return out

@@ -105,6 +105,26 @@ def bound_parameters(candidates: Sequence[Candidate], u: Array) -> Array:
     return np.clip(u, low, high)
 
 
+def at_bounds(candidates: Sequence[Candidate], u: Array) -> Flags:
+    """Return which internal parameters (k,) are at a bound, except zero of non-negative ones."""
+    inside = [c.bounds if not c.positive else (-np.inf, c.bounds[1]) for c in candidates]
+    counts = [len(c.scale) for c in candidates]
+    low, high = (np.repeat([ends[side] for ends in inside], counts) for side in (0, 1))
+    return (u <= low) | (u >= high)
+
+
+def minimize_bounded(candidates: Sequence[Candidate], precision: Array, pull: Array, whole: Array) -> Array:
+    """Return the minimum (k,) of ``½ uᵀ P u - bᵀ u`` within bounds; ``whole`` is without them."""
+    out = bound_parameters(candidates, whole)
+    held = np.zeros(len(out), dtype=np.bool_)
+    while ((now := held | at_bounds(candidates, out)) != held).any():
+        held, free = now, ~now & (out != 0.0)
+        rest = pull[free] - precision[np.ix_(free, held)] @ out[held]
+        out[free] = np.linalg.solve(precision[np.ix_(free, free)], rest)
+        out = bound_parameters(candidates, out)
+    return out
+
+
 def split(candidates: Sequence[Candidate], u: Array) -> Parameters:
     """Return effects with their own parts of all internal parameters (k,)."""
     values = iter(u.tolist())

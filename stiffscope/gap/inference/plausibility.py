@@ -63,20 +63,21 @@ def implausible(
     return [f"{other.name}: {each} is not plausible" for each in strange]
 
 
-def find_plausible(hypothesis: Hypothesis) -> Array | None:
-    """Return the nearest internal parameters (k,) that are plausible; None if the fit is, or none are near.
+def find_plausible(hypothesis: Hypothesis) -> tuple[Array, float] | None:
+    """Return near internal parameters (k,) that are plausible, and the ln of evidence that they cost.
 
     A mass that readings hardly show may be zero in a fit, and its centre anywhere. A positive parameter is
     therefore increased by at most `SIGNIFICANT` standard deviations, with the others at their expectation for
-    that value.
+    that value. None if the fit is plausible, or if none of these are.
     """
-    candidates, covariance = hypothesis.candidates, hypothesis.covariance
+    candidates = hypothesis.candidates
     wrong = [c for c in candidates if c.couplings and implausible(c, hypothesis)]
     for j in np.flatnonzero(hypothesis.mark(lambda c: c in wrong) & positive_of(candidates)) if wrong else ():
-        along = covariance[:, j] / np.sqrt(covariance[j, j])
+        along = hypothesis.covariance[:, j] / np.sqrt(hypothesis.covariance[j, j])
         for distance in _DISTANCES:
-            there = bound_parameters(candidates, hypothesis.values + distance * along)
+            there = hypothesis.values + distance * along
             moved = ((c, c.physical(np.array(own))) for c, own in split(candidates, there) if c in wrong)
             if all(all(plausible(c, values, np.zeros(len(values)))) for c, values in moved):
-                return there
+                possible = np.allclose(there, bound_parameters(candidates, there), rtol=1e-12, atol=0.0)
+                return (there, 0.5 * float(distance) ** 2) if possible else None
     return None

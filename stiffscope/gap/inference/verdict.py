@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 from itertools import combinations, permutations
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from stiffscope.gap.inference.findings import CONFIDENT
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit, model_errors
 from stiffscope.gap.inference.plausibility import implausible
@@ -22,8 +20,6 @@ if TYPE_CHECKING:
 MAJORITY = 0.5  # least probability of no gap, and of known effects in a group
 FEW = 3  # least readings per parameter for an identification
 POSSIBLE = 0.02  # least probability of an effect listed as possible
-_POSES = 5  # least number that tells how well effects predict others,
-_WORSE = 1.1  # and χ² at poses held out, over that without effects, above which they mislead
 MENTIONED = 3  # most patterns mentioned as substitutes of an effect
 
 
@@ -102,23 +98,6 @@ def settle_verdict(found: Findings, judgement: Judgement, others: dict[str, Find
             text = f"not {' and '.join(lost)} but {instead} is most probable with {prior}"
             return replace(judgement, verdict="ambiguous", remarks=(*judgement.remarks, text))
     return judgement
-
-
-def check_held_out(found: Findings, judgement: Judgement) -> Judgement:
-    """Return the verdict, or "unexplained" if part of the gap is explained by what misleads at other poses.
-
-    Effects that imitate an unknown cause fit the readings at hand, but predict those of a pose held out worse
-    than no effect does.
-    """
-    c, used = found.campaign, found.used_readings
-    if judgement.verdict != "partly" or len(np.unique(c.pose[used])) < _POSES:
-        return judgement
-    left = found.held_out_residual(judgement.hypothesis)[used]
-    if left @ left <= _WORSE * found.chi2(found.none):
-        return judgement
-    names = " and ".join(effect.name for effect in judgement.effects)
-    text = f"{names} would explain a part, but predicts poses held out worse than no effect"
-    return Judgement("unexplained", (), found.none, (text, *judgement.remarks))
 
 
 def _judge(found: Findings, kept: Hypothesis, strange: list[str], unsettled: list[str]) -> Judgement:

@@ -177,8 +177,12 @@ def _payload(machine: Machine, place: str, parameters: Parameters) -> Machine:
     """Add a mass to a rigid body, with its centre relative to M (tool), or to the body's or its joints' centre."""
     node = machine.tool if place == "tool" else place
     joints = [joint.at for joint in machine.joints.values() if node in (joint.first, joint.second)]
-    own = machine.bodies[node].centre if machine.bodies[node].mass else np.mean(joints, axis=0)
-    origin = machine.at if node == machine.tool else own
+    if node == machine.tool:
+        origin = machine.at
+    elif getattr(machine.robot.bodies[node], "centre", None) is None:
+        origin = np.mean(joints, axis=0)
+    else:
+        origin = machine.bodies[node].centre
     load = Payload(node, parameters["mass"], origin + name_parameters(parameters, "x", "y", "z"))
     return replace(machine, payloads=(*machine.payloads, load))
 
