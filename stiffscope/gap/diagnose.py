@@ -25,7 +25,7 @@ from stiffscope.gap.inference.diagnosis import (
     Sensitivity,
 )
 from stiffscope.gap.inference.findings import COMPETING, find
-from stiffscope.gap.inference.hypothesis import positive_of
+from stiffscope.gap.inference.hypothesis import forms_of, positive_of
 from stiffscope.gap.inference.lack_of_fit import correlation
 from stiffscope.gap.inference.location import locate_residuals, signature_correlation
 from stiffscope.gap.inference.plausibility import implausible, own_part, physical_sigma, plausible
@@ -94,7 +94,7 @@ def conclude(found: Findings) -> Diagnosis:
     others = _under_other_priors(found)
     judgement = settle_verdict(found, judge_findings(found), others)
     reported = judgement.hypothesis
-    joint = found.best if reported.names <= found.best.names else reported
+    joint = found.best if forms_of(reported.words) <= forms_of(found.best.words) else reported
     unseen = tuple(_unseen(found, joint, judgement.effects))
     left = max(found.misfit(joint), 1.0) if judgement.verdict == "partly" else 1.0  # shows in the values, too
     averaged = [(h.widen_covariance(left), w) for h, w in average_over(found, joint, judgement.effects)]

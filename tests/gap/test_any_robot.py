@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +13,7 @@ from stiffscope.effects.vocabulary import apply_effect
 from stiffscope.gap.campaign.campaign import Campaign
 from stiffscope.gap.campaign.quantities import DEVIATION
 from stiffscope.gap.campaign.readings import load_campaign
+from stiffscope.gap.campaigns import diagnose
 from stiffscope.gap.diagnose import conclude, diagnose_campaign
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.diagnosis import to_json
@@ -22,6 +24,7 @@ from stiffscope.gap.lab.measuring import Noise, Plan, Sensor
 from stiffscope.gap.lab.measuring import measure as taken
 from stiffscope.gap.lab.response import Spot
 from stiffscope.report.text import sentence
+from stiffscope.vjm.statics import compliance
 from tests.benchmarks.second_lab import campaign_of
 from tests.gap.test_robot_model import nominal, readings
 from tests.labs import machine
@@ -153,6 +156,59 @@ def measured(robot, true, quantities, spread, seed=1):
     poses = np.array(list(robot.robot.poses.values())).mean(axis=0) + rng.uniform(-1, 1, (8, len(spread))) * spread
     c = readings(robot, quantities, poses)
     return replace(c, value=RobotModel(c, true).predict().values + 1e-6 * rng.standard_normal(len(c)))
+
+
+ARTICULATED = """
+name = "arm"
+[bodies.turret]
+[bodies.upper]
+[bodies.fore]
+[joints.J1]
+between = ["ground", "turret"]
+type = "revolute"
+at = [0, 0, 0.1]
+axis = [0, 0, 1]
+drive = { stiffness = 2e4 }
+[joints.J2]
+between = ["turret", "upper"]
+type = "revolute"
+at = [0, 0, 0.3]
+axis = [0, 1, 0]
+drive = { stiffness = 2.5e4 }
+[joints.J3]
+between = ["upper", "fore"]
+type = "revolute"
+at = [0.346410161514, 0, 0.1]
+axis = [0, 1, 0]
+drive = { stiffness = 8e3 }
+[tool]
+body = "fore"
+at = [0.346410161514, 0, -0.2]
+pose = ["x", "y", "z"]
+"""
+
+
+def test_a_cause_is_reported_in_the_form_that_explains_alone(tmp_path):
+    """A base that turns about x and y only is one that turns alike about all axes, beside a drive that is stiffer."""
+    (tmp_path / "arm.toml").write_text(ARTICULATED)
+    robot = nominal(tmp_path / "arm.toml")
+    true = apply_effect(robot, "base-compliance", "base", {"rx": 2e-5, "ry": 2e-5})
+    poses = [[0.346410161514, 0, -0.2], [0.45, 0.1, 0.0], [0.3, -0.2, 0.05], [0.5, 0.0, 0.2]]
+    rng, lines = np.random.default_rng(1), ["x,y,z,fx,fy,fz,quantity,value,sigma"]
+    for pose, c in zip(poses, compliance(true.mechanism, poses), strict=True):
+        for k, axis in product(range(3), range(3)):
+            force = ["200" if i == k else "0" for i in range(3)]
+            value = 200.0 * c[axis, k] + 2e-6 * rng.standard_normal()
+            lines.append(",".join([*map(str, pose), *force, "d" + "xyz"[axis], repr(float(value)), "2e-6"]))
+    (tmp_path / "readings.csv").write_text("\n".join(lines))
+    (tmp_path / "campaign.toml").write_text('robot = "arm.toml"\nreadings = "readings.csv"\n')
+    found = diagnose(tmp_path)
+    assert (found.verdict, [(e.effect, e.place) for e in found.effects]) == (
+        "identified",
+        [("base-compliance", "base")],
+    )
+    size = [found.effects[0].parameters[name].value for name in ("rx", "ry", "rz")]
+    assert size == pytest.approx([2e-5, 2e-5, 0.0], abs=5e-7)
 
 
 @pytest.mark.parametrize(

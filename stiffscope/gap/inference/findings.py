@@ -235,13 +235,20 @@ class Findings:
             listed.append(best)
 
     def fit_effects(self, candidates: Iterable[Candidate]) -> Hypothesis:
-        """Return the fitted hypothesis of some effects of the best one."""
+        """Return the fitted hypothesis of some effects, from their parameters in the best one."""
+        candidates = tuple(candidates)
         chosen = forms_of(candidates)
         if chosen not in self.fitted:
-            kept = [(c, values) for c, values in self.best.parameters if forms_of([c]) <= chosen]
-            start = join_values(values for _, values in kept)
-            self.fitted[chosen] = self.problem.fit([c for c, _ in kept], start)
+            known = {key: values for c, values in self.best.parameters for key in forms_of([c])}
+            each = (known.get(key, np.zeros(len(c.scale))) for c in candidates for key in forms_of([c]))
+            self.fitted[chosen] = self.problem.fit(candidates, join_values(each))
         return self.fitted[chosen]
+
+    def fit_named(self, candidates: Iterable[Candidate]) -> Hypothesis:
+        """Return the likeliest fitted hypothesis of some effects of the best one, in any of their forms."""
+        own = self.fit_effects(candidates)
+        alike = (h for h in self.fitted.values() if h.names == own.names and h.converged)
+        return max((own, *alike), key=lambda h: h.evidence)
 
     def fit_plainly(self, hypothesis: Hypothesis) -> Hypothesis:
         """Return a hypothesis fitted without a discrepancy, by which the rest is least.
