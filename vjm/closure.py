@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.linkage import Linkage, Placed
     from stiffscope.vjm.screws import Array
 
@@ -95,6 +96,12 @@ class Closure:
         self.redundant = int(self.starts[-1]) - len(self.rows)
         self.whole = whole
         self._order(q)
+
+    def holds(self, joint: Joint) -> bool:
+        """Return whether a joint's drive, or all motions of one without a drive, stay as at home."""
+        own = self.linkage.columns.get(joint.name, [])
+        own = own if joint.drive is None else own[joint.driven or 0 :][:1]
+        return bool(own) and set(self.held).issuperset(own)
 
     def _independent_columns(self, whole: Array, unknown: list[int]) -> list[int]:
         """Choose passive columns first, then drives; sprung ones only for what these cannot do."""

@@ -182,7 +182,7 @@ def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
     rates
         Rates of the coordinates by the commanded coordinates.
     """
-    drives, n = solver.mechanism.drives, rates.shape[2]
+    drives, n = [j for j in solver.mechanism.drives if not solver.closure.holds(j)], rates.shape[2]
     if len(drives) != rates.shape[1]:
         return np.zeros(n)
     rows = np.empty((n, len(drives), len(drives)))

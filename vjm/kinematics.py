@@ -187,13 +187,8 @@ def find_still(mechanism: Mechanism) -> tuple[list[str], list[str]]:
     """Return the drives and springs, and the tool's coordinates, that stay as at home where poses leave a choice."""
     solver = find_solver(mechanism, "tool")
     columns, held = solver.linkage.columns, set(solver.closure.held)
-    still: list[str] = []
-    for joint in mechanism.joints:
-        own = columns.get(joint.name, ())
-        if joint.drive is not None:
-            own = own[joint.driven or 0 :][:1]
-        if len(own) and (joint.drive is not None or joint.spring is not None) and held.issuperset(own):
-            still.append(joint.name)
+    able = (j for j in mechanism.joints if j.drive is not None or j.spring is not None)
+    still = [joint.name for joint in able if solver.closure.holds(joint)]
     moved = zip(COORDINATES, columns.get("", ()), strict=False)
     return still, [name for name, column in moved if column in held]
 

@@ -2,11 +2,14 @@
 
 import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.reader import read_robot
 from stiffscope.vjm.bodies import Body
 from stiffscope.vjm.closure import Closure
 from stiffscope.vjm.joints import Drive, Joint
@@ -227,3 +230,55 @@ def test_shapes_and_finiteness():
         configure(biglide(), [0.0, 1.0])
     with pytest.raises(InputError, match="poses: row 0: expected finite numbers"):
         configure(biglide(), [0.0, 1.0, np.nan])
+
+
+RING = """
+name = "ring"
+[bodies."leg1.crank"]
+[bodies."leg1.rod"]
+[bodies.platform]
+[joints."leg1.motor"]
+between = ["{ground}", "leg1.crank"]
+type = "revolute"
+at = [0.3, 0, 0.1]
+axis = [0, 0, 1]
+drive = {{ stiffness = 3e4 }}
+[joints."leg1.elbow"]
+between = ["leg1.crank", "leg1.rod"]
+type = "revolute"
+at = [0.20909090909090905, 0.17814470856604933, 0.1]
+axis = [0, 0, 1]
+[joints."leg1.wrist"]
+between = ["leg1.rod", "platform"]
+type = "revolute"
+at = [0.08, 0, 0.1]
+axis = [0, 0, 1]
+[[copies]]
+of = "leg1"
+as = ["leg2", "leg3"]
+angles = ["120 deg", "240 deg"]
+axis = [0, 0, 1]
+[tool]
+body = "platform"
+at = [0, 0, 0.1]
+pose = ["x", "y", "rz"]
+"""
+TABLE = """
+[bodies.table]
+[joints.turn]
+between = ["ground", "table"]
+type = "revolute"
+at = [0, 0, 0]
+axis = [0, 0, 1]
+drive = { stiffness = 2e5 }
+"""
+
+
+def test_a_table_that_stays_at_home_lets_no_robot_pass_a_singular_pose():
+    """A drive more than coordinates: what the others reach without passing a singular pose is what they reach alone."""
+    alone = mechanism_of(read_robot(Path("ring.toml"), RING.format(ground="ground")), {})
+    turned = mechanism_of(read_robot(Path("ring.toml"), RING.format(ground="table") + TABLE), {})
+    poses = np.array([[x, 0.0, rz] for x in (0.0, 0.02) for rz in np.linspace(-1.5, 1.5, 13)])
+    expected = configure(alone, poses).valid
+    assert 0.2 < expected.mean() < 0.9
+    assert (configure(turned, poses).valid == expected).all()
