@@ -10,13 +10,15 @@ from stiffscope.cad.part import open_edges, tessellate
 from stiffscope.errors import InputError
 
 SMALLEST, LARGEST = 1.0, 40e3  # mm: bounding box diagonal; outside, the unit is probably wrong
+THINNEST = 0.01  # mm: twice the volume over the area, a sheet's thickness; thinner ones cannot be meshed
 
 
 def valid_solid(shape: Shape, name: str) -> Solid:
     """Return the single solid of a shape, with outward normals.
 
     A valid shape is exactly one solid without loose faces, whose faces meet only at their borders,
-    consistent, closed, of positive volume and of a size between `SMALLEST` and `LARGEST`.
+    consistent, closed, of positive volume, of a size between `SMALLEST` and `LARGEST` and a mean
+    thickness of at least `THINNEST`.
     Self-intersection of a face is detected if it is free-form, not if it is a whole spindle torus.
 
     Lengths in mm. Raises InputError, which names the part or file and what was found.
@@ -48,6 +50,9 @@ def valid_solid(shape: Shape, name: str) -> Solid:
     volume = kernel.volume_properties(solid).Mass()
     if not (np.isfinite(volume) and volume > 1e-9 * size**3):
         raise refuse(f"a solid without volume ({volume:.3g} mm3)", "a solid of positive volume")
+    thickness = 2.0 * volume / kernel.area_properties(solid).Mass()
+    if thickness < THINNEST:
+        raise refuse(f"{thickness:.2g} mm", f"a solid at least {THINNEST:g} mm thick on average")
     return solid
 
 

@@ -139,6 +139,7 @@ BAD = {
     "not a number": (lambda: box(0, float("nan")), "not finite"),
     "crossing": (crossing, "a self-intersecting solid"),
     "tiny": (lambda: box(0, 0.01), "0.0173 mm"),
+    "foil": (lambda: Box(100, 100, 1e-4).wrapped, "0.0001 mm"),
 }
 
 
