@@ -16,6 +16,8 @@ from stiffscope.gap.lab.rotations import turn
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from numpy.typing import NDArray
+
     from stiffscope.gap.lab.closure import Located
     from stiffscope.gap.lab.machine import Machine
     from stiffscope.gap.lab.rotations import Array
@@ -92,7 +94,7 @@ class Workspace:
 
 
 def workspace(
-    machine: Machine, count: int, rng: np.random.Generator, known: Callable[[Array], Array] | None = None
+    machine: Machine, count: int, rng: np.random.Generator, known: Callable[[Array], NDArray[np.bool_]] | None = None
 ) -> Workspace:
     """Return reachable poses throughout the workspace of a sound machine, away from singularities.
 
