@@ -51,7 +51,7 @@ def find_thrusts(mechanism: Mechanism, poses: Poses) -> dict[str, tuple[float, f
         out = np.zeros((len(where.tool), len(bodies)))
         for k, (name, elastic) in enumerate(bodies.items()):
             along = (elastic.tip - elastic.base) @ elastic.axes
-            out[:, k] = found.find_wrench([name])[:, :3, 0] @ along / np.linalg.norm(along)
+            out[:, k] = found.find_wrench(mechanism.rows(name))[:, :3, 0] @ along / np.linalg.norm(along)
         return out
 
     forces = map_chunks(mechanism, poses, (len(bodies),), work)
