@@ -22,6 +22,7 @@ from stiffscope.runtime.signals import STOPS
 
 _FOR_DEVELOPERS = {"py.warnings", "asyncio"}  # shown only with --debug, e.g. a stopped event loop
 MOST_CHARACTERS = 100_000  # per argument of the command line
+LEAST_MEMORY = 256 << 20  # bytes of address space
 STOPPED = "stopped; nothing half-written is left"
 _stopped: list[int] = []  # signals that asked this process to end
 
@@ -170,7 +171,7 @@ def _describe_error(error: Exception) -> str:
 
 
 def _check_surroundings(arguments: list[str]) -> None:
-    """Raise InputError for a closed output, a missing working folder or an invalid argument."""
+    """Raise InputError for a closed output, a missing working folder, little memory or an invalid argument."""
     if sys.stdout is None:
         raise InputError("standard output: expected a file, a pipe or a terminal, got a closed one")
     if isinstance(sys.stdout, io.TextIOWrapper):
@@ -179,10 +180,21 @@ def _check_surroundings(arguments: list[str]) -> None:
         Path.cwd()
     except OSError as error:
         raise InputError("the working folder is no longer there; change to another one") from error
+    _check_memory()
     for word in arguments:
         if "\0" in word or len(word) > MOST_CHARACTERS:
             got = "got one that is too long or has a NUL"
             raise InputError(f"{show_path(word)}: expected a word of the command line, {got}")
+
+
+def _check_memory() -> None:
+    """Raise InputError below a limit of address space at which libraries hang as they are loaded."""
+    with contextlib.suppress(ImportError):  # there is none on Windows
+        resource: Any = import_module("resource")
+        allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
+        if 0 <= allowed < LEAST_MEMORY:
+            expected = f"expected at least {LEAST_MEMORY >> 20} MiB of address space (ulimit -v)"
+            raise InputError(f"memory: {expected}, got {allowed >> 20} MiB")
 
 
 def _drop_output() -> None:
