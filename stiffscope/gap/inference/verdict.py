@@ -56,7 +56,10 @@ def judge_findings(found: Findings) -> Judgement:
     certain = [c for c in best.words if not wrong[c.name] and _certain(groups[c.name])]
     favoured = [n for n, group in groups.items() if group.doubted < CONFIDENT <= group.probability]
     unsettled = [f"{found.find_instead(name)} fits about as well as {name}" for name in favoured]
-    kept, before = found.fit_named(certain), found.chi2(none)
+    kept, before = found.fit_effects(certain), found.chi2(none)
+    other = found.fit_named(certain)
+    if other is not kept and lack_of_fit(found, kept) and not lack_of_fit(found, other):
+        kept = other  # beside others another form was likelier, by a hair
     if certain and max(found.chi2(kept), found.chi2(best)) >= before:  # they fit details only
         certain, kept = [], none
     count, parameters = int(found.used_readings.sum()), len(kept.values)
