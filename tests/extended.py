@@ -45,6 +45,7 @@ EXTENDED = {
         "test_maps_have_frequencies",
         "test_shapes_are_drawn_and_move",
     ),
+    "design/test_comparison.py": ("test_a_picture_shows_the_first_robot_in_outlines_beside_the_second",),
     "experiments/test_assembly.py": (
         "test_a_mass_that_only_cad_knows_is_tested_for",
         "test_a_step_file_s_solid_yields_and_weighs",
@@ -131,6 +132,7 @@ EXTENDED = {
         ),
         "test_few_readings_without_sigma_name_their_cause[9]",
     ),
+    "gap/test_extremes.py": ("test_a_place_too_far_for_a_robot_is_doubted_and_said",),
     "gap/test_geometry.py": ("test_an_adopted_geometry_leaves_the_gap_that_it_explains",),
     "gap/test_interfaces.py": ("test_a_soft_head_is_found_adopted_and_found_no_more",),
     "gap/test_predictions.py": (
@@ -140,7 +142,10 @@ EXTENDED = {
         "test_finds_what_was_put_in[options6-truth6-False]",
     ),
     "gap/test_sanity.py": ("test_faults_of_the_robot_raise_no_doubts_of_its_instruments",),
-    "report/test_live.py": ("test_new_rows_of_a_campaign_appear",),
+    "report/test_live.py": (
+        "test_a_page_follows_a_slider_five_times_a_second",
+        "test_new_rows_of_a_campaign_appear",
+    ),
     "report/test_notebook.py": ("test_every_object_shows_as_a_table",),
     "report/test_robot_scene.py": (
         "test_a_process_that_is_ready_ahead_draws_the_same_picture",
@@ -173,6 +178,7 @@ EXTENDED = {
     "validation/test_parts.py": (
         "test_a_carbon_fibre_tube_twists_exactly_and_stretches_as_its_fibres",
         "test_a_flanged_bar_stretches_as_its_half_section",
+        "test_a_part_from_a_step_file_is_the_part",
         "test_a_washer_presses_a_disc_as_its_half_section_says",
         "test_exact_solutions_are_within_the_bounds[solid bar, no Poisson effect]",
     ),
