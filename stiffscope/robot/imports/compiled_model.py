@@ -181,11 +181,15 @@ def _compile(mj: Any, path: Path, content: bytes) -> tuple[Any, list[str]]:
         raise
     except (ValueError, OSError, RuntimeError) as error:
         said = _reason(error)
-        line = re.search(r"\bline (?:number=)?(\d+)", said, re.IGNORECASE)
-        place = f"{path}:{line[1]}" if line else path
-        raise InputError(f"{place}: expected {_MODEL}, got: {said}") from error
+        raise InputError(f"{_place(path, said)}: expected {_MODEL}, got: {said}") from error
     bare = "a body whose mass would come from a mesh has none here"
     return model, [f"read without its meshes ({first})", bare]
+
+
+def _place(path: Path, said: str) -> str:
+    """Return the file and the line that MuJoCo names, if any."""
+    line = re.search(r"\bline (?:number=)?(\d+)", said, re.IGNORECASE)
+    return f"{path}:{line[1]}" if line else str(path)
 
 
 def _check_urdf(path: Path, content: bytes) -> list[str]:
@@ -216,6 +220,8 @@ def _check_urdf(path: Path, content: bytes) -> list[str]:
             endless = name in {"effort", "velocity"} or (element == "limit" and joint.get("type") == "continuous")
             if not endless and words & {"inf", "nan", "infinity"}:
                 raise InputError(f'{place}.{name}: expected finite numbers, got "{text}"')
+            if element == "mass" and text.strip().startswith("-"):
+                raise InputError(f'{place}.{name}: expected no mass below zero, got "{text}"')
 
     parser.StartElementHandler, parser.EndElementHandler = look, lambda _: opened.pop()
     with contextlib.suppress(expat.ExpatError):  # MuJoCo says what is wrong
@@ -242,7 +248,7 @@ def _check_spec(path: Path, spec: Any) -> None:
         for each in things:
             if (value := np.min(getattr(each, quantity))) < 0:
                 got = f'{value:g} {unit} of {what} "{print_safely(each.name)}"'
-                raise InputError(f"{path}: expected no {quantity} below zero, got {got}")
+                raise InputError(f"{_place(path, each.info)}: expected no {quantity} below zero, got {got}")
 
 
 def _reason(error: Exception) -> str:
