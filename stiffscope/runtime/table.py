@@ -79,7 +79,8 @@ def read_table(
     """Return a table's columns without surrounding blanks; blank lines are skipped.
 
     The header determines the separator of text files: comma, semicolon or tab. With the latter two,
-    numbers may have a decimal comma. Of an .xlsx file the first visible sheet is read.
+    numbers may have a decimal comma. Of an .xlsx file the first visible sheet is read. Empty
+    columns to the right of the table are skipped.
 
     Parameters
     ----------
@@ -104,6 +105,7 @@ def read_table(
     name = f"{path.name} (sheet {sheets[0]})" if sheets[1:] else path.name
     if not rows:
         raise InputError(f"{name}: expected a header line of column names, got an empty file")
+    _drop_empty_columns(rows)
     header = _header(name, rows[0], lines[0])
     check(name, [column for column in header if column not in ignore])
     if len(rows) > most + 1:
@@ -117,6 +119,15 @@ def read_table(
     cells = zip(header, zip(*rows[1:], strict=True), strict=True)
     columns = {each: tuple(map(str.strip, column)) for each, column in cells if each not in ignore}
     return Table(name, columns, tuple(lines[1:]), decimal_comma)
+
+
+def _drop_empty_columns(rows: list[list[str]]) -> None:
+    """Drop cells to the right of the last name in the header, of rows as wide as the header that have none filled."""
+    width = len(rows[0])
+    names = max((k for k, cell in enumerate(rows[0], 1) if cell.strip()), default=0)
+    for row in rows:  # others have a separator too many: a decimal comma
+        if len(row) == width and not "".join(row[names:]).strip():
+            del row[names:]
 
 
 def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool, list[str]]:
@@ -187,7 +198,7 @@ def _filled_rows(path: Path, rows: Iterable[Sequence[object]], most: int) -> tup
             raise InputError(f"{path.name}:{line}: {message}")
         last = next((k for k in range(len(row), 0, -1) if row[k - 1] not in {None, ""}), 0)
         if last:
-            found.append([_cell(value) for value in row[: min(last, MOST_COLUMNS + 1)]])
+            found.append([_cell(value) for value in row[:last]])
             lines.append(line)
             if len(found) > most + 1 or last > MOST_COLUMNS:
                 break
@@ -241,10 +252,13 @@ def _check_lengths(name: str, header: list[str], rows: list[list[str]], lines: l
     count = len(header)
     for row, line in zip(rows, lines, strict=True):
         if len(row) != count:
-            at, why = f"column {count + 1}", ""
             if len(row) < count:
-                at, why = header[len(row)], ": the row ends early"
-            raise InputError(f"{name}:{line}: {at}: expected {count} cells, got {len(row)}{why}")
+                at, got = header[len(row)], f"{len(row)}: the row ends early"
+            else:
+                at, got = f"column {count + 1}", f"{len(row)}"
+                if filled := [k for k in range(count, len(row)) if row[k].strip()]:
+                    at, got = f"column {filled[0] + 1}", f'"{row[filled[0]].strip()}" to the right of them'
+            raise InputError(f"{name}:{line}: {at}: expected {count} cells, got {got}")
 
 
 def check_columns(name: str, header: list[str], required: Collection[str], valid: Collection[str]) -> None:

