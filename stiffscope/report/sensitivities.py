@@ -123,7 +123,9 @@ def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
             massive = ["", "", ""]
             if row.per_kilogram is not None:
                 gains = np.diagonal(row.per_kilogram[index])[:3] / stiffness[:3]
-                massive = [f"{100 * gain:+.3g} %" if abs(gain) > LEAST else "·" for gain in gains]
+                counts = np.abs(gains) > LEAST
+                none = "·" if counts.any() else ""
+                massive = [f"{100 * g:+.3g} %" if told else none for g, told in zip(gains, counts, strict=True)]
             stiff = map(_share, *_diagonals(found, row, index))
             shown = row.parameter.name, quantity(value, row.parameter.unit)
             rows.append((*shown, *stiff, _share(float(along)), _share(*first), *massive))
