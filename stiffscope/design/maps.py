@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.kinematics import configure, find_still
 from stiffscope.vjm.mechanism import COORDINATES, DIAGONAL
 from stiffscope.vjm.modes import frequencies as frequencies_at
 from stiffscope.vjm.statics import analyse
@@ -95,7 +96,8 @@ class StiffnessMap:
     without and with own weight, N/m and N·m/rad; ``sag`` (nu, na, 6), m and rad; ``rigid`` (nu,
     na): whether K is infinite in some direction, and replaced by 1/C_ii. ``down``: rows grow
     downwards. ``frequencies`` (nu, na, c): natural frequencies, Hz, drives held, or None; ``more``:
-    other quantities (nu, na) of the loaded robot by column.
+    other quantities (nu, na) of the loaded robot by column; ``still``: drives, springs and tool
+    coordinates that stay as at home where poses leave a choice.
     """
 
     across: str
@@ -110,6 +112,7 @@ class StiffnessMap:
     down: bool = False
     frequencies: np.ndarray | None = None
     more: dict[str, Scalar] = field(default_factory=dict)
+    still: tuple[str, ...] = ()
 
     @property
     def reached(self) -> np.ndarray:
@@ -239,6 +242,7 @@ def map_volume(
         raise InputError(f"map: no pose is within reach; the first is not: {every[0].reason(0)}")
     weight = mechanism.gravity[COORDINATES.index(up)] if up in COORDINATES[:3] else 0.0
     size, wanted = (points, points), wanted or Wanted()
+    still = tuple(chain(*find_still(mechanism)))
     maps: list[StiffnessMap] = []
     for found, layer in zip(every, layers, strict=True):
         state = analyse(mechanism, found)
@@ -262,6 +266,7 @@ def map_volume(
             down=bool(weight > 0.0),
             frequencies=None if sounds is None else sounds.reshape(*size, frequencies),
             more={n: scalar._replace(values=scalar.values.reshape(size)) for n, scalar in more},
+            still=still,
         ))  # fmt: skip
     return StiffnessVolume(through, heights, tuple(maps))
 

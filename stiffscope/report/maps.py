@@ -196,12 +196,12 @@ def write_volume(found: xr.Dataset, folder: Path) -> None:
 
 
 def held_text(found: StiffnessMap) -> str:
-    """Return the fixed coordinates for the end of a title: ", y = 0 mm"; "" if there are none."""
+    """Return what is held for the end of a title: ", y = 0 mm, turntable as at home"; "" if there is nothing."""
     said = ""
     for name, value in found.at.items():
         factor, unit = shown_unit(name)
         said += f", {name} = {factor * value:z.5g} {unit}"
-    return said
+    return said + "".join(f", {name} as at home" for name in found.still)
 
 
 def stiffness_title(found: StiffnessMap) -> str:

@@ -1,5 +1,7 @@
 """Stiffness maps of any robot as files and pictures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -29,6 +31,7 @@ from stiffscope.report.notebook import stiffness_map as picture
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
+from stiffscope.vjm.kinematics import configure
 from stiffscope.vjm.statics import sag, stiffness
 from tests.vjm.test_rigid_directions import PLANAR_2R
 
@@ -74,6 +77,21 @@ def test_an_angle_against_a_length_at_another_pose(stewart, tmp_path):
         matrix = stiffness(mechanism, pose)[0]
         assert [float(here[name]) for name in NAMES] == pytest.approx(np.diag(matrix), rel=1e-9)
     assert picture(mechanism, {"z": (0.27, 0.3), "ry": (-0.1, 0.1)}, 3, at).png.startswith(b"\x89PNG")
+
+
+def test_a_map_says_what_stays_where_poses_leave_a_choice():
+    robot = load_robot("serial-arm")
+    mechanism = mechanism_of(robot, part_matrices(robot, "beam"))
+    arm = replace(mechanism, tool=replace(mechanism.tool, pose=("x", "y", "z")))
+    x, y, z = arm.tool.home
+    found = map_stiffness(arm, {"x": (x, x + 0.02), "y": (y, y + 0.02)}, 2)
+    away = configure(arm, [x + 0.01, y + 0.02, z]).require_valid()
+    moves = zip(
+        [*(each.name for each in arm.drives), "rx", "ry", "rz"], [*away.drives[0], *away.tool[0, 3:]], strict=True
+    )
+    still = [name for name, value in moves if abs(value) < 1e-12]
+    assert len(still) == 3  # six drives for three coordinates
+    assert held_text(found) == f", z = {1e3 * z:.5g} mm" + "".join(f", {name} as at home" for name in still)
 
 
 @pytest.mark.parametrize(
