@@ -130,13 +130,13 @@ def _find_regular(mechanism: Mechanism, linkage: Linkage) -> tuple[Array, dict[s
 
     As few drives as possible are displaced: those that lead farthest from a singular configuration.
     """
-    solver, drives = find_solver(mechanism, "drives"), mechanism.drives
+    solver = find_solver(mechanism, "drives")
+    drives = [j for j in mechanism.drives if j.name in solver.linkage.columns]
     steps = [_step_of(joint, linkage.length) for joint in drives]
     for count in range(1, min(_TOGETHER, len(drives)) + 1):
         best = (0.0, np.zeros(0), dict[str, float]())
         for some in combinations(range(len(drives)), count):
-            values = np.zeros((1, len(drives)))
-            values[0, list(some)] = [steps[k] for k in some]
+            values = np.array([[step * (k in some) for k, step in enumerate(steps)]])
             (followed,) = follow_paths(solver, values, 1)
             if followed.failure[0] != REACHED:
                 continue

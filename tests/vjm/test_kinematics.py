@@ -209,6 +209,21 @@ def test_a_pose_that_the_mechanism_cannot_command_is_refused():
         configure(replace(m, tool=Tool("left.arm", m.tool.at, ("x", "z"))), [0.0, 0.0])
 
 
+def test_a_loop_of_drives_alone_holds_the_tool_and_takes_no_positions():
+    z, at, driven = [0, 0, 1], np.array([0.3, 0, 0]), Drive(1e4)
+    joints = (
+        Joint("rail", "ground", "base", "prismatic", at, z, drive=driven),
+        Joint("shoulder", "base", "upper", "revolute", 0 * at, z, drive=driven),
+        Joint("elbow", "upper", "fore", "revolute", at, z, drive=driven),
+        Joint("brace", "base", "fore", "fixed", at),
+    )
+    m = Mechanism(tuple(map(Body, ("base", "upper", "fore"))), joints, Tool("fore", 2 * at, ("x", "z")))
+    with pytest.raises(InputError, match=r"tool\.pose: expected coordinates .* at home, got x, held there"):
+        configure(m, [0.0, 0.0])
+    with pytest.raises(InputError, match=r"joints\.elbow: expected a passive joint in the loop of this drive"):
+        configure_drives(m, np.zeros((1, 3)))
+
+
 def test_coordinates_need_not_fit_a_polynomial(rng):
     """Many poses start from a fit, few from home: the same configurations."""
     m = read("linear-delta")
