@@ -135,6 +135,11 @@ def test_units_expressions_and_defaults(read):
     assert pose_of(robot, ["10 mm", 0, -0.5]) == (0.01, 0, -0.5)
 
 
+def test_groups_that_name_another_twice_take_no_time(read):
+    text = "\n".join(f'g{k} = ["g{k + 1}", "g{k + 1}"]' for k in range(30)) + '\ng30 = ["platform"]'
+    assert read(TEXT.replace("[groups]", f"[groups]\n{text}")).members("g0") == ("platform",)
+
+
 def test_a_file_without_poses_has_its_home(read):
     text = TEXT.replace('[poses]\nhome = [0, 0, "-500 mm"]\n', "")
     assert read(text).poses == {"home": pytest.approx((0.0, 0.0, -0.5))}
@@ -388,6 +393,8 @@ def test_nothing_changes_after_reading(read):
         ('pose = ["x", "y", "z"]', "pose = []", "pose", "tool.pose: expected each of .* at most once, got none"),
         ('["arms", "leg1.motor"]', '["all2"]\nall2 = ["all"]', "all =",
          "groups.all: expected no group within itself, got"),
+        ("[groups]", "[groups]\n" + "\n".join(f'g{k} = ["g{k + 1}"]' for k in range(40)) + '\ng40 = []', "g0 =",
+         "groups.g0: expected at most 30 groups within each other, got more"),
         ("arms = [", "platform = [", "platform = [", "groups.platform: expected a name that no body or joint has"),
         ('body = "platform"', 'body = "plat"', "body", 'tool.body: expected a body or an end of one .*got "plat"'),
         ('body = "platform"', 'body = "ground"', "body", "tool.body: expected a body or an end of one"),

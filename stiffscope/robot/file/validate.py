@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -15,7 +16,7 @@ from stiffscope.robot.file.part_sections import PARTS, Fibrous, InterfacePart, I
 from stiffscope.robot.file.tables import keys_of, one_of, read_table, unknown_key
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Collection, Iterable, Mapping
     from pathlib import Path
 
     from stiffscope.cad.materials import AnyMaterial
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.positions import Key
 
 LISTS = ("copies", "effects")
+_DEEPEST = 30  # groups within each other
 TOP = (
     *("name", "parameters", "parts", "bodies", "joints", "copies", "groups", "tool", "gravity"),
     *("poses", "map", "materials", "effects"),
@@ -227,17 +229,23 @@ def _read_groups(
                     others = [other for other in table if other != name]
                     one_of(each, [*elements, *others], "a body, a joint or a group")
 
-    def members(name: str, above: tuple[str, ...]) -> Iterator[str]:
+    found: dict[str, tuple[str, ...]] = {}
+
+    def members(name: str, above: tuple[str, ...] = ()) -> tuple[str, ...]:
         if name in above:
             circle = " -> ".join((*above, name))
             raise FieldError(("groups", name), f"expected no group within itself, got {circle}")
-        for each in table[name]:
-            if each in table:
-                yield from members(each, (*above, name))
-            else:
-                yield find_element(each, bodies, joints) or each
+        if len(above) > _DEEPEST:
+            raise FieldError(("groups", above[0]), f"expected at most {_DEEPEST} groups within each other, got more")
+        if name not in found:
+            parts = (
+                members(each, (*above, name)) if each in table else [find_element(each, bodies, joints) or each]
+                for each in table[name]
+            )
+            found[name] = tuple(dict.fromkeys(chain.from_iterable(parts)))
+        return found[name]
 
-    return {name: tuple(dict.fromkeys(members(name, ()))) for name in table}
+    return {name: members(name) for name in table}
 
 
 def read_pose(value: Any, tool: sections.ToolSection, key: Key) -> tuple[float, ...]:
