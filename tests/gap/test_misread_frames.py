@@ -49,3 +49,9 @@ def test_errors_of_a_robot_are_no_misread_frame(frame, size):
     wild = np.where(np.arange(len(c)) % 50 == 7, 1.0, 0.0) + c.value
     for value in (c.value, wild, np.where(np.arange(len(c)) < 12, np.nan, c.value)):
         assert not list(find_misread(RobotAtPoses(ROBOT, replace(c, value=value))))
+
+
+def test_a_frame_without_readings_is_not_misread():
+    c = campaign(ROBOT, targets(ROBOT), np.zeros(6))
+    gone = replace(c, sensor=np.full(len(c), -1), quantity=np.zeros(len(c), dtype=int))
+    assert not list(find_misread(RobotAtPoses(ROBOT, gone)))

@@ -26,9 +26,9 @@ _MISREAD = {-1.0: "mirrored: mirrored axes", 1e-3: "divided by 1000: mm", 1e3: "
 def find_misread(at: RobotAtPoses) -> Iterator[tuple[str, InputError]]:
     """Yield names of such frames with their errors, by the rigid robot as commanded."""
     c = at.campaign
-    if not c.frames:
-        return
     read = ~np.isnan(c.value[at.instruments.rows])
+    if not read.any():
+        return
     rows, every = at.instruments.rows[read], at.targets(at.rest)
     names = np.array([s.frame for s in c.sensors])[c.sensor[rows]]
     size = measure_robot(at.mechanism)[0] + float(np.linalg.norm(np.ptp(every[0], axis=0)))
