@@ -14,6 +14,7 @@ import pytest
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.report.campaign_check import campaign_json
+from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.table import MOST_BYTES
 
 openpyxl = pytest.importorskip("openpyxl")
@@ -282,3 +283,18 @@ def test_as_many_sessions_as_readings_are_counted_in_time(tmp_path):
     many = load(tmp_path, "r.csv").select(np.zeros(count, dtype=int))
     many = replace(many, session=np.arange(count), session_names=tuple(map(str, range(count))))
     assert set(campaign_json(many)["sessions"].values()) == {1}
+
+
+@pytest.mark.parametrize("count", [1000, 1001])
+def test_more_unknown_zeros_than_ten_seconds_can_fit_are_refused(tmp_path, count):
+    text = "x,y,z,sensor,value,sigma,session\n" + (
+        "\n".join(f"0,0,0.35,gauge,1e-5,1e-6,{k % count}" for k in range(20_000))
+    )
+    (tmp_path / "r.csv").write_text(text)
+    sensor = '[sensors.gauge]\nmeasures = "displacement"\nbody = "platform"\nat = [0, 0, 0.3]\ndirection = [0, 0, 1]\n'
+    (tmp_path / "campaign.toml").write_text(f'robot = "delta"\nreadings = "r.csv"\n{sensor}zero = "session"\n')
+    if count == 1000:
+        assert len(load_campaign(tmp_path, load_robot("delta"))) == 20_000
+        return
+    with pytest.raises(InputError, match=r"^r\.csv:1002: session: expected at most 1,000 sessions, each"):
+        load_campaign(tmp_path, load_robot("delta"))

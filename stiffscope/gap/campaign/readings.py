@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 MOST_POSES = 2_000  # a diagnosis needs 0.02 s and 0.1 MB for each
+_MOST_WORK = 2e10  # readings times the square of their instruments' unknowns: ten seconds
 
 
 def load_campaign(
@@ -211,7 +212,7 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
     Raises
     ------
     InputError
-        For too many poses, unknown poses, columns that are not the robot's coordinates, and sensors
+        For too many poses or sessions, unknown poses, columns that are not the robot's coordinates, and sensors
         and loads that are not on its bodies.
     """
     _check_bodies(campaign, robot)
@@ -220,6 +221,12 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
         most = f"expected at most {MOST_POSES:,} different poses"
         got = "got more; leave some out, a few dozen tell as much"
         raise InputError(f"{where}: {campaign.coordinates[0]}: {most}, {got}")
+    loose = [s.zero == "session" for s in campaign.sensors] + [f.per == "session" for f in campaign.frames] * 6
+    most = int((_MOST_WORK / len(campaign)) ** 0.5) // max(sum(loose), 1)
+    if any(loose) and len(campaign.session_names) > most:
+        where = campaign.where(int(np.argmax(campaign.session >= most)))
+        expected = f"expected at most {most:,} sessions, each with {sum(loose)} unknown(s) of instruments, got more"
+        raise InputError(f"{where}: session: {expected}")
     if not np.isnan(campaign.poses).any():
         return _order_columns(campaign, robot)
     for k, name in enumerate(campaign.pose_names):  # named poses
