@@ -9,6 +9,7 @@ import math
 import re
 import zipfile
 from dataclasses import dataclass
+from itertools import islice, pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,7 +32,8 @@ MOST_COLUMNS = 1_000
 MOST_CELLS = 20_000_000  # of a sheet, including empty ones; takes two seconds
 _LAST_ROW = 1 << 20  # of a sheet
 _MOST_LINES = 1 << 20  # of a text, including blank ones
-_LONGEST = 1 << 16  # characters searched for the separator
+_LONGEST = 1 << 16  # characters searched for the separator, and of an XML tag
+_MOST_TAGS = 1 << 19  # of a row of a sheet, and beside its rows; takes two seconds to ten
 MOST_BYTES = 1 << 26  # of an unpacked table: 200,000 rows of 20 numbers
 
 
@@ -218,20 +220,31 @@ def _check_formulas(path: Path, stream: BinaryIO, known: Any) -> None:
 
 
 def _check_unpacked(path: Path, stream: BinaryIO) -> None:
-    """Raise InputError for a workbook that is too large when unpacked."""
+    """Raise InputError for a workbook that is too large when unpacked, or has a row or tag that is."""
     with zipfile.ZipFile(stream) as book:
         size = sum(each.file_size for each in book.infolist())
-    if size > MOST_BYTES:
-        most = f"at most {MOST_BYTES >> 20} MiB unpacked"
-        raise InputError(f"{path}: expected an .xlsx workbook of {most}, got {size >> 20}")
+        if size > MOST_BYTES:
+            most = f"at most {MOST_BYTES >> 20} MiB unpacked"
+            raise InputError(f"{path}: expected an .xlsx workbook of {most}, got {size >> 20}")
+        for name in (each for each in book.namelist() if each.endswith((".xml", ".rels"))):
+            text = book.read(name)
+            found = islice(re.finditer(rb"<(?:\w+:)?row\b", text), _LAST_ROW)
+            rows = [0, *(each.start() for each in found), len(text)]
+            count = max(text.count(b"<", *ends) for ends in pairwise(rows))
+            if count > _MOST_TAGS or re.search(rb"<[^<>]{%d}" % _LONGEST, text):
+                most = f"at most {_MOST_TAGS:,} tags in and beside rows, of at most {_LONGEST:,} characters"
+                raise InputError(f"{path}: expected an .xlsx workbook with {most}, got more in {name!a}")
     stream.seek(0)
 
 
 def _cell(value: object) -> str:
     """Return a workbook's cell as text."""
-    return "" if value is None else repr(value) if isinstance(value, float) else str(value).strip()
+    if isinstance(value, float):  # a zero more tells 1.125 from a text with a separator of thousands
+        return f"{value!r}0" if _DOUBTFUL["."].fullmatch(repr(value)) else repr(value)
+    return "" if value is None else str(value).strip()
 
 
+_DOUBTFUL = {mark: re.compile(rf"^[+-]?[1-9]\d{{0,2}}\{mark}\d{{3}}$", re.MULTILINE) for mark in ",."}
 _DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+([eE][+-]?\d+)?)\Z")
 
 
@@ -281,20 +294,20 @@ def check_marks(table: Table, columns: Iterable[str]) -> None:
     if not table.decimal_comma:
         return
     texts = {name: "\n".join(table.columns[name]) for name in columns if name in table.columns}
-    doubt = {mark: rf"[+-]?[1-9]\d{{0,2}}\{mark}\d{{3}}" for mark in ",."}
 
     def find(pattern: str, text: str) -> re.Match[str] | None:
         return re.search(f"^{pattern}$", text, re.MULTILINE)
 
     whole = "\n".join(texts.values())
     if ".xlsx" in table.name:
-        expected = {} if find(rf"(?!{doubt[',']}$)[+-]?\d*,\d+", whole) else {",": "a number"}
+        sure = find(r"(?![+-]?[1-9]\d{0,2},\d{3}$)[+-]?\d*,\d+", whole)
+        expected = {".": f"one decimal mark, as in {sure[0]},"} if sure else {",": "a number"}
     else:
         marks = ((mark, find(rf"[+-]?\d*\{other}\d+", whole)) for mark, other in (".,", ",."))
         expected = {mark: f"one decimal mark, as in {sure[0]}," for mark, sure in marks if sure}
     for mark, what in expected.items():
         for name, text in texts.items():
-            if doubtful := find(doubt[mark], text):
+            if doubtful := _DOUBTFUL[mark].search(text):
                 row = text.count("\n", 0, doubtful.start())
                 raise table.fail(row, name, f"{what} and no separator of thousands")
 

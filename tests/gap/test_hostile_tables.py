@@ -152,6 +152,14 @@ def test_a_malformed_sheet_is_refused(tmp_path, name):
         load(tmp_path, "r.xlsx")
 
 
+@pytest.mark.parametrize("row", ["<row>" + "<c/>" * 10_000_000, "<row" + "".join(f" a{k}=''" for k in range(99_999))])
+def test_a_row_that_takes_minutes_to_read_is_refused(tmp_path, row):
+    workbook(tmp_path, ("one", "visible", [COLUMNS, ROW]))
+    rewritten(tmp_path, _sheet_of(row))
+    with pytest.raises(InputError, match=r"r\.xlsx: expected .* 524,288 tags .*, got more in 'xl/worksheets"):
+        load(tmp_path, "r.xlsx")
+
+
 HEADER = ",".join(COLUMNS)
 LINE = ",".join(map(str, ROW))
 TEXTS = {
@@ -252,21 +260,27 @@ def test_a_separator_of_thousands_is_not_a_decimal_mark(tmp_path, rows, place):
         load(tmp_path, "r.csv")
 
 
-@pytest.mark.parametrize(("other", "taken"), [("4,25", True), ("0,125", True), ("1,234", False), (4.25, False)])
-def test_a_text_of_a_workbook_has_no_separator_of_thousands(tmp_path, other, taken):
-    """A comma in three digits is decimal only beside one that cannot be anything else."""
+@pytest.mark.parametrize(
+    ("text", "other", "taken"),
+    [
+        *(("1,000", "4,25", True), ("1,000", "0,125", True), ("1,000", "1,234", False), ("1,000", 4.25, False)),
+        *(("1.000", "4,25", False), ("1.000", 4.25, True), (1.125, "4,25", True)),
+    ],
+)
+def test_a_text_of_a_workbook_has_no_separator_of_thousands(tmp_path, text, other, taken):
+    """A comma in three digits is decimal only beside one that cannot be anything else, a point beside none."""
     book = openpyxl.Workbook()
     for row in (
         ["x", "y", "z", "quantity", "value", "sigma"],
-        [0, 0, 0, "ez", "1,000", 1e-6],
+        [0, 0, 0, "ez", text, 1e-6],
         [0, 0, 0, "ez", other, 1e-6],
     ):
         book.active.append(row)
     book.save(tmp_path / "r.xlsx")
     if taken:
-        assert load(tmp_path, "r.xlsx").value[0] == 1.0
+        assert load(tmp_path, "r.xlsx").value[0] == float(str(text).replace(",", "."))
         return
-    with pytest.raises(InputError, match=r"^r\.xlsx:2: value: expected a number and no separator of thousands, got"):
+    with pytest.raises(InputError, match=r"^r\.xlsx:2: value: expected .* and no separator of thousands, got"):
         load(tmp_path, "r.xlsx")
 
 
