@@ -136,7 +136,7 @@ modelled = ["gravity"]
 components = "beam"
 readings = "readings.csv"
 ignore = ["note"]
-units = { value = "um", fx = "N" }
+units = { value = "um", sigma = "um", fx = "N" }
 [sensors.gauge]
 measures = "displacement"
 body = "fore.tip"

@@ -134,7 +134,8 @@ def _drop_empty_columns(rows: list[list[str]]) -> None:
 
 def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool, list[str]]:
     """Return up to ``most + 1`` data rows, line numbers, whether decimal commas are allowed, no sheets."""
-    text = read_text(path, "a table in CSV", MOST_BYTES * max(1, most // MOST_ROWS))
+    what = "a table in CSV" if path.suffix.lower() in {".csv", ".tsv"} else "a table (.csv, .tsv, .xlsx)"
+    text = read_text(path, what, MOST_BYTES * max(1, most // MOST_ROWS))
     start = text.lstrip()[:_LONGEST].partition("\n")[0]
     mark = "\t" if "\t" in start else ";" if ";" in start else ","
     stream, blank = io.StringIO(text, newline=""), mark != "\t"
@@ -299,7 +300,7 @@ def check_marks(table: Table, columns: Iterable[str]) -> None:
         return re.search(f"^{pattern}$", text, re.MULTILINE)
 
     whole = "\n".join(texts.values())
-    if ".xlsx" in table.name:
+    if ".xlsx" in table.name.lower():
         sure = find(r"(?![+-]?[1-9]\d{0,2},\d{3}$)[+-]?\d*,\d+", whole)
         expected = {".": f"one decimal mark, as in {sure[0]},"} if sure else {",": "a number"}
     else:

@@ -120,6 +120,10 @@ def test_names_the_malformed_file(tmp_path, text, expected):
 
 
 def test_refuses_other_encodings(tmp_path):
+    named = folder(tmp_path / "old", toml='robot = "biglide"\nreadings = "old.xls"\n')
+    (named / "old.xls").write_bytes(b"\xd0\xcf\x11\xe0")
+    with pytest.raises(InputError, match=r"old.xls:1: expected a table \(.csv, .tsv, .xlsx\) in UTF-8, got byte 0xd0"):
+        load_campaign(named)
     with pytest.raises(InputError, match=r"readings.csv:2: expected a table in CSV in UTF-8, got byte 0xb5"):
         load_campaign(folder(tmp_path, [GOOD[0] + "µ"], encoding="latin-1"))
 
@@ -400,6 +404,7 @@ def test_names_what_is_wrong_with_sensors(tmp_path, old, new, expected):
         ('value = "um"', 'fz = "mm"', "units.fz: expected a unit of a force"),
         ('value = "um"', 'weight = "kg"', "units.weight: expected a column among"),
         ('value = "um"', '"q:" = "deg"', "units.*q:.*: expected a column among x, y, z"),
+        ('value = "um"', '"q:leg" = "deg"', "units.*q:leg.*: expected a column of readings.csv, which has none such"),
         ('robot = "biglide"', 'robot = "biglide"\nmodelled = ["payload", "payload"]', "modelled: .* each once"),
         (
             'ignore = ["note"]',
@@ -412,6 +417,20 @@ def test_names_what_is_wrong_with_the_header(tmp_path, old, new, expected):
     toml = (BIGLIDE + UNITS + SENSORS).replace(old, new)
     with pytest.raises(InputError, match=rf"^campaign.toml:\d+: .*({expected})"):
         load_campaign(folder(tmp_path, GAUGED.replace("level;;11;2", "gauge;;11;2"), toml=toml))
+
+
+@pytest.mark.parametrize(
+    ("text", "units", "expected"),
+    [
+        (GAUGED, UNITS.replace(', sigma = "um"', ""), r"sigma: .* in SI below 30 times .* sigma = \"um\" \}, got '1'"),
+        (GAUGED.replace("fz;sensor", "quantity;sensor").replace("-100;gauge;", ";;"), UNITS,
+         r"quantity: expected one of dx .* f30, or a sensor, one of .*\[sensors\] gauge level, got an empty cell"),
+    ],
+)  # fmt: skip
+def test_names_what_a_row_lacks(tmp_path, text, units, expected):
+    text = text.replace("level;;11;2", "gauge;;11;2")
+    with pytest.raises(InputError, match=rf"^readings.csv:2: {expected}"):
+        load_campaign(folder(tmp_path, text, toml=BIGLIDE + units + SENSORS))
 
 
 @pytest.mark.parametrize("name", ["instrument", "translation", "rotation", "x", "rz", "dx", "erz", "kx", "px", "f1"])

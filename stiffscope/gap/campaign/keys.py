@@ -155,8 +155,10 @@ def _read_measured(table: Table, header: Header, applied: Array) -> tuple[Indice
     at_tool, by_sensor = quantity >= 0, sensor >= 0
     both = "an empty cell beside a quantity: one of the two a row"
     table.refuse_where(at_tool & by_sensor, "sensor", both)
-    column = "quantity" if "quantity" in table.columns else "sensor"
-    table.refuse_where(~at_tool & ~by_sensor, column, listed if names else shown)
+    column, either = "sensor", listed
+    if "quantity" in table.columns:
+        column, either = "quantity", f"{shown}, or a sensor, {listed}" if names else shown
+    table.refuse_where(~at_tool & ~by_sensor, column, either)
     every = np.maximum(sensor, 0)
     absolute = np.array([s.absolute for s in header.sensors] or [False])[every] & by_sensor
     kind = table.codes("kind", KINDS[:2], "deflection or deviation")
@@ -206,6 +208,8 @@ def check_units(header: Header, table: Table) -> None:
         if column not in known and not (column.startswith(of.JOINT) and column[len(of.JOINT) :]):
             valid = ", ".join((*AXES, *WRENCH, "value", "sigma", "q:JOINT"))
             raise header.source.refuse(("units", column), f"expected a column among {valid}")
+        if column.startswith(of.JOINT) and column not in table.columns:
+            raise header.source.refuse(("units", column), f"expected a column of {table.name}, which has none such")
         if column not in table.columns and column in {"value", "sigma"}:
             raise InputError(f"{table.name}:1: {column}: expected this column, got none")
 

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 MOST_POSES = 2_000  # a diagnosis needs 0.02 s and 0.1 MB for each
+_BLIND = 30.0  # times the largest reading: an uncertainty in another unit
 _MOST_WORK = 2e10  # readings times the square of their instruments' unknowns: ten seconds
 
 
@@ -157,7 +158,14 @@ def _read_readings(path: Path, header: Header, *, planned: bool) -> tuple[Keys, 
     expected = "a positive number, or an empty cell if unknown"
     sigma = numbers(table, "sigma", empty=True, expected=expected)
     table.refuse_where(sigma <= 0, "sigma", expected)
-    return keys, value, readings_in_si(table, header, "sigma", sigma, keys.quantity)
+    sigma = readings_in_si(table, header, "sigma", sigma, keys.quantity)
+    if "value" in header.units and "sigma" not in header.units:
+        unit = f'units = {{ sigma = "{header.units["value"]}" }}'
+        expected = f"an uncertainty in SI below {_BLIND:g} times the readings; or in their unit by {unit}"
+        for each in np.unique(kind):
+            size = np.nan_to_num(np.abs(value[kind == each])).max()
+            table.refuse_where((kind == each) & (sigma > _BLIND * size) & (size > 0.0), "sigma", expected)
+    return keys, value, sigma
 
 
 def _number_poses(parts: list[Keys]) -> tuple[tuple[str, ...], list[int], list[list[float]]]:
