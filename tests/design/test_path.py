@@ -377,7 +377,7 @@ process.milling = {{material = "{material}", speed = "{speed}", diameter = 0.01,
 @pytest.mark.parametrize(
     ("job", "message"),
     [
-        (MILLING.format(material="cheese", speed="9 rpm"), r"job\.toml:3: process\.milling: expected a material"),
+        (MILLING.format(material="cheese", speed="9 rpm"), r"job\.toml:3: process\.milling\.material: expected a mat"),
         (MILLING.format(material="C45E", speed="9 rad/s"), "rotational speed"),
         ('robot = "arm.toml"\npath = "line.csv"\nunits = { x = "kg" }', r"job\.toml:3: units\.x: expected a unit"),
         ('robot = "arm.toml"\npath = "none.csv"', r"job\.toml:2: path: .*none\.csv: expected a table"),
@@ -386,11 +386,17 @@ process.milling = {{material = "{material}", speed = "{speed}", diameter = 0.01,
         ('robot = "arm.toml"\npath = "line.csv"\nspeed = 3', "expected a known key"),
         ('robot = "nobody"\npath = "line.csv"', r"job\.toml:1: robot"),
         ('robot = "arm.toml"\npath = "line.csv"\nprocess.force = { across = "1e30 N" }', "across: .* beyond 1e"),
-        (MILLING.format(material='C45E", kc1 = "2000 N/mm^2', speed="9 rpm"), "got a material and kc1"),
+        (MILLING.format(material='C45E", kc1 = "2000 N/mm^2', speed="9 rpm"), r"kc1: .*got a material and kc1"),
         (
             MILLING.format(material="C45E", speed="9 rpm").replace('material = "C45E"', 'kc1 = "2 GPa", mc = 2'),
-            "mc: expected less than 1, got 2",
+            r"milling\.mc: expected less than 1, got 2",
         ),
+        (MILLING.format(material="C45E", speed="9 rpm").replace('material = "C45E"', "kc1 = 2000, mc = 0.2"),
+         r"milling\.kc1: expected a specific cutting force such as .*, got 2000, which is below 1e\+06 Pa"),
+        (MILLING.format(material="C45E", speed="3000 rpm").replace("0.01", "10"),
+         r"process\.milling: expected at most 200 m/s at the edge, .*, got 1571 m/s"),
+        (MILLING.format(material="C45E", speed="9 rpm").replace("line.csv", "rapid.nc"),
+         r"rapid\.nc: expected a move that cuts \(G1 to G3\), got rapid moves alone"),
         ('robot = "arm.toml"\npath = "both.csv"', r"both\.csv:1: expected a column feed or a column t"),
         ('robot = "arm.toml"\npath = "far.csv"', r"far\.csv:2: fx: expected at most 1e\+06"),
         ('robot = "arm.toml"\npath = "a.nc"\nstep = "1 pm"', r"a\.nc:2: expected at most 1,000,000 points"),
@@ -404,6 +410,7 @@ def test_a_job_that_is_none_is_refused(job, message, tmp_path):
     (tmp_path / "both.csv").write_text("x,y,rz,t,feed\n0.6,0.3,0,0,0.1\n0.61,0.3,0,1,0.1\n")
     (tmp_path / "far.csv").write_text("x,y,rz,fx\n0.6,0.3,0,1e30\n0.61,0.3,0,1\n")
     (tmp_path / "a.nc").write_text("G21 G0 X600 Y300\nG1 X610\n")
+    (tmp_path / "rapid.nc").write_text("G21 G0 X600 Y300\nG0 X610\n")
     (tmp_path / "job.toml").write_text(job)
     with pytest.raises(InputError, match=message):
         along(tmp_path / "job.toml")

@@ -194,6 +194,8 @@ def process_wrench(job: Job, axes: Axes, length: Array) -> tuple[Array, CuttingF
         force = process.force
         out[acting, :3] += force.feed * along_ + force.across * normal + force.axial * spindle
     cutting = None
+    if process.cuts and path.rapid.all():
+        raise InputError(f"{job.path_file.name}: expected a move that cuts (G1 to G3), got rapid moves alone")
     for cut in process.cuts:
         feeds = _feeds(job, cut.feed, length)[acting]
         cutting = cut.forces(float(np.mean(feeds)))

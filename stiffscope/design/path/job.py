@@ -30,7 +30,8 @@ _MOST_EXPONENT = 1.0  # above it, thicker chips would need less force
 _SPEED = q.Dimension("a speed", "m/s", "600 mm/min", 1e-9, 1e3)
 _TURNS = q.Dimension("a rotational speed", "Hz", "9000 rpm", 1e-6, 1e5)
 _STRENGTH = q.Dimension("a yield strength", "Pa", "355 MPa", 1e3, 1e12)
-_STRESS = q.Dimension("a specific cutting force", "Pa", "2220 N/mm^2", 1e3, 1e12)
+_STRESS = q.Dimension("a specific cutting force", "Pa", "2220 N/mm^2", 1e6, 1e12)
+_FASTEST = 200.0  # m/s, of a cutting edge: twice what any cutter does
 
 # 1 rev/s in each unit of rotational speed
 _A_SECOND = {"rpm": 60.0, "1/min": 60.0, "rev/min": 60.0, "Hz": 1.0, "1/s": 1.0, "rev/s": 1.0}
@@ -55,6 +56,7 @@ Force = Annotated[float, _reads(_FORCE, 'a force such as "100 N"', "any")]
 Feed = Annotated[float, _reads(_SPEED, 'a speed such as "600 mm/min"')]
 Turns = Annotated[float, Reads(_speed, says='a rotational speed such as "9000 rpm"')]
 Stress = Annotated[float, _reads(_STRESS, 'such as "2220 N/mm^2"')]
+Cut = Annotated[str, Reads(lambda name: one_of(name, cutting_materials(), "a material"), says='a name such as "C45E"')]
 Strength = Annotated[float, _reads(_STRENGTH, 'a strength such as "355 MPa"')]
 Share = Annotated[float, _reads(q.NUMBER, "a number", "non-negative")]
 Turned = Annotated[float, _reads(q.ANGLE, 'an angle such as "90 deg"')]
@@ -71,7 +73,7 @@ class ForceSection(Section):
 class _Cut(Section):
     """Common keys of milling and drilling: a material by name, or kc1 and mc."""
 
-    material: str | None = None
+    material: Cut | None = None
     kc1: Stress | None = None
     mc: Share | None = None
     diameter: Length
@@ -83,16 +85,18 @@ class _Cut(Section):
         own = [name for name in ("kc1", "mc") if getattr(self, name) is not None]
         if self.material is not None and own:
             got = f"a material and {' and '.join(own)}"
-            raise ValueError(f"expected a material, or kc1 and mc, got {got}")
+            raise ValueError(f"cut.{own[0]}: expected a material, or kc1 and mc, got {got}")
+        if (edge := np.pi * self.diameter * self.speed) > _FASTEST:
+            what = f"at most {_FASTEST:g} m/s at the edge, pi times diameter times speed"
+            raise ValueError(f"expected {what}, got {edge:.4g} m/s")
         if self.kc1 is not None and self.mc is not None:
             if self.mc >= _MOST_EXPONENT:
-                raise ValueError(f"mc: expected less than {_MOST_EXPONENT:g}, got {self.mc:g}")
+                raise ValueError(f"cut.mc: expected less than {_MOST_EXPONENT:g}, got {self.mc:g}")
             return self.kc1, self.mc
         if self.material is None:
             got = own[0] if own else "neither"
             raise ValueError(f"expected a material, or kc1 and mc, got {got}")
-        known = cutting_materials()
-        return known[one_of(self.material, known, "a material, or kc1 and mc")]
+        return cutting_materials()[self.material]
 
 
 class MillingSection(_Cut):
@@ -109,7 +113,7 @@ class MillingSection(_Cut):
     def forces(self, feed: float) -> CuttingForces:
         """Return the mean forces at a feed in m/s."""
         if self.width > self.diameter:
-            raise ValueError("expected a width of at most the diameter")
+            raise ValueError("cut.width: expected at most the diameter")
         own = self.model_dump(exclude={"material", "kc1", "mc", "feed"})
         return mill(*self.law(), feed=feed, **own)
 
@@ -286,7 +290,7 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
         top = read_table(JobSection, parse_text(path, source.text, "a job's file"), ())
         for name in ("milling", "drilling"):
             cut = getattr(top.process, name)
-            with blame("process", name):
+            with blame("process", name, inner=True):
                 _ = cut and cut.forces(1e-3)
         if isinstance(instead, RobotFile):
             robot = instead
