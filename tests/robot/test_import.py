@@ -303,6 +303,8 @@ def test_hinges_that_a_drive_or_range_names_stay_two(imported, drives, ranged):
         (FOUR_BAR.replace("mass=\"2\"", "mass=\"1e308\""), {},
          r"model\.xml: expected the model of a robot, got one with bodies\.crank\.mass: expected"),
         (FOUR_BAR.replace('anchor="0.4 0.05 0"', 'anchor="0.4 nan 0"'), {}, "model.xml: expected .* finite"),
+        (FOUR_BAR.replace("<worldbody>", '<worldbody><replicate count="999999999"><geom size="1"/></replicate>'), {},
+         r"model.xml:6: replicate.count: expected less than 10,000 copies"),
         (FOUR_BAR.replace('pos="0 0 1"', 'pos="1e308 0 1"'), {}, r"model.xml: expected .* places within 1e\+06 m"),
     ],
 )  # fmt: skip
@@ -368,6 +370,12 @@ def test_a_model_without_a_body_is_refused_in_one_line(tmp_path):
     (tmp_path / "none.urdf").write_text('<robot name="none"/>')
     assert _guarded(["import", str(tmp_path / "none.urdf"), "--out", str(tmp_path / "new.toml"), "--quiet"]) == 2
     assert not (tmp_path / "new.toml").exists()
+
+
+def test_names_in_another_encoding_are_refused_with_their_line(tmp_path):
+    (tmp_path / "arm.urdf").write_bytes(ARM.replace("carriage", "gr\xf6\xdfe").encode("latin-1"))
+    with pytest.raises(InputError, match=r"arm.urdf:12: expected a model in URDF or MJCF in UTF-8, got byte 0xf6"):
+        import_model(tmp_path / "arm.urdf", tmp_path / "robot.toml")
 
 
 @pytest.mark.filterwarnings("error::UserWarning")

@@ -16,7 +16,7 @@ import numpy as np
 from stiffscope.errors import InputError, meant
 from stiffscope.robot.file.quantities import ANGLE, LENGTH, to_si
 from stiffscope.robot.file.tables import unknown_key
-from stiffscope.runtime.reading import read_bytes
+from stiffscope.runtime.reading import MOST_BYTES, read_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -124,7 +124,7 @@ def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
             "import: expected the package mujoco, which reads URDF and MJCF, got none; "
             "install it by: python -m pip install mujoco"
         ) from error
-    content = read_bytes(path, _MODEL)
+    content = read_text(path, _MODEL, MOST_BYTES).encode()
     doubts = _check_urdf(path, content) if is_urdf(content) else []
     library: Any = mujoco
     said: list[str] = []
@@ -154,6 +154,9 @@ def is_urdf(content: bytes) -> bool:
 
 def _compile(mj: Any, path: Path, content: bytes) -> tuple[Any, list[str]]:
     """Return the compiled model and notes on omissions."""
+    if many := re.search(rb"<replicate\b[^>]*\bcount\s*=\s*.0*[1-9]\d{4}", content):
+        line = content[: many.end()].count(b"\n") + 1
+        raise InputError(f"{path}:{line}: replicate.count: expected less than 10,000 copies, got 10,000 or more")
     try:
         if path.suffix in {".urdf", ".xml"}:
             spec = mj.MjSpec.from_file(str(path))
