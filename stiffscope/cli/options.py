@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from stiffscope.cli.output import Output
+from stiffscope.errors import InputError
 from stiffscope.runtime.output import check_json, overwrite
 from stiffscope.runtime.reading import opened
 
@@ -35,6 +36,9 @@ def takes(*options: Callable[..., Any]) -> Callable[..., Any]:
             output = Output(json, out, quiet)
             texts = (each for each in given.values() if isinstance(each, str | Path))
             output.check_folder(out, *(Path(each) for each in texts if os.path.isfile(each)))  # noqa: PTH113
+            paths = [os.path.realpath(each) for each in given.values() if isinstance(each, Path)]
+            if json and os.path.realpath(json) in paths:
+                raise InputError(f"--json {json}: expected a file that no other option names, got one of them")
             opened.clear()
             return command(output=output, **given)
 
