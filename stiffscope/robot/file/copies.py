@@ -45,6 +45,8 @@ def make_copies(data: dict[str, Any]) -> dict[str, Turned]:
     """
     tables: list[dict[str, Any]] = [data.setdefault(key, {}) for key in ("bodies", "joints")]
     listed = data.get("copies", [])
+    if len(listed) > MOST:
+        raise FieldError(("copies", MOST), f"expected at most {MOST:,} copies, got {len(listed):,}")
     entries = [read_table(Copies, each, ("copies", i)) for i, each in enumerate(listed)]
     copied: dict[str, Turned] = {}
     for number in _order(entries):
@@ -64,20 +66,20 @@ def make_copies(data: dict[str, Any]) -> dict[str, Turned]:
 
 def copied_names(data: Mapping[str, Any], written: Iterable[str]) -> Iterator[str]:
     """Yield the names that `[[copies]]` will create, from unchecked data."""
-    names = dict.fromkeys(written)
-    listed = data.get("copies", [])
-    entries = [each for each in listed if isinstance(each, dict)]
-    for _ in entries:  # copies of copies need further passes
-        for entry in entries:
-            new = entry.get("as", [])
-            for name in _find_within(names, str(entry.get("of"))):
-                for made in new if isinstance(new, list) else []:
-                    copied = rename(name, str(entry["of"]), str(made))
-                    if len(names) > MOST:  # refused later
-                        return
-                    if copied not in names:
-                        names[copied] = None
-                        yield copied
+    names, sets = list(written), dict[str, list[str]]()
+    for entry in data.get("copies", []):
+        if isinstance(entry, dict) and isinstance(new := entry.get("as"), list):
+            sets.setdefault(str(entry.get("of")), []).extend(map(str, new))
+    known = set(names)
+    for name in names:  # which grows: copies are copied too
+        for end in (at for at, letter in enumerate(f"{name}.") if letter == "."):
+            for copied in (new + name[end:] for new in sets.get(name[:end], ())):
+                if len(names) > MOST:  # refused later
+                    return
+                if copied not in known:
+                    known.add(copied)
+                    names.append(copied)
+                    yield copied
 
 
 def _find_within(names: Iterable[str], of: str) -> list[str]:

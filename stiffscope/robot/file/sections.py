@@ -248,7 +248,7 @@ class Copies(Section):
     of: Name
     as_: Annotated[tuple[str, ...], Says('names such as ["leg2", "leg3"]')] = Field(alias="as")
     axis: v.Direction
-    angles: Annotated[tuple[v.Angle, ...], Says('angles such as ["120 deg", "240 deg"]')]
+    angles: Annotated[tuple[v.Turn, ...], Says('angles such as ["120 deg", "240 deg"]')]
 
     @field_validator("as_", "angles", mode="before")
     @classmethod
