@@ -104,7 +104,7 @@ def find_solver(mechanism: Mechanism, given: Given) -> Solver:
             if found is None:
                 names = ", ".join(mechanism.tool.pose[k] for k in sorted(locked))
                 expected = "coordinates that the mechanism can move in at home"
-                raise InputError(f"tool.pose: expected {expected}, got {names}, held there")
+                raise InputError(f"tool.pose: expected {expected}, got {names}, held there or by the others")
             start, displaced = found
         placed, closure = linkage.place_links(start[:, None]), Closure(linkage, start)
         rates = closure.rates(placed)

@@ -422,7 +422,7 @@ def test_names_what_is_wrong_with_the_header(tmp_path, old, new, expected):
 @pytest.mark.parametrize(
     ("text", "units", "expected"),
     [
-        (GAUGED, UNITS.replace(', sigma = "um"', ""), r"sigma: .* in SI below 30 times .* sigma = \"um\" \}, got '1'"),
+        (GAUGED, UNITS.replace(', sigma = "um"', ""), r"sigma: .* in SI below 30 times .* sigma = \"um\" .*, got '1'"),
         (GAUGED.replace("fz;sensor", "quantity;sensor").replace("-100;gauge;", ";;"), UNITS,
          r"quantity: expected one of dx .* f30, or a sensor, one of .*\[sensors\] gauge level, got an empty cell"),
     ],

@@ -171,6 +171,10 @@ def test_copies_within_their_own_set_do_not_multiply():
     with pytest.raises(InputError, match=r"^r.toml:\d+: copies\[0\].of: expected a set that is no copy of its copy"):
         read_robot(Path("r.toml"), _nest(3, 4))
     assert len(read_robot(Path("r.toml"), _nest(1, 30)).bodies) == 31
+    one = "[[copies]]\nof = 'q'\nas = ['x{}']\naxis = [0, 0, 1]\nangles = [1]\n"
+    assert len(read_robot(Path("r.toml"), _nest(0, 0) + "".join(map(one.format, range(300)))).bodies) == 301
+    with pytest.raises(InputError, match=r"^r.toml:\d+: copies\[2000\]: expected at most 2,000 copies, got 4,000"):
+        read_robot(Path("r.toml"), _nest(0, 0) + "".join(map(one.format, range(4000))))
 
 
 def test_a_copy_of_a_copy_and_a_copy_within_a_set(read):
@@ -354,6 +358,10 @@ def test_nothing_changes_after_reading(read):
          r"copies\[0\].as\[1\]: expected a name that is new"),
         ('as = ["leg2", "leg3"]', f"as = {[f'leg{k}' for k in range(2, 999)]}".replace("'", '"'), "as = ",
          r"copies\[0\].as: expected copies to a robot of at most 2,000 bodies and joints, got \d,"),
+        ('"24 kN*m/rad"', '"24 kN*m/rd ± 10 %"', "drive",
+         'stiffness: expected a quantity with its tolerance .*: "24 kN.m/rd", and "kN.m/rd" is not a unit'),
+        ('angles = [', "angles = [120, 240] #", "angles",
+         r"copies\[0\].angles\[0\]: expected an angle within a turn such as"),
         ('as = ["leg2", "leg3"]\n', "", "[[copies]]", r"copies\[0\].as: expected names such as .*, got nothing"),
         ('as = ["leg2", "leg3"]', 'as = "leg2"', "as = ", r"copies\[0\].as: expected a list such as"),
         ('centre = [0, 0, "-500 mm"]\n', "", "[bodies.platform]",

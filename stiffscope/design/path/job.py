@@ -87,8 +87,7 @@ class _Cut(Section):
             got = f"a material and {' and '.join(own)}"
             raise ValueError(f"cut.{own[0]}: expected a material, or kc1 and mc, got {got}")
         if (edge := np.pi * self.diameter * self.speed) > _FASTEST:
-            what = f"at most {_FASTEST:g} m/s at the edge, pi times diameter times speed"
-            raise ValueError(f"expected {what}, got {edge:.4g} m/s")
+            raise ValueError(f"expected pi * diameter * speed of at most {_FASTEST:g} m/s, got {edge:.4g} m/s")
         if self.kc1 is not None and self.mc is not None:
             if self.mc >= _MOST_EXPONENT:
                 raise ValueError(f"cut.mc: expected less than {_MOST_EXPONENT:g}, got {self.mc:g}")

@@ -155,10 +155,9 @@ def _read_measured(table: Table, header: Header, applied: Array) -> tuple[Indice
     at_tool, by_sensor = quantity >= 0, sensor >= 0
     both = "an empty cell beside a quantity: one of the two a row"
     table.refuse_where(at_tool & by_sensor, "sensor", both)
-    column, either = "sensor", listed
-    if "quantity" in table.columns:
-        column, either = "quantity", f"{shown}, or a sensor, {listed}" if names else shown
-    table.refuse_where(~at_tool & ~by_sensor, column, either)
+    column = "quantity" if "quantity" in table.columns else "sensor"
+    either = f"{shown}, or a sensor, {listed}" if column == "quantity" else listed
+    table.refuse_where(~at_tool & ~by_sensor, column, either if names else shown)
     every = np.maximum(sensor, 0)
     absolute = np.array([s.absolute for s in header.sensors] or [False])[every] & by_sensor
     kind = table.codes("kind", KINDS[:2], "deflection or deviation")

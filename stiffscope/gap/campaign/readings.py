@@ -160,8 +160,8 @@ def _read_readings(path: Path, header: Header, *, planned: bool) -> tuple[Keys, 
     table.refuse_where(sigma <= 0, "sigma", expected)
     sigma = readings_in_si(table, header, "sigma", sigma, keys.quantity)
     if "value" in header.units and "sigma" not in header.units:
-        unit = f'units = {{ sigma = "{header.units["value"]}" }}'
-        expected = f"an uncertainty in SI below {_BLIND:g} times the readings; or in their unit by {unit}"
+        in_unit = f'`units = {{ sigma = "{header.units["value"]}" }}` of campaign.toml'
+        expected = f"an uncertainty in SI below {_BLIND:g} times the readings, or {in_unit}"
         for each in np.unique(kind):
             size = np.nan_to_num(np.abs(value[kind == each])).max()
             table.refuse_where((kind == each) & (sigma > _BLIND * size) & (size > 0.0), "sigma", expected)

@@ -116,7 +116,8 @@ def _nominal(text: str, key: Key, tolerances: dict[Key, float]) -> str:
         tolerances[key] = abs(nominal) * sigma if share else sigma
     except ValueError as error:
         what = f"a quantity with its tolerance such as {_EXAMPLE}"
-        raise FieldError(key, q.expected(what, text)) from error
+        why = str(error).rpartition(", got ")[2]
+        raise FieldError(key, f"{q.expected(what, text)}: {why}") from error
     return value.strip()
 
 

@@ -95,7 +95,7 @@ def parse(text: str) -> Expression:
     try:
         tree = ast.parse(body, mode="eval").body
     except SyntaxError as error:
-        what = 'an expression such as "= 0.18 + a*cos(th)"'
+        what = 'an expression without units such as "= 0.18 + a*cos(th)"'
         raise ValueError(f'expected {what}, got "= {_cut(body)}"') from error
     except (RecursionError, MemoryError, ValueError) as error:
         raise ValueError(f'expected a simpler expression, got "{_cut(body)}"') from error
