@@ -95,7 +95,7 @@ modelled = ["gravity"]
 components = "published"
 readings = "readings.csv"
 ignore = ["note"]
-units = { value = "um", z = "mm" }
+units = { value = "um", sigma = "um", z = "mm" }
 
 [sensors.gauge]
 measures = "displacement"
