@@ -129,6 +129,9 @@ def load_study(path: str | Path) -> StudyFile:
 def _read(top: StudySection, source: Source) -> StudyFile:
     robot = load_robot_of(source.path, top.robot, top.set, top.tolerance)
     given = _list_entries(top.parameters, ("parameters",), RangeSection)
+    for key, name, _ in given:
+        if (other := name.partition(".")[2]) in (each[1] for each in given):
+            raise FieldError(key, f'expected each value once, got "{other}" too')
     variables = tuple(_read_variable(*each, robot, top) for each in given)
     poses: dict[Pose, int] = {}
     wanted = _list_entries(top.responses, ("responses",), ResponseSection)

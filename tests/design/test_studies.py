@@ -186,6 +186,10 @@ REFUSED = {
     ): r"study.toml:6: .*material: expected one of steel.* got .stell.",
     ('"5 N/um", "25 N/um"', '"5 N/um"'): r"study.toml:5: .*: expected a range such as .*two ends",
     ('"5 N/um", "25 N/um"', '"25 N/um", "5 N/um"'): r"study.toml:5: .*the lower end first",
+    (
+        "slide.drive",
+        'parts."bar 1.radius" = ["5 mm", "6 mm"]\nslide.drive',
+    ): r"study.toml:5: .*expected each value once, got \"bar 1.radius\" too",
     ('"sobol"', '"sobel"'): r"study.toml:2: method: expected 'grid', 'latin-hypercube', 'sobol', 'optimum' or 'pareto'",
     ('"sobol"', '"optimum"'): r"study.toml:2: method: expected one response to minimize or maximize",
     ("K <=", "L <="): r"study.toml:3: constraints\[0\]: expected a response \(K, f\), got \"L\"",
