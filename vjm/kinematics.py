@@ -211,8 +211,7 @@ def configure_chunks(
     """
     solver = find_solver(mechanism, given)
     if given == "drives" and (bound := [j.name for j in mechanism.drives if j.name not in solver.linkage.columns]):
-        here = spell_name("joints", bound[0])
-        raise InputError(f"{here}: expected a passive joint in the loop of this drive, got drives alone")
+        raise InputError(f"{spell_name('joints', bound[0])}: expected a passive joint in its drive's loop, got none")
     home = mechanism.tool.home if given == "tool" else 0.0
     yield from (_configurations(solver, each) for each in follow_paths(solver, points - home, size))
 

@@ -36,8 +36,7 @@ def takes(*options: Callable[..., Any]) -> Callable[..., Any]:
             output = Output(json, out, quiet)
             texts = (each for each in given.values() if isinstance(each, str | Path))
             output.check_folder(out, *(Path(each) for each in texts if os.path.isfile(each)))  # noqa: PTH113
-            paths = [os.path.realpath(each) for each in given.values() if isinstance(each, Path)]
-            if json and os.path.realpath(json) in paths:
+            if json and os.path.realpath(json) in {os.path.realpath(p) for p in given.values() if isinstance(p, Path)}:
                 raise InputError(f"--json {json}: expected a file that no other option names, got one of them")
             opened.clear()
             return command(output=output, **given)

@@ -239,10 +239,9 @@ def _check_unpacked(path: Path, stream: BinaryIO) -> None:
 
 
 def _cell(value: object) -> str:
-    """Return a workbook's cell as text."""
-    if isinstance(value, float):  # a zero more tells 1.125 from a text with a separator of thousands
-        return f"{value!r}0" if _DOUBTFUL["."].fullmatch(repr(value)) else repr(value)
-    return "" if value is None else str(value).strip()
+    """Return a workbook's cell as text; the number 1.125 as 1.1250, unlike a text with a separator of thousands."""
+    text = "" if value is None else str(value).strip()
+    return f"{text}0" if isinstance(value, float) and _DOUBTFUL["."].fullmatch(text) else text
 
 
 _DOUBTFUL = {mark: re.compile(rf"^[+-]?[1-9]\d{{0,2}}\{mark}\d{{3}}$", re.MULTILINE) for mark in ",."}

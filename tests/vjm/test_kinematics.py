@@ -220,7 +220,7 @@ def test_a_loop_of_drives_alone_holds_the_tool_and_takes_no_positions():
     m = Mechanism(tuple(map(Body, ("base", "upper", "fore"))), joints, Tool("fore", 2 * at, ("x", "z")))
     with pytest.raises(InputError, match=r"tool\.pose: expected coordinates .* at home, got x, held there"):
         configure(m, [0.0, 0.0])
-    with pytest.raises(InputError, match=r"joints\.elbow: expected a passive joint in the loop of this drive"):
+    with pytest.raises(InputError, match=r"joints\.elbow: expected a passive joint in its drive's loop"):
         configure_drives(m, np.zeros((1, 3)))
 
 
