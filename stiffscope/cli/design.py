@@ -132,7 +132,7 @@ def study(names: tuple[Path, ...], *, scheduler: str | None, part: str | None, o
         raise Stopped(f"stopped; {kept}, the same command goes on") from error
     _emit_study(found, output, manifest, [store])
     if not remove_copied(store, out, f"{DESIGNS}/"):
-        log.warning("%s: holds files that are no designs of this study; they stay there", store)
+        log.warning("%s: holds files that %s does not; they stay there", store, out)
 
 
 def _read_part(text: str | None) -> tuple[int, int] | None:

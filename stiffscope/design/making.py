@@ -88,7 +88,7 @@ class Journal:
             for line in stream:
                 try:
                     values, found, reason, seconds = json.loads(line)
-                    if len(values) == variables and len(found) == responses:
+                    if len(values) == variables and len(found) == responses and {*values}:  # hashable
                         numbers = tuple(math.nan if each is None else float(each) for each in found)
                         yield Design(tuple(values), numbers, str(reason), float(seconds))
                 except (ValueError, TypeError):
