@@ -173,9 +173,14 @@ def _reason(error: OSError) -> str:
 
 def cache_folder() -> Path:
     """Return the folder of the user's cache; the variable STIFFSCOPE_CACHE overrides it."""
-    if chosen := os.environ.get("STIFFSCOPE_CACHE"):
-        return Path(chosen).expanduser().absolute()
-    return Path(platformdirs.user_cache_dir("stiffscope", appauthor=False))
+    chosen = os.environ.get("STIFFSCOPE_CACHE")
+    try:
+        if chosen:
+            return Path(chosen).expanduser().absolute()
+        return Path(platformdirs.user_cache_dir("stiffscope", appauthor=False))
+    except RuntimeError as error:
+        got = f'got "{chosen}"' if chosen else "got none, and no home folder (HOME)"
+        raise InputError(f"STIFFSCOPE_CACHE: expected a folder for the cache, {got}") from error
 
 
 def digest(determined_by: Mapping[str, Any]) -> str:

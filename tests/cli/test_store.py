@@ -52,6 +52,9 @@ def test_it_says_where_and_how_large(root, capsys):
 
 
 def test_it_removes_what_is_ours_and_nothing_else(root, capsys):
+    for command in ("list", "clear"):
+        assert _guarded(["cache", command, "--kind", "picture"]) == 2
+        assert "--kind picture: expected one of experiment, pictures, got picture" in capsys.readouterr().err
     assert answer(capsys, "cache", "clear", "--kind", "pictures")["entries"] == 1
     assert Cache(root).get("pictures", digest({"is": "c"})) is None
     assert Cache(root).get("experiment", digest({"is": "a"})) is not None
@@ -68,6 +71,14 @@ def test_an_absent_cache_is_empty(tmp_path, monkeypatch, capsys):
     assert answer(capsys, "cache", "clear")["entries"] == 0
     assert _guarded(["cache", "list"]) == 0
     assert not (tmp_path / "nowhere").exists()
+
+
+@pytest.mark.parametrize("words", [["cache"], ["check", "delta", "--out", "out"]])
+def test_a_cache_that_is_nowhere_is_refused(words, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("STIFFSCOPE_CACHE", "~nobody-here/cache")
+    assert _guarded(words) == 2
+    assert 'STIFFSCOPE_CACHE: expected a folder for the cache, got "~nobody-here/cache"' in capsys.readouterr().err
 
 
 def commands(group=cli, words=()):
