@@ -34,11 +34,13 @@ def takes(*options: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(command)
         def work(json: str | None = None, out: Path | None = None, *, quiet: bool, **given: Any) -> Any:
             output = Output(json, out, quiet)
-            texts = (each for each in given.values() if isinstance(each, str | Path))
+            texts = [each for each in given.values() if isinstance(each, str | Path)]
             output.check_folder(out, *(Path(each) for each in texts if os.path.isfile(each)))  # noqa: PTH113
             if json and os.path.realpath(json) in {os.path.realpath(p) for p in given.values() if isinstance(p, Path)}:
                 raise InputError(f"--json {json}: expected a file that no other option names, got one of them")
             opened.clear()
+            opened.update(map(os.path.realpath, texts))
+            output.check_json()
             return command(output=output, **given)
 
         for option in reversed((*options, force, quiet, debug)):

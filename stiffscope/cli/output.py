@@ -50,15 +50,15 @@ class Output:
         return self.folder
 
     def check_json(self) -> None:
-        """Raise InputError if the JSON would replace a file that the command has read."""
-        if self.json and os.path.realpath(self.json) in opened:
-            expected = "expected a file that the command does not read"
-            raise InputError(f"{show_path(self.json)}: {expected}, got one of its inputs")
+        """Raise InputError if the JSON would replace a file that the command has read, or writes too."""
+        if self.json not in (None, "-") and os.path.realpath(self.json) in opened:
+            expected = "expected a file for the JSON alone"
+            raise InputError(f"{show_path(self.json)}: {expected}, got one that the command also reads or writes")
 
     def check_folder(self, folder: Path | None, *others: Path | None) -> None:
         """Raise InputError if a folder cannot be written or would contain another output."""
         if folder is not None:
-            if folder.resolve() == cache_folder().resolve():
+            if os.path.realpath(folder) == os.path.realpath(cache_folder()):
                 raise InputError(f"{folder}: is the folder of the cache; give another one for the output")
             check_output(folder, None if self.json == "-" else self.json, *others)
 

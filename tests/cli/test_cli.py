@@ -109,6 +109,9 @@ def test_version():
         (["run", "biglide"], "--out"),
         (["run", "biglide", "--out", "/proc/stiffscope"], "cannot be written"),
         (["run", "biglide", "--out", "."], "the one you are in"),
+        (["import", "nosuch.step", "--out", "."], ".: expected the name of a file to write, got none"),
+        (["import", "nosuch.urdf", "--out", "/"], "/: expected the name of a file to write, got none"),
+        (["new", "delta", "a.toml", "--json", "./a.toml"], "a.toml: expected a file for the JSON alone, got one that"),
         (["nosuch"], "No such command"),
     ],
 )
@@ -204,10 +207,12 @@ def test_no_command_writes_over_its_input(tmp_path, monkeypatch, capsys):
         (folder / "manifest.json").write_text("{}")
     Path("robot.toml").write_text(text)
     Path("link.json").symlink_to("robot.toml")
+    Path("round").symlink_to("round")
+    assert _guarded(["check", "robot.toml", "--out", "round"]) == 2
+    assert "round: the output folder cannot be written (a link that leads back to itself)" in capsys.readouterr().err
     for name in ("robot.toml", "link.json", "./out/../robot.toml"):
         assert _guarded(["stiffness", "robot.toml", "--json", name, "--force"]) == 2
-        said = f"stiffscope: {name}: expected a file that the command does not read, got one of its inputs\n"
-        assert capsys.readouterr().err == said
+        assert f"{name}: expected a file for the JSON alone, got one that the command also" in capsys.readouterr().err
     assert _guarded(["map", "out/robot.toml", "--out", "out", "--force"]) == 2
     assert "out/robot.toml: is in out, which is replaced as a whole" in capsys.readouterr().err
     for _ in range(2):

@@ -80,7 +80,7 @@ def check_place(out: Path) -> ImportRecord | None:
     if out.name == SETTINGS:
         why = f"as {SETTINGS} holds settings of an import"
         raise InputError(f"{show_path(out)}: expected another name, {why}")
-    folder = parts_folder(out)
+    folder = parts_folder(out) if out.name else out
     earlier = read_record(folder)
     if not out.exists() or not (earlier or is_forced()):
         check_new(out)
