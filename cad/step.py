@@ -4,6 +4,7 @@ A file is read and checked in a subprocess with a time limit, as the kernel may 
 """
 
 import re
+from codecs import BOM_UTF8
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -89,10 +90,11 @@ def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
 def check_file(path: Path) -> bytes:
     """Return the content of a STEP file; refuse a truncated or other file."""
     content = read_bytes(path, "a STEP file")
-    head, tail = content[:4096], content[-4096:]
-    if START not in head and not START.startswith(head.strip()):
-        begins = f"which begins with {START.decode()}"
-        raise InputError(f"{path}: expected a STEP file, {begins}; found another format")
+    head, tail = content[:4096], content.rstrip()[-4096:]
+    marked = head.startswith(BOM_UTF8)  # the kernel finds nothing behind it
+    if marked or (START not in head and not START.startswith(head.strip())):
+        begins, got = f"which begins with {START.decode()}", "a byte order mark" if marked else "another format"
+        raise InputError(f"{path}: expected a STEP file, {begins}; found {got}")
     if END not in tail:
         found = f"a truncated one ({len(content):,} bytes, no {END.decode()}; at its end)"
         raise InputError(f"{path}: expected a whole STEP file, found {found}")

@@ -10,6 +10,7 @@ from stiffscope.cad.part import open_edges, tessellate
 from stiffscope.errors import InputError
 
 SMALLEST, LARGEST = 1.0, 40e3  # mm: bounding box diagonal; outside, the unit is probably wrong
+FARTHEST = 1e7  # mm: a coordinate; farther away, meshes lack digits
 THINNEST = 0.01  # mm: twice the volume over the area, a sheet's thickness; thinner ones cannot be meshed
 
 
@@ -17,8 +18,8 @@ def valid_solid(shape: Shape, name: str) -> Solid:
     """Return the single solid of a shape, with outward normals.
 
     A valid shape is exactly one solid without loose faces, whose faces meet only at their borders,
-    consistent, closed, of positive volume, of a size between `SMALLEST` and `LARGEST` and a mean
-    thickness of at least `THINNEST`.
+    consistent, closed, of positive volume, of a size between `SMALLEST` and `LARGEST`, nowhere beyond
+    `FARTHEST`, and of a mean thickness of at least `THINNEST`.
     Self-intersection of a face is detected if it is free-form, not if it is a whole spindle torus.
 
     Lengths in mm. Raises InputError, which names the part or file and what was found.
@@ -37,8 +38,11 @@ def valid_solid(shape: Shape, name: str) -> Solid:
     solid = found[0]
     if loose := len(faces) - len(kernel.faces(solid)):
         raise refuse(f"{loose} loose face(s) beside the solid", "one solid and nothing else")
-    if not all(np.isfinite(kernel.position(each)).all() for each in kernel.vertices(solid)):
+    farthest = np.abs([kernel.position(each) for each in kernel.vertices(solid)]).max(initial=0.0)
+    if not np.isfinite(farthest):
         raise refuse("coordinates that are not finite", "a solid whose coordinates are numbers")
+    if farthest > FARTHEST:
+        raise refuse(f"{farthest:.3g} mm", f"a solid within {FARTHEST:g} mm of the origin of its axes")
     size = kernel.diagonal(solid)
     if not SMALLEST <= size <= LARGEST:
         valid = f"a solid {SMALLEST:g} to {LARGEST:g} mm large (check its units)"

@@ -136,6 +136,7 @@ BAD = {
     "assembly": (lambda: kernel.compound(box(0, 1), box(2, 3)), "an assembly of 2 solids"),
     "sheet": (lambda: kernel.faces(box(0, 10))[0], "a surface without volume"),
     "loose": (lambda: kernel.compound(box(0, 10), kernel.faces(box(20, 30))[0]), r"1 loose face\(s\)"),
+    "far": (lambda: box(1e9, 1e9 + 10), "1e.09 mm"),
     "not a number": (lambda: box(0, float("nan")), "not finite"),
     "crossing": (crossing, "a self-intersecting solid"),
     "tiny": (lambda: box(0, 0.01), "0.0173 mm"),
@@ -163,6 +164,7 @@ def test_rubbish_is_refused(step: Path, tmp_path: Path) -> None:
     bodies = {
         "empty": ("", "a truncated one (0 bytes, no END-ISO-10303-21; at its end)"),
         "begun": (text[:6], "a truncated one (6 bytes"),
+        "marked": ("\ufeff" + text, "begins with ISO-10303-21; found a byte order mark"),
         "other": ("solid cube\nendsolid", "another format"),
         "torn": (text[: len(text) // 2], "a truncated one"),
         "hollow": ("ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n", "no solid and no face"),
@@ -176,6 +178,8 @@ def test_rubbish_is_refused(step: Path, tmp_path: Path) -> None:
         assert str(path) in str(refused.value)
         assert found in str(refused.value)
         assert "\n" not in str(refused.value)
+    (tmp_path / "padded.step").write_text(text + 5000 * "\n")
+    assert read_solid(tmp_path / "padded.step")
     with pytest.raises(InputError, match="got no file"):
         read_solid(tmp_path / "missing.step")
     with pytest.raises(InputError, match=r"within 0.01 s"):

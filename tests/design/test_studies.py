@@ -92,7 +92,7 @@ def test_finished_designs_are_stored_and_not_made_again(rod, tmp_path, monkeypat
     head, *rows = journal.read_text().splitlines(keepends=True)
     assert len(made) == len(rows) == 6
     assert "K [N/m]" in json.loads(head)["columns"]
-    strange = "[[1], [2]]\n", '[[[1]], [1, 2], "", 0]\n'
+    strange = "[[1], [2]]\n", '[[[1], 0], [1, 2, 3], "", 0]\n'
     journal.write_text("".join([head, *strange, *rows[1:-1], rows[-1][:30]]))  # one lost, the last torn
     assert study(rod(GRID), folder=tmp_path / "kept").table.equals(first)
     assert len(made) == 8
