@@ -15,7 +15,7 @@ from stiffscope import cad
 from stiffscope.cad.materials import STEEL, AnyMaterial
 from stiffscope.cad.part import Part, tessellate
 from stiffscope.cad.solid import GREATEST_X, LEAST_X, Placement, Selectors, Vector, part_of
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, lacks_memory
 from stiffscope.runtime.executor import KILLED, LateError, WorkerError, do_alone
 from stiffscope.runtime.output import scratch_folder
 from stiffscope.runtime.reading import read_bytes
@@ -139,7 +139,7 @@ def read_alone(read: "Callable[[Path, str, Path], None]", path: Path, goal: Path
         late = f"got none within {time_limit:g} s; remove threads, engravings and tiny fillets"
         raise InputError(f"{path}: expected {what}, {late}") from error
     except WorkerError as error:
-        if error.code in KILLED:
+        if error.code in KILLED or lacks_memory(error):
             raise
         why = str(error).removeprefix(f"{path}: ")
         raise InputError(f"{path}: expected {what}, the CAD kernel failed ({why})") from error

@@ -1,7 +1,12 @@
 """Errors of the package: a base class, and the error raised for invalid user input."""
 
 import difflib
+import re
 from collections.abc import Iterable
+
+_NO_MEMORY = re.compile(
+    r"MemoryError|bad_alloc|failed to map segment|(unable to|cannot) allocate|out ?of ?memory", re.IGNORECASE
+)
 
 
 class StiffscopeError(Exception):
@@ -14,6 +19,11 @@ class InputError(StiffscopeError, ValueError):
     def __init__(self, message: str = "") -> None:
         """Escape unprintable characters so that the message stays on one line."""
         super().__init__("".join(each if each.isprintable() else repr(each)[1:-1] for each in message))
+
+
+def lacks_memory(error: BaseException) -> bool:
+    """Return whether an error, also one that a library or a worker reports in words, is a lack of memory."""
+    return isinstance(error, MemoryError) or bool(_NO_MEMORY.search(f"{error} {getattr(error, 'output', '')}"))
 
 
 def meant(word: str, valid: Iterable[str], cutoff: float = 0.6) -> str:

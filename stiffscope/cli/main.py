@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 import click
 from click.exceptions import NoArgsIsHelpError
 
-from stiffscope.errors import InputError, StiffscopeError
+from stiffscope.errors import InputError, StiffscopeError, lacks_memory
 from stiffscope.runtime.output import FULL
 from stiffscope.runtime.reading import show_path, why
 from stiffscope.runtime.signals import STOPS
@@ -144,10 +144,8 @@ def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one return per way 
         if "--debug" in arguments:
             raise
         _drop_output()
-        file = str(error.filename) if isinstance(error.filename, str | os.PathLike) else ""
-        place = show_path(file) if file else "standard output, or the disk of temporary files"
-        _say(f"{place}: cannot be used ({why(error, file or '-')})")
-        return 1 if error.errno in FULL else 2
+        _say(_describe_error(error))
+        return 1 if error.errno in FULL or lacks_memory(error) else 2
     except UnicodeEncodeError as error:
         text = show_path(str(error.object)[:60])
         _say(f"{text}: expected text in UTF-8, got bytes that are none")
@@ -163,10 +161,14 @@ def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one return per way 
 def _describe_error(error: Exception) -> str:
     if _stopped:  # a library may turn a stop into an error of its own, e.g. ImportError
         return STOPPED
-    if isinstance(error, MemoryError):
-        return "not enough memory; choose a larger mesh.size, or a machine with more"
+    if lacks_memory(error):
+        return "not enough memory; use a machine with more or, where a part is meshed, a larger mesh.size"
     if isinstance(error, StiffscopeError):
         return str(error)
+    if isinstance(error, OSError):
+        file = str(error.filename) if isinstance(error.filename, str | os.PathLike) else ""
+        place = show_path(file) if file else "standard output, or the disk of temporary files"
+        return f"{place}: cannot be used ({why(error, file or '-')})"
     return f"unexpected {type(error).__name__}: {error} (use --debug for the traceback)"
 
 

@@ -3,12 +3,14 @@
 import subprocess
 import sys
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from build123d import Align, Box, Cylinder, Pos
 
 from stiffscope.cad import kernel, kernel_files
+from stiffscope.cad import step as cad_step
 from stiffscope.cad.faces import FaceSelector, describe, face_geometries, select
 from stiffscope.cad.link import LinkParameters
 from stiffscope.cad.part import Part, mass_properties
@@ -17,6 +19,7 @@ from stiffscope.cad.solid import Placement, build, part_of
 from stiffscope.cad.step import read_solid, read_step, write_step, write_stl
 from stiffscope.cad.validity import valid_solid
 from stiffscope.errors import InputError
+from stiffscope.runtime.executor import WorkerError
 
 HOLED = SliderParameters(rib_count=2, fillet=0.003, hole_count=3)
 
@@ -184,6 +187,13 @@ def test_rubbish_is_refused(step: Path, tmp_path: Path) -> None:
         read_solid(tmp_path / "missing.step")
     with pytest.raises(InputError, match=r"within 0.01 s"):
         read_solid(step, time_limit=0.01)
+
+
+@pytest.mark.parametrize("said", [("failed (exit code 1)", "MemoryError"), ("cannot allocate memory for thread", "")])
+def test_a_lack_of_memory_is_no_fault_of_the_file(step: Path, monkeypatch: pytest.MonkeyPatch, said) -> None:
+    monkeypatch.setattr(cad_step, "do_alone", Mock(side_effect=WorkerError(said[0], 1, said[1])))
+    with pytest.raises(WorkerError):
+        read_solid(step)
 
 
 def test_stl_is_closed_and_has_the_volume(tmp_path: Path) -> None:

@@ -7,13 +7,14 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from stiffscope.cad.solid import build
 from stiffscope.cad.step import write_step
-from stiffscope.cli.main import _guarded
+from stiffscope.cli.main import _guarded, cli
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.output import staged_folder
@@ -336,6 +337,15 @@ def test_a_matrix_that_contradicts_its_length_is_doubted_once_by_each_command(tm
     assert _guarded(["stiffness", str(tmp_path / "robot.toml")]) == 0
     (said,) = caplog.messages
     assert "part bar 1: √(3·C22/C66) = 1.73 m" in said
+
+
+@pytest.mark.parametrize(
+    "error", [MemoryError(), ImportError("a.so: failed to map segment"), OSError(12, os.strerror(12))]
+)
+def test_a_lack_of_memory_is_told_by_that_name(error, monkeypatch, capsys):
+    monkeypatch.setattr(cli, "main", Mock(side_effect=error))
+    assert _guarded(["robots"]) == 1
+    assert capsys.readouterr().err.startswith("stiffscope: not enough memory; use a machine with more or, where")
 
 
 def test_a_stop_that_a_library_turns_into_its_own_error_is_a_stop(monkeypatch, capsys):
