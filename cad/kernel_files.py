@@ -104,6 +104,7 @@ def write_step(shape: Shape, path: Path) -> None:
             entity.SetId(name)
             entity.SetName(name)
     if writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
+        path.write_bytes(bytes(1 << 20))  # raises the system's reason, which the kernel keeps, e.g. a full disk
         raise OSError(f"{path}: cannot be written")
 
 

@@ -239,6 +239,13 @@ def test_a_full_disk_is_one_line_and_nothing_is_left(tmp_path):
             with staged_folder(disk / "out"):
                 raise OSError(errno.ENOSPC, "Can't write data (time = Mon Nov 23\n, filename = ...)")  # of HDF5
         assert os.listdir(disk) == []
+        from build123d import Box
+
+        from stiffscope.cad import kernel_files
+
+        (disk / "fill").write_bytes(bytes(60 << 10))
+        with pytest.raises(OSError, match="No space left on device"):  # the kernel keeps the reason
+            kernel_files.write_step(Box(1, 1, 1).wrapped, disk / "a.step")
     finally:
         subprocess.run(["umount", disk], check=True)
 
