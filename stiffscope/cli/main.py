@@ -145,7 +145,7 @@ def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one return per way 
             raise
         _drop_output()
         _say(_describe_error(error))
-        return 1 if error.errno in FULL or lacks_memory(error) else 2
+        return 1 if error.errno in FULL or _stopped or lacks_memory(error) else 2
     except UnicodeEncodeError as error:
         text = show_path(str(error.object)[:60])
         _say(f"{text}: expected text in UTF-8, got bytes that are none")

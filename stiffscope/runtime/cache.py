@@ -116,9 +116,12 @@ class Cache:
         return held
 
     def entries(self, kinds: Collection[str] = ()) -> list[Entry]:
-        """Return the entries of some kinds, by default of all, without checking their integrity."""
+        """Return the entries of some kinds, by default of all, unchecked. Raise InputError for an unknown kind."""
         folders = sorted(self.root.glob(f"*/*/{_INDEX}")) if self.root.is_dir() else []
-        found = (entry for index in folders if (entry := _entry(index.parent)))
+        found = [entry for index in folders if (entry := _entry(index.parent))]
+        held = dict.fromkeys(entry.kind for entry in found)
+        for kind in [kind for kind in kinds if kind not in held]:
+            raise InputError(f"--kind {kind}: expected one of {', '.join(held) or '(none is kept)'}, got {kind}")
         return [entry for entry in found if not kinds or entry.kind in kinds]
 
     def clear(self, kinds: Collection[str] = ()) -> list[Entry]:
@@ -173,14 +176,12 @@ def _reason(error: OSError) -> str:
 
 def cache_folder() -> Path:
     """Return the folder of the user's cache; the variable STIFFSCOPE_CACHE overrides it."""
-    chosen = os.environ.get("STIFFSCOPE_CACHE")
+    chosen = os.environ.get("STIFFSCOPE_CACHE", "")
     try:
-        if chosen:
-            return Path(chosen).expanduser().absolute()
-        return Path(platformdirs.user_cache_dir("stiffscope", appauthor=False))
-    except RuntimeError as error:
-        got = f'got "{chosen}"' if chosen else "got none, and no home folder (HOME)"
-        raise InputError(f"STIFFSCOPE_CACHE: expected a folder for the cache, {got}") from error
+        place = chosen or platformdirs.user_cache_dir("stiffscope", appauthor=False)
+        return Path(place).expanduser().absolute()
+    except RuntimeError as error:  # no home folder
+        raise InputError(f'STIFFSCOPE_CACHE: expected a folder for the cache, got "{chosen}" without HOME') from error
 
 
 def digest(determined_by: Mapping[str, Any]) -> str:

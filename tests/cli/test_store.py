@@ -78,7 +78,10 @@ def test_a_cache_that_is_nowhere_is_refused(words, tmp_path, monkeypatch, capsys
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("STIFFSCOPE_CACHE", "~nobody-here/cache")
     assert _guarded(words) == 2
-    assert 'STIFFSCOPE_CACHE: expected a folder for the cache, got "~nobody-here/cache"' in capsys.readouterr().err
+    assert (
+        'STIFFSCOPE_CACHE: expected a folder for the cache, got "~nobody-here/cache" without HOME'
+        in capsys.readouterr().err
+    )
 
 
 def commands(group=cli, words=()):
