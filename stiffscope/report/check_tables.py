@@ -45,7 +45,8 @@ def show_check(found: Inspection) -> None:
     if found.configurations is not None:
         _reach(found)
         _poses(found)
-    _lines("Remarks", found.remarks or ["none"])
+    refused = [f"refused: {found.error}"] if found.error else []
+    _lines("Remarks", [*found.remarks, *refused] or ["none"])
     show_doubts(found.doubts)
 
 

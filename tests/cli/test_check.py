@@ -52,6 +52,7 @@ def test_unusable_robot_is_shown_and_refused(tmp_path, capsys):
     shown = capsys.readouterr()
     assert "commands z, which the mechanism locks" in " ".join(shown.out.split())
     assert "can move in at home, got z" in shown.err
+    assert "can move in at home, got z" in shown.out
 
 
 @pytest.mark.parametrize(
