@@ -133,6 +133,9 @@ def study(names: tuple[Path, ...], *, scheduler: str | None, part: str | None, o
     _emit_study(found, output, manifest, [store])
     if not remove_copied(store, out, f"{DESIGNS}/"):
         log.warning("%s: holds files that %s does not; they stay there", store, out)
+    if share is None and found.outcomes.failed.all():
+        reason = found.designs.reasons[0]
+        raise InputError(f"{file.path}: expected a design that can be computed, got none; the first: {reason}")
 
 
 def _read_part(text: str | None) -> tuple[int, int] | None:

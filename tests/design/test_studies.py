@@ -141,6 +141,18 @@ def test_a_study_says_why_nothing_is_feasible(rod, capsys):
     assert "K >= 9.9 N/um: met by none of 5 designs" in told
 
 
+def test_a_study_of_which_every_design_failed_is_refused_beside_its_reasons(rod, tmp_path, capsys):
+    file = rod(GRID.replace('"0 mm", "9 mm"', '"9 mm"').replace('"8 mm"', '"4.4 mm"'))
+    share = "--part", "1/2", "--out", str(tmp_path / "share")
+    assert _guarded(["study", str(file), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr()
+    assert "3 failed" in said.out
+    assert "study.toml: expected a design that can be computed, got none; the first: --set" in said.err
+    assert (tmp_path / "out" / "designs.csv").exists()
+    assert not (tmp_path / "out.designs").exists()
+    assert _guarded(["study", str(file), *share, "--quiet"]) == 0
+
+
 def test_a_study_says_what_ended_on_a_bound_and_whether_it_converged(rod, capsys):
     """The lightest rod above a stiffness that the thinnest has: its radius ends on its lower bound."""
     text = (
