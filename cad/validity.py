@@ -38,7 +38,9 @@ def valid_solid(shape: Shape, name: str) -> Solid:
     solid = found[0]
     if loose := len(faces) - len(kernel.faces(solid)):
         raise refuse(f"{loose} loose face(s) beside the solid", "one solid and nothing else")
-    _check_coordinates(solid, refuse)
+    farthest = np.abs([kernel.position(each) for each in kernel.vertices(solid)]).max(initial=0.0)
+    if not farthest <= FARTHEST:  # nor a number
+        raise refuse(f"{farthest:.3g} mm", f"a solid whose coordinates are numbers of at most {FARTHEST:g} mm")
     size = kernel.diagonal(solid)
     if not SMALLEST <= size <= LARGEST:
         valid = f"a solid {SMALLEST:g} to {LARGEST:g} mm large (check its units)"
@@ -54,14 +56,6 @@ def valid_solid(shape: Shape, name: str) -> Solid:
     if thickness < THINNEST:
         raise refuse(f"{thickness:.2g} mm", f"a solid at least {THINNEST:g} mm thick on average")
     return solid
-
-
-def _check_coordinates(solid: Solid, refuse: Callable[[str, str], InputError]) -> None:
-    farthest = np.abs([kernel.position(each) for each in kernel.vertices(solid)]).max(initial=0.0)
-    if not np.isfinite(farthest):
-        raise refuse("coordinates that are not finite", "a solid whose coordinates are numbers")
-    if farthest > FARTHEST:
-        raise refuse(f"{farthest:.3g} mm", f"a solid within {FARTHEST:g} mm of the origin of its axes")
 
 
 def _check_closed(solid: Solid, refuse: Callable[[str], InputError]) -> None:

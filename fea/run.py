@@ -11,6 +11,7 @@ from threadpoolctl import threadpool_limits
 
 from stiffscope import cad
 from stiffscope.cad.part import Part, mass_properties, project, surface
+from stiffscope.errors import check_kind
 from stiffscope.fea.adapt import make_mesh, solve_on, solve_within
 from stiffscope.fea.design_velocity import moved_along
 from stiffscope.fea.dynamics import clamp_point, compute_dynamics, condense_mass
@@ -75,6 +76,7 @@ def run_experiment(
     MeshError
         If the part cannot be meshed or solved.
     """
+    check_kind("part", part, Part | Specimen, "build_part")
     started, settings = time.perf_counter(), settings or Settings()
     report = progress or LISTENERS.open_line(part.name)
     report("cad", 0.0)

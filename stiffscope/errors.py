@@ -3,10 +3,9 @@
 import difflib
 import re
 from collections.abc import Iterable
+from typing import Any
 
-_NO_MEMORY = re.compile(
-    r"MemoryError|bad_alloc|failed to map segment|(unable to|cannot) allocate|out ?of ?memory", re.IGNORECASE
-)
+_NO_MEMORY = re.compile(r"MemoryError|bad_alloc|failed to map|(unable to|cannot) allocate|out ?of ?memory", re.I)
 
 
 class StiffscopeError(Exception):
@@ -19,6 +18,18 @@ class InputError(StiffscopeError, ValueError):
     def __init__(self, message: str = "") -> None:
         """Escape unprintable characters so that the message stays on one line."""
         super().__init__("".join(each if each.isprintable() else repr(each)[1:-1] for each in message))
+
+
+def check_kind(name: str, value: object, kind: Any, maker: str) -> None:
+    """Raise InputError for an argument of another type; ``maker``: the function that returns the right one."""
+    if not isinstance(value, kind):
+        raise InputError(f"{name}: expected what `{maker}` returns, got {type(value).__name__}")
+
+
+def check_word(name: str, word: str, known: tuple[str, ...]) -> None:
+    """Raise InputError for an argument that is none of some words."""
+    if word not in known:
+        raise InputError(f"{name}: expected {' or '.join(known)}, got {word!r}")
 
 
 def lacks_memory(error: BaseException) -> bool:

@@ -2,6 +2,7 @@
 
 import doctest
 import pydoc
+import re
 import subprocess
 import sys
 
@@ -61,11 +62,39 @@ def test_parts_come_from_words_and_matrices():
         ({"link": "fem"}, "expected fea, beam, published or a matrix, got 'fem'"),
         ({"link": "beam", "slider": np.eye(3)}, "components: slider: expected a 6x6"),
         ("fem", "expected fea, beam, published or a matrix, got 'fem'"),
+        (["beam"], "components: expected a source, or by part a source or a matrix, got"),
     ):
         with pytest.raises(ss.InputError, match=message):
             ss.assemble(robot, wrong)
     with pytest.raises(ss.InputError, match="expected one of link, slider, got 'arm'"):
         ss.build_part(robot, "arm")
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda _: ss.load_robot("biglide", "slider.thickness=25mm"), 'overrides: expected a list such as ["'),
+        (
+            lambda _: ss.build_part("biglide", "slider"),
+            "robot: expected what `load_robot` returns, got str",
+        ),
+        (lambda _: ss.assemble("biglide", "beam"), "robot: expected what `load_robot`"),
+        (lambda _: ss.run_experiment("slider"), "part: expected what `build_part` returns, got str"),
+        (lambda _: ss.deformed(None), "experiment: expected what `run_experiment`"),
+        (lambda _: ss.analyse(ss.load_robot("biglide"), [[0, 0, 0.4]]), "mechanism: expected what `assemble` returns"),
+        (lambda robot: ss.analyse(robot, [[0, 0, 0.4]], gravity="yes"), "gravity: expected none or exact, got 'yes'"),
+        (lambda robot: ss.stiffness(robot, [[0, 0, 0.4]], gravity="literal"), "gravity: expected none or exact"),
+        (lambda robot: ss.modes(robot, [[0, 0, 0.4]], drives="locked"), "drives: expected held or free, got 'locked'"),
+        (
+            lambda robot: ss.modes(robot, [[0, 0, 0.4]], -1),
+            "count: expected at least 1 mode, a whole number, got -1",
+        ),
+        (lambda robot: ss.modes(robot, [[0, 0, 0.4]], "3"), "count: expected at least 1 mode, a whole number, got '3'"),
+    ],
+)
+def test_arguments_that_are_none_are_refused_by_their_names(call, message):
+    with pytest.raises(ss.InputError, match=f"^{re.escape(message)}"):
+        call(ss.assemble(ss.load_robot("biglide"), "published"))
 
 
 def test_a_robot_is_made_in_python():

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, check_kind
 from stiffscope.runtime.brief import describe_briefly
 from stiffscope.vjm.checks import spell_name
 from stiffscope.vjm.closure import CLOSED
 from stiffscope.vjm.continuation import OPEN, RANGE, REACHED, Reached, find_ranges, find_solver, follow_paths
 from stiffscope.vjm.linkage import rotation_vector
-from stiffscope.vjm.mechanism import COORDINATES
+from stiffscope.vjm.mechanism import COORDINATES, Mechanism
 from stiffscope.vjm.reach import reach_toward
 
 if TYPE_CHECKING:
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from stiffscope.vjm.continuation import Followed, Solver
     from stiffscope.vjm.joints import Joint
     from stiffscope.vjm.linkage import Given, Linkage, Placed
-    from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
 CHUNK = 1024  # poses; the working set fits the processor's cache
@@ -245,6 +244,7 @@ def configure_drives(mechanism: Mechanism, displacements: ArrayLike) -> Configur
 
 def check_poses(mechanism: Mechanism, poses: ArrayLike) -> Array:
     """Return poses (n, k). Raises InputError if they have another shape or are not finite."""
+    check_kind("mechanism", mechanism, Mechanism, "assemble")
     return _check_rows(poses, list(mechanism.tool.pose), "poses")
 
 

@@ -118,7 +118,7 @@ def modes(mechanism: Mechanism, poses: Poses, count: int = 6, *, drives: Drives 
     >>> ss.modes(machine, [[0, 0, 0.34748]], 3).frequencies.round(1)  # Hz
     array([[ 58.8, 138. , 143.6]])
     """
-    found = configure(mechanism, poses)
+    found = _configure(mechanism, poses, count)
     n = len(found)
     empty: Array = np.full((n, count), np.nan)
     out = Modes(found, empty, empty.copy(), {}, {}, empty.copy(), ())
@@ -142,11 +142,17 @@ def frequencies(mechanism: Mechanism, poses: Poses, count: int = 6, *, drives: D
     mechanism, poses, count, drives
         As for ``modes``.
     """
-    found = configure(mechanism, poses)
+    found = _configure(mechanism, poses, count)
     out = np.full((len(found), count), np.nan)
     for part, some in _solve_chunks(mechanism, found, count, drives, {}):
         out[some, : part.squares.shape[1]] = part.frequencies
     return out
+
+
+def _configure(mechanism: Mechanism, poses: Poses, count: object) -> Configurations:
+    if not (isinstance(count, int | np.integer) and count >= 1):
+        raise InputError(f"count: expected at least 1 mode, a whole number, got {count!r}")
+    return configure(mechanism, poses)
 
 
 @dataclass(eq=False)
@@ -215,8 +221,6 @@ def _solve_chunks(
     mechanism: Mechanism, found: Configurations, count: int, drives: Drives, remarks: dict[str, None]
 ) -> Iterator[_Solved]:
     """Yield the modes of all reachable poses in chunks; add ``remarks`` on what is left out."""
-    if count < 1:
-        raise InputError(f"count: expected at least 1 mode, got {count}")
     reached = np.flatnonzero(found.valid)
     most, massless = 0, False
     for start in range(0, len(reached), _CHUNK):

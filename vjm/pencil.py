@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
 
+from stiffscope.errors import check_word
 from stiffscope.vjm.coordinates import form_coordinates
 from stiffscope.vjm.network import place_nodes
 from stiffscope.vjm.subspaces import RANK
@@ -98,6 +99,7 @@ def form_pencils(
     drives
         Drives are springs ("held") or move freely ("free").
     """
+    check_word("drives", drives, get_args(Drives))
     free = [j.name for j in mechanism.drives] if drives == "free" else []
     shaken = mechanism
     if free:

@@ -8,11 +8,11 @@ raises.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, check_word
 from stiffscope.vjm.condensation import InfiniteStiffnessError, condense_network
 from stiffscope.vjm.datasets import Labelled, make_dataset
 from stiffscope.vjm.equilibrium import find_equilibrium, map_segments, solve_condensed, solve_loads, tool_stiffness
@@ -134,6 +134,7 @@ def stiffness(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") 
     >>> (k.diagonal()[:3] / 1e6).round(2)  # N/um
     array([23.84,  1.97, 12.4 ])
     """
+    check_word("gravity", gravity, get_args(Gravity))
     return map_chunks(mechanism, poses, (6, 6), _find_stiffness, gravity)
 
 
@@ -150,6 +151,7 @@ def compliance(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none")
     Array
         (n, 6, 6) at M in base axes, m/N, 1/N, rad/(N·m); NaN if out of reach or moving freely.
     """
+    check_word("gravity", gravity, get_args(Gravity))
     both = map_chunks(mechanism, poses, (6, 13), _find_matrices, gravity)
     return _complete_compliance(both[..., :6], both[..., 6:12])[0]
 
@@ -228,6 +230,7 @@ def analyse(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") ->
     >>> (1e6 * state.sag[0, 2]).round(2)  # um along z, which points down
     np.float64(11.05)
     """
+    check_word("gravity", gravity, get_args(Gravity))
     found = configure(mechanism, poses)
     both = map_chunks(mechanism, found, (6, 13), _find_unloaded, gravity)
     matrix = both[..., :6]

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from stiffscope.cad.solid import GREATEST_X, LEAST_X, build
 from stiffscope.cad.step import read_step
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, check_kind
 from stiffscope.fea.settings import Settings
+from stiffscope.robot.file.description import RobotFile
 from stiffscope.robot.file.part_sections import ParametricPart, SolidPart, StepPart
 from stiffscope.runtime.cache import code_version, digest
 from stiffscope.runtime.reading import MOST_BYTES, file_digest
@@ -23,7 +24,6 @@ if TYPE_CHECKING:
     from stiffscope.cad.materials import AnyMaterial
     from stiffscope.cad.part import Part
     from stiffscope.cad.solid import Placement
-    from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.file.part_sections import Dimensions
 
 LIBRARIES = ("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy")
@@ -172,6 +172,7 @@ def build_part(robot: RobotFile, name: str) -> Part:
     >>> ss.build_part(ss.load_robot("biglide"), "slider").material.name
     'steel'
     """
+    check_kind("robot", robot, RobotFile, "load_robot")
     with name_lines(robot):
         return order_part(robot, name).build()
 

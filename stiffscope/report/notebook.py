@@ -18,7 +18,8 @@ import numpy as np
 
 from stiffscope.cad.part import mass_properties
 from stiffscope.design.maps import map_stiffness
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, check_kind
+from stiffscope.fea.experiment import Experiment
 from stiffscope.report import maps, page, part_tables, sensitivities, studies, tables
 from stiffscope.report.check_tables import show_check, show_import
 from stiffscope.report.figures import save_figures
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
     from stiffscope.design.sensitivity import Sensitivity
     from stiffscope.design.studies import Study
     from stiffscope.fea.derivatives import PartSensitivity
-    from stiffscope.fea.experiment import Experiment
     from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.report.page import Figure
     from stiffscope.robot.file.description import RobotFile
@@ -143,6 +143,7 @@ def deformed(experiment: Experiment) -> Picture:
     PictureError
         This machine cannot draw; the message names what is missing.
     """
+    check_kind("experiment", experiment, Experiment, "run_experiment")
     with scratch_folder() as folder:
         held, sheet = folder / "experiment.npz", folder / "loads.png"
         experiment.save(held)

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, Protocol, get_args
 import numpy as np
 
 from stiffscope.data import FOLDER
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, check_kind
 from stiffscope.fea.beam import box, channel, circle, euler_bernoulli, i_section, rectangle, timoshenko
 from stiffscope.robot.beam_dynamics import beam_dynamics
+from stiffscope.robot.file.description import RobotFile
 from stiffscope.robot.file.part_sections import InterfacePart, MatrixPart, ParametricPart, SolidPart, Source, StepPart
 from stiffscope.vjm.checks import check_compliance
 from stiffscope.vjm.dynamics import Dynamics
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from stiffscope.fea.beam import Section
-    from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.file.part_sections import PartSection
 
     Theory = Callable[[float, Section, float, float], np.ndarray]
@@ -109,6 +109,9 @@ def part_sources(robot: RobotFile, components: Components = None) -> dict[str, s
 
     Raises InputError if `components` has an invalid part, source or matrix.
     """
+    check_kind("robot", robot, RobotFile, "load_robot")
+    if not isinstance(components, Mapping | str | None):
+        raise InputError(f"components: expected a source, or by part a source or a matrix, got {components!r}")
     used = used_parts(robot)
     given = components if isinstance(components, Mapping) else {}
     word = components if isinstance(components, str) else None

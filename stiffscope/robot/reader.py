@@ -99,6 +99,8 @@ def read_robot(path: Path, text: str, overrides: Sequence[str] = (), tolerance: 
     tolerance
         Relative accuracy of the experiments, such as "1 %"; by default as in the file.
     """
+    if isinstance(overrides, str):
+        raise InputError(f'overrides: expected a list such as ["slider.thickness=25mm"], got "{overrides}"')
     data = parse_text(path, text)
     source = Source(path, text, tuple(overrides))
     with source.refusing():

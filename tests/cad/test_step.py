@@ -140,7 +140,7 @@ BAD = {
     "sheet": (lambda: kernel.faces(box(0, 10))[0], "a surface without volume"),
     "loose": (lambda: kernel.compound(box(0, 10), kernel.faces(box(20, 30))[0]), r"1 loose face\(s\)"),
     "far": (lambda: box(1e9, 1e9 + 10), "1e.09 mm"),
-    "not a number": (lambda: box(0, float("nan")), "not finite"),
+    "not a number": (lambda: box(0, float("nan")), "nan mm"),
     "crossing": (crossing, "a self-intersecting solid"),
     "tiny": (lambda: box(0, 0.01), "0.0173 mm"),
     "foil": (lambda: Box(100, 100, 1e-4).wrapped, "0.0001 mm"),
