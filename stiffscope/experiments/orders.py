@@ -96,7 +96,8 @@ class PartOrder:
                 reference_point=step.reference_point,
             )  # fmt: skip
         except InputError as error:
-            raise InputError(str(error).replace(str(step.path), step.given, 1)) from error
+            text = str(error).replace("faces FILE", f"faces {step.path}")
+            raise InputError(text.replace(str(step.path), step.given)) from error
 
 
 def order_part(

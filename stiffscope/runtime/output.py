@@ -88,7 +88,7 @@ def write_new(path: Path, content: bytes) -> None:
 
 def check_new(path: str | Path) -> None:
     """Raise InputError if a path exists, of any kind, or cannot be written."""
-    if not str(path) or not Path(path).name:  # "", "." and "/"
+    if not Path(path).name:  # "", "." and "/"
         raise InputError(f"{show_path(path)}: expected the name of a file to write, got none")
     _check_absent(path, "file")
     check_file(Path(path))

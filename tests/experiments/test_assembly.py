@@ -89,7 +89,7 @@ def test_a_body_is_as_long_as_its_step_file_s_solid(stepped, tmp_path):
 def test_faces_that_a_step_file_has_not_are_named_by_file_and_line(stepped, tmp_path):
     copyfile(stepped.robot.path.with_name("bar.step"), tmp_path / "bar.step")
     robot = one_part(tmp_path, f'{STEP}\nclamped = [{{ kind = "cylinder" }}]')
-    message = r'robot\.toml:9: parts\."bar 1"\.clamped: no face has kind = cylinder'
+    message = r'robot\.toml:9: parts\."bar 1"\.clamped: no face has kind = cylinder.* `stiffscope faces \S*bar\.step`'
     for refuse in (assembled, check_solids):
         with pytest.raises(InputError, match=message):
             refuse(robot)

@@ -278,8 +278,8 @@ def test_hinges_that_a_drive_or_range_names_stay_two(imported, drives, ranged):
     [
         (FOUR_BAR.replace('mass="2"', 'mass="-2"'), {},
          'model.xml:8: expected no mass below zero, got -2 kg of body "crank"'),
-        ("\n<mujoco>", {}, "model.xml:2: expected a model in URDF or MJCF, got: "),
-        ("", {}, "model.xml: expected a model in URDF or MJCF, got: "),
+        ("\n<mujoco>", {}, "model.xml:2: expected a model in URDF or MJCF, or an assembly in a .step file, got: "),
+        ("", {}, "model.xml: expected a model in URDF or MJCF, or an assembly in a .step file, got: "),
         (FOUR_BAR, {"drives": ["moter=1"]}, r'--drive moter=1: expected a joint .*did you mean "motor"'),
         (FOUR_BAR, {"drives": ["motor"]}, "--drive motor: expected JOINT=STIFFNESS"),
         (FOUR_BAR, {"drives": ["motor=3 N/um"]}, "--drive motor=3 N/um: expected a torsional stiffness"),

@@ -184,7 +184,8 @@ def _compile(mj: Any, path: Path, content: bytes) -> tuple[Any, list[str]]:
         raise
     except (ValueError, OSError, RuntimeError) as error:
         said = _reason(error)
-        raise InputError(f"{_place(path, said)}: expected {_MODEL}, got: {said}") from error
+        expected = f"{_MODEL}, or an assembly in a .step file"
+        raise InputError(f"{_place(path, said)}: expected {expected}, got: {said}") from error
     bare = "a body whose mass would come from a mesh has none here"
     return model, [f"read without its meshes ({first})", bare]
 
