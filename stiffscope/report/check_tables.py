@@ -45,8 +45,7 @@ def show_check(found: Inspection) -> None:
     if found.configurations is not None:
         _reach(found)
         _poses(found)
-    refused = [f"refused: {found.error}"] if found.error else []
-    _lines("Remarks", [*found.remarks, *refused] or ["none"])
+    _lines("Remarks", [*found.remarks, *[f"refused: {found.error}"] * bool(found.error)] or ["none"])
     show_doubts(found.doubts)
 
 

@@ -50,7 +50,7 @@ def is_forced() -> bool:
 def write_bytes(path: Path, content: bytes) -> None:
     """Write a file atomically. Links are followed; devices are written to, not replaced."""
     check_file(path)
-    with _refusing(path):
+    with refusing(path):
         if _is_stream(path):
             path.write_bytes(content)
             return
@@ -72,7 +72,7 @@ def _resolve(path: str | Path) -> Path:
 
 def check_file(path: Path) -> None:
     """Raise InputError early for a file that `write_bytes` cannot write."""
-    with _refusing(path):
+    with refusing(path):
         if os.path.isdir(path):  # noqa: PTH112 (pathlib's raise for some names)
             raise InputError(f"{show_path(path)}: is a folder; give a file")
         if not _is_stream(path):
@@ -118,7 +118,7 @@ def _is_stream(path: Path) -> bool:
 
 
 @contextlib.contextmanager
-def _refusing(path: str | Path, *, folder: bool = False) -> Iterator[None]:
+def refusing(path: str | Path, *, folder: bool = False) -> Iterator[None]:
     """Convert system errors to errors of an unwritable file or output folder."""
     try:
         yield
@@ -238,12 +238,12 @@ def _open_aside(target: str | Path) -> Iterator[Path]:
 
 def check_output(target: str | Path, *others: str | Path | None) -> None:
     """Raise InputError early for an invalid output folder, or one that contains other outputs."""
-    with _refusing(target, folder=True):
+    with refusing(target, folder=True):
         goal = _resolve(target)
         there = os.path.lexists(goal)
         _check_place(target, goal, there=there)
         for other in filter(None, others):
-            with _refusing(other):
+            with refusing(other):
                 if _resolve(other).is_relative_to(goal):
                     what = f"is in {target}, which is replaced as a whole"
                     raise InputError(f"{other}: {what}; give a file elsewhere")

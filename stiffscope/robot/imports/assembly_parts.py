@@ -18,7 +18,7 @@ from stiffscope.robot.file.parse import place_of
 from stiffscope.robot.imports.compiled_model import print_safely
 from stiffscope.robot.imports.import_record import RECORD, parts_folder
 from stiffscope.robot.imports.robot_text import check_text, to_toml, toml_key, vector_text
-from stiffscope.runtime.output import scratch_folder, write_bytes
+from stiffscope.runtime.output import refusing, scratch_folder, write_bytes
 from stiffscope.runtime.reading import show_path
 
 if TYPE_CHECKING:
@@ -127,7 +127,8 @@ def write_import(
         trial = scratch / folder.name
         trial.mkdir()
         for name, part in zip(files, parts, strict=True):
-            cad.kernel_files.write_step(part.solid.product.solid, trial / name)
+            with refusing(out):
+                cad.kernel_files.write_step(part.solid.product.solid, trial / name)
         check_text(path, scratch / out.name, text, what)
         if record is not None:
             record = replace(record, files=files, robot=hashlib.sha256(content).hexdigest())
