@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from stiffscope.cli.output import Output
-from stiffscope.errors import InputError
 from stiffscope.runtime.output import check_json, overwrite
 from stiffscope.runtime.reading import opened
 
@@ -36,8 +35,6 @@ def takes(*options: Callable[..., Any]) -> Callable[..., Any]:
             output = Output(json, out, quiet)
             texts = [each for each in given.values() if isinstance(each, str | Path)]
             output.check_folder(out, *(Path(each) for each in texts if os.path.isfile(each)))  # noqa: PTH113
-            if json and os.path.realpath(json) in {os.path.realpath(p) for p in given.values() if isinstance(p, Path)}:
-                raise InputError(f"--json {json}: expected a file that no other option names, got one of them")
             opened.clear()
             opened.update(map(os.path.realpath, texts))
             output.check_json()

@@ -97,10 +97,10 @@ def test_version():
         (["stiffness", "biglide", "--set", "slider.pads=apart", "--set", "slider.pad_height=9mm"], 'got "apart"'),
         (["audit", "--json", ""], "give a file"),
         (["deflection", "nosuch/x.toml", "--wrench", "1,0,0,0,0,0", "--json", "/none/x"], "cannot be written"),
-        (["import", "x.urdf", "--out", "x.toml", "--json", "./x.toml"], "expected a file that no other option names"),
+        (["import", "x.urdf", "--out", "x.toml", "--json", "./x.toml"], "x.toml: expected a file for the JSON alone"),
         (
             ["diagnose", "gauges", "--out", "out", "--adopt", "x", "--json", "x"],
-            "--json x: expected a file that no",
+            "x: expected a file for the JSON alone",
         ),
         (["compliance", "biglide"], "--part"),
         (
