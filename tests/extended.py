@@ -115,8 +115,10 @@ EXTENDED = {
         "test_a_fault_without_a_word_is_not_named",
         "test_a_group_that_is_certain_is_identified_with_a_measurement_that_separates_it",
         "test_a_tool_that_turns_about_one_oblique_axis_blames_nothing_else",
+        "test_an_effect_is_named_with_its_size[encoder-offset]",
         "test_backlash_of_a_drive_with_two_slopes_is_found_adopted_and_predicted",
         "test_fea_against_beam_is_found_as_the_slider_entry_by_entry",
+        "test_no_alternative_to_a_large_effect_leaves_more_than_no_effect[1e-09]",
         "test_no_gap_and_missing_gravity",
         "test_rotations_are_coupled_where_the_readings_ask_for_it",
         "test_the_same_answer_after_shuffling_rows_doubling_the_label_and_outliers",
@@ -124,16 +126,21 @@ EXTENDED = {
     ),
     "gap/test_doubted_instruments.py": (
         "test_a_unit_is_no_gain_that_differs_by_direction",
+        "test_an_instrument_at_fault_is_named[alone-fault1-tool]",
         "test_an_instrument_at_fault_is_named[alone-fault3-tool]",
         "test_an_instrument_at_fault_is_named[alone-fault4-gauges]",
-        *(
-            f"test_an_instrument_at_fault_is_named[beside a soft drive-fault{i}-{style}]"
-            for i, style in enumerate(("gauges", "tool", "gauges", "tool", "gauges"))
-        ),
+        "test_an_instrument_at_fault_is_named[beside a soft drive-fault0-gauges]",
+        "test_an_instrument_at_fault_is_named[beside a soft drive-fault1-tool]",
+        "test_an_instrument_at_fault_is_named[beside a soft drive-fault2-gauges]",
+        "test_an_instrument_at_fault_is_named[beside a soft drive-fault3-tool]",
+        "test_an_instrument_at_fault_is_named[beside a soft drive-fault4-gauges]",
+        "test_few_readings_without_sigma_name_their_cause[7]",
         "test_few_readings_without_sigma_name_their_cause[9]",
     ),
     "gap/test_extremes.py": ("test_a_place_too_far_for_a_robot_is_doubted_and_said",),
     "gap/test_geometry.py": ("test_an_adopted_geometry_leaves_the_gap_that_it_explains",),
+    "gap/test_hostile_tables.py": ("test_a_malformed_sheet_is_refused[many empty rows]",),
+    "gap/test_instruments.py": ("test_a_diagnosis_by_an_unknown_tracker[0.0]",),
     "gap/test_interfaces.py": ("test_a_soft_head_is_found_adopted_and_found_no_more",),
     "gap/test_predictions.py": (
         "test_finds_what_was_put_in[options1-truth1-False]",
@@ -141,6 +148,7 @@ EXTENDED = {
         "test_finds_what_was_put_in[options4-truth4-False]",
         "test_finds_what_was_put_in[options6-truth6-False]",
     ),
+    "gap/test_robot_model.py": ("test_patterns_hold_for_readings_to_come[stewart]",),
     "gap/test_sanity.py": ("test_faults_of_the_robot_raise_no_doubts_of_its_instruments",),
     "report/test_live.py": (
         "test_a_page_follows_a_slider_five_times_a_second",
@@ -163,13 +171,14 @@ EXTENDED = {
     ),
     "runtime/test_scheduler.py": ("test_jobs_survive_the_kills_of_their_workers_and_one_that_kills_them_is_named",),
     "test_bad_day.py": (
-        "test_a_kill_loses_and_leaves_nothing",
         "test_a_command_that_is_stopped_leaves_no_child_and_says_one_line[blind-9]",
         "test_a_command_that_is_stopped_leaves_no_child_and_says_one_line[compliance-15]",
         "test_a_command_that_is_stopped_leaves_no_child_and_says_one_line[compliance-2]",
         "test_a_command_that_is_stopped_leaves_no_child_and_says_one_line[compliance-9]",
+        "test_a_kill_loses_and_leaves_nothing",
     ),
     "test_docs.py": ("test_every_equation_is_set_by_the_pages_own_mathjax[theory]",),
+    "test_hostile.py": ("test_mutants_of_every_family",),
     "test_tutorials.py": (
         "test_tutorials[gauges]",
         "test_tutorials[part]",
@@ -185,6 +194,5 @@ EXTENDED = {
     "vjm/test_kinematics.py": ("test_out_of_reach_is_told_and_never_taken",),
     "vjm/test_laws.py": ("test_equilibrium_under_wrench_weight_and_springs_beside_hanging_drives",),
     "vjm/test_rigid_directions.py": ("test_limbs_off_the_path_to_the_tool_change_nothing",),
-    "test_hostile.py": ("test_mutants_of_every_family",),
 }
 """Names of tests, with or without one of their parameters, by file."""
