@@ -125,7 +125,7 @@ def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
     if np.isfinite(panel.values).any():
         _colour(axes, grid, panel)
     else:
-        axes.pcolormesh(*grid, panel.values, shading="nearest", vmin=0.0, vmax=1.0)
+        axes.pcolormesh(*grid, panel.values, shading="nearest", rasterized=True, vmin=0.0, vmax=1.0)
         text = "rigid" if found.rigid.any() else "no value"
         axes.text(0.5, 0.85, text, transform=axes.transAxes, ha="center", va="center", fontsize=14, color=MARK)
     down = ", down" if found.down else ""

@@ -119,7 +119,9 @@ def test_a_map_says_what_is_rigid(tmp_path):
     assert len((tmp_path / "map.csv").read_text().splitlines()) == 1 + 9
     assert "1/C_ii" in to_dataset(found)["K_tx_loaded"].long_name
     draw_map(found, [*stiffness_panels(found), *scalar_panels(found)], {}, "", tmp_path / "map.svg")
-    assert (tmp_path / "map.svg").read_text().count(">rigid<") == 6  # z, rx, ry; best, condition, along z
+    drawn = (tmp_path / "map.svg").read_text()
+    assert drawn.count(">rigid<") == 6  # z, rx, ry; best, condition, along z
+    assert "QuadMesh" not in drawn  # one path each pose, 23 MB of them
 
 
 def test_a_few_stiff_poses_do_not_swallow_the_colours():
