@@ -654,7 +654,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
         },
     ),
     "cache clear": (
-        ["cache", "clear", "--kind", "none"],
+        ["cache", "clear", "--kind", "moved"],
         {
             "folder": ("cache folder", ""),
             "entries": ("number of results removed", ""),

@@ -36,7 +36,7 @@ def takes(*options: Callable[..., Any]) -> Callable[..., Any]:
             texts = [each for each in given.values() if isinstance(each, str | Path)]
             output.check_folder(out, *(Path(each) for each in texts if os.path.isfile(each)))  # noqa: PTH113
             opened.clear()
-            opened.update(map(os.path.realpath, texts))
+            opened.update(os.path.realpath(each) for each in texts)
             output.check_json()
             return command(output=output, **given)
 

@@ -12,13 +12,13 @@ from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit
 from stiffscope.report.store import megabytes, show_entries, show_totals
 from stiffscope.report.terminal import show_line
-from stiffscope.runtime.cache import Cache, cache_folder, totals
+from stiffscope.runtime.cache import KINDS, Cache, cache_folder, totals
 
 if TYPE_CHECKING:
     from stiffscope.cli.output import Output
 
 kinds = click.option(
-    "--kind", "chosen", multiple=True, metavar="KIND", help="Only of this kind, such as pictures."
+    "--kind", "chosen", multiple=True, type=click.Choice(KINDS), help="Only of this kind."
 )  # fmt: skip
 
 
