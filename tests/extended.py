@@ -13,6 +13,7 @@ EXTENDED = {
         "test_effects_of_a_linear_model",
         "test_four_interfaces_beside_two",
         "test_joints_of_an_assembly",
+        "test_poses_modes_and_a_map",
         "test_two_levels_and_a_large_mesh",
     ),
     "cad/test_step.py": (
@@ -24,6 +25,7 @@ EXTENDED = {
     "cli/test_cli.py": (
         "test_a_robot_of_ones_own",
         "test_a_stopped_run_leaves_nothing[15]",
+        "test_modules_of_the_working_folder_change_nothing[arguments0]",
         "test_modules_of_the_working_folder_change_nothing[arguments1]",
     ),
     "cli/test_diagnosis.py": (
@@ -56,7 +58,10 @@ EXTENDED = {
         "test_the_mesh_of_a_former_part_is_moved_along_where_it_can_be",
         "test_what_scripts_read_of_a_rod_and_of_a_step_file_in_its_place",
     ),
-    "fea/test_elasticity.py": ("test_the_cubic_solution_is_softer_in_every_direction[rigid]",),
+    "fea/test_elasticity.py": (
+        "test_multigrid_agrees_with_a_factorization[0.49-distributed]",
+        "test_the_cubic_solution_is_softer_in_every_direction[rigid]",
+    ),
     "fea/test_experiment.py": (
         "test_every_entry_is_within_its_tolerance_and_its_bound[link-0.0005]",
         "test_every_entry_is_within_its_tolerance_and_its_bound[plate-0.002]",
@@ -127,6 +132,7 @@ EXTENDED = {
     "gap/test_doubted_instruments.py": (
         "test_a_unit_is_no_gain_that_differs_by_direction",
         "test_an_instrument_at_fault_is_named[alone-fault1-tool]",
+        "test_an_instrument_at_fault_is_named[alone-fault2-gauges]",
         "test_an_instrument_at_fault_is_named[alone-fault3-tool]",
         "test_an_instrument_at_fault_is_named[alone-fault4-gauges]",
         "test_an_instrument_at_fault_is_named[beside a soft drive-fault0-gauges]",
@@ -154,7 +160,11 @@ EXTENDED = {
         "test_a_page_follows_a_slider_five_times_a_second",
         "test_new_rows_of_a_campaign_appear",
     ),
-    "report/test_notebook.py": ("test_every_object_shows_as_a_table",),
+    "report/test_notebook.py": (
+        "test_every_object_shows_as_a_table",
+        "test_the_robot_turns_inside_a_cell",
+    ),
+    "report/test_page.py": ("test_without_webgl_a_picture_stands_in_its_place",),
     "report/test_robot_scene.py": (
         "test_a_process_that_is_ready_ahead_draws_the_same_picture",
         "test_picture_of_a_deformed_robot_with_the_users_own_surface",
@@ -167,6 +177,7 @@ EXTENDED = {
         "test_every_joint_is_found_and_none_invented[finger]",
         "test_every_joint_is_found_and_none_invented[hexapod]",
         "test_every_joint_is_found_and_none_invented[slider]",
+        "test_exponents_of_three_digits_are_read",
         "test_what_is_not_said_well_is_refused",
     ),
     "runtime/test_scheduler.py": ("test_jobs_survive_the_kills_of_their_workers_and_one_that_kills_them_is_named",),
