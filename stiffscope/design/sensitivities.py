@@ -17,6 +17,7 @@ from stiffscope.experiments.orders import order_part
 from stiffscope.fea.derivatives import Derivative, PartSensitivity
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.robot.part_matrices import needed_experiments
+from stiffscope.runtime.cache import SENSITIVITY
 from stiffscope.runtime.workshop import workshop
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Progress
     from stiffscope.runtime.workshop import Workshop
 
-KIND, FILE = "sensitivity", "sensitivity.json"
+FILE = "sensitivity.json"
 
 
 def part_sensitivities(orders: Sequence[PartOrder], shop: Workshop) -> list[PartSensitivity]:
@@ -50,7 +51,7 @@ def part_sensitivities(orders: Sequence[PartOrder], shop: Workshop) -> list[Part
     InputError
         A part cannot be built, meshed or clamped as requested.
     """
-    load = partial(shop.cache.load, [KIND], read=read_sensitivity)
+    load = partial(shop.cache.load, [SENSITIVITY], read=read_sensitivity)
     held = {order: load(key=order.key()) for order in dict.fromkeys(orders)}
     missing = [order for order, found in held.items() if found is None]
     if missing:
@@ -84,7 +85,7 @@ def _make_sensitivity(
         "derivatives": {name: vars(each) for name, each in found.derivatives.items()},
         "notes": found.notes, "seconds": found.seconds,
     }, default=np.ndarray.tolist)  # fmt: skip
-    folder = cache.put(KIND, order.key(), lambda aside: (aside / FILE).write_text(text))
+    folder = cache.put(SENSITIVITY, order.key(), lambda aside: (aside / FILE).write_text(text))
     report("done", 1.0)
     return folder
 

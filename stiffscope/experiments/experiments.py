@@ -19,6 +19,7 @@ from stiffscope.fea.experiment import load_experiment
 from stiffscope.fea.export import write_vtu
 from stiffscope.fea.mesh import MeshError
 from stiffscope.robot.part_matrices import beam_compliance
+from stiffscope.runtime.cache import CONDENSED, MOVED, WHOLE
 from stiffscope.runtime.executor import LateError
 
 if TYPE_CHECKING:
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 AFTER_REFINEMENT = 1.5  # times the limit, to allow for the modes of the last mesh
-WHOLE, CONDENSED, MOVED = "experiment", "condensed", "moved"  # kinds of results in the cache
 DYNAMICS = (
     "self_weight", "self_weight_error", "frequencies", "frequency_error",
     "mode_squares", "mode_squares_error", "condensed_mass",

@@ -24,7 +24,7 @@ from stiffscope.report.pictures import PictureError, draw, open_drawing, optiona
 from stiffscope.report.robot_scene import add_solids, mark_doubts, place_robot, pose_text, scene, scene_of
 from stiffscope.report.run_report import ENERGY, GEOMETRY, SHARE
 from stiffscope.report.text import shares
-from stiffscope.runtime.cache import code_version, digest, kept_files
+from stiffscope.runtime.cache import PICTURES, code_version, digest, kept_files
 from stiffscope.runtime.reading import file_digest
 from stiffscope.vjm.kinematics import configure
 
@@ -115,7 +115,7 @@ def shares_ahead(
     code = code_version(packages, ("numpy", "scipy", "pyvista", "vtk", "matplotlib"))
     facts = {**_facts(assembled), "skins": _skins(assembled)}
     key = digest({**facts, "campaign": campaign, "code": code})
-    if cache.get("pictures", key) is not None:
+    if cache.get(PICTURES, key) is not None:
         yield key, draw
         return
     with open_drawing(ahead=True) as draw_now:
@@ -229,10 +229,10 @@ def plain_robot(robot: RobotFile) -> dict[str, Any]:
 def _keep_pictures(order: Order, cache: Cache) -> tuple[Path | None, bool, float]:
     """Return the pictures' folder (None if drawing failed), whether it was cached, and seconds."""
     begun = time.perf_counter()
-    held = cache.get("pictures", order.key)
+    held = cache.get(PICTURES, order.key)
     reused = held is not None
     try:
-        held = held or cache.put("pictures", order.key, order.write)
+        held = held or cache.put(PICTURES, order.key, order.write)
     except PictureError as error:
         log.warning("%s", error)
     return held, reused, time.perf_counter() - begun

@@ -34,7 +34,7 @@ log = logging.getLogger(__name__)
 _Result = TypeVar("_Result")
 
 FORMAT = 1
-KINDS = ("experiment", "condensed", "moved", "sensitivity", "pictures")
+KINDS = WHOLE, CONDENSED, MOVED, SENSITIVITY, PICTURES = "experiment", "condensed", "moved", "sensitivity", "pictures"
 _INDEX = "entry.json"
 _ENDS = {".step": b"END-ISO-10303-21;", ".vtu": b"</VTKFile>", ".png": b"IEND\xaeB`\x82"}
 

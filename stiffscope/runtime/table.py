@@ -244,7 +244,8 @@ def _cell(value: object) -> str:
     return f"{text}0" if isinstance(value, float) and _DOUBTFUL["."].fullmatch(text) else text
 
 
-_DOUBTFUL = {mark: re.compile(rf"^[+-]?[1-9]\d{{0,2}}\{mark}\d{{3}}$", re.MULTILINE) for mark in ",."}
+_THOUSANDS = r"[+-]?[1-9]\d{0,2}\%s\d{3}"
+_DOUBTFUL = {mark: re.compile(f"^{_THOUSANDS % mark}$", re.MULTILINE) for mark in ",."}
 _DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+([eE][+-]?\d+)?)\Z")
 
 
@@ -300,7 +301,7 @@ def check_marks(table: Table, columns: Iterable[str]) -> None:
 
     whole = "\n".join(texts.values())
     if ".xlsx" in table.name.lower():
-        sure = find(r"(?![+-]?[1-9]\d{0,2},\d{3}$)[+-]?\d*,\d+", whole)
+        sure = find(rf"(?!{_THOUSANDS % ','}$)[+-]?\d*,\d+", whole)
         expected = {".": f"one decimal mark, as in {sure[0]},"} if sure else {",": "a number"}
     else:
         marks = ((mark, find(rf"[+-]?\d*\{other}\d+", whole)) for mark, other in (".,", ",."))
