@@ -104,8 +104,9 @@ class DesignVelocity:
 def moved_along(mesh: TetMesh, part: Part, changed: Part) -> TetMesh | None:
     """Move the mesh of a part to a part with other dimensions; None if remeshing is better.
 
-    No element may be stretched or compressed by more than ``MOST_STRAIN`` in any direction, and no
-    curved one may become flat. The caller checks whether the mesh matches the changed part's shape.
+    No element may be stretched or compressed by more than ``MOST_STRAIN`` in any direction, and none
+    may become flatter than curved elements may be, or are here, by more than that. The caller checks
+    whether the mesh matches the changed part's shape.
     """
     try:
         points = mesh.points + DesignVelocity(mesh, part).measure_velocity(changed, 1.0)  # one step
@@ -113,7 +114,8 @@ def moved_along(mesh: TetMesh, part: Part, changed: Part) -> TetMesh | None:
         return None
     corners = [nodes[mesh.cells[:, 1:4]] - nodes[mesh.cells[:, :1]] for nodes in (mesh.points, points)]
     stretches = np.linalg.svd(np.linalg.solve(corners[0], corners[1]), compute_uv=False)
-    whole = np.linalg.det(corners[1]).min() > 0 and jacobian_range(points[mesh.cells]).min() > FLATTEST
+    before, after = (jacobian_range(nodes[mesh.cells]).min() for nodes in (mesh.points, points))
+    whole = np.linalg.det(corners[1]).min() > 0 and after > min(before, FLATTEST) / MOST_STRAIN
     if not whole or stretches.max() > MOST_STRAIN or stretches.min() < 1 / MOST_STRAIN:
         return None
     return replace(mesh, points=points)

@@ -33,7 +33,7 @@ def sensitivity(parameters, settings, material=STEEL):
 
 @pytest.fixture(scope="module")
 def rod():
-    return sensitivity(link.LinkParameters(LENGTH, RADIUS), Settings(layers=1, size=0.012))
+    return sensitivity(link.LinkParameters(LENGTH, RADIUS), Settings(layers=1, size=0.010))
 
 
 def test_rod_in_tension_torsion_and_bending_has_the_derivatives_of_the_closed_form(rod):
@@ -119,7 +119,7 @@ def test_features_that_meet_or_vanish_have_no_derivative(rod):
 
 def test_a_mesh_moves_along_with_a_small_change_and_not_with_a_large_one(rod):
     part, experiment, _ = rod
-    settings = Settings(layers=1, size=0.012)
+    settings = Settings(layers=1, size=0.010)
 
     def changed(share):
         return build(link.LinkParameters(LENGTH * share, RADIUS * share))
