@@ -1,15 +1,10 @@
 """Principal stiffness, free directions and closeness to a singularity."""
 
-# pyright: reportMissingTypeStubs=false, reportUnknownVariableType=false
-# pyright: reportUnknownMemberType=false
-# (scipy declares few types)
-
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import qr
 
 from stiffscope.vjm.subspaces import name_directions
 
@@ -59,22 +54,36 @@ def count_freedoms(matrix: Array) -> tuple[NDArray[np.int_], Array]:
     return np.sum(size < least, axis=-1), np.clip(values / largest, 0.0, None)[..., 0]
 
 
-def rigid_wrenches(compliance: Array, length: float) -> Array:
-    """Return unit wrenches (k, 6) that do not deflect a compliance; ``length`` scales rotations.
+def rigid_wrenches(compliance: Array, length: float) -> tuple[Array, ...]:
+    """Return unit wrenches (k, 6) that do not deflect each of compliances (n, 6, 6).
 
-    Each has a component that the others lack.
+    Each has a component that the others lack. ``length`` scales rotations.
     """
     scale = np.repeat([1.0 / length, 1.0], 3)
     values, vectors = np.linalg.eigh(compliance * np.outer(scale, scale))
-    null = vectors[:, values <= _RIGID * max(float(values[-1]), 1e-300)]
-    if not null.shape[1]:
-        return np.zeros((0, 6))
-    order = np.asarray(qr(null.T, mode="r", pivoting=True)[-1], dtype=int)
-    rows = np.sort(order[: null.shape[1]])
-    wrenches = (null @ np.linalg.inv(null[rows])).T * scale
-    size = np.abs(wrenches)
-    wrenches[size < _ROUNDING * size.max(axis=1, keepdims=True)] = 0.0
-    return wrenches / np.linalg.norm(wrenches, axis=1, keepdims=True)
+    counts = np.sum(values <= _RIGID * values[:, -1:].clip(min=1e-300), axis=1)
+    out = [np.zeros((0, 6))] * len(compliance)
+    for count in set(counts.tolist()) - {0}:
+        some = np.flatnonzero(counts == count)
+        null = vectors[some][..., :count]
+        rows = _independent_rows(null)
+        wrenches = (null @ np.linalg.inv(np.take_along_axis(null, rows[..., None], axis=1))).mT * scale
+        size = np.abs(wrenches)
+        wrenches[size < _ROUNDING * size.max(axis=2, keepdims=True)] = 0.0
+        wrenches /= np.linalg.norm(wrenches, axis=2, keepdims=True)
+        for k, each in zip(some, wrenches, strict=True):
+            out[k] = each
+    return tuple(out)
+
+
+def _independent_rows(bases: Array) -> NDArray[np.int_]:
+    """Return k rows (n, k), ascending, in which bases (n, 6, k) are regular, by QR with pivoting."""
+    left, chosen = bases.copy(), np.zeros((len(bases), bases.shape[2]), dtype=int)
+    for step in range(bases.shape[2]):
+        chosen[:, step] = np.square(left).sum(axis=2).argmax(axis=1)
+        pivot = np.take_along_axis(left, chosen[:, step, None, None], axis=1)
+        left -= left @ pivot.mT @ pivot / np.square(pivot).sum(axis=2, keepdims=True)
+    return np.sort(chosen, axis=1)
 
 
 def invert_stiffness(matrix: Array, free: NDArray[np.int_]) -> Array:

@@ -246,9 +246,9 @@ def analyse(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") ->
         plain = np.where(stuck[:, None, None], plain, yielding)  # weight bends what is rigid, little
     stuck = found.valid & (stuck | ~np.isfinite(matrix).all(axis=(1, 2)))
     matrix[stuck], free[stuck], inverse_condition[stuck] = np.nan, 0, 0.0
-    rigid: list[Array] = [np.zeros((0, 6))] * len(found)
-    for k in np.flatnonzero(stuck):
-        rigid[k] = rigid_wrenches(plain[k], found.linkage.length)
+    rigid = [np.zeros((0, 6))] * len(found)
+    for k, wrenches in zip(np.flatnonzero(stuck), rigid_wrenches(plain[stuck], found.linkage.length), strict=True):
+        rigid[k] = wrenches
     return Stiffness(found, matrix, sagged, free, inverse_condition, yielding, tuple(rigid))
 
 
@@ -334,7 +334,7 @@ def _find_matrices(order: Order, where: Places, gravity: Gravity) -> Array:
             found = stack_columns([0.5 * (unit + unit.mT), still])
     matrix, yielding = np.full((len(found), 6, 6), np.nan), found[..., :6]
     known = np.flatnonzero(np.isfinite(yielding).all(axis=(1, 2)))
-    firm = [k for k in known if not len(rigid_wrenches(yielding[k], order.length))]
+    firm = known[[not len(each) for each in rigid_wrenches(yielding[known], order.length)]]
     matrix[firm] = np.linalg.inv(yielding[firm])
     return np.concatenate([matrix, found], axis=2)
 
