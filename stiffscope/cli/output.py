@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from stiffscope.errors import InputError
 from stiffscope.report.progress import progress
 from stiffscope.report.terminal import record_shown, show_line
-from stiffscope.robot.inspection import doubt_matrices
+from stiffscope.robot.inspection import doubt_parts
 from stiffscope.runtime.cache import cache_folder
 from stiffscope.runtime.output import check_output, staged_folder, write_json
 from stiffscope.runtime.reading import opened, show_path
@@ -134,10 +134,10 @@ def warn_of_parts(results: Iterable[PartResult]) -> None:
 
 
 def warn_of_robot(made: Assembled, *, parts: bool = True) -> None:
-    """Log unmet tolerances of parts, doubtful matrices, and each `--set` without effect on a published matrix."""
+    """Log unmet tolerances, doubtful parts, and each `--set` without effect on a published matrix."""
     if parts:
         warn_of_parts(made.results.values())
-    for remark in doubt_matrices(made.robot):
+    for remark in doubt_parts(made.robot):
         log.warning("%s: %s", made.robot.path, remark)
     for (room, name, *field), text in made.robot.source.changed.items():
         printed = room == "parts" and getattr(made.robot.parts.get(str(name)), "published", None)

@@ -40,7 +40,16 @@ _NEARBY = 0.01  # relative to the mechanism's characteristic length, and rad
 _REVERSED = 0.5  # of a beam's coupling, with the other sign
 _CONTRADICTED = 1.5, 5.0  # how many times a part may be longer, shorter than by its bending
 _APART = 1e-5  # m
+_TURNS, _SIZES = 12.6, 20.0  # rad (two turns) and robot sizes beyond which a drive's range is doubted
 _GRID = 9  # points along each coordinate of the map
+_SOLIDS = {
+    "youngs_modulus": ("Young's modulus", 1e5, 1.3e12, " Pa"),
+    "axial_modulus": ("axial modulus", 1e5, 1.3e12, " Pa"),
+    "transverse_modulus": ("transverse modulus", 1e5, 1.3e12, " Pa"),
+    "poisson": ("Poisson's ratio, E/2G - 1,", -0.8, 0.5, ""),
+    "density": ("density", 20.0, 2.3e4, " kg/m³"),
+    "expansion": ("expansion", -1e-3, 1e-3, " 1/K"),
+}  # foam and rubber to diamond and osmium
 _ROTARY = {"revolute", "universal", "spherical", "cylindrical"}
 
 
@@ -130,7 +139,8 @@ def inspect_robot(robot: RobotFile) -> Inspection:
         *_of_home(found, mechanism),
         *_of_poses(poses),
         *([f"{100 * (mapped or 0.0):.0f} % of the map's points are reached"] if missed else []),
-        *doubt_matrices(robot),
+        *doubt_parts(robot),
+        *_of_ranges(robot, mechanism),
         *_of_places(robot, mechanism),
         *_of_masses(robot, masses),
     )
@@ -234,7 +244,24 @@ def _of_poses(poses: Iterable[Pose]) -> Iterator[str]:
             yield f"pose {pose.name} is {word}: {how}"
 
 
-def doubt_matrices(robot: RobotFile) -> Iterator[str]:
+def doubt_parts(robot: RobotFile) -> Iterator[str]:
+    """Yield remarks on materials and matrices that were likely given in another unit."""
+    yield from _of_materials(robot)
+    yield from _of_matrices(robot)
+
+
+def _of_materials(robot: RobotFile) -> Iterator[str]:
+    """Yield remarks on the file's materials that lie outside what solids have."""
+    used = {getattr(robot.parts[part], "material", None) for part in used_parts(robot)}
+    for name, material in robot.materials.items():
+        for key, (word, low, high, unit) in _SOLIDS.items():
+            value = getattr(material, key, 0.0)
+            if name in used and value and not low <= value <= high:
+                usual = f"solids have {low:g} to {high:g}{unit}"
+                yield f"material {name}: its {word} is {value:.3g}{unit}, {usual}; is its unit right?"
+
+
+def _of_matrices(robot: RobotFile) -> Iterator[str]:
     """Yield remarks on matrices that contradict a beam of the body's length: √(3·C22/C66) = L, C26 = 3/(2L)·C22."""
     for name in used_parts(robot):
         part = robot.parts[name]
@@ -263,6 +290,16 @@ def doubt_matrices(robot: RobotFile) -> Iterator[str]:
                 entry = f"C{lateral + 1}{turning + 1} = {both:.3g} contradicts its length, by which it is {beam:.3g}"
                 yield f"part {name}: {entry}; is it clamped at its base and loaded at its tip, x from base to tip?"
                 break
+
+
+def _of_ranges(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:
+    """Yield remarks on drives whose range is far beyond the robot's size, or many turns."""
+    size = Linkage(mechanism, "tool").length
+    for joint in mechanism.drives:
+        low, high = (joint.drive.low, joint.drive.high) if joint.drive else (0.0, 0.0)
+        most, unit = (_TURNS, "rad") if joint.kind == "revolute" else (_SIZES * size, "m")
+        if most < max(-low, high) < np.inf and joint.name not in robot.copied:
+            yield f"drive {joint.name}: its range is {low:g} to {high:g} {unit}; is its unit right?"
 
 
 def _of_places(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:

@@ -37,6 +37,9 @@ def changed(name, tmp_path, *pairs):
     return read_robot(path, text)
 
 
+SOFT = '[materials.soft]\nyoungs_modulus = "70 MPa"\nshear_modulus = "26 GPa"\ndensity = 7.85\n\n'
+
+
 def test_every_shipped_robot_is_known():
     assert set(SHIPPED) == {path.stem for path in ROBOTS.glob("*.toml")}
 
@@ -72,15 +75,21 @@ def test_shipped_robot(name):
          r"part strut: C26 = -6e-06 contradicts its length, by which it is 5.7.e-06; is it clamped at its base"),
         ({"-6e-6": "6e-6"},
          r"part strut: C35 = 6e-06 contradicts its length, by which it is -5.7.e-06; is it clamped at its base"),
+        ({"[parts.arm]": SOFT + "[parts.arm]", '"steel"': '"soft"'},
+         r"material soft: its Poisson's ratio, E/2G - 1, is -0.999, solids have -0.8 to 0.5; is its unit right\?"),
+        ({"[parts.arm]": SOFT + "[parts.arm]", '"steel"': '"soft"'},
+         r"material soft: its density is 7.85 kg/m³, solids have 20 to 23000 kg/m³; is its unit right\?"),
+        ({'"-60 deg", "80 deg"': "-60, 80"},
+         r"drive leg1.motor: its range is -60 to 80 rad; is its unit right\?"),
     ],
 )  # fmt: skip
-def test_places_and_matrices_that_contradict_lengths_are_remarked(tmp_path, edits, remark):
+def test_what_contradicts_lengths_or_solids_is_remarked(tmp_path, edits, remark):
     text = TEXT
     for old, new in edits.items():
         text = text.replace(old, new)
     found, before = (inspect_robot(read_robot(tmp_path / "a.toml", each)).remarks for each in (text, TEXT))
     assert any(re.search(remark, each) for each in found)
-    assert not any("stands" in each or "contradicts" in each for each in before)
+    assert not any("stands" in each or "contradicts" in each or "unit" in each for each in before)
 
 
 def test_biglide_reaches_as_its_carriages_allow():
