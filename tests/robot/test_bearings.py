@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stiffscope.design.sensitivity import robot_sensitivity
 from stiffscope.errors import InputError
 from stiffscope.robot.file.element_sections import read_element
 from stiffscope.robot.mechanism_of import mechanism_of
@@ -191,6 +192,16 @@ def test_its_numbers_can_be_set_and_varied():
     softer = robot_of(ARM, f"{{ {BALLS} }}", overrides=["root.bearing.preload=62.5 N"])
     ratio = k_of(softer)[2, 2] / k_of(robot)[2, 2]
     assert ratio == pytest.approx(0.5, abs=0.06)  # the third root of an eighth
+
+
+def test_every_number_of_several_bearings_can_be_varied():
+    heavy = SLIDE.replace("[bodies.table]", "[bodies.table]\nmass = 5\ncentre = [0, 0, 0]")
+    robot = robot_of(heavy)
+    found = robot_sensitivity(robot, np.array([[0.0]]))
+    rows = {row.parameter.name: row for row in found.rows}
+    assert {"x.bearing.0.vertical", "x.bearing.1.nut", "x.drive.stiffness"} <= set(rows) and not found.notes
+    high, low = (k_of(robot_of(heavy, overrides=[f"x.bearing.1.nut={k} N/um"])) for k in (303, 297))
+    assert rows["x.bearing.1.nut"].by.stiffness[0, 0, 0] == pytest.approx((high - low)[0, 0] / 6e6, rel=1e-3)
 
 
 def test_a_number_set_of_a_bearing_that_is_not_there_is_blamed():

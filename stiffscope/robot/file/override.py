@@ -142,16 +142,21 @@ def assign(data: dict[str, Any], key: Key, value: Any, text: str) -> None:
     if key[0] == "materials" and key[2:]:
         _add_material(data, str(key[1]))
     for part in key[:-1]:
-        if not isinstance(table, dict):
-            break
-        table = table.setdefault(part, {})
+        if _is_within(table, part):
+            table = table[int(part)]
+        else:
+            table = table.setdefault(part, {}) if isinstance(table, dict) else None
     last = key[-1]
-    if isinstance(table, list) and str(last).isdigit() and int(last) < len(table):
+    if _is_within(table, last):
         table[int(last)] = value
     elif isinstance(table, dict):
         table[last] = value
     else:
         raise InputError(f'{text}: expected a key of a table, got "{last}" of a value that is none')
+
+
+def _is_within(table: Any, part: str | int) -> bool:
+    return isinstance(table, list) and str(part).isdecimal() and int(part) < len(table)
 
 
 def _add_material(data: dict[str, Any], name: str) -> None:
