@@ -8,6 +8,7 @@ of a number on the geometry and through expressions.
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -162,7 +163,9 @@ class _Model:
         firm = np.asarray(np.isfinite(state.compliance).all(axis=(1, 2)))
         if firm.any():
             sag[firm] = statics.sag(mechanism, found[firm])
-        frequency = _first(frequencies(mechanism, found, MOST_MODES))
+        frequency = np.full(len(found), np.nan)
+        with suppress(InputError):  # without masses
+            frequency = _first(frequencies(mechanism, found, MOST_MODES))
         mass = mass_of_solids(robot, self.components, varied)
         return Responses(state.finite, sag, frequency, mass)
 
@@ -182,8 +185,10 @@ class _Model:
         bars = statics.stiffness_error(mechanism, found) / step
         soft = np.abs(statics.compliance(mechanism, found))
         sag = (soft @ bars @ np.abs(middle.sag)[..., None])[..., 0]
-        shaken = modes(mechanism, found, MOST_MODES)
-        first = _first(shaken.frequencies, shaken.error) / step
+        first = np.full(len(found), np.nan)
+        if np.isfinite(middle.frequency).any():
+            shaken = modes(mechanism, found, MOST_MODES)
+            first = _first(shaken.frequencies, shaken.error) / step
         frequency = first + OWN_MODES * np.abs(by.frequency)
         return Responses(bars, sag, frequency, 0.0)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -150,8 +151,9 @@ def answer(assembled: Assembled, setting: Setting) -> dict[str, Any]:
             bars = deflection_bars(assembled, found, bent.twist)
             words = ", ".join(f"{c:g}" for c in load)
             tables.show_deflection(["now"], bent.twist, bent.shares, words, bars)
-        sounds = modes(mechanism, found, MODES)
-        tables.show_modes(["now"], sounds, "Natural frequencies, drives held")
+        with suppress(InputError):  # without masses
+            sounds = modes(mechanism, found, MODES)
+            tables.show_modes(["now"], sounds, "Natural frequencies, drives held")
     view = robot_view({}, found, ["now"], _cases(assembled, found, load))
     return {"tables": as_html(shown), "view": view}
 

@@ -7,6 +7,7 @@ import re
 import shutil
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,9 +17,13 @@ from tornado.websocket import websocket_connect
 import stiffscope as ss
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
-from stiffscope.report.live import find_sliders, read_setting
+from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.report.live import Setting, answer, find_sliders, read_setting
 from stiffscope.report.live_server import LiveRobot, open_server
+from stiffscope.robot.reader import read_robot
+from stiffscope.runtime.workshop import workshop
 from tests.report.browser import CHROMIUM, browser
+from tests.robot.test_bearings import SLIDE
 
 HOME = [0.0, 0.0, -1.0643]
 STILL = {"values": {}, "pose": HOME, "load": [0.0] * 6}
@@ -76,6 +81,16 @@ def test_sliders_give_what_the_robot_file_with_their_values_gives(delta):
         expected = np.diag(ss.stiffness(machine, [HOME])[0])
         assert np.allclose(1e3 * np.array(shown_stiffness(html)), expected, rtol=1e-3)
     assert shown_stiffness(now)[2] < shown_stiffness(before)[2]
+
+
+def test_a_robot_without_masses_has_no_frequencies():
+    robot = read_robot(Path("robot.toml"), SLIDE, ["tool.at=[0, 0, 0.1]"])
+    asked = Setting({each.name: each.value for each in find_sliders(robot) if "." in each.name}, (0.0,), (0.0,) * 6)
+    with workshop() as shop:
+        made = assemble_robots({"": robot}, None, shop)[""]
+    tables = str(answer(made, asked)["tables"])
+    assert "K_tx" in tables
+    assert "Hz" not in tables
 
 
 def test_load_and_next_words_follow_and_nonsense_is_one_line(delta):
