@@ -134,7 +134,7 @@ def test_all_processes_can_be_ended_at_once():
         executor.end()
         with pytest.raises(WorkerError):
             held.result()
-    assert time.monotonic() - begun < 5
+    assert time.monotonic() - begun < 60  # far less than the ten minutes that it would sleep
     assert psutil.Process().children() == others
 
 
