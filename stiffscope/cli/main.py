@@ -6,6 +6,7 @@ import contextlib
 import io
 import logging
 import os
+import re
 import signal
 import sys
 from importlib import import_module
@@ -15,7 +16,7 @@ from typing import Any, NoReturn
 import click
 from click.exceptions import NoArgsIsHelpError
 
-from stiffscope.errors import InputError, StiffscopeError, lacks_memory
+from stiffscope.errors import InputError, StiffscopeError, lacks_memory, meant
 from stiffscope.runtime.output import FULL
 from stiffscope.runtime.reading import show_path, why
 from stiffscope.runtime.signals import STOPS
@@ -209,8 +210,12 @@ def _show_usage(error: click.UsageError) -> None:
     if isinstance(error, NoArgsIsHelpError):
         error.show()
     else:
-        command = error.ctx.command_path if error.ctx else "stiffscope"
-        _say(f"{error.format_message()} (see {command} --help)")
+        command, text = error.ctx.command_path if error.ctx else "stiffscope", error.format_message()
+        if error.ctx and isinstance(group := error.ctx.command, click.Group):
+            unknown = re.match(r"No such command '(.*)'\.", text)
+            guess = meant(unknown[1], group.list_commands(error.ctx)) if unknown else ""
+            text = text.removesuffix(".") + guess if guess else text
+        _say(f"{text} (see {command} --help)")
 
 
 def _listen() -> None:

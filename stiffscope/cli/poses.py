@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -56,7 +57,8 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
             reason = found.refusal(index)
             if name in robot.poses and not (at or joints):
                 raise robot.refuse(("poses", name), reason)
-            raise InputError(f"{name}: {reason}")
+            bare = name not in robot.poses and not re.search(r"\d *[a-z]", name)
+            raise InputError(f"{name}: {reason}{'; numbers without a unit are m and rad' * bare}")
     if not joints and (note := start_note(mechanism)):
         log.warning("%s", note)
     return Asked(names, found)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+from itertools import islice
 from pathlib import Path
 
 from stiffscope.data import FOLDER
@@ -25,11 +27,12 @@ def find_robot(name_or_path: str | Path) -> Path:
     # Path.is_file raises on some names
     if str(name_or_path) in names and not os.path.isfile(path):  # noqa: PTH113
         return ROBOTS / f"{name_or_path}.toml"
-    guess = meant(str(name_or_path)[:100], names)
     try:
         reading.open_file(name_or_path, f"a robot file or one of {', '.join(names)}").close()
     except InputError as error:
-        raise InputError(f"{error}{guess}") from error
+        with contextlib.suppress(OSError, ValueError):
+            names += [str(each) for each in islice(path.parent.glob("*.toml"), 1000)]
+        raise InputError(f"{error}{meant(str(name_or_path)[:100], names)}") from error
     return path
 
 

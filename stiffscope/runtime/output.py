@@ -86,17 +86,18 @@ def write_new(path: Path, content: bytes) -> None:
     write_bytes(path, content)
 
 
-def check_new(path: str | Path) -> None:
-    """Raise InputError if a path exists, of any kind, or cannot be written."""
+def check_new(path: str | Path, advice: str = "choose another name") -> None:
+    """Raise InputError with advice if a path exists, of any kind, or cannot be written."""
     if not Path(path).name:  # "", "." and "/"
         raise InputError(f"{show_path(path)}: expected the name of a file to write, got none")
-    _check_absent(path, "file")
+    _check_absent(path, "file", advice)
     check_file(Path(path))
 
 
-def _check_absent(path: str | Path, kind: str) -> None:
+def _check_absent(path: str | Path, kind: str, advice: str = "choose another name") -> None:
     if kind and os.path.lexists(path):
-        raise InputError(f"{show_path(path)}: expected a {kind} that is not there yet, got one that is")
+        expected = f"expected a {kind} that is not there yet, got one that is"
+        raise InputError(f"{show_path(path)}: {expected}; {advice}")
 
 
 def check_json(path: Path) -> None:

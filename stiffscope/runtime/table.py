@@ -80,9 +80,9 @@ def read_table(
 ) -> Table:  # fmt: skip
     """Return a table's columns without surrounding blanks; blank lines are skipped.
 
-    The header determines the separator of text files: comma, semicolon or tab. With the latter two,
-    numbers may have a decimal comma. Of an .xlsx file the first visible sheet is read. Empty
-    columns to the right of the table are skipped.
+    The header, or Excel's line "sep=;" above it, determines the separator of text files: comma, semicolon
+    or tab. With the latter two, numbers may have a decimal comma. Of an .xlsx file the first visible
+    sheet is read. Empty columns to the right of the table are skipped.
 
     Parameters
     ----------
@@ -136,8 +136,10 @@ def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool, lis
     """Return up to ``most + 1`` data rows, line numbers, whether decimal commas are allowed, no sheets."""
     what = "a table in CSV" if path.suffix.lower() in {".csv", ".tsv"} else "a table (.csv, .tsv, .xlsx)"
     text = read_text(path, what, MOST_BYTES * max(1, most // MOST_ROWS))
+    if said := re.match(r'"?sep=([,;\t])"?(?=\r?\n)', text, re.IGNORECASE):  # Excel's own first line
+        text = text[said.end() :]  # its line end stays, so that lines are counted
     start = text.lstrip()[:_LONGEST].partition("\n")[0]
-    mark = "\t" if "\t" in start else ";" if ";" in start else ","
+    mark = said[1] if said else "\t" if "\t" in start else ";" if ";" in start else ","
     stream, blank = io.StringIO(text, newline=""), mark != "\t"
     reader = csv.reader(stream, delimiter=mark, strict=True, skipinitialspace=blank)
     rows: list[list[str]] = []

@@ -114,6 +114,9 @@ def test_version():
         (["import", "nosuch.urdf", "--out", "/"], "/: expected the name of a file to write, got none"),
         (["new", "delta", "a.toml", "--json", "./a.toml"], "a.toml: expected a file for the JSON alone, got one that"),
         (["nosuch"], "No such command"),
+        (["stiffnes", "delta"], "No such command 'stiffnes'; did you mean \"stiffness\"?"),
+        (["campaign", "chek", "x"], 'did you mean "check"?'),
+        (["stiffness", "delta", "--at", "0,0,-1000"], "numbers without a unit are m and rad"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(arguments, message, tmp_path, monkeypatch, capsys):

@@ -264,8 +264,9 @@ GAUGED = """x;y;z;load;fz;sensor;kind;value;sigma;note
 UNITS = 'ignore = ["note"]\nunits = { value = "um", sigma = "um" }\n'
 
 
-def test_reads_sensors_loads_units_and_decimal_commas(tmp_path):
-    text = GAUGED.replace("level;;11;2", "gauge;deviation;11;2")
+@pytest.mark.parametrize("first", ["", "sep=;\n", '\ufeff"sep=;"\r\n'])
+def test_reads_sensors_loads_units_and_decimal_commas(tmp_path, first):
+    text = first + GAUGED.replace("level;;11;2", "gauge;deviation;11;2")
     c = load_campaign(folder(tmp_path, text, toml=BIGLIDE + UNITS + SENSORS))
     assert c.value == pytest.approx([-4.2e-6, 1.1e-5, -4.1e-6])
     assert c.sigma[:2] == pytest.approx([1e-6, 2e-6])
@@ -276,6 +277,12 @@ def test_reads_sensors_loads_units_and_decimal_commas(tmp_path):
     assert c.sensors[0].direction == (0.0, 0.0, 1.0)
     assert c.sensors[0].at == pytest.approx((0.075, 0.0, 0.33))
     assert c.sensors[1].zero == "session"
+
+
+def test_lines_are_counted_below_excels_own_first_line(tmp_path):
+    text = "sep=;\n" + GAUGED.replace("-4,1", "four")
+    with pytest.raises(InputError, match=r"readings.csv:5: value: expected"):
+        load_campaign(folder(tmp_path, text, toml=BIGLIDE + UNITS + SENSORS))
 
 
 FRAMES = """

@@ -361,9 +361,15 @@ def test_tendons_their_actuators_and_friction_are_said_to_be_left_out(imported):
 
 def test_a_file_that_is_there_is_kept(imported, tmp_path):
     (tmp_path / "robot.toml").write_text("mine")
-    with pytest.raises(InputError, match="not there yet"):
+    with pytest.raises(InputError, match="not there yet, got one that is; --force writes over it"):
         imported(ARM, ".urdf")
     assert (tmp_path / "robot.toml").read_text() == "mine"
+
+
+def test_an_import_is_repeated_with_force(imported, tmp_path, monkeypatch):
+    (tmp_path / "robot.toml").write_text("mine")
+    monkeypatch.setattr("stiffscope.robot.imports.import_model.is_forced", lambda: True)
+    assert imported(ARM, ".urdf")[1].name in ARM
 
 
 def test_a_model_without_a_body_is_refused_in_one_line(tmp_path):

@@ -59,6 +59,7 @@ def test_what_is_per_radian_is_named_so(text, noun):
         ("5 mm*deg", q.LENGTH, "which has radians to the power 1"),
         ("60 rpm", q.FREQUENCY, "which has radians to the power 1"),
         ("60 %", q.ANGLE, 'and "%" is not a unit'),
+        ("0,5 kg", q.MASS, "which has a decimal comma; write a point"),
         ("60 ppm", q.ANGLE, 'and "ppm" is not a unit'),
     ],
 )

@@ -579,6 +579,8 @@ def test_a_robot_is_found_and_copied_by_name(tmp_path, monkeypatch):
         copy_robot("delta", tmp_path / "my.toml")
     with pytest.raises(InputError, match='got no file; did you mean "delta"'):
         find_robot("detla")
+    with pytest.raises(InputError, match=r'got no file; did you mean ".*my\.toml"'):
+        find_robot(tmp_path / "my.tml")
     monkeypatch.chdir(tmp_path)
     (tmp_path / "delta").write_text("here")
     assert find_robot("delta").read_text() == "here"

@@ -220,6 +220,8 @@ def _check_unit(text: str) -> None:
 def _why(unit: str) -> str:
     """Return a note on the actual dimension of a unit, if known."""
     nothing = f', and "{unit}" is not a unit'
+    if re.match(r",\d", unit):
+        return ", which has a decimal comma; write a point"
     if unit in USUAL:
         return f", which is {_name_powers(powers_of(USUAL[unit][0]))}"
     try:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +14,7 @@ from stiffscope.robot.imports.import_record import parts_folder
 from stiffscope.robot.imports.model_solids import add_solids
 from stiffscope.robot.imports.robot_text import check_text, driven, number_or_text, robot_text
 from stiffscope.robot.imports.simulator_model import read_model
-from stiffscope.runtime.output import check_new, write_new
+from stiffscope.runtime.output import check_file, check_new, is_forced, write_bytes
 from stiffscope.runtime.reading import read_bytes
 
 if TYPE_CHECKING:
@@ -37,14 +38,15 @@ def import_model(
     Parameters
     ----------
     path, out
-        URDF or MJCF file, and robot file to write, which must not exist.
+        URDF or MJCF file, and robot file to write, which must not exist unless `--force` is given.
     drives, home, materials
         As in the options `--drive`, `--home`, `--material`.
     tool
         Body or site that is the tool; by default a last one.
     """
-    check_new(out)
-    path, out, urdf = Path(path), Path(out), is_urdf(read_bytes(path, "a model in URDF or MJCF"))
+    check = check_file if is_forced() else partial(check_new, advice="--force writes over it")
+    check(out := Path(out))
+    path, urdf = Path(path), is_urdf(read_bytes(path, "a model in URDF or MJCF"))
     if materials and not urdf:
         raise InputError(f"--material: expected a STEP assembly or a URDF, got {path.name}")
     model = read_model(path, tool, _positions(home), [each.partition("=")[0].strip() for each in drives])
@@ -53,10 +55,10 @@ def import_model(
     text = robot_text(model, print_safely(path.name), driven(model, drives), parts=lines)
     if not parts:
         check_text(path, out, text, "the model")
-        write_new(out, text.encode())
+        write_bytes(out, text.encode())
         return model
     for part in parts if parts_folder(out).exists() else ():
-        check_new(parts_folder(out) / f"{part.name}.step")
+        check(parts_folder(out) / f"{part.name}.step")
     write_import(path, out, text, parts, "the model")
     return model
 
