@@ -170,7 +170,8 @@ def find_axes(job: Job, tool: Array) -> Axes:
     across = np.cross(spindle, tangent)
     flat = np.linalg.norm(across, axis=1) < 1e-6
     if flat.any():  # a plunge: use one arbitrary transverse direction for all points
-        side = np.eye(3)[int(np.argmin(np.abs(spindle[int(np.argmax(flat))])))]
+        size = np.abs(spindle[int(np.argmax(flat))]).round(6)  # the same whatever the last digits
+        side = np.eye(3)[int(np.argmin(size))]
         across[flat] = np.cross(spindle[flat], side)
     across /= np.linalg.norm(across, axis=1)[:, None]
     return Axes(tangent, across, np.cross(tangent, across), spindle)
