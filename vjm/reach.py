@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
-_LONGEST, _SHORTEST = 1.0 / 48.0, 1.0 / 8192.0  # steps of a path
+_LONGEST, _SHORTEST = 1.0 / 48.0, 1.0 / 2**20  # steps of a path
 _WAYS = 2.0, 0.95 * np.pi  # search limit, as a multiple of the mechanism's length, and in rad
 
 

@@ -113,14 +113,13 @@ def _find_optimum(study: StudyFile, evaluate: Evaluate) -> Ending:
     few = max(2, round(GLOBAL * study.designs)) if moved else study.designs
     points = list(_draw_sobol(study, few))
     outcomes = evaluate(points, "Sobol")
-    starts = _choose_starts(points, outcomes, study.variables)
-    left = (study.designs - few) // max(1, len(starts))
-    least = 2 * len(moved) + 3  # designs for the first model of a local search
+    left, least = study.designs - few, 2 * len(moved) + 3  # least: for the first model of a local search
+    starts = _choose_starts(points, outcomes, study.variables)[: max(1, left // least)]
+    left //= max(1, len(starts))
     if not moved or not starts:
         return Ending()
     if left < least:
-        takes = f"which takes {least} at least"
-        return Ending(False, (f"{left} designs for each local search are too few, {takes}",))
+        return Ending(False, (f"a local search takes at least {least} designs, and {left} were left",))
     scale = float(np.nanmedian(np.abs(outcomes.objectives[:, 0]))) or 1.0
 
     def refine(number: int, k: int) -> tuple[tuple[float, float], bool, str]:

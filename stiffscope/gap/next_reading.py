@@ -50,7 +50,9 @@ def find_next(
         return step, ""
     aliases = {name for c in best.candidates for name in c.aliases}
     if not is_open and all(aliases.issuperset(effect.confused_with) for effect in effects):
-        return None, "no reading distinguishes them: these are names of the same change"
+        named = (e for e in effects if e.confused_with)
+        same = dict.fromkeys(word for e in named for word in (f"{e.effect} @ {e.place}", *e.confused_with))
+        return None, f"no reading distinguishes {' and '.join(same)}: names of the same change"
     none = "none of this campaign's instruments and loads is expected to distinguish them at any pose"
     if not rivals or not isinstance(found.model, RobotModel):
         return None, none if rivals else ""

@@ -112,8 +112,9 @@ def _mobility(found: Inspection) -> Iterator[tuple[str, str]]:
     kinds = Counter(joint.kind for joint in mechanism.joints)
     listed = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
     yield "joints", f"{len(mechanism.joints)}: {listed}"
-    yield "independent loops", f"{len(m.loops)}, closed at home to {found.residual:.1g} m"
-    count = f"{m.freedoms} joint freedoms - 6 × {len(m.loops)}"
+    closed = f", closed at home to {found.residual:.1g} m" if m.loops else ""
+    yield "independent loops", f"{len(m.loops)}{closed}"
+    count = f"{m.freedoms} joint freedoms" + (f" - 6 × {len(m.loops)}" if m.loops else "")
     redundant = f" + {m.redundant} redundant constraints" if m.redundant else ""
     idle = f", {m.idle_count} of them idle" if m.idle_count else ""
     yield "degrees of freedom", f"{m.dof} ({count}{redundant}){idle}"

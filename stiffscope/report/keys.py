@@ -20,7 +20,7 @@ from stiffscope.effects.vocabulary import EFFECTS
 from stiffscope.errors import InputError, meant
 from stiffscope.report.terminal import show_line, show_table
 from stiffscope.robot.file import element_sections, part_sections, sections
-from stiffscope.robot.file.values import Reads, Says
+from stiffscope.robot.file.values import Reads, Says, measured_quantity
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -108,8 +108,8 @@ def _section_keys(kind: str, tables: Iterable[tuple[str, Any]]) -> dict[str, lis
         title: [
             Key(
                 name := field.alias or own, _meaning(kind, title, name),
-                _said(field.metadata) or _words_of(field.annotation),
-                "**needed**" if field.is_required() else _default(field),
+                takes := _said(field.metadata) or _words_of(field.annotation),
+                "**needed**" if field.is_required() else _default(field, takes),
             )
             for own, field in model.model_fields.items()
         ]
@@ -202,10 +202,17 @@ def _words_of(annotation: Any) -> str:  # noqa: PLR0911 (one return per kind of 
     return known.get(annotation, other)
 
 
-def _default(field: Any) -> str:
+def _default(field: Any, takes: str) -> str:
+    """Return a default as a file would have it, in the unit of the example."""
     value = field.get_default(call_default_factory=True)
-    if value is None or value is PydanticUndefined:
+    if value is None or value is PydanticUndefined or value == "":
         return "–"
+    if isinstance(value, tuple):
+        return f"`[{', '.join(f'{each:g}' for each in value)}]`"
     if isinstance(value, float):
-        return f"`{value:g}`"
-    return f"`{value}`" if isinstance(value, str | int | tuple) else "its own"
+        unit = re.search(r'such as "[\d.]+ ([^"]+)"', takes)
+        known = unit and value and measured_quantity(f"1 {unit[1]}")
+        return f"`{value / known:g} {unit[1]}`" if unit and known else f"`{value:g}`"
+    return (
+        f"`{str(value).lower() if isinstance(value, bool) else value}`" if isinstance(value, str | int) else "its own"
+    )

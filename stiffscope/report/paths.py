@@ -106,7 +106,10 @@ def show_path(state: Along, after: Compensated | None, stresses: Sequence[PartSt
     k, path, file = state.worst, state.path, state.job.path_file.name
     facts = [
         ("path", f"{len(path):,} points, {1e3 * state.length[-1]:,.1f} mm"),
-        ("error of the tool", f"{_two(_rms(state.size), state.size[k])} ± {_mm(state.bound[k])}"),
+        (
+            "error of the tool",
+            _two(_rms(state.size), state.size[k]) + (f" ± {_mm(state.bound[k])}" if state.bound[k] else ""),
+        ),
         ("greatest at", f"line {path.lines[k]} of {file}, s = {1e3 * state.length[k]:,.1f} mm"),
         ("there", ", ".join(f"{name} {_mm(each[k])}" for name, each in state.parts.items())),
     ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -266,7 +267,7 @@ def origin(folder: Path) -> Section:
     held = json.loads((folder / output.MANIFEST).read_text(encoding="utf-8"))
     robot: dict[str, Any] = held.get("robot", {})
     facts = {
-        "command": "stiffscope " + " ".join(held["command"]), "started": held["started"],
+        "command": shlex.join(["stiffscope", *held["command"]]), "started": held["started"],
         "seconds": ", ".join(f"{name} {value:g}" for name, value in held["seconds"].items()),
         "robot file": robot.get("file", ""), "SHA-256": robot.get("sha256", ""),
         "changed by --set": ", ".join(robot.get("set", [])),

@@ -260,7 +260,8 @@ def _parallel(study: Study) -> Figure | None:
             marked = {(at + 0.02, word) for at, word in zip(heights[place], values, strict=True)}
         for height, value in marked:
             text = value if isinstance(value, str) else quantity(value, each.unit, 4)
-            axes.text(place, height, text, ha="center", fontsize=7, parse_math=False)
+            style = {"bbox": {"facecolor": "white", "edgecolor": "none", "pad": 1.0}, "parse_math": False}
+            axes.text(place, height, text, ha="center", fontsize=7, **style)
     names = [each.name for each in shown]
     axes.set_xticks(range(len(shown)), names, fontsize=8, rotation=20, parse_math=False)
     axes.set_yticks([])

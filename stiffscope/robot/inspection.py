@@ -227,8 +227,8 @@ def _of_home(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
         there = mobility(mechanism, near, int(k))
         if (there.dof, len(there.tool)) != (found.dof, len(found.tool)):
             yield (
-                f"home is singular: the mechanism has {found.dof} degrees of freedom there and "
-                f"{there.dof} nearby, the tool {len(found.tool)} and {len(there.tool)}"
+                f"home is singular: of {found.dof} degrees of freedom the tool has {len(found.tool)} there, "
+                f"of {there.dof} nearby {len(there.tool)}"
             )
             return
 

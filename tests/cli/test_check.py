@@ -38,6 +38,7 @@ def test_folder_with_pictures(tmp_path, capsys):
     assert {path.name for path in out.iterdir()} == {"check.json", "manifest.json", "report.html", *pictures}
     page = (out / "report.html").read_text()
     assert "independent loops" in page
+    assert "closed at home to" in page
     assert page.count('"name": "home"') == page.count('"name": "side"') == 1  # poses of the robot that turns
     assert run("check", "five-bar", "--out", out, "--json", out / "x.json", "--quiet") == 2
     assert "is replaced as a whole" in capsys.readouterr().err

@@ -28,6 +28,16 @@ def test_a_key_of_two_meanings_has_that_of_its_section():
     assert "roller" in lengths["bearing of a joint, kind = cylindrical-roller or crossed-roller"]
 
 
+def test_defaults_are_as_a_file_would_have_them():
+    rows = [row for titles in all_keys().values() for each in titles.values() for row in each]
+    defaults = {row.key: row.default for row in rows}
+    assert defaults["hole_diameter"] == "`9 mm`"
+    assert defaults["point"] == "`118 deg`"
+    assert defaults["climb"] == "`true`"
+    assert defaults["source"] == "–"
+    assert not any(word in row.default for row in rows for word in ("True", "False", "("))
+
+
 def test_a_section_is_found_by_part_of_its_title(capsys):
     cli(["keys", "milling", "--json", "-"], standalone_mode=False)
     (titles,) = [each for kind, each in json.loads(capsys.readouterr().out).items() if kind == "job"]

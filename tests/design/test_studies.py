@@ -164,6 +164,8 @@ def test_a_study_says_what_ended_on_a_bound_and_whether_it_converged(rod, capsys
     told = capsys.readouterr().out
     assert "bar 1.radius of the best design is at its lower bound, 2 mm" in told
     assert "the search converged (local search 1" in told
+    show_study(study(rod(text.format(9))))  # enough for one local search, not for two
+    assert "local search 1" in capsys.readouterr().out
     show_study(study(rod(text.format(8))))
     assert "the search did not converge" in capsys.readouterr().out
 

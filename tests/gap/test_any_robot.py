@@ -235,6 +235,17 @@ def test_gauges_and_a_hook_name_a_soft_element(name, effect, place, size, spread
     assert sum(shares.values()) == pytest.approx(1.0)
 
 
+def test_the_gap_lies_where_its_cause_is_named():
+    """A first drive that yields is also a base that turns about the same axis."""
+    robot = nominal("serial-arm")
+    true = apply_effect(robot, "actuator-stiffness", "J1", {"factor": 0.55})
+    c = measured(robot, true, ("dx", "dy", "dz"), [0.05] * 6)
+    found = diagnose_campaign(c.select(np.flatnonzero(c.sensor < 0)), robot)
+    (named,) = found.effects
+    assert "base-compliance @ base" in named.confused_with
+    assert max(found.where.component, key=found.where.component.get) == named.place == "J1"
+
+
 @pytest.mark.parametrize(
     ("name", "effect", "place", "size", "spread", "said"),
     [
@@ -243,7 +254,7 @@ def test_gauges_and_a_hook_name_a_soft_element(name, effect, place, size, spread
         ("delta", "thermal", "leg1.rod1", {"temperature": 30.0}, [0.25, 0.25, 0.12],
          "Next: none of this campaign's instruments .* nor are gauges on platform, leg1"),
         ("five-bar", "link-stiffness", "right.outer", {"factor": 0.6}, [0.05, 0.03],
-         "Next: no reading distinguishes them: these are names of the same change"),
+         r"Next: no reading distinguishes link-stiffness @ \S+ and .*: names of the same change"),
     ],
 )  # fmt: skip
 def test_the_headline_of_a_group_says_which_reading_would_tell_it_apart_if_any(name, effect, place, size, spread, said):

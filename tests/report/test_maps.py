@@ -20,6 +20,7 @@ from stiffscope.errors import InputError
 from stiffscope.report.figures import new_figure, save_figure
 from stiffscope.report.maps import (
     _limits,
+    _mark,
     draw_map,
     held_text,
     pick_slices,
@@ -62,6 +63,16 @@ def test_netcdf_is_what_the_robot_says(tmp_path):
             assert [float(here[name + end]) for name in NAMES] == pytest.approx(np.diag(matrix[0]), rel=1e-9)
         assert float(here["sag_z"]) == pytest.approx(sag(mechanism, pose)[0, 2], rel=1e-3)
         assert xr.Dataset.identical(file.load(), to_dataset(found, "the title"))
+
+
+def test_the_name_of_a_pose_at_the_edge_is_beside_no_colour_bar(stewart):
+    robot, mechanism = stewart
+    z = robot.poses["home"][2]
+    found = map_stiffness(mechanism, {"x": (-0.02, 0.02), "z": (z - 0.01, z + 0.01)}, 3)
+    axes = new_figure(4.0, 3.0, "").subplots()
+    axes.set_xlim(-20.0, 20.0)
+    _mark(axes, found, {"far right": (0.02, 0, z, 0, 0, 0), "far left": (-0.02, 0, z, 0, 0, 0)})
+    assert [text.get_horizontalalignment() for text in axes.texts] == ["right", "left"]
 
 
 def test_an_angle_against_a_length_at_another_pose(stewart, tmp_path):

@@ -206,7 +206,7 @@ def test_reach_of_a_two_bar_arm():
     assert x.high == pytest.approx(np.sqrt(3), abs=2e-3)
     assert x.at_high == "out of reach or singular"
     shoulder = brentq(lambda at: np.arctan2(at, 1) - np.arccos(np.hypot(1, at) / 2) + 1, -1.5, 0.9)
-    assert y.low == pytest.approx(shoulder, abs=2e-3)
+    assert y.low == pytest.approx(shoulder, abs=1e-5)
     assert y.at_low == "a at the end of its range"
 
 

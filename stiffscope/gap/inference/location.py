@@ -28,7 +28,7 @@ def locate_residuals(found: Findings, reported: Hypothesis, *, beyond: bool) -> 
     before, after = (np.where(used, found.residual(h), 0.0) for h in (found.none, reported))
     return Where(
         by_direction(c, before),
-        component_shares(found),
+        component_shares(found, reported),
         c.pose_names,
         by_pose(c, before),
         by_pose(c, after),
@@ -38,10 +38,11 @@ def locate_residuals(found: Findings, reported: Hypothesis, *, beyond: bool) -> 
     )
 
 
-def component_shares(found: Findings) -> dict[str, float]:
+def component_shares(found: Findings, reported: Hypothesis) -> dict[str, float]:
     """Return each component's share of the gap.
 
-    The residuals are approximated by a non-negative combination of the best fits of each component.
+    The residuals are approximated by a non-negative combination of the best fits of each component: of those
+    that a hypothesis reports first, as others may have the same signature.
     """
     r = found.residual(found.none)[found.used_readings]
     parts: dict[str, Array] = {}
@@ -57,9 +58,14 @@ def component_shares(found: Findings) -> dict[str, float]:
             parts[candidate.component] = part
     if not parts:
         return {}
-    mix = cast("Array", nnls(np.stack(list(parts.values()), axis=1), r)[0])
-    sizes = np.array([part @ part for part in parts.values()])
-    gains = dict(zip(parts, (mix * sizes).tolist(), strict=True))
+    gains: dict[str, float] = {}
+    named = {c.component for c in reported.candidates} & parts.keys()
+    for names in filter(None, (named, parts.keys() - named)):
+        group = {name: part for name, part in parts.items() if name in names}
+        columns = np.stack(list(group.values()), axis=1)
+        mix = cast("Array", nnls(columns, r)[0])
+        gains |= zip(group, (mix * np.sum(columns**2, axis=0)).tolist(), strict=True)
+        r = r - columns @ mix
     total = sum(gains.values())
     return {name: gain / total for name, gain in gains.items() if gain > _SHOWN * total}
 
