@@ -211,10 +211,9 @@ def _show_usage(error: click.UsageError) -> None:
         error.show()
     else:
         command, text = error.ctx.command_path if error.ctx else "stiffscope", error.format_message()
-        if error.ctx and isinstance(group := error.ctx.command, click.Group):
-            unknown = re.match(r"No such command '(.*)'\.", text)
-            guess = meant(unknown[1], group.list_commands(error.ctx)) if unknown else ""
-            text = text.removesuffix(".") + guess if guess else text
+        unknown = re.match(r"No such command '(.*)'\.", text)
+        if unknown and error.ctx and isinstance(group := error.ctx.command, click.Group):
+            text = text.removesuffix(".") + meant(unknown[1], group.list_commands(error.ctx))
         _say(f"{text} (see {command} --help)")
 
 

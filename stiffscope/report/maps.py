@@ -177,10 +177,9 @@ def _mark(axes: Axes, found: StiffnessMap, poses: Poses) -> None:
         place: Any = [shown_unit(name)[0] * coordinates[name] for name in (found.across, found.up)]
         axes.plot(*place, "o", color=MARK, markersize=5, markeredgecolor="white")
         style: Any = {"weight": "bold", "path_effects": halo, "parse_math": False}
-        low, high = axes.get_xlim()
-        left = 2.0 * place[0] > low + high  # the colour bar is on the right
-        style["ha"] = "right" if left else "left"
-        axes.annotate(label, place, (-6 if left else 6, 5), textcoords="offset points", color=MARK, **style)
+        left = 2.0 * place[0] > sum(axes.get_xlim())  # the colour bar is on the right
+        style |= {"ha": "right" if left else "left", "textcoords": "offset points", "color": MARK}
+        axes.annotate(label, place, (-6 if left else 6, 5), **style)
 
 
 def write_volume(found: xr.Dataset, folder: Path) -> None:
