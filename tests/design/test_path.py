@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import meshio
 import numpy as np
@@ -13,6 +14,7 @@ from threadpoolctl import threadpool_limits
 
 from stiffscope.cli.main import cli
 from stiffscope.design.path.along import along, compensate, respond_at_worst
+from stiffscope.design.path.course import find_axes
 from stiffscope.design.path.cutting import mill
 from stiffscope.design.path.job import Motion, load_job
 from stiffscope.design.path.stress import find_stresses
@@ -277,6 +279,14 @@ def test_the_path_by_joints_is_the_path_by_poses(tmp_path):
     )
     other, _ = _job(tmp_path, "q.csv")
     np.testing.assert_allclose(along(other, made).error, state.error, rtol=1e-9, atol=1e-15)
+
+
+def test_the_side_of_a_plunge_is_the_same_whatever_the_last_digits():
+    job = SimpleNamespace(section=SimpleNamespace(axis=(0.0, 0.0, 1.0)), path_file=Path("p.nc"))
+    tool = np.zeros((3, 6))
+    tool[1:, 2], tool[2, 0] = -0.01, 0.02
+    sides = [find_axes(job, tool + tilt).normal[0] for tilt in 1e-17 * np.eye(6)[3:5]]
+    assert np.allclose(sides[0], sides[1])
 
 
 def test_the_feed_follows_from_times_and_where_the_tool_goes(tmp_path):
