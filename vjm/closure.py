@@ -99,6 +99,8 @@ class Closure:
 
     def holds(self, joint: Joint) -> bool:
         """Return whether a joint's drive, or all motions of one without a drive, stay as at home."""
+        if self.linkage.welds(joint):
+            return True
         own = self.linkage.columns.get(joint.name, [])
         own = own if joint.drive is None else own[joint.driven or 0 :][:1]
         return bool(own) and set(self.held).issuperset(own)

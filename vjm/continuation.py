@@ -98,6 +98,8 @@ def find_solver(mechanism: Mechanism, given: Given) -> Solver:
     known = _solvers.setdefault(mechanism, {})
     if given not in known:
         linkage = Linkage(mechanism, given)
+        if not linkage.size:
+            raise InputError("joints: expected one that can move, got none")
         start, displaced = np.zeros(linkage.size), dict[str, float]()
         if given == "tool" and (locked := find_locked(linkage, start)[0]):
             found = _find_regular(mechanism, linkage)

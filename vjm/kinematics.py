@@ -209,8 +209,8 @@ def configure_chunks(
         Whether the points are tool poses or drive displacements.
     """
     solver = find_solver(mechanism, given)
-    if given == "drives" and (bound := [j.name for j in mechanism.drives if j.name not in solver.linkage.columns]):
-        raise InputError(f"{spell_name('joints', bound[0])}: expected a passive joint in its drive's loop, got none")
+    if given == "drives":
+        points = _without_welded(solver.linkage, points)
     home = mechanism.tool.home if given == "tool" else 0.0
     yield from (_configurations(solver, each) for each in follow_paths(solver, points - home, size))
 
@@ -240,6 +240,16 @@ def configure_drives(mechanism: Mechanism, displacements: ArrayLike) -> Configur
     """
     names = [j.name for j in mechanism.drives]
     return _join(configure_chunks(mechanism, _check_rows(displacements, names, "drives"), given="drives"))
+
+
+def _without_welded(linkage: Linkage, displacements: Array) -> Array:
+    """Return displacements (n, k) of the drives that can move. InputError if another does, or is held by drives."""
+    movable = np.array([j.name in linkage.columns for j in linkage.mechanism.drives], dtype=bool)
+    for joint, column in zip(linkage.mechanism.drives, displacements.T, strict=True):
+        if joint.name not in linkage.columns and (column.any() or not linkage.welds(joint)):
+            here = spell_name("joints", joint.name)
+            raise InputError(f"{here}: expected a passive joint in its drive's loop, got none")
+    return displacements[:, movable]
 
 
 def check_poses(mechanism: Mechanism, poses: ArrayLike) -> Array:

@@ -107,7 +107,7 @@ class Linkage:
         self.given: Given = given
         self.link_of, links = _find_links(mechanism)
         self.length = _measure_length(mechanism)
-        joints = [j for j in mechanism.joints if self.link_of[j.first] != self.link_of[j.second]]
+        joints = [j for j in mechanism.joints if not self.welds(j)]
         tree = self._tree(joints, links)
         self.motions: list[Motion] = []
         self.columns: dict[str, list[int]] = {}
@@ -123,6 +123,10 @@ class Linkage:
             if m.kind == "P":
                 scale[m.column] = self.length
         self.scale = scale
+
+    def welds(self, joint: Joint) -> bool:
+        """Return whether fixed joints and elastic bodies connect both bodies of a joint."""
+        return self.link_of[joint.first] == self.link_of[joint.second]
 
     def _tree(self, joints: list[Joint], links: int) -> set[str]:
         """Grow the tree (Kruskal): sprung joints, few unknowns, drives first; cut the freest."""

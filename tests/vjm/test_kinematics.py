@@ -10,14 +10,14 @@ import pytest
 from stiffscope.errors import InputError
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.reader import read_robot
-from stiffscope.vjm.bodies import Body
+from stiffscope.vjm.bodies import Body, member
 from stiffscope.vjm.closure import Closure
 from stiffscope.vjm.joints import Drive, Joint
 from stiffscope.vjm.kinematics import configure, configure_drives
 from stiffscope.vjm.linkage import Linkage, left_jacobian, rotation_vector
 from stiffscope.vjm.mechanism import Mechanism, Tool
 from stiffscope.vjm.screws import rotation_of
-from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.statics import compliance, stiffness
 from tests.robots import GEOMETRY, random_poses, reachable, slides
 from tests.vjm import oracle
 from tests.vjm.files import biglide, read, serial_arm
@@ -222,6 +222,26 @@ def test_a_loop_of_drives_alone_holds_the_tool_and_takes_no_positions():
         configure(m, [0.0, 0.0])
     with pytest.raises(InputError, match=r"joints\.elbow: expected a passive joint in its drive's loop"):
         configure_drives(m, np.zeros((1, 3)))
+
+
+def test_a_drive_beside_a_welded_member_shares_its_load():
+    leaf = member("leaf", [0, 0, 0], [0.2, 0, 0], np.diag([1e-8, 1e-5, 1e-5, 1e-3, 1e-3, 1e-3]))
+    joints = [
+        Joint("foot", "ground", "leaf.base", "fixed", [0, 0, 0]),
+        Joint("head", "leaf.tip", "stage", "fixed", [0.2, 0, 0]),
+        Joint("piezo", "ground", "stage", "prismatic", [0, 0, 0], [1, 0, 0], drive=Drive(5e7)),
+        Joint("turn", "stage", "arm", "revolute", [0.2, 0, 0], [0, 0, 1], drive=Drive(1e4)),
+    ]
+    arm = Mechanism((leaf, Body("stage"), Body("arm")), tuple(joints), Tool("arm", [0.3, 0, 0], ("rz",)))
+    soft = compliance(arm, [[0.0], [0.5]])
+    assert np.allclose(configure_drives(arm, [[0.0, 0.5]]).tool, configure(arm, [[0.5]]).tool)
+    with pytest.raises(InputError, match=r"joints\.piezo: expected a passive joint in its drive's loop"):
+        configure_drives(arm, [[1e-6, 0.5]])
+    assert np.allclose(soft[:, 0, 0] - 0.01 * np.sin([0.0, 0.5]) ** 2 / 1e4, 1.0 / (1e8 + 5e7))
+    welded = replace(arm, bodies=arm.bodies[:2], joints=arm.joints[:3], tool=Tool("stage", [0.2, 0, 0], ("x",)))
+    assert compliance(welded, [[0.2]])[0, 0, 0] == pytest.approx(1.0 / (1e8 + 5e7))
+    with pytest.raises(InputError, match="joints: expected one that can move"):
+        configure_drives(welded, [[0.0]])
 
 
 def test_coordinates_need_not_fit_a_polynomial(rng):
