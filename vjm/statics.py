@@ -264,8 +264,8 @@ def _complete_compliance(matrix: Array, yielding: Array) -> tuple[Array, NDArray
 def _analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array, yielding: Array) -> Array:
     """Return stiffness, compliance and sag (n, 6, 13) under weights, if they are known without.
 
-    All are NaN if the tool moves freely, or if weights turn it by more than a tenth of a radian or
-    move it by more than a tenth of its characteristic length.
+    All are NaN if the tool moves freely, if no equilibrium is found, or if weights turn it by more than
+    a tenth of a radian or move it by more than a tenth of its characteristic length.
     """
     out = np.full((len(unloaded), 6, 13), np.nan)
     loose = bool(find_laws(mechanism))  # weights may hold motions that are free without them
@@ -275,7 +275,7 @@ def _analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array
     size[:, :3] = found.linkage.length
     known = np.isfinite(unloaded[firm]).all(axis=(1, 2)) & (not loose)
     size[known, :3] = characteristic_length(unloaded[firm[known]])[:, None]
-    small = (np.abs(both[..., 12]) < _FAR * size).all(axis=1)
+    small = (np.abs(both[..., 12]) < _FAR * size).all(axis=1) & ~np.isnan(both[..., :12]).all(axis=(1, 2))
     out[firm[small]] = both[small]
     return out
 

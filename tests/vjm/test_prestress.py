@@ -193,6 +193,21 @@ def test_without_loads_nothing_changes():
     assert np.allclose(stiffness(m, pose, gravity="exact"), stiffness(m, pose), rtol=1e-9, atol=0.1)
 
 
+def test_a_pendulum_that_falls_over_has_the_unloaded_stiffness_and_no_sag():
+    def standing(stiffness):
+        bearing = np.diag([1e-8, 1e-8, 1e-8, 0.0, 1e-7, 1e-7])
+        joint = Joint(
+            "j", "ground", "rod", "revolute", [0, 0, 0], [0, 1, 0], drive=Drive(stiffness), compliance=bearing
+        )
+        rod, tool = Body("rod", 100.0, [0.02, 0, 1]), Tool("rod", [0.02, 0, 1], ("x",))
+        return Mechanism((rod,), (joint,), tool, np.array([0, 0, -9.81]))
+
+    soft, firm = (analyse(standing(k * 981.0), [[0.02]], gravity="exact") for k in (0.9, 20.0))
+    assert np.isnan(soft.sag).all()
+    assert np.allclose(soft.matrix, stiffness(standing(0.9 * 981.0), [[0.02]]))
+    assert firm.sag[0, 4] == pytest.approx(0.02 / 20.0)
+
+
 def test_a_tight_string_is_stiff_sideways():
     """Two struts in line, each too short by a misfit: together 2 T/l across, without any weight."""
     length, axial, tension = 0.5, 1e7, 1000.0
