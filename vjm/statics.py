@@ -286,16 +286,26 @@ def stiffness_error(mechanism: Mechanism, poses: Poses) -> Array:
     To first order ``δK = -Σ (A K)ᵀ δC (A K)`` with A the wrench on a body per unit wrench at M.
     Errors of equal parts are correlated: absolute values add. NaN if the stiffness is infinite.
     """
+    return _propagate_errors(mechanism, poses, tool_stiffness)
+
+
+def compliance_error(mechanism: Mechanism, poses: Poses) -> Array:
+    """Return bounds (n, 6, 6) on the error of the compliance at M: ``δC = Σ Aᵀ δC A``, as `stiffness_error`."""
+    return _propagate_errors(mechanism, poses, lambda _: np.eye(6)[None])
+
+
+def _propagate_errors(mechanism: Mechanism, poses: Poses, find_loads: Callable[[Any], Array]) -> Array:
+    """Return ``Σ |A F|ᵀ δC |A F|`` (n, 6, 6) with the loads F (m, 6, 6) at M."""
     elastic = ((b.name, b.elastic) for b in mechanism.bodies if b.elastic is not None)
     bars = {name: each.error for name, each in elastic if each.error is not None}
 
     def work(order: Order, where: Places) -> Array:
         try:
             state = condense_network(order, where)
-            matrix = tool_stiffness(state)
+            loads = find_loads(state)
         except InfiniteStiffnessError:
             return _UNKNOWN
-        response, out = solve_condensed(state, Loads(6, {END: matrix})), np.zeros_like(matrix)
+        response, out = solve_condensed(state, Loads(6, {END: loads})), np.zeros_like(loads)
         for name, bar in bars.items():
             carried = np.abs(response.find_wrench(mechanism.rows(name)))
             out = out + carried.mT @ bar @ carried

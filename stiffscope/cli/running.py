@@ -19,6 +19,7 @@ from stiffscope.experiments.assembly import (
     assemble_robots,
     at_named_poses,
     check_reach,
+    compliance_bars,
     stiffness_bars,
     stiffness_json,
 )
@@ -212,8 +213,8 @@ def _folder_of(
         with record_shown() as shown:
             _show_robot(now, states)
         with record_shown() as full:
-            bars = stiffness_bars(now, states["now"].configurations)
-            tables.show_full_matrices(list(now.robot.poses), states["now"], bars)
+            bars = (each(now, states["now"].configurations) for each in (stiffness_bars, compliance_bars))
+            tables.show_full_matrices(list(now.robot.poses), states["now"], *bars)
         shown += [replace(each, folded=True) for each in full]
         write_run_report(replace(report, shown=shown), now, parts, watched=watched)
 

@@ -201,13 +201,20 @@ def at_named_poses(assembled: Assembled, poses: Mapping[str, Sequence[float]]) -
 
 def stiffness_bars(assembled: Assembled, poses: Any) -> np.ndarray | None:
     """Return 95 % bounds (n, 6, 6) on the stiffness; None if no part's matrix has bounds."""
-    if all(part.error is None for part in assembled.matrices.values()):
-        return None
-    return statics.stiffness_error(assembled.mechanism, poses)
+    return statics.stiffness_error(assembled.mechanism, poses) if _has_bounds(assembled) else None
+
+
+def compliance_bars(assembled: Assembled, poses: Any) -> np.ndarray | None:
+    """Return 95 % bounds (n, 6, 6) on the compliance; None if no part's matrix has bounds."""
+    return statics.compliance_error(assembled.mechanism, poses) if _has_bounds(assembled) else None
+
+
+def _has_bounds(assembled: Assembled) -> bool:
+    return any(part.error is not None for part in assembled.matrices.values())
 
 
 def deflection_bars(assembled: Assembled, poses: Any, twist: np.ndarray) -> np.ndarray | float:
-    """Return bounds ``|C| |δK| |t|`` (n, 6) on twists (n, 6) in m, rad; 0 if no part has bounds.
+    """Return bounds ``|δC| |C⁺ t|`` (n, 6) on twists (n, 6) in m, rad; 0 if no part has bounds.
 
     Parameters
     ----------
@@ -218,11 +225,13 @@ def deflection_bars(assembled: Assembled, poses: Any, twist: np.ndarray) -> np.n
     twist
         Twists of the tool (n, 6), m and rad.
     """
-    bars = stiffness_bars(assembled, poses)
+    bars = compliance_bars(assembled, poses)
     if bars is None:
         return 0.0
     compliance = statics.compliance(assembled.mechanism, poses)
-    return (np.abs(compliance) @ bars @ np.abs(twist)[..., None])[..., 0]
+    known, load = np.isfinite(compliance).all(axis=(1, 2)), np.full((*twist.shape, 1), np.nan)
+    load[known] = np.linalg.pinv(compliance[known], hermitian=True) @ twist[known][..., None]
+    return (bars @ np.abs(load))[..., 0]
 
 
 def stiffness_json(state: Stiffness, error: np.ndarray | None = None) -> dict[str, Any]:

@@ -70,26 +70,27 @@ def show_stiffness(
     explain_zeros(rows)
 
 
-def show_full_matrices(names: Sequence[str], state: Stiffness, bars: Any | None = None) -> None:
+def show_full_matrices(
+    names: Sequence[str], state: Stiffness, bars: Any | None = None, soft_bars: Any | None = None
+) -> None:
     """Show K and C (6, 6) at each pose with 95 % bounds; only C if a direction is rigid.
 
     Parameters
     ----------
     names, state
         Names of n poses, and stiffness there.
-    bars : (n, 6, 6)
-        95 % bounds on the stiffness; those of C are ``|C| |δK| |C|`` to first order.
+    bars, soft_bars : (n, 6, 6)
+        95 % bounds on the stiffness and on the compliance.
     """
     scale = np.full((6, 6), 1e-3)
     scale[:3, :3] = 1e-6
-    bounds = np.zeros_like(state.matrix) if bars is None else bars
+    bounds, soft = (np.zeros_like(state.matrix) if each is None else each for each in (bars, soft_bars))
     for i, name in enumerate(names):
-        soft = np.abs(state.compliance[i])
         if not len(state.rigid[i]):
             rows = _with_bounds(state.matrix[i], bounds[i], scale, WRENCH)
             title = f"K at {name}, N/µm, N/mrad = N·m/mm, N·m/mrad"
             show_table(title, (("",), TWIST[:3], TWIST[3:]), rows)
-        rows = _with_bounds(state.compliance[i], soft @ bounds[i] @ soft, np.float64(1e6), TWIST)
+        rows = _with_bounds(state.compliance[i], soft[i], np.float64(1e6), TWIST)
         title = f"C at {name}, µm/N, µm/(N·m), µrad/N, µrad/(N·m)"
         show_table(title, (("",), WRENCH[:3], WRENCH[3:]), rows)
 
@@ -137,7 +138,7 @@ def show_deflection(
     halves = np.abs(twist).reshape(-1, 2, 3).max(axis=2)
     greatest = np.maximum(halves, 1e-3 * halves.max(axis=1, keepdims=True))
     rounding = NEGLIGIBLE * np.repeat(greatest, 3, axis=1)
-    shown = np.where(np.abs(twist) > np.maximum(rounding, error), twist, 0.0)
+    shown = np.where(np.abs(twist) > np.fmax(rounding, error), twist, 0.0)
     each = zip(names, 1e6 * shown, strict=True)
     rows = [(name, *(f"{value:.4g}" for value in row)) for name, row in each]
     show_table("Deflection at M" + (wrench and f" under {wrench} N, N·m"), groups, rows)

@@ -73,6 +73,7 @@ def test_bounds_of_the_part_are_bounds_of_the_robot(stepped):
     twist = deflection(stepped.mechanism, poses, [0, 0, 100, 0, 0, 0]).twist
     off = np.linalg.inv(np.linalg.inv(k) + 1e-3 * error) @ twist[0] - [0, 0, 100, 0, 0, 0]
     assert (np.abs(np.linalg.solve(k, off)) <= 1.1e-3 * deflection_bars(stepped, poses, twist)[0] + 1e-18).all()
+    np.testing.assert_allclose(deflection_bars(stepped, poses, twist)[0], 100.0 * error[:, 2], rtol=1e-6)
     assert set(stiffness_json(at_named_poses(stepped, stepped.robot.poses), bars)) >= {"error"}
 
 
