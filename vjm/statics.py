@@ -246,7 +246,7 @@ def analyse(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") ->
         plain = np.where(stuck[:, None, None], plain, yielding)  # weight bends what is rigid, little
     stuck = found.valid & (stuck | ~np.isfinite(matrix).all(axis=(1, 2)))
     matrix[stuck], free[stuck], inverse_condition[stuck] = np.nan, 0, 0.0
-    rigid = [np.zeros((0, 6))] * len(found)
+    rigid: list[Array] = [np.zeros((0, 6))] * len(found)
     for k, wrenches in zip(np.flatnonzero(stuck), rigid_wrenches(plain[stuck], found.linkage.length), strict=True):
         rigid[k] = wrenches
     return Stiffness(found, matrix, sagged, free, inverse_condition, yielding, tuple(rigid))

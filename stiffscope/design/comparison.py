@@ -11,7 +11,7 @@ import numpy as np
 from stiffscope.design.maps import map_robot
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
-from stiffscope.vjm.kinematics import configure
+from stiffscope.robot.mechanism_of import configured_poses
 from stiffscope.vjm.statics import analyse
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def compare_robots(
     values = np.array(list(poses.values()), dtype=float)
     reached = np.zeros(len(poses), dtype=bool)
     if poses:
-        valid = [configure(each.mechanism, values).valid for each in made.values()]
+        valid = [configured_poses(each.robot, each.mechanism, values).valid for each in made.values()]
         reached = np.all(valid, axis=0)
     if not reached.any():
         raise InputError("compare: expected a named pose that both robots reach, got none")

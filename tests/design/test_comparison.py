@@ -47,3 +47,17 @@ def test_a_picture_shows_the_first_robot_in_outlines_beside_the_second(tmp_path)
 def test_robots_of_other_coordinates_are_refused():
     with pytest.raises(InputError, match="same coordinates"):
         cli(["compare", "biglide", "serial-arm"], standalone_mode=False)
+
+
+@pytest.mark.parametrize("arguments", [["compare", "one.toml", "one.toml"], ["campaign", "new", "one.toml"]])
+def test_a_pose_that_cannot_be_commanded_is_refused_at_its_line(arguments, tmp_path, monkeypatch):
+    text = (
+        'name = "slide"\n[bodies.x]\n[joints.x]\nbetween = ["ground", "x"]\ntype = "prismatic"\nat = [0, 0, 0]\n'
+        'axis = [1, 0, 0]\ndrive = { stiffness = 1e6 }\n[tool]\nbody = "x"\nat = [0, 0, 0]\npose = ["y"]\n'
+    )
+    (tmp_path / "one.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(
+        InputError, match=r"one.toml:12: tool.pose: expected coordinates that the mechanism can move in"
+    ):
+        cli([*arguments, "--out", "out"], standalone_mode=False)

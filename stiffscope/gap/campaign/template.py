@@ -11,10 +11,9 @@ import numpy as np
 from stiffscope.gap.campaign.campaign import LoadPoint, Sensor
 from stiffscope.gap.campaign.quantities import WRENCH
 from stiffscope.gap.campaign.writing import describe_sensor, write_campaign
-from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.mechanism_of import configured_poses, mechanism_of
 from stiffscope.robot.part_matrices import rigid_part, used_parts
 from stiffscope.runtime import output
-from stiffscope.vjm.kinematics import configure
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -158,7 +157,7 @@ def planned_poses(robot: RobotFile) -> Array:
     shares = np.asarray(qmc.Halton(len(home), scramble=False).random(6 * POSES)[1:])
     others = low + shares * (high - low)
     named = np.array(list(robot.poses.values()))
-    others = np.round(others[configure(mechanism, others).valid], 4)
+    others = np.round(others[configured_poses(robot, mechanism, others).valid], 4)
     return np.vstack([named, others])[: max(POSES, len(named))]
 
 
