@@ -71,7 +71,7 @@ GROUPS = {
 def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output) -> None:
     """Find the effects that explain the gap between model and measurements.
 
-    CAMPAIGN is a folder with a campaign.toml and its readings, or a bundled campaign: published.
+    CAMPAIGN is a folder with a campaign.toml and its readings, or a bundled one: published or gauges.
     """
     output.check_folder(output.folder, adopt)
     case = open_case(name, instead=robot)
