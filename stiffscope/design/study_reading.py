@@ -264,7 +264,9 @@ def _read_response(
     if unit is None:
         expected = 'the SI unit of the expression such as "N/m/kg"'
         raise FieldError(of_unit, f"expected {expected}, got nothing")
-    given, measured = q.powers_of(unit), None
+    given = measured = None
+    with suppress(ValueError):
+        given = q.powers_of(unit)
     with suppress(ValueError):  # an index may be a sum of unlike quantities
         measured = expression.powers({each: q.powers_of(units[each]) for each in expression.names})
     if given is None:

@@ -384,6 +384,7 @@ MILLING = """robot = "arm.toml"
 path = "line.csv"
 process.milling = {{material = "{material}", speed = "{speed}", diameter = 0.01, teeth = 2, depth = 1e-3, width = 1e-3}}
 """
+CUT = MILLING.format(material="C45E", speed="9 rpm").rstrip().removesuffix("}")
 
 
 @pytest.mark.parametrize(
@@ -409,6 +410,17 @@ process.milling = {{material = "{material}", speed = "{speed}", diameter = 0.01,
          r"process\.milling: expected pi .* diameter .* speed of at most 200 m/s, got 1571 m/s"),
         (MILLING.format(material="C45E", speed="9 rpm").replace("line.csv", "rapid.nc"),
          r"rapid\.nc: expected a move that cuts \(G1 to G3\), got rapid moves alone"),
+        (MILLING.format(material="C45E", speed="fast rpm"), r"speed: expected a rotational .*, got \"fast rpm\""),
+        (CUT + ", climb = 1 }", r"job\.toml:3: process\.milling\.climb: expected true or false, got 1"),
+        (CUT + ', lead = "900 deg" }', r"milling\.lead: expected an entering angle .* beyond 1\.57"),
+        (CUT + ", radial = 300 }", r"milling\.radial: expected a ratio of forces .*, got 300, which is beyond 10"),
+        (CUT.replace("teeth = 2", "teeth = 9000000") + " }", r"milling\.teeth: expected 1 to 1000, got 9000000"),
+        ('robot = "arm.toml"\npath = "line.csv"\nyield_strength = { Steel = "235 MPa" }',
+         r"job\.toml:3: yield_strength\.Steel: expected a material .*did you mean \"steel\""),
+        ('robot = "arm.toml"\npath = "line.csv"\nunits = { X = "mm" }',
+         r"job\.toml:3: units\.X: expected a column of line\.csv .* got \"X\""),
+        ('robot = "arm.toml"\npath = "a.nc"\nunits = { x = "in" }', r"toml:3: units: expected none beside a program"),
+        ('robot = "arm.toml"\npath = "line.csv"\nat = [0, 0, 0]', r"job\.toml:3: at: expected none beside a table"),
         ('robot = "arm.toml"\npath = "both.csv"', r"both\.csv:1: expected a column feed or a column t"),
         ('robot = "arm.toml"\npath = "far.csv"', r"far\.csv:2: fx: expected at most 1e\+06"),
         ('robot = "arm.toml"\npath = "a.nc"\nstep = "1 pm"', r"a\.nc:2: expected at most 1,000,000 points"),

@@ -223,6 +223,7 @@ REFUSED = {
         'unit = "1"',
         'unit = "kg"',
     ): r'responses.f.unit: expected a unit of kg\^-1 s\^1, which f1/K_tx measures, got "kg"',
+    ('unit = "1"', 'unit = "s*m/"'): r'study.toml:10: responses.f.unit: expected a product of SI units .* "s\*m/"',
     ('unit = "1"', 'unit = "s*um/N"'): r'study.toml:10: responses.f.unit: expected a product of SI units .* "s\*um/N"',
     (', unit = "1"', ""): r"study.toml:10: responses.f.unit: expected the SI unit",
 }

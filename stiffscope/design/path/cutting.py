@@ -85,7 +85,7 @@ def mill(
         Forces averaged over one turn.
     """
     per_tooth = feed / (speed * teeth)
-    swept = np.arccos(1.0 - 2.0 * width / diameter)
+    swept = 2.0 * np.arcsin(np.sqrt(width / diameter))  # also where the engagement is tiny
     chip = per_tooth * np.sin(lead) * (2.0 * width / diameter) / swept
     kt = specific_force(kc1, mc, chip)
     first, last = (np.pi - swept, np.pi) if climb else (0.0, swept)

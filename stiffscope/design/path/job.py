@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -10,6 +11,7 @@ import numpy as np
 from pydantic import Field
 from scipy.spatial.transform import Rotation
 
+from stiffscope.cad.materials import MATERIALS
 from stiffscope.design.path.cutting import cutting_materials, drill, mill
 from stiffscope.design.path.toolpath import MOST_LOAD, ToolPath, read_toolpath
 from stiffscope.robot.file import quantities as q
@@ -31,6 +33,9 @@ _SPEED = q.Dimension("a speed", "m/s", "600 mm/min", 1e-9, 1e3)
 _TURNS = q.Dimension("a rotational speed", "Hz", "9000 rpm", 1e-6, 1e5)
 _STRENGTH = q.Dimension("a yield strength", "Pa", "355 MPa", 1e3, 1e12)
 _STRESS = q.Dimension("a specific cutting force", "Pa", "2220 N/mm^2", 1e6, 1e12)
+_RATIO = q.Dimension("a ratio of forces", "", "0.3", most=10.0)
+_ENTERING = q.Dimension("an entering angle", "rad", "90 deg", most=np.pi / 2 + 1e-9)
+_POINT = q.Dimension("a point angle", "rad", "118 deg", most=np.pi)
 _FASTEST = 200.0  # m/s, of a cutting edge: twice what any cutter does
 
 # 1 rev/s in each unit of rotational speed
@@ -42,10 +47,13 @@ def _speed(value: Any) -> float:
     if not isinstance(value, str):
         return q.to_si(value, _TURNS)
     number, _, unit = value.strip().partition(" ")
-    if unit.strip() not in _A_SECOND:
+    a_second, turns = _A_SECOND.get(unit.strip()), None
+    with suppress(ValueError):
+        turns = float(number)
+    if a_second is None or turns is None:
         units = ", ".join(_A_SECOND)
         raise ValueError(f'expected a rotational speed such as "9000 rpm" ({units}), got "{value}"')
-    return q.to_si(float(number) / _A_SECOND[unit.strip()], _TURNS)
+    return q.to_si(turns / a_second, _TURNS)
 
 
 def _reads(dimension: q.Dimension, says: str, sign: str = "positive") -> Reads:
@@ -59,7 +67,7 @@ Stress = Annotated[float, _reads(_STRESS, 'such as "2220 N/mm^2"')]
 Cut = Annotated[str, Reads(lambda name: one_of(name, cutting_materials(), "a material"), says='a name such as "C45E"')]
 Strength = Annotated[float, _reads(_STRENGTH, 'a strength such as "355 MPa"')]
 Share = Annotated[float, _reads(q.NUMBER, "a number", "non-negative")]
-Turned = Annotated[float, _reads(q.ANGLE, 'an angle such as "90 deg"')]
+Ratio = Annotated[float, _reads(_RATIO, "a ratio of forces", "non-negative")]
 
 
 class ForceSection(Section):
@@ -101,13 +109,13 @@ class _Cut(Section):
 class MillingSection(_Cut):
     """A milling cutter that turns clockwise: engagement, radial and axial over tangential force."""
 
-    teeth: Positive
+    teeth: v.Some
     depth: Length
     width: Length
-    climb: bool = True
-    lead: Turned = 0.5 * np.pi
-    radial: Share = 0.3
-    axial: Share = 0.0
+    climb: v.Flag = True
+    lead: Annotated[float, _reads(_ENTERING, 'an angle such as "90 deg"')] = 0.5 * np.pi
+    radial: Ratio = 0.3
+    axial: Ratio = 0.0
 
     def forces(self, feed: float) -> CuttingForces:
         """Return the mean forces at a feed in m/s."""
@@ -120,7 +128,7 @@ class MillingSection(_Cut):
 class DrillingSection(_Cut):
     """A twist drill."""
 
-    point: Turned = float(np.deg2rad(118.0))
+    point: Annotated[float, _reads(_POINT, 'an angle such as "118 deg"')] = float(np.deg2rad(118.0))
 
     def forces(self, feed: float) -> CuttingForces:
         """Return thrust and torque at a feed in m/s."""
@@ -295,12 +303,18 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
             robot = instead
         elif instead is None:
             robot = load_robot_of(path, top.robot, top.set)
+            for name in top.yield_strength:
+                with blame("yield_strength", name):
+                    one_of(name, MATERIALS | dict(robot.materials), "a material")
         else:
             robot = load_robot(instead, top.set)
         file = path.parent / top.path
         with blame("path"):
             reading.open_file(file, "a table in CSV or a program in G-code").close()
         found = read_toolpath(file, robot, top.units, step=top.step, at=top.at, axes=_axes(top))
+        given = top.model_fields_set & (set() if found.program else {"step", "at", "x", "y"})
+        if given:
+            raise FieldError((min(given),), f"expected none beside a table ({file.name}), whose poses are in base axes")
     return Job(path, file, top, robot, found)
 
 

@@ -10,7 +10,8 @@ import numpy as np
 from stiffscope.design.path.gcode import MOST_POINTS, Program, program_text, read_program
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.parse import FieldError
+from stiffscope.robot.file.parse import FieldError, blame
+from stiffscope.robot.file.tables import one_of
 from stiffscope.runtime.table import Table, check_columns, check_marks, numbers, read_table
 
 if TYPE_CHECKING:
@@ -129,6 +130,9 @@ def read_toolpath(
         A unit is invalid.
     """
     if path.suffix.lower() in PROGRAMS:
+        if units:
+            message = "expected none beside a program, which states its own (G20, G21), got some"
+            raise FieldError(("units",), message)
         return _of_program(path, robot, step, np.array(at, dtype=float), axes)
     pose = tuple(robot.tool.pose)
 
@@ -143,6 +147,9 @@ def read_toolpath(
     table = _read_plain(path, check) or read_table(path, check, most=MOST_POINTS)
     check_marks(table, table.columns)
     columns = tuple(name for name in table.columns if name.startswith(JOINT)) or pose
+    for column in sorted(units.keys() - {*columns, *WRENCH, "feed", "t"}):
+        with blame("units", column):
+            one_of(column, table.columns, f"a column of {path.name}")
     factors = {name: _factor(name, units.get(name), robot) for name in table.columns}
     found = {name: numbers(table, name) * factor for name, factor in factors.items()}
     values = np.column_stack([found[name] for name in columns])

@@ -262,7 +262,7 @@ class BallScrew(ElementSection):
     length: v.Length | None = None
     nut: v.Stiffness | None = None
     support: v.Stiffness | None = None
-    both_ends: bool = False
+    both_ends: v.Flag = False
     lead: v.LengthOrZero = 0.0
 
     def element(self) -> me.MachineElement:

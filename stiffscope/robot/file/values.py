@@ -92,6 +92,12 @@ def parse_whole(value: Any) -> int:
     return value
 
 
+def _flag(value: Any) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(q.expected("true or false", value))
+    return value
+
+
 MOST_ELEMENTS = 1000  # rolling elements of a row, carriages, rails
 
 
@@ -221,6 +227,7 @@ Tolerance = Annotated[float | None, _SHARE]
 Count = Annotated[int, Reads(parse_whole, says="a whole number")]
 Layers = Annotated[int, _whole(f"1 to {MOST_LAYERS} layers", MOST_LAYERS, f"1 to {MOST_LAYERS}")]
 Some = Annotated[int, _whole(f"1 to {MOST_ELEMENTS}", MOST_ELEMENTS)]
+Flag = Annotated[bool, Reads(_flag, says="true or false")]
 Positive = Annotated[int, _whole("a positive whole number such as 2000000")]
 OwnMass = Annotated[float, Reads(_own_mass, says='a mass such as "1.95 kg"')]
 _MASS, _BY_CAD = _quantity(q.MASS, "non-negative"), "the volume of the solid times its density"
