@@ -60,6 +60,7 @@ def test_what_is_per_radian_is_named_so(text, noun):
         ("60 rpm", q.FREQUENCY, "which has radians to the power 1"),
         ("60 %", q.ANGLE, 'and "%" is not a unit'),
         ("0,5 kg", q.MASS, "which has a decimal comma; write a point"),
+        ("30 deg", q.NUMBER, "which is an angle"),
         ("60 ppm", q.ANGLE, 'and "ppm" is not a unit'),
     ],
 )
@@ -92,7 +93,7 @@ def test_usual_units_are_what_pint_says(monkeypatch):
 
     pairs = [(unit, si) for unit in q.USUAL for si in q.SI]
     ours = [answer(*pair) for pair in pairs]
-    assert sum(isinstance(each, float) for each in ours) == len(q.USUAL) + 3  # rad, deg as numbers; N*m as torsion
+    assert sum(isinstance(each, float) for each in ours) == len(q.USUAL) + 1  # N*m as torsion
     monkeypatch.setattr(q, "USUAL", {})
     q._factor.cache_clear()
     assert [answer(*pair) for pair in pairs] == ours

@@ -192,14 +192,14 @@ def _factor(unit: str, si: str) -> float:
     if unit in USUAL and si in SI:
         base, factor = USUAL[unit]
         found, wanted = powers_of(base) or PLAIN, powers_of(si) or PLAIN
-        if found[:-1] != wanted[:-1] or (si and found[-1] not in {0.0, wanted[-1]}):
+        if found[:-1] != wanted[:-1] or found[-1] not in {0.0, wanted[-1]}:
             raise ValueError(f"{unit} is no {si}")
         return factor
     _check_unit(unit)
     one = _registry().Quantity(1.0, _registry().parse_units(unit.removeprefix("*").strip()))
     names = dict(one.unit_items())
     share = si == "rad" and names.keys() & {"percent", "ppm"}
-    if names.get("percent", 1) != 1 or share or (si and _radians(unit) not in {0.0, _radians(si)}):
+    if names.get("percent", 1) != 1 or share or _radians(unit) not in {0.0, _radians(si)}:
         raise ValueError(f"{unit} is not a unit")
     return float(one.to(si or "dimensionless").magnitude)
 

@@ -303,5 +303,5 @@ class Effect(Section):
 
     effect: Name
     place: Name
-    parameters: dict[str, v.Ratio] = Field(default_factory=dict)
+    parameters: dict[str, v.RatioOrAngle] = Field(default_factory=dict)
     provenance: dict[str, Any] = Field(default_factory=dict)

@@ -36,8 +36,7 @@ def measured_quantity(value: Any) -> float:
     if not isinstance(value, str):
         return any_quantity(value)
     si, dimension = read_any(value)
-    angle = dimension is q.NUMBER and value.rstrip()[-1] in "°dgn"  # rad, deg, arcmin; not "%"
-    return q.Measured(si, q.powers_of("rad" if angle else dimension.unit))
+    return q.Measured(si, q.powers_of(dimension.unit))
 
 
 @cache
@@ -59,11 +58,18 @@ def _any(value: Any) -> tuple[float, q.Dimension]:
 
 
 def unit_of(value: Any) -> str:
-    """SI unit of what a text with a unit measures, "1" for a number."""
+    """SI unit of what a text with a unit measures, "1" for a number or an angle."""
     with suppress(ValueError):
         if isinstance(value, str):
-            return read_any(value.partition("±")[0].strip())[1].unit or "1"
+            dimension = read_any(value.partition("±")[0].strip())[1]
+            return "1" if dimension is q.ANGLE else dimension.unit or "1"
     return "1"
+
+
+def _ratio_or_angle(value: Any) -> float:
+    with suppress(ValueError):
+        return q.to_si(value, q.ANGLE, sign="any")
+    return q.to_si(value, q.NUMBER, sign="any")
 
 
 @dataclass(frozen=True)
@@ -178,6 +184,7 @@ Angle = Annotated[float, _quantity(q.ANGLE, "any")]
 Turn = Annotated[float, _quantity(q.Dimension("an angle within a turn", "rad", "120 deg", most=6.29), "any")]
 Modulus = Annotated[float, _quantity(q.MODULUS)]
 Ratio = Annotated[float, _quantity(q.NUMBER, "any")]
+RatioOrAngle = Annotated[float, Reads(_ratio_or_angle, says="a number")]
 Density = Annotated[float, _quantity(q.DENSITY)]
 Expansion = Annotated[float, _quantity(q.EXPANSION, "any")]
 Mass = Annotated[float, _quantity(q.MASS, "non-negative")]
