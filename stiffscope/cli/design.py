@@ -61,12 +61,12 @@ def sensitivity(
     the robot file), or with --part of one part's compliance, sag and mass. Tolerances in the robot
     file ("20 mm ± 0.1 mm") give the scatter of the robot.
     """
-    if part and (poses or components):
+    if part is not None and (poses or components):
         expected = "expected neither --at nor --components with it"
         raise InputError(f"--part {part}: {expected}, which are of the robot")
     robot = load_robot(name, overrides)
     manifest = manifest_of(robot)
-    if part:
+    if part is not None:
         order = order_part(robot, part)
         with open_workshop(output) as shop:
             (result,) = solve_parts([order], shop)

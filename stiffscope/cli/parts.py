@@ -86,12 +86,12 @@ def compare(
     workspace. --set changes the second.
     """
     if other is not None:
-        if part:
+        if part is not None:
             raise InputError(f"--part {part}: expected none with two robots, got one")
         _compare_robots(load_robot(name), load_robot(other, overrides), components, output)
         return
     robot = load_robot(name, overrides)
-    orders = [order_part(robot, each) for each in ((part,) if part else _solids(robot))]
+    orders = [order_part(robot, each) for each in ((part,) if part is not None else _solids(robot))]
     for order in orders:
         check_one_interface(robot, order.name)
     with open_workshop(output) as shop:
@@ -130,7 +130,8 @@ def interfaces(name: str, *, tolerance: str | None, overrides: Texts, part: str 
     report, CSV, JSON and a figure to DIR.
     """
     robot = load_robot(name, overrides, tolerance)
-    part = part or min(_solids(robot), key=lambda each: robot.part(each).shape != "plate")
+    if part is None:
+        part = min(_solids(robot), key=lambda each: robot.part(each).shape != "plate")
     manifest = manifest_of(robot)
     with open_workshop(output) as shop:
         compared = compare_interfaces(robot, part, shop)

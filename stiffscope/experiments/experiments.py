@@ -47,6 +47,10 @@ AXES = {
     "rod": f"x along the rod from its clamped end{_AT} centre of the loaded end",
     "plate": "x away from the clamped face, y across, z through the plate, to the side of its ribs"
     f"{_AT} centre of the loaded face",
+    **dict.fromkeys(
+        ("tube", "box", "i", "channel"),
+        f"x along the beam from its clamped end, y across, z along the section's height{_AT} centroid of the loaded end",
+    ),
     "step": f"those of the STEP file, or of the frame chosen in it{_AT} loaded faces' reference point",
 }
 
