@@ -107,7 +107,7 @@ def settle(laws: Sequence[Law], stiffness: Array, force: Array, influence: Array
     tie = (axes * values.clip(min=0.0)[..., None, :]) @ axes.mT  # rounding pushes no drive apart
     curves = [law.add_compliance(-1.0 / k) for law, k in zip(laws, steep.tolist(), strict=True)]
     shift: Array = np.zeros_like(pull)
-    whole = np.maximum(np.abs(pull).max(axis=1, keepdims=True), 1e-300)
+    whole = np.maximum(np.abs(pull).max(axis=1, keepdims=True), 1e-100)  # squares of less vanish
     for _ in range(_STEPS):
         left = pull - (tie @ shift[..., None])[..., 0] - _values(curves, shift)
         open_ = (np.abs(left) > _SETTLED * whole).any(axis=1)

@@ -49,7 +49,7 @@ AXES = {
     f"{_AT} centre of the loaded face",
     **dict.fromkeys(
         ("tube", "box", "i", "channel"),
-        f"x along the beam from its clamped end, y across, z along the section's height{_AT} centroid of the loaded end",
+        f"x along the beam from its clamped end, y across, z along its height{_AT} centroid of the loaded end",
     ),
     "step": f"those of the STEP file, or of the frame chosen in it{_AT} loaded faces' reference point",
 }

@@ -163,6 +163,11 @@ def test_one_drive_in_closed_form(force):
     assert law.force(np.array([moved]))[0] == pytest.approx(force, rel=1e-9, abs=1e-11)
 
 
+def test_a_force_that_is_hardly_any_has_an_equilibrium():
+    weak = [deflection(sled(Law.from_curve(CURVE)), [[0.0]], [force, 0, 0, 0, 0, 0]).twist for force in (0, 1e-300)]
+    np.testing.assert_allclose(*weak, atol=1e-30)
+
+
 def test_a_compliance_in_series_adds_to_the_deflection_at_every_force():
     law = Law.from_curve(CURVE, GAP)
     softer = law.add_compliance(3e-8)
