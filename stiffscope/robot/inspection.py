@@ -251,8 +251,10 @@ def doubt_parts(robot: RobotFile) -> Iterator[str]:
 
 
 def _of_materials(robot: RobotFile) -> Iterator[str]:
-    """Yield remarks on the file's materials that lie outside what solids have."""
-    used = {getattr(robot.parts[part], "material", None) for part in used_parts(robot)}
+    """Yield remarks on the file's materials that nothing uses, or that lie outside what solids have."""
+    used = {getattr(part, "material", None) for part in robot.parts.values()}
+    if idle := [f"materials.{name}" for name in robot.materials if name not in used]:
+        yield f"nothing is made of {list_names(idle)}"
     for name, material in robot.materials.items():
         for key, (word, low, high, unit) in _SOLIDS.items():
             value = getattr(material, key, 0.0)

@@ -79,6 +79,7 @@ def test_shipped_robot(name):
          r"material soft: its Poisson's ratio, E/2G - 1, is -0.999, solids have -0.8 to 0.5; is its unit right\?"),
         ({"[parts.arm]": SOFT + "[parts.arm]", '"steel"': '"soft"'},
          r"material soft: its density is 7.85 kg/m³, solids have 20 to 23000 kg/m³; is its unit right\?"),
+        ({"[parts.arm]": SOFT + "[parts.arm]"}, r"^nothing is made of materials.soft$"),
         ({'"-60 deg", "80 deg"': "-60, 80"},
          r"drive leg1.motor: its range is -60 to 80 rad; is its unit right\?"),
     ],
