@@ -8,10 +8,13 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
+from importlib import metadata
 from pathlib import Path
 
 import numpy as np
 import pytest
+from packaging.specifiers import SpecifierSet
 
 from stiffscope.cad.solid import build
 from stiffscope.cad.step import write_step
@@ -68,6 +71,17 @@ def test_the_first_two_lines_set_up_and_run_everything():
     set_up = "python3 -m venv .venv && .venv/bin/python -m pip install -q -c constraints.txt -e "
     assert first.startswith(f"{set_up}. && ")
     assert second.startswith(f"{set_up}'.[dev]' && ")
+
+
+def test_pinned_versions_run_on_the_oldest_python():
+    """What pip would refuse there: a version that the newest Python of a fresh machine has, and an older one not."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    oldest = project["requires-python"].removeprefix(">=") + ".0"
+    pins = [line.partition("==")[0] for line in (ROOT / "constraints.txt").read_text().splitlines() if "==" in line]
+    needs = {each.name.lower(): each.metadata["Requires-Python"] or "" for each in metadata.distributions()}
+    known = {pin: needs[pin.lower()] for pin in pins if pin.lower() in needs}
+    assert len(known) > 100
+    assert not {pin: need for pin, need in known.items() if oldest not in SpecifierSet(need)}
 
 
 def test_no_command_is_left_out():
