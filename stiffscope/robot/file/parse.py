@@ -20,8 +20,8 @@ MOST_VALUES, MOST_LEVELS = 50_000, 30  # ample for a file written by hand
 _NAME = re.compile(r'([A-Za-z0-9_-]+)|"([^"]*)"')
 _PLACE = re.compile(r'(?:(?:[A-Za-z0-9_-]+|"[^"]*")(?:\.|(?=: )))+')
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
-_WORD = r"(?:(?<![\w-])[\w-]++|\"[^\"\n]*+\"|'[^'\n]*+')"
-_DOTTED = re.compile(rf"(?:{_WORD}[ \t]*+\.[ \t]*+){{300}}")  # parsing time is quadratic in depth
+_WORD = r"(?:(?<![\w-])[\w-]+|\"[^\"\n]*\"|'[^'\n]*')"
+_DOTTED = re.compile(rf"(?:{_WORD}[ \t]*\.[ \t]*){{300}}")  # parsing time is quadratic in depth
 
 
 class FieldError(ValueError):

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+(?:_\d+)*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$", re.DOTALL)
 _MOST_CHARACTERS = 200
 _POWER = re.compile(r"(?<=[\w°])\s*(?:\*\*|\^)\s*(?:[+-]?[1-9]|\([+-]?[1-9]\))(?!\s*(?:\*\*|\^|[\d.]))")
-_PRODUCT = re.compile(r"(?:[\s*/·()%°⁻]|(?<!\w)1(?!\w)|(?<!\w)[^\W\d]\w*+)*+")
+_PRODUCT = re.compile(r"(?:[\s*/·()%°⁻]|(?<!\w)1(?!\w)|(?<!\w)[^\W\d]\w*)*")
 
 
 @dataclass(frozen=True)
