@@ -213,6 +213,6 @@ def _default(field: Any, takes: str) -> str:
         unit = re.search(r'such as "[\d.]+ ([^"]+)"', takes)
         known = unit and value and measured_quantity(f"1 {unit[1]}")
         return f"`{value / known:g} {unit[1]}`" if unit and known else f"`{value:g}`"
-    return (
-        f"`{str(value).lower() if isinstance(value, bool) else value}`" if isinstance(value, str | int) else "its own"
-    )
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    return f"`{value}`" if isinstance(value, str | int) else "its own"
