@@ -28,13 +28,35 @@ if TYPE_CHECKING:
     from stiffscope.cad.kernel_files import PlacedProduct
 
 TIME_LIMIT = 600.0  # s, for reading
-_NAMELESS = ("SOLID", "COMPOUND", "PRODUCT", "NONE", "PART", "OPEN CASCADE", "=>[", "SHELL", "NAUO")
-_TEXT, _USED, _DEFINED = re.compile(rb"'[^']*'"), re.compile(rb"#(\d+)(?!\d*\s*=)"), re.compile(rb"#(\d+)\s*=")
-_POINT = re.compile(rb"#(\d+)\s*=\s*(?:CARTESIAN_POINT|DIRECTION)\s*\(\s*''\s*,\s*\(([^()]*)\)")
-_THREE = re.compile(rb"(?:\s*[+-]?\d+\.?\d*(?:[eE](?:-\d+|\+?0*\d\d?))?\s*(?:,|$)){3}(?<!,)")
+_NAMELESS = (
+    "SOLID",
+    "COMPOUND",
+    "PRODUCT",
+    "NONE",
+    "PART",
+    "OPEN CASCADE",
+    "=>[",
+    "SHELL",
+    "NAUO",
+)
+_TEXT, _USED, _DEFINED = (
+    re.compile(rb"'[^']*'"),
+    re.compile(rb"#(\d+)(?!\d*\s*=)"),
+    re.compile(rb"#(\d+)\s*="),
+)
+_POINT = re.compile(
+    rb"#(\d+)\s*=\s*(?:CARTESIAN_POINT|DIRECTION)\s*\(\s*''\s*,\s*\(([^()]*)\)"
+)
+_THREE = re.compile(
+    rb"(?:\s*[+-]?\d+\.?\d*(?:[eE](?:-\d+|\+?0*\d\d?))?\s*(?:,|$)){3}(?<!,)"
+)
 _PLACED = re.compile(rb"\b(?:AXIS2_PLACEMENT_3D|VERTEX_POINT)\s*\(\s*''\s*,([^()]*)\)")
-_HOLDS = re.compile(rb"\bNEXT_ASSEMBLY_USAGE_OCCURRENCE\s*\((?:\s*(?:''|\$)\s*,){3}\s*#(\d+)\s*,\s*#(\d+)")
-_EXTERNAL = re.compile(rb"\bDOCUMENT_FILE\s*\(\s*'([^']+\.(?:stp|step|p21))'", re.IGNORECASE)
+_HOLDS = re.compile(
+    rb"\bNEXT_ASSEMBLY_USAGE_OCCURRENCE\s*\((?:\s*(?:''|\$)\s*,){3}\s*#(\d+)\s*,\s*#(\d+)"
+)
+_EXTERNAL = re.compile(
+    rb"\bDOCUMENT_FILE\s*\(\s*'([^']+\.(?:stp|step|p21))'", re.IGNORECASE
+)
 _SOLID = re.compile(rb"=\s*(?:MANIFOLD_SOLID_BREP|BREP_WITH_VOIDS|FACETED_BREP)\b")
 
 
@@ -95,7 +117,9 @@ class Instance:
     @cached_property
     def solid(self) -> "Solid":
         """The solid at its place, mm."""
-        return cad.kernel.place_solid(self.product.solid, self.rotation, 1e3 * self.origin)
+        return cad.kernel.place_solid(
+            self.product.solid, self.rotation, 1e3 * self.origin
+        )
 
     @cached_property
     def box(self) -> Array:
@@ -105,7 +129,9 @@ class Instance:
     @cached_property
     def faces(self) -> tuple[FaceGeometry, ...]:
         """Faces at the instance's place."""
-        return tuple(face.move(self.rotation, self.origin) for face in self.product.faces)
+        return tuple(
+            face.move(self.rotation, self.origin) for face in self.product.faces
+        )
 
     @cached_property
     def shapes(self) -> "list[Face]":
@@ -118,7 +144,9 @@ class Instance:
         return 1e-3 * np.array([cad.kernel.bounds(face) for face in self.shapes])
 
 
-def read_assembly(path: str | Path, left_out: list[str] | None = None) -> tuple[Instance, ...]:
+def read_assembly(
+    path: str | Path, left_out: list[str] | None = None
+) -> tuple[Instance, ...]:
     """Return the solids of a STEP file, in its order, with their names and places.
 
     The file (AP203, AP214, AP242) contains one or more solids, in any unit of length; ``left_out``
@@ -130,7 +158,9 @@ def read_assembly(path: str | Path, left_out: list[str] | None = None) -> tuple[
     content = check_file(path)
     _check_references(path, content)
     with scratch_folder() as folder:
-        read_alone(_write_solids, path, folder, TIME_LIMIT, "a STEP file of closed solids")
+        read_alone(
+            _write_solids, path, folder, TIME_LIMIT, "a STEP file of closed solids"
+        )
         check_unit(path, content)
         told = json.loads((folder / "assembly.json").read_text())
         solids = cad.kernel.children(cad.kernel_files.read_any(folder / "solids.brep"))
@@ -141,23 +171,30 @@ def read_assembly(path: str | Path, left_out: list[str] | None = None) -> tuple[
         what = f"{there} that fall into {len(solids)}, {why}"
         raise InputError(f"{path}: expected manifold solids, got {what}")
     if left_out is not None:
-        left_out += [f"{lost} of its solids could not be read: left out"] * (lost > 0)
+        if lost > 0:
+            left_out += [f"{lost} of its solids could not be read: left out"]
         left_out += told["left_out"]
     return place_solids(solids, told)
 
 
-def place_solids(solids: "Sequence[Solid]", told: dict[str, Any]) -> tuple[Instance, ...]:
+def place_solids(
+    solids: "Sequence[Solid]", told: dict[str, Any]
+) -> tuple[Instance, ...]:
     """Create instances of solids from the table made by `gather_solids`."""
-    products, instances = [], []
+    products = []
+    instances = []
     for number, (solid, each) in enumerate(zip(solids, told["products"], strict=True)):
         found = cad.kernel.volume_properties(solid)
         centre = 1e-3 * cad.kernel.xyz(found.CentreOfMass())
         inertia = 1e-15 * cad.kernel.inertia(found)
         volume = 1e-9 * found.Mass()
-        products.append(Product(number, solid, each["material"], volume, centre, inertia))
+        products.append(
+            Product(number, solid, each["material"], volume, centre, inertia)
+        )
     names = _name_distinct([each["path"] for each in told["instances"]])
     for name, each in zip(names, told["instances"], strict=True):
-        place, product = np.array(each["place"]), products[each["product"]]
+        place = np.array(each["place"])
+        product = products[each["product"]]
         instances.append(Instance(name, product, place[:, :3], 1e-3 * place[:, 3]))
     return tuple(instances)
 
@@ -173,11 +210,19 @@ def _check_references(path: Path, content: bytes) -> None:
         first = min(missing, key=int).decode()
         what = f"{len(missing)} of its entities are missing (#{first})"
         raise InputError(f"{path}: expected a whole STEP file, got one of which {what}")
-    odd = {name: numbers for name, numbers in _POINT.findall(bare) if not _THREE.fullmatch(numbers)}
-    placed = (name for places in _PLACED.findall(bare) for name in _USED.findall(places))
+    odd = {
+        name: numbers
+        for name, numbers in _POINT.findall(bare)
+        if not _THREE.fullmatch(numbers)
+    }
+    placed = (
+        name for places in _PLACED.findall(bare) for name in _USED.findall(places)
+    )
     for name in filter(odd.__contains__, placed):
         got = f"({odd[name].decode(errors='replace')})"
-        raise InputError(f"{path}: #{name.decode()}: expected three coordinates in space, got {got}")
+        raise InputError(
+            f"{path}: #{name.decode()}: expected three coordinates in space, got {got}"
+        )
     holds = dict[bytes, set[bytes]]()
     for whole, part in _HOLDS.findall(bare):
         holds.setdefault(whole, set()).add(part)
@@ -191,7 +236,9 @@ def _check_references(path: Path, content: bytes) -> None:
         name = match[1].decode(errors="replace")
         if not (path.parent / name.replace("\\", "/")).is_file():
             got = f'got none called "{name}"'
-            raise InputError(f"{path}: expected the files that it refers to beside it, {got}")
+            raise InputError(
+                f"{path}: expected the files that it refers to beside it, {got}"
+            )
 
 
 def _name_distinct(paths: Sequence[Sequence[str]]) -> list[str]:
@@ -200,18 +247,23 @@ def _name_distinct(paths: Sequence[Sequence[str]]) -> list[str]:
     own = [("" if _is_nameless(path[-1]) else path[-1]) for path in paths]
     for depth in range(2, max(map(len, paths), default=0) + 1):
         doubled = {name for name in own if own.count(name) > 1 and name}
-        named = ([part for part in path[-depth:] if not _is_nameless(part)] for path in paths)
+        named = (
+            [part for part in path[-depth:] if not _is_nameless(part)] for path in paths
+        )
         again = [
             ".".join(parts) if name in doubled and len(path) > depth else name
             for name, parts, path in zip(own, named, paths, strict=True)
         ]
         if len(set(again)) > len(set(own)):
             own = again
-    found, counted = [], dict[str, int]()
+    found = []
+    counted = dict[str, int]()
     for name in own:
         base = name or "solid"
         counted[base] = counted.get(base, 0) + 1
-        found.append(base if own.count(name) == 1 and name else f"{base}{counted[base]}")
+        found.append(
+            base if own.count(name) == 1 and name else f"{base}{counted[base]}"
+        )
     if len(set(found)) < len(found):
         found = [f"{name}_{number}" for number, name in enumerate(found, 1)]
     return found
@@ -234,12 +286,18 @@ def _write_solids(path: Path, shown: str, folder: Path) -> None:
     (folder / "assembly.json").write_text(json.dumps(told))
 
 
-def gather_solids(found: "Sequence[PlacedProduct]", shown: str) -> "tuple[list[Solid], dict[str, Any]]":
+def gather_solids(
+    found: "Sequence[PlacedProduct]", shown: str
+) -> "tuple[list[Solid], dict[str, Any]]":
     """Collect distinct leaf solids, `shown` in messages, and a table of them and their places."""
-    products, instances, numbers = [], [], dict[tuple[int, int], int]()
+    products = []
+    instances = []
+    numbers = dict[tuple[int, int], int]()
     solids: list[Any] = []
     loose = list[str]()
-    whole = {(*_cut_path(each.path),) for each in found if cad.kernel.solids(each.shape)}
+    whole = {
+        (*_cut_path(each.path),) for each in found if cad.kernel.solids(each.shape)
+    }
     for each in found:
         shapes = cad.kernel.solids(each.shape)
         name = _cut_path(each.path)
@@ -254,12 +312,24 @@ def gather_solids(found: "Sequence[PlacedProduct]", shown: str) -> "tuple[list[S
                 numbers[key] = len(solids)
                 solids.append(cad.kernel.orient_solid(solid))
                 products.append({"material": each.material})
-            instances.append({"path": each.path, "product": numbers[key], "place": each.place})
+            instances.append(
+                {"path": each.path, "product": numbers[key], "place": each.place}
+            )
     if not instances:
-        what = f"{len(loose)} shapes that are no closed solid (surfaces, wires or points)"
+        what = (
+            f"{len(loose)} shapes that are no closed solid (surfaces, wires or points)"
+        )
         got = what if loose else "none"
         raise InputError(f"{shown}: expected at least one closed solid, got {got}")
-    alike = [f"{name} ({n} times)" if n > 1 else name for name, n in Counter(loose).items()]
-    listed = ", ".join(alike[:8]) + (f" and {len(alike) - 8} more" if len(alike) > 8 else "")
-    left_out = [f"{len(loose)} shapes that are no closed solid ({listed}): left out"] if loose else []
+    alike = [
+        f"{name} ({n} times)" if n > 1 else name for name, n in Counter(loose).items()
+    ]
+    listed = ", ".join(alike[:8]) + (
+        f" and {len(alike) - 8} more" if len(alike) > 8 else ""
+    )
+    left_out = (
+        [f"{len(loose)} shapes that are no closed solid ({listed}): left out"]
+        if loose
+        else []
+    )
     return solids, {"products": products, "instances": instances, "left_out": left_out}

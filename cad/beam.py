@@ -30,7 +30,8 @@ class BeamParameters(SolidParameters):
         for field in fields(self):
             length(f"{self.shape}.{field.name}", getattr(self, field.name))
         for name, most in self.largest().items():
-            value, valid = getattr(self, name), f"up to {mm(max(most, 0.0))} in this section"
+            value = getattr(self, name)
+            valid = f"up to {mm(max(most, 0.0))} in this section"
             require(value <= most, f"{self.shape}.{name}", valid, mm(value))
 
     def largest(self) -> dict[str, float]:
@@ -92,7 +93,10 @@ class BoxParameters(BeamParameters):
         """See `BeamParameters`."""
         inner = self.width - 2 * self.wall, self.height - 2 * self.wall
         return [
-            [(y * width / 2, z * height / 2) for y, z in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+            [
+                (y * width / 2, z * height / 2)
+                for y, z in ((-1, -1), (1, -1), (1, 1), (-1, 1))
+            ]
             for width, height in ((self.width, self.height), inner)
         ]
 
@@ -119,8 +123,18 @@ class IParameters(_FlangedParameters):
 
     def outline(self) -> list[list[tuple[float, float]]]:
         """See `BeamParameters`."""
-        y, web, z, under = self.width / 2, self.web / 2, self.height / 2, self.height / 2 - self.flange
-        lower = [(-web, -under), (-y, -under), (-y, -z), (y, -z), (y, -under), (web, -under)]
+        y = self.width / 2
+        web = self.web / 2
+        z = self.height / 2
+        under = self.height / 2 - self.flange
+        lower = [
+            (-web, -under),
+            (-y, -under),
+            (-y, -z),
+            (y, -z),
+            (y, -under),
+            (web, -under),
+        ]
         return [[*lower, *((-a, -b) for a, b in lower)]]
 
 
@@ -133,15 +147,21 @@ class ChannelParameters(_FlangedParameters):
     @property
     def back(self) -> float:
         """Distance of the centroid from the web's outer side, m."""
-        flanges, web = 2 * self.width * self.flange, (self.height - 2 * self.flange) * self.web
+        flanges = 2 * self.width * self.flange
+        web = (self.height - 2 * self.flange) * self.web
         return (flanges * self.width + web * self.web) / (2 * (flanges + web))
 
     def outline(self) -> list[list[tuple[float, float]]]:
         """See `BeamParameters`."""
-        left, z, under = -self.back, self.height / 2, self.height / 2 - self.flange
-        right, web = left + self.width, left + self.web
+        left = -self.back
+        z = self.height / 2
+        under = self.height / 2 - self.flange
+        right = left + self.width
+        web = left + self.web
         inner = [(right, -under), (web, -under), (web, under), (right, under)]
         return [[(left, -z), (right, -z), *inner, (right, z), (left, z)]]
 
 
-BEAMS = {k.shape: k for k in (TubeParameters, BoxParameters, IParameters, ChannelParameters)}
+BEAMS = {
+    k.shape: k for k in (TubeParameters, BoxParameters, IParameters, ChannelParameters)
+}

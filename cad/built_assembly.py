@@ -17,9 +17,12 @@ from stiffscope.errors import InputError
 from stiffscope.runtime.types import Array
 
 _KINDS = {
-    "RigidJoint": "fixed", "RevoluteJoint": "revolute", "LinearJoint": "prismatic",
-    "CylindricalJoint": "cylindrical", "BallJoint": "spherical",
-}  # fmt: skip
+    "RigidJoint": "fixed",
+    "RevoluteJoint": "revolute",
+    "LinearJoint": "prismatic",
+    "CylindricalJoint": "cylindrical",
+    "BallJoint": "spherical",
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +38,9 @@ class BuiltJoint:
     motions: tuple[tuple[str, Array, Array], ...]
 
 
-def read_built(assembly: Any, shown: str, left_out: list[str]) -> tuple[tuple[Instance, ...], list[BuiltJoint]]:
+def read_built(
+    assembly: Any, shown: str, left_out: list[str]
+) -> tuple[tuple[Instance, ...], list[BuiltJoint]]:
     """Return the solids of a build123d assembly, named by their labels, and their connected joints.
 
     ``assembly``: Compound of solids and compounds, at any depth; ``shown``: its name in messages;
@@ -45,7 +50,8 @@ def read_built(assembly: Any, shown: str, left_out: list[str]) -> tuple[tuple[In
     if getattr(assembly, "wrapped", None) is None or not hasattr(assembly, "leaves"):
         got = type(assembly).__name__
         raise InputError(f"{shown}: expected a build123d Compound of solids, got {got}")
-    leaves, numbers = [leaf for leaf in assembly.leaves if leaf.wrapped], kernel.Numbering()
+    leaves = [leaf for leaf in assembly.leaves if leaf.wrapped]
+    numbers = kernel.Numbering()
     found = [_read_leaf(leaf, numbers) for leaf in leaves]
     for each in found:
         if not np.isfinite(each.place).all():
@@ -54,7 +60,11 @@ def read_built(assembly: Any, shown: str, left_out: list[str]) -> tuple[tuple[In
     solids, told = gather_solids(found, shown)
     instances = place_solids(solids, told)
     left_out += told["left_out"]
-    owners = [leaf for leaf, each in zip(leaves, found, strict=True) for _ in kernel.solids(each.shape)]
+    owners = [
+        leaf
+        for leaf, each in zip(leaves, found, strict=True)
+        for _ in kernel.solids(each.shape)
+    ]
     return instances, _read_joints(assembly, instances, owners, left_out)
 
 
@@ -71,11 +81,16 @@ def _read_leaf(leaf: Any, numbers: kernel.Numbering) -> PlacedProduct:
 
 def _place_of(location: Any) -> Array:
     """Return the matrix (4, 4) of a build123d Location; translation in mm."""
-    return np.vstack([kernel.rows_of(location.wrapped.Transformation(), 4), [0.0, 0.0, 0.0, 1.0]])
+    return np.vstack(
+        [kernel.rows_of(location.wrapped.Transformation(), 4), [0.0, 0.0, 0.0, 1.0]]
+    )
 
 
 def _read_joints(
-    assembly: Any, instances: tuple[Instance, ...], owners: list[Any], left_out: list[str]
+    assembly: Any,
+    instances: tuple[Instance, ...],
+    owners: list[Any],
+    left_out: list[str],
 ) -> list[BuiltJoint]:
     """Return the connected joints with both ends in the assembly."""
     found = []
@@ -88,10 +103,15 @@ def _read_joints(
             first = _nearest(joint, node, instances, owners)
             second = _nearest(other, other.parent, instances, owners)
             if first is None or second is None or first == second:
-                left_out.append(f"{label}: connected to nothing else of the assembly: left out")
+                left_out.append(
+                    f"{label}: connected to nothing else of the assembly: left out"
+                )
                 continue
             frames = [(type(each).__name__, _placed(each)) for each in (joint, other)]
-            motions = tuple((_KINDS[kind], 1e-3 * frame[:3, 3], frame[:3, 2]) for kind, frame in frames)
+            motions = tuple(
+                (_KINDS[kind], 1e-3 * frame[:3, 3], frame[:3, 2])
+                for kind, frame in frames
+            )
             found.append(BuiltJoint(first, second, label, motions))
     return found
 
@@ -103,9 +123,13 @@ def _placed(joint: Any) -> Array:
     return frame if above is None else _place_of(above.global_location) @ frame
 
 
-def _nearest(joint: Any, node: Any, instances: tuple[Instance, ...], owners: list[Any]) -> int | None:
+def _nearest(
+    joint: Any, node: Any, instances: tuple[Instance, ...], owners: list[Any]
+) -> int | None:
     """Return the solid of a joint: the nearest one of its node; None outside the assembly."""
-    inside = [n for n, owner in enumerate(owners) if any(each is node for each in owner.path)]
+    inside = [
+        n for n, owner in enumerate(owners) if any(each is node for each in owner.path)
+    ]
     if len(inside) < 2:
         return inside[0] if inside else None
     at = np.asarray(_placed(joint)[:3, 3], dtype=np.float64)

@@ -8,7 +8,8 @@ import numpy as np
 from stiffscope.errors import InputError
 
 # m: a length outside this range probably has the wrong unit, and the mesher's tolerances fail
-SMALLEST, LARGEST = 1e-5, 20.0
+SMALLEST = 1e-5
+LARGEST = 20.0
 GAP = 5e-4  # m: smallest wall between features; thinner walls take minutes to mesh
 FINEST = 1e-4  # m: smallest fillet radius; smaller ones are below kernel and mesher tolerances
 FARTHEST = 1e3  # m: a farther point probably has the wrong unit, and costs precision
@@ -26,21 +27,30 @@ def require(valid: bool, field: str, expected: str, got: object) -> None:
         raise InputError(f"{field}: expected {expected}, got {got}")
 
 
-def require_between(field: str, least: float, value: float, most: float, note: str = "") -> None:
+def require_between(
+    field: str, least: float, value: float, most: float, note: str = ""
+) -> None:
     """Raise InputError unless a length (m) is within limits; ``note`` is appended to these."""
-    require(least <= value <= most, field, f"{mm(least)} to {mm(most)}{note}", mm(value))
+    require(
+        least <= value <= most, field, f"{mm(least)} to {mm(most)}{note}", mm(value)
+    )
 
 
 def number(field: str, value: object) -> float:
     """Return `value` as a finite float. Raises InputError if it is not one."""
-    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, Real)
+        or not math.isfinite(value)
+    ):
         raise InputError(f"{field}: expected a finite number, got {value!r}")
     return float(value)
 
 
 def length(field: str, value: object) -> float:
     """Return `value` as a length in m within `SMALLEST` and `LARGEST`. Raises InputError."""
-    metres, valid = number(field, value), f"a length from {mm(SMALLEST)} to {mm(LARGEST)}"
+    metres = number(field, value)
+    valid = f"a length from {mm(SMALLEST)} to {mm(LARGEST)}"
     require(SMALLEST <= metres <= LARGEST, field, valid, mm(metres))
     return metres
 
@@ -52,8 +62,14 @@ def optional_length(field: str, value: object) -> float:
 
 def count(field: str, value: object, largest: int = 100) -> int:
     """Return `value` as a whole number from 0 to `largest`; else raise InputError on the field."""
-    if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= int(value) <= largest:
-        raise InputError(f"{field}: expected a whole number from 0 to {largest}, got {value!r}")
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, Integral)
+        or not 0 <= int(value) <= largest
+    ):
+        raise InputError(
+            f"{field}: expected a whole number from 0 to {largest}, got {value!r}"
+        )
     return int(value)
 
 

@@ -16,8 +16,10 @@ from stiffscope.runtime.types import Array, Progress
 PARALLEL = 1e-4  # rad: tolerance of equal directions
 ASIDE = 5e-6  # m: tolerance of equal axes and centres
 TOUCHING = 2e-5  # m: tolerance of touching planes
-LOOSE, TIGHT = 0.24, 0.2  # of the radius: largest clearance (ISO 273, M2 coarse) and overlap
-PLAY, _PLAY_SHARE = 2.2e-4, 0.02  # m, and of its size: largest play of a plane guide
+LOOSE = 0.24
+TIGHT = 0.2  # of the radius: largest clearance (ISO 273, M2 coarse) and overlap
+PLAY = 2.2e-4
+_PLAY_SHARE = 0.02  # m, and of its size: largest play of a plane guide
 _LEAST_AREA = 1e-8  # m²
 
 
@@ -57,7 +59,9 @@ class Contact:
         return self.faces[solid != self.first]
 
 
-def find_contacts(solids: Sequence[Instance], progress: Progress | None = None) -> list[Contact]:
+def find_contacts(
+    solids: Sequence[Instance], progress: Progress | None = None
+) -> list[Contact]:
     """Find all pairs of faces in contact between the solids of one assembly.
 
     They are parallel to 1e-4 rad, coaxial or concentric to 5 um; planes within 20 um, or with a
@@ -87,7 +91,11 @@ def _drop_covered(contacts: list[Contact]) -> list[Contact]:
         if each.kind == "cylinder":
             bores[pin].add(bore[0])
             pins[bore].add(pin[0])
-    return [e for e, pin, bore in fits if e.kind != "cylinder" or not bores[pin] & pins[bore]]
+    return [
+        e
+        for e, pin, bore in fits
+        if e.kind != "cylinder" or not bores[pin] & pins[bore]
+    ]
 
 
 def _drop_open(contacts: list[Contact]) -> list[Contact]:
@@ -108,31 +116,45 @@ def _drop_open(contacts: list[Contact]) -> list[Contact]:
         if any(np.linalg.norm(np.cross(each.axis, axis)) < PARALLEL for axis in pins):
             return True
         ends = (each.first, -each.axis), (each.second, each.axis)
-        return any(nnls(np.transpose(normals[solid]), axis)[1] < 1e-3 for solid, axis in ends)
+        return any(
+            nnls(np.transpose(normals[solid]), axis)[1] < 1e-3 for solid, axis in ends
+        )
 
     return [each for each in contacts if is_kept(each)]
 
 
 def _contacts_of(i: int, j: int, one: Instance, other: Instance) -> Iterator[Contact]:
-    box = np.stack([np.maximum(one.box[0], other.box[0]), np.minimum(one.box[1], other.box[1])])
+    box = np.stack(
+        [np.maximum(one.box[0], other.box[0]), np.minimum(one.box[1], other.box[1])]
+    )
     boxed = (zip(each.faces, each.face_boxes, strict=True) for each in (one, other))
-    shared = ([face for face, limits in pairs if _meet(limits, box, PLAY)] for pairs in boxed)
+    shared = (
+        [face for face, limits in pairs if _meet(limits, box, PLAY)] for pairs in boxed
+    )
     for a, b in product(*shared):
         if a.kind != b.kind:
             continue
         if a.kind == "plane":
             found = _plane(a, b, one, other)
         elif a.kind in {"cylinder", "sphere", "cone"} and a.hollow != b.hollow:
-            found = {"cylinder": _cylinder, "sphere": _sphere, "cone": _cone}[a.kind](a, b)
+            found = {"cylinder": _cylinder, "sphere": _sphere, "cone": _cone}[a.kind](
+                a, b
+            )
         else:
             continue
         if found is not None:
-            own = (0.0, None) if a.kind == "plane" else (min(a.radius, b.radius), int(a.hollow))
+            own = (
+                (0.0, None)
+                if a.kind == "plane"
+                else (min(a.radius, b.radius), int(a.hollow))
+            )
             yield Contact(i, j, (a.index, b.index), a.kind, *found, *own)
 
 
 def _meet(box: Array, other: Array, within: float) -> bool:
-    return bool(np.all(box[0] <= other[1] + within) and np.all(other[0] <= box[1] + within))
+    return bool(
+        np.all(box[0] <= other[1] + within) and np.all(other[0] <= box[1] + within)
+    )
 
 
 _Found = tuple[Array, Array, float, float] | None  # middle, axis, gap, size
@@ -178,7 +200,9 @@ def _coaxial(a: FaceGeometry, b: FaceGeometry) -> bool:
 
 def _overlap(a: FaceGeometry, b: FaceGeometry) -> tuple[float, float]:
     """Return the overlap of two coaxial round faces, m along the first's axis from its origin."""
-    ends = np.array([a.axis @ (b.origin - a.origin) + (a.axis @ b.axis) * end for end in b.extent])
+    ends = np.array(
+        [a.axis @ (b.origin - a.origin) + (a.axis @ b.axis) * end for end in b.extent]
+    )
     return max(a.extent[0], float(ends.min())), min(a.extent[1], float(ends.max()))
 
 
@@ -192,7 +216,10 @@ def _sphere(a: FaceGeometry, b: FaceGeometry) -> _Found:
 def _cone(a: FaceGeometry, b: FaceGeometry) -> _Found:
     if abs(abs(a.half_angle) - abs(b.half_angle)) > PARALLEL or not _coaxial(a, b):
         return None
-    tips = [each.origin - each.radius / np.tan(each.half_angle) * each.axis for each in (a, b)]
+    tips = [
+        each.origin - each.radius / np.tan(each.half_angle) * each.axis
+        for each in (a, b)
+    ]
     gap = float(np.linalg.norm(tips[0] - tips[1]) * np.sin(abs(a.half_angle)))
     low, high = _overlap(a, b)
     if gap > TOUCHING or high <= low:

@@ -53,9 +53,14 @@ class FaceGeometry:
     hollow: bool = False
     extent: tuple[float, float] = (0.0, 0.0)
 
-    def move(self, rotation: NDArray[np.floating[Any]], origin: NDArray[np.floating[Any]]) -> "FaceGeometry":
+    def move(
+        self, rotation: NDArray[np.floating[Any]], origin: NDArray[np.floating[Any]]
+    ) -> "FaceGeometry":
         """Return the face rotated by (3, 3), then translated by `origin` (3,)."""
-        places = {name: rotation @ getattr(self, name) + origin for name in ("centroid", "origin")}
+        places = {
+            name: rotation @ getattr(self, name) + origin
+            for name in ("centroid", "origin")
+        }
         return replace(self, **places, axis=rotation @ self.axis)
 
     def project(self, points: NDArray[np.float64]) -> NDArray[np.float64] | None:
@@ -65,7 +70,11 @@ class FaceGeometry:
         if self.kind == "sphere":
             up = np.array([0.0, 0.0, 1.0])
             return self.origin + self.radius * _directions(points - self.origin, up)
-        return _on_round(self, points) if self.kind in {"cylinder", "cone", "torus"} else None
+        return (
+            _on_round(self, points)
+            if self.kind in {"cylinder", "cone", "torus"}
+            else None
+        )
 
 
 def _on_round(face: FaceGeometry, points: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -79,15 +88,20 @@ def _on_round(face: FaceGeometry, points: NDArray[np.float64]) -> NDArray[np.flo
     if face.kind == "torus":
         spoke = np.column_stack([distance - face.radius, height])
         spoke = face.minor_radius * _directions(spoke, np.array([1.0, 0.0]))
-        distance, height = face.radius + spoke[:, 0], spoke[:, 1]
+        distance = face.radius + spoke[:, 0]
+        height = spoke[:, 1]
     else:
-        sine, cosine = np.sin(face.half_angle), np.cos(face.half_angle)
+        sine = np.sin(face.half_angle)
+        cosine = np.cos(face.half_angle)
         along = (distance - face.radius) * sine + height * cosine
-        distance, height = face.radius + along * sine, along * cosine
+        distance = face.radius + along * sine
+        height = along * cosine
     return face.origin + np.outer(height, face.axis) + distance[:, None] * outward
 
 
-def _directions(vectors: NDArray[np.float64], otherwise: NDArray[Any]) -> NDArray[np.float64]:
+def _directions(
+    vectors: NDArray[np.float64], otherwise: NDArray[Any]
+) -> NDArray[np.float64]:
     """Normalize vectors (n, k); a zero vector becomes `otherwise` (k,)."""
     lengths = np.linalg.norm(vectors, axis=1)
     units = np.tile(otherwise, (len(vectors), 1))
@@ -97,13 +111,17 @@ def _directions(vectors: NDArray[np.float64], otherwise: NDArray[Any]) -> NDArra
 
 def face_geometries(shape: "Shape") -> tuple[FaceGeometry, ...]:
     """Return the geometry of each face of the shape, in order (SI)."""
-    return tuple(_geometry(index, face) for index, face in enumerate(cad.kernel.faces(shape)))
+    return tuple(
+        _geometry(index, face) for index, face in enumerate(cad.kernel.faces(shape))
+    )
 
 
 def _geometry(index: int, face: "Face") -> FaceGeometry:
     properties = cad.kernel.area_properties(face)
     kind, form = cad.kernel.surface_under(face)
-    origin, axis, sizes = np.zeros(3), np.zeros(3), dict[str, Any]()
+    origin = np.zeros(3)
+    axis = np.zeros(3)
+    sizes = dict[str, Any]()
     if form is not None:
         origin = cad.kernel.xyz(form.Location()) * 1e-3
         if kind != "sphere":
@@ -132,7 +150,10 @@ def _sizes(kind: str, form: Any) -> dict[str, Any]:
     if kind == "cone":
         return {"radius": form.RefRadius() * 1e-3, "half_angle": form.SemiAngle()}
     if kind == "torus":
-        return {"radius": form.MajorRadius() * 1e-3, "minor_radius": form.MinorRadius() * 1e-3}
+        return {
+            "radius": form.MajorRadius() * 1e-3,
+            "minor_radius": form.MinorRadius() * 1e-3,
+        }
     return {}
 
 
@@ -179,7 +200,9 @@ class FaceSelector:
 
     def __post_init__(self) -> None:
         given = any(value is not None for value in self.__dict__.values())
-        require(given, "selector", f"at least one of {', '.join(self.__dict__)}", "none")
+        require(
+            given, "selector", f"at least one of {', '.join(self.__dict__)}", "none"
+        )
         known = self.kind is None or self.kind in KINDS
         require(known, "selector.kind", f"one of {', '.join(KINDS)}", repr(self.kind))
         if self.normal is not None:
@@ -194,14 +217,20 @@ class FaceSelector:
 
     def __str__(self) -> str:
         """Return the conditions as text, lengths in mm as in the listing."""
-        given = {name: value for name, value in self.__dict__.items() if value is not None}
+        given = {
+            name: value for name, value in self.__dict__.items() if value is not None
+        }
         given |= {key: mm(given[key]) for key in ("radius", "washer") if key in given}
         if self.position is not None and not isinstance(self.position, str):
-            given["position"] = "(" + ", ".join(f"{x * 1e3:.6g}" for x in self.position) + ") mm"
+            given["position"] = (
+                "(" + ", ".join(f"{x * 1e3:.6g}" for x in self.position) + ") mm"
+            )
         return ", ".join(f"{name} = {value}" for name, value in given.items())
 
 
-def select(shape: "Shape", selectors: Iterable[FaceSelector], field: str = "faces") -> frozenset[int]:
+def select(
+    shape: "Shape", selectors: Iterable[FaceSelector], field: str = "faces"
+) -> frozenset[int]:
     """Return the indices of faces that at least one selector selects.
 
     Raises InputError, which names the ``field`` and lists the faces, if a selector matches no face,
@@ -214,7 +243,8 @@ def select(shape: "Shape", selectors: Iterable[FaceSelector], field: str = "face
     field
         Field named in messages.
     """
-    geometries, faces = face_geometries(shape), cad.kernel.faces(shape)
+    geometries = face_geometries(shape)
+    faces = cad.kernel.faces(shape)
     chosen: set[int] = set()
 
     def contains(face: FaceGeometry, point: NDArray[np.float64]) -> bool:
@@ -223,7 +253,9 @@ def select(shape: "Shape", selectors: Iterable[FaceSelector], field: str = "face
     for selector in selectors:
         matches = {face.index for face in match_faces(geometries, selector, contains)}
         if not matches:
-            raise InputError(f"{field}: no face has {selector}; there are {_summary(geometries)}")
+            raise InputError(
+                f"{field}: no face has {selector}; there are {_summary(geometries)}"
+            )
         chosen |= matches
     if not chosen:
         raise InputError(f"{field}: expected at least one face selector, got none")
@@ -245,11 +277,17 @@ def match_faces(
         end, axis = position.split()
         along = np.array([face.centroid["xyz".index(axis)] for face in found])
         furthest = along.min() if end == "min" else along.max()
-        found = [face for face, x in zip(found, along, strict=True) if abs(x - furthest) < DISTANCE]
+        found = [
+            face
+            for face, x in zip(found, along, strict=True)
+            if abs(x - furthest) < DISTANCE
+        ]
     elif position is not None and not isinstance(position, str):
         point = np.asarray(position, dtype=float)
         on = [face for face in found if contains(face, point)]
-        found = on or [face for face in found if np.linalg.norm(face.centroid - point) < DISTANCE]
+        found = on or [
+            face for face in found if np.linalg.norm(face.centroid - point) < DISTANCE
+        ]
     return found
 
 
@@ -270,13 +308,19 @@ def _meets(face: FaceGeometry, selector: FaceSelector) -> bool:
 
 def _summary(geometries: Sequence[FaceGeometry]) -> str:
     """Summarize the faces in one line."""
-    planes = sorted({_direction(face.axis) for face in geometries if face.kind == "plane"})
+    planes = sorted(
+        {_direction(face.axis) for face in geometries if face.kind == "plane"}
+    )
     words = [f"planes with normal {', '.join(_few(planes))}"] if planes else []
     for kind in KINDS[1:-1]:
         alike = (face for face in geometries if face.kind == kind)
-        radii = sorted({round((face.minor_radius or face.radius) * 1e3, 3) for face in alike})
+        radii = sorted(
+            {round((face.minor_radius or face.radius) * 1e3, 3) for face in alike}
+        )
         if radii:
-            words.append(f"{kind} of radius {', '.join(_few([f'{r:g}' for r in radii]))} mm")
+            words.append(
+                f"{kind} of radius {', '.join(_few([f'{r:g}' for r in radii]))} mm"
+            )
     others = sum(face.kind == "other" for face in geometries)
     words += [f"{others} of other kinds"] if others else []
     return f"{len(geometries)} faces: {'; '.join(words)} (list them with `stiffscope faces FILE`)"

@@ -17,7 +17,11 @@ from OCP.BRep import BRep_Builder, BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
 from OCP.BRepAlgoAPI import BRepAlgoAPI_Common
 from OCP.BRepBndLib import BRepBndLib
-from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeEdge, BRepBuilderAPI_MakeVertex, BRepBuilderAPI_MakeWire
+from OCP.BRepBuilderAPI import (
+    BRepBuilderAPI_MakeEdge,
+    BRepBuilderAPI_MakeVertex,
+    BRepBuilderAPI_MakeWire,
+)
 from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepExtrema import BRepExtrema_DistShapeShape
 from OCP.BRepFeat import BRepFeat_SplitShape
@@ -27,7 +31,19 @@ from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.BRepTools import BRepTools
 from OCP.GeomAbs import GeomAbs_CurveType
 from OCP.GeomAPI import GeomAPI_ProjectPointOnSurf
-from OCP.gp import gp_Ax2, gp_Ax3, gp_Circ, gp_Cone, gp_Cylinder, gp_Dir, gp_Pln, gp_Pnt, gp_Sphere, gp_Trsf, gp_Vec
+from OCP.gp import (
+    gp_Ax2,
+    gp_Ax3,
+    gp_Circ,
+    gp_Cone,
+    gp_Cylinder,
+    gp_Dir,
+    gp_Pln,
+    gp_Pnt,
+    gp_Sphere,
+    gp_Trsf,
+    gp_Vec,
+)
 from OCP.GProp import GProp_GProps
 from OCP.Message import Message, Message_PrinterOStream
 from OCP.ShapeAnalysis import ShapeAnalysis_CanonicalRecognition
@@ -55,7 +71,12 @@ Edge: TypeAlias = TopoDS_Edge
 Vertex: TypeAlias = TopoDS_Vertex
 
 
-_FORMS: dict[str, Any] = {"Plane": gp_Pln, "Cylinder": gp_Cylinder, "Cone": gp_Cone, "Sphere": gp_Sphere}
+_FORMS: dict[str, Any] = {
+    "Plane": gp_Pln,
+    "Cylinder": gp_Cylinder,
+    "Cone": gp_Cone,
+    "Sphere": gp_Sphere,
+}
 _SAME = 1e-4  # mm: tolerance of splines that are one of these
 
 
@@ -79,7 +100,9 @@ class Numbering:
 
     def number_shape(self, item: Shape) -> int:
         """Return the number of a shape; new shapes get the next one."""
-        same_hash = self._by_hash.setdefault(hash(item.Oriented(TopAbs_Orientation.TopAbs_FORWARD)), [])
+        same_hash = self._by_hash.setdefault(
+            hash(item.Oriented(TopAbs_Orientation.TopAbs_FORWARD)), []
+        )
         for number, other in same_hash:
             if item.IsSame(other):
                 return number
@@ -90,7 +113,9 @@ class Numbering:
 
 def _list_distinct(shape: Shape, kind: Any, cast_to: Any) -> list[Any]:
     """Return distinct sub-shapes of a kind, in order of first occurrence."""
-    explorer, found, numbers = TopExp_Explorer(shape, kind), [], Numbering()
+    explorer = TopExp_Explorer(shape, kind)
+    found = []
+    numbers = Numbering()
     while explorer.More():
         item = explorer.Current()
         if numbers.number_shape(item) == len(found):
@@ -121,10 +146,13 @@ def solids(shape: Shape) -> list[Solid]:
 
 def round_holes(face: Face) -> list[tuple[Edge, Floats, float]]:
     """Return an edge, the centre (3,) and radius of each full-circle inner border of a face."""
-    outer, found = BRepTools.OuterWire_s(face), list[tuple[Edge, Floats, float]]()
+    outer = BRepTools.OuterWire_s(face)
+    found = list[tuple[Edge, Floats, float]]()
     for wire in _list_distinct(face, TopAbs_ShapeEnum.TopAbs_WIRE, TopoDS.Wire):
         curves = [(edge, BRepAdaptor_Curve(edge)) for edge in edges(wire)]
-        if wire.IsSame(outer) or not all(c.GetType() == GeomAbs_CurveType.GeomAbs_Circle for _, c in curves):
+        if wire.IsSame(outer) or not all(
+            c.GetType() == GeomAbs_CurveType.GeomAbs_Circle for _, c in curves
+        ):
             continue
         centres = np.array([xyz(c.Circle().Location()) for _, c in curves])
         radius = curves[0][1].Circle().Radius()
@@ -134,7 +162,9 @@ def round_holes(face: Face) -> list[tuple[Edge, Floats, float]]:
     return found
 
 
-def imprint_circle(solid: Solid, face: Face, centre: Floats, normal: Floats, radius: float) -> tuple[Solid, list[Face]]:
+def imprint_circle(
+    solid: Solid, face: Face, centre: Floats, normal: Floats, radius: float
+) -> tuple[Solid, list[Face]]:
     """Split a plane face along a circle; return the solid, and the pieces of the face in it.
 
     Parameters
@@ -146,9 +176,13 @@ def imprint_circle(solid: Solid, face: Face, centre: Floats, normal: Floats, rad
     """
     circle = gp_Circ(gp_Ax2(gp_Pnt(*centre), gp_Dir(*normal)), radius)
     split = BRepFeat_SplitShape(solid)
-    split.Add(BRepBuilderAPI_MakeWire(BRepBuilderAPI_MakeEdge(circle).Edge()).Wire(), face)
+    split.Add(
+        BRepBuilderAPI_MakeWire(BRepBuilderAPI_MakeEdge(circle).Edge()).Wire(), face
+    )
     split.Build()
-    return TopoDS.Solid(split.Shape()), [TopoDS.Face(each) for each in split.Modified(face)]
+    return TopoDS.Solid(split.Shape()), [
+        TopoDS.Face(each) for each in split.Modified(face)
+    ]
 
 
 def borders(shape: Shape) -> dict[tuple[int, int], list[Edge]]:
@@ -177,7 +211,8 @@ def normal_angle(edge: Edge, beside: tuple[Face, Face]) -> float:
 
 def compound(*shapes: Shape) -> TopoDS_Compound:
     """Return a compound of the shapes."""
-    builder, union = BRep_Builder(), TopoDS_Compound()
+    builder = BRep_Builder()
+    union = TopoDS_Compound()
     builder.MakeCompound(union)
     for shape in shapes:
         builder.Add(union, shape)
@@ -186,7 +221,8 @@ def compound(*shapes: Shape) -> TopoDS_Compound:
 
 def children(shape: Shape) -> list[Solid]:
     """Return the solids of a compound, in order."""
-    walk, found = TopoDS_Iterator(shape), list[Solid]()
+    walk = TopoDS_Iterator(shape)
+    found = list[Solid]()
     while walk.More():
         found.append(TopoDS.Solid(walk.Value()))
         walk.Next()
@@ -209,7 +245,11 @@ def diagonal(shape: Shape) -> float:
     """Return the bounding box diagonal; infinite for an unbounded or empty shape."""
     box = Bnd_Box()
     BRepBndLib.AddOptimal_s(shape, box, False, False)
-    return float("inf") if box.IsVoid() or box.IsOpen() else float(np.sqrt(box.SquareExtent()))
+    return (
+        float("inf")
+        if box.IsVoid() or box.IsOpen()
+        else float(np.sqrt(box.SquareExtent()))
+    )
 
 
 def self_intersects(shape: Shape) -> bool:
@@ -223,14 +263,18 @@ def self_intersects(shape: Shape) -> bool:
 
 def surface_under(face: Face) -> tuple[str, Any]:
     """Return the kind of a face's surface, splines recognized, and its `gp_Pln` etc. or None."""
-    surface, form = BRepAdaptor_Surface(face), None
+    surface = BRepAdaptor_Surface(face)
+    form = None
     kind = surface.GetType().name.removeprefix("GeomAbs_")
     if kind in {*_FORMS, "Torus"}:
         form = getattr(surface, kind)()
     else:
         known = ShapeAnalysis_CanonicalRecognition(face)
         found = ((each, empty()) for each, empty in _FORMS.items())
-        kind, form = next((e for e in found if getattr(known, f"Is{e[0]}")(_SAME, e[1])), ("other", None))
+        kind, form = next(
+            (e for e in found if getattr(known, f"Is{e[0]}")(_SAME, e[1])),
+            ("other", None),
+        )
     return kind.lower(), form
 
 
@@ -251,7 +295,9 @@ def position(vertex: Vertex) -> Floats:
 
 def closest(shape: Shape, point: Floats) -> Floats:
     """Return the point (3,) of a shape, borders included, closest to `point` (3,)."""
-    search = BRepExtrema_DistShapeShape(BRepBuilderAPI_MakeVertex(gp_Pnt(*point)).Vertex(), shape)
+    search = BRepExtrema_DistShapeShape(
+        BRepBuilderAPI_MakeVertex(gp_Pnt(*point)).Vertex(), shape
+    )
     return xyz(search.PointOnShape2(1))
 
 
@@ -262,10 +308,14 @@ def closest_under(face: Face, points: Floats) -> Floats:
     found = np.empty_like(points)
     for i, point in enumerate(points):
         search.Perform(gp_Pnt(*point))
-        candidates = [closest(face, point)]  # includes borders, if there is no perpendicular foot
+        candidates = [
+            closest(face, point)
+        ]  # includes borders, if there is no perpendicular foot
         if search.NbPoints() > 0:
             candidates.append(xyz(search.NearestPoint()))
-        found[i] = min(candidates, key=lambda candidate: float(np.linalg.norm(candidate - point)))
+        found[i] = min(
+            candidates, key=lambda candidate: float(np.linalg.norm(candidate - point))
+        )
     return found
 
 
@@ -308,20 +358,28 @@ def bounds(shape: Shape) -> Floats:
 def middle_of(face: Face) -> tuple[Floats, Floats]:
     """Return the point (3,) at the middle of a face's parameters, and its outward normal (3,)."""
     u, u_end, v, v_end = BRepTools.UVBounds_s(face)
-    point, normal = gp_Pnt(), gp_Vec()
+    point = gp_Pnt()
+    normal = gp_Vec()
     BRepGProp_Face(face).Normal(0.5 * (u + u_end), 0.5 * (v + v_end), point, normal)
     return xyz(point), xyz(normal)
 
 
-def round_extent(face: Face, origin: Floats, axis: Floats, half_angle: float) -> tuple[bool, Floats]:
+def round_extent(
+    face: Face, origin: Floats, axis: Floats, half_angle: float
+) -> tuple[bool, Floats]:
     """Return whether a round face is hollow (solid outside), and its ends (2,) along its axis."""
     point, normal = middle_of(face)
     out = point - origin
     out -= axis * (axis @ out)  # for a sphere, whose axis is zero, from its centre
-    if BRepAdaptor_Surface(face).GetType().name.removeprefix("GeomAbs_") in {*_FORMS, "Torus"}:
+    if BRepAdaptor_Surface(face).GetType().name.removeprefix("GeomAbs_") in {
+        *_FORMS,
+        "Torus",
+    }:
         ends = np.cos(half_angle) * np.array(BRepTools.UVBounds_s(face)[2:])
     else:
-        ends = np.array([axis @ (position(vertex) - origin) for vertex in vertices(face)])
+        ends = np.array(
+            [axis @ (position(vertex) - origin) for vertex in vertices(face)]
+        )
     return bool(normal @ out < 0.0), np.array([ends.min(), ends.max()])
 
 
@@ -353,7 +411,9 @@ def inertia(properties: GProp_GProps) -> Floats:
     return rows_of(properties.MatrixOfInertia(), 3)
 
 
-def triangulate(shape: Shape, deflection: float, angle: float) -> list[tuple[Floats, NDArray[np.int64]]]:
+def triangulate(
+    shape: Shape, deflection: float, angle: float
+) -> list[tuple[Floats, NDArray[np.int64]]]:
     """Return nodes (n, 3) and outward triangles (t, 3) of each face of a shape.
 
     Parameters
@@ -376,7 +436,15 @@ def _triangles(face: Face) -> tuple[Floats, NDArray[np.int64]]:
     if mesh is None:
         return np.empty((0, 3)), np.empty((0, 3), dtype=np.int64)
     move = place.Transformation()
-    nodes = np.array([xyz(mesh.Node(i).Transformed(move)) for i in range(1, mesh.NbNodes() + 1)])
-    triangles = np.array([mesh.Triangle(i).Get() for i in range(1, mesh.NbTriangles() + 1)], dtype=np.int64) - 1
+    nodes = np.array(
+        [xyz(mesh.Node(i).Transformed(move)) for i in range(1, mesh.NbNodes() + 1)]
+    )
+    triangles = (
+        np.array(
+            [mesh.Triangle(i).Get() for i in range(1, mesh.NbTriangles() + 1)],
+            dtype=np.int64,
+        )
+        - 1
+    )
     turned = face.Orientation() == TopAbs_Orientation.TopAbs_REVERSED
     return nodes, cast("NDArray[np.int64]", triangles[:, ::-1] if turned else triangles)

@@ -14,13 +14,20 @@ from OCP.BRepTools import BRepTools
 from OCP.IFSelect import IFSelect_ReturnStatus
 from OCP.StepBasic import StepBasic_Product
 from OCP.STEPCAFControl import STEPCAFControl_Reader
-from OCP.STEPControl import STEPControl_Reader, STEPControl_StepModelType, STEPControl_Writer
+from OCP.STEPControl import (
+    STEPControl_Reader,
+    STEPControl_StepModelType,
+    STEPControl_Writer,
+)
 from OCP.TCollection import TCollection_ExtendedString, TCollection_HAsciiString
 from OCP.TDataStd import TDataStd_Name, TDataStd_TreeNode
 from OCP.TDocStd import TDocStd_Document
 from OCP.TopoDS import TopoDS
 from OCP.XCAFDoc import XCAFDoc, XCAFDoc_Material, XCAFDoc_ShapeTool
-from OCP.XCAFPrs import XCAFPrs_DocumentExplorer, XCAFPrs_DocumentExplorerFlags_OnlyLeafNodes
+from OCP.XCAFPrs import (
+    XCAFPrs_DocumentExplorer,
+    XCAFPrs_DocumentExplorerFlags_OnlyLeafNodes,
+)
 
 from stiffscope.cad.kernel import Shape, Solid, compound, rows_of
 
@@ -28,7 +35,10 @@ from stiffscope.cad.kernel import Shape, Solid, compound, rows_of
 def read_step(path: Path) -> Shape:
     """Return the content of a STEP file as one shape, mm; an empty compound if it is unreadable."""
     reader = STEPControl_Reader()
-    if reader.ReadFile(str(path)) == IFSelect_ReturnStatus.IFSelect_RetDone and reader.TransferRoots():
+    if (
+        reader.ReadFile(str(path)) == IFSelect_ReturnStatus.IFSelect_RetDone
+        and reader.TransferRoots()
+    ):
         shape = reader.OneShape()
         if shape is not None and not shape.IsNull():
             return shape
@@ -55,16 +65,24 @@ def read_products(path: Path) -> list[PlacedProduct]:
     reader = STEPCAFControl_Reader()
     reader.SetNameMode(True)
     reader.SetMatMode(True)
-    if reader.ReadFile(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone or not reader.Transfer(document):
+    if reader.ReadFile(
+        str(path)
+    ) != IFSelect_ReturnStatus.IFSelect_RetDone or not reader.Transfer(document):
         return []
-    explorer = XCAFPrs_DocumentExplorer(document, XCAFPrs_DocumentExplorerFlags_OnlyLeafNodes)
+    explorer = XCAFPrs_DocumentExplorer(
+        document, XCAFPrs_DocumentExplorerFlags_OnlyLeafNodes
+    )
     found = []
     while explorer.More():
-        node, depth = explorer.Current(), explorer.CurrentDepth()
+        node = explorer.Current()
+        depth = explorer.CurrentDepth()
         nodes = (explorer.Current(level) for level in range(depth + 1))
         found.append(
             PlacedProduct(
-                path=[_label_name(each.Label) or _label_name(each.RefLabel) for each in nodes],
+                path=[
+                    _label_name(each.Label) or _label_name(each.RefLabel)
+                    for each in nodes
+                ],
                 product=node.RefLabel.Tag(),
                 shape=XCAFDoc_ShapeTool.GetShape_s(node.RefLabel),
                 place=rows_of(node.Location.Transformation(), 4).tolist(),
@@ -80,14 +98,17 @@ def _label_name(label: Any) -> str:
         return ""
     name = TDataStd_Name()
     label.FindAttribute(TDataStd_Name.GetID_s(), name)
-    return "".join(each for each in name.Get().ToExtString() if each.isprintable()).strip()
+    return "".join(
+        each for each in name.Get().ToExtString() if each.isprintable()
+    ).strip()
 
 
 def _material_name(label: Any) -> str:
     """Return a product's material name in the file, or ""."""
     if not label.IsAttribute(XCAFDoc.MaterialRefGUID_s()):
         return ""
-    link, material = TDataStd_TreeNode(), XCAFDoc_Material()
+    link = TDataStd_TreeNode()
+    material = XCAFDoc_Material()
     label.FindAttribute(XCAFDoc.MaterialRefGUID_s(), link)
     link.Father().Label().FindAttribute(XCAFDoc_Material.GetID_s(), material)
     return material.GetName().String().ToCString().strip()
@@ -97,14 +118,20 @@ def write_step(shape: Shape, path: Path) -> None:
     """Write a reproducible STEP file, mm, without date. Raises OSError if it cannot be written."""
     writer = STEPControl_Writer()
     writer.Transfer(shape, STEPControl_StepModelType.STEPControl_AsIs)
-    model, name = writer.Model(), TCollection_HAsciiString(path.stem)
-    APIHeaderSection_MakeHeader(model).SetTimeStamp(TCollection_HAsciiString("1970-01-01T00:00:00"))
+    model = writer.Model()
+    name = TCollection_HAsciiString(path.stem)
+    APIHeaderSection_MakeHeader(model).SetTimeStamp(
+        TCollection_HAsciiString("1970-01-01T00:00:00")
+    )
     for number in range(1, model.NbEntities() + 1):
-        if isinstance(entity := model.Value(number), StepBasic_Product):  # numbered by the kernel
+        entity = model.Value(number)
+        if isinstance(entity, StepBasic_Product):  # numbered by the kernel
             entity.SetId(name)
             entity.SetName(name)
     if writer.Write(str(path)) != IFSelect_ReturnStatus.IFSelect_RetDone:
-        path.write_bytes(bytes(1 << 20))  # raises the system's reason, which the kernel keeps, e.g. a full disk
+        path.write_bytes(
+            bytes(1 << 20)
+        )  # raises the system's reason, which the kernel keeps, e.g. a full disk
         raise OSError(f"{path}: cannot be written")
 
 

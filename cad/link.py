@@ -6,7 +6,14 @@ Axes: x from the clamped end at x = 0 to the loaded end, whose centre is the ref
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from stiffscope.cad.checks import GAP, length, mm, optional_length, require, require_between
+from stiffscope.cad.checks import (
+    GAP,
+    length,
+    mm,
+    optional_length,
+    require,
+    require_between,
+)
 from stiffscope.cad.solid import SolidParameters
 
 
@@ -50,9 +57,16 @@ class LinkParameters(SolidParameters):
             return
         least = self.bore / 2 + GAP
         wanted = f"at least {mm(least)} for fittings {mm(self.fitting_length)} long about the bore"
-        require(self.fitting_radius >= least, "link.fitting_radius", wanted, mm(self.fitting_radius))
+        require(
+            self.fitting_radius >= least,
+            "link.fitting_radius",
+            wanted,
+            mm(self.fitting_radius),
+        )
         note = f" for fittings on a link of {mm(self.length)}"
-        require_between("link.fitting_length", GAP, self.fitting_length, self.length / 2 - GAP, note)
+        require_between(
+            "link.fitting_length", GAP, self.fitting_length, self.length / 2 - GAP, note
+        )
 
     @property
     def has_fittings(self) -> bool:
@@ -68,10 +82,12 @@ class LinkParameters(SolidParameters):
         """See `SolidParameters`."""
         from build123d import Axis, Polygon, revolve
 
-        outer, thick = self.radius, self.fitting_radius
+        outer = self.radius
+        thick = self.fitting_radius
         top = [(0.0, outer), (self.length, outer)]
         if self.has_fittings:
-            first, second = self.fitting_length, self.length - self.fitting_length
+            first = self.fitting_length
+            second = self.length - self.fitting_length
             top = [(0.0, thick), (first, thick), (first, outer)]
             top += [(second, outer), (second, thick), (self.length, thick)]
         corners = [(0.0, self.bore / 2), *top, (self.length, self.bore / 2)]

@@ -21,10 +21,14 @@ def _check(material: Material | TransverselyIsotropic, *positive: str) -> None:
     """Raise InputError unless all values are finite numbers, and some of them positive."""
     for field in fields(material):
         if field.name not in {"name", "source"}:
-            number(f"materials.{material.name}.{field.name}", getattr(material, field.name))
+            number(
+                f"materials.{material.name}.{field.name}", getattr(material, field.name)
+            )
     for name in positive:
         value = getattr(material, name)
-        require(value > 0, f"materials.{material.name}.{name}", "more than 0", f"{value:g}")
+        require(
+            value > 0, f"materials.{material.name}.{name}", "more than 0", f"{value:g}"
+        )
 
 
 @dataclass(frozen=True)
@@ -59,7 +63,8 @@ class Material:
 
     def __post_init__(self) -> None:
         _check(self, "youngs_modulus", "shear_modulus", "density")
-        ratio, typical = self.poisson, f"{self.youngs_modulus / 2.6e9:.3g} GPa"
+        ratio = self.poisson
+        typical = f"{self.youngs_modulus / 2.6e9:.3g} GPa"
         valid = f"more than {self.youngs_modulus / 3e9:.4g} GPa (Poisson's ratio, here {ratio:.3g},"
         valid += f" is in (-1, 0.5); typically {typical})"
         field = f"materials.{self.name}.shear_modulus"
@@ -72,7 +77,11 @@ class Material:
 
     def elasticity(self) -> NDArray[np.float64]:
         """Return (6, 6) elasticity, Pa: Voigt order xx yy zz yz xz xy, engineering shear strain."""
-        lame = self.youngs_modulus * self.poisson / ((1 + self.poisson) * (1 - 2 * self.poisson))
+        lame = (
+            self.youngs_modulus
+            * self.poisson
+            / ((1 + self.poisson) * (1 - 2 * self.poisson))
+        )
         stiffness = np.diag([2 * self.shear_modulus] * 3 + [self.shear_modulus] * 3)
         stiffness[:3, :3] += lame
         return stiffness
@@ -121,12 +130,21 @@ class TransverselyIsotropic:
     source: str = ""
 
     def __post_init__(self) -> None:
-        _check(self, "axial_modulus", "transverse_modulus", "axial_shear_modulus", "density")
-        field, across = f"materials.{self.name}", self.transverse_poisson
+        _check(
+            self,
+            "axial_modulus",
+            "transverse_modulus",
+            "axial_shear_modulus",
+            "density",
+        )
+        field = f"materials.{self.name}"
+        across = self.transverse_poisson
         between = "a number between -1 and 1"
         require(-1 < across < 1, f"{field}.transverse_poisson", between, f"{across:g}")
         along = self.axial_poisson
-        largest = math.sqrt(self.axial_modulus / self.transverse_modulus * (1 - across) / 2)
+        largest = math.sqrt(
+            self.axial_modulus / self.transverse_modulus * (1 - across) / 2
+        )
         between = f"a number between {-largest:.4g} and {largest:.4g}"
         between += " (else the elasticity matrix is not positive definite)"
         require(abs(along) < largest, f"{field}.axial_poisson", between, f"{along:g}")
@@ -148,7 +166,8 @@ class TransverselyIsotropic:
 
     def elasticity(self) -> NDArray[np.float64]:
         """Return (6, 6) elasticity, Pa: Voigt order xx yy zz yz xz xy, engineering shear strain."""
-        along, across = 1 / self.axial_modulus, 1 / self.transverse_modulus
+        along = 1 / self.axial_modulus
+        across = 1 / self.transverse_modulus
         compliance = np.diag([along, across, across] + [0.0] * 3)
         compliance[0, 1:3] = compliance[1:3, 0] = -self.axial_poisson * along
         compliance[1, 2] = compliance[2, 1] = -self.transverse_poisson * across
@@ -161,42 +180,79 @@ class TransverselyIsotropic:
 AnyMaterial = Material | TransverselyIsotropic
 
 STEEL = Material(
-    "steel", 211e9, 81e9, 7850.0, 11.7e-6,
+    "steel",
+    211e9,
+    81e9,
+    7850.0,
+    11.7e-6,
     "E, G: Table 4 of Guan et al. (2023), see docs/theory.md, section 1. Density and expansion: handbook values of "
     "structural steel (EN 1991-1-1, ASM). The published link of 1.95 kg would need 7945 kg/m3",
-)  # fmt: skip
+)
 ALUMINIUM_7075 = Material(
-    "aluminium-7075", 71.7e9, 26.9e9, 2810.0, 23.6e-6,
+    "aluminium-7075",
+    71.7e9,
+    26.9e9,
+    2810.0,
+    23.6e-6,
     "7075-T6: ASM Handbook vol. 2 (1990), Alcoa data sheet",
-)  # fmt: skip
+)
 ALUMINIUM_6082 = Material(
-    "aluminium-6082", 70e9, 27e9, 2700.0, 23e-6,
+    "aluminium-6082",
+    70e9,
+    27e9,
+    2700.0,
+    23e-6,
     "EN AW-6082 (AlMgSi1): EN 1999-1-1, 3.2.5, design values of wrought aluminium alloys",
-)  # fmt: skip
+)
 CAST_IRON = Material(
-    "cast-iron", 110e9, 110e9 / 2.52, 7200.0, 11.7e-6,
+    "cast-iron",
+    110e9,
+    110e9 / 2.52,
+    7200.0,
+    11.7e-6,
     "grey iron EN-GJL-250, EN 1561 annex A: E 103-118 GPa, Poisson 0.26, expansion 20-400 C",
-)  # fmt: skip
+)
 DUCTILE_IRON = Material(
-    "ductile-iron", 169e9, 169e9 / 2.55, 7100.0, 12.5e-6,
+    "ductile-iron",
+    169e9,
+    169e9 / 2.55,
+    7100.0,
+    12.5e-6,
     "spheroidal iron EN-GJS-400-15, EN 1563 annex: E 169 GPa, Poisson 0.275, expansion 20-400 C",
-)  # fmt: skip
+)
 TITANIUM = Material(
-    "titanium", 113.8e9, 44e9, 4430.0, 8.6e-6,
+    "titanium",
+    113.8e9,
+    44e9,
+    4430.0,
+    8.6e-6,
     "Ti-6Al-4V (grade 5), annealed: ASM, Materials Properties Handbook: Titanium Alloys (1994)",
-)  # fmt: skip
+)
 CFRP_TUBE = TransverselyIsotropic(
-    "cfrp-tube", 126e9, 11e9, 6.6e9, 0.28, 0.4, 1580.0, -1e-6, 26e-6,
+    "cfrp-tube",
+    126e9,
+    11e9,
+    6.6e9,
+    0.28,
+    0.4,
+    1580.0,
+    -1e-6,
+    26e-6,
     "AS4/3501-6, 60 % fibres, all along the tube: Soden, Hinton and Kaddour, Compos. Sci. Technol. 58 (1998) "
     "1011, table 2; density: maker's data. Angle plies are stiffer in torsion and softer in tension: define your own",
-)  # fmt: skip
+)
 
 _METALS = (STEEL, ALUMINIUM_7075, ALUMINIUM_6082, CAST_IRON, DUCTILE_IRON, TITANIUM)
 MATERIALS: dict[str, AnyMaterial] = {each.name: each for each in (*_METALS, CFRP_TUBE)}
 DESIGNATIONS = {
-    "AlMgSi1": "aluminium-6082", "EN AW-6082": "aluminium-6082", "EN AW-7075": "aluminium-7075",
-    "EN-GJL-250": "cast-iron", "EN-GJS-400-15": "ductile-iron", "Ti-6Al-4V": "titanium", "TiAl6V4": "titanium",
-}  # fmt: skip
+    "AlMgSi1": "aluminium-6082",
+    "EN AW-6082": "aluminium-6082",
+    "EN AW-7075": "aluminium-7075",
+    "EN-GJL-250": "cast-iron",
+    "EN-GJS-400-15": "ductile-iron",
+    "Ti-6Al-4V": "titanium",
+    "TiAl6V4": "titanium",
+}
 """Designations of materials in CAD and standards, and their names here."""
 
 

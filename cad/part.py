@@ -20,8 +20,11 @@ if TYPE_CHECKING:
 
     from stiffscope.cad.kernel import Shape, Solid
 
-Floats, Ints = NDArray[np.float64], NDArray[np.int64]
-SMOOTH = np.deg2rad(20.0)  # the mesher keeps no edges between faces whose normals differ by less
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+SMOOTH = np.deg2rad(
+    20.0
+)  # the mesher keeps no edges between faces whose normals differ by less
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,12 +84,15 @@ class Part:
         taken: dict[int, str] = {}
         interfaces = self.clamped, *(one.faces for one in self.loaded)
         for name, chosen in zip(self.names, interfaces, strict=True):
-            field, last = f"{self.name}.{name}", len(self.faces) - 1
+            field = f"{self.name}.{name}"
+            last = len(self.faces) - 1
             require(bool(chosen), field, "at least one face", "none")
             for index in sorted(chosen):
                 require(0 <= index <= last, field, f"faces from 0 to {last}", index)
                 got = f"face {index}, which belongs to {taken.get(index)} too"
-                require(index not in taken, field, "faces that no other interface uses", got)
+                require(
+                    index not in taken, field, "faces that no other interface uses", got
+                )
                 taken[index] = name
         field = f"{self.name}.loaded"
         require(bool(self.loaded), field, "at least one loaded interface", "none")
@@ -110,15 +116,21 @@ class Part:
     def seams(self) -> dict[tuple[int, int], "Shape"]:
         """Smooth borders between interfaces."""
         interfaces = (self.clamped, *(interface.faces for interface in self.loaded))
-        owner = {face: number for number, faces in enumerate(interfaces) for face in faces}
+        owner = {
+            face: number for number, faces in enumerate(interfaces) for face in faces
+        }
         return self._smooth(lambda a, b: owner.get(a) != owner.get(b))
 
-    def _smooth(self, wanted: "Callable[[int, int], bool]") -> dict[tuple[int, int], "Shape"]:
-        faces, angle = cad.kernel.faces(self.solid), cad.kernel.normal_angle
+    def _smooth(
+        self, wanted: "Callable[[int, int], bool]"
+    ) -> dict[tuple[int, int], "Shape"]:
+        faces = cad.kernel.faces(self.solid)
+        angle = cad.kernel.normal_angle
         return {
             (a, b): cad.kernel.compound(*edges)
             for (a, b), edges in cad.kernel.borders(self.solid).items()
-            if wanted(a, b) and any(angle(edge, (faces[a], faces[b])) < SMOOTH for edge in edges)
+            if wanted(a, b)
+            and any(angle(edge, (faces[a], faces[b])) < SMOOTH for edge in edges)
         }
 
 
@@ -156,18 +168,27 @@ def surface(part: Part, deflection: float = 5e-4, angle: float = 0.8) -> Surface
     """
     vertices, triangles, face_of_triangle = tessellate(part.solid, deflection, angle)
     gaps = open_edges(triangles)
-    require(not gaps, part.name, "a closed surface", f"{gaps} open edges in its tessellation")
+    require(
+        not gaps,
+        part.name,
+        "a closed surface",
+        f"{gaps} open edges in its tessellation",
+    )
     return Surface(vertices, triangles, face_of_triangle, part.faces, tuple(part.seams))
 
 
-def tessellate(solid: "Solid", deflection: float, angle: float) -> tuple[Floats, Ints, Ints]:
+def tessellate(
+    solid: "Solid", deflection: float, angle: float
+) -> tuple[Floats, Ints, Ints]:
     """Return vertices (nv, 3), m, outward triangles (nt, 3) and each triangle's face (nt,)."""
     pieces = cad.kernel.triangulate(solid, deflection * 1e3, angle)
     nodes = np.concatenate([nodes for nodes, _ in pieces])
     starts = np.cumsum([0] + [len(nodes) for nodes, _ in pieces[:-1]])
     numbered = zip(pieces, starts, strict=True)
     triangles = np.concatenate([piece + start for (_, piece), start in numbered])
-    face_of_triangle = np.repeat(np.arange(len(pieces)), [len(piece) for _, piece in pieces])
+    face_of_triangle = np.repeat(
+        np.arange(len(pieces)), [len(piece) for _, piece in pieces]
+    )
     vertices, number = _merge_nodes(nodes)
     triangles = number[triangles]
     a, b, c = triangles.T
@@ -195,7 +216,9 @@ def open_edges(triangles: Ints) -> int:
     return int(np.count_nonzero(~np.isin(there, back)) + np.count_nonzero(times > 1))
 
 
-def project(part: Part, place: int, points: Floats, borders: "Sequence[Shape] | None" = None) -> Floats:
+def project(
+    part: Part, place: int, points: Floats, borders: "Sequence[Shape] | None" = None
+) -> Floats:
     """Return the closest points (n, 3), m, on a face's surface, or on a border of faces.
 
     Planes and round surfaces are unbounded, others bounded by the face's parameter range.
@@ -218,7 +241,10 @@ def project(part: Part, place: int, points: Floats, borders: "Sequence[Shape] | 
         return np.array(closest).reshape(-1, 3) * 1e-3
     found = part.faces[place].project(points)
     if found is None:
-        found = cad.kernel.closest_under(cad.kernel.faces(part.solid)[place], points * 1e3) * 1e-3
+        found = (
+            cad.kernel.closest_under(cad.kernel.faces(part.solid)[place], points * 1e3)
+            * 1e-3
+        )
     return found
 
 
@@ -242,7 +268,8 @@ class MassProperties:
 
 def mass_properties(part: Part) -> MassProperties:
     """Return the mass properties of the exact shape, without tessellation."""
-    properties, density = cad.kernel.volume_properties(part.solid), part.material.density
+    properties = cad.kernel.volume_properties(part.solid)
+    density = part.material.density
     volume = properties.Mass() * 1e-9
     centre = cad.kernel.xyz(properties.CentreOfMass()) * 1e-3
     inertia = cad.kernel.inertia(properties) * 1e-15 * density

@@ -19,7 +19,7 @@ from stiffscope.cad.checks import (
     optional_length,
     require,
     require_between,
-)  # fmt: skip
+)
 from stiffscope.cad.faces import FaceGeometry, FaceSelector, face_geometries, select
 from stiffscope.cad.part import Interface
 from stiffscope.cad.solid import GREATEST_X, LEAST_X, SolidParameters
@@ -132,7 +132,9 @@ class SliderParameters(SolidParameters):
         """See `SolidParameters`. Raises InputError if the CAD kernel cannot make the fillet."""
         from build123d import Align, Box, Cylinder, Pos, fillet
 
-        depth, width, thickness = (1e3 * v for v in (self.depth, self.width, self.thickness))
+        depth, width, thickness = (
+            1e3 * v for v in (self.depth, self.width, self.thickness)
+        )
         outwards = (Align.MIN, Align.CENTER, Align.CENTER)
         below = (Align.MIN, Align.CENTER, Align.MIN)
         centred = (Align.CENTER, Align.CENTER, Align.MIN)
@@ -143,22 +145,32 @@ class SliderParameters(SolidParameters):
         rib = self.rib_length, self.rib_thickness, self.rib_height
         length, bar, height = (1e3 * v for v in rib)
         for y in self.rib_positions:
-            nose = Pos(length - bar / 2, 0, 0) * Cylinder(bar / 2, height, align=centred)
+            nose = Pos(length - bar / 2, 0, 0) * Cylinder(
+                bar / 2, height, align=centred
+            )
             straight = Box(length - bar / 2, bar, height, align=below)
             solid += Pos(0, 1e3 * y, thickness / 2) * (straight + nose)
         if self.fillet:
-            roots = [edge for edge in solid.edges() if _is_root(edge, depth, width, thickness)]
+            roots = [
+                edge
+                for edge in solid.edges()
+                if _is_root(edge, depth, width, thickness)
+            ]
             try:
                 solid = fillet(roots, 1e3 * self.fillet)
             except ValueError as error:
                 got = f"got {mm(self.fillet)}; {error}"
-                raise InputError(f"slider.fillet: expected a smaller radius, {got}") from error
+                raise InputError(
+                    f"slider.fillet: expected a smaller radius, {got}"
+                ) from error
         for y in self.hole_positions:
             hole = Cylinder(500 * self.hole_diameter, 2 * thickness)
             solid -= Pos(1e3 * self.hole_offset, 1e3 * y, 0) * hole
         return solid
 
-    def select_ends(self, solid: "Solid") -> tuple[frozenset[int], tuple[Interface, ...]]:
+    def select_ends(
+        self, solid: "Solid"
+    ) -> tuple[frozenset[int], tuple[Interface, ...]]:
         """Return the face x = 0 or the hole walls, and interface ``joints``, or one per pad."""
         axes = [(self.hole_offset, y) for y in self.hole_positions]
 
@@ -166,7 +178,9 @@ class SliderParameters(SolidParameters):
             near = (np.allclose(face.origin[:2], axis, atol=1e-6) for axis in axes)
             return face.kind == "cylinder" and any(near)
 
-        walls = frozenset(face.index for face in filter(is_wall, face_geometries(solid)))
+        walls = frozenset(
+            face.index for face in filter(is_wall, face_geometries(solid))
+        )
         clamped = select(solid, LEAST_X) if self.clamp == "face" else walls
         outer = self.depth + self.pad_height
         if self.pads == "together":
@@ -175,21 +189,31 @@ class SliderParameters(SolidParameters):
         pads = []
         for name, y in zip(PADS, self.pad_positions, strict=True):
             place = FaceSelector(normal=(1, 0, 0), position=(outer, y, 0.0))
-            pads.append(Interface(name, select(solid, [place]), np.array([outer, y, 0.0])))
+            pads.append(
+                Interface(name, select(solid, [place]), np.array([outer, y, 0.0]))
+            )
         return clamped, tuple(pads)
 
 
 def _row(number: int, pitch: float, width: float) -> tuple[float, ...]:
     """Return positions of a row centred at y = 0; without a pitch, spread evenly over the width."""
-    return tuple((i - (number - 1) / 2) * (pitch or width / number) for i in range(number))
+    return tuple(
+        (i - (number - 1) / 2) * (pitch or width / number) for i in range(number)
+    )
 
 
 def _check_row(slider: SliderParameters, item: str, size: str, needs: float) -> None:
     """Check that ribs or holes, each `needs` wide, clear each other and the plate's sides."""
-    number, pitch = getattr(slider, f"{item}_count"), getattr(slider, f"{item}_pitch")
+    number = getattr(slider, f"{item}_count")
+    pitch = getattr(slider, f"{item}_pitch")
     most = max((slider.width - 2 * GAP - needs) / max(number - 1, 1), 0.0)
     fits = f"{item}s that fit the plate's width of {mm(slider.width)}"
-    require(needs < slider.width - 2 * GAP, f"slider.{item}_{size}", fits, f"{mm(needs)} each")
+    require(
+        needs < slider.width - 2 * GAP,
+        f"slider.{item}_{size}",
+        fits,
+        f"{mm(needs)} each",
+    )
     if pitch and number > 1:
         note = f" for {number} {item}s of {mm(needs)} on {mm(slider.width)}"
         require_between(f"slider.{item}_pitch", needs + GAP, pitch, most, note)
@@ -204,25 +228,42 @@ def _check_ribs(slider: SliderParameters) -> None:
         valid = "0 without ribs (it rounds their roots)"
         require(not slider.fillet, "slider.fillet", valid, mm(slider.fillet))
         return
-    fillet, largest = slider.fillet, slider.rib_height - GAP
-    valid = f"0, or a radius from {mm(FINEST)} to {mm(largest)}, less than the rib's height"
-    require(fillet == 0 or FINEST <= fillet <= largest, "slider.fillet", valid, mm(fillet))
+    fillet = slider.fillet
+    largest = slider.rib_height - GAP
+    valid = (
+        f"0, or a radius from {mm(FINEST)} to {mm(largest)}, less than the rib's height"
+    )
+    require(
+        fillet == 0 or FINEST <= fillet <= largest, "slider.fillet", valid, mm(fillet)
+    )
     _check_row(slider, "rib", "thickness", slider.rib_thickness + 2 * slider.fillet)
-    shortest, longest = slider.rib_thickness / 2 + GAP, slider.depth - slider.fillet - GAP
+    shortest = slider.rib_thickness / 2 + GAP
+    longest = slider.depth - slider.fillet - GAP
     note = ", so that nose and fillet end on the plate"
     require_between("slider.rib_length", shortest, slider.rib_length, longest, note)
 
 
 def _check_holes(slider: SliderParameters) -> None:
     if not slider.hole_count:
-        require(slider.clamp != "holes", "slider.clamp", "'face' without bolt holes", "'holes'")
+        require(
+            slider.clamp != "holes",
+            "slider.clamp",
+            "'face' without bolt holes",
+            "'holes'",
+        )
         return
     radius = slider.hole_diameter / 2
     _check_row(slider, "hole", "diameter", slider.hole_diameter)
     largest = slider.depth - 2 * GAP
-    require(2 * radius < largest, "slider.hole_diameter", f"less than {mm(largest)}", mm(2 * radius))
+    require(
+        2 * radius < largest,
+        "slider.hole_diameter",
+        f"less than {mm(largest)}",
+        mm(2 * radius),
+    )
     note = ", so that the holes are inside of the plate"
-    least, most = radius + GAP, slider.depth - radius - GAP
+    least = radius + GAP
+    most = slider.depth - radius - GAP
     require_between("slider.hole_offset", least, slider.hole_offset, most, note)
     if slider.hole_offset - radius - GAP > slider.rib_length + slider.fillet:
         return
@@ -240,8 +281,11 @@ def _check_pads(slider: SliderParameters) -> None:
         valid = "'together' without pads (pad_height = 0)"
         require(slider.pads != "apart", "slider.pads", valid, "'apart'")
         return
-    widest = min(slider.pad_spacing - GAP, slider.width - 2 * slider.pad_spacing - 2 * GAP)
-    spacing, farthest = slider.pad_spacing, slider.width / 2 - GAP
+    widest = min(
+        slider.pad_spacing - GAP, slider.width - 2 * slider.pad_spacing - 2 * GAP
+    )
+    spacing = slider.pad_spacing
+    farthest = slider.width / 2 - GAP
     valid = f"less than {mm(farthest)}, so that the pads are on the loaded face"
     require(spacing < farthest, "slider.pad_spacing", valid, mm(spacing))
     valid = f"up to {mm(widest)} for pads {mm(spacing)} apart on {mm(slider.width)}"
@@ -251,5 +295,8 @@ def _check_pads(slider: SliderParameters) -> None:
 def _is_root(edge: "Edge", depth: float, width: float, thickness: float) -> bool:
     """Return whether an edge is inside the outline on the plate's underside: at a rib's root."""
     middle = edge.position_at(0.5)
-    inside = _TOLERANCE < middle.X < depth - _TOLERANCE and abs(middle.Y) < width / 2 - _TOLERANCE
+    inside = (
+        _TOLERANCE < middle.X < depth - _TOLERANCE
+        and abs(middle.Y) < width / 2 - _TOLERANCE
+    )
     return abs(middle.Z - thickness / 2) < _TOLERANCE and inside

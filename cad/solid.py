@@ -46,8 +46,12 @@ class Placement:
         require(is_point(self.origin), "placement.origin", POINT, repr(self.origin))
         direction("placement.x", self.x)
         direction("placement.z", self.z)
-        cosine = np.dot(self.x, self.z) / np.linalg.norm(self.x) / np.linalg.norm(self.z)
-        require(abs(cosine) <= 1e-6, "placement.z", "one at right angles to x", repr(self.z))
+        cosine = (
+            np.dot(self.x, self.z) / np.linalg.norm(self.x) / np.linalg.norm(self.z)
+        )
+        require(
+            abs(cosine) <= 1e-6, "placement.z", "one at right angles to x", repr(self.z)
+        )
 
 
 def part_of(
@@ -102,7 +106,9 @@ def part_of(
     rest = "clamped"
     if interfaces is not None:
         if len(interfaces) < 2:
-            raise InputError(f"{name}.interfaces: expected two or more, got {list(interfaces)}")
+            raise InputError(
+                f"{name}.interfaces: expected two or more, got {list(interfaces)}"
+            )
         (rest, clamped), *others = interfaces.items()
         named = dict(others)
     if reference_point is not None and len(named) > 1:
@@ -123,7 +129,9 @@ def part_of(
         Interface(
             key,
             faces,
-            centroid_of([geometries[index] for index in sorted(faces)]) if point is None else point,
+            centroid_of([geometries[index] for index in sorted(faces)])
+            if point is None
+            else point,
             (couplings or {}).get(key, ""),
         )
         for key, faces in selected.items()
@@ -164,7 +172,9 @@ class SolidParameters:
         return clamped, (Interface("end", loaded, point),)
 
 
-def build(parameters: SolidParameters, material: AnyMaterial = STEEL, name: str = "part") -> Part:
+def build(
+    parameters: SolidParameters, material: AnyMaterial = STEEL, name: str = "part"
+) -> Part:
     """Build a part from its dimensions.
 
     Parameters
@@ -189,11 +199,14 @@ def _check_near(solid: Any, point: Vector, field: str) -> None:
     require(is_point(point), field, POINT, repr(point))
     centre = cad.kernel.xyz(cad.kernel.volume_properties(solid).CentreOfMass()) * 1e-3
     reach = cad.kernel.diagonal(solid) * 1e-3 * 100
-    valid = f"a point within {reach:.3g} m of the solid's centre, 100 times its diagonal"
+    valid = (
+        f"a point within {reach:.3g} m of the solid's centre, 100 times its diagonal"
+    )
     require(math.dist(point, centre) <= reach, field, valid, f"{point} m")
 
 
 def _axes(x: np.ndarray, z: np.ndarray) -> np.ndarray:
     """Return unit vectors along x, y, z as rows (3, 3)."""
-    x, z = x / np.linalg.norm(x), z / np.linalg.norm(z)
+    x = x / np.linalg.norm(x)
+    z = z / np.linalg.norm(z)
     return np.stack([x, np.cross(z, x), z])

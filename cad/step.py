@@ -14,7 +14,14 @@ import meshio
 from stiffscope import cad
 from stiffscope.cad.materials import STEEL, AnyMaterial
 from stiffscope.cad.part import Part, tessellate
-from stiffscope.cad.solid import GREATEST_X, LEAST_X, Placement, Selectors, Vector, part_of
+from stiffscope.cad.solid import (
+    GREATEST_X,
+    LEAST_X,
+    Placement,
+    Selectors,
+    Vector,
+    part_of,
+)
 from stiffscope.errors import InputError, lacks_memory
 from stiffscope.runtime.executor import KILLED, LateError, WorkerError, do_alone
 from stiffscope.runtime.output import scratch_folder
@@ -25,11 +32,14 @@ if TYPE_CHECKING:
 
     from stiffscope.cad.kernel import Solid
 
-START, END = b"ISO-10303-21", b"END-ISO-10303-21"
+START = b"ISO-10303-21"
+END = b"END-ISO-10303-21"
 _UNITS = 1e-9, 1e6  # smallest and largest unit, relative to its base unit
 _NUMBER = re.compile(rb"[+-]?\d+\.?\d*([eE][+-]?\d+)?")
 _UNIT, _NAME = re.compile(rb"\bLENGTH_UNIT\b"), re.compile(rb"(#\d+)\s*=")
-_MEASURE = re.compile(rb"\bLENGTH_MEASURE_WITH_UNIT\s*\(\s*LENGTH_MEASURE\s*\(([^()]*)\)")
+_MEASURE = re.compile(
+    rb"\bLENGTH_MEASURE_WITH_UNIT\s*\(\s*LENGTH_MEASURE\s*\(([^()]*)\)"
+)
 _CONTEXT = re.compile(rb"\bGLOBAL_UNIT_ASSIGNED_CONTEXT\s*\(\s*\(([^()]*)\)")
 
 
@@ -72,9 +82,17 @@ def read_step(
     """
     solid = read_solid(path, time_limit)
     return part_of(
-        solid, name=name or Path(path).stem, material=material, clamped=clamped, loaded=loaded,
-        interfaces=interfaces, couplings=couplings, placement=placement, reference_point=reference_point, valid=True,
-    )  # fmt: skip
+        solid,
+        name=name or Path(path).stem,
+        material=material,
+        clamped=clamped,
+        loaded=loaded,
+        interfaces=interfaces,
+        couplings=couplings,
+        placement=placement,
+        reference_point=reference_point,
+        valid=True,
+    )
 
 
 def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
@@ -82,7 +100,13 @@ def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
     content = check_file(Path(path))
     with scratch_folder() as folder:
         brep = folder / "solid.brep"
-        read_alone(_write_valid, Path(path), brep, time_limit, "a STEP file with one closed solid")
+        read_alone(
+            _write_valid,
+            Path(path),
+            brep,
+            time_limit,
+            "a STEP file with one closed solid",
+        )
         check_unit(Path(path), content)
         return cad.kernel_files.read_binary(brep)
 
@@ -90,13 +114,17 @@ def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
 def check_file(path: Path) -> bytes:
     """Return the content of a STEP file; refuse a truncated or other file."""
     content = read_bytes(path, "a STEP file")
-    head, tail = content[:4096], content.rstrip()[-4096:]
+    head = content[:4096]
+    tail = content.rstrip()[-4096:]
     marked = head.startswith(BOM_UTF8)  # the kernel finds nothing behind it
     if marked or (START not in head and not START.startswith(head.strip())):
-        begins, got = f"which begins with {START.decode()}", "a byte order mark" if marked else "another format"
+        begins = f"which begins with {START.decode()}"
+        got = "a byte order mark" if marked else "another format"
         raise InputError(f"{path}: expected a STEP file, {begins}; found {got}")
     if END not in tail:
-        found = f"a truncated one ({len(content):,} bytes, no {END.decode()}; at its end)"
+        found = (
+            f"a truncated one ({len(content):,} bytes, no {END.decode()}; at its end)"
+        )
         raise InputError(f"{path}: expected a whole STEP file, found {found}")
     _check_measures(path, content)
     return content
@@ -105,12 +133,16 @@ def check_file(path: Path) -> bytes:
 def _check_measures(path: Path, content: bytes) -> None:
     """Refuse invalid length units: the kernel would misinterpret them, or hang."""
     for measure in _MEASURE.finditer(content):
-        size = float(measure[1]) if _NUMBER.fullmatch(measure[1].strip()) else float("nan")
+        size = (
+            float(measure[1]) if _NUMBER.fullmatch(measure[1].strip()) else float("nan")
+        )
         if not _UNITS[0] <= size <= _UNITS[1]:
             line = content.count(b"\n", 0, measure.start()) + 1
             got = measure[1].decode(errors="replace").strip()
             what = f"a number from {_UNITS[0]:g} to {_UNITS[1]:g} of its base unit, got {got}"
-            raise InputError(f"{path}:{line}: LENGTH_MEASURE_WITH_UNIT: expected {what}")
+            raise InputError(
+                f"{path}:{line}: LENGTH_MEASURE_WITH_UNIT: expected {what}"
+            )
 
 
 def check_unit(path: Path, content: bytes) -> None:
@@ -118,11 +150,19 @@ def check_unit(path: Path, content: bytes) -> None:
     ends = (match.start() for match in _UNIT.finditer(content))
     entities = (content[content.rfind(b";", 0, end) + 1 : end] for end in ends)
     lengths = {name[1] for name in map(_NAME.search, entities) if name}
-    used = {name for match in _CONTEXT.finditer(content) for name in re.findall(rb"#\d+", match[1])}
+    used = {
+        name
+        for match in _CONTEXT.finditer(content)
+        for name in re.findall(rb"#\d+", match[1])
+    }
     if not lengths & used:
-        missing = "LENGTH_UNIT" if not lengths else "GLOBAL_UNIT_ASSIGNED_CONTEXT with it"
+        missing = (
+            "LENGTH_UNIT" if not lengths else "GLOBAL_UNIT_ASSIGNED_CONTEXT with it"
+        )
         valid = "a STEP file with a unit of length"
-        raise InputError(f"{path}: expected {valid}, found no {missing}; export it again")
+        raise InputError(
+            f"{path}: expected {valid}, found no {missing}; export it again"
+        )
 
 
 def _write_valid(path: Path, shown: str, brep: Path) -> None:
@@ -131,10 +171,18 @@ def _write_valid(path: Path, shown: str, brep: Path) -> None:
     cad.kernel_files.write_binary(cad.validity.valid_solid(shape, shown), brep)
 
 
-def read_alone(read: "Callable[[Path, str, Path], None]", path: Path, goal: Path, time_limit: float, what: str) -> None:
+def read_alone(
+    read: "Callable[[Path, str, Path], None]",
+    path: Path,
+    goal: Path,
+    time_limit: float,
+    what: str,
+) -> None:
     """Read a file in a separate process, as the kernel may crash or hang. Raises InputError."""
     try:
-        do_alone(read, path.absolute(), str(path), goal, name=str(path), limit=time_limit)
+        do_alone(
+            read, path.absolute(), str(path), goal, name=str(path), limit=time_limit
+        )
     except LateError as error:
         late = f"got none within {time_limit:g} s; remove threads, engravings and tiny fillets"
         raise InputError(f"{path}: expected {what}, {late}") from error
@@ -142,7 +190,9 @@ def read_alone(read: "Callable[[Path, str, Path], None]", path: Path, goal: Path
         if error.code in KILLED or lacks_memory(error):
             raise
         why = str(error).removeprefix(f"{path}: ")
-        raise InputError(f"{path}: expected {what}, the CAD kernel failed ({why})") from error
+        raise InputError(
+            f"{path}: expected {what}, the CAD kernel failed ({why})"
+        ) from error
 
 
 def write_step(part: Part, path: str | Path) -> None:

@@ -53,7 +53,9 @@ class Turned:
     @property
     def body(self) -> tuple[float, float]:
         """Radius and length of the longest outer step, m."""
-        return max(_lengths(self.steps).items(), key=lambda each: each[1], default=(0.0, 0.0))
+        return max(
+            _lengths(self.steps).items(), key=lambda each: each[1], default=(0.0, 0.0)
+        )
 
     @property
     def middle(self) -> float:
@@ -63,12 +65,23 @@ class Turned:
     @property
     def bore(self) -> float:
         """Radius of the widest bore over a third of the length (grooves may divide it), m, or 0."""
-        return max((r for r, along in _lengths(self.bores).items() if along > 0.3 * self.length), default=0.0)
+        return max(
+            (
+                r
+                for r, along in _lengths(self.bores).items()
+                if along > 0.3 * self.length
+            ),
+            default=0.0,
+        )
 
     @property
     def section(self) -> float:
         """Ratio of a ring's width to the height of its section; 0 if it is not a ring."""
-        return self.length / (self.radius - self.bore) if 0.0 < self.bore < self.radius else 0.0
+        return (
+            self.length / (self.radius - self.bore)
+            if 0.0 < self.bore < self.radius
+            else 0.0
+        )
 
 
 def turned_form(faces: Sequence[FaceGeometry], shapes: Sequence[Face]) -> Turned | None:
@@ -76,31 +89,60 @@ def turned_form(faces: Sequence[FaceGeometry], shapes: Sequence[Face]) -> Turned
     rounds = [face for face in faces if face.kind in {"cylinder", "cone"}]
     if not rounds:
         return None
-    best = max(rounds, key=lambda face: sum(other.area for other in rounds if _on_axis(other, face)))
+    best = max(
+        rounds,
+        key=lambda face: sum(other.area for other in rounds if _on_axis(other, face)),
+    )
     hexagon, flats, slotted = _find_flats(faces, best)
     about = [face for face in faces if _on_axis(face, best)]
-    steps, bores = [], []
+    steps = []
+    bores = []
     ends: list[float] = []
     for face in about:
         shift = float(best.axis @ (face.origin - best.origin))
         if face.kind in {"cylinder", "cone"}:
-            along = sorted(shift + float(best.axis @ face.axis) * end for end in face.extent)
+            along = sorted(
+                shift + float(best.axis @ face.axis) * end for end in face.extent
+            )
             ends += along
             if face.kind == "cylinder":
-                (bores if face.hollow else steps).append((along[0], along[1], face.radius))
+                (bores if face.hollow else steps).append(
+                    (along[0], along[1], face.radius)
+                )
         elif face.kind == "plane":
             ends.append(shift)
     curved = [f for f in about if f.kind not in {"plane", "cylinder"} and not f.hollow]
     corners = [v for face in curved for v in cad.kernel.vertices(shapes[face.index])]
-    levers = 1e-3 * np.reshape([cad.kernel.position(corner) for corner in corners], (-1, 3)) - best.origin
+    levers = (
+        1e-3 * np.reshape([cad.kernel.position(corner) for corner in corners], (-1, 3))
+        - best.origin
+    )
     flare = float(np.linalg.norm(np.cross(best.axis, levers), axis=1).max(initial=0.0))
-    share = sum(face.area for face in (*about, *flats)) / sum(face.area for face in faces)
+    share = sum(face.area for face in (*about, *flats)) / sum(
+        face.area for face in faces
+    )
     limits = min(ends), max(ends)
-    holed = any(face.hollow and face not in about and abs(face.axis @ best.axis) > _ALONG for face in rounds)
-    return Turned(best.origin, best.axis, share, tuple(steps), tuple(bores), limits, flare, hexagon, holed, slotted)
+    holed = any(
+        face.hollow and face not in about and abs(face.axis @ best.axis) > _ALONG
+        for face in rounds
+    )
+    return Turned(
+        best.origin,
+        best.axis,
+        share,
+        tuple(steps),
+        tuple(bores),
+        limits,
+        flare,
+        hexagon,
+        holed,
+        slotted,
+    )
 
 
-def _find_flats(faces: Sequence[FaceGeometry], of: FaceGeometry) -> tuple[float, list[FaceGeometry], bool]:
+def _find_flats(
+    faces: Sequence[FaceGeometry], of: FaceGeometry
+) -> tuple[float, list[FaceGeometry], bool]:
     """Return a hexagon's half width, m, or 0, its faces about a face's axis, and whether slots are."""
     apart = defaultdict[float, list["FaceGeometry"]](list)
     for face in faces:
@@ -109,9 +151,17 @@ def _find_flats(faces: Sequence[FaceGeometry], of: FaceGeometry) -> tuple[float,
     slotted = False
     for distance, flats in sorted(apart.items(), reverse=True):
         turned = np.array([face.axis for face in flats])
-        if distance > 0 and len(flats) == 6 and np.all(np.abs(np.abs(turned @ turned.T) - 0.75) < 0.2501):
+        if (
+            distance > 0
+            and len(flats) == 6
+            and np.all(np.abs(np.abs(turned @ turned.T) - 0.75) < 0.2501)
+        ):
             return distance, flats, False
-        slotted |= distance > 0 and len(flats) > 2 and float(np.abs(turned.sum(axis=0)).max()) < 1e-4
+        slotted |= (
+            distance > 0
+            and len(flats) > 2
+            and float(np.abs(turned.sum(axis=0)).max()) < 1e-4
+        )
     return 0.0, [], slotted
 
 
@@ -126,7 +176,9 @@ def _on_axis(face: FaceGeometry, of: FaceGeometry) -> bool:
 
 def _lengths(steps: Sequence[tuple[float, float, float]]) -> dict[float, float]:
     """Return the axial length of all steps by radius, m; both halves of a step count once."""
-    spans = {(round(low, 7), round(high, 7), round(radius, 7)) for low, high, radius in steps}
+    spans = {
+        (round(low, 7), round(high, 7), round(radius, 7)) for low, high, radius in steps
+    }
     lengths = dict.fromkeys((radius for _, _, radius in spans), 0.0)
     for low, high, radius in spans:
         lengths[radius] += high - low

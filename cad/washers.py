@@ -9,7 +9,14 @@ from numpy.typing import NDArray
 
 from stiffscope import cad
 from stiffscope.cad.checks import mm
-from stiffscope.cad.faces import DISTANCE, FaceGeometry, FaceSelector, face_geometries, match_faces, select
+from stiffscope.cad.faces import (
+    DISTANCE,
+    FaceGeometry,
+    FaceSelector,
+    face_geometries,
+    match_faces,
+    select,
+)
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
@@ -41,9 +48,14 @@ def select_interfaces(
     washers. Raises InputError, which names the part, if a selector matches nothing, or a washer is
     no wider than its hole, reaches beyond its face, or overlaps another one.
     """
-    plain = {each: [one for one in some if one.washer is None] for each, some in chosen.items()}
+    plain = {
+        each: [one for one in some if one.washer is None]
+        for each, some in chosen.items()
+    }
     wanted = {each: some for each, some in plain.items() if some or not chosen[each]}
-    plain = {each: select(solid, some, f"{name}.{each}") for each, some in wanted.items()}
+    plain = {
+        each: select(solid, some, f"{name}.{each}") for each, some in wanted.items()
+    }
     rims = [(each, one) for each, some in chosen.items() for one in some if one.washer]
     holes = _list_holes(solid) if rims else []
     pieces = [[face] for face in cad.kernel.faces(solid)]
@@ -53,10 +65,13 @@ def select_interfaces(
         field = f"{name}.{each}"
         for k in _find_holes(holes, one, field):
             if k not in done or done[k][0] != one.washer:
-                solid, ring = _imprint(solid, pieces[holes[k].geometry.index], holes[k], one, field)
+                solid, ring = _imprint(
+                    solid, pieces[holes[k].geometry.index], holes[k], one, field
+                )
                 done[k] = one.washer or 0.0, ring
             washers[each].append(done[k][1])
-    rings, faces = [ring for _, ring in done.values()], cad.kernel.faces(solid)
+    rings = [ring for _, ring in done.values()]
+    faces = cad.kernel.faces(solid)
 
     def number(face: "Face") -> int:
         return next(index for index, other in enumerate(faces) if other.IsSame(face))
@@ -70,30 +85,49 @@ def select_interfaces(
 
 
 def _list_holes(solid: "Solid") -> list[_Hole]:
-    faces, found = cad.kernel.faces(solid), list[_Hole]()
+    faces = cad.kernel.faces(solid)
+    found = list[_Hole]()
     for plane in face_geometries(solid):
-        rims = cad.kernel.round_holes(faces[plane.index]) if plane.kind == "plane" else ()
+        rims = (
+            cad.kernel.round_holes(faces[plane.index]) if plane.kind == "plane" else ()
+        )
         for edge, centre, radius in rims:
             form = "plane", 0.0, 1e-3 * centre, 1e-3 * centre, plane.axis, 1e-3 * radius
             found.append(_Hole(FaceGeometry(plane.index, *form), edge))
     return found
 
 
-def _find_holes(holes: Sequence[_Hole], selector: FaceSelector, field: str) -> list[int]:
+def _find_holes(
+    holes: Sequence[_Hole], selector: FaceSelector, field: str
+) -> list[int]:
     """Return indices of holes that meet a selector: centre, radius, normal and face index."""
-    found = match_faces([hole.geometry for hole in holes], selector, lambda _face, _point: False)
+    found = match_faces(
+        [hole.geometry for hole in holes], selector, lambda _face, _point: False
+    )
     if not found:
-        radii = ", ".join(sorted({mm(hole.geometry.radius) for hole in holes})) or "none"
+        radii = (
+            ", ".join(sorted({mm(hole.geometry.radius) for hole in holes})) or "none"
+        )
         missing = f"no round hole of a plane face has {selector}"
         raise InputError(f"{field}: {missing}; there are radii {radii}")
-    return [k for k, hole in enumerate(holes) if any(hole.geometry is face for face in found)]
+    return [
+        k
+        for k, hole in enumerate(holes)
+        if any(hole.geometry is face for face in found)
+    ]
 
 
 def _imprint(
-    solid: "Solid", pieces: list["Face"], hole: _Hole, selector: FaceSelector, field: str
+    solid: "Solid",
+    pieces: list["Face"],
+    hole: _Hole,
+    selector: FaceSelector,
+    field: str,
 ) -> tuple["Solid", "Face"]:
     """Split the piece of a face around a hole, in place; return the solid and the new annulus."""
-    radius, own, edge = 0.5 * (selector.washer or 0.0), hole.geometry, hole.edge
+    radius = 0.5 * (selector.washer or 0.0)
+    own = hole.geometry
+    edge = hole.edge
     if radius <= own.radius + DISTANCE:
         wider = f"a washer wider than its hole of {mm(2 * own.radius)}"
         raise InputError(f"{field}: expected {wider}, got {mm(2 * radius)}")
@@ -102,10 +136,15 @@ def _imprint(
         return any(other.IsSame(edge) for other in cad.kernel.edges(face))
 
     face = next(filter(is_beside, pieces))
-    if max(cad.kernel.distance(face, 1e3 * point) for point in hole.rim(radius)) > 1e3 * DISTANCE:
+    if (
+        max(cad.kernel.distance(face, 1e3 * point) for point in hole.rim(radius))
+        > 1e3 * DISTANCE
+    ):
         at = ", ".join(f"{1e3 * x:.6g}" for x in own.centroid)
         got = f"got one of {mm(2 * radius)} at ({at}) mm"
-        raise InputError(f"{field}: expected washers within their face and apart, {got}")
+        raise InputError(
+            f"{field}: expected washers within their face and apart, {got}"
+        )
     circle = 1e3 * own.centroid, own.axis, 1e3 * radius
     solid, split = cad.kernel.imprint_circle(solid, face, *circle)
     pieces[:] = [each for each in pieces if not each.IsSame(face)] + split

@@ -5,7 +5,9 @@ import sys
 from importlib import metadata
 from pathlib import Path
 
-logging.basicConfig(level=logging.WARNING)  # before a style that furo imports asks for all that libraries say
+logging.basicConfig(
+    level=logging.WARNING
+)  # before a style that furo imports asks for all that libraries say
 sys.path.insert(0, str(Path(__file__).parent / "extensions"))
 
 project = "stiffscope"
@@ -38,7 +40,15 @@ html_theme = "furo"
 html_static_path = ["_static"]
 html_css_files = ["pages.css"]
 html_js_files = ["pages.js"]
-man_pages = [("reference/commands", "stiffscope", "stiffness of robots, from CAD to the gap to the machine", "", 1)]
+man_pages = [
+    (
+        "reference/commands",
+        "stiffscope",
+        "stiffness of robots, from CAD to the gap to the machine",
+        "",
+        1,
+    )
+]
 copybutton_exclude = ".linenos, .gp, .go"
 html_title = f"stiffscope {release}"
 html_show_sphinx = False

@@ -12,32 +12,59 @@ import stiffscope as ss
 
 def cubic_platform(size, stiffness, height=0.0):
     """Return the platform with struts of height ``size``, M at ``height`` above the centre, m."""
-    corners = np.sqrt(3.0) * size * (np.array([[0, 0, 1], [0, 1, 1], [0, 1, 0], [1, 1, 0], [1, 0, 0], [1, 0, 1]]) - 0.5)
-    x, y = np.array([1, -1, 0]) / np.sqrt(2), np.array([1, 1, -2]) / np.sqrt(6)
+    corners = (
+        np.sqrt(3.0)
+        * size
+        * (
+            np.array([[0, 0, 1], [0, 1, 1], [0, 1, 0], [1, 1, 0], [1, 0, 0], [1, 0, 1]])
+            - 0.5
+        )
+    )
+    x = np.array([1, -1, 0]) / np.sqrt(2)
+    y = np.array([1, 1, -2]) / np.sqrt(6)
     points = corners @ np.stack([x, y, np.cross(x, y)]).T  # the cube's diagonal along z
-    bodies, joints = [ss.Body("platform")], []
+    bodies = [ss.Body("platform")]
+    joints = []
     for k, edge in enumerate([(0, 1), (2, 1), (2, 3), (4, 3), (4, 5), (0, 5)], start=1):
         base, tip = sorted(points[list(edge)], key=lambda point: point[2])
         across = np.linalg.svd((tip - base)[None])[2][1:]
-        rod, sleeve = f"strut{k}.rod", f"strut{k}.sleeve"
+        rod = f"strut{k}.rod"
+        sleeve = f"strut{k}.sleeve"
         bodies += [ss.Body(rod), ss.Body(sleeve)]
         joints += [
-            ss.Joint(f"strut{k}.universal", "ground", sleeve, "universal", base, *across),
-            ss.Joint(f"strut{k}.drive", sleeve, rod, "prismatic", base, tip - base, drive=ss.Drive(stiffness)),
+            ss.Joint(
+                f"strut{k}.universal", "ground", sleeve, "universal", base, *across
+            ),
+            ss.Joint(
+                f"strut{k}.drive",
+                sleeve,
+                rod,
+                "prismatic",
+                base,
+                tip - base,
+                drive=ss.Drive(stiffness),
+            ),
             ss.Joint(f"strut{k}.ball", rod, "platform", "spherical", tip),
         ]
-    tool = ss.Tool("platform", np.array([0.0, 0.0, height]), ("x", "y", "z", "rx", "ry", "rz"))
+    tool = ss.Tool(
+        "platform", np.array([0.0, 0.0, height]), ("x", "y", "z", "rx", "ry", "rz")
+    )
     return ss.Mechanism(bodies, joints, tool)
 
 
 if __name__ == "__main__":
     np.set_printoptions(precision=6, suppress=True)
-    k, size = 1e6, 0.2
+    k = 1e6
+    size = 0.2
     robot = cubic_platform(size, k)
     stiffness = ss.stiffness(robot, robot.tool.home)[0]
     closed = np.diag([2 * k] * 3 + [1.5 * k * size**2] * 2 + [6 * k * size**2])
-    print(f"Cubic Gough-Stewart platform, struts of {k:g} N/m, {size} m high: stiffness at its centre, N/m, N·m/rad")
+    print(
+        f"Cubic Gough-Stewart platform, struts of {k:g} N/m, {size} m high: stiffness at its centre, N/m, N·m/rad"
+    )
     print(np.round(stiffness, 6) + 0.0)
     print("Closed form")
     print(closed)
-    print(f"Largest difference {np.abs(stiffness - closed).max() / k:.0e} of a strut's stiffness")
+    print(
+        f"Largest difference {np.abs(stiffness - closed).max() / k:.0e} of a strut's stiffness"
+    )

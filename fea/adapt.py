@@ -25,10 +25,14 @@ logger = logging.getLogger(__name__)
 
 SHAPE_SHARE = 0.5  # of the tolerance: beyond, a geometric error requires a finer mesh
 FINER = 0.6  # ratio of new to old mesh size
-REMAINS = 0.15  # of an element's error after refinement: 0.25^(2λ) = 0.14 at singular edges
+REMAINS = (
+    0.15  # of an element's error after refinement: 0.25^(2λ) = 0.14 at singular edges
+)
 AIM = 0.9  # of the tolerance
 LEAST_LEFT = 0.05  # share of the error that unrefined elements may always keep
-WITH_MODES = 2.0  # ratio of total time with natural frequencies to that of the solution alone
+WITH_MODES = (
+    2.0  # ratio of total time with natural frequencies to that of the solution alone
+)
 GROWTH = 6.0  # largest ratio of element counts after and before a round
 
 
@@ -57,24 +61,35 @@ def solve_within(
         return mesh, solution, _shortfall(solution, settings, limit, why)
 
     begun = time.perf_counter()
-    solution, tolerance = solve_on(specimen, mesh, settings), settings.tolerance
+    solution = solve_on(specimen, mesh, settings)
+    tolerance = settings.tolerance
     if tolerance is None:
         return mesh, solution, ""
-    size, rounds, spent = settings.size or edge_length(mesh), 0, time.perf_counter() - begun
-    while (bound := largest_relative_bound(solution.compliance, solution.error)[0]) > tolerance:
+    size = settings.size or edge_length(mesh)
+    rounds = 0
+    spent = time.perf_counter() - begun
+    while (
+        bound := largest_relative_bound(solution.compliance, solution.error)[0]
+    ) > tolerance:
         rounds += 1
         progress("refine", min(1.0, tolerance / bound))
-        shape = largest_relative_bound(solution.compliance, solution.extrapolated.geometry)[0]
+        shape = largest_relative_bound(
+            solution.compliance, solution.extrapolated.geometry
+        )[0]
         if shape > SHAPE_SHARE * tolerance:
-            size, why = size * FINER, f"the mesh's shape alone leaves {100 * shape:.2g} %"
+            size = size * FINER
+            why = f"the mesh's shape alone leaves {100 * shape:.2g} %"
             try:
                 rest = left - (time.perf_counter() - begun)
                 again = replace(settings, size=size, envelope=None)
                 finer = make_mesh(specimen, again, rest, rest / 4)
             except MeshError as error:
-                return stop_at("the mesher's limit", f"{why}; {str(error).partition(';')[0]}")
+                return stop_at(
+                    "the mesher's limit", f"{why}; {str(error).partition(';')[0]}"
+                )
         else:
-            finer, why = refine_mesh(specimen, mesh, solution.indicator, settings, bound), ""
+            finer = refine_mesh(specimen, mesh, solution.indicator, settings, bound)
+            why = ""
         growth = len(finer.cells) / len(mesh.cells)
         elapsed = time.perf_counter() - begun
         if growth * solution.unknowns > settings.most_unknowns:
@@ -83,7 +98,8 @@ def solve_within(
             return stop_at(f"the limit of {settings.time_limit:g} s", why)
         started = time.perf_counter()
         try:
-            mesh, solution = finer, solve_on(specimen, finer, settings)
+            solution = solve_on(specimen, finer, settings)
+            mesh = finer
         except MeshError as error:
             return stop_at("the last mesh that could be solved", str(error))
         spent = time.perf_counter() - started
@@ -104,10 +120,14 @@ def solve_on(specimen: Specimen, mesh: TetMesh, settings: Settings) -> Solution:
     """
     flat = specimen.slender or specimen.flatness_on(mesh) > 1
     solver = "direct" if settings.solver == "auto" and flat else settings.solver
-    return solve_specimen(specimen, mesh, settings.interface, solver, settings.foundation)
+    return solve_specimen(
+        specimen, mesh, settings.interface, solver, settings.foundation
+    )
 
 
-def make_mesh(specimen: Specimen, settings: Settings, left: float, patience: float = PATIENCE) -> TetMesh:
+def make_mesh(
+    specimen: Specimen, settings: Settings, left: float, patience: float = PATIENCE
+) -> TetMesh:
     """Mesh a specimen with its settings.
 
     Parameters
@@ -128,13 +148,23 @@ def make_mesh(specimen: Specimen, settings: Settings, left: float, patience: flo
     )
 
 
-def _on_singular_edges(specimen: Specimen, mesh: TetMesh, settings: Settings) -> np.ndarray:
+def _on_singular_edges(
+    specimen: Specimen, mesh: TetMesh, settings: Settings
+) -> np.ndarray:
     """Return which vertices lie on singular edges, (nodes,)."""
-    edges, _ = singular_edges(mesh, specimen.list_fixed(rigid=settings.interface == "rigid"))
+    edges, _ = singular_edges(
+        mesh, specimen.list_fixed(rigid=settings.interface == "rigid")
+    )
     return np.isin(np.arange(len(mesh.points)), edges)
 
 
-def refine_mesh(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: Settings, bound: float) -> TetMesh:
+def refine_mesh(
+    specimen: Specimen,
+    mesh: TetMesh,
+    indicator: Floats,
+    settings: Settings,
+    bound: float,
+) -> TetMesh:
     """Return the mesh with the fewest elements refined that should meet the tolerance.
 
     Edges that leave a singular edge are cut near it; elsewhere the long edges are halved.
@@ -164,7 +194,9 @@ def refine_mesh(specimen: Specimen, mesh: TetMesh, indicator: Floats, settings: 
     leaving = pairs[touching].reshape(-1, 2)
     leaving = leaving[on_chain[leaving].sum(axis=1) == 1]
     leaving = np.where(on_chain[leaving[:, :1]], leaving, leaving[:, ::-1])
-    length = np.linalg.norm(mesh.points[pairs[..., 0]] - mesh.points[pairs[..., 1]], axis=2)
+    length = np.linalg.norm(
+        mesh.points[pairs[..., 0]] - mesh.points[pairs[..., 1]], axis=2
+    )
     is_long = length > 0.6 * length.max(axis=1, keepdims=True)
     halved = pairs[is_long & np.logical_not(touching)[:, None]]
     halved = halved[on_chain[halved].sum(axis=1) != 1]
@@ -177,8 +209,11 @@ def _shortfall(solution: Solution, settings: Settings, limit: str, why: str) -> 
     """Return the bound reached, the limit and the reason; by default the error's location."""
     bound, (i, j) = largest_relative_bound(solution.compliance, solution.error)
     if not why:
-        mesh, indicator = solution.system.mesh, solution.indicator
-        near = _on_singular_edges(solution.system.specimen, mesh, settings)[mesh.cells].any(axis=1)
+        mesh = solution.system.mesh
+        indicator = solution.indicator
+        near = _on_singular_edges(solution.system.specimen, mesh, settings)[
+            mesh.cells
+        ].any(axis=1)
         share = indicator[near].sum() / indicator.sum()
         why = f"{share:.0%} of the estimated error is at borders of fixed faces and re-entrant edges"
     reached = f"the bound of C{i + 1}{j + 1} reached {bound:.3g} at {limit}"

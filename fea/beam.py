@@ -17,7 +17,9 @@ from stiffscope.errors import InputError
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-CORNER = 0.559  # sharp corner's share of a wall square in shear flow, by conformal mapping
+CORNER = (
+    0.559  # sharp corner's share of a wall square in shear flow, by conformal mapping
+)
 
 
 @dataclass(frozen=True)
@@ -91,7 +93,9 @@ def rectangle(width: float, height: float, poisson: float = 0.3) -> Section:
         raise InputError(f"section: expected positive sides, got {got}")
     second = width * height**3 / 12, height * width**3 / 12
     shear = 10 * (1 + poisson) / (12 + 11 * poisson)
-    return Section(width * height, *second, saint_venant_torsion(width, height), shear, shear)
+    return Section(
+        width * height, *second, saint_venant_torsion(width, height), shear, shear
+    )
 
 
 def box(width: float, height: float, wall: float, poisson: float = 0.3) -> Section:
@@ -113,8 +117,10 @@ def box(width: float, height: float, wall: float, poisson: float = 0.3) -> Secti
     InputError : if the walls leave no hole.
     """
     _check_walls(min(width, height) / 2, wall)
-    inner_width, inner_height = width - 2 * wall, height - 2 * wall
-    middle, slope = (width - wall, height - wall), 3 + poisson
+    inner_width = width - 2 * wall
+    inner_height = height - 2 * wall
+    middle = (width - wall, height - wall)
+    slope = 3 + poisson
     ratios = middle[1] / middle[0], middle[0] / middle[1]
     around = 2 * sum(middle) / wall - 4 * (1 - CORNER)
     bredt = 4 * (middle[0] * middle[1]) ** 2 / around
@@ -122,13 +128,16 @@ def box(width: float, height: float, wall: float, poisson: float = 0.3) -> Secti
         area=width * height - inner_width * inner_height,
         bending_y=(width * height**3 - inner_width * inner_height**3) / 12,
         bending_z=(height * width**3 - inner_height * inner_width**3) / 12,
-        torsion=bredt + 2 * sum(middle) * wall**3 / 3,  # torsion of the walls themselves
+        torsion=bredt
+        + 2 * sum(middle) * wall**3 / 3,  # torsion of the walls themselves
         shear_y=_cowper(ratios[0], ratios[0], 10, slope, 3.0, poisson),
         shear_z=_cowper(ratios[1], ratios[1], 10, slope, 3.0, poisson),
     )
 
 
-def i_section(width: float, height: float, flange: float, web: float, poisson: float = 0.3) -> Section:
+def i_section(
+    width: float, height: float, flange: float, web: float, poisson: float = 0.3
+) -> Section:
     """Return an I-section, flange width along y, overall height along z (m).
 
     Cowper's shear along the web; flanges as rectangles across it; torsion by El Darwish and
@@ -153,12 +162,15 @@ def i_section(width: float, height: float, flange: float, web: float, poisson: f
     """
     _check_walls(height / 2, flange)
     _check_walls(width, web)
-    inside, middle = height - 2 * flange, height - flange
+    inside = height - 2 * flange
+    middle = height - flange
     area = 2 * width * flange + inside * web
     bending_z = (2 * flange * width**3 + inside * web**3) / 12
-    ratio, flanges = web / flange, 10 * (1 + poisson) / (12 + 11 * poisson)
+    ratio = web / flange
+    flanges = 10 * (1 + poisson) / (12 + 11 * poisson)
     disc = flange + web**2 / (4 * flange)
-    flange_ratio, slopes = 2 * width * flange / (middle * web), (1 + 8 * poisson / 6, 1 + 1.5 * poisson)
+    flange_ratio = 2 * width * flange / (middle * web)
+    slopes = (1 + 8 * poisson / 6, 1 + 1.5 * poisson)
     torsion = (2 * width * flange**3 + inside * web**3) / 3 - 0.42 * flange**4
     return Section(
         area=area,
@@ -194,23 +206,31 @@ def channel(width: float, height: float, flange: float, web: float) -> Section:
     """
     _check_walls(height / 2, flange)
     _check_walls(width, web)
-    inside, h, b = height - 2 * flange, height - flange, width - web / 2
+    inside = height - 2 * flange
+    h = height - flange
+    b = width - web / 2
     area = 2 * width * flange + inside * web
     back = (2 * width**2 * flange + inside * web**2) / (2 * area)
     bending_y = (width * height**3 - (width - web) * inside**3) / 12
     bending_z = (2 * flange * width**3 + inside * web**3) / 3 - area * back**2
     thin = 2 * flange * b + web * h  # area of the middle lines
-    c = b**2 * flange / thin  # from the web's middle line to the centroid of the middle lines
+    c = (
+        b**2 * flange / thin
+    )  # from the web's middle line to the centroid of the middle lines
     corner = flange * b * h / 2
     along_web = (corner**2 * h + corner * web * h**3 / 6 + web**2 * h**5 / 120) / web
     along_web += flange * h**2 * b**3 / 6
-    a, turn = b - c, flange * b * (b / 2 - c)
-    across = 2 * flange * (a**2 * b**3 / 3 - a * b**4 / 4 + b**5 / 20) + turn**2 * h / (3 * web)
+    a = b - c
+    turn = flange * b * (b / 2 - c)
+    across = 2 * flange * (a**2 * b**3 / 3 - a * b**4 / 4 + b**5 / 20) + turn**2 * h / (
+        3 * web
+    )
     about_y = web * h**3 / 12 + flange * b * h**2 / 2
     about_z = flange * b**3 / 6 + 2 * flange * b * (b / 2 - c) ** 2 + web * h * c**2
     walls = 6 * b * flange + h * web
     eccentricity = 3 * b**2 * flange / walls
-    ratio, disc = web / flange, 2 * (web + flange - (2 * web * flange) ** 0.5)
+    ratio = web / flange
+    disc = 2 * (web + flange - (2 * web * flange) ** 0.5)
     torsion = (2 * width * flange**3 + inside * web**3) / 3 - 0.42 * flange**4
     return Section(
         area=area,
@@ -229,7 +249,9 @@ def _check_walls(room: float, wall: float) -> None:
         raise InputError(f"section: expected walls thinner than {room} m, got {wall} m")
 
 
-def _cowper(m: float, n: float, width: float, first: float, second: float, poisson: float) -> float:
+def _cowper(
+    m: float, n: float, width: float, first: float, second: float, poisson: float
+) -> float:
     """Return Cowper's coefficient (J. Appl. Mech. 33, 1966, 335) of a box or I along its webs.
 
     Parameters
@@ -237,14 +259,21 @@ def _cowper(m: float, n: float, width: float, first: float, second: float, poiss
     m, n : ratios of flange to web area and of width to height, of the middle lines.
     width, first, second : coefficients of the term n² (first m + second m²).
     """
-    shape = 12 + 72 * m + 150 * m**2 + 90 * m**3 + poisson * (11 + 66 * m + 135 * m**2 + 90 * m**3)
+    shape = (
+        12
+        + 72 * m
+        + 150 * m**2
+        + 90 * m**3
+        + poisson * (11 + 66 * m + 135 * m**2 + 90 * m**3)
+    )
     shape += width * n**2 * (first * m + second * m**2)
     return 10 * (1 + poisson) * (1 + 3 * m) ** 2 / shape
 
 
 def saint_venant_torsion(width: float, height: float) -> float:
     """Return a rectangle's torsion constant, m⁴ (Timoshenko, Goodier, Theory of Elasticity, 109)."""
-    a, b = max(width, height), min(width, height)
+    a = max(width, height)
+    b = min(width, height)
     series = sum(tanh(n * pi * a / (2 * b)) / n**5 for n in range(1, 60, 2))
     return a * b**3 / 3 * (1 - 192 * b / (pi**5 * a) * series)
 
@@ -275,12 +304,16 @@ def euler_bernoulli(
     InputError : if the length or a modulus is not positive.
     """
     values = length, youngs_modulus, shear_modulus
-    for name, value in zip(("length", "Young's modulus", "shear modulus"), values, strict=True):
+    for name, value in zip(
+        ("length", "Young's modulus", "shear modulus"), values, strict=True
+    ):
         if not 0 < value < np.inf:
             raise InputError(f"beam: expected a positive {name}, got {value}")
     second = section.bending_y, section.bending_z
     rates = np.array([section.area, np.inf, np.inf, np.inf, *second]) * youngs_modulus
-    turned = np.array([0.0, 0.0, section.shear_centre, -1.0, 0.0, 0.0])  # about the shear centre
+    turned = np.array(
+        [0.0, 0.0, section.shear_centre, -1.0, 0.0, 0.0]
+    )  # about the shear centre
     twist = length / (shear_modulus * section.torsion)
     return cantilever(length, 1.0 / rates) + twist * np.outer(turned, turned)
 
@@ -295,7 +328,9 @@ def cantilever(length: float, rates: NDArray[np.floating[Any]]) -> NDArray[np.fl
     return compliance
 
 
-def timoshenko(length: float, section: Section, youngs_modulus: float, shear_modulus: float) -> NDArray[np.float64]:
+def timoshenko(
+    length: float, section: Section, youngs_modulus: float, shear_modulus: float
+) -> NDArray[np.float64]:
     """Return the (6, 6) compliance of docs/theory.md (7.1) with shear, L / (κ G A), in C22 and C33.
 
     Parameters
@@ -319,7 +354,9 @@ def timoshenko(length: float, section: Section, youngs_modulus: float, shear_mod
     return compliance
 
 
-def restrained_torsion(length: float, section: Section, youngs_modulus: float, shear_modulus: float) -> float:
+def restrained_torsion(
+    length: float, section: Section, youngs_modulus: float, shear_modulus: float
+) -> float:
     """Return the twist per torque (rad/(N m)) of a beam with warping restrained at both ends.
 
     Vlasov: L / GJ (1 - tanh(λ) / λ) with λ = L / 2 √(GJ / E C_w). Saint-Venant: L / GJ.

@@ -74,7 +74,9 @@ class Supports:
 
     def restrict(self, forces: Floats) -> Floats:
         """Return (3f + 6r, loads) generalized from (3n, loads) nodal forces; expand's transpose."""
-        return np.vstack([forces[self.free_dofs], self.tie.T @ forces[dofs_of(self.tied)]])
+        return np.vstack(
+            [forces[self.free_dofs], self.tie.T @ forces[dofs_of(self.tied)]]
+        )
 
 
 def dofs_of(nodes: Ints) -> Ints:
@@ -101,16 +103,24 @@ def support(mesh: TetMesh, clamped: Ints, couplings: tuple[Coupling, ...]) -> Su
     count = len(mesh.points)
     rigid = [coupling for coupling in couplings if coupling.kind == "rigid"]
     tie = np.zeros((count, 3, 6 * len(rigid)))
-    is_tied, is_free = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
+    is_tied = np.zeros(count, dtype=bool)
+    is_free = np.ones(count, dtype=bool)
     for slot, coupling in enumerate(rigid):
         nodes = mesh.nodes_of(coupling.faces)
         if is_tied[nodes].any() or np.isin(nodes, clamped).any():
-            raise InputError("interfaces: a rigid face touches the clamp or another rigid face; choose them apart")
+            raise InputError(
+                "interfaces: a rigid face touches the clamp or another rigid face; choose them apart"
+            )
         is_tied[nodes] = True
-        tie[nodes, :, 6 * slot : 6 * slot + 6] = rigid_modes(mesh.points[nodes], coupling.reference_point)
+        tie[nodes, :, 6 * slot : 6 * slot + 6] = rigid_modes(
+            mesh.points[nodes], coupling.reference_point
+        )
     is_free[clamped] = False
-    free, tied = np.flatnonzero(is_free & ~is_tied), np.flatnonzero(is_tied)
-    return Supports(count, free, tied, clamped, tie[tied].reshape(3 * len(tied), tie.shape[2]))
+    free = np.flatnonzero(is_free & ~is_tied)
+    tied = np.flatnonzero(is_tied)
+    return Supports(
+        count, free, tied, clamped, tie[tied].reshape(3 * len(tied), tie.shape[2])
+    )
 
 
 def factorize(stiffness: csr_array, supports: Supports) -> Solve:
@@ -123,11 +133,14 @@ def factorize(stiffness: csr_array, supports: Supports) -> Solve:
     tied = dofs_of(supports.tied)
     coupling = rows[:, tied] @ supports.tie
     inner = solve(coupling)
-    condensed = supports.tie.T @ (stiffness[tied][:, tied] @ supports.tie) - coupling.T @ inner
+    condensed = (
+        supports.tie.T @ (stiffness[tied][:, tied] @ supports.tie) - coupling.T @ inner
+    )
     condensed = (condensed + condensed.T) / 2
 
     def solve_all(forces: Floats) -> Floats:
-        given, wrenches = forces[: len(free)], forces[len(free) :]
+        given = forces[: len(free)]
+        wrenches = forces[len(free) :]
         first = solve(given) if given.any() else np.zeros_like(given)
         twists = np.linalg.solve(condensed, wrenches - coupling.T @ first)
         return np.vstack([first - inner @ twists, twists])
@@ -159,7 +172,9 @@ def traction_work(mesh: TetMesh, coupling: Coupling, element: ElementH1) -> Floa
     return work @ np.linalg.inv(modes.T @ gram)
 
 
-def unit_loads(mesh: TetMesh, supports: Supports, couplings: tuple[Coupling, ...]) -> Floats:
+def unit_loads(
+    mesh: TetMesh, supports: Supports, couplings: tuple[Coupling, ...]
+) -> Floats:
     """Return generalized forces (3f + 6r, 6n) of unit wrenches (f, m) at n reference points.
 
     Parameters
@@ -176,12 +191,18 @@ def unit_loads(mesh: TetMesh, supports: Supports, couplings: tuple[Coupling, ...
             loads[slot : slot + 6, k] = np.eye(6)
             slot += 6
         else:
-            loads[:, k] = supports.restrict(traction_work(mesh, coupling, ElementTetP2()))
+            loads[:, k] = supports.restrict(
+                traction_work(mesh, coupling, ElementTetP2())
+            )
     return loads.reshape(len(loads), -1)
 
 
 def imbalance(
-    points: Floats, stiffness: csr_array, motion: Floats, clamped: Ints, couplings: tuple[Coupling, ...]
+    points: Floats,
+    stiffness: csr_array,
+    motion: Floats,
+    clamped: Ints,
+    couplings: tuple[Coupling, ...],
 ) -> float:
     """Return the largest residual of equilibrium between the clamp reactions and the unit wrenches.
 

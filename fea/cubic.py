@@ -22,7 +22,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.fea.couplings import Coupling, Supports, traction_work
-from stiffscope.fea.cubic_products import apply_by_blocks, apply_by_elements, element_forces, expand, invert_blocks
+from stiffscope.fea.cubic_products import (
+    apply_by_blocks,
+    apply_by_elements,
+    element_forces,
+    expand,
+    invert_blocks,
+)
 from stiffscope.fea.mesh import Floats, Ints, MeshError, TetMesh
 from stiffscope.fea.solvers import Solve, Solver, conjugate_gradients, in_portions
 from stiffscope.fea.spaces import ElementTetCubic
@@ -78,17 +84,35 @@ def cubic_problem(
 
     def precondition(residual: Floats) -> Floats:
         split = len(residual) - jacobi.shape[0]
-        return np.vstack([solver.precondition(residual[:split]), jacobi @ residual[split:]])
+        return np.vstack(
+            [solver.precondition(residual[:split]), jacobi @ residual[split:]]
+        )
 
     if solver.precondition is solver.solve:
-        apply, eliminated = apply_by_blocks(space, supports, free, stiffness, springs, solver.solve)
+        apply, eliminated = apply_by_blocks(
+            space, supports, free, stiffness, springs, solver.solve
+        )
     else:
-        apply, eliminated = apply_by_elements(space, supports, free, springs), None
-    return CubicProblem(space, supports, free, apply, precondition, solver.precondition, jacobi, eliminated)
+        apply = apply_by_elements(space, supports, free, springs)
+        eliminated = None
+    return CubicProblem(
+        space,
+        supports,
+        free,
+        apply,
+        precondition,
+        solver.precondition,
+        jacobi,
+        eliminated,
+    )
 
 
 def solve_cubic(
-    problem: CubicProblem, force: Floats, start: Floats, tolerance: float = 1e-2, limit: int = 500
+    problem: CubicProblem,
+    force: Floats,
+    start: Floats,
+    tolerance: float = 1e-2,
+    limit: int = 500,
 ) -> Floats:
     """Return the coordinates (c + 3w, loads) of the cubic solution.
 
@@ -103,7 +127,8 @@ def solve_cubic(
     ------
     MeshError : if the iteration does not converge.
     """
-    split, enough = len(start), (tolerance, limit)
+    split = len(start)
+    enough = (tolerance, limit)
 
     def solve(force: Floats, start: Floats) -> Floats:
         motion = np.vstack([start, np.zeros((len(force) - split, force.shape[1]))])
@@ -113,10 +138,14 @@ def solve_cubic(
         else:
             operators = problem.eliminated, lambda x: problem.jacobi @ x
             rest = (force - problem.apply(motion))[split:]
-            motion[split:], converged = conjugate_gradients(*operators, rest, np.zeros_like(rest), *enough)
+            motion[split:], converged = conjugate_gradients(
+                *operators, rest, np.zeros_like(rest), *enough
+            )
         if not converged:
             why = "flat elements or a material like rubber"
-            raise MeshError(f"solve: the cubic solution did not converge in {limit} steps: {why}")
+            raise MeshError(
+                f"solve: the cubic solution did not converge in {limit} steps: {why}"
+            )
         # nodal equilibrium, independent of errors in the cubics
         motion[:split] += problem.balance((force - problem.apply(motion))[:split])
         return motion
@@ -136,7 +165,9 @@ def work(apply: Solve, force: Floats, motion: Floats) -> Floats:
     motion
         Approximate solution.
     """
-    found = in_portions(lambda some, moved: motion.T @ (2 * some - apply(moved)))(force, motion)
+    found = in_portions(lambda some, moved: motion.T @ (2 * some - apply(moved)))(
+        force, motion
+    )
     return (found + found.T) / 2
 
 
@@ -144,14 +175,18 @@ def element_energies(problem: CubicProblem, motion: Floats) -> Floats:
     """Return twice the energy (m, loads) of coordinates (c + 3w, loads) in each element."""
     energies = np.empty((len(problem.space.cells), motion.shape[1]))
     for columns, elements, moved, forces in _move_elements(problem, motion):
-        energies[elements, columns] = np.einsum("cail,cail->cl", forces, moved[..., columns])
+        energies[elements, columns] = np.einsum(
+            "cail,cail->cl", forces, moved[..., columns]
+        )
     return energies
 
 
 def weigh_energies(problem: CubicProblem, motion: Floats, weights: Floats) -> Floats:
     """Return the weighted sum (loads, loads) of element energies, mutual ones off the diagonal."""
     total = np.zeros((motion.shape[1], motion.shape[1]))
-    for columns, elements, moved, forces in _move_elements(problem, motion, weights > 0):
+    for columns, elements, moved, forces in _move_elements(
+        problem, motion, weights > 0
+    ):
         weighted = forces * weights[elements, None, None, None]
         total[columns] += np.tensordot(weighted, moved, axes=((0, 1, 2), (0, 1, 2)))
     return (total + total.T) / 2
@@ -161,12 +196,20 @@ def _move_elements(
     problem: CubicProblem, motion: Floats, chosen: np.ndarray | None = None
 ) -> Iterator[tuple[slice, Ints, Floats, Floats]]:
     """Yield a slice of six loads, elements (c,), motion (c, 20, 3, loads), forces (c, 20, 3, 6)."""
-    space, loads = problem.space, motion.shape[1]
-    moved = expand(space, problem.supports, problem.free, motion).reshape(space.count, 3, loads)
+    space = problem.space
+    loads = motion.shape[1]
+    moved = expand(space, problem.supports, problem.free, motion).reshape(
+        space.count, 3, loads
+    )
     for batch in space.batches(chosen):
         elements = np.concatenate([chunk.elements for chunk in batch])
         for columns in (slice(start, start + 6) for start in range(0, loads, 6)):
-            yield columns, elements, moved[space.cells[elements]], element_forces(space, batch, moved[..., columns])
+            yield (
+                columns,
+                elements,
+                moved[space.cells[elements]],
+                element_forces(space, batch, moved[..., columns]),
+            )
 
 
 def _free_cubics(mesh: TetMesh, space: Cubic, supports: Supports) -> Ints:
@@ -174,7 +217,12 @@ def _free_cubics(mesh: TetMesh, space: Cubic, supports: Supports) -> Ints:
     fixed = np.zeros(space.base, dtype=bool)
     fixed[supports.clamped] = fixed[supports.tied] = True
     outer = mesh.grid.boundary_facets()
-    nodes = np.vstack([mesh.grid.facets[:, outer], mesh.grid.dofs.edge_dofs[0, mesh.grid.f2e[:, outer]]])
+    nodes = np.vstack(
+        [
+            mesh.grid.facets[:, outer],
+            mesh.grid.dofs.edge_dofs[0, mesh.grid.f2e[:, outer]],
+        ]
+    )
     held = space.dofs.get_facet_dofs(outer[fixed[nodes].all(axis=0)]).flatten()
     return space.base + np.setdiff1d(np.arange(space.dofs.N), held)
 

@@ -22,19 +22,24 @@ if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats, Ints
 
 
-def apply_by_elements(space: Cubic, supports: Supports, free: Ints, springs: csr_array | None) -> Solve:
+def apply_by_elements(
+    space: Cubic, supports: Supports, free: Ints, springs: csr_array | None
+) -> Solve:
     """Return the product with the enriched stiffness, element by element."""
     batches = space.batches()
     owners = [np.concatenate([chunk.elements for chunk in batch]) for batch in batches]
     scatters = [sum_matrix(space.cells[elements], space.count) for elements in owners]
-    base, high = 3 * space.base, dofs_of(free)
+    high = dofs_of(free)
+    base = 3 * space.base
 
     def apply(coordinates: Floats) -> Floats:
         loads = coordinates.shape[1]
         motion = expand(space, supports, free, coordinates).reshape(-1, 3, loads)
         forces = np.zeros((space.count, 3 * loads))
         for batch, scatter in zip(batches, scatters, strict=True):
-            forces += scatter @ element_forces(space, batch, motion).reshape(-1, 3 * loads)
+            forces += scatter @ element_forces(space, batch, motion).reshape(
+                -1, 3 * loads
+            )
         if springs is not None:
             forces += springs @ motion.reshape(-1, 3 * loads)
         forces = forces.reshape(-1, loads)
@@ -44,7 +49,12 @@ def apply_by_elements(space: Cubic, supports: Supports, free: Ints, springs: csr
 
 
 def apply_by_blocks(
-    space: Cubic, supports: Supports, free: Ints, stiffness: csr_array, springs: csr_array | None, solve: Solve
+    space: Cubic,
+    supports: Supports,
+    free: Ints,
+    stiffness: csr_array,
+    springs: csr_array | None,
+    solve: Solve,
 ) -> tuple[Solve, Solve]:
     """Return products with the enriched stiffness, and with that of cubics with eliminated nodes.
 
@@ -52,25 +62,40 @@ def apply_by_blocks(
     A₂₂ are kept, 14 kB each: factorized meshes are small enough.
     """
     chunks = [chunk for batch in space.batches() for chunk in batch]
-    blocks, cells = on_all_cores(partial(_stiffness, space), chunks), [space.cells[chunk.elements] for chunk in chunks]
+    blocks = on_all_cores(partial(_stiffness, space), chunks)
+    cells = [space.cells[chunk.elements] for chunk in chunks]
     across = [block[:, :30].swapaxes(1, 2) for block in blocks]
     every, starts = np.concatenate(cells), np.cumsum([0, *map(len, cells)])
-    base, count, held = space.base, space.count, free - space.base
-    on_all, on_cubics = sum_matrix(every, count), sum_matrix(every[:, 10:] - base, count - base)
-    nodes_of, cubics_of = [at[:, :10] for at in cells], [at[:, 10:] - base for at in cells]
+    base = space.base
+    count = space.count
+    held = free - space.base
+    on_all, on_cubics = (
+        sum_matrix(every, count),
+        sum_matrix(every[:, 10:] - base, count - base),
+    )
+    nodes_of = [at[:, :10] for at in cells]
+    cubics_of = [at[:, 10:] - base for at in cells]
     bedding = (csr_array((count, count)) if springs is None else springs)[:, base:]
 
     @cache
-    def scratch(width: int, loads: int) -> Floats:  # tens of megabytes, slow to allocate anew
+    def scratch(
+        width: int, loads: int
+    ) -> Floats:  # tens of megabytes, slow to allocate anew
         return np.empty((len(every), width, loads))
 
-    def sum_forces(blocks: list[Floats], motion: Floats, places: list[Ints], scatter: csr_array) -> Floats:
+    def sum_forces(
+        blocks: list[Floats], motion: Floats, places: list[Ints], scatter: csr_array
+    ) -> Floats:
         """Return the elements' forces (functions, 3 loads) for motion (functions, 3, loads)."""
         loads = motion.shape[2]
         local = scratch(blocks[0].shape[1], loads)
 
         def fill(block: Floats, at: Ints, start: int) -> None:
-            np.matmul(block, motion[at].reshape(-1, 30, loads), out=local[start : start + len(at)])
+            np.matmul(
+                block,
+                motion[at].reshape(-1, 30, loads),
+                out=local[start : start + len(at)],
+            )
 
         on_all_cores(fill, blocks, places, starts[:-1])
         return scatter @ local.reshape(-1, 3 * loads)
@@ -83,14 +108,18 @@ def apply_by_blocks(
         forces = sum_forces(blocks, high, cubics_of, on_all)
         if springs is not None:
             forces += bedding @ high.reshape(-1, 3 * loads)
-        return supports.restrict(forces[:base].reshape(-1, loads)), forces[base:][held].reshape(-1, loads)
+        return supports.restrict(forces[:base].reshape(-1, loads)), forces[base:][
+            held
+        ].reshape(-1, loads)
 
     def pull(coordinates: Floats) -> Floats:
         """Return the forces on the cubics due to motion of the nodes."""
         loads = coordinates.shape[1]
         low = supports.expand(coordinates).reshape(-1, 3, loads)
         forces = sum_forces(across, low, nodes_of, on_cubics)
-        return (forces + bedding[:base].T @ low.reshape(-1, 3 * loads))[held].reshape(-1, loads)
+        return (forces + bedding[:base].T @ low.reshape(-1, 3 * loads))[held].reshape(
+            -1, loads
+        )
 
     def apply(coordinates: Floats) -> Floats:
         split = len(coordinates) - 3 * len(free)
@@ -98,7 +127,8 @@ def apply_by_blocks(
         cubics = pull(coordinates[:split])
         if coordinates[split:].any():
             pushed = push(coordinates[split:])
-            nodes, cubics = nodes + pushed[0], cubics + pushed[1]
+            nodes = nodes + pushed[0]
+            cubics = cubics + pushed[1]
         return np.vstack([nodes, cubics])
 
     def eliminated(coordinates: Floats) -> Floats:
@@ -128,7 +158,9 @@ def _stiffness(space: Cubic, chunk: Group) -> Floats:
     pairs = np.einsum("rpa,spb->prsab", chunk.table, chunk.table[..., 10:])
     found = _contract(chunk, pairs).transpose(0, 3, 1, 4, 2)  # (c, 20, 3, 10, 3)
     sign = space.signs[chunk.elements]
-    return (found * sign[:, :, None, None, None] * sign[:, None, None, 10:, None]).reshape(-1, 60, 30)
+    return (
+        found * sign[:, :, None, None, None] * sign[:, None, None, 10:, None]
+    ).reshape(-1, 60, 30)
 
 
 def _contract(chunk: Group, pairs: Floats) -> Floats:
@@ -136,7 +168,9 @@ def _contract(chunk: Group, pairs: Floats) -> Floats:
     kept, points = chunk.elasticity.shape[:2]
     if points == 1:
         pairs = pairs.sum(axis=0, keepdims=True)
-    law = chunk.elasticity.reshape(kept, points, 3, 3, 3, 3).transpose(0, 3, 5, 1, 2, 4)  # [i, j, p, r, s]
+    law = chunk.elasticity.reshape(kept, points, 3, 3, 3, 3).transpose(
+        0, 3, 5, 1, 2, 4
+    )  # [i, j, p, r, s]
     found = law.reshape(9 * kept, -1) @ pairs.reshape(9 * points, -1)
     return found.reshape(kept, 3, 3, *pairs.shape[3:])
 
@@ -181,12 +215,23 @@ def element_forces(space: Cubic, batch: Sequence[Group], motion: Floats) -> Floa
     def fill(chunk: Group, start: int) -> None:
         points = chunk.table.shape[1]
         table = chunk.table.reshape(3 * points, 20)
-        c, sign = len(chunk.elements), space.signs[chunk.elements].T[:, :, None, None]
-        given = (motion[space.cells[chunk.elements].T] * sign).reshape(20, -1)  # (20, c 3 loads)
-        slope = (table @ given).reshape(3, points, c, 3, loads).transpose(2, 1, 0, 3, 4)  # (c, p, r, i, loads)
+        c = len(chunk.elements)
+        sign = space.signs[chunk.elements].T[:, :, None, None]
+        given = (motion[space.cells[chunk.elements].T] * sign).reshape(
+            20, -1
+        )  # (20, c 3 loads)
+        slope = (
+            (table @ given).reshape(3, points, c, 3, loads).transpose(2, 1, 0, 3, 4)
+        )  # (c, p, r, i, loads)
         stress = chunk.elasticity @ slope.reshape(c, points, 9, loads)
-        stress = stress.reshape(c, points, 3, 3, loads).transpose(2, 1, 0, 3, 4).reshape(3 * points, -1)
-        local[start : start + c] = ((table.T @ stress).reshape(20, c, 3, loads) * sign).transpose(1, 0, 2, 3)
+        stress = (
+            stress.reshape(c, points, 3, 3, loads)
+            .transpose(2, 1, 0, 3, 4)
+            .reshape(3 * points, -1)
+        )
+        local[start : start + c] = (
+            (table.T @ stress).reshape(20, c, 3, loads) * sign
+        ).transpose(1, 0, 2, 3)
 
     on_all_cores(fill, batch, starts[:-1])
     return local

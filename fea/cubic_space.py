@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats, Ints, TetMesh
 
 CURVED_ORDER = 6
-CHUNK, BATCH = 512, 128  # elements per group; groups with results in memory at once
+CHUNK = 512
+BATCH = 128  # elements per group; groups with results in memory at once
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,11 @@ class Cubic:
         chunks = self.groups
         if chosen is not None:
             some = [(each, np.flatnonzero(chosen[each.elements])) for each in chunks]
-            chunks = [Group(each.elements[at], each.table, each.elasticity[at]) for each, at in some if len(at)]
+            chunks = [
+                Group(each.elements[at], each.table, each.elasticity[at])
+                for each, at in some
+                if len(at)
+            ]
         return [chunks[k : k + BATCH] for k in range(0, len(chunks), BATCH)]
 
 
@@ -72,19 +77,27 @@ class Group:
 
 def enrich(mesh: TetMesh, elasticity: Floats) -> Cubic:
     """Return the enriched space of a mesh; elasticity (6, 6) in Pa."""
-    grid, element, base = mesh.grid, ElementTetCubic(), len(mesh.points)
+    grid = mesh.grid
+    element = ElementTetCubic()
+    base = len(mesh.points)
     dofs = Dofs(grid, element)
     cells = np.vstack([grid.dofs.element_dofs, base + dofs.element_dofs]).T
     signs = [np.ones(len(cells), dtype=int)] * 10
     signs += [element.orient(grid.mapping(), i) for i in range(10)]
     straight, at_middle = _straight_rule()
     inside = get_quadrature(RefTet, CURVED_ORDER)
-    tables, rules = (straight, tabulate(inside[0])[1]), (at_middle, inside)
-    law, groups = tensor(elasticity), []
+    tables = (straight, tabulate(inside[0])[1])
+    rules = (at_middle, inside)
+    law = tensor(elasticity)
+    groups = []
     for elements, number, inverse, volumes in integrate_cells(mesh, rules, CHUNK):
-        pulled = np.einsum("rkcq,ikjl,slcq->cqrisj", inverse, law, inverse, optimize=True)
+        pulled = np.einsum(
+            "rkcq,ikjl,slcq->cqrisj", inverse, law, inverse, optimize=True
+        )
         pulled *= volumes[:, :, None, None, None, None]
-        groups.append(Group(elements, tables[number], pulled.reshape(*pulled.shape[:2], 9, 9)))
+        groups.append(
+            Group(elements, tables[number], pulled.reshape(*pulled.shape[:2], 9, 9))
+        )
     return Cubic(dofs, cells, np.stack(signs, axis=1), tuple(groups), base)
 
 

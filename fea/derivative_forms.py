@@ -30,11 +30,16 @@ if TYPE_CHECKING:
     from stiffscope.fea.solution import Solution
 
 STILL = 1e-9  # velocity of nodes taken as fixed relative to their reference point
-SURFACE_STEP = 1e-4  # of the part's size per unit velocity: central differences of face integrals
+SURFACE_STEP = (
+    1e-4  # of the part's size per unit velocity: central differences of face integrals
+)
 # 95 % bounds: as fractions of the extrapolated correction and of the quadratic-to-cubic difference
 # of a derivative; off the diagonal, where entries may cancel, of the geometric mean of two loads'
 # derivatives; and relative, for the CAD step and the mesh's shape.
-SPREAD_REMAINING, SPREAD_GAIN, CROSS_TERMS, GEOMETRY = 0.5, 0.15, 2e-3, 5e-4
+SPREAD_REMAINING = 0.5
+SPREAD_GAIN = 0.15
+CROSS_TERMS = 2e-3
+GEOMETRY = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,7 +64,11 @@ class Forms:
     def velocity(self) -> Floats:
         """Design velocities (n, 3, p)."""
         shape = -1, len(self.levels.system.mesh.points), 3
-        return np.array([move.nodes for move in self.moves]).reshape(shape).transpose(1, 2, 0)
+        return (
+            np.array([move.nodes for move in self.moves])
+            .reshape(shape)
+            .transpose(1, 2, 0)
+        )
 
     @property
     def wrenches(self) -> int:
@@ -75,14 +84,18 @@ class Forms:
     def fields(self) -> tuple[Integrals, Integrals]:
         """Integrals of the cubic and the quadratic solution."""
         system = self.levels.system
-        cubic = expand(system.cubic.space, system.supports, system.cubic.free, self.levels.motion)
+        cubic = expand(
+            system.cubic.space, system.supports, system.cubic.free, self.levels.motion
+        )
         quadratic = system.supports.expand(self.levels.quadratic)
         return self._integrals(cubic), self._integrals(quadratic)
 
     def _integrals(self, motion: Floats) -> Integrals:
         """Integrate fields of nodes (3n, k), or of all functions (3 count, k)."""
-        system, k = self.levels.system, motion.shape[1]
-        space, law = system.cubic.space, system.specimen.elasticity
+        system = self.levels.system
+        k = motion.shape[1]
+        space = system.cubic.space
+        law = system.specimen.elasticity
         coefficients = np.zeros((3 * space.count, k))
         coefficients[: len(motion)] = motion
         coefficients = coefficients.reshape(-1, 3, k)
@@ -92,16 +105,24 @@ class Forms:
     def ratio(self) -> Floats:
         """Extrapolated correction over the quadratic-to-cubic difference, (k, k)."""
         gain = self.levels.gain.diagonal()
-        remaining = (self.levels.extrapolate().compliance - self.levels.cubic).diagonal()
-        parts = np.clip(remaining / np.maximum(gain, 1e-12 * self.levels.cubic.diagonal()), 0, 2)
+        remaining = (
+            self.levels.extrapolate().compliance - self.levels.cubic
+        ).diagonal()
+        parts = np.clip(
+            remaining / np.maximum(gain, 1e-12 * self.levels.cubic.diagonal()), 0, 2
+        )
         return np.sqrt(np.outer(parts, parts))
 
     @cached_property
     def shapes(self) -> _Shapes:
         """Static fields of unit twists of clamp and interfaces, from the quadratic solution."""
-        w, system, experiment = self.wrenches, self.levels.system, self.experiment
-        space, supports = system.cubic.space, system.supports
-        loads, unit = self.levels.force[: len(self.levels.quadratic), :w], self.levels.quadratic[:, :w]
+        w = self.wrenches
+        system = self.levels.system
+        experiment = self.experiment
+        space = system.cubic.space
+        supports = system.supports
+        loads = self.levels.force[: len(self.levels.quadratic), :w]
+        unit = self.levels.quadratic[:, :w]
         coordinates = unit @ np.linalg.inv(loads.T @ unit)
         loaded = supports.expand(coordinates)
         moved = rigid_twists(experiment.reference_points, experiment.clamp_point)
@@ -111,33 +132,49 @@ class Forms:
         quasistatic = system.solver.solve(inertia)
         quasistatic -= coordinates @ (loads.T @ quasistatic)
         found = self._integrals(np.hstack([loaded, supports.expand(quasistatic)]))
-        kinetic = products(system.mesh, space, fields.reshape(-1, 3, 6 + w), self.velocity)
-        return _Shapes(fields, coordinates, moved, found, system.specimen.density * kinetic)
+        kinetic = products(
+            system.mesh, space, fields.reshape(-1, 3, 6 + w), self.velocity
+        )
+        return _Shapes(
+            fields, coordinates, moved, found, system.specimen.density * kinetic
+        )
 
     def of_elasticity(self, change: Floats, value: float, unit: str) -> Derivative:
         """Return the derivative by a constant, given its elasticity derivative (6, 6)."""
         law = tensor(change).transpose(1, 0, 3, 2).reshape(9, 9)
-        cubic, quadratic = (-np.einsum("ab,aibj->ij", law, level.gradients) for level in self.fields)
+        cubic, quadratic = (
+            -np.einsum("ab,aibj->ij", law, level.gradients) for level in self.fields
+        )
         energy = np.einsum("ab,aibj->ij", law, self.shapes.integrals.gradients)
         made = self._derivative(value, unit, cubic, quadratic)
         return replace(made, condensed_mass=self.shapes.follow_fields(energy))
 
     def of_foundation(self) -> Derivative:
         """Return the derivative by the foundation stiffness per area under the clamp."""
-        unit = springs(self.levels.system.mesh, self.levels.system.specimen.clamped, 1.0)
-        cubic, quadratic = (-_contract_squares(level.motion, unit) for level in self.fields)
-        return self._derivative(self.settings.foundation or 0.0, "N/m^3", cubic, quadratic)
+        unit = springs(
+            self.levels.system.mesh, self.levels.system.specimen.clamped, 1.0
+        )
+        cubic, quadratic = (
+            -_contract_squares(level.motion, unit) for level in self.fields
+        )
+        return self._derivative(
+            self.settings.foundation or 0.0, "N/m^3", cubic, quadratic
+        )
 
     def of_density(self, density: float) -> Derivative:
         """Return the derivative by the density: mass and weight are proportional to it."""
-        w, size = self.wrenches, 6 + self.wrenches
+        w = self.wrenches
+        size = 6 + self.wrenches
         share = np.zeros_like(self.ratio)
         share[:w, w:] = share[w:, :w] = 1 / density
         share[w:, w:] = 2 / density
-        cubic, quadratic = share * self.levels.cubic, share * (self.levels.cubic - self.levels.gain)
+        cubic = share * self.levels.cubic
+        quadratic = share * (self.levels.cubic - self.levels.gain)
         condensed = self.experiment.condensed_mass[:size, :size] / density
         made = self._derivative(density, "kg/m^3", cubic, quadratic)
-        return replace(made, mass=self.experiment.mass / density, condensed_mass=condensed)
+        return replace(
+            made, mass=self.experiment.mass / density, condensed_mass=condensed
+        )
 
     def of_dimension(self, number: int, value: float) -> Derivative:
         """Return the derivative by a move's dimension."""
@@ -159,12 +196,17 @@ class Forms:
             clamp_point=move.clamp_point,
         )
 
-    def _derivative(self, value: float, unit: str, cubic: Floats, quadratic: Floats) -> Derivative:
+    def _derivative(
+        self, value: float, unit: str, cubic: Floats, quadratic: Floats
+    ) -> Derivative:
         """Extrapolate both levels' compliance derivatives (k, k); mass derivatives stay zero."""
-        w, gain = self.wrenches, cubic - quadratic
+        w = self.wrenches
+        gain = cubic - quadratic
         whole = cubic + self.ratio * gain
         size = np.sqrt(np.abs(np.outer(whole.diagonal(), whole.diagonal())))
-        error = (SPREAD_REMAINING * self.ratio + SPREAD_GAIN) * np.abs(gain) + GEOMETRY * np.abs(whole)
+        error = (SPREAD_REMAINING * self.ratio + SPREAD_GAIN) * np.abs(
+            gain
+        ) + GEOMETRY * np.abs(whole)
         error += CROSS_TERMS * (size - np.diag(size.diagonal()))
         return Derivative(
             value=value,
@@ -187,7 +229,8 @@ class Forms:
         ----------
         turned : (t, 3, k) change of tied displacements with fixed interface twists.
         """
-        tied, w = self.levels.system.supports.tied, self.wrenches
+        tied = self.levels.system.supports.tied
+        w = self.wrenches
         at_ties = np.einsum("nai,naj->ij", level.forces[tied], turned)
         out = -level.energy[number] - at_ties - at_ties.T
         weight = self.levels.system.specimen.density * level.displacement[number].T
@@ -199,26 +242,36 @@ class Forms:
     def _slide(self, move: Move) -> Floats:
         """Return the tie's derivative (3t, 6r): node velocities relative to reference points."""
         system = self.levels.system
-        supports, out = system.supports, np.zeros((len(move.nodes), 3, system.supports.tie.shape[1]))
+        supports = system.supports
+        out = np.zeros((len(move.nodes), 3, system.supports.tie.shape[1]))
         couplings = zip(system.couplings, move.reference_points, strict=True)
-        for slot, (coupling, at) in enumerate(each for each in couplings if each[0].kind == "rigid"):
+        for slot, (coupling, at) in enumerate(
+            each for each in couplings if each[0].kind == "rigid"
+        ):
             nodes = system.mesh.nodes_of(coupling.faces)
-            out[nodes, :, 6 * slot + 3 : 6 * slot + 6] = rigid_modes(move.nodes[nodes], at)[:, :, 3:]
+            out[nodes, :, 6 * slot + 3 : 6 * slot + 6] = rigid_modes(
+                move.nodes[nodes], at
+            )[:, :, 3:]
         return out[supports.tied].reshape(3 * len(supports.tied), out.shape[2])
 
     def _turn_tied(self, slide: Floats, motion: Floats) -> Floats:
         """Return the change (t, 3, k) of tied displacements for coordinates of k loads."""
         split = 3 * len(self.levels.system.supports.free)
-        return (slide @ motion[split : split + slide.shape[1]]).reshape(len(slide) // 3, 3, motion.shape[1])
+        return (slide @ motion[split : split + slide.shape[1]]).reshape(
+            len(slide) // 3, 3, motion.shape[1]
+        )
 
     def _on_faces(self, move: Move) -> list[Floats]:
         """Return contributions (k, k) of deforming foundation and loaded faces, for each level.
 
         By central differences of the face integrals with fixed displacements.
         """
-        system, specimen = self.levels.system, self.levels.system.specimen
-        mesh, modulus = system.mesh, self.settings.foundation
-        velocity, reference = move.nodes, move.reference_points
+        system = self.levels.system
+        specimen = self.levels.system.specimen
+        mesh = system.mesh
+        modulus = self.settings.foundation
+        velocity = move.nodes
+        reference = move.reference_points
         loaded = [
             np.abs(velocity[mesh.nodes_of(coupling.faces)] - at).max()
             for coupling, at in zip(system.couplings, reference, strict=True)
@@ -229,7 +282,8 @@ class Forms:
         bedded = modulus is not None and slip > STILL
         if not bedded and not any(slip > STILL for slip in loaded):
             return found
-        split, above = len(self.levels.quadratic), system.cubic.free
+        split = len(self.levels.quadratic)
+        above = system.cubic.free
         step = SURFACE_STEP * specimen.volume ** (1 / 3)
         for sign in (step, -step):
             moved = replace(mesh, points=mesh.points + sign * velocity)
@@ -239,13 +293,22 @@ class Forms:
                     found[k] -= _contract_squares(level.motion, bedding) / (2 * sign)
             if loaded:
                 couplings = tuple(
-                    replace(coupling, reference_point=coupling.reference_point + sign * at)
+                    replace(
+                        coupling, reference_point=coupling.reference_point + sign * at
+                    )
                     for coupling, at in zip(system.couplings, reference, strict=True)
                 )
                 nodal = unit_loads(moved, system.supports, couplings)
-                cubic = cubic_loads(moved, system.cubic.space, couplings)[above].reshape(-1, nodal.shape[1])
-                first = nodal.T @ self.levels.motion[:split] + cubic.T @ self.levels.motion[split:]
-                for each, work in zip(found, (first, nodal.T @ self.levels.quadratic), strict=True):
+                cubic = cubic_loads(moved, system.cubic.space, couplings)[
+                    above
+                ].reshape(-1, nodal.shape[1])
+                first = (
+                    nodal.T @ self.levels.motion[:split]
+                    + cubic.T @ self.levels.motion[split:]
+                )
+                for each, work in zip(
+                    found, (first, nodal.T @ self.levels.quadratic), strict=True
+                ):
                     each[: self.wrenches] += work / (2 * sign)
                     each[:, : self.wrenches] += work.T / (2 * sign)
         return found
@@ -253,25 +316,37 @@ class Forms:
     @cached_property
     def mass_rates(self) -> Floats:
         """Derivatives (p, 4) of the mass, and of ∫ ρ x dV with fixed x."""
-        system, velocity = self.levels.system, self.velocity
-        both = np.zeros((len(velocity), 3, 8))  # 1 and 1 along x, then 1 and the position per axis
-        both[:, 0, [0, 4]], both[:, range(3), range(1, 4)] = 1.0, 1.0
+        system = self.levels.system
+        velocity = self.velocity
+        both = np.zeros(
+            (len(velocity), 3, 8)
+        )  # 1 and 1 along x, then 1 and the position per axis
+        both[:, 0, [0, 4]] = 1.0
+        both[:, range(3), range(1, 4)] = 1.0
         both[:, range(3), range(5, 8)] = system.mesh.points
         found = products(system.mesh, system.cubic.space, both, velocity)
         return system.specimen.density * np.einsum("pii->pi", found[:, :4, 4:])
 
     def _condensed_mass(self, number: int, slide: Floats) -> Floats:
         """Return the derivative (6 + w, 6 + w) of the condensed mass."""
-        move, shapes, w = self.moves[number], self.shapes, self.wrenches
+        move = self.moves[number]
+        shapes = self.shapes
+        w = self.wrenches
         tied = self.levels.system.supports.tied
         turned = np.zeros((len(move.nodes), 3, w))
         turned[tied] = self._turn_tied(slide, shapes.coordinates)
         energy = shapes.integrals.energy[number].copy()
-        energy[:w, w:] += np.einsum("nai,naj->ij", turned[tied], shapes.integrals.forces[tied][..., w:])
+        energy[:w, w:] += np.einsum(
+            "nai,naj->ij", turned[tied], shapes.integrals.forces[tied][..., w:]
+        )
         turned = turned.reshape(-1, w)
-        origin = np.zeros((1, 3))  # the rates of the levers alone: less the modes without levers
+        origin = np.zeros(
+            (1, 3)
+        )  # the rates of the levers alone: less the modes without levers
         whole = rigid_modes(move.nodes, move.clamp_point) - rigid_modes(origin, origin)
-        farther = rigid_twists(move.reference_points, move.clamp_point).reshape(-1, 6, 6) - np.eye(6)
+        farther = rigid_twists(move.reference_points, move.clamp_point).reshape(
+            -1, 6, 6
+        ) - np.eye(6)
         back = shapes.fields[:, 6:] @ farther.reshape(-1, 6) + turned @ shapes.moved
         rates = np.hstack([whole.reshape(-1, 6) - back, turned])
         cross = rates.T @ times(self.levels.system.mass.nodes, shapes.fields)

@@ -45,10 +45,14 @@ class DesignVelocity:
     """
 
     def __init__(self, mesh: TetMesh, part: Part) -> None:
-        self.mesh, self.part = mesh, part
-        points, corners = mesh.points, mesh.facets[:, :3]
+        self.mesh = mesh
+        self.part = part
+        points = mesh.points
+        corners = mesh.facets[:, :3]
         count = len(points)
-        pairs = np.unique(corners.reshape(-1) * len(part.faces) + np.repeat(mesh.facet_face, 3))
+        pairs = np.unique(
+            corners.reshape(-1) * len(part.faces) + np.repeat(mesh.facet_face, 3)
+        )
         faces = np.bincount(pairs // len(part.faces), minlength=count)
         ends, left, right = sides_between(corners)
         creases = ends[mesh.facet_face[left] != mesh.facet_face[right]]
@@ -78,7 +82,9 @@ class DesignVelocity:
         _check_same(self.part, changed, step)
         velocity = np.zeros_like(self._base)
         for nodes, extend in self._levels:
-            moved = self._move_onto(changed, self._base + step * extend(velocity), nodes)
+            moved = self._move_onto(
+                changed, self._base + step * extend(velocity), nodes
+            )
             velocity[nodes] = (moved - self._base)[nodes] / step
         velocity = self._inside(velocity)
         velocity[self._mids] = velocity[self._ends].mean(axis=1)
@@ -91,7 +97,8 @@ class DesignVelocity:
 
         Between tangent faces, onto their common edge: alternating projections converge slowly.
         """
-        borders, count = list(part.smooth_borders.values()), len(part.faces)
+        borders = list(part.smooth_borders.values())
+        count = len(part.faces)
         closest = partial(project, part, borders=borders)
         target = Target(closest, self._size, count, tuple(part.smooth_borders))
         node, place = places_of(self.mesh.facets, self.mesh.facet_face, target)
@@ -109,13 +116,23 @@ def moved_along(mesh: TetMesh, part: Part, changed: Part) -> TetMesh | None:
     whether the mesh matches the changed part's shape.
     """
     try:
-        points = mesh.points + DesignVelocity(mesh, part).measure_velocity(changed, 1.0)  # one step
+        points = mesh.points + DesignVelocity(mesh, part).measure_velocity(
+            changed, 1.0
+        )  # one step
     except InputError:
         return None
-    corners = [nodes[mesh.cells[:, 1:4]] - nodes[mesh.cells[:, :1]] for nodes in (mesh.points, points)]
+    corners = [
+        nodes[mesh.cells[:, 1:4]] - nodes[mesh.cells[:, :1]]
+        for nodes in (mesh.points, points)
+    ]
     stretches = np.linalg.svd(np.linalg.solve(corners[0], corners[1]), compute_uv=False)
-    before, after = (jacobian_range(nodes[mesh.cells]).min() for nodes in (mesh.points, points))
-    whole = np.linalg.det(corners[1]).min() > 0 and after > min(before, FLATTEST) / MOST_STRAIN
+    before, after = (
+        jacobian_range(nodes[mesh.cells]).min() for nodes in (mesh.points, points)
+    )
+    whole = (
+        np.linalg.det(corners[1]).min() > 0
+        and after > min(before, FLATTEST) / MOST_STRAIN
+    )
     if not whole or stretches.max() > MOST_STRAIN or stretches.min() < 1 / MOST_STRAIN:
         return None
     return replace(mesh, points=points)
@@ -130,13 +147,20 @@ def _check_same(part: Part, changed: Part, step: float) -> None:
         and [one.faces for one in part.loaded] == [one.faces for one in changed.loaded]
     )
     if same:
-        shifts = [a.centroid - b.centroid for a, b in zip(part.faces, changed.faces, strict=True)]
+        shifts = [
+            a.centroid - b.centroid
+            for a, b in zip(part.faces, changed.faces, strict=True)
+        ]
         same = float(np.linalg.norm(shifts, axis=1).max()) < FARTHEST * abs(step)
     if not same:
-        raise InputError(f"{part.name}: its faces change with a step of {step * 1e3:g} mm: no derivative")
+        raise InputError(
+            f"{part.name}: its faces change with a step of {step * 1e3:g} mm: no derivative"
+        )
 
 
-def _extension(points: Floats, simplices: Ints, wanted: np.ndarray) -> Callable[[Floats], Floats]:
+def _extension(
+    points: Floats, simplices: Ints, wanted: np.ndarray
+) -> Callable[[Floats], Floats]:
     """Return a function that extends values (n, 3) harmonically to the wanted nodes (n,).
 
     Parameters
@@ -162,7 +186,8 @@ def _extension(points: Floats, simplices: Ints, wanted: np.ndarray) -> Callable[
 
 def _laplacian(points: Floats, simplices: Ints) -> csr_array:
     """Return the Laplacian (n, n) of linear functions on simplices (m, d + 1) of dimension d."""
-    count, corners = len(points), simplices.shape[1]
+    count = len(points)
+    corners = simplices.shape[1]
     sides = points[simplices[:, 1:]] - points[simplices[:, :1]]  # (m, d, 3)
     gram = sides @ np.swapaxes(sides, 1, 2)
     size = np.sqrt(np.maximum(np.linalg.det(gram), 0)) / factorial(corners - 1)
@@ -170,4 +195,6 @@ def _laplacian(points: Floats, simplices: Ints) -> csr_array:
     local = size[:, None, None] * (reference @ np.linalg.inv(gram) @ reference.T)
     rows = np.repeat(simplices, corners, axis=1).reshape(-1)
     columns = np.tile(simplices, corners).reshape(-1)
-    return csr_array(coo_array((local.reshape(-1), (rows, columns)), shape=(count, count)))
+    return csr_array(
+        coo_array((local.reshape(-1), (rows, columns)), shape=(count, count))
+    )

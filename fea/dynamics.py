@@ -33,7 +33,8 @@ if TYPE_CHECKING:
 FREQUENCIES = 6  # of the clamped part
 GUARD = 6  # additional vectors in a block, for faster convergence
 FIXED = 6  # default number of fixed-interface modes, completed by clamped modes
-MODE, EXACT = 1e-5, 1e-8  # relative errors of squared fixed-interface and clamped frequencies
+MODE = 1e-5
+EXACT = 1e-8  # relative errors of squared fixed-interface and clamped frequencies
 # Remaining error of the cubic solution away from singular edges, over the quadratic-to-cubic
 # difference. Half of that in statics: modes are smooth, and cubic functions represent them well.
 ELSEWHERE = 0.04
@@ -76,7 +77,9 @@ class _Vibration:
 
     def precondition(self, force: Floats) -> Floats:
         """Return the preconditioner's motion for forces, with zero twist of all interfaces."""
-        motion = self.system.solver.precondition(force - self.loads @ (self.constraint.T @ force))
+        motion = self.system.solver.precondition(
+            force - self.loads @ (self.constraint.T @ force)
+        )
         return motion - self.constraint @ (self.loads.T @ motion)
 
     @property
@@ -99,8 +102,11 @@ class _Vibration:
         squares = np.zeros(0)
         for _ in range(2 if basis.shape[1] else 0):  # twice, against rounding
             energy = basis.T @ forces
-            squares, turn = ritz((energy + energy.T) / 2, basis.T @ self.inertia(basis), basis.shape[1])
-            basis, forces = basis @ turn, forces @ turn
+            squares, turn = ritz(
+                (energy + energy.T) / 2, basis.T @ self.inertia(basis), basis.shape[1]
+            )
+            basis = basis @ turn
+            forces = forces @ turn
         return squares, basis
 
     def clamped_modes(self, near: Floats) -> Modes:
@@ -134,12 +140,19 @@ def compute_dynamics(levels: Solution, settings: Settings) -> Dynamics:
     with threadpool_limits(1):
         vibration = vibration_of(levels)
         squares, fixed, clamped_squares, clamped = _modes(vibration, settings)
-        weight, weight_error, frequencies, frequency_error = _extrapolate_modes(levels, clamped)
+        weight, weight_error, frequencies, frequency_error = _extrapolate_modes(
+            levels, clamped
+        )
         every = np.append(squares, clamped_squares), np.hstack([fixed, clamped])
         both = _gain_on_cubics(vibration, *every)
-        gain, known = both[: len(squares)], both[len(squares) :]
-        softer = (clamped_squares / (2 * np.pi * frequencies) ** 2 - 1).mean() / known.mean()
-        wide = (2 * frequency_error / frequencies).max() / known.mean()  # relative to the gain
+        gain = both[: len(squares)]
+        known = both[len(squares) :]
+        softer = (
+            clamped_squares / (2 * np.pi * frequencies) ** 2 - 1
+        ).mean() / known.mean()
+        wide = (
+            2 * frequency_error / frequencies
+        ).max() / known.mean()  # relative to the gain
         return Dynamics(
             condensed_mass=condense_mass(levels, fixed),
             mode_squares=squares / (1 + softer * gain),
@@ -151,7 +164,9 @@ def compute_dynamics(levels: Solution, settings: Settings) -> Dynamics:
         )
 
 
-def _modes(vibration: _Vibration, settings: Settings) -> tuple[Floats, Floats, Floats, Floats]:
+def _modes(
+    vibration: _Vibration, settings: Settings
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Return fixed-interface squares (k,) and modes (c, k), clamped squares (6,) and modes (c, 6).
 
     By default the ``FIXED`` lowest fixed-interface modes, completed by the clamped modes' motions
@@ -172,14 +187,18 @@ def _modes(vibration: _Vibration, settings: Settings) -> tuple[Floats, Floats, F
         _, near, forces = vibration.fixed_modes(some(count + GUARD), count, MODE)
     found = vibration.clamped_modes(near)
     clamped_squares, clamped, pulling = (part[..., :FREQUENCIES] for part in found)
-    basis, forces = near[:, :count], forces[:, :count]
+    basis = near[:, :count]
+    forces = forces[:, :count]
     if settings.modes is None and settings.highest_frequency is None:
         relative = clamped - vibration.constraint @ (vibration.loads.T @ clamped)
-        basis, forces = np.hstack([basis, relative]), np.hstack([forces, pulling])
+        basis = np.hstack([basis, relative])
+        forces = np.hstack([forces, pulling])
     return *vibration.orthogonal(basis, forces), clamped_squares, clamped
 
 
-def _up_to(vibration: _Vibration, some: Callable[[int], Floats], highest: float) -> Modes:
+def _up_to(
+    vibration: _Vibration, some: Callable[[int], Floats], highest: float
+) -> Modes:
     """Return squares, modes and forces of a fixed-interface block beyond a square (rad²/s²)."""
     count = 8
     near = some(count + GUARD)
@@ -201,10 +220,20 @@ def _gain_on_cubics(vibration: _Vibration, squares: Floats, modes: Floats) -> Fl
     system = vibration.system
 
     def soften(modes: Floats, squares: Floats) -> Floats:
-        inertia = times(system.mass.cubics, system.supports.expand(modes))[system.cubic_rows] * squares
-        stresses = system.cubic.apply(np.vstack([modes, np.zeros_like(inertia)]))[len(modes) :]
+        inertia = (
+            times(system.mass.cubics, system.supports.expand(modes))[system.cubic_rows]
+            * squares
+        )
+        stresses = system.cubic.apply(np.vstack([modes, np.zeros_like(inertia)]))[
+            len(modes) :
+        ]
         residual = np.vstack([np.zeros_like(modes), inertia - stresses])
-        return np.sum(residual * system.cubic.precondition(residual), axis=0, keepdims=True) / squares
+        return (
+            np.sum(
+                residual * system.cubic.precondition(residual), axis=0, keepdims=True
+            )
+            / squares
+        )
 
     return in_portions(soften)(modes, squares[None])[0]
 
@@ -219,7 +248,9 @@ def condense_mass(levels: Solution, fixed: Floats | None = None) -> Floats:
     system = levels.system
     clamp = clamp_point(system)
     whole = rigid_modes(system.mesh.points, clamp).reshape(-1, 6)
-    moved = rigid_twists(np.array([point for _, point in system.specimen.loaded]), clamp)
+    moved = rigid_twists(
+        np.array([point for _, point in system.specimen.loaded]), clamp
+    )
     twists = levels.force.T @ levels.motion
     loaded = levels.displacement @ np.linalg.inv(twists)
     modes = [] if fixed is None else [system.supports.expand(fixed)]
@@ -228,29 +259,46 @@ def condense_mass(levels: Solution, fixed: Floats | None = None) -> Floats:
     return (condensed + condensed.T) / 2
 
 
-def _extrapolate_modes(levels: Solution, modes: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+def _extrapolate_modes(
+    levels: Solution, modes: Floats
+) -> tuple[Floats, Floats, Floats, Floats]:
     """Return ``self_weight`` and ``frequencies``, each with errors, from clamped modes (c, 6)."""
-    system, mass = levels.system, levels.system.mass
-    split, wrenches = len(levels.quadratic), levels.force.shape[1]
+    system = levels.system
+    mass = levels.system.mass
+    split = len(levels.quadratic)
+    wrenches = levels.force.shape[1]
     gravity = np.tile(np.eye(3), (system.cubic.space.base, 1))
     both = accelerate(levels, np.hstack([gravity, system.supports.expand(modes)]))
-    found, vibration = both.extrapolate(), both.extrapolate(ELSEWHERE)
-    weights, vibrating = slice(wrenches, wrenches + 3), slice(wrenches + 3, None)
+    found = both.extrapolate()
+    vibration = both.extrapolate(ELSEWHERE)
+    weights = slice(wrenches, wrenches + 3)
+    vibrating = slice(wrenches + 3, None)
 
     motion = both.motion[:, vibrating]
-    nodal, above = system.supports.expand(motion[:split]), motion[split:]
+    nodal = system.supports.expand(motion[:split])
+    above = motion[split:]
     cross = above.T @ times(mass.cubics, nodal)[system.cubic_rows]
-    kinetic = nodal.T @ times(mass.nodes, nodal) + cross + cross.T  # cubics' own is fourth order
+    kinetic = (
+        nodal.T @ times(mass.nodes, nodal) + cross + cross.T
+    )  # cubics' own is fourth order
     cubic, compliance, error = (
-        each[vibrating, vibrating] for each in (both.cubic, vibration.compliance, vibration.error)
+        each[vibrating, vibrating]
+        for each in (both.cubic, vibration.compliance, vibration.error)
     )
     squares, turn = eigh(cubic, kinetic)  # one further inverse iteration
     static = np.diagonal(turn.T @ cubic @ turn)
     exact = np.diagonal(turn.T @ compliance @ turn) / static
     bound = np.abs(turn).T @ error @ np.abs(turn) / np.sqrt(np.outer(static, static))
     frequencies = np.sqrt(squares / exact) / (2 * np.pi)
-    weight, weight_error = (each[:6, weights].T for each in (found.compliance, found.error))
-    return weight, weight_error, frequencies, frequencies * _shift(1 / squares, bound) / 2
+    weight, weight_error = (
+        each[:6, weights].T for each in (found.compliance, found.error)
+    )
+    return (
+        weight,
+        weight_error,
+        frequencies,
+        frequencies * _shift(1 / squares, bound) / 2,
+    )
 
 
 def _shift(values: Floats, error: Floats) -> Floats:

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
 # Voigt index of the strain component (i, j), in the order xx, yy, zz, yz, xz, xy.
 VOIGT = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
-STRAIGHT_ORDER, CURVED_ORDER = 2, 4  # quadrature; exact on straight sides
+STRAIGHT_ORDER = 2
+CURVED_ORDER = 4  # quadrature; exact on straight sides
 CHUNK = 2048  # elements per chunk
 
 
@@ -48,14 +49,22 @@ def assemble(mesh: TetMesh, elasticity: Floats) -> csr_array:
     """
     count = len(mesh.points)
     law = tensor(elasticity).transpose(0, 2, 1, 3).reshape(9, 9)  # [(i, j), (k, l)]
-    pairs, place = np.unique(mesh.cells[:, :, None] * count + mesh.cells[:, None, :], return_inverse=True)
+    pairs, place = np.unique(
+        mesh.cells[:, :, None] * count + mesh.cells[:, None, :], return_inverse=True
+    )
     place = place.reshape(len(mesh.cells), 100)
     blocks = np.zeros((len(pairs), 9))
     for elements, slopes, weights in _slopes(mesh, CURVED_ORDER):
         c, q = weights.shape
         flat = slopes.reshape(c, q, 30)
-        products = np.swapaxes(flat, 1, 2) @ (flat * weights[:, :, None])  # (c, 30, 30), [(k, a), (l, b)]
-        products = products.reshape(c, 3, 10, 3, 10).transpose(0, 2, 4, 1, 3).reshape(c * 100, 9)
+        products = np.swapaxes(flat, 1, 2) @ (
+            flat * weights[:, :, None]
+        )  # (c, 30, 30), [(k, a), (l, b)]
+        products = (
+            products.reshape(c, 3, 10, 3, 10)
+            .transpose(0, 2, 4, 1, 3)
+            .reshape(c * 100, 9)
+        )
         mine, at = np.unique(place[elements], return_inverse=True)
         blocks[mine] += sum_matrix(at, len(mine)) @ products
     starts = np.searchsorted(pairs, np.arange(count + 1) * count)
@@ -68,7 +77,11 @@ def _slopes(mesh: TetMesh, curved: int) -> Iterator[tuple[Ints, Floats, Floats]]
     rules = tuple(get_quadrature(RefTet, order) for order in (STRAIGHT_ORDER, curved))
     tables = [tabulate(at)[1][..., :10] for at, _ in rules]
     for some, rule, inverse, weights in integrate_cells(mesh, rules, CHUNK):
-        yield some, np.einsum("rkcq,rqa->cqka", inverse, tables[rule], optimize=True), weights
+        yield (
+            some,
+            np.einsum("rkcq,rqa->cqka", inverse, tables[rule], optimize=True),
+            weights,
+        )
 
 
 def nodal_stresses(mesh: TetMesh, motion: Floats, elasticity: Floats) -> Floats:
@@ -80,14 +93,19 @@ def nodal_stresses(mesh: TetMesh, motion: Floats, elasticity: Floats) -> Floats:
     ----------
     motion : (3 nodes, loads) displacements, m.
     """
-    count, loads = len(mesh.points), motion.shape[1]
+    count = len(mesh.points)
+    loads = motion.shape[1]
     law = elasticity[:, VOIGT].reshape(6, 9)  # shear strains are ∂_k u_i + ∂_i u_k
     total = np.zeros((count, 6 * loads))
     points = get_quadrature(RefTet, STRAIGHT_ORDER)[0], ElementTetP2.doflocs.T
-    extrapolation = np.linalg.solve(*(np.vstack([1 - x.sum(axis=0), x]) for x in points))  # (4, 10)
+    extrapolation = np.linalg.solve(
+        *(np.vstack([1 - x.sum(axis=0), x]) for x in points)
+    )  # (4, 10)
     for elements, slopes, _ in _slopes(mesh, STRAIGHT_ORDER):
         cells = mesh.cells[elements]
-        gradient = slopes @ motion.reshape(count, 3 * loads)[cells][:, None]  # (c, 4, 3, 3 loads)
+        gradient = (
+            slopes @ motion.reshape(count, 3 * loads)[cells][:, None]
+        )  # (c, 4, 3, 3 loads)
         gradient = extrapolation.T @ gradient.reshape(len(cells), 4, -1)
         stress = (law @ gradient.reshape(-1, 9, loads)).reshape(cells.size, 6 * loads)
         total += sum_matrix(cells, count) @ stress
@@ -98,4 +116,6 @@ def nodal_stresses(mesh: TetMesh, motion: Floats, elasticity: Floats) -> Floats:
 def von_mises(stress: Floats) -> Floats:
     """Return the von Mises stress (...,), Pa, of Voigt stresses (..., 6)."""
     x, y, z, yz, xz, xy = np.moveaxis(stress, -1, 0)
-    return np.sqrt(((x - y) ** 2 + (y - z) ** 2 + (z - x) ** 2) / 2 + 3 * (yz**2 + xz**2 + xy**2))
+    return np.sqrt(
+        ((x - y) ** 2 + (y - z) ** 2 + (z - x) ** 2) / 2 + 3 * (yz**2 + xz**2 + xy**2)
+    )

@@ -17,10 +17,14 @@ from stiffscope.runtime.brief import describe_briefly
 
 FIELDS = ("displacement", "von_mises")  # used for pictures only: nearly all of a file
 
-SIGNIFICANT = 0.01  # of sqrt(C_ii C_jj): smaller entries vanish by symmetry, or nearly so
+SIGNIFICANT = (
+    0.01  # of sqrt(C_ii C_jj): smaller entries vanish by symmetry, or nearly so
+)
 
 
-def largest_relative_bound(compliance: Floats, error: Floats) -> tuple[float, tuple[int, int]]:
+def largest_relative_bound(
+    compliance: Floats, error: Floats
+) -> tuple[float, tuple[int, int]]:
     """Return the largest relative error of significant entries of (k, k) matrices, and indices."""
     scale = np.sqrt(compliance.diagonal())
     size = np.abs(compliance)
@@ -145,11 +149,17 @@ class Experiment:
 
     def save(self, path: Path | str) -> None:
         """Write the experiment to one npz file, without pickle."""
-        arrays: dict[str, Any] = {name: np.asarray(getattr(self, name)) for name in _NAMES}
-        arrays |= {f"mesh_{name}": np.asarray(getattr(self.mesh, name)) for name in _MESH_NAMES}
+        arrays: dict[str, Any] = {
+            name: np.asarray(getattr(self, name)) for name in _NAMES
+        }
+        arrays |= {
+            f"mesh_{name}": np.asarray(getattr(self.mesh, name)) for name in _MESH_NAMES
+        }
         names = np.array(list(self.seconds), dtype=np.str_)
         values = np.array(list(self.seconds.values()))
-        np.savez_compressed(Path(path), **arrays, seconds_names=names, seconds_values=values)
+        np.savez_compressed(
+            Path(path), **arrays, seconds_names=names, seconds_values=values
+        )
 
 
 _NAMES = tuple(f.name for f in fields(Experiment) if f.name not in ("mesh", "seconds"))
@@ -169,28 +179,46 @@ def load_experiment(path: Path | str, *, fields: bool = True) -> Experiment:
     try:
         with np.load(Path(path), allow_pickle=False) as held:
             plain = {name: _read(held[name]) for name in names}
-            mesh = TetMesh(**{name: _read(held[f"mesh_{name}"]) for name in _MESH_NAMES})
-            keys, values = held["seconds_names"].tolist(), held["seconds_values"].tolist()
+            mesh = TetMesh(
+                **{name: _read(held[f"mesh_{name}"]) for name in _MESH_NAMES}
+            )
+            keys = held["seconds_names"].tolist()
+            values = held["seconds_values"].tolist()
         plain["interfaces"] = tuple(plain["interfaces"].tolist())
-        found = Experiment(**plain, mesh=mesh, seconds=dict(zip(keys, values, strict=True)))
+        found = Experiment(
+            **plain, mesh=mesh, seconds=dict(zip(keys, values, strict=True))
+        )
         _check_sound(found)
         return found
     except (zipfile.BadZipFile, zlib.error) as problem:
         raise InputError(f"{path}: the file is damaged ({problem})") from problem
     except (OSError, KeyError, ValueError, TypeError, EOFError) as problem:
-        raise InputError(f"{path}: not an experiment of this version ({problem})") from problem
+        raise InputError(
+            f"{path}: not an experiment of this version ({problem})"
+        ) from problem
 
 
 def _check_sound(found: Experiment) -> None:
     """Raise ValueError for wrong shapes, infinite numbers, and a part that does not yield."""
     n = len(found.interfaces) - 1
     shapes = (6 * n, 6 * n), (n, 3), (3,), (3, 3)
-    arrays = found.full_compliance, found.reference_points, found.clamp_point, found.inertia
-    sound = all(a.shape == b and np.isfinite(a).all() for a, b in zip(arrays, shapes, strict=True))
+    arrays = (
+        found.full_compliance,
+        found.reference_points,
+        found.clamp_point,
+        found.inertia,
+    )
+    sound = all(
+        a.shape == b and np.isfinite(a).all()
+        for a, b in zip(arrays, shapes, strict=True)
+    )
     nodes = found.mesh.points
     if not (sound and np.isfinite(nodes).all() and found.mesh.cells.max() < len(nodes)):
         raise ValueError("expected finite numbers, as many as it has interfaces")
-    if found.full_error.shape != shapes[0] or not (np.diag(found.full_compliance) > 0.0).all():
+    if (
+        found.full_error.shape != shapes[0]
+        or not (np.diag(found.full_compliance) > 0.0).all()
+    ):
         raise ValueError("expected a part that yields, with bounds")
 
 

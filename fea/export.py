@@ -33,7 +33,8 @@ def write_vtu(experiment: Experiment, path: Path | str) -> Path:
     Boundary triangles are a second cell block; the cell field ``face`` is their CAD face, -1 for
     tetrahedra. Field data ``reference_points``: where wrenches act. A comment: units, axes, loads.
     """
-    path, fields = Path(path), {}
+    path = Path(path)
+    fields = {}
     several = len(experiment.displacement) > 6
     for k, motion in enumerate(experiment.displacement):
         name = WRENCHES[k % 6] + (f"_{k // 6 + 1}" if several else "")
@@ -65,8 +66,13 @@ def write_fields(mesh: TetMesh, path: Path, fields: Mapping[str, np.ndarray]) ->
         Nodal values by name.
     """
     cells: list[Any] = [("tetra10", mesh.cells), ("triangle6", mesh.facets)]
-    faces = [np.full(len(mesh.cells), -1, dtype=np.int64), mesh.facet_face.astype(np.int64)]
-    meshio.Mesh(mesh.points, cells, point_data=dict(fields), cell_data={"face": faces}).write(path, file_format="vtu")
+    faces = [
+        np.full(len(mesh.cells), -1, dtype=np.int64),
+        mesh.facet_face.astype(np.int64),
+    ]
+    meshio.Mesh(
+        mesh.points, cells, point_data=dict(fields), cell_data={"face": faces}
+    ).write(path, file_format="vtu")
 
 
 SUPERELEMENT_HELP = """\
@@ -101,7 +107,10 @@ def free_superelement(experiment: Experiment) -> Superelement:
     The clamp moves rigidly with node 0 and only relative motion strains the part, so the stiffness
     is exact. Node 0 is ``clamp_point``; with an elastic foundation it is the ground.
     """
-    stiffness = np.asarray(block_diag(experiment.stiffness, np.diag(experiment.mode_squares)), dtype=np.float64)
+    stiffness = np.asarray(
+        block_diag(experiment.stiffness, np.diag(experiment.mode_squares)),
+        dtype=np.float64,
+    )
     return Superelement(stiffness, experiment.condensed_mass, experiment.places)
 
 
@@ -123,10 +132,14 @@ def write_superelement(experiment: Experiment, path: Path | str) -> list[Path]:
 def node_lines(nodes: Floats, names: Sequence[str]) -> str:
     """Return one line per node (m, 3): number, name, x y z in m."""
     rows = enumerate(zip(names, nodes, strict=True))
-    return "\n".join(f"{k} {name} {x:.9g} {y:.9g} {z:.9g}" for k, (name, (x, y, z)) in rows)
+    return "\n".join(
+        f"{k} {name} {x:.9g} {y:.9g} {z:.9g}" for k, (name, (x, y, z)) in rows
+    )
 
 
-def write_matrices(found: Superelement, path: Path | str, text: str, **arrays: Floats) -> list[Path]:
+def write_matrices(
+    found: Superelement, path: Path | str, text: str, **arrays: Floats
+) -> list[Path]:
     """Write a superelement in formats for other codes; return the paths.
 
     ``path.npz`` contains ``stiffness``, ``mass``, ``nodes``, the ``arrays`` and ``help``, a text on
@@ -146,11 +159,21 @@ def write_matrices(found: Superelement, path: Path | str, text: str, **arrays: F
     """
     base = Path(path)
     base = base.with_suffix("") if base.suffix in (".npz", ".mtx") else base
-    archive, bulk = base.with_name(base.name + ".npz"), base.with_name(base.name + ".bdf")
+    archive = base.with_name(base.name + ".npz")
+    bulk = base.with_name(base.name + ".bdf")
     matrices = {"stiffness": found.stiffness, "mass": found.mass}
-    content: dict[str, Any] = {"nodes": found.nodes, "help": np.array(text), **matrices, **arrays}
+    content: dict[str, Any] = {
+        "nodes": found.nodes,
+        "help": np.array(text),
+        **matrices,
+        **arrays,
+    }
     np.savez(archive, **content)
-    bulk.write_text(_write_dmig(found.stiffness, found.mass, found.nodes, text), encoding="ascii", errors="replace")
+    bulk.write_text(
+        _write_dmig(found.stiffness, found.mass, found.nodes, text),
+        encoding="ascii",
+        errors="replace",
+    )
     written = [archive, bulk]
     for name, matrix in matrices.items():
         written.append(base.with_name(f"{base.name}.{name}.mtx"))
@@ -173,15 +196,23 @@ def _write_dmig(stiffness: Floats, mass: Floats, nodes: Floats, comment: str) ->
         lines += [f"GRID*   {number:16d}{'':16}{x}{y}", f"*       {z}"]
     count = len(stiffness) - 6 * len(nodes)
     lines += [f"SPOINT  {FIRST_SCALAR + k:8d}" for k in range(count)]
-    places = [(number, component) for number in range(1, len(nodes) + 1) for component in range(1, 7)]
+    places = [
+        (number, component)
+        for number in range(1, len(nodes) + 1)
+        for component in range(1, 7)
+    ]
     places += [(FIRST_SCALAR + k, 0) for k in range(count)]
     for name, matrix in (("KPART", stiffness), ("MPART", mass)):
-        lines.append(f"DMIG    {name:8}{0:8d}{6:8d}{2:8d}{0:8d}")  # symmetric, double precision
+        lines.append(
+            f"DMIG    {name:8}{0:8d}{6:8d}{2:8d}{0:8d}"
+        )  # symmetric, double precision
         for column, (point, component) in enumerate(places):
             rows = [row for row in np.flatnonzero(matrix[:, column]) if row >= column]
             if not rows:
                 continue
             lines.append(f"DMIG*   {name:16}{point:16d}{component:16d}")
             for row in rows:
-                lines.append(f"*       {places[row][0]:16d}{places[row][1]:16d}{matrix[row, column]:16.9E}")
+                lines.append(
+                    f"*       {places[row][0]:16d}{places[row][1]:16d}{matrix[row, column]:16.9E}"
+                )
     return "\n".join(lines) + "\n"

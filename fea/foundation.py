@@ -37,7 +37,9 @@ def springs(mesh: TetMesh, faces: frozenset[int], modulus: float) -> csr_array:
     """
     elements = ElementTetP2(), ElementTetCubic()
     bases = [face_basis(mesh, element, faces, ORDER) for element in elements]
-    return csr_array(modulus * block_array([[_MASS.assemble(u, v) for u in bases] for v in bases]))
+    return csr_array(
+        modulus * block_array([[_MASS.assemble(u, v) for u in bases] for v in bases])
+    )
 
 
 def on_nodes(stiffness: csr_array, nodes: int) -> csr_array:

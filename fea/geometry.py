@@ -31,7 +31,9 @@ def shapes(points: Floats) -> tuple[Floats, Floats]:
     points : (d, q) reference coordinates; d = 3: tetrahedron (n = 10), d = 2: triangle (n = 6).
     """
     element, count = (ElementTetP2(), 10) if len(points) == 3 else (ElementTriP2(), 6)
-    values, gradients = zip(*(element.lbasis(points, node) for node in range(count)), strict=True)
+    values, gradients = zip(
+        *(element.lbasis(points, node) for node in range(count)), strict=True
+    )
     return np.stack(values), np.stack(gradients)
 
 
@@ -43,9 +45,13 @@ def jacobian_determinants(corners: Floats, at: Floats) -> Floats:
 
 def jacobian_range(corners: Floats) -> Floats:
     """Return the least Jacobian (m,) of elements (m, 10, 3) over its mean; negative: inverted."""
-    values = jacobian_determinants(corners, np.hstack([ElementTetP2.doflocs.T, quadrature(4)[0]]))
+    values = jacobian_determinants(
+        corners, np.hstack([ElementTetP2.doflocs.T, quadrature(4)[0]])
+    )
     edges = corners[:, 1:4] - corners[:, :1]
-    mean = np.abs(values).mean(axis=1) + 1e-6 * np.linalg.norm(edges, axis=2).prod(axis=1)
+    mean = np.abs(values).mean(axis=1) + 1e-6 * np.linalg.norm(edges, axis=2).prod(
+        axis=1
+    )
     return values.min(axis=1) / mean
 
 
@@ -64,5 +70,6 @@ def area_elements(corners: Floats) -> Floats:
 
 def centroid(corners: Floats) -> Floats:
     """Return the area centroid (3,), m, of curved triangles (k, 6, 3)."""
-    area, values = area_elements(corners), shapes(quadrature(4, triangle=True)[0])[0]
+    area = area_elements(corners)
+    values = shapes(quadrature(4, triangle=True)[0])[0]
     return np.einsum("kq,nq,kni->i", area, values, corners) / area.sum()

@@ -19,7 +19,8 @@ from stiffscope.fea.spaces import ElementTetCubic, cell_bases
 if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats, TetMesh
 
-STRAIGHT_ORDER, CURVED_ORDER = 4, 7  # quadrature: exact for quadratic functions, if curved too
+STRAIGHT_ORDER = 4
+CURVED_ORDER = 7  # quadrature: exact for quadratic functions, if curved too
 HIGHER = 1  # additional order for products with cubic functions
 _MASS = BilinearForm(lambda u, v, _: u * v)
 
@@ -41,8 +42,14 @@ class Mass:
     def cubics(self) -> csr_array:
         """Mass (w, n) between the cubic and the quadratic functions."""
         orders = STRAIGHT_ORDER + HIGHER, CURVED_ORDER + HIGHER
-        pairs = (cell_bases(self.mesh, element, *orders) for element in (ElementTetP2(), ElementTetCubic()))
-        return csr_array(self.density * sum(_MASS.assemble(u, v) for u, v in zip(*pairs, strict=True)))
+        pairs = (
+            cell_bases(self.mesh, element, *orders)
+            for element in (ElementTetP2(), ElementTetCubic())
+        )
+        return csr_array(
+            self.density
+            * sum(_MASS.assemble(u, v) for u, v in zip(*pairs, strict=True))
+        )
 
 
 def times(mass: csr_array, motion: Floats) -> Floats:
@@ -72,5 +79,7 @@ def rigid_mass(points: Floats, mass: csr_array) -> RigidMass:
     total = float(np.trace(matrix[:3, :3])) / 3
     skew = matrix[3:, :3] - matrix[3:, :3].T  # 2 m S(c)
     lever = np.array([skew[2, 1], skew[0, 2], skew[1, 0]]) / (2 * total)
-    inertia = matrix[3:, 3:] - total * (lever @ lever * np.eye(3) - np.outer(lever, lever))
+    inertia = matrix[3:, 3:] - total * (
+        lever @ lever * np.eye(3) - np.outer(lever, lever)
+    )
     return RigidMass(total, middle + lever, (inertia + inertia.T) / 2)

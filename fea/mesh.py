@@ -33,17 +33,24 @@ Project = Callable[[int, Floats], Floats]
 logger = logging.getLogger(__name__)
 
 MOST_ELEMENTS = 2e6
-MESHING, SOLVING = 0.4e-3, 2.5e-3  # processor seconds per element, twice those of a slider; half the latter for modes
-MISJUDGED = 1.75  # ratio of estimate to time left to refuse meshing: two processors are faster
+MESHING = 0.4e-3
+SOLVING = 2.5e-3  # processor seconds per element, twice those of a slider; half the latter for modes
+MISJUDGED = (
+    1.75  # ratio of estimate to time left to refuse meshing: two processors are faster
+)
 PLANE = 0.8  # share of plane area for flat elements in thin walls; curved walls need small ones
-ENERGY = 10.0  # largest distortion energy that the mesher leaves; 3 for a regular element
+ENERGY = (
+    10.0  # largest distortion energy that the mesher leaves; 3 for a regular element
+)
 FIN = 0.06  # depth of the fins at seams in element sizes; deeper fins cause spurious elements
 
 # The six edges and four outward faces of a tetrahedron, in the order of VTK's (scikit-fem's) tet10.
 EDGES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
 SIDES = np.array([[0, 1], [1, 2], [2, 0]])  # of a triangle
 FACES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
-FACE_MIDS = np.array([[6, 5, 4], [4, 8, 7], [5, 9, 8], [7, 9, 6]])  # (v0v1, v1v2, v2v0) by face
+FACE_MIDS = np.array(
+    [[6, 5, 4], [4, 8, 7], [5, 9, 8], [7, 9, 6]]
+)  # (v0v1, v1v2, v2v0) by face
 
 
 class MeshError(InputError):
@@ -81,7 +88,9 @@ class TetMesh:
         order = np.lexsort(np.sort(self.facets[:, :3], axis=1).T)
         number[order] = outer[np.lexsort(grid.facets[:, outer])]
         faces = np.unique(self.facet_face)
-        return grid.with_boundaries({str(face): number[self.facet_face == face] for face in faces})
+        return grid.with_boundaries(
+            {str(face): number[self.facet_face == face] for face in faces}
+        )
 
     @cached_property
     def is_curved(self) -> NDArray[np.bool_]:
@@ -103,7 +112,8 @@ class TetMesh:
 def compact(mesh: TetMesh) -> TetMesh:
     """Remove nodes that no element uses."""
     used, cells = np.unique(mesh.cells, return_inverse=True)
-    cells, facets = cells.reshape(mesh.cells.shape), np.searchsorted(used, mesh.facets)
+    cells = cells.reshape(mesh.cells.shape)
+    facets = np.searchsorted(used, mesh.facets)
     return replace(mesh, points=mesh.points[used], cells=cells, facets=facets)
 
 
@@ -131,7 +141,8 @@ def face_area(faces: Collection[FaceGeometry], kind: str = "") -> float:
 
 def flatness_of(volume: float, faces: Collection[FaceGeometry]) -> float:
     """Return the allowed aspect ratio of elements, 1 to 2: above 1 for thin, plane walls."""
-    area, plane = face_area(faces), face_area(faces, "plane")
+    area = face_area(faces)
+    plane = face_area(faces, "plane")
     flatness = 2.0 * thinness(volume, area) - 2.0 if plane > PLANE * area else 1.0
     return float(np.clip(flatness, 1.0, 2.0))
 
@@ -144,7 +155,9 @@ def thinness(volume: float, area: float) -> float:
 def edge_length(mesh: TetMesh) -> float:
     """Return the 90 % quantile (m) of the element edge lengths."""
     ends = mesh.points[mesh.cells[:, :4][:, EDGES]]
-    return float(np.quantile(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), 0.9))
+    return float(
+        np.quantile(np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2), 0.9)
+    )
 
 
 def expected_elements(surface: Surface, volume: float, size: float) -> float:
@@ -166,13 +179,17 @@ def expected_elements(surface: Surface, volume: float, size: float) -> float:
     sides = ends[:, :, 1] - ends[:, :, 0]
     areas = np.linalg.norm(np.cross(sides[:, 0], sides[:, 2]), axis=1) / 2
     shortest = np.linalg.norm(sides, axis=2).min(axis=1)
-    curved = np.array([face.kind != "plane" for face in surface.faces])[surface.face_of_triangle]
+    curved = np.array([face.kind != "plane" for face in surface.faces])[
+        surface.face_of_triangle
+    ]
     finest = min(size, 2 * default_envelope(surface, size))
     sides = np.where(curved, np.clip(shortest, finest, size), size)
     return float(2 * (areas / (0.433 * sides**2)).sum() + 12.0 * volume / size**3)
 
 
-def check_time(elements: float, time_limit: float, cure: str, *, meshed: bool = False) -> None:
+def check_time(
+    elements: float, time_limit: float, cure: str, *, meshed: bool = False
+) -> None:
     """Raise MeshError if so many tetrahedra far exceed the time limit (s); warn if they may.
 
     Parameters
@@ -190,7 +207,9 @@ def check_time(elements: float, time_limit: float, cure: str, *, meshed: bool = 
             f"where {max(time_limit, 0.0):.0f} s are left; {cure}, or set mesh.time_limit = {enough}"
         )
     if seconds > time_limit:
-        logger.warning("mesh: %s, where mesh.time_limit leaves %.0f s; %s", told, time_limit, cure)
+        logger.warning(
+            "mesh: %s, where mesh.time_limit leaves %.0f s; %s", told, time_limit, cure
+        )
 
 
 def _round(number: float) -> str:
@@ -203,7 +222,9 @@ def default_envelope(surface: Surface, size: float) -> float:
     At most a tenth of the thickness, even if that is slow, to preserve thin walls.
     """
     reach = diagonal(surface)
-    return float(min(np.clip(0.03 * size, 3e-4 * reach, 1e-3 * reach), 0.1 * thickness(surface)))
+    return float(
+        min(np.clip(0.03 * size, 3e-4 * reach, 1e-3 * reach), 0.1 * thickness(surface))
+    )
 
 
 def diagonal(surface: Surface) -> float:
@@ -216,7 +237,9 @@ def thickness(surface: Surface) -> float:
     return 2 * abs(surface_volume(surface)) / face_area(surface.faces)
 
 
-def check_lengths(name: str, solid: tuple[float, float], size: float | None, envelope: float | None) -> None:
+def check_lengths(
+    name: str, solid: tuple[float, float], size: float | None, envelope: float | None
+) -> None:
     """Raise MeshError for a size or envelope too small or too large for this part.
 
     Parameters
@@ -224,14 +247,20 @@ def check_lengths(name: str, solid: tuple[float, float], size: float | None, env
     solid : volume (m³) and bounding box diagonal (m).
     """
     volume, diagonal = solid
-    finest = (8.5 * volume / MOST_ELEMENTS) ** (1 / 3)  # a regular tetrahedron has size³ / 8.5
+    finest = (8.5 * volume / MOST_ELEMENTS) ** (
+        1 / 3
+    )  # a regular tetrahedron has size³ / 8.5
     for kind, value, least, most in (
         ("size", size, finest, diagonal),
         ("envelope", envelope, 1e-5 * diagonal, 0.01 * diagonal),
     ):
-        if value is not None and not 0.99 * least <= value <= 1.01 * most:  # rounded in the message
+        if (
+            value is not None and not 0.99 * least <= value <= 1.01 * most
+        ):  # rounded in the message
             valid = f"{least * 1e3:.3g} mm to {most * 1e3:.3g} mm for this part"
-            raise MeshError(f"{name}.mesh.{kind}: expected {valid}, got {value * 1e3:g} mm")
+            raise MeshError(
+                f"{name}.mesh.{kind}: expected {valid}, got {value * 1e3:g} mm"
+            )
 
 
 def surface_volume(surface: Surface) -> float:
@@ -241,7 +270,12 @@ def surface_volume(surface: Surface) -> float:
 
 
 def tetrahedralize(
-    surface: Surface, size: float, envelope: float, time_limit: float = 300.0, threads: int = 0, energy: float = ENERGY
+    surface: Surface,
+    size: float,
+    envelope: float,
+    time_limit: float = 300.0,
+    threads: int = 0,
+    energy: float = ENERGY,
 ) -> tuple[Floats, Ints]:
     """Fill a closed surface with linear tetrahedra.
 
@@ -264,15 +298,22 @@ def tetrahedralize(
     _check_surface(surface, size, envelope)
     depth = min(max(FIN * size, 3 * envelope), 0.3 * thickness(surface))
     vertices, triangles = _with_fins(surface, depth)
-    lengths = size * 1e3, envelope / diagonal(surface)  # fTetWild's tolerances suit millimetres
+    lengths = (
+        size * 1e3,
+        envelope / diagonal(surface),
+    )  # fTetWild's tolerances suit millimetres
     work = vertices * 1e3, triangles, *lengths, threads or processors(), energy
     try:  # a crash, an endless loop and its file in the working folder stay in the child
         points, cells = do_alone(_run_ftetwild, *work, name="mesh", limit=time_limit)
     except LateError:
         cure = "choose a larger size or envelope, or a longer limit"
-        raise MeshError(f"mesh: not finished within {time_limit:.3g} s; {cure}") from None
+        raise MeshError(
+            f"mesh: not finished within {time_limit:.3g} s; {cure}"
+        ) from None
     except WorkerError as error:
-        raise MeshError(f"mesh: the mesher failed: {str(error).removeprefix('mesh: ')}") from error
+        raise MeshError(
+            f"mesh: the mesher failed: {str(error).removeprefix('mesh: ')}"
+        ) from error
     return _check_tets(points * 1e-3, cells, surface_volume(surface))
 
 
@@ -281,13 +322,18 @@ def _check_surface(surface: Surface, size: float, envelope: float) -> None:
     if not (np.isfinite(size) and size > 0 and np.isfinite(envelope) and envelope > 0):
         got = f"got {size} m and {envelope} m"
         raise MeshError(f"mesh: size and envelope must be positive lengths, {got}")
-    vertices, triangles = surface.vertices, surface.triangles
+    vertices = surface.vertices
+    triangles = surface.triangles
     if not len(triangles) or not np.isfinite(vertices).all():
-        raise MeshError("mesh: the surface is empty or has coordinates that are not finite")
+        raise MeshError(
+            "mesh: the surface is empty or has coordinates that are not finite"
+        )
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise MeshError("mesh: the surface's triangles name vertices that do not exist")
     sides = triangles[:, SIDES].reshape(-1, 2)
-    keys, mirrored = (np.sort(each @ [len(vertices), 1]) for each in (sides, sides[:, ::-1]))
+    keys, mirrored = (
+        np.sort(each @ [len(vertices), 1]) for each in (sides, sides[:, ::-1])
+    )
     if not np.array_equal(keys, mirrored):
         raise MeshError("mesh: the surface is not closed; the solid must be watertight")
     if surface_volume(surface) <= 0:
@@ -300,7 +346,9 @@ def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
     The mesher keeps an edge of three sheets, but none between coplanar triangles. Fin triangles
     alternate in orientation, since the mesher finds the interior by winding numbers.
     """
-    vertices, triangles, tags = surface.vertices, surface.triangles, surface.face_of_triangle
+    vertices = surface.vertices
+    triangles = surface.triangles
+    tags = surface.face_of_triangle
     if not surface.seams:
         return vertices, triangles
     ends, left, right = sides_between(triangles)
@@ -312,9 +360,13 @@ def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
     outward = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     inward = np.zeros_like(vertices)
     for end in range(2):
-        np.subtract.at(inward, ends[:, end], outward[left[along]] + outward[right[along]])
+        np.subtract.at(
+            inward, ends[:, end], outward[left[along]] + outward[right[along]]
+        )
     rim, low = np.unique(ends, return_inverse=True)
-    foot = vertices[rim] + depth * inward[rim] / np.linalg.norm(inward[rim], axis=1, keepdims=True)
+    foot = vertices[rim] + depth * inward[rim] / np.linalg.norm(
+        inward[rim], axis=1, keepdims=True
+    )
     low = low.reshape(-1, 2) + len(vertices)
     first = np.column_stack([ends[:, 0], ends[:, 1], low[:, 1]])
     second = np.column_stack([ends[:, 0], low[:, 0], low[:, 1]])
@@ -322,15 +374,25 @@ def _with_fins(surface: Surface, depth: float) -> tuple[Floats, Ints]:
 
 
 def _run_ftetwild(
-    vertices: Floats, triangles: Ints, size: float, envelope: float, threads: int, energy: float
+    vertices: Floats,
+    triangles: Ints,
+    size: float,
+    envelope: float,
+    threads: int,
+    energy: float,
 ) -> tuple[Floats, Ints]:
     """Mesh a surface in a worker process; only there the mesher is imported."""
     import pytetwild
 
     points, cells = pytetwild.tetrahedralize(  # pyright: ignore[reportPrivateImportUsage]
-        vertices, triangles.astype(np.int32), edge_length_abs=size, epsilon=envelope, num_threads=threads,
-        stop_energy=energy, vtk_ordering=True,
-    )  # fmt: skip
+        vertices,
+        triangles.astype(np.int32),
+        edge_length_abs=size,
+        epsilon=envelope,
+        num_threads=threads,
+        stop_energy=energy,
+        vtk_ordering=True,
+    )
     return points, cells.astype(np.int64)
 
 
@@ -339,7 +401,8 @@ def _check_tets(points: Floats, cells: Ints, volume: float) -> tuple[Floats, Int
         why = "the surface has no inside (a sheet, or it crosses itself)"
         raise MeshError(f"mesh: no tetrahedra; {why}")
     used, cells = np.unique(cells, return_inverse=True)
-    points, cells = points[used], cells.reshape(-1, 4)
+    points = points[used]
+    cells = cells.reshape(-1, 4)
     volumes = tet_volumes(points, cells)
     flipped = volumes < 0
     cells[flipped] = cells[flipped][:, [0, 1, 3, 2]]

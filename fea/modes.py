@@ -19,7 +19,9 @@ from stiffscope.fea.mesh import Floats, MeshError
 if TYPE_CHECKING:
     from stiffscope.fea.solvers import Solve
 
-    Block = tuple[Floats, Floats, Floats]  # vectors (c, b), and their products with stiffness and mass
+    Block = tuple[
+        Floats, Floats, Floats
+    ]  # vectors (c, b), and their products with stiffness and mass
 
 LIMIT = 200  # steps
 DEPENDENT = 1e-10  # relative squared length below which a direction is dependent
@@ -58,14 +60,18 @@ def lowest_modes(
         squares, turn = ritz(_inner(blocks, 1), _inner(blocks, 2), start.shape[1])
         sizes = np.cumsum([block[0].shape[1] for block in blocks])
         own, *others = np.split(turn, sizes[:-1])
-        former = [sum((b[k] @ t for b, t in zip(blocks[1:], others, strict=True)), start=0.0) for k in range(3)]
+        former = [
+            sum((b[k] @ t for b, t in zip(blocks[1:], others, strict=True)), start=0.0)
+            for k in range(3)
+        ]
         modes, pushed, moved = (blocks[0][k] @ own + former[k] for k in range(3))
         residual = pushed - moved * squares
         step = precondition(residual)
         left = np.einsum("ij,ij->j", residual, step) > tolerance * squares
         if not left[:count].any():
             return squares, modes, pushed
-        residual, step = residual[:, left], step[:, left]  # converged ones would only add rounding
+        residual = residual[:, left]
+        step = step[:, left]  # converged ones would only add rounding
         along = moved.T @ step
         step -= modes @ along
         new = step, residual - pushed @ along if exact else stiffness(step), mass(step)
@@ -76,7 +82,9 @@ def lowest_modes(
 
 def _inner(blocks: list[Block], with_part: int) -> Floats:
     """Return inner products (k, k) of all blocks' vectors with their products with a matrix."""
-    return np.block([[one[0].T @ other[with_part] for other in blocks] for one in blocks])
+    return np.block(
+        [[one[0].T @ other[with_part] for other in blocks] for one in blocks]
+    )
 
 
 def ritz(stiffness: Floats, mass: Floats, count: int) -> tuple[Floats, Floats]:
@@ -98,5 +106,7 @@ def ritz(stiffness: Floats, mass: Floats, count: int) -> tuple[Floats, Floats]:
     kept = lengths > DEPENDENT * lengths[-1]
     basis = scale[:, None] * directions[:, kept] / np.sqrt(lengths[kept])
     held = basis.T @ stiffness @ basis
-    squares, turn = eigh((held + held.T) / 2, subset_by_index=(0, min(count, kept.sum()) - 1))
+    squares, turn = eigh(
+        (held + held.T) / 2, subset_by_index=(0, min(count, kept.sum()) - 1)
+    )
     return squares, basis @ turn

@@ -20,7 +20,13 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 
 from stiffscope.fea.couplings import Supports, factorize
 from stiffscope.fea.settings import check_solver
-from stiffscope.fea.solvers import Solve, Solver, conjugate_gradients, in_portions, product
+from stiffscope.fea.solvers import (
+    Solve,
+    Solver,
+    conjugate_gradients,
+    in_portions,
+    product,
+)
 
 if TYPE_CHECKING:
     from stiffscope.fea.mesh import Floats, TetMesh
@@ -29,11 +35,16 @@ logger = logging.getLogger(__name__)
 
 FACTORIZED_TO = 25_000  # degrees of freedom up to which a factorization is faster
 STEPS = 2  # smoothing steps before and after the correction
-SMOOTHED = 8.0  # ratio of the largest eigenvalue to the smallest one that the smoother reduces
-TOLERANCE, LIMIT = 1e-11, 200
+SMOOTHED = (
+    8.0  # ratio of the largest eigenvalue to the smallest one that the smoother reduces
+)
+TOLERANCE = 1e-11
+LIMIT = 200
 
 
-def prepare(mesh: TetMesh, stiffness: csr_array, supports: Supports, name: str = "auto") -> Solver:
+def prepare(
+    mesh: TetMesh, stiffness: csr_array, supports: Supports, name: str = "auto"
+) -> Solver:
     """Return a solver of the supported stiffness (3n, 3n).
 
     Parameters
@@ -52,7 +63,9 @@ def prepare(mesh: TetMesh, stiffness: csr_array, supports: Supports, name: str =
     InputError : if the name is unknown.
     """
     check_solver(name)
-    if name == "multigrid" or (name == "auto" and 3 * len(supports.free) > FACTORIZED_TO):
+    if name == "multigrid" or (
+        name == "auto" and 3 * len(supports.free) > FACTORIZED_TO
+    ):
         return two_levels(mesh, stiffness, supports)
     solve = factorize(stiffness, supports)
     return Solver(solve, solve)
@@ -68,14 +81,23 @@ def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve
     def apply(coordinates: Floats) -> Floats:
         return supports.restrict(multiply(supports.expand(coordinates)))
 
-    def scale_twists(residual: Floats) -> Floats:  # the linear level corrects the twists
+    def scale_twists(
+        residual: Floats,
+    ) -> Floats:  # the linear level corrects the twists
         split = len(residual) - width
         return np.vstack([inverse @ residual[:split], np.zeros_like(residual[split:])])
 
     def symmetric(motion: Floats) -> Floats:
-        return root.T @ apply(np.vstack([root @ motion[:, None], np.zeros((width, 1))]))[: len(motion)]
+        return (
+            root.T
+            @ apply(np.vstack([root @ motion[:, None], np.zeros((width, 1))]))[
+                : len(motion)
+            ]
+        )
 
-    smooth = _chebyshev(apply, scale_twists, largest_eigenvalue(symmetric, 3 * len(supports.free)))
+    smooth = _chebyshev(
+        apply, scale_twists, largest_eigenvalue(symmetric, 3 * len(supports.free))
+    )
 
     def cycle(force: Floats) -> Floats:
         motion = smooth(force)
@@ -84,7 +106,9 @@ def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve
         return motion
 
     def solve(force: Floats) -> Floats:
-        motion, converged = conjugate_gradients(apply, cycle, force, np.zeros_like(force), TOLERANCE, LIMIT)
+        motion, converged = conjugate_gradients(
+            apply, cycle, force, np.zeros_like(force), TOLERANCE, LIMIT
+        )
         if converged:
             return motion
         logger.warning("multigrid: not converged after %d steps; factorizing", LIMIT)
@@ -95,8 +119,14 @@ def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve
 
 def _linear_level(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve:
     """Return the coarse correction by linear displacements between vertices."""
-    count, edges = int(mesh.grid.nvertices), mesh.grid.edges
-    halves = coo_array((np.full(edges.size, 0.5), (np.tile(np.arange(edges.shape[1]), 2), edges.ravel())))
+    count = int(mesh.grid.nvertices)
+    edges = mesh.grid.edges
+    halves = coo_array(
+        (
+            np.full(edges.size, 0.5),
+            (np.tile(np.arange(edges.shape[1]), 2), edges.ravel()),
+        )
+    )
     between = vstack([eye_array(count), halves])  # nodes are numbered vertices first
     spread = csr_array(kron(between, eye_array(3), format="csr"))
     linear = csr_array(spread.T @ (stiffness @ spread))
@@ -110,8 +140,11 @@ def _linear_level(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> So
         tie=supports.tie[np.repeat(supports.tied < count, 3)],
     )
     solve = factorize(linear, held)
-    down = spread[supports.free_dofs]  # restriction to the vertices of forces on free nodes
-    split, twists = down.shape[0], supports.tie.shape[1]
+    down = spread[
+        supports.free_dofs
+    ]  # restriction to the vertices of forces on free nodes
+    split = down.shape[0]
+    twists = supports.tie.shape[1]
 
     def correct(residual: Floats) -> Floats:
         force = held.restrict(down.T @ residual[:split])
@@ -130,7 +163,9 @@ def _root_of_inverse_blocks(stiffness: csr_array, supports: Supports) -> csr_arr
         for j in range(3):
             blocks[:, i, j] = stiffness[free[:, i], free[:, j]]
     steps = np.arange(len(free) + 1)
-    return bsr_array((np.linalg.cholesky(np.linalg.inv(blocks)), steps[:-1], steps)).tocsr()
+    return bsr_array(
+        (np.linalg.cholesky(np.linalg.inv(blocks)), steps[:-1], steps)
+    ).tocsr()
 
 
 def largest_eigenvalue(symmetric: Solve, size: int) -> float:
@@ -142,21 +177,28 @@ def largest_eigenvalue(symmetric: Solve, size: int) -> float:
     start = np.random.default_rng(0).normal(size=size)
     operator = LinearOperator((size, size), matvec=symmetric, dtype=float)  # type: ignore[call-arg]
     options = {"v0": start, "ncv": min(20, size), "tol": 0.01}
-    return float(eigsh(operator, 1, which="LA", return_eigenvectors=False, **options)[0])
+    return float(
+        eigsh(operator, 1, which="LA", return_eigenvectors=False, **options)[0]
+    )
 
 
 def _chebyshev(apply: Solve, scaled: Solve, largest: float) -> Solve:
     """Return ``STEPS`` Chebyshev steps from zero for the upper part of the spectrum."""
     bottom = largest / SMOOTHED
-    middle, half = (largest + bottom) / 2, (largest - bottom) / 2
+    middle = (largest + bottom) / 2
+    half = (largest - bottom) / 2
 
     def smooth(force: Floats) -> Floats:
         change = scaled(force) / middle
-        motion, residual, ratio = change.copy(), force, half / middle
+        motion = change.copy()
+        residual = force
+        ratio = half / middle
         for _ in range(STEPS - 1):
             residual = residual - apply(change)
             following = 1 / (2 * middle / half - ratio)
-            change = following * ratio * change + 2 * following / half * scaled(residual)
+            change = following * ratio * change + 2 * following / half * scaled(
+                residual
+            )
             ratio = following
             motion += change
         return motion

@@ -12,7 +12,17 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from stiffscope.fea.geometry import shapes
-from stiffscope.fea.mesh import EDGES, FACE_MIDS, FACES, Floats, Ints, TetMesh, boundary_facets, compact, unique_edges
+from stiffscope.fea.mesh import (
+    EDGES,
+    FACE_MIDS,
+    FACES,
+    Floats,
+    Ints,
+    TetMesh,
+    boundary_facets,
+    compact,
+    unique_edges,
+)
 
 OPPOSITE = [3, 2, 0, 1]  # vertex opposite to each of FACES
 CORNERS = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -37,21 +47,28 @@ def bisect(mesh: TetMesh, marked: Ints, at: Floats) -> TetMesh:
     """
     count = len(mesh.points)
     flip = marked[:, 0] > marked[:, 1]
-    low, high = marked.min(axis=1), marked.max(axis=1)
+    low = marked.min(axis=1)
+    high = marked.max(axis=1)
     keys, first = np.unique(low * count + high, return_index=True)
     at = np.where(flip, 1 - at, at)[first]
     length = np.linalg.norm(mesh.points[low] - mesh.points[high], axis=1)[first]
-    rank = np.empty(len(keys), dtype=np.int64)  # the longest edge of a tetrahedron is cut first
+    rank = np.empty(
+        len(keys), dtype=np.int64
+    )  # the longest edge of a tetrahedron is cut first
     rank[np.argsort(length, kind="stable")] = np.arange(len(keys))
     cells = len(mesh.cells)
-    pieces = _Pieces(mesh.cells[:, :4].copy(), np.arange(cells), np.tile(CORNERS, (cells, 1, 1)))
+    pieces = _Pieces(
+        mesh.cells[:, :4].copy(), np.arange(cells), np.tile(CORNERS, (cells, 1, 1))
+    )
     pending = np.ones(len(keys), dtype=bool)
     while pending.any():
         pieces = _cut_round(pieces, count, keys, rank, at, pending)
     return _rebuilt(mesh, pieces, count + len(keys))
 
 
-def _cut_round(pieces: _Pieces, count: int, keys: Ints, rank: Ints, at: Floats, pending: np.ndarray) -> _Pieces:
+def _cut_round(
+    pieces: _Pieces, count: int, keys: Ints, rank: Ints, at: Floats, pending: np.ndarray
+) -> _Pieces:
     """Cut pending edges that rank highest in all tetrahedra around them: an independent set."""
     ends = np.sort(pieces.vertices[:, EDGES], axis=2)  # (m, 6, 2)
     old = ends[:, :, 1] < count
@@ -70,7 +87,8 @@ def _cut_round(pieces: _Pieces, count: int, keys: Ints, rank: Ints, at: Floats, 
     cut = np.flatnonzero((top >= 0) & ~beaten[edge])
     if not len(cut):
         return pieces
-    edge, local = edge[cut], local[cut]
+    edge = edge[cut]
+    local = local[cut]
     pending[edge] = False
     a, b = EDGES[local].T
     swap = pieces.vertices[cut, a] > pieces.vertices[cut, b]
@@ -80,11 +98,14 @@ def _cut_round(pieces: _Pieces, count: int, keys: Ints, rank: Ints, at: Floats, 
     return _with_halves(pieces, cut, a, b, count + edge, middle)
 
 
-def _with_halves(pieces: _Pieces, cut: Ints, a: Ints, b: Ints, new: Ints, middle: Floats) -> _Pieces:
+def _with_halves(
+    pieces: _Pieces, cut: Ints, a: Ints, b: Ints, new: Ints, middle: Floats
+) -> _Pieces:
     whole = pieces.vertices, pieces.root, pieces.corners
     halves = [tuple(np.delete(part, cut, axis=0) for part in whole)]
     for replaced in (a, b):
-        vertices, corners = pieces.vertices[cut], pieces.corners[cut]
+        vertices = pieces.vertices[cut]
+        corners = pieces.corners[cut]
         vertices[np.arange(len(cut)), replaced] = new
         corners[np.arange(len(cut)), replaced] = middle
         halves.append((vertices, pieces.root[cut], corners))
@@ -95,7 +116,9 @@ def _rebuilt(mesh: TetMesh, pieces: _Pieces, vertex_count: int) -> TetMesh:
     """Return the quadratic mesh of the pieces, with nodes on the roots' quadratic maps."""
     edges, edge_of = unique_edges(pieces.vertices)
     cells = np.hstack([pieces.vertices, edge_of + vertex_count])
-    reference = np.concatenate([pieces.corners, pieces.corners[:, EDGES].mean(axis=2)], axis=1)  # (m, 10, 3)
+    reference = np.concatenate(
+        [pieces.corners, pieces.corners[:, EDGES].mean(axis=2)], axis=1
+    )  # (m, 10, 3)
     points = np.zeros((vertex_count + len(edges), 3))
     _, first = np.unique(cells, return_index=True)
     roots = mesh.points[mesh.cells[pieces.root[first // 10]]]
@@ -114,7 +137,9 @@ def _inherited_facets(mesh: TetMesh, pieces: _Pieces, cells: Ints) -> tuple[Ints
     face[owner[order], local[order]] = mesh.facet_face[known]
     facets, owner, local = boundary_facets(cells[:, :4])
     corners = pieces.corners[owner[:, None], FACES[local]]  # (k, 3, 3)
-    barycentric = np.concatenate([1 - corners.sum(axis=2, keepdims=True), corners], axis=2)
+    barycentric = np.concatenate(
+        [1 - corners.sum(axis=2, keepdims=True), corners], axis=2
+    )
     off = np.abs(barycentric).max(axis=1)
     side = np.argmin(off[:, OPPOSITE], axis=1)  # parent face: one coordinate is zero
     mids = cells[owner[:, None], FACE_MIDS[local]]
@@ -135,10 +160,13 @@ def grade(mesh: TetMesh, edges: Ints, layers: int, ratio: float) -> TetMesh:
     if not len(edges) or not layers:
         return mesh
     position = mesh.points[np.unique(edges)]
-    tree, reach = KDTree(position), 1e-9 * float(np.linalg.norm(np.ptp(position, axis=0)))
+    tree = KDTree(position)
+    reach = 1e-9 * float(np.linalg.norm(np.ptp(position, axis=0)))
     key = np.array([len(mesh.points), 1])
     sides, _ = unique_edges(mesh.cells[:, :4])
-    both = np.isin(sides, edges).all(axis=1) & ~np.isin(sides @ key, np.sort(edges, axis=1) @ key)
+    both = np.isin(sides, edges).all(axis=1) & ~np.isin(
+        sides @ key, np.sort(edges, axis=1) @ key
+    )
     if both.any():
         mesh = bisect(mesh, sides[both], np.full(both.sum(), 0.5))
     for _ in range(layers):

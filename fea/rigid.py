@@ -15,9 +15,12 @@ def rigid_modes(points: Floats, reference: Floats) -> Floats:
     r = points - reference
     modes = np.zeros((len(points), 3, 6))
     modes[:, :, :3] = np.eye(3)
-    modes[:, 0, 4], modes[:, 0, 5] = r[:, 2], -r[:, 1]
-    modes[:, 1, 5], modes[:, 1, 3] = r[:, 0], -r[:, 2]
-    modes[:, 2, 3], modes[:, 2, 4] = r[:, 1], -r[:, 0]
+    modes[:, 0, 4] = r[:, 2]
+    modes[:, 0, 5] = -r[:, 1]
+    modes[:, 1, 5] = r[:, 0]
+    modes[:, 1, 3] = -r[:, 2]
+    modes[:, 2, 3] = r[:, 1]
+    modes[:, 2, 4] = -r[:, 0]
     return modes
 
 

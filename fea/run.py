@@ -18,7 +18,14 @@ from stiffscope.fea.dynamics import clamp_point, compute_dynamics, condense_mass
 from stiffscope.fea.experiment import Experiment
 from stiffscope.fea.geometry import volume
 from stiffscope.fea.mass import rigid_mass
-from stiffscope.fea.mesh import TetMesh, check_lengths, check_time, default_size, face_area, flatness_of
+from stiffscope.fea.mesh import (
+    TetMesh,
+    check_lengths,
+    check_time,
+    default_size,
+    face_area,
+    flatness_of,
+)
 from stiffscope.fea.rigid import relative_twists
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.specimen import GOOD_SHAPE, Specimen, cure_of, shape_error
@@ -33,7 +40,8 @@ if TYPE_CHECKING:
 
 # A coarse tessellation suffices, as nodes are projected on the solid afterwards, and a fine one is
 # expensive: 16 sides per circle instead of 12 take four times the elements and twice the time.
-CHORD, TURN = 0.15, 1.1  # distance to the surface in element sizes, angle between triangles in rad
+CHORD = 0.15
+TURN = 1.1  # distance to the surface in element sizes, angle between triangles in rad
 
 
 def run_experiment(
@@ -77,7 +85,8 @@ def run_experiment(
         If the part cannot be meshed or solved.
     """
     check_kind("part", part, Part | Specimen, "build_part")
-    started, settings = time.perf_counter(), settings or Settings()
+    started = time.perf_counter()
+    settings = settings or Settings()
     report = progress or LISTENERS.open_line(part.name)
     report("cad", 0.0)
     specimen = part if isinstance(part, Specimen) else specimen_of(part, settings)
@@ -88,14 +97,18 @@ def run_experiment(
     seconds = {"cad": time.perf_counter() - started}
     report("mesh", 0.05)
     if former:
-        mesh, seconds["mesh"] = former.mesh, former.seconds["mesh"]
+        mesh = former.mesh
+        seconds["mesh"] = former.seconds["mesh"]
     else:
-        mesh = moved or make_mesh(specimen, settings, settings.time_limit - seconds["cad"])
+        mesh = moved or make_mesh(
+            specimen, settings, settings.time_limit - seconds["cad"]
+        )
         seconds["mesh"] = time.perf_counter() - started - seconds["cad"]
     solving = time.perf_counter()
     report("solve", 0.5)
     if former:
-        solution, note = solve_on(specimen, mesh, settings), former.note
+        solution = solve_on(specimen, mesh, settings)
+        note = former.note
     else:
         left = max(settings.time_limit - (solving - started), 1.0)
         check_time(len(mesh.cells), left, cure_of(specimen, settings.size), meshed=True)
@@ -103,7 +116,9 @@ def run_experiment(
         def refining(stage: str, done: float) -> None:
             report(stage, 0.5 + 0.35 * done)
 
-        mesh, solution, note = solve_within(specimen, mesh, settings, refining, left, modes=whole)
+        mesh, solution, note = solve_within(
+            specimen, mesh, settings, refining, left, modes=whole
+        )
     statics = _statics(specimen, settings, mesh, solution)
     experiment = replace(statics, note=note, moved=moved is not None)
     if whole:
@@ -124,9 +139,13 @@ def specimen_of(part: Part, settings: Settings) -> Specimen:
     solid = mass_properties(part).volume
     bounds = solid, cad.kernel.diagonal(part.solid) * 1e-3
     check_lengths(part.name, bounds, settings.size, settings.envelope)
-    area, flatness = face_area(part.faces), flatness_of(solid, part.faces)
+    area = face_area(part.faces)
+    flatness = flatness_of(solid, part.faces)
     size = settings.size or default_size(solid, area, flatness)
-    loaded = ((face.faces, np.asarray(face.reference_point, dtype=float)) for face in part.loaded)
+    loaded = (
+        (face.faces, np.asarray(face.reference_point, dtype=float))
+        for face in part.loaded
+    )
     return Specimen(
         name=part.name,
         names=part.names,
@@ -142,8 +161,11 @@ def specimen_of(part: Part, settings: Settings) -> Specimen:
 
 
 @threadpool_limits.wrap(limits=1)
-def _statics(specimen: Specimen, settings: Settings, mesh: TetMesh, solution: Solution) -> Experiment:
-    places, clamp = np.array([point for _, point in specimen.loaded]), clamp_point(solution.system)
+def _statics(
+    specimen: Specimen, settings: Settings, mesh: TetMesh, solution: Solution
+) -> Experiment:
+    places = np.array([point for _, point in specimen.loaded])
+    clamp = clamp_point(solution.system)
     return Experiment(
         part=specimen.name,
         interface=settings.interface,
@@ -164,7 +186,9 @@ def _statics(specimen: Specimen, settings: Settings, mesh: TetMesh, solution: So
 
 
 @threadpool_limits.wrap(limits=1)
-def _with_fields(experiment: Experiment, solution: Solution, settings: Settings) -> Experiment:
+def _with_fields(
+    experiment: Experiment, solution: Solution, settings: Settings
+) -> Experiment:
     return replace(
         experiment,
         **vars(compute_dynamics(solution, settings)),

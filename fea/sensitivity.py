@@ -41,15 +41,25 @@ if TYPE_CHECKING:
     Build = Callable[[float], Part]
 
 STEP = 3e-4  # of a dimension: its CAD step; CAD precision is about 1e-4 of the step or better
-MATERIAL_STEP = 1e-5  # of a constant (absolute for ratios): central difference of elasticity
+MATERIAL_STEP = (
+    1e-5  # of a constant (absolute for ratios): central difference of elasticity
+)
 RATIOS = ("axial_poisson", "transverse_poisson")
 CONSTANTS = {
-    "youngs_modulus", "shear_modulus", "axial_modulus", "transverse_modulus", "axial_shear_modulus", *RATIOS
-}  # fmt: skip
+    "youngs_modulus",
+    "shear_modulus",
+    "axial_modulus",
+    "transverse_modulus",
+    "axial_shear_modulus",
+    *RATIOS,
+}
 
 
 def part_sensitivity(
-    experiment: Experiment, part: Part, settings: Settings, dimensions: Mapping[str, tuple[float, Build]]
+    experiment: Experiment,
+    part: Part,
+    settings: Settings,
+    dimensions: Mapping[str, tuple[float, Build]],
 ) -> PartSensitivity:
     """Return the derivatives of a part by its dimensions, material constants and foundation.
 
@@ -64,15 +74,21 @@ def part_sensitivity(
     """
     began = time.perf_counter()
     with threadpool_limits(1):
-        specimen, chosen = specimen_of(part, settings), (settings.solver, settings.foundation)
+        specimen = specimen_of(part, settings)
+        chosen = (settings.solver, settings.foundation)
         levels = solve_specimen(specimen, experiment.mesh, settings.interface, *chosen)
-        gravity = np.tile(np.eye(3), (len(experiment.mesh.points), 1))  # self-weight along x, y, z
+        gravity = np.tile(
+            np.eye(3), (len(experiment.mesh.points), 1)
+        )  # self-weight along x, y, z
         levels = accelerate(levels, gravity)
         solved = time.perf_counter()
         moves, notes = _moves(experiment.mesh, part, dimensions)
         moved = time.perf_counter()
         forms = Forms(levels, experiment, settings, tuple(moves.values()))
-        found = {name: forms.of_dimension(k, dimensions[name][0]) for k, name in enumerate(moves)}
+        found = {
+            name: forms.of_dimension(k, dimensions[name][0])
+            for k, name in enumerate(moves)
+        }
         found |= _of_material(forms, part.material)
         if settings.foundation is not None:
             found["foundation"] = forms.of_foundation()
@@ -85,7 +101,8 @@ def _moves(
     mesh: TetMesh, part: Part, dimensions: Mapping[str, tuple[float, Build]]
 ) -> tuple[dict[str, Move], dict[str, str]]:
     """Return the part's motion with each dimension, and the reasons for missing ones."""
-    moves, notes = {}, {}
+    moves = {}
+    notes = {}
     if not dimensions:
         return moves, notes
     velocities = DesignVelocity(mesh, part)
@@ -93,8 +110,11 @@ def _moves(
         try:
             changed, step = _change_dimension(build, value)
             velocity = velocities.measure_velocity(changed, step)
-            (points, centre), (moved, other) = _places(part), _places(changed)
-            moves[name] = Move(velocity, (moved - points) / step, (other - centre) / step)
+            (points, centre) = _places(part)
+            (moved, other) = _places(changed)
+            moves[name] = Move(
+                velocity, (moved - points) / step, (other - centre) / step
+            )
         except InputError as error:
             notes[name] = str(error)
     return moves, notes
@@ -117,10 +137,15 @@ def _places(part: Part) -> tuple[Floats, Floats]:
 def _of_material(forms: Forms, material: AnyMaterial) -> dict[str, Derivative]:
     """Return derivatives by each elastic constant of the material, and by its density."""
     found = {}
-    for name in (field.name for field in dataclasses.fields(material) if field.name in CONSTANTS):
+    for name in (
+        field.name for field in dataclasses.fields(material) if field.name in CONSTANTS
+    ):
         value = getattr(material, name)
         step = MATERIAL_STEP * (1.0 if name in RATIOS else value)
-        near = (dataclasses.replace(material, **{name: value + change}) for change in (step, -step))
+        near = (
+            dataclasses.replace(material, **{name: value + change})
+            for change in (step, -step)
+        )
         above, below = (each.elasticity() for each in near)
         unit = "1" if name in RATIOS else "Pa"
         found[name] = forms.of_elasticity((above - below) / (2 * step), value, unit)

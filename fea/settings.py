@@ -8,7 +8,9 @@ import numpy as np
 
 from stiffscope.cad.checks import require
 
-MOST_LAYERS = 6  # of thin elements at singular edges; the thinnest is 1/4000 of the size
+MOST_LAYERS = (
+    6  # of thin elements at singular edges; the thinnest is 1/4000 of the size
+)
 KINDS = ("rigid", "distributed")  # couplings of a loaded face to its reference point
 SOLVERS = ("auto", "direct", "multigrid")
 MOST_MODES = 150  # of the condensed model
@@ -54,12 +56,27 @@ class Settings:
             ("mesh.size", self.size, "a positive length", " m"),
             ("mesh.envelope", self.envelope, "a positive length", " m"),
             ("mesh.time_limit", self.time_limit, "positive seconds", ""),
-            ("foundation", self.foundation, "a positive stiffness per area in N/m3", ""),
-            ("mesh.highest_frequency", self.highest_frequency, "a positive frequency", " Hz"),
+            (
+                "foundation",
+                self.foundation,
+                "a positive stiffness per area in N/m3",
+                "",
+            ),
+            (
+                "mesh.highest_frequency",
+                self.highest_frequency,
+                "a positive frequency",
+                " Hz",
+            ),
         ):
             positive = value is None or (np.isfinite(value) and value > 0)
             require(positive, field, valid, f"{value!r}{unit}")
-        require(self.interface in KINDS, "interface", " or ".join(KINDS), repr(self.interface))
+        require(
+            self.interface in KINDS,
+            "interface",
+            " or ".join(KINDS),
+            repr(self.interface),
+        )
         check_solver(self.solver)
         fraction = "a fraction from 1e-6 to below 1 (0.1 % is 1e-3)"
         valid = self.tolerance is None or 1e-6 <= self.tolerance < 1

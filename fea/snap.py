@@ -33,7 +33,12 @@ FLATTEST = 0.003  # least relative Jacobian of a curved element; below, it is re
 
 
 def snap(
-    points: Floats, cells: Ints, surface: Surface, project: Project, size: float, tags: Ints | None = None
+    points: Floats,
+    cells: Ints,
+    surface: Surface,
+    project: Project,
+    size: float,
+    tags: Ints | None = None,
 ) -> TetMesh:
     """Return the quadratic mesh with boundary corners and midpoints on the CAD faces.
 
@@ -58,7 +63,8 @@ def snap(
         slivers = np.intersect1d(np.flatnonzero(inverted), _sliver_candidates(skin))
         if not left or not len(slivers):
             break
-        skin, left = _without(skin, slivers), left - 1
+        skin = _without(skin, slivers)
+        left = left - 1
     nodes, pulled = _pull_back(nodes, full, points, edges)
     return compact(TetMesh(nodes, full, full_facets, skin.tags, pulled))
 
@@ -84,7 +90,9 @@ class _Skin:
     tags: Ints
 
 
-def _curve_mesh(points: Floats, skin: _Skin, target: Target) -> tuple[Floats, Ints, Ints, Ints]:
+def _curve_mesh(
+    points: Floats, skin: _Skin, target: Target
+) -> tuple[Floats, Ints, Ints, Ints]:
     """Return nodes, cells (m, 10), boundary triangles (k, 6) on the CAD faces, edges (e, 2)."""
     corners = _on_faces(points, skin.facets, skin.tags, target)
     edges, edge_of = unique_edges(skin.cells)
@@ -98,8 +106,11 @@ def _curve_mesh(points: Floats, skin: _Skin, target: Target) -> tuple[Floats, In
 def _sliver_candidates(skin: _Skin) -> Ints:
     """Return sliver candidates: tetrahedra with two boundary triangles on one CAD face."""
     order = np.lexsort((skin.tags, skin.owner))
-    first, second = order[:-1], order[1:]
-    same = (skin.owner[first] == skin.owner[second]) & (skin.tags[first] == skin.tags[second])
+    first = order[:-1]
+    second = order[1:]
+    same = (skin.owner[first] == skin.owner[second]) & (
+        skin.tags[first] == skin.tags[second]
+    )
     return np.unique(skin.owner[first[same]])
 
 
@@ -110,7 +121,9 @@ def _without(skin: _Skin, slivers: Ints) -> _Skin:
     inherited = dict(zip(skin.owner.tolist(), skin.tags.tolist(), strict=True))
     for cell in slivers.tolist():
         for side in FACES:
-            known.setdefault(tuple(sorted(skin.cells[cell, side].tolist())), inherited[cell])
+            known.setdefault(
+                tuple(sorted(skin.cells[cell, side].tolist())), inherited[cell]
+            )
     cells = np.delete(skin.cells, slivers, axis=0)
     facets, owner, local = boundary_facets(cells)
     tags = np.array([known[tuple(sorted(facet))] for facet in facets.tolist()])
@@ -141,8 +154,10 @@ def places_of(nodes: Ints, tags: Ints, target: Target) -> tuple[Ints, Ints]:
     """Return unique (node, place) pairs of facets (k, j); a seam replaces its nodes' two faces."""
     count = target.faces + len(target.seams)
     pairs = np.unique(nodes.reshape(-1) * count + np.repeat(tags, nodes.shape[1]))
-    node, place = pairs // count, pairs % count
-    gone, seamed = np.zeros(len(pairs), dtype=bool), [pairs]
+    node = pairs // count
+    place = pairs % count
+    gone = np.zeros(len(pairs), dtype=bool)
+    seamed = [pairs]
     for k, seam in enumerate(target.seams):
         on_both = np.intersect1d(node[place == seam[0]], node[place == seam[1]])
         gone |= np.isin(place, seam) & np.isin(node, on_both)
@@ -165,10 +180,13 @@ def _balance(nodes: Floats, facets: Ints, tags: Ints, target: Target) -> Floats:
         on_facet = np.einsum("n,knj->kj", values, nodes[facets])
         triples = np.repeat(np.arange(len(facets))[:, None], 3, axis=1)
         gaps += 2 * weight * (_on_faces(on_facet, triples, tags, target) - on_facet)
-    mids, per_mid = facets[:, 3:].reshape(-1), np.repeat(gaps, 3, axis=0)
+    mids = facets[:, 3:].reshape(-1)
+    per_mid = np.repeat(gaps, 3, axis=0)
     pairs = np.unique(mids * (tags.max() + 1) + np.repeat(tags, 3)) // (tags.max() + 1)
     one_face = (np.bincount(pairs, minlength=len(nodes)) == 1)[:, None]
-    shift = np.stack([np.bincount(mids, each, len(nodes)) for each in per_mid.T], axis=1)
+    shift = np.stack(
+        [np.bincount(mids, each, len(nodes)) for each in per_mid.T], axis=1
+    )
     sharing = np.bincount(mids, minlength=len(nodes)).clip(min=1)[:, None]
     return nodes + np.where(one_face, shift / sharing, 0)
 
@@ -177,18 +195,29 @@ def _balance_sides(nodes: Floats, facets: Ints, tags: Ints, target: Target) -> F
     ends = facets[:, SIDES].reshape(-1, 2)
     mids = facets[:, 3:]
     node, first = np.unique(mids, return_index=True)
-    start, stop, middle = nodes[ends[first, 0]], nodes[ends[first, 1]], nodes[node]
+    start = nodes[ends[first, 0]]
+    stop = nodes[ends[first, 1]]
+    middle = nodes[node]
     new = np.searchsorted(node, mids)
     gap = np.zeros_like(middle)
-    for s in (0.5 - 0.15**0.5, 0.5 + 0.15**0.5):  # three Gauss points; the middle gap is zero
-        on_side = (1 - s) * (1 - 2 * s) * start + s * (2 * s - 1) * stop + 4 * s * (1 - s) * middle
+    for s in (
+        0.5 - 0.15**0.5,
+        0.5 + 0.15**0.5,
+    ):  # three Gauss points; the middle gap is zero
+        on_side = (
+            (1 - s) * (1 - 2 * s) * start
+            + s * (2 * s - 1) * stop
+            + 4 * s * (1 - s) * middle
+        )
         gap += (_on_faces(on_side, new, tags, target) - on_side) * 5 / 18
     balanced = nodes.copy()
     balanced[node] += 1.5 * gap
     return balanced
 
 
-def alternate(points: Floats, node: Ints, place: Ints, target: Target, rounds: int) -> None:
+def alternate(
+    points: Floats, node: Ints, place: Ints, target: Target, rounds: int
+) -> None:
     """Project nodes on each of their places in turn, until they stop moving.
 
     Parameters
@@ -210,12 +239,15 @@ def alternate(points: Floats, node: Ints, place: Ints, target: Target, rounds: i
             steps[here] = np.linalg.norm(closest - points[node[here]], axis=1)
             points[node[here]] = closest
         moving = np.isin(node, node[steps >= 1e-9 * target.size])
-        node, place = node[moving], place[moving]
+        node = node[moving]
+        place = place[moving]
         if not len(node):
             break
 
 
-def _pull_back(nodes: Floats, cells: Ints, original: Floats, edges: Ints) -> tuple[Floats, int]:
+def _pull_back(
+    nodes: Floats, cells: Ints, original: Floats, edges: Ints
+) -> tuple[Floats, int]:
     """Straighten elements inverted by snapping, then move them towards the mesher's positions."""
     nodes = nodes.copy()
     corners = len(original)

@@ -10,7 +10,14 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from stiffscope.errors import InputError
-from stiffscope.fea.couplings import Coupling, Supports, dofs_of, imbalance, support, unit_loads
+from stiffscope.fea.couplings import (
+    Coupling,
+    Supports,
+    dofs_of,
+    imbalance,
+    support,
+    unit_loads,
+)
 from stiffscope.fea.cubic import (
     CubicProblem,
     cubic_loads,
@@ -40,10 +47,13 @@ if TYPE_CHECKING:
 # quadratic-to-cubic difference otherwise; CROSS_TERMS bounds that between two loads over the
 # geometric mean of theirs. Its lower limit elsewhere is zero: the cubic compliance is a lower
 # bound, and exact except for geometry for a twisted round bar.
-AT_EDGES, SPREAD_AT_EDGES = 1.6, 0.5
-ELSEWHERE, SPREAD_ELSEWHERE = 0.1, 0.1
+AT_EDGES = 1.6
+SPREAD_AT_EDGES = 0.5
+ELSEWHERE = 0.1
+SPREAD_ELSEWHERE = 0.1
 CROSS_TERMS = 0.12
-SOLVER, ROUNDING = 1e-8, 5e-14
+SOLVER = 1e-8
+ROUNDING = 5e-14
 INERTIA = 3e-2  # relative error of the quadratic-to-cubic difference for inertia forces
 SOFTEST = 1e-4  # foundation stiffness over the part's modulus per size
 
@@ -140,7 +150,9 @@ class Solution:
     @property
     def indicator(self) -> Floats:
         """Contribution (m,) of each element to the relative bounds of the diagonal entries."""
-        energies = element_energies(self.system.cubic, _gained(self.motion, self.quadratic))
+        energies = element_energies(
+            self.system.cubic, _gained(self.motion, self.quadratic)
+        )
         weights = SPREAD_AT_EDGES * self.system.edge_weights + SPREAD_ELSEWHERE
         return (energies / self.cubic.diagonal()).sum(axis=1) * weights
 
@@ -153,7 +165,9 @@ class Solution:
     def von_mises(self) -> Floats:
         """Von Mises stresses (nodes, k), Pa."""
         elasticity = self.system.specimen.elasticity
-        return von_mises(nodal_stresses(self.system.mesh, self.displacement, elasticity))
+        return von_mises(
+            nodal_stresses(self.system.mesh, self.displacement, elasticity)
+        )
 
     @property
     def imbalance(self) -> float:
@@ -161,9 +175,13 @@ class Solution:
         system = self.system
         nodal = system.supports.expand(self.quadratic)
         clamped = system.mesh.nodes_of(system.specimen.clamped)
-        return imbalance(system.mesh.points, system.bare, nodal, clamped, system.couplings)
+        return imbalance(
+            system.mesh.points, system.bare, nodal, clamped, system.couplings
+        )
 
-    def extrapolate(self, other: float = ELSEWHERE, loads: Floats | None = None) -> Extrapolated:
+    def extrapolate(
+        self, other: float = ELSEWHERE, loads: Floats | None = None
+    ) -> Extrapolated:
         """Return the compliance with the remaining discretization error extrapolated; bounds.
 
         Parameters
@@ -174,7 +192,8 @@ class Solution:
         combine = np.eye(len(self.cubic)) if loads is None else loads
         matrices = self.cubic, self.gain, self.at_edges
         cubic, gain, at_edges = (combine.T @ each @ combine for each in matrices)
-        specimen, mesh = self.system.specimen, self.system.mesh
+        specimen = self.system.specimen
+        mesh = self.system.mesh
         remaining = AT_EDGES * at_edges + other * gain
         spread = SPREAD_AT_EDGES * np.abs(at_edges) + SPREAD_ELSEWHERE * np.abs(gain)
         spread *= specimen.flatness_on(mesh)  # fitted to elements no larger than walls
@@ -194,9 +213,15 @@ def _gained(motion: Floats, quadratic: Floats) -> Floats:
     return gained
 
 
-@threadpool_limits.wrap(limits=1)  # BLAS threads are slower on small matrices; see ``on_all_cores``
+@threadpool_limits.wrap(
+    limits=1
+)  # BLAS threads are slower on small matrices; see ``on_all_cores``
 def solve_specimen(
-    specimen: Specimen, mesh: TetMesh, interface: str, solver: str, foundation: float | None = None
+    specimen: Specimen,
+    mesh: TetMesh,
+    interface: str,
+    solver: str,
+    foundation: float | None = None,
 ) -> Solution:
     """Return the specimen's response to unit wrenches on its loaded interfaces.
 
@@ -214,7 +239,8 @@ def solve_specimen(
     kinds = specimen.list_couplings(interface)
     loaded = zip(specimen.loaded, kinds, strict=True)
     couplings = tuple(Coupling(*each, kind) for each, kind in loaded)
-    clamped, bedding = mesh.nodes_of(specimen.clamped), None
+    clamped = mesh.nodes_of(specimen.clamped)
+    bedding = None
     if foundation is not None:
         _check_foundation(specimen, foundation)
         clamped = clamped[:0]
@@ -227,9 +253,13 @@ def solve_specimen(
     prepared = prepare(mesh, stiffness, supports, solver)
     cubic = cubic_problem(mesh, space, supports, prepared, stiffness, bedding)
     weights = _edge_weights(specimen, mesh, interface, foundation)
-    system = System(specimen, mesh, couplings, supports, bare, stiffness, prepared, cubic, weights)
+    system = System(
+        specimen, mesh, couplings, supports, bare, stiffness, prepared, cubic, weights
+    )
     loads = unit_loads(mesh, supports, couplings)
-    tractions = cubic_loads(mesh, space, couplings)[cubic.free].reshape(-1, loads.shape[1])
+    tractions = cubic_loads(mesh, space, couplings)[cubic.free].reshape(
+        -1, loads.shape[1]
+    )
     return respond(system, np.vstack([loads, tractions]), prepared.solve(loads))
 
 
@@ -255,7 +285,9 @@ def respond(
     if solved is not None:
         former = solved.force, solved.motion, solved.quadratic
         new = force, motion, quadratic
-        force, motion, quadratic = (np.hstack(pair) for pair in zip(former, new, strict=True))
+        force, motion, quadratic = (
+            np.hstack(pair) for pair in zip(former, new, strict=True)
+        )
     split = len(quadratic)
     cubic = work(system.cubic.apply, force, motion)
     gain = cubic - work(system.apply, force[:split], quadratic)
@@ -274,7 +306,8 @@ def respond(
 
 def accelerate(levels: Solution, motion: Floats) -> Solution:
     """Return the solution with additional loads: inertia forces of accelerations (3n, k), m/s²."""
-    system, mass = levels.system, levels.system.mass
+    system = levels.system
+    mass = levels.system.mass
     nodal = system.supports.restrict(times(mass.nodes, motion))
     force = np.vstack([nodal, times(mass.cubics, motion)[system.cubic_rows]])
     return respond(system, force, system.solver.solve(nodal), levels, tolerance=INERTIA)
@@ -282,7 +315,9 @@ def accelerate(levels: Solution, motion: Floats) -> Solution:
 
 def rounding_of(specimen: Specimen) -> float:
     """Return the relative rounding error of a compliance: in slender parts as slenderness³."""
-    return max(SOLVER, ROUNDING * specimen.slenderness**3) if specimen.slender else SOLVER
+    return (
+        max(SOLVER, ROUNDING * specimen.slenderness**3) if specimen.slender else SOLVER
+    )
 
 
 def _check_foundation(specimen: Specimen, foundation: float) -> None:
@@ -296,7 +331,9 @@ def _check_foundation(specimen: Specimen, foundation: float) -> None:
         )
 
 
-def _edge_weights(specimen: Specimen, mesh: TetMesh, interface: str, foundation: float | None) -> Floats:
+def _edge_weights(
+    specimen: Specimen, mesh: TetMesh, interface: str, foundation: float | None
+) -> Floats:
     """Return ``remaining_at_edges`` (m,); a foundation softer than the part acts as traction."""
     fixed = specimen.list_fixed(rigid=interface == "rigid")
     size = specimen.volume ** (1 / 3)
@@ -312,7 +349,8 @@ def _geometry_bound(specimen: Specimen, mesh: TetMesh, compliance: Floats) -> Fl
     Misplaced interfaces couple entries that symmetry decouples, far more than a wrong volume.
     """
     own = compliance.diagonal()
-    size, scale = np.abs(compliance), np.sqrt(np.outer(own, own))
+    size = np.abs(compliance)
+    scale = np.sqrt(np.outer(own, own))
     area, shift = interface_error(specimen, mesh)
     body = (geometric_error(specimen, mesh) + area) * np.maximum(size, 1e-3 * scale)
     return 3 * (body + shift * np.maximum(size, 0.3 * scale))

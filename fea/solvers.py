@@ -49,7 +49,11 @@ def product(matrix: csr_array) -> Solve:
     parts = matrix.data, matrix.indices, matrix.indptr
     data, columns, starts = map(np.asarray, parts)
     size = len(starts) - 1
-    ends = [0, *np.searchsorted(starts, np.linspace(0, starts[-1], cores + 1)[1:-1]).tolist(), size]
+    ends = [
+        0,
+        *np.searchsorted(starts, np.linspace(0, starts[-1], cores + 1)[1:-1]).tolist(),
+        size,
+    ]
     blocks = []
     for first, last in pairwise(ends):
         held = slice(starts[first], starts[last])
@@ -78,7 +82,12 @@ def in_portions(work: Callable[..., Floats]) -> Callable[..., Floats]:
 
 
 def conjugate_gradients(
-    apply: Solve, precondition: Solve, force: Floats, motion: Floats, tolerance: float, limit: int
+    apply: Solve,
+    precondition: Solve,
+    force: Floats,
+    motion: Floats,
+    tolerance: float,
+    limit: int,
 ) -> tuple[Floats, bool]:
     """Solve for all columns at once until further steps would add little to the energy gained.
 
@@ -110,18 +119,22 @@ def conjugate_gradients(
     gain = np.zeros(force.shape[1])
     for _ in range(limit):  # in place: these are the problem's largest arrays
         pushed = apply(direction)
-        length = fall / np.maximum(np.einsum("ij,ij->j", direction, pushed), np.finfo(float).tiny)
+        length = fall / np.maximum(
+            np.einsum("ij,ij->j", direction, pushed), np.finfo(float).tiny
+        )
         motion += length * direction
         pushed *= length
         residual -= pushed
-        former, gain = gain, length * fall  # contribution of the step to each compliance
+        former = gain
+        gain = length * fall  # contribution of the step to each compliance
         gained += gain
         small = LEFT * tolerance * gained
         falling = (gain < small) & (gain**2 < small * (former - gain))
         if (falling | (gain < 0.1 * tolerance * gained)).all():
             return motion, True
         step = precondition(residual)
-        before, fall = fall, np.einsum("ij,ij->j", residual, step)
+        before = fall
+        fall = np.einsum("ij,ij->j", residual, step)
         direction *= fall / np.maximum(before, np.finfo(float).tiny)
         direction += step
     return motion, False

@@ -39,7 +39,9 @@ class ElementTetCubic(ElementH1):
     facet_dofs = 1
     maxdeg = 3
     dofnames = ("u", "u")
-    doflocs = np.vstack([RefTet.p.T[RefTet.edges].mean(axis=1), RefTet.p.T[RefTet.facets].mean(axis=1)])
+    doflocs = np.vstack(
+        [RefTet.p.T[RefTet.edges].mean(axis=1), RefTet.p.T[RefTet.facets].mean(axis=1)]
+    )
     refdom = RefTet
 
     def lbasis(self, X: Floats, i: int) -> tuple[Floats, Floats]:
@@ -47,15 +49,19 @@ class ElementTetCubic(ElementH1):
         b = np.stack([1 - X.sum(axis=0), *X])
         if i < 6:
             p, q = RefTet.edges[i]
-            x, y = b[p], b[q]
+            x = b[p]
+            y = b[q]
             slopes = {p: y * (2 * x - y), q: x * (x - 2 * y)}
             value = x * y * (x - y)
         elif i < 10:
             p, q, r = RefTet.facets[i - 6]
-            value, slopes = b[p] * b[q] * b[r], {p: b[q] * b[r], q: b[p] * b[r], r: b[p] * b[q]}
+            value = b[p] * b[q] * b[r]
+            slopes = {p: b[q] * b[r], q: b[p] * b[r], r: b[p] * b[q]}
         else:
             self._index_error()
-        return value, sum(np.multiply.outer(GRADIENTS[k], slope) for k, slope in slopes.items())
+        return value, sum(
+            np.multiply.outer(GRADIENTS[k], slope) for k, slope in slopes.items()
+        )
 
     def orient(self, mapping: Mapping, i: int, tind: Ints | None = None) -> Ints:
         """Return the signs (m,) of function ``i``: edges run from lower to higher vertex."""
@@ -65,7 +71,9 @@ class ElementTetCubic(ElementH1):
         a, b = RefTet.edges[i]
         return np.where(t[a] < t[b], 1, -1)
 
-    def gbasis(self, mapping: Mapping, X: Floats, i: int, tind: Ints | None = None) -> tuple[DiscreteField]:
+    def gbasis(
+        self, mapping: Mapping, X: Floats, i: int, tind: Ints | None = None
+    ) -> tuple[DiscreteField]:
         """Return the oriented function ``i`` in the elements ``tind``."""
         (field,) = super().gbasis(mapping, X, i, tind)
         sign = self.orient(mapping, i, tind)[:, None]
@@ -75,7 +83,9 @@ class ElementTetCubic(ElementH1):
 def tabulate(at: Floats) -> tuple[Floats, Floats]:
     """Return values (q, 20) and gradients (3, q, 20) of the quadratic, then the cubic functions."""
     elements = ElementTetP2(), ElementTetCubic()
-    values, slopes = zip(*(each.lbasis(at, i) for each in elements for i in range(10)), strict=True)
+    values, slopes = zip(
+        *(each.lbasis(at, i) for each in elements for i in range(10)), strict=True
+    )
     return np.stack(values, axis=1), np.stack(slopes, axis=2)
 
 
@@ -100,7 +110,9 @@ def integrate_cells(
     -------
     Elements (c,), number of their rule, ∂ξ_r/∂x_k (3, 3, c, q), and weights (c, q), m³.
     """
-    for number, ((chosen, mapping), (at, weights)) in enumerate(zip(_groups(mesh), rules, strict=True)):
+    for number, ((chosen, mapping), (at, weights)) in enumerate(
+        zip(_groups(mesh), rules, strict=True)
+    ):
         for start in range(0, len(chosen), size):
             some = chosen[start : start + size]
             volumes = np.abs(mapping.detDF(at, tind=some)) * weights
@@ -113,15 +125,20 @@ def sum_matrix(places: Ints, count: int) -> csr_array:
     return csr_array(entries, shape=(count, places.size))
 
 
-def cell_bases(mesh: TetMesh, element: Element, straight: int, curved: int) -> Iterator[Basis]:
+def cell_bases(
+    mesh: TetMesh, element: Element, straight: int, curved: int
+) -> Iterator[Basis]:
     """Yield bases of straight-sided and of curved elements, with these quadrature orders, in chunks."""
     for (chosen, mapping), order in zip(_groups(mesh), (straight, curved), strict=True):
         for start in range(0, len(chosen), CHUNK):
-            some, options = chosen[start : start + CHUNK], {"intorder": order, "disable_doflocs": True}
+            some = chosen[start : start + CHUNK]
+            options = {"intorder": order, "disable_doflocs": True}
             yield Basis(mesh.grid, element, mapping=mapping, elements=some, **options)
 
 
-def face_basis(mesh: TetMesh, element: Element, faces: frozenset[int], order: int) -> FacetBasis:
+def face_basis(
+    mesh: TetMesh, element: Element, faces: frozenset[int], order: int
+) -> FacetBasis:
     """Return the basis on the boundary facets of CAD faces.
 
     Parameters
@@ -136,7 +153,14 @@ def face_basis(mesh: TetMesh, element: Element, faces: frozenset[int], order: in
     facets = np.concatenate([mesh.grid.boundaries[str(face)] for face in sorted(faces)])
     rule = get_quadrature(RefTri, order)
     mapping = _FacetMapping(mesh.grid, facets, rule[0])
-    return FacetBasis(mesh.grid, element, mapping=mapping, quadrature=rule, facets=facets, disable_doflocs=True)
+    return FacetBasis(
+        mesh.grid,
+        element,
+        mapping=mapping,
+        quadrature=rule,
+        facets=facets,
+        disable_doflocs=True,
+    )
 
 
 class _FacetMapping(MappingIsoparametric):
@@ -148,7 +172,9 @@ class _FacetMapping(MappingIsoparametric):
     def __init__(self, grid: MeshTet2, facets: Ints, points: Floats) -> None:
         super().__init__(grid, grid.elem(), grid.bndelem)
         corners = grid.facets[:, facets]  # (3, k)
-        local = (grid.t[None][:, :, grid.f2t[0, facets]] == corners[:, None]).argmax(axis=1)
+        local = (grid.t[None][:, :, grid.f2t[0, facets]] == corners[:, None]).argmax(
+            axis=1
+        )
         weights = np.vstack([1 - points.sum(axis=0), points])  # (3, q)
         self._inside = np.einsum("ick,cq->ikq", RefTet.p[:, local], weights)
 

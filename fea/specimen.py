@@ -11,7 +11,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.cad.faces import centroid_of
-from stiffscope.fea.extrusion import Extrusion, find_extrusion, has_thin_walls, mesh_extrusion
+from stiffscope.fea.extrusion import (
+    Extrusion,
+    find_extrusion,
+    has_thin_walls,
+    mesh_extrusion,
+)
 from stiffscope.fea.geometry import area_elements, centroid, jacobian_range, volume
 from stiffscope.fea.mesh import (
     ENERGY,
@@ -38,12 +43,17 @@ if TYPE_CHECKING:
 
 logger = logging.getLogger(__name__)
 
-ATTEMPTS, PATIENCE = 3, 5.0  # most meshes tried, and seconds after which no more are tried
+ATTEMPTS = 3
+PATIENCE = 5.0  # most meshes tried, and seconds after which no more are tried
 CLOSER = 3.0  # ratio of successive envelopes; one larger than a step's height may lose the step
 GOOD_SHAPE = 3e-5
 
-GRADING_RATIO = 0.25  # a cut at a quarter reduces the error three times as much as one at half
-USUAL_BOUND = 4e-3  # relative; typical bound, about twice that of plain parts of usual size
+GRADING_RATIO = (
+    0.25  # a cut at a quarter reduces the error three times as much as one at half
+)
+USUAL_BOUND = (
+    4e-3  # relative; typical bound, about twice that of plain parts of usual size
+)
 COARSEST = 1.6  # times the usual size; beyond, meshes do not have fewer elements
 
 
@@ -95,9 +105,13 @@ class Specimen:
 
     def flatness_on(self, mesh: TetMesh) -> float:
         """Return the aspect ratio of a mesh's elements, up to 2; 1 up to the wall thickness."""
-        walled = self.extrusion is not None and has_thin_walls(self.surface, self.extrusion)
+        walled = self.extrusion is not None and has_thin_walls(
+            self.surface, self.extrusion
+        )
         most = 2.0 if walled else self.flatness
-        return float(np.clip(edge_length(mesh) / default_size(self.volume, self.area), 1.0, most))
+        return float(
+            np.clip(edge_length(mesh) / default_size(self.volume, self.area), 1.0, most)
+        )
 
     @property
     def slenderness(self) -> float:
@@ -168,14 +182,19 @@ def mesh_specimen(
     def check(elements: float) -> None:
         check_time(elements, time_limit, cure_of(specimen, size), meshed=True)
 
-    flat, solid = None, (specimen.surface, specimen.project)
+    flat = None
+    solid = (specimen.surface, specimen.project)
     if specimen.extrusion and not envelope:
-        flat = mesh_extrusion(solid[0], specimen.extrusion, specimen.held_faces, solid[1], size, check)
+        flat = mesh_extrusion(
+            solid[0], specimen.extrusion, specimen.held_faces, solid[1], size, check
+        )
     if flat is not None:
         mesh = snap(flat.points, flat.cells, *solid, flat.size, flat.tags)
         _check(specimen, mesh)
     else:
-        coarser = (tolerance / USUAL_BOUND) ** 0.5 if tolerance else 1.0  # the bound grows as size²
+        coarser = (
+            (tolerance / USUAL_BOUND) ** 0.5 if tolerance else 1.0
+        )  # the bound grows as size²
         usual = default_size(specimen.volume, specimen.area, specimen.flatness)
         size = size or usual * min(COARSEST, max(1.0, coarser))
         envelope = envelope or default_envelope(specimen.surface, size)
@@ -184,14 +203,22 @@ def mesh_specimen(
         mesh = _best_mesh(specimen, size, envelope, time_limit, threads, patience)
     edges, _ = singular_edges(mesh, specimen.list_fixed(rigid=rigid))
     graded = grade(mesh, edges, layers, GRADING_RATIO)
-    logger.info("%s: %d nodes, %d tetrahedra", specimen.name, len(graded.points), len(graded.cells))
+    logger.info(
+        "%s: %d nodes, %d tetrahedra",
+        specimen.name,
+        len(graded.points),
+        len(graded.cells),
+    )
     return graded
 
 
 def cure_of(specimen: Specimen, size: float | None = None) -> str:
     """Return advice for fewer elements: a larger size (m), or no small holes if they dominate."""
     size = size or default_size(specimen.volume, specimen.area, specimen.flatness)
-    fewer, count = (expected_elements(specimen.surface, specimen.volume, each) for each in (COARSEST * size, size))
+    fewer, count = (
+        expected_elements(specimen.surface, specimen.volume, each)
+        for each in (COARSEST * size, size)
+    )
     if fewer < 0.6 * count:
         larger = f"{1e3 * COARSEST * size:.2g} mm"
         return f"choose mesh.size = {larger} or more, or mesh.tolerance = '1 %'"
@@ -199,7 +226,12 @@ def cure_of(specimen: Specimen, size: float | None = None) -> str:
 
 
 def _best_mesh(
-    specimen: Specimen, size: float, envelope: float, time_limit: float, threads: int, patience: float
+    specimen: Specimen,
+    size: float,
+    envelope: float,
+    time_limit: float,
+    threads: int,
+    patience: float,
 ) -> TetMesh:
     """Return the first mesh of good geometry, or the best of a few: fTetWild's results vary."""
     begun = time.perf_counter()
@@ -208,8 +240,11 @@ def _best_mesh(
         left = max(time_limit - (time.perf_counter() - begun), 1.0)
         limit = min(left, 4 * patience) if tried else left
         try:
-            closer, energy = envelope / CLOSER**attempt, ENERGY * specimen.flatness
-            points, cells = tetrahedralize(specimen.surface, size, closer, limit, threads, energy)
+            closer = envelope / CLOSER**attempt
+            energy = ENERGY * specimen.flatness
+            points, cells = tetrahedralize(
+                specimen.surface, size, closer, limit, threads, energy
+            )
         except MeshError:
             if tried:
                 break
@@ -218,7 +253,9 @@ def _best_mesh(
         tried.append((shape_error(specimen, mesh), mesh))
         if tried[-1][0] < GOOD_SHAPE or time.perf_counter() - begun > patience:
             break
-        logger.info("%s: geometric error %.1e, meshing once more", specimen.name, tried[-1][0])
+        logger.info(
+            "%s: geometric error %.1e, meshing once more", specimen.name, tried[-1][0]
+        )
     best = min(tried, key=lambda one: one[0])[1]
     _check(specimen, best)
     return best
@@ -238,13 +275,15 @@ def geometric_error(specimen: Specimen, mesh: TetMesh) -> float:
 
 def interface_error(specimen: Specimen, mesh: TetMesh) -> tuple[float, float]:
     """Return the largest relative error of interface area, and of centroid over interface size."""
-    areas, worst = face_areas(mesh, len(specimen.surface.faces)), np.zeros(2)
+    areas = face_areas(mesh, len(specimen.surface.faces))
+    worst = np.zeros(2)
     for interface in specimen.interfaces:
         numbers = sorted(interface)
         if not areas[numbers].all():
             return np.inf, np.inf
         faces = [specimen.surface.faces[number] for number in numbers]
-        wanted, found = face_area(faces), centroid(mesh.points[mesh.facets_of(interface)])
+        wanted = face_area(faces)
+        found = centroid(mesh.points[mesh.facets_of(interface)])
         shift = np.linalg.norm(found - centroid_of(faces)) / np.sqrt(wanted)
         worst = np.maximum(worst, [abs(areas[numbers].sum() / wanted - 1), shift])
     return float(worst[0]), float(worst[1])

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".npz", ".mtx", ".bdf", ".dat", ".pch")
 MOST_ROWS = 3000  # limit of matrix rows: 500 interfaces
-_NODE = re.compile(r"^\W*(\d+) (\S.*?) (\S+) (\S+) (\S+)\s*$")  # comment: number, name, x y z in m
+_NODE = re.compile(
+    r"^\W*(\d+) (\S.*?) (\S+) (\S+) (\S+)\s*$"
+)  # comment: number, name, x y z in m
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +52,22 @@ def read_superelement(path: Path) -> Read:
             return _read_matrix_market(path)
         if path.suffix in SUFFIXES:
             return _read_dmig(path)
-    except (OSError, EOFError, zipfile.BadZipFile, KeyError, IndexError, TypeError, ValueError) as error:
+    except (
+        OSError,
+        EOFError,
+        zipfile.BadZipFile,
+        KeyError,
+        IndexError,
+        TypeError,
+        ValueError,
+    ) as error:
         if isinstance(error, InputError):
             raise
         got = f"a file that cannot be read as one ({error})"
         raise InputError(f"expected a superelement, got {got}") from error
-    raise InputError(f"expected a file of a superelement ({', '.join(SUFFIXES)}), got {path.name}")
+    raise InputError(
+        f"expected a file of a superelement ({', '.join(SUFFIXES)}), got {path.name}"
+    )
 
 
 def _check_matrix(shape: tuple[int, ...], kind: str) -> None:
@@ -78,14 +90,20 @@ def _read_npz(path: Path) -> Read:
     with np.load(path, allow_pickle=False) as held:
         stiffness = np.asarray(held["stiffness"], dtype=float)
         mass = np.asarray(held["mass"], dtype=float) if "mass" in held else None
-        squares = np.ravel(held["mode_squares"]) if "mode_squares" in held else np.zeros(0)
-        if not np.array_equal(squares, stiffness.diagonal()[len(stiffness) - len(squares) :]):
+        squares = (
+            np.ravel(held["mode_squares"]) if "mode_squares" in held else np.zeros(0)
+        )
+        if not np.array_equal(
+            squares, stiffness.diagonal()[len(stiffness) - len(squares) :]
+        ):
             valid = "mode_squares to be the last of the stiffness's diagonal"
             raise InputError(f"expected {valid}, got others")
         names = _named_places(str(held["help"])) if "help" in held else {}
         places = held["nodes"].tolist() if "nodes" in held else []
     if names and places and len(names) != len(places):
-        raise InputError(f"expected {len(names)} nodes, as its help names, got {len(places)}")
+        raise InputError(
+            f"expected {len(names)} nodes, as its help names, got {len(places)}"
+        )
     exact = {name: tuple(place) for name, place in zip(names, places, strict=False)}
     numbered = {f"node{k}": tuple(place) for k, place in enumerate(places)}
     return Read(stiffness, mass, exact or numbered)
@@ -94,14 +112,18 @@ def _read_npz(path: Path) -> Read:
 def _read_matrix_market(path: Path) -> Read:
     beside = path.with_name(path.name.replace("stiffness", "mass"))
     mass = _dense(beside) if beside != path and beside.is_file() else None
-    return Read(_dense(path), mass, _named_places(path.read_text(errors="replace"), "%"))
+    return Read(
+        _dense(path), mass, _named_places(path.read_text(errors="replace"), "%")
+    )
 
 
 def _dense(path: Path) -> Floats:
     rows, columns, _, _, kind, _ = mminfo(path)
     _check_matrix((rows, columns), kind)
     found: Any = mmread(path)
-    return np.asarray(found.toarray() if hasattr(found, "toarray") else found, dtype=np.float64)
+    return np.asarray(
+        found.toarray() if hasattr(found, "toarray") else found, dtype=np.float64
+    )
 
 
 def _read_dmig(path: Path) -> Read:
@@ -118,8 +140,12 @@ def _read_dmig(path: Path) -> Read:
             rest = card[5:]
             for k in range(0, len(rest) - 2, 4):
                 if rest[k]:
-                    block[(int(rest[k]), int(rest[k + 1] or 0)), column] = _number(rest[k + 2])
-    points = sorted({point for block in entries.values() for pair in block for point in pair})
+                    block[(int(rest[k]), int(rest[k + 1] or 0)), column] = _number(
+                        rest[k + 2]
+                    )
+    points = sorted(
+        {point for block in entries.values() for pair in block for point in pair}
+    )
     order = [(grid, component) for grid in sorted(grids) for component in range(1, 7)]
     order += [point for point in points if point[0] not in grids]
     place, named = {point: k for k, point in enumerate(order)}, _named_places(text, "$")
@@ -136,7 +162,9 @@ def _read_dmig(path: Path) -> Read:
     stiffness = matrix("K")
     if stiffness is None:
         raise InputError("expected a DMIG matrix whose name begins with K, got none")
-    exact = {name: grids[grid] for name, grid in zip(named, sorted(grids), strict=False)}
+    exact = {
+        name: grids[grid] for name, grid in zip(named, sorted(grids), strict=False)
+    }
     numbered = {f"grid{grid}": grids[grid] for grid in sorted(grids)}
     return Read(stiffness, matrix("M"), exact or numbered)
 
@@ -151,9 +179,11 @@ def _cards(text: str) -> Iterator[list[str]]:
         if "," in line:
             first, *fields = (each.strip() for each in line.split(","))
         else:
-            first, size = line[:8].strip(), 16 if wide else 8
+            first = line[:8].strip()
+            size = 16 if wide else 8
             fields = [line[k : k + size].strip() for k in range(8, 72, size)]
-        first, count = first.rstrip("*"), 4 if wide else 8
+        first = first.rstrip("*")
+        count = 4 if wide else 8
         fields = (fields + [""] * count)[:count]
         if first:
             if card:

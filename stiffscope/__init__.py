@@ -57,9 +57,13 @@ if TYPE_CHECKING:
 
 __version__ = "0.2.0"
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, str(Path(__file__).with_name("names.pyi")))
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(
+    __name__, str(Path(__file__).with_name("names.pyi"))
+)
 
-if "IPython" in sys.modules:  # notebooks show the objects above as tables, and progress as bars
+if (
+    "IPython" in sys.modules
+):  # notebooks show the objects above as tables, and progress as bars
     from stiffscope.report.notebook import register
 
     register()

@@ -5,7 +5,10 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
-_NO_MEMORY = re.compile(r"MemoryError|bad_alloc|failed to map|(unable to|cannot) allocate|out ?of ?memory", re.I)
+_NO_MEMORY = re.compile(
+    r"MemoryError|bad_alloc|failed to map|(unable to|cannot) allocate|out ?of ?memory",
+    re.I,
+)
 
 
 class StiffscopeError(Exception):
@@ -17,13 +20,19 @@ class InputError(StiffscopeError, ValueError):
 
     def __init__(self, message: str = "") -> None:
         """Escape unprintable characters so that the message stays on one line."""
-        super().__init__("".join(each if each.isprintable() else repr(each)[1:-1] for each in message))
+        super().__init__(
+            "".join(
+                each if each.isprintable() else repr(each)[1:-1] for each in message
+            )
+        )
 
 
 def check_kind(name: str, value: object, kind: Any, maker: str) -> None:
     """Raise InputError for an argument of another type; ``maker``: the function that returns the right one."""
     if not isinstance(value, kind):
-        raise InputError(f"{name}: expected what `{maker}` returns, got {type(value).__name__}")
+        raise InputError(
+            f"{name}: expected what `{maker}` returns, got {type(value).__name__}"
+        )
 
 
 def check_word(name: str, word: str, known: tuple[str, ...]) -> None:
@@ -34,7 +43,9 @@ def check_word(name: str, word: str, known: tuple[str, ...]) -> None:
 
 def lacks_memory(error: BaseException) -> bool:
     """Return whether an error, also one that a library or a worker reports in words, is a lack of memory."""
-    return isinstance(error, MemoryError) or bool(_NO_MEMORY.search(f"{error} {getattr(error, 'output', '')}"))
+    return isinstance(error, MemoryError) or bool(
+        _NO_MEMORY.search(f"{error} {getattr(error, 'output', '')}")
+    )
 
 
 def meant(word: str, valid: Iterable[str], cutoff: float = 0.6) -> str:

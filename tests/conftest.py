@@ -15,19 +15,51 @@ from tests.extended import EXTENDED
 from tests.robots import published_robot
 
 SLOW = (
-    "benchmarks", "cad", "cli", "design/test_comparison.py", "design/test_path.py", "design/test_studies.py",
-    "experiments", "fea/test_beam.py", "fea/test_elasticity.py", "fea/test_experiment.py", "fea/test_extrusion.py",
-    "fea/test_interfaces.py", "fea/test_laws.py", "fea/test_mass.py", "fea/test_mesh.py",
-    "fea/test_sections.py", "fea/test_sensitivity.py", "fea/test_tolerance.py",
-    "gap/test_any_robot.py", "gap/test_blind.py", "gap/test_diagnose.py",
-    "gap/test_doubted_instruments.py", "gap/test_geometry.py", "gap/test_hostile_tables.py",
-    "gap/test_inference.py", "gap/test_lab.py", "gap/test_planning.py",
-    "gap/test_predictions.py", "gap/test_robot_model.py", "gap/test_sanity.py",
-    "report/test_diagnosis_report.py", "report/test_live.py", "report/test_notebook.py",
-    "report/test_page.py", "report/test_robot_scene.py", "robot/test_assembly.py", "robot/test_sensitivity.py",
-    "runtime/test_executor.py", "runtime/test_scheduler.py", "test_bad_day.py", "test_readme.py",
-    "test_tutorials.py", "test_wheel.py", "validation/test_parts.py",
-)  # fmt: skip
+    "benchmarks",
+    "cad",
+    "cli",
+    "design/test_comparison.py",
+    "design/test_path.py",
+    "design/test_studies.py",
+    "experiments",
+    "fea/test_beam.py",
+    "fea/test_elasticity.py",
+    "fea/test_experiment.py",
+    "fea/test_extrusion.py",
+    "fea/test_interfaces.py",
+    "fea/test_laws.py",
+    "fea/test_mass.py",
+    "fea/test_mesh.py",
+    "fea/test_sections.py",
+    "fea/test_sensitivity.py",
+    "fea/test_tolerance.py",
+    "gap/test_any_robot.py",
+    "gap/test_blind.py",
+    "gap/test_diagnose.py",
+    "gap/test_doubted_instruments.py",
+    "gap/test_geometry.py",
+    "gap/test_hostile_tables.py",
+    "gap/test_inference.py",
+    "gap/test_lab.py",
+    "gap/test_planning.py",
+    "gap/test_predictions.py",
+    "gap/test_robot_model.py",
+    "gap/test_sanity.py",
+    "report/test_diagnosis_report.py",
+    "report/test_live.py",
+    "report/test_notebook.py",
+    "report/test_page.py",
+    "report/test_robot_scene.py",
+    "robot/test_assembly.py",
+    "robot/test_sensitivity.py",
+    "runtime/test_executor.py",
+    "runtime/test_scheduler.py",
+    "test_bad_day.py",
+    "test_readme.py",
+    "test_tutorials.py",
+    "test_wheel.py",
+    "validation/test_parts.py",
+)
 """Folders and files with slow tests: meshing, CAD, processes or long diagnoses."""
 
 
@@ -38,13 +70,20 @@ def _is_slow(path):
 
 def pytest_ignore_collect(collection_path, config):
     """Skip slow files for the fast half, since importing their libraries takes seconds."""
-    return True if config.getoption("markexpr").startswith("not slow") and _is_slow(collection_path) else None
+    return (
+        True
+        if config.getoption("markexpr").startswith("not slow")
+        and _is_slow(collection_path)
+        else None
+    )
 
 
 def pytest_collection_modifyitems(items):
     """Mark tests outside the default run as extended, and those outside the fast half as slow."""
     for item in items:
-        further = EXTENDED.get(item.path.relative_to(Path(__file__).parent).as_posix(), ())
+        further = EXTENDED.get(
+            item.path.relative_to(Path(__file__).parent).as_posix(), ()
+        )
         if item.name in further or item.originalname in further:
             item.add_marker(pytest.mark.extended)
         marked = any(item.get_closest_marker(name) for name in ("long", "benchmark"))
@@ -59,7 +98,11 @@ def pytest_xdist_make_scheduler(config, log):
     """Give each worker a contiguous block of tests, to share fixtures, with work stealing."""
     from xdist.scheduler import WorkStealingScheduling
 
-    return WorkStealingScheduling(config, log) if config.getvalue("dist") == "load" else None
+    return (
+        WorkStealingScheduling(config, log)
+        if config.getvalue("dist") == "load"
+        else None
+    )
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -47,13 +47,19 @@ EXTENDED = {
         "test_maps_have_frequencies",
         "test_shapes_are_drawn_and_move",
     ),
-    "design/test_comparison.py": ("test_a_picture_shows_the_first_robot_in_outlines_beside_the_second",),
+    "design/test_comparison.py": (
+        "test_a_picture_shows_the_first_robot_in_outlines_beside_the_second",
+    ),
     "experiments/test_assembly.py": (
         "test_a_mass_that_only_cad_knows_is_tested_for",
         "test_a_step_file_s_solid_yields_and_weighs",
     ),
-    "experiments/test_interfaces.py": ("test_a_rod_on_a_foundation_sinks_in_by_force_over_area",),
-    "experiments/test_named_interfaces.py": ("test_every_interface_is_a_node_of_the_robot",),
+    "experiments/test_interfaces.py": (
+        "test_a_rod_on_a_foundation_sinks_in_by_force_over_area",
+    ),
+    "experiments/test_named_interfaces.py": (
+        "test_every_interface_is_a_node_of_the_robot",
+    ),
     "experiments/test_orders.py": (
         "test_the_mesh_of_a_former_part_is_moved_along_where_it_can_be",
         "test_what_scripts_read_of_a_rod_and_of_a_step_file_in_its_place",
@@ -145,8 +151,12 @@ EXTENDED = {
         "test_few_readings_without_sigma_name_their_cause",
     ),
     "gap/test_extremes.py": ("test_a_place_too_far_for_a_robot_is_doubted_and_said",),
-    "gap/test_geometry.py": ("test_an_adopted_geometry_leaves_the_gap_that_it_explains",),
-    "gap/test_hostile_tables.py": ("test_a_malformed_sheet_is_refused[many empty rows]",),
+    "gap/test_geometry.py": (
+        "test_an_adopted_geometry_leaves_the_gap_that_it_explains",
+    ),
+    "gap/test_hostile_tables.py": (
+        "test_a_malformed_sheet_is_refused[many empty rows]",
+    ),
     "gap/test_inference.py": (
         "test_readings_that_scatter_more_than_stated_have_wider_intervals",
         "test_verdicts_agree_with_their_numbers_and_copies_change_nothing[9]",
@@ -172,7 +182,9 @@ EXTENDED = {
         "test_derivatives_are_those_of_full_reassembly[stewart]",
         "test_patterns_hold_for_readings_to_come[stewart]",
     ),
-    "gap/test_sanity.py": ("test_faults_of_the_robot_raise_no_doubts_of_its_instruments",),
+    "gap/test_sanity.py": (
+        "test_faults_of_the_robot_raise_no_doubts_of_its_instruments",
+    ),
     "report/test_live.py": (
         "test_a_page_follows_a_slider_five_times_a_second",
         "test_new_rows_of_a_campaign_appear",
@@ -197,7 +209,9 @@ EXTENDED = {
         "test_exponents_of_three_digits_are_read",
         "test_what_is_not_said_well_is_refused",
     ),
-    "runtime/test_scheduler.py": ("test_jobs_survive_the_kills_of_their_workers_and_one_that_kills_them_is_named",),
+    "runtime/test_scheduler.py": (
+        "test_jobs_survive_the_kills_of_their_workers_and_one_that_kills_them_is_named",
+    ),
     "test_bad_day.py": (
         "test_a_command_that_is_stopped_leaves_no_child_and_says_one_line[blind-9]",
         "test_a_command_that_is_stopped_leaves_no_child_and_says_one_line[compliance-15]",
@@ -220,7 +234,11 @@ EXTENDED = {
         "test_exact_solutions_are_within_the_bounds[solid bar, no Poisson effect]",
     ),
     "vjm/test_kinematics.py": ("test_out_of_reach_is_told_and_never_taken",),
-    "vjm/test_laws.py": ("test_equilibrium_under_wrench_weight_and_springs_beside_hanging_drives",),
-    "vjm/test_rigid_directions.py": ("test_limbs_off_the_path_to_the_tool_change_nothing",),
+    "vjm/test_laws.py": (
+        "test_equilibrium_under_wrench_weight_and_springs_beside_hanging_drives",
+    ),
+    "vjm/test_rigid_directions.py": (
+        "test_limbs_off_the_path_to_the_tool_change_nothing",
+    ),
 }
 """Names of tests, with or without one of their parameters, by file."""

@@ -25,15 +25,79 @@ from pathlib import Path
 
 from stiffscope.cli.main import main
 
-SECONDS, MEMORY = 10, 2 << 30
+SECONDS = 10
+MEMORY = 2 << 30
 VALUES = (
-    "nan", "inf", "-inf", "0", "-1", "1e308", "1e-308", "-1e30", "true", '""', "[]", "{}", '"5 kg"', '"3 rad"', '"7 N"',
-    '"-20 mm"', '"0 mm"', '"1e9 m"', '"nan mm"', '"5 furlong"', '"no such name"', '"= nothing"', '"= 1/0"', '"= 1e999"',
-    '"a\\nb"', '"\\u001b[31mred"', '"' + "x" * 3000 + '"',
-    "1979-05-27", '["1 mm"]', '"../../../etc/passwd"', '"ground"', '"1,5 mm"', '"1.000,5 mm"', '"\u22125 mm"', '"5 Nm"',
-)  # fmt: skip
-NUMBERS = ("nan", "inf", "-1", "0", "1e308", "1e-300", "-1e9", "1e9", "007", "1,5", "x", "1.000", "1 000", "\u22121")
-UNITS = ("mm", "um", "m", "kg", "g", "N", "N*m", "N/um", "kN*m/rad", "deg", "rad", "um/N", "rad/(N*m)", "%", "Hz", "Pa")
+    "nan",
+    "inf",
+    "-inf",
+    "0",
+    "-1",
+    "1e308",
+    "1e-308",
+    "-1e30",
+    "true",
+    '""',
+    "[]",
+    "{}",
+    '"5 kg"',
+    '"3 rad"',
+    '"7 N"',
+    '"-20 mm"',
+    '"0 mm"',
+    '"1e9 m"',
+    '"nan mm"',
+    '"5 furlong"',
+    '"no such name"',
+    '"= nothing"',
+    '"= 1/0"',
+    '"= 1e999"',
+    '"a\\nb"',
+    '"\\u001b[31mred"',
+    '"' + "x" * 3000 + '"',
+    "1979-05-27",
+    '["1 mm"]',
+    '"../../../etc/passwd"',
+    '"ground"',
+    '"1,5 mm"',
+    '"1.000,5 mm"',
+    '"\u22125 mm"',
+    '"5 Nm"',
+)
+NUMBERS = (
+    "nan",
+    "inf",
+    "-1",
+    "0",
+    "1e308",
+    "1e-300",
+    "-1e9",
+    "1e9",
+    "007",
+    "1,5",
+    "x",
+    "1.000",
+    "1 000",
+    "\u22121",
+)
+UNITS = (
+    "mm",
+    "um",
+    "m",
+    "kg",
+    "g",
+    "N",
+    "N*m",
+    "N/um",
+    "kN*m/rad",
+    "deg",
+    "rad",
+    "um/N",
+    "rad/(N*m)",
+    "%",
+    "Hz",
+    "Pa",
+)
 HARMLESS = "a spelling of the same"
 REFUSAL = re.compile(r"stiffscope: [^:]+(?P<line>:\d+)?: .*expected .+")
 
@@ -48,24 +112,55 @@ def mutate(rng: random.Random, data: bytes, suffix: str) -> tuple[bytes, str]:
         return data[:at], f"truncated at {at}"
     if broken < 0.06:
         at = rng.randrange(len(data))
-        return data[:at] + rng.choice((b"\xff", b"\x00", b"\xe9", b"\x1b[2J")) + data[at:], f"a byte at {at}"
+        return data[:at] + rng.choice((b"\xff", b"\x00", b"\xe9", b"\x1b[2J")) + data[
+            at:
+        ], f"a byte at {at}"
     if broken < 0.07:
         return data.decode().encode("utf-16"), "UTF-16"
     if broken < 0.1 and suffix != ".step":
-        return rng.choice((b"\xef\xbb\xbf" + data, data.replace(b"\n", b"\r\n"), data + b"\n\n")), HARMLESS
+        return rng.choice(
+            (b"\xef\xbb\xbf" + data, data.replace(b"\n", b"\r\n"), data + b"\n\n")
+        ), HARMLESS
     lines = data.decode().split("\n")
-    unlike = {line: k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith("#")}
+    unlike = {
+        line: k
+        for k, line in enumerate(lines)
+        if line.strip() and not line.lstrip().startswith("#")
+    }
     at = rng.choice(list(unlike.values()))  # STEP repeats many lines that mean little
     old = lines[at]
     lines[at : at + 1] = _mutate_line(rng, old, suffix, lines)
-    return "\n".join(lines).encode("utf-8", "surrogatepass"), f"{at + 1}: {old!r} -> {lines[at][:120]!r}"
+    return "\n".join(lines).encode(
+        "utf-8", "surrogatepass"
+    ), f"{at + 1}: {old!r} -> {lines[at][:120]!r}"
 
 
 def _mutate_line(  # noqa: PLR0911 (one for each kind)
     rng: random.Random, line: str, suffix: str, lines: list[str]
 ) -> list[str]:
-    names = sorted(set(re.findall(r'(?<==\s")\w[\w.]*(?=")|(?<=")\w[\w.]+(?=")|(?<=\.)\w+(?=\])', "\n".join(lines))))
-    kind = rng.choice(("value", "value", "number", "number", "unit", "name", "name", "key", "gone", "twice", "letter"))
+    names = sorted(
+        set(
+            re.findall(
+                r'(?<==\s")\w[\w.]*(?=")|(?<=")\w[\w.]+(?=")|(?<=\.)\w+(?=\])',
+                "\n".join(lines),
+            )
+        )
+    )
+    kind = rng.choice(
+        (
+            "value",
+            "value",
+            "number",
+            "number",
+            "unit",
+            "name",
+            "name",
+            "key",
+            "gone",
+            "twice",
+            "letter",
+        )
+    )
     key, is_value, _ = line.partition("=")
     if kind == "gone":
         return [""]
@@ -73,21 +168,46 @@ def _mutate_line(  # noqa: PLR0911 (one for each kind)
         return [line, line]
     if kind == "value" and suffix == ".toml" and is_value and not line.startswith("["):
         return [f"{key}= {rng.choice(VALUES)}"]
-    if kind == "unit" and (found := _choose(rng, r"(?<=\d )[a-zA-Z*/()^0-9]+(?=[\" ])", line)):
+    if kind == "unit" and (
+        found := _choose(rng, r"(?<=\d )[a-zA-Z*/()^0-9]+(?=[\" ])", line)
+    ):
         return [line[: found.start()] + rng.choice(UNITS) + line[found.end() :]]
-    if kind == "name" and names and (found := _choose(rng, r'(?<=")[A-Za-z][^"]*(?=")', line)):
-        alike = found[0] + "x", found[0].upper(), found[0] + " ", found[0].replace("a", "\u0430").replace("e", "\u0435")
-        other = rng.choice((rng.choice(names), "nobody", "a\\nb", "a\\u001b[31m", "ground", "", *alike))
+    if (
+        kind == "name"
+        and names
+        and (found := _choose(rng, r'(?<=")[A-Za-z][^"]*(?=")', line))
+    ):
+        alike = (
+            found[0] + "x",
+            found[0].upper(),
+            found[0] + " ",
+            found[0].replace("a", "\u0430").replace("e", "\u0435"),
+        )
+        other = rng.choice(
+            (rng.choice(names), "nobody", "a\\nb", "a\\u001b[31m", "ground", "", *alike)
+        )
         return [line[: found.start()] + other + line[found.end() :]]
-    if kind == "key" and (found := _choose(rng, r"[A-Za-z_]\w*(?=\s*=)|(?<=<)\w+", line)):
-        return [line[: found.start()] + rng.choice((found[0] + "x", rng.choice(names or ["x"]))) + line[found.end() :]]
+    if kind == "key" and (
+        found := _choose(rng, r"[A-Za-z_]\w*(?=\s*=)|(?<=<)\w+", line)
+    ):
+        return [
+            line[: found.start()]
+            + rng.choice((found[0] + "x", rng.choice(names or ["x"])))
+            + line[found.end() :]
+        ]
     if kind == "letter":
         at = rng.randrange(len(line))
         return [line[:at] + rng.choice('x"[]{}=,.<>\x00\u202e') + line[at + 1 :]]
-    if found := _choose(rng, r"-?\d+(\.\d*)?(e-?\d+)?", line):
+    found = _choose(rng, r"-?\d+(\.\d*)?(e-?\d+)?", line)
+    if found:
         return [line[: found.start()] + rng.choice(NUMBERS) + line[found.end() :]]
-    if found := _choose(rng, r'(?<=")[^"]+(?=")|(?<=,)[^,]+', line):
-        return [line[: found.start()] + rng.choice(("", "5 kg", "nan", "x")) + line[found.end() :]]
+    found = _choose(rng, r'(?<=")[^"]+(?=")|(?<=,)[^,]+', line)
+    if found:
+        return [
+            line[: found.start()]
+            + rng.choice(("", "5 kg", "nan", "x"))
+            + line[found.end() :]
+        ]
     return [""]
 
 
@@ -100,10 +220,16 @@ def _mutate_workbook(rng: random.Random, data: bytes) -> tuple[bytes, str]:
     kind = rng.random()
     if kind < 0.1:
         at = rng.randrange(len(data))
-        return data[:at] + rng.choice((b"", bytes([data[at] ^ 255]) + data[at + 1 :])), f"bytes from {at}"
+        return data[:at] + rng.choice(
+            (b"", bytes([data[at] ^ 255]) + data[at + 1 :])
+        ), f"bytes from {at}"
     with zipfile.ZipFile(io.BytesIO(data)) as book:
         files = {name: book.read(name) for name in book.namelist()}
-    name = rng.choice(sorted(files)) if kind < 0.3 else rng.choice([each for each in sorted(files) if "sheet1" in each])
+    name = (
+        rng.choice(sorted(files))
+        if kind < 0.3
+        else rng.choice([each for each in sorted(files) if "sheet1" in each])
+    )
     if kind < 0.2:
         del files[name]
         said = f"{name} gone"
@@ -125,7 +251,9 @@ class Family:
     files: dict[str, bytes]
     mutated: tuple[str, ...]
     arguments: tuple[str, ...]
-    before: tuple[str, ...] = ()  # run first, to import what the command needs; by default the command itself
+    before: tuple[
+        str, ...
+    ] = ()  # run first, to import what the command needs; by default the command itself
 
 
 @dataclass(frozen=True)
@@ -171,11 +299,19 @@ def run(family: Family, seed: int | None) -> Case:
         taken = time.monotonic() - begun
         code = os.waitstatus_to_exitcode(status)
         said = (Path(folder) / "stderr").read_text(errors="replace")
-        made = {path.name for path in Path(folder).iterdir()} - {*family.files, "stdout", "stderr"}
-        made -= {"out.json"} if family.arguments[0] == "check" else set()  # which reports what it then refuses
+        made = {path.name for path in Path(folder).iterdir()} - {
+            *family.files,
+            "stdout",
+            "stderr",
+        }
+        made -= (
+            {"out.json"} if family.arguments[0] == "check" else set()
+        )  # which reports what it then refuses
         answer = Path(folder) / "out.json"
         answer = answer.read_text() if answer.exists() else ""
-    wrong = _judge(code, said, answer, made) or ("refused" if code and HARMLESS in change else "")
+    wrong = _judge(code, said, answer, made) or (
+        "refused" if code and HARMLESS in change else ""
+    )
     if taken > SECONDS and used.ru_utime + used.ru_stime > SECONDS:
         wrong = wrong or f"{taken:.0f} s"
     if used.ru_maxrss << 10 > MEMORY:
@@ -212,12 +348,17 @@ def _judge(code: int, said: str, answer: str, made: set[str]) -> str:  # noqa: P
         return "control characters on the terminal"
     if code == 0:
         return "not JSON" if answer and not _is_json(answer) else ""
-    if left := [each for each in made if not each.startswith("parts")]:
+    left = [each for each in made if not each.startswith("parts")]
+    if left:
         return f"left behind: {left}"
     if len(said.splitlines()) != 1:
         return f"{len(said.splitlines())} lines"
     form = REFUSAL.match(said)
-    return ("" if form["line"] or "toml" not in said.split(":")[1] else "no line") if form else "not in the form"
+    return (
+        ("" if form["line"] or "toml" not in said.split(":")[1] else "no line")
+        if form
+        else "not in the form"
+    )
 
 
 def _is_json(text: str) -> bool:

@@ -149,7 +149,20 @@ body = "fore.tip"
 at = ["300 mm", "100 mm", "50 mm"]
 """
 ROWS = (
-    ("x", "y", "z", "load", "fx", "fz", "sensor", "quantity", "value", "sigma", "session", "note"),
+    (
+        "x",
+        "y",
+        "z",
+        "load",
+        "fx",
+        "fz",
+        "sensor",
+        "quantity",
+        "value",
+        "sigma",
+        "session",
+        "note",
+    ),
     (0.4, 0.2, 0.05, "", 100, 0, "", "dx", 4.2, 1, "a", "first"),
     (0.4, 0.2, 0.05, "hook", 0, -100, "gauge", "", -3.5, 1, "a", ""),
     (0.35, 0.25, 0.04, "", 0, 0, "", "ez", 11, 2, "b", ""),
@@ -161,7 +174,8 @@ ROWS = (
 def _workbook() -> bytes:
     from openpyxl import Workbook
 
-    book, whole = Workbook(), io.BytesIO()
+    book = Workbook()
+    whole = io.BytesIO()
     for row in ROWS:
         book.active.append(row)
     book.save(whole)
@@ -181,14 +195,19 @@ CSV = "\n".join(",".join(map(str, row)) for row in ROWS).encode()
 CHECK = ("campaign", "check", ".", *JSON)
 IMPORTS = ("--out", "robot.toml", *JSON)
 PLAIN = {
-    "stewart": Family({"robot.toml": _robots("stewart.toml")}, ("robot.toml",), STIFFNESS),
+    "stewart": Family(
+        {"robot.toml": _robots("stewart.toml")}, ("robot.toml",), STIFFNESS
+    ),
     "sections": Family({"robot.toml": SECTIONS}, ("robot.toml",), STIFFNESS),
-    "check": Family({"robot.toml": SECTIONS}, ("robot.toml",), ("check", "robot.toml", *JSON)),
+    "check": Family(
+        {"robot.toml": SECTIONS}, ("robot.toml",), ("check", "robot.toml", *JSON)
+    ),
     "csv": Family(
-        {"campaign.toml": CAMPAIGN, "readings.csv": CSV, "robot.toml": SECTIONS}, ("campaign.toml", "readings.csv"),
+        {"campaign.toml": CAMPAIGN, "readings.csv": CSV, "robot.toml": SECTIONS},
+        ("campaign.toml", "readings.csv"),
         CHECK,
     ),
-}  # fmt: skip
+}
 """Those that need neither CAD nor processes of their own."""
 
 
@@ -200,14 +219,24 @@ def families() -> dict[str, Family]:
     return {
         **PLAIN,
         "study": Family(
-            {"study.toml": STUDY, "robot.toml": SECTIONS}, ("study.toml",),
-            ("study", "study.toml", "--out", "out", *JSON), ("check", "robot.toml", *JSON),
+            {"study.toml": STUDY, "robot.toml": SECTIONS},
+            ("study.toml",),
+            ("study", "study.toml", "--out", "out", *JSON),
+            ("check", "robot.toml", *JSON),
         ),
-        "urdf": Family({"arm.urdf": ARM.encode()}, ("arm.urdf",), ("import", "arm.urdf", *IMPORTS)),
-        "mjcf": Family({"bar.xml": FOUR_BAR.encode()}, ("bar.xml",), ("import", "bar.xml", *IMPORTS)),
-        "xlsx": Family({**SHEET, "readings.xlsx": _workbook()}, ("readings.xlsx",), CHECK),
+        "urdf": Family(
+            {"arm.urdf": ARM.encode()}, ("arm.urdf",), ("import", "arm.urdf", *IMPORTS)
+        ),
+        "mjcf": Family(
+            {"bar.xml": FOUR_BAR.encode()},
+            ("bar.xml",),
+            ("import", "bar.xml", *IMPORTS),
+        ),
+        "xlsx": Family(
+            {**SHEET, "readings.xlsx": _workbook()}, ("readings.xlsx",), CHECK
+        ),
         **_of_solids(),
-    }  # fmt: skip
+    }
 
 
 def _of_solids() -> dict[str, Family]:
@@ -217,7 +246,9 @@ def _of_solids() -> dict[str, Family]:
         made = Made()
         made.add("base", b.Box(80, 40, 20, align=LOW) - at(rod(5, 20), (25, 0, 0)))
         bores = at(rod(5, 10), (25, 0, 20)), at(rod(4, 10), (100, 0, 20))
-        made.add("arm", at(b.Box(100, 20, 10, align=LOW), (60, 0, 20)) - bores[0] - bores[1])
+        made.add(
+            "arm", at(b.Box(100, 20, 10, align=LOW), (60, 0, 20)) - bores[0] - bores[1]
+        )
         made.add("pin", at(rod(5, 30), (25, 0, 0)))
         made.write(Path(folder) / "a.step")
         assembly = (Path(folder) / "a.step").read_bytes()
@@ -238,23 +269,37 @@ rigid = ["base"]
     files = {"a.step": assembly, "assembly.toml": words}
     begun, ended = SECTIONS.split(b"[parts.link]")
     step = b'[parts.link]\nshape = "step"\nfile = "p.step"\nmaterial = "steel"\n'
-    solid = (begun + step + ended[ended.index(b"[bodies.base]") :]).replace(b"reach + 0.1", b"reach + 0.08")
+    solid = (begun + step + ended[ended.index(b"[bodies.base]") :]).replace(
+        b"reach + 0.1", b"reach + 0.08"
+    )
     return {
         "assembly": Family(files, ("assembly.toml",), ("import", "a.step", *IMPORTS)),
         "solids": Family(files, ("a.step",), ("import", "a.step", *IMPORTS)),
         "faces": Family({"p.step": part}, ("p.step",), ("faces", "p.step", *JSON)),
-        "step": Family({"p.step": part, "robot.toml": solid}, ("p.step",), ("check", "robot.toml", *JSON)),
+        "step": Family(
+            {"p.step": part, "robot.toml": solid},
+            ("p.step",),
+            ("check", "robot.toml", *JSON),
+        ),
     }
 
 
 if __name__ == "__main__":
-    chosen, count, first = families()[sys.argv[1]], int(sys.argv[2]), int((*sys.argv, "0")[3])
+    chosen, count, first = (
+        families()[sys.argv[1]],
+        int(sys.argv[2]),
+        int((*sys.argv, "0")[3]),
+    )
     whole, codes = warm(chosen), Counter[int]()
     for seed in range(first, first + count):
         case = run(chosen, seed)
         codes[case.code] += 1
         if case.wrong or (case.code == 0 and "--read" in sys.argv):
             same = "same" if case.answer == whole.answer else "differs"
-            sys.stdout.write(f"[{seed}] {case.wrong or same} | {case.change} | {case.said[-400:].strip()}\n")
+            sys.stdout.write(
+                f"[{seed}] {case.wrong or same} | {case.change} | {case.said[-400:].strip()}\n"
+            )
             sys.stdout.flush()
-    sys.stdout.write(f"as it is: {whole.code} {whole.wrong} {whole.said[:300]}\n{dict(codes)}\n")
+    sys.stdout.write(
+        f"as it is: {whole.code} {whole.wrong} {whole.said[:300]}\n{dict(codes)}\n"
+    )

@@ -35,7 +35,9 @@ HOWS = (signal.SIGKILL, signal.SIGTERM)
 LONGEST = 900  # s that a command may take on a busy machine
 TRUE = re.compile(r"stiffscope: .*(was ended by SIG|workers? ended at it)")
 """What a command may say if another process of it was killed twice."""
-KEPT = re.compile(r"stiffscope: stopped; [1-9]\d* finished designs are kept in out\.designs, the same .*\n$")
+KEPT = re.compile(
+    r"stiffscope: stopped; [1-9]\d* finished designs are kept in out\.designs, the same .*\n$"
+)
 """What a study may say if it was stopped."""
 
 STUDY = """\
@@ -58,7 +60,17 @@ ARM = """\
 _OUT = ("--out", "out", "--quiet")
 _POSE = ("--at", "0,0,350 mm", "--components", "published", *_OUT)
 BLIND = ("blind", "five-bar", "--components", "beam", "--campaigns", "2", *_OUT)
-COMPLIANCE = ("compliance", "biglide", "--part", "link", "--superelement", "out", "--json", "a.json", "--quiet")
+COMPLIANCE = (
+    "compliance",
+    "biglide",
+    "--part",
+    "link",
+    "--superelement",
+    "out",
+    "--json",
+    "a.json",
+    "--quiet",
+)
 COMMANDS = {
     "run": ("run", "bar.toml", *_OUT),
     "study": ("study", "study.toml", *_OUT),
@@ -69,7 +81,15 @@ COMMANDS = {
     "map": ("map", "biglide", "--components", "published", "--points", "5", *_OUT),
     "compliance": COMPLIANCE,
     "modes": ("modes", "biglide", *_POSE),
-    "frf": ("frf", "biglide", "--from", "platform:0,0,0:z", "--to", "platform:0,0,0:z", *_POSE),
+    "frf": (
+        "frf",
+        "biglide",
+        "--from",
+        "platform:0,0,0:z",
+        "--to",
+        "platform:0,0,0:z",
+        *_POSE,
+    ),
     "deflection": ("deflection", "biglide", "--wrench", "0,0,100,0,0,0", *_POSE),
     "stiffness": ("stiffness", "delta", "--json", "a.json", "--quiet"),
     "sensitivity": ("sensitivity", "biglide", *_POSE),
@@ -87,7 +107,13 @@ COMMANDS = {
 OFTEN = ("run", "study", "diagnose", "check")
 MADE = ("out", "new", "new.toml", "a.json")
 """What they write: the first is replaced as a whole, the next two never."""
-MESHED = {"run": 0.01, "study": 0.01, "interfaces": 0.1, "compliance": 0.01, "compare": 0.01}
+MESHED = {
+    "run": 0.01,
+    "study": 0.01,
+    "interfaces": 0.1,
+    "compliance": 0.01,
+    "compare": 0.01,
+}
 """How close other meshes' numbers are; 1e-9 without meshes."""
 HEADER = """\
 robot = "biglide"
@@ -139,13 +165,22 @@ def write_inputs(folder: Path) -> None:
 
 def stiffscope(*words: str, folder: Path, **more) -> subprocess.Popen:
     """Start a command in a folder, in a session of its own, with a cache and temporary files beside it."""
-    environment = {**os.environ, "STIFFSCOPE_CACHE": str(folder / "cache"), "TMPDIR": str(folder / "tmp")}
+    environment = {
+        **os.environ,
+        "STIFFSCOPE_CACHE": str(folder / "cache"),
+        "TMPDIR": str(folder / "tmp"),
+    }
     (folder / "tmp").mkdir(exist_ok=True)
     command = [sys.executable, "-m", "stiffscope", *words]
     return subprocess.Popen(
-        command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE,
-        start_new_session=True, **more,
-    )  # fmt: skip
+        command,
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        **more,
+    )
 
 
 def in_session(leader: int) -> list[str]:
@@ -153,7 +188,9 @@ def in_session(leader: int) -> list[str]:
     found = []
     for place in Path("/proc").glob("[0-9]*"):
         try:
-            state, _, _, session = (place / "stat").read_text().rpartition(")")[2].split()[:4]
+            state, _, _, session = (
+                (place / "stat").read_text().rpartition(")")[2].split()[:4]
+            )
             if int(session) == leader and state != "Z":
                 found.append((place / "cmdline").read_text().replace("\0", " "))
         except OSError:
@@ -172,7 +209,9 @@ def left_alive(leader: int, seconds: float = 2.0) -> list[str]:
 ENDS = {".png": b"IEND\xaeB`\x82", ".gif": b";", ".html": b"</html>"}  # of a whole file
 
 
-VARIES = re.compile(r'"(seconds|mesh|cached|error|volume|key)": (\{[^{}]*\}|\[[^"{}]*\]|[^,{}\[\]]+)')
+VARIES = re.compile(
+    r'"(seconds|mesh|cached|error|volume|key)": (\{[^{}]*\}|\[[^"{}]*\]|[^,{}\[\]]+)'
+)
 """What other meshes of the same part, or other times, make other."""
 
 
@@ -186,8 +225,13 @@ def results_in(folder: Path, made: str, *, meshed: bool = False) -> dict[str, st
         if path.suffix in ENDS:
             assert path.read_bytes().rstrip().endswith(ENDS[path.suffix]), path
         if path.is_file() and path.suffix not in {".png", ".gif"}:
-            plain = path.suffix in {".csv", ".json", ".toml"} and path.name not in {"manifest.json", "scores.json"}
-            plain = plain and not (meshed and path.suffix == ".json" and path.name != "stiffness.json")
+            plain = path.suffix in {".csv", ".json", ".toml"} and path.name not in {
+                "manifest.json",
+                "scores.json",
+            }
+            plain = plain and not (
+                meshed and path.suffix == ".json" and path.name != "stiffness.json"
+            )
             text = path.read_text(encoding="utf-8") if plain else ""
             texts[path.relative_to(folder).as_posix()] = VARIES.sub("", text)
     return texts
@@ -201,15 +245,23 @@ def same(ours: dict[str, str], theirs: dict[str, str], close: float) -> None:
     assert set(ours) == set(theirs), sorted({*ours} ^ {*theirs})
     for name, text in ours.items():
         assert NUMBER.sub("#", text) == NUMBER.sub("#", theirs[name]), name
-        one, other = (np.array(NUMBER.findall(each), dtype=float) for each in (text, theirs[name]))
-        assert np.allclose(one, other, rtol=close, atol=close * np.abs(other).max(initial=0)), name
+        one, other = (
+            np.array(NUMBER.findall(each), dtype=float) for each in (text, theirs[name])
+        )
+        assert np.allclose(
+            one, other, rtol=close, atol=close * np.abs(other).max(initial=0)
+        ), name
 
 
 def _below(leader: psutil.Process) -> dict[str, list[psutil.Process]]:
     """The processes that may be killed, by `WHOM`."""
     with contextlib.suppress(psutil.NoSuchProcess):
         children = leader.children()
-        found = {"main": [leader], "child": children, "mesher": [each for one in children for each in one.children()]}
+        found = {
+            "main": [leader],
+            "child": children,
+            "mesher": [each for one in children for each in one.children()],
+        }
         return {whom: list(filter(_is_ours, found[whom])) for whom in WHOM}
     return {}
 
@@ -221,7 +273,9 @@ def _is_ours(process: psutil.Process) -> bool:
     return False
 
 
-def kill_one(process: subprocess.Popen, whom: str, moment: float, chance: random.Random) -> str:
+def kill_one(
+    process: subprocess.Popen, whom: str, moment: float, chance: random.Random
+) -> str:
     """Kill a process of a command at a moment (s) or, if there is none yet, as soon as there is; what was done."""
     leader = psutil.Process(process.pid)
     time.sleep(moment)
@@ -243,7 +297,9 @@ class Bench:
     folder: Path
     words: tuple[str, ...]
     scheduler: tuple[str, ...] = ()
-    seen: dict[str, float] = field(init=False, default_factory=dict)  # how long (s) there was whom one may kill
+    seen: dict[str, float] = field(
+        init=False, default_factory=dict
+    )  # how long (s) there was whom one may kill
 
     def __post_init__(self) -> None:
         self.folder.mkdir()
@@ -251,7 +307,11 @@ class Bench:
         begun = time.monotonic()
         process = self.start(self.folder)
         while process.poll() is None:
-            there = [whom for whom, found in _below(psutil.Process(process.pid)).items() if found]
+            there = [
+                whom
+                for whom, found in _below(psutil.Process(process.pid)).items()
+                if found
+            ]
             self.seen.update(dict.fromkeys(there, time.monotonic() - begun))
             time.sleep(0.02)
         assert process.returncode == 0, process.communicate()[1]
@@ -265,7 +325,11 @@ class Bench:
         return process.returncode, said
 
     def kill(
-        self, seed: int, whom: str, act: Callable[..., str] = kill_one, latest: float = 0.8
+        self,
+        seed: int,
+        whom: str,
+        act: Callable[..., str] = kill_one,
+        latest: float = 0.8,
     ) -> tuple[str, list[str]]:
         """Kill in a folder of its own, sooner if the command ended first; what was done, and what is wrong after it."""
         chance = random.Random(seed)  # noqa: S311
@@ -273,7 +337,8 @@ class Bench:
             folder = Path(name)
             write_inputs(folder)
             # with a former output little may be left to do: in vain at first, a case is soon tried without
-            if former := (self.folder / "out").exists() and chance.random() < latest * 0.6:
+            former = (self.folder / "out").exists() and chance.random() < latest * 0.6
+            if former:
                 shutil.copytree(self.folder / "out", folder / "out")
             inputs = {path: path.read_bytes() for path in folder.glob("*.*")}
             process = self.start(folder)
@@ -285,24 +350,42 @@ class Bench:
             wrong = [f"alive: {each}" for each in left_alive(process.pid)]
             main = whom == "main" and bool(done)
             wrong += self._judge_words(said, process.returncode, main)
-            wrong += ["an input changed"] * any(path.read_bytes() != held for path, held in inputs.items())
-            wrong += self._judge_folder(folder, former=former, killed="KILL" in done and main)
+            wrong += ["an input changed"] * any(
+                path.read_bytes() != held for path, held in inputs.items()
+            )
+            wrong += self._judge_folder(
+                folder, former=former, killed="KILL" in done and main
+            )
             wrong += self._judge_again(folder)
-        return (done, wrong) if done or wrong else self.kill(seed, whom, act, latest / 2)
+        return (
+            (done, wrong) if done or wrong else self.kill(seed, whom, act, latest / 2)
+        )
 
     @staticmethod
     def _judge_words(said: str, code: int, main: bool) -> list[str]:
         """What was said must be true: nothing if all went well or nobody was left to say it."""
-        stopped = main and code == 1 and (said.strip() == f"stiffscope: {STOPPED}" or KEPT.match(said))
+        stopped = (
+            main
+            and code == 1
+            and (said.strip() == f"stiffscope: {STOPPED}" or KEPT.match(said))
+        )
         silent = not said.strip() and (code == 0 or (main and code < 0))
-        other = code == 1 and not main and len(said.splitlines()) == 1 and TRUE.match(said)
-        return [] if stopped or silent or other else [f"exit code {code}: {said.strip()}"]
+        other = (
+            code == 1 and not main and len(said.splitlines()) == 1 and TRUE.match(said)
+        )
+        return (
+            [] if stopped or silent or other else [f"exit code {code}: {said.strip()}"]
+        )
 
     def _judge_folder(self, folder: Path, *, former: bool, killed: bool) -> list[str]:
         """What is there is whole, and what was there before is there."""
         wrong = []
         beside = [each.name for each in folder.glob(".out.*")]
-        if former and not (folder / "out").exists() and not any(".replaced-" in each for each in beside):
+        if (
+            former
+            and not (folder / "out").exists()
+            and not any(".replaced-" in each for each in beside)
+        ):
             wrong.append("the former output is lost")
         left = (
             {each.name for each in folder.iterdir()}
@@ -319,10 +402,18 @@ class Bench:
         shutil.rmtree(folder / "new", ignore_errors=True)
         (folder / "new.toml").unlink(missing_ok=True)
         code, said = self.run(folder)
-        wrong = [f"again: exit code {code}: {said.strip()}"] * bool(code or said.strip())
-        left = {each.name for each in folder.iterdir()} ^ {each.name for each in self.folder.iterdir()}
+        wrong = [f"again: exit code {code}: {said.strip()}"] * bool(
+            code or said.strip()
+        )
+        left = {each.name for each in folder.iterdir()} ^ {
+            each.name for each in self.folder.iterdir()
+        }
         left -= {"cache"}  # a run that found another's output may need none
-        left |= {each.name for aside in ("tmp", "cache/aside") for each in (folder / aside).glob("*")}
+        left |= {
+            each.name
+            for aside in ("tmp", "cache/aside")
+            for each in (folder / aside).glob("*")
+        }
         wrong += [f"again: left behind or missing: {sorted(left)}"] * bool(left)
         return wrong or self._differences(folder, MADE, "again: ")
 
@@ -331,7 +422,10 @@ class Bench:
         try:
             for each in made:
                 close = MESHED.get(self.words[0])
-                ours, theirs = (results_in(place, each, meshed=bool(close)) for place in (folder, self.folder))
+                ours, theirs = (
+                    results_in(place, each, meshed=bool(close))
+                    for place in (folder, self.folder)
+                )
                 same(ours, theirs, close or 1e-9)
         except AssertionError as error:
             return [f"{said}{error}"]
@@ -341,11 +435,15 @@ class Bench:
 def kill_worker(workers: Any) -> Callable[..., str]:
     """Return an act that kills a worker of a Dask cluster, whoever it works for."""
 
-    def act(process: subprocess.Popen, whom: str, moment: float, chance: random.Random) -> str:
+    def act(
+        process: subprocess.Popen, whom: str, moment: float, chance: random.Random
+    ) -> str:
         time.sleep(moment)
         while process.poll() is None:
             nanny = chance.choice(list(workers.values()))
-            if nanny.process and nanny.process.status.name == "running":  # whoever dies at its start is not replaced
+            if (
+                nanny.process and nanny.process.status.name == "running"
+            ):  # whoever dies at its start is not replaced
                 os.kill(nanny.pid, signal.SIGKILL)
                 return f"SIGKILL to {whom}"
             time.sleep(0.005)
@@ -354,21 +452,34 @@ def kill_worker(workers: Any) -> Callable[..., str]:
     return act
 
 
-def kill_commands(folder: Path, count: int, seed: int) -> Iterator[tuple[str, str, list[str]]]:
+def kill_commands(
+    folder: Path, count: int, seed: int
+) -> Iterator[tuple[str, str, list[str]]]:
     """Kill commands in turn: yield what was run, what was done, what is wrong."""
     benches = {name: Bench(folder / name, COMMANDS[name]) for name in OFTEN}
     for number in range(seed, seed + count):
         bench = benches[name := OFTEN[number % len(OFTEN)]]
-        yield name, *bench.kill(number, sorted(bench.seen)[number // len(OFTEN) % len(bench.seen)])
+        yield (
+            name,
+            *bench.kill(
+                number, sorted(bench.seen)[number // len(OFTEN) % len(bench.seen)]
+            ),
+        )
 
 
-def kill_workers(folder: Path, count: int, seed: int) -> Iterator[tuple[str, str, list[str]]]:
+def kill_workers(
+    folder: Path, count: int, seed: int
+) -> Iterator[tuple[str, str, list[str]]]:
     """As `kill_commands`, for workers of a study on a Dask scheduler."""
     from distributed import LocalCluster
 
     os.environ["STIFFSCOPE_CACHE"] = str(folder / "workers")
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as local:
-        bench = Bench(folder / "dask", COMMANDS["study"], ("--scheduler", local.scheduler_address))
+    with LocalCluster(
+        n_workers=2, threads_per_worker=1, dashboard_address=":0"
+    ) as local:
+        bench = Bench(
+            folder / "dask", COMMANDS["study"], ("--scheduler", local.scheduler_address)
+        )
         for number in range(seed, seed + count):
             shutil.rmtree(folder / "workers", ignore_errors=True)
             yield "study", *bench.kill(number, "worker", kill_worker(local.workers))
@@ -380,7 +491,10 @@ def main() -> None:
     count, seed = (*given, *(40, 0)[len(given) :])
     bad = 0
     with tempfile.TemporaryDirectory() as folder:
-        cases = kill_workers(Path(folder), count // 8, seed), kill_commands(Path(folder), count - count // 8, seed)
+        cases = (
+            kill_workers(Path(folder), count // 8, seed),
+            kill_commands(Path(folder), count - count // 8, seed),
+        )
         for words, done, wrong in itertools.chain(*cases):
             bad += bool(wrong)
             sys.stdout.write(f"{words}: {done}: {'; '.join(wrong) or 'well'}\n")

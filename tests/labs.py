@@ -17,7 +17,9 @@ from stiffscope.gap.lab.response import respond, tool_spot
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 
-FEA_SLIDER = np.diag([5.7974e-11, 1.92533e-10, 4.33624e-9, 1.29600e-7, 1.72818e-6, 6.99798e-9])
+FEA_SLIDER = np.diag(
+    [5.7974e-11, 1.92533e-10, 4.33624e-9, 1.29600e-7, 1.72818e-6, 6.99798e-9]
+)
 """Plate 85 x 320 x 20 mm, rigid end face: structured quadratic mesh, 457k dofs."""
 FEA_SLIDER[1, 5] = FEA_SLIDER[5, 1] = 2.97414e-10
 FEA_SLIDER[2, 4] = FEA_SLIDER[4, 2] = -7.34478e-8
@@ -48,7 +50,12 @@ pose = {pose}
 def machine(name="biglide", *overrides, components=None):
     """Return the healthy machine of a bundled robot; the Biglide has its published matrices."""
     robot = load_robot(name, overrides)
-    return machine_of(robot, part_matrices(robot, components or ("published" if name == "biglide" else "beam")))
+    return machine_of(
+        robot,
+        part_matrices(
+            robot, components or ("published" if name == "biglide" else "beam")
+        ),
+    )
 
 
 def stiffness(machine, poses):
@@ -72,7 +79,10 @@ def biglide(*overrides):
 def with_slider(machine, compliance):
     """Return the Biglide with another compliance of its sliders."""
     return machine.change(
-        {n: replace(machine.bodies[n], compliance=compliance) for n in ("limb1.slider", "limb2.slider")}
+        {
+            n: replace(machine.bodies[n], compliance=compliance)
+            for n in ("limb1.slider", "limb2.slider")
+        }
     )
 
 
@@ -101,7 +111,13 @@ def measure(machine, plan, noise, rng, **header):
     """Return the campaign of a machine, written to and read from files."""
     readings = measuring.measure(machine, plan, noise, rng, located(machine, plan))
     with tempfile.TemporaryDirectory() as folder:
-        write_readings(readings, Path(folder), robot=machine.robot.name, pose=machine.pose, **header)
+        write_readings(
+            readings,
+            Path(folder),
+            robot=machine.robot.name,
+            pose=machine.pose,
+            **header,
+        )
         return load_campaign(Path(folder))
 
 

@@ -56,8 +56,16 @@ def reachable(geometry, poses):
 
 def euler_bernoulli(length=0.5, radius=0.0125, e=211e9, g=81e9):
     """Return the compliance of Eq. (28)."""
-    area, inertia = np.pi * radius**2, np.pi * radius**4 / 4
-    c = np.diag([length / (e * area), *[length**3 / (3 * e * inertia)] * 2, length / (2 * g * inertia)] + [0.0] * 2)
+    area = np.pi * radius**2
+    inertia = np.pi * radius**4 / 4
+    c = np.diag(
+        [
+            length / (e * area),
+            *[length**3 / (3 * e * inertia)] * 2,
+            length / (2 * g * inertia),
+        ]
+        + [0.0] * 2
+    )
     c[4, 4] = c[5, 5] = length / (e * inertia)
     c[1, 5] = c[5, 1] = length**2 / (2 * e * inertia)
     c[2, 4] = c[4, 2] = -c[1, 5]
@@ -78,7 +86,11 @@ def random_compliance(rng, like):
 
 def random_poses(rng, n, geometry=GEOMETRY):
     points = np.column_stack(
-        [rng.uniform(-0.17, 0.17, 20 * n), rng.uniform(-0.3, 0.3, 20 * n), rng.uniform(0.21, 0.54, 20 * n)]
+        [
+            rng.uniform(-0.17, 0.17, 20 * n),
+            rng.uniform(-0.3, 0.3, 20 * n),
+            rng.uniform(0.21, 0.54, 20 * n),
+        ]
     )
     return points[reachable(geometry, points)][:n]
 
@@ -97,23 +109,44 @@ def published_robot():
 def robot_of(link, slider):
     """Return the bundled Biglide with these matrices of link and slider."""
     robot = load_robot("biglide")
-    return mechanism_of(robot, {"link": PartMatrix(link, mass=1.95), "slider": PartMatrix(slider)})
+    return mechanism_of(
+        robot, {"link": PartMatrix(link, mass=1.95), "slider": PartMatrix(slider)}
+    )
 
 
 def cubic_hexapod(size, strut, height):
     """Return six driven struts, ``size`` high, on edges of a cube on its corner; M at ``height``."""
-    corners = np.sqrt(3.0) * size * (np.array([[0, 0, 1], [0, 1, 1], [0, 1, 0], [1, 1, 0], [1, 0, 0], [1, 0, 1]]) - 0.5)
-    x, y = np.array([1, -1, 0]) / np.sqrt(2), np.array([1, 1, -2]) / np.sqrt(6)
+    corners = (
+        np.sqrt(3.0)
+        * size
+        * (
+            np.array([[0, 0, 1], [0, 1, 1], [0, 1, 0], [1, 1, 0], [1, 0, 0], [1, 0, 1]])
+            - 0.5
+        )
+    )
+    x = np.array([1, -1, 0]) / np.sqrt(2)
+    y = np.array([1, 1, -2]) / np.sqrt(6)
     points = corners @ np.stack([x, y, np.cross(x, y)]).T  # the cube's diagonal along z
-    bodies, joints = [Body("platform")], []
+    bodies = [Body("platform")]
+    joints = []
     for k, ends in enumerate([(0, 1), (2, 1), (2, 3), (4, 3), (4, 5), (0, 5)]):
         foot, head = sorted(points[list(ends)], key=lambda p: p[2])
         first, second = np.linalg.svd((head - foot)[None])[2][1:]
         bodies += [Body(f"lower{k}"), Body(f"upper{k}")]
         joints += [
             Joint(f"foot{k}", "ground", f"lower{k}", "universal", foot, first, second),
-            Joint(f"drive{k}", f"lower{k}", f"upper{k}", "prismatic", foot, head - foot, drive=Drive(strut)),
+            Joint(
+                f"drive{k}",
+                f"lower{k}",
+                f"upper{k}",
+                "prismatic",
+                foot,
+                head - foot,
+                drive=Drive(strut),
+            ),
             Joint(f"head{k}", f"upper{k}", "platform", "spherical", head),
         ]
-    tool = Tool("platform", np.array([0.0, 0.0, height]), ("x", "y", "z", "rx", "ry", "rz"))
+    tool = Tool(
+        "platform", np.array([0.0, 0.0, height]), ("x", "y", "z", "rx", "ry", "rz")
+    )
     return Mechanism(tuple(bodies), tuple(joints), tool)

@@ -24,15 +24,49 @@ from stiffscope.errors import InputError
 from stiffscope.gap.campaigns import configure_case, open_case
 from stiffscope.robot.reader import read_robot
 from stiffscope.runtime.executor import LateError, WorkerError
-from tests.kills import BLIND, COMMANDS, COMPLIANCE, HEADER, READINGS, Bench, in_session, left_alive, stiffscope
+from tests.kills import (
+    BLIND,
+    COMMANDS,
+    COMPLIANCE,
+    HEADER,
+    READINGS,
+    Bench,
+    in_session,
+    left_alive,
+    stiffscope,
+)
 
-ROBOTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((FOLDER / "robots").glob("*.toml"))}
+ROBOTS = {
+    path.name: path.read_text(encoding="utf-8")
+    for path in sorted((FOLDER / "robots").glob("*.toml"))
+}
 HOSTILE = (
-    "1e308", "-1e308", "1e-308", "nan", "inf", "-0.0", "0", "[]", "{}", '""', '"= a"', '"= 9**9**9**9"',
+    "1e308",
+    "-1e308",
+    "1e-308",
+    "nan",
+    "inf",
+    "-0.0",
+    "0",
+    "[]",
+    "{}",
+    '""',
+    '"= a"',
+    '"= 9**9**9**9"',
     '"1 kg*9**9**9"',
-    '"1 m^9^9"', "true", "9" * 5000, "[" * 200 + "]" * 200, '"\\u0000"', '"' + "x" * 3000 + '"', '"1e999 mm"', "'\x7f'",
-    "2000-01-01", '"../../etc/passwd"', '"= sqrt(-1)"', '"= 1/0"',
-)  # fmt: skip
+    '"1 m^9^9"',
+    "true",
+    "9" * 5000,
+    "[" * 200 + "]" * 200,
+    '"\\u0000"',
+    '"' + "x" * 3000 + '"',
+    '"1e999 mm"',
+    "'\x7f'",
+    "2000-01-01",
+    '"../../etc/passwd"',
+    '"= sqrt(-1)"',
+    '"= 1/0"',
+)
 LAW = settings(deadline=None, suppress_health_check=list(HealthCheck), database=None)
 
 
@@ -41,10 +75,17 @@ def mutants(draw: st.DrawFn) -> str:
     """A robot file with a few lines gone, doubled, swapped, with hostile values or letters."""
     lines = draw(st.sampled_from(list(ROBOTS.values()))).split("\n")
     for _ in range(draw(st.integers(1, 3))):
-        at, other = draw(st.integers(0, len(lines) - 1)), draw(st.integers(0, len(lines) - 1))
-        kind = draw(st.sampled_from(("value", "value", "gone", "double", "swap", "letter", "number")))
+        at = draw(st.integers(0, len(lines) - 1))
+        other = draw(st.integers(0, len(lines) - 1))
+        kind = draw(
+            st.sampled_from(
+                ("value", "value", "gone", "double", "swap", "letter", "number")
+            )
+        )
         if kind == "value" and "=" in lines[at]:
-            lines[at] = f"{lines[at].partition('=')[0]}= {draw(st.sampled_from(HOSTILE))}"
+            lines[at] = (
+                f"{lines[at].partition('=')[0]}= {draw(st.sampled_from(HOSTILE))}"
+            )
         elif kind == "gone":
             lines[at] = ""
         elif kind == "double":
@@ -53,13 +94,19 @@ def mutants(draw: st.DrawFn) -> str:
             lines[at], lines[other] = lines[other], lines[at]
         elif kind == "letter" and lines[at]:
             place = draw(st.integers(0, len(lines[at]) - 1))
-            lines[at] = lines[at][:place] + draw(st.characters(codec="utf-8")) + lines[at][place + 1 :]
+            lines[at] = (
+                lines[at][:place]
+                + draw(st.characters(codec="utf-8"))
+                + lines[at][place + 1 :]
+            )
         elif kind == "number":
             digits = [k for k, letter in enumerate(lines[at]) if letter.isdecimal()]
             if digits:
                 place = draw(st.sampled_from(digits))
                 lines[at] = (
-                    lines[at][:place] + draw(st.sampled_from(("1e300", "1e-300", "-7", "0"))) + lines[at][place + 1 :]
+                    lines[at][:place]
+                    + draw(st.sampled_from(("1e300", "1e-300", "-7", "0")))
+                    + lines[at][place + 1 :]
                 )
     return "\n".join(lines)
 
@@ -75,7 +122,9 @@ def obeys(text: str) -> None:
             assert str(refused).startswith("mutant.toml"), refused
             assert "\n" not in str(refused), refused
         else:
-            poses = np.array([value for pose in robot.poses.values() for value in pose], dtype=float)
+            poses = np.array(
+                [value for pose in robot.poses.values() for value in pose], dtype=float
+            )
             assert np.isfinite(poses).all()
     assert time.perf_counter() - begun < 20
 
@@ -94,21 +143,48 @@ def test_thousands_of_mutated_robot_files(text):
 
 
 CELLS = (
-    "", " ", "nan", "inf", "-1e308", "1e308", "1e-308", "9" * 5000, "0x10", "1_0", "1,5", '"', "hook", "gauge", "dx",
-    "\0", "\u202e", "x" * 3000, "=1+1", "350 mm", "-0", "\t", ";", "\ud800",
-)  # fmt: skip
+    "",
+    " ",
+    "nan",
+    "inf",
+    "-1e308",
+    "1e308",
+    "1e-308",
+    "9" * 5000,
+    "0x10",
+    "1_0",
+    "1,5",
+    '"',
+    "hook",
+    "gauge",
+    "dx",
+    "\0",
+    "\u202e",
+    "x" * 3000,
+    "=1+1",
+    "350 mm",
+    "-0",
+    "\t",
+    ";",
+    "\ud800",
+)
 
 
 @st.composite
 def mutated_campaigns(draw: st.DrawFn) -> tuple[str, str]:
     """A campaign.toml and its readings with a few lines, cells or letters changed."""
-    header, rows = HEADER.split("\n"), READINGS.split("\n")
+    header = HEADER.split("\n")
+    rows = READINGS.split("\n")
     for _ in range(draw(st.integers(1, 3))):
         lines = draw(st.sampled_from((header, rows, rows)))
         at = draw(st.integers(0, len(lines) - 1))
-        kind = draw(st.sampled_from(("value", "value", "value", "gone", "double", "letter")))
+        kind = draw(
+            st.sampled_from(("value", "value", "value", "gone", "double", "letter"))
+        )
         if kind == "value" and lines is header:
-            lines[at] = f"{lines[at].partition('=')[0]}= {draw(st.sampled_from(HOSTILE))}"
+            lines[at] = (
+                f"{lines[at].partition('=')[0]}= {draw(st.sampled_from(HOSTILE))}"
+            )
         elif kind == "value":
             cells = lines[at].split(",")
             cells[draw(st.integers(0, len(cells) - 1))] = draw(st.sampled_from(CELLS))
@@ -119,7 +195,11 @@ def mutated_campaigns(draw: st.DrawFn) -> tuple[str, str]:
             lines.insert(at, lines[at])
         elif lines[at]:
             place = draw(st.integers(0, len(lines[at]) - 1))
-            lines[at] = lines[at][:place] + draw(st.characters(codec="utf-8")) + lines[at][place + 1 :]
+            lines[at] = (
+                lines[at][:place]
+                + draw(st.characters(codec="utf-8"))
+                + lines[at][place + 1 :]
+            )
         if not lines:
             lines.append("")
     return "\n".join(header), "\n".join(rows)
@@ -136,14 +216,24 @@ def campaign_obeys(folder: Path, header: str, rows: str) -> None:
             case = open_case(folder)
             configure_case(case)
         except InputError as refused:
-            assert re.search(r"^(\S*/)?(campaign\.toml|readings\.csv)(:\d+)?: ", str(refused))
+            assert re.search(
+                r"^(\S*/)?(campaign\.toml|readings\.csv)(:\d+)?: ", str(refused)
+            )
             assert "\n" not in str(refused)
         else:
             c = case.campaign
             assert len(c) > 0
-            for values in (c.value, c.poses, c.wrench[c.kind == 0], c.sigma[~np.isnan(c.sigma)]):
+            for values in (
+                c.value,
+                c.poses,
+                c.wrench[c.kind == 0],
+                c.sigma[~np.isnan(c.sigma)],
+            ):
                 assert np.isfinite(values).all()
-    assert sorted(each.name for each in folder.iterdir()) == ["campaign.toml", "readings.csv"]
+    assert sorted(each.name for each in folder.iterdir()) == [
+        "campaign.toml",
+        "readings.csv",
+    ]
     assert time.perf_counter() - begun < 20
 
 
@@ -167,13 +257,22 @@ def test_thousands_of_mutated_campaigns(tmp_path_factory, texts):
 
 @pytest.mark.parametrize(
     "text",
-    [".".join(["a"] * 300_000) + " = 1", f"[{'.'.join(['a'] * 300_000)}]", '"a".' * 100_000 + "a = 1", "a" * 1_000_000],
+    [
+        ".".join(["a"] * 300_000) + " = 1",
+        f"[{'.'.join(['a'] * 300_000)}]",
+        '"a".' * 100_000 + "a = 1",
+        "a" * 1_000_000,
+    ],
 )
 def test_a_file_is_read_in_time_that_grows_with_its_size(text):
     begun = time.perf_counter()
-    with pytest.raises(InputError, match=r"^r\.toml:2: expected (keys of at most 30 names|valid TOML)"):
+    with pytest.raises(
+        InputError, match=r"^r\.toml:2: expected (keys of at most 30 names|valid TOML)"
+    ):
         read_robot(Path("r.toml"), f"# first\n{text}\n")
-    assert time.perf_counter() - begun < 30  # under a second; far more where it grows faster than the file
+    assert (
+        time.perf_counter() - begun < 30
+    )  # under a second; far more where it grows faster than the file
 
 
 KILLS = 6  # of each command
@@ -191,7 +290,13 @@ def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, name):
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize(
     ("name", "whom"),
-    [("run", "main"), ("run", "mesher"), ("study", "child"), ("check", "child"), ("diagnose", "main")],
+    [
+        ("run", "main"),
+        ("run", "mesher"),
+        ("study", "child"),
+        ("check", "child"),
+        ("diagnose", "main"),
+    ],
 )
 def test_a_kill_loses_and_leaves_nothing(tmp_path, name, whom):
     assert Bench(tmp_path / "clean", COMMANDS[name]).kill(3, whom)[1] == []
@@ -200,20 +305,32 @@ def test_a_kill_loses_and_leaves_nothing(tmp_path, name, whom):
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize("words", [COMPLIANCE, BLIND], ids=lambda words: words[0])
-def test_a_command_that_is_stopped_leaves_no_child_and_says_one_line(tmp_path, words, how):
+def test_a_command_that_is_stopped_leaves_no_child_and_says_one_line(
+    tmp_path, words, how
+):
     process = stiffscope(*words, folder=tmp_path)
     ends = time.monotonic() + 60
-    while len(in_session(process.pid)) < 3 and time.monotonic() < ends:  # itself, the tracker of resources, a worker
+    while (
+        len(in_session(process.pid)) < 3 and time.monotonic() < ends
+    ):  # itself, the tracker of resources, a worker
         time.sleep(0.001)
-    (os.killpg if how == signal.SIGINT else os.kill)(process.pid, how)  # Ctrl-C reaches the whole group
+    (os.killpg if how == signal.SIGINT else os.kill)(
+        process.pid, how
+    )  # Ctrl-C reaches the whole group
     _, errors = process.communicate(timeout=60)
-    assert not left_alive(process.pid, 20.0)  # 2 s on a machine that has nothing else to do
+    assert not left_alive(
+        process.pid, 20.0
+    )  # 2 s on a machine that has nothing else to do
     if how == signal.SIGKILL:
         assert b"Warning" not in errors
     else:
         assert errors.strip() == b"stiffscope: stopped; nothing half-written is left"
         assert not list((tmp_path / "tmp").iterdir())
-        assert {each.name for each in tmp_path.iterdir()} <= {"cache", "tmp", "out.cases"}
+        assert {each.name for each in tmp_path.iterdir()} <= {
+            "cache",
+            "tmp",
+            "out.cases",
+        }
 
 
 @pytest.fixture(scope="module")
@@ -240,7 +357,11 @@ def step_obeys(path: Path, content: bytes, chance: random.Random) -> str:
         elif kind == "gone":
             content = content[:at] + content[at + chance.randint(1, 80) :]
         else:
-            content = content[:at] + chance.choice((b"1.E+300", b"-1.", b"#9999", b"$")) + content[at:]
+            content = (
+                content[:at]
+                + chance.choice((b"1.E+300", b"-1.", b"#9999", b"$"))
+                + content[at:]
+            )
     path.write_bytes(content)
     try:
         part = read_step(path, time_limit=30.0)
@@ -292,7 +413,9 @@ def do_in_fork(function, *arguments, name: str, limit: float) -> None:
 def test_thousands_of_mutated_step_files(tmp_path, box, monkeypatch):
     monkeypatch.setattr("stiffscope.cad.step.do_alone", do_in_fork)
     chances = map(random.Random, range(2000))
-    counts = Counter(step_obeys(tmp_path / "mutant.step", box, chance) for chance in chances)
+    counts = Counter(
+        step_obeys(tmp_path / "mutant.step", box, chance) for chance in chances
+    )
     assert sorted(each.name for each in tmp_path.iterdir()) == ["mutant.step"]
     assert counts["read"] > 100
     assert counts["refused"] > 100

@@ -13,7 +13,11 @@ import pytest
 from tests.report.browser import CHROMIUM, browser
 
 ROOT = Path(__file__).parents[1]
-PAGES = [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "CONTRIBUTING.md", ROOT / "README.md"]
+PAGES = [
+    *sorted((ROOT / "docs").rglob("*.md")),
+    ROOT / "CONTRIBUTING.md",
+    ROOT / "README.md",
+]
 ROOMS = ("cad", "fea", "vjm", "stiffscope", "tests", "examples")
 SECTION = re.compile(r"^#{2,3} (\d+(?:\.\d+)?) ", re.MULTILINE)
 CITED = re.compile(r"docs/theory\.md,?\s+section\s+(\d+(?:\.\d+)?)")
@@ -36,7 +40,9 @@ def resolved(name: str) -> object:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_name_resolves(page: Path) -> None:
     wrong = []
-    for name in sorted(set(re.findall(r"\bstiffscope(?:\.\w+)+", page.read_text(encoding="utf-8")))):
+    for name in sorted(
+        set(re.findall(r"\bstiffscope(?:\.\w+)+", page.read_text(encoding="utf-8")))
+    ):
         try:
             resolved(name)
         except (ModuleNotFoundError, AttributeError):
@@ -54,38 +60,57 @@ def test_an_unknown_name_does_not_resolve() -> None:
 def test_every_cited_section_exists() -> None:
     there = set(SECTION.findall((ROOT / "docs/theory.md").read_text(encoding="utf-8")))
     sources = [path for room in ROOMS for path in (ROOT / room).rglob("*.py")]
-    cited = {number: path for path in [*sources, *PAGES] for number in CITED.findall(path.read_text(encoding="utf-8"))}
+    cited = {
+        number: path
+        for path in [*sources, *PAGES]
+        for number in CITED.findall(path.read_text(encoding="utf-8"))
+    }
     assert cited
     assert {number: path for number, path in cited.items() if number not in there} == {}
 
 
 def test_no_numbered_equation_has_lines() -> None:
     """Sphinx splits such ones, and MathJax refuses a number within a split; matrices have \\cr."""
-    shown = re.findall(r"\$\$.*?\$\$", (ROOT / "docs/theory.md").read_text(encoding="utf-8"), re.DOTALL)
+    shown = re.findall(
+        r"\$\$.*?\$\$", (ROOT / "docs/theory.md").read_text(encoding="utf-8"), re.DOTALL
+    )
     assert [each for each in shown if r"\tag" in each and r"\\" in each] == []
 
 
 @pytest.mark.slow
 def test_the_pages_need_nothing_but_their_extra() -> None:
     """No extension imports what only tests have, at any depth."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))[
+        "project"
+    ]
     extra = project["optional-dependencies"]
     only = {re.split("[<>=]", each)[0] for each in extra["dev"]} - {
         re.split("[<>=]", each)[0] for each in extra["docs"]
     }
-    names = sorted(name.replace("-", "_") for name in only if "[" not in name and name not in {"ipython", "setuptools"})
+    names = sorted(
+        name.replace("-", "_")
+        for name in only
+        if "[" not in name and name not in {"ipython", "setuptools"}
+    )
     extensions = sorted(path.stem for path in (ROOT / "docs/extensions").glob("*.py"))
     code = f"import sys; sys.modules.update(dict.fromkeys({names})); sys.path.insert(0, 'docs/extensions')"
     command = [sys.executable, "-c", f"{code}; import {', '.join(extensions)}"]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr[-2000:]
 
 
 @pytest.mark.slow
-@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing: apt-get install chromium")
+@pytest.mark.skipif(
+    CHROMIUM is None, reason="Chromium is missing: apt-get install chromium"
+)
 @pytest.mark.parametrize("page", ["theory", "glossary"])
-def test_every_equation_is_set_by_the_pages_own_mathjax(page: str, tmp_path: Path) -> None:
-    source, pages = tmp_path / "docs", tmp_path / "pages"
+def test_every_equation_is_set_by_the_pages_own_mathjax(
+    page: str, tmp_path: Path
+) -> None:
+    source = tmp_path / "docs"
+    pages = tmp_path / "pages"
     source.mkdir()
     text = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")
     (source / "index.md").write_text(text, encoding="utf-8")
@@ -95,18 +120,25 @@ def test_every_equation_is_set_by_the_pages_own_mathjax(page: str, tmp_path: Pat
         'suppress_warnings = ["myst"]',
     )
     (source / "conf.py").write_text("\n".join(settings), encoding="utf-8")
-    subprocess.run([sys.executable, "-m", "sphinx", "-q", source, pages], check=True, timeout=120)
+    subprocess.run(
+        [sys.executable, "-m", "sphinx", "-q", source, pages], check=True, timeout=120
+    )
     with browser() as tab:
         tab.open(pages / "index.html")
         tab.run("MathJax.startup.promise.then(() => true)")
         assert tab.run("document.querySelectorAll('mjx-container').length") > 0
         assert tab.run("document.querySelectorAll('mjx-merror').length") == 0
-        assert not [address for address in tab.requests() if not address.startswith("file:")]
+        assert not [
+            address for address in tab.requests() if not address.startswith("file:")
+        ]
 
 
 def test_equations_are_numbered_once_and_in_order() -> None:
     numbers = [
-        tuple(map(int, pair)) for pair in re.findall(r"\\tag\{(\d+)\.(\d+)\}", (ROOT / "docs/theory.md").read_text())
+        tuple(map(int, pair))
+        for pair in re.findall(
+            r"\\tag\{(\d+)\.(\d+)\}", (ROOT / "docs/theory.md").read_text()
+        )
     ]
     assert numbers == sorted(set(numbers))
     last: dict[int, int] = {}
@@ -119,7 +151,9 @@ def test_changelog_has_the_version() -> None:
     from stiffscope import __version__
 
     assert f"## [{__version__}]" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    assert f"version: {__version__}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"version: {__version__}\n" in (ROOT / "CITATION.cff").read_text(
+        encoding="utf-8"
+    )
 
 
 QUESTIONS = {
@@ -148,12 +182,16 @@ QUESTIONS = {
 
 def _links(page: Path) -> set[str]:
     """Pages and sections that a page links to, from the documentation's root."""
-    text = re.sub(r"```\{toctree\}.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    text = re.sub(
+        r"```\{toctree\}.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL
+    )
     found = set()
     for target in re.findall(r"\]\(([\w./-]+\.(?:md|ipynb)(?:#[\w-]+)?)\)", text):
         path, _, section = target.partition("#")
         place = (page.parent / path).resolve().relative_to(ROOT)
-        found.add(f"{place.relative_to('docs') if place.parts[0] == 'docs' else place}{'#' * bool(section)}{section}")
+        found.add(
+            f"{place.relative_to('docs') if place.parts[0] == 'docs' else place}{'#' * bool(section)}{section}"
+        )
     return found
 
 
@@ -162,17 +200,35 @@ def test_a_question_is_answered_two_links_from_the_front_page(question: str) -> 
     page, _, section = QUESTIONS[question].partition("#")
     first = _links(ROOT / "docs/index.md")
     pages = {each.partition("#")[0] for each in first if ".md" in each}
-    second = set().union(*(_links(ROOT / "docs" / each) for each in pages if (ROOT / "docs" / each).suffix == ".md"))
+    second = set().union(
+        *(
+            _links(ROOT / "docs" / each)
+            for each in pages
+            if (ROOT / "docs" / each).suffix == ".md"
+        )
+    )
     assert page in {each.partition("#")[0] for each in first | second}
-    headings = re.findall(r"^#+ (.+)$", (ROOT / "docs" / page).read_text(encoding="utf-8"), re.MULTILINE)
-    anchors = {re.sub(r"[^\w\- ]", "", each.lower()).replace(" ", "-") for each in headings}
+    headings = re.findall(
+        r"^#+ (.+)$", (ROOT / "docs" / page).read_text(encoding="utf-8"), re.MULTILINE
+    )
+    anchors = {
+        re.sub(r"[^\w\- ]", "", each.lower()).replace(" ", "-") for each in headings
+    }
     assert not section or section in anchors
 
 
-def test_names_of_other_libraries_link_to_their_pages(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_of_other_libraries_link_to_their_pages(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     monkeypatch.syspath_prepend(ROOT / "docs/extensions")
     links = importlib.import_module("cross_links")
-    assert links.find_page("ArrayLike") == "https://numpy.org/doc/stable/reference/typing.html#numpy.typing.ArrayLike"
-    assert links.find_page("xr.Dataset") == "https://docs.xarray.dev/en/stable/generated/xarray.Dataset.html"
+    assert (
+        links.find_page("ArrayLike")
+        == "https://numpy.org/doc/stable/reference/typing.html#numpy.typing.ArrayLike"
+    )
+    assert (
+        links.find_page("xr.Dataset")
+        == "https://docs.xarray.dev/en/stable/generated/xarray.Dataset.html"
+    )
     assert links.find_page("numpy.nowhere") is None
     assert links.find_page("Mechanism") is None

@@ -14,14 +14,29 @@ from tests.hostile_families import PLAIN, SECTIONS, families
 
 @pytest.mark.parametrize("name", PLAIN)
 def test_a_sample_of_mutants(name):
-    read_robot(Path("robot.toml"), SECTIONS.decode())  # so that the forked commands have the units, too
+    read_robot(
+        Path("robot.toml"), SECTIONS.decode()
+    )  # so that the forked commands have the units, too
     cases = [run(PLAIN[name], seed) for seed in range(3)]
     assert [case for case in cases if case.wrong] == []
 
 
 @pytest.mark.parametrize(
     "name",
-    ["stewart", "sections", "check", "csv", "study", "urdf", "mjcf", "xlsx", "assembly", "solids", "faces", "step"],
+    [
+        "stewart",
+        "sections",
+        "check",
+        "csv",
+        "study",
+        "urdf",
+        "mjcf",
+        "xlsx",
+        "assembly",
+        "solids",
+        "faces",
+        "step",
+    ],
 )
 def test_mutants_of_every_family(name):
     cases = [run(families()[name], seed) for seed in (None, *range(10, 15))]

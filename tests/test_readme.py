@@ -55,11 +55,20 @@ ARM = """<robot name="arm">
 
 def blocks(language: str) -> list[str]:
     """Blocks of code in a language, each once."""
-    return list(dict.fromkeys(re.findall(rf"^```{language}\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)))
+    return list(
+        dict.fromkeys(
+            re.findall(rf"^```{language}\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+        )
+    )
 
 
 def lines(program: str) -> list[str]:
-    found = (line for block in blocks("sh") for line in block.splitlines() if line.startswith(f"{program} "))
+    found = (
+        line
+        for block in blocks("sh")
+        for line in block.splitlines()
+        if line.startswith(f"{program} ")
+    )
     return list(dict.fromkeys(found))
 
 
@@ -77,23 +86,42 @@ def test_pinned_versions_run_on_the_oldest_python():
     """What pip would refuse there: a version that the newest Python of a fresh machine has, and an older one not."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     oldest = project["requires-python"].removeprefix(">=") + ".0"
-    pins = [line.partition("==")[0] for line in (ROOT / "constraints.txt").read_text().splitlines() if "==" in line]
-    needs = {each.name.lower(): each.metadata.get("Requires-Python") or "" for each in metadata.distributions()}
+    pins = [
+        line.partition("==")[0]
+        for line in (ROOT / "constraints.txt").read_text().splitlines()
+        if "==" in line
+    ]
+    needs = {
+        each.name.lower(): each.metadata.get("Requires-Python") or ""
+        for each in metadata.distributions()
+    }
     known = {pin: needs[pin.lower()] for pin in pins if pin.lower() in needs}
     assert len(known) > 100
-    assert not {pin: need for pin, need in known.items() if oldest not in SpecifierSet(need)}
+    assert not {
+        pin: need for pin, need in known.items() if oldest not in SpecifierSet(need)
+    }
 
 
 def test_no_pattern_is_possessive():
     """Python before 3.11.5 matches possessive and atomic groups wrongly: it took `%` for no unit."""
-    files = [path for room in ("cad", "fea", "vjm", "stiffscope") for path in (ROOT / room).rglob("*.py")]
+    files = [
+        path
+        for room in ("cad", "fea", "vjm", "stiffscope")
+        for path in (ROOT / room).rglob("*.py")
+    ]
     assert len(files) > 300
-    assert not [path for path in files if re.search(r"[\])*+?}w][*+?}]\+|\(\?>", path.read_text(encoding="utf-8"))]
+    assert not [
+        path
+        for path in files
+        if re.search(r"[\])*+?}w][*+?}]\+|\(\?>", path.read_text(encoding="utf-8"))
+    ]
 
 
 def test_no_command_is_left_out():
     known = ("stiffscope ", "python -m examples.", "python3 -m venv .venv && ")
-    assert all(line.startswith(known) for block in blocks("sh") for line in block.splitlines())
+    assert all(
+        line.startswith(known) for block in blocks("sh") for line in block.splitlines()
+    )
 
 
 @pytest.fixture(scope="module")
@@ -101,10 +129,15 @@ def place(tmp_path_factory):
     """A folder with a part.step; experiments are made in this process, so that CAD is imported once."""
     robot = load_robot("biglide")
     folder = tmp_path_factory.mktemp("readme")
-    write_step(build(robot.parts["slider"].parameters(), robot.material("slider")), folder / "part.step")
+    write_step(
+        build(robot.parts["slider"].parameters(), robot.material("slider")),
+        folder / "part.step",
+    )
     (folder / "data").symlink_to(ROOT / "data")
     (folder / "examples").symlink_to(ROOT / "examples")
-    (folder / "mine.toml").write_text((ROOT / "data" / "robots" / "delta.toml").read_text())
+    (folder / "mine.toml").write_text(
+        (ROOT / "data" / "robots" / "delta.toml").read_text()
+    )
     (folder / "arm.urdf").write_text(ARM)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("stiffscope.runtime.workshop.Processes", Here)
@@ -113,7 +146,9 @@ def place(tmp_path_factory):
         yield folder
 
 
-COMMANDS = list(dict.fromkeys(["stiffscope run biglide --out out", *lines("stiffscope")]))
+COMMANDS = list(
+    dict.fromkeys(["stiffscope run biglide --out out", *lines("stiffscope")])
+)
 WRITERS = {"--out", "--adopt"}
 MAKERS = {
     file: line
@@ -126,7 +161,11 @@ MAKERS = {
 
 def _mark(line: str):
     """Leave a command that only the documentation shows to the extended tests."""
-    return line if f"{line}\n" in README else pytest.param(line, marks=pytest.mark.extended)
+    return (
+        line
+        if f"{line}\n" in README
+        else pytest.param(line, marks=pytest.mark.extended)
+    )
 
 
 @pytest.mark.parametrize("line", [_mark(line) for line in COMMANDS])
@@ -155,12 +194,16 @@ def _run(line, tmp_path, monkeypatch, capsys):
     for option, file in itertools.pairwise(words):
         if option == "--out":
             assert _list_clone() == outside
-            written = "readings.csv" if name == "campaign" and words[0] == "new" else "manifest.json"
+            written = (
+                "readings.csv"
+                if name == "campaign" and words[0] == "new"
+                else "manifest.json"
+            )
             kept = Path(file) if Path(file).suffix else Path(file) / written
             assert kept.stat().st_size > 0
-            assert kept.name != "manifest.json" or "</html>" in kept.with_name("report.html").read_text(
-                encoding="utf-8"
-            )
+            assert kept.name != "manifest.json" or "</html>" in kept.with_name(
+                "report.html"
+            ).read_text(encoding="utf-8")
         if option == "--json":
             assert Path(file).stat().st_size > 0
 
@@ -173,7 +216,11 @@ def _list_clone():
 @pytest.mark.parametrize("line", lines("python"))
 def test_examples(line):
     done = subprocess.run(
-        [sys.executable, *shlex.split(line)[1:]], cwd=ROOT, capture_output=True, text=True, check=True
+        [sys.executable, *shlex.split(line)[1:]],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert len(done.stdout) > 20
 
@@ -189,7 +236,9 @@ def test_the_python_way(place, monkeypatch, tmp_path):
         [24.21, 1.965, 12.59, 1.411, 0.1427, 2.76], rel=5e-3
     )
     swept = names["robot"].map.ranges()
-    assert names["ss"].stiffness_map(names["machine"], swept, 9).png.startswith(b"\x89PNG")
+    assert (
+        names["ss"].stiffness_map(names["machine"], swept, 9).png.startswith(b"\x89PNG")
+    )
     assert "<table" in as_html(names["test"])
     assert "<table" in as_html(names["state"])
     assert names["found"].verdict == "identified"

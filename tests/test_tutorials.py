@@ -9,10 +9,29 @@ from nbclient import NotebookClient
 
 FOLDER = Path(__file__).parents[1] / "docs" / "tutorials"
 SHOWN = {
-    "part": ("Part slider", "Compliance of the slider, clamped at one end", "image/png"),
-    "robot": ("degrees of freedom", "Stiffness at M", "<iframe srcdoc=", "Natural frequencies", "image/png"),
-    "gauges": ("108 readings", "Identified: actuator stiffness (leg2.motor)", "image/png", "image/svg+xml"),
-    "diagnosis": ("Identified: scale (all), factor 1.10", "gap 9.19 % -> 1.25 %", "image/svg+xml"),
+    "part": (
+        "Part slider",
+        "Compliance of the slider, clamped at one end",
+        "image/png",
+    ),
+    "robot": (
+        "degrees of freedom",
+        "Stiffness at M",
+        "<iframe srcdoc=",
+        "Natural frequencies",
+        "image/png",
+    ),
+    "gauges": (
+        "108 readings",
+        "Identified: actuator stiffness (leg2.motor)",
+        "image/png",
+        "image/svg+xml",
+    ),
+    "diagnosis": (
+        "Identified: scale (all), factor 1.10",
+        "gap 9.19 % -> 1.25 %",
+        "image/svg+xml",
+    ),
 }
 
 
@@ -30,7 +49,9 @@ def kernel(tmp_path_factory):
 @pytest.mark.parametrize("name", sorted(file.stem for file in FOLDER.glob("*.ipynb")))
 def test_tutorials(name, kernel, tmp_path):
     written = nbformat.read(FOLDER / f"{name}.ipynb", 4)
-    assert not any(cell.get("outputs") for cell in written.cells)  # they are made where they are read
+    assert not any(
+        cell.get("outputs") for cell in written.cells
+    )  # they are made where they are read
     written.cells.insert(0, nbformat.v4.new_code_cell(f"%reset -f\n%cd -q {tmp_path}"))
     shown = str(NotebookClient(written, km=kernel, timeout=300).execute())
     for words in SHOWN[name]:

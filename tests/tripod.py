@@ -18,7 +18,8 @@ ARMS = [0.2 * np.array([np.cos(a), np.sin(a), -0.1]) for a in ANGLES]
 
 def star_stiffness(arms=ARMS):
     """Unsupported stiffness (24, 24) of equal beams from a hub at the origin to the ends of arms."""
-    k, c = np.zeros((24, 24)), euler_bernoulli(float(np.linalg.norm(arms[0])))
+    k = np.zeros((24, 24))
+    c = euler_bernoulli(float(np.linalg.norm(arms[0])))
     for i, arm in enumerate(arms):
         turn = np.kron(np.eye(2), axes_along(arm, UP, "beam").T)
         relative = turn @ np.hstack([-shift(arm), np.eye(6)])
@@ -29,9 +30,12 @@ def star_stiffness(arms=ARMS):
 
 def tripod_text(drive='stiffness = "20 N/um"', turned=(1.0, 0.0, 0.0)):
     """Its robot file: legs that turn at the ground and slide, on balls; the hub is the tool."""
-    x, y = np.array(turned), np.cross(UP, turned)
+    x = np.array(turned)
+    y = np.cross(UP, turned)
     turn = np.array([x, y, UP])  # base to part axes
-    places = ", ".join(f"{n} = {(turn @ p).tolist()}" for n, p in zip("abc", ARMS, strict=True))
+    places = ", ".join(
+        f"{n} = {(turn @ p).tolist()}" for n, p in zip("abc", ARMS, strict=True)
+    )
     text = f"""name = "tripod"
 
 [parts.star]
@@ -62,7 +66,8 @@ low = [0.48, -0.12, 0.2]
 """
     for k, (foot, arm) in enumerate(zip(FEET, ARMS, strict=True)):
         tip = HUB + arm
-        middle, side = 0.5 * (foot + tip), np.array([-np.sin(ANGLES[k]), np.cos(ANGLES[k]), 0.0])
+        middle = 0.5 * (foot + tip)
+        side = np.array([-np.sin(ANGLES[k]), np.cos(ANGLES[k]), 0.0])
         text += f"""
 [bodies.lower{k}]
 [bodies.upper{k}]

@@ -78,11 +78,19 @@ class Body:
     def __post_init__(self) -> None:
         here = check_name("bodies", self.name)
         if not 0.0 <= self.mass < np.inf:
-            raise InputError(f"{here}.mass: expected a mass of at least 0 kg, got {self.mass}")
+            raise InputError(
+                f"{here}.mass: expected a mass of at least 0 kg, got {self.mass}"
+            )
         if self.centre is not None:
-            assign(self, "centre", check_vector(self.centre, f"{here}.centre", "a position in m"))
+            assign(
+                self,
+                "centre",
+                check_vector(self.centre, f"{here}.centre", "a position in m"),
+            )
         elif self.mass > 0.0 and self.elastic is None:
-            raise InputError(f"{here}.centre: expected the centre of mass beside a mass, got none")
+            raise InputError(
+                f"{here}.centre: expected the centre of mass beside a mass, got none"
+            )
         if self.inertia is not None:
             inertia = check_array(self.inertia, (3, 3), f"{here}.inertia", "an inertia")
             message = f"{here}.inertia: expected a positive semidefinite inertia"
@@ -101,14 +109,25 @@ class Body:
     @cached_property
     def masses(self) -> dict[str, Masses]:
         """Masses of its nodes at home, about the origin; ends without ``dynamics`` share alike."""
-        elastic, centre = self.elastic, np.zeros(3) if self.centre is None else self.centre
-        ends = dict(zip(self.nodes, [centre] if elastic is None else elastic.places, strict=True))
+        elastic = self.elastic
+        centre = np.zeros(3) if self.centre is None else self.centre
+        ends = dict(
+            zip(
+                self.nodes, [centre] if elastic is None else elastic.places, strict=True
+            )
+        )
         if elastic is not None and elastic.dynamics is not None:
-            axes, loads = elastic.axes[None], np.split(elastic.dynamics.load, len(ends))
+            axes = elastic.axes[None]
+            loads = np.split(elastic.dynamics.load, len(ends))
             pairs = zip(ends.items(), loads, strict=True)
-            return {node: split_load(load).place(axes, at[None]) for (node, at), load in pairs}
+            return {
+                node: split_load(load).place(axes, at[None])
+                for (node, at), load in pairs
+            }
         share = self.mass / len(ends)
-        return {node: Masses(share, share * at[None]) for node, at in ends.items() if share}
+        return {
+            node: Masses(share, share * at[None]) for node, at in ends.items() if share
+        }
 
 
 def member(
@@ -151,8 +170,11 @@ def member(
     end = check_vector(tip, f"{here}.tip", "a position in m")
     axes = axes_along(end - start, y, here)
     bound = None if error is None else np.asarray(error, dtype=float)
-    soft, places = np.asarray(compliance, dtype=float), np.array([start, end])
-    return Body(name, mass, elastic=Elastic(soft, places, axes, bound, dynamics=dynamics))
+    soft = np.asarray(compliance, dtype=float)
+    places = np.array([start, end])
+    return Body(
+        name, mass, elastic=Elastic(soft, places, axes, bound, dynamics=dynamics)
+    )
 
 
 def superelement_body(
@@ -195,19 +217,28 @@ def superelement_body(
     if len(names) < 2:
         raise InputError(f"{here}.interfaces: expected two or more, got {list(names)}")
     points = ((f"{here}.interfaces.{end}", place) for end, place in interfaces.items())
-    local = np.array([check_vector(place, field, "a position in m") for field, place in points])
+    local = np.array(
+        [check_vector(place, field, "a position in m") for field, place in points]
+    )
     size = 6 * len(names)
     k = check_array(stiffness, (size, size), f"{here}.stiffness", "a stiffness")
     compliance = _clamp_first(k, local, f"{here}.stiffness")
-    turn = np.eye(3) if axes is None else check_array(axes, (3, 3), f"{here}.axes", "axes")
-    dynamics, squares = None, np.asarray(mode_squares, dtype=float)
+    turn = (
+        np.eye(3) if axes is None else check_array(axes, (3, 3), f"{here}.axes", "axes")
+    )
+    dynamics = None
+    squares = np.asarray(mode_squares, dtype=float)
     modes = 0 if mass_matrix is None else max(0, len(np.asarray(mass_matrix)) - size)
     if squares.shape != (modes,) or not (squares > 0.0).all():
         rows = f"{modes} above 0, for the mass matrix's rows beyond the interfaces'"
-        raise InputError(f"{here}.mode_squares: expected {rows}, got {squares.tolist()}")
+        raise InputError(
+            f"{here}.mode_squares: expected {rows}, got {squares.tolist()}"
+        )
     if mass_matrix is not None:
         whole = size + modes
-        inertia = check_array(mass_matrix, (whole, whole), f"{here}.mass_matrix", "a mass matrix")
+        inertia = check_array(
+            mass_matrix, (whole, whole), f"{here}.mass_matrix", "a mass matrix"
+        )
         dynamics = Dynamics(inertia, squares)
         mass = dynamics.total
     places = local @ turn.T + check_vector(at, f"{here}.at", "a position in m")
@@ -233,12 +264,16 @@ def _clamp_first(stiffness: Array, places: Array, here: str) -> Array:
     cost = (np.abs(stiffness @ rigid) / (size @ np.abs(rigid))).max()
     if cost > _BALANCED:
         expected = "one whose rigid motions cost nothing"
-        raise InputError(f"{here}: expected {expected}, got a relative cost of {cost:.2g}")
+        raise InputError(
+            f"{here}: expected {expected}, got a relative cost of {cost:.2g}"
+        )
     unit = (stiffness / size)[6:, 6:]
     try:
         root = np.linalg.inv(np.linalg.cholesky(0.5 * (unit + unit.T)))
     except np.linalg.LinAlgError:
-        raise InputError(f"{here}: expected one that only rigid motions leave unloaded") from None
+        raise InputError(
+            f"{here}: expected one that only rigid motions leave unloaded"
+        ) from None
     return (root.T @ root) / size[6:, 6:]
 
 
@@ -246,13 +281,19 @@ def _check_elastic(elastic: Elastic, here: str) -> Elastic:
     axes = check_array(elastic.axes, (3, 3), f"{here}.axes", "axes")
     off = np.abs(axes.T @ axes - np.eye(3)).max()
     if off > _ORTHONORMAL or np.linalg.det(axes) < 0.0:
-        raise InputError(f"{here}.axes: expected orthonormal columns x, y, z, got {axes.tolist()}")
-    m, named = len(elastic.ends) - 1, f"{here}.compliance"
+        raise InputError(
+            f"{here}.axes: expected orthonormal columns x, y, z, got {axes.tolist()}"
+        )
+    m = len(elastic.ends) - 1
+    named = f"{here}.compliance"
     compliance = check_compliance(elastic.compliance, named, semidefinite=True, ends=m)
     places = check_array(elastic.places, (m + 1, 3), f"{here}.places", "positions in m")
-    error, offset = elastic.error, elastic.offset
+    error = elastic.error
+    offset = elastic.offset
     if error is not None:
         error = check_array(error, (6 * m, 6 * m), f"{here}.error", "error")
     if offset is not None:
         offset = check_array(offset, (6 * m,), f"{here}.offset", "offset")
-    return Elastic(compliance, places, axes, error, offset, elastic.dynamics, elastic.ends)
+    return Elastic(
+        compliance, places, axes, error, offset, elastic.dynamics, elastic.ends
+    )

@@ -26,7 +26,9 @@ PARALLEL = 1e-6
 _EQUAL = 1e-9  # of a unit vector's components
 
 
-def check_compliance(matrix: ArrayLike, name: str, *, semidefinite: bool = False, ends: int = 1) -> Array:
+def check_compliance(
+    matrix: ArrayLike, name: str, *, semidefinite: bool = False, ends: int = 1
+) -> Array:
     """Check a compliance (6, 6), or (6m, 6m) of m ``ends``; return it exactly symmetric.
 
     Raises InputError if it has another shape, is not symmetric or is indefinite.
@@ -42,21 +44,29 @@ def check_compliance(matrix: ArrayLike, name: str, *, semidefinite: bool = False
     ends
         Number m of ends.
     """
-    c, size = np.asarray(matrix, dtype=float), 6 * ends
+    c = np.asarray(matrix, dtype=float)
+    size = 6 * ends
     if c.shape != (size, size):
-        raise InputError(f"{name}: expected a {size}x{size} compliance matrix, got shape {c.shape}")
+        raise InputError(
+            f"{name}: expected a {size}x{size} compliance matrix, got shape {c.shape}"
+        )
     if not np.isfinite(c).all():
         raise InputError(f"{name}: every entry must be a finite number")
     if (np.diagonal(c) < 0.0).any():
         least = np.diagonal(c).min()
-        raise InputError(f"{name}: diagonal entries must not be negative, got {least:.6g}")
+        raise InputError(
+            f"{name}: diagonal entries must not be negative, got {least:.6g}"
+        )
     root = np.sqrt(np.diagonal(c))  # products of tiny entries would be lost
     scale = np.outer(root, root)
     worst = np.unravel_index(np.argmax(np.abs(c - c.T) - _SYMMETRY * scale), c.shape)
     if abs(c[worst] - c[worst[::-1]]) > _SYMMETRY * scale[worst]:
         i, j = (int(k) + 1 for k in worst)
-        there, across = c[worst], c[worst[::-1]]
-        raise InputError(f"{name}: not symmetric, C{i}{j} = {there:.6g} but C{j}{i} = {across:.6g}")
+        there = c[worst]
+        across = c[worst[::-1]]
+        raise InputError(
+            f"{name}: not symmetric, C{i}{j} = {there:.6g} but C{j}{i} = {across:.6g}"
+        )
     c = 0.5 * (c + c.T)
     by_kind = np.diagonal(c).reshape(ends, 2, 3).max(axis=(0, 2))
     largest = np.sqrt(np.tile(np.repeat(by_kind, 3), ends))
@@ -73,7 +83,11 @@ def check_compliance(matrix: ArrayLike, name: str, *, semidefinite: bool = False
 
 def spell_name(table: str, name: str) -> str:
     """Spell a body or joint as a robot file does, e.g. ``joints."leg1.motor"``."""
-    return f"{table}.{name}" if re.fullmatch(r"[A-Za-z0-9_-]+", name) else f'{table}."{name}"'
+    return (
+        f"{table}.{name}"
+        if re.fullmatch(r"[A-Za-z0-9_-]+", name)
+        else f'{table}."{name}"'
+    )
 
 
 def list_names(names: Sequence[str]) -> str:
@@ -89,7 +103,9 @@ def check_name(table: str, name: str) -> str:
     return here
 
 
-def check_array(value: ArrayLike, shape: tuple[int, ...], here: str, what: str) -> Array:
+def check_array(
+    value: ArrayLike, shape: tuple[int, ...], here: str, what: str
+) -> Array:
     """Check that a value is an array of finite numbers of a given shape.
 
     Parameters
@@ -105,9 +121,15 @@ def check_array(value: ArrayLike, shape: tuple[int, ...], here: str, what: str) 
     """
     array = np.asarray(value, dtype=float)
     if array.shape != shape or not np.isfinite(array).all():
-        got = f"shape {array.shape}" if array.shape != shape else "some that are not finite"
+        got = (
+            f"shape {array.shape}"
+            if array.shape != shape
+            else "some that are not finite"
+        )
         got = array.tolist() if array.size <= 6 else got
-        raise InputError(f"{here}: expected {what} of finite numbers, shape {shape}, got {got}")
+        raise InputError(
+            f"{here}: expected {what} of finite numbers, shape {shape}, got {got}"
+        )
     return array
 
 
@@ -136,7 +158,10 @@ def check_direction(value: ArrayLike, here: str) -> Array:
 
 
 def axes_along(
-    x: ArrayLike, y: ArrayLike | None = None, name: str = "axes", keys: tuple[str, str] = ("x", "y")
+    x: ArrayLike,
+    y: ArrayLike | None = None,
+    name: str = "axes",
+    keys: tuple[str, str] = ("x", "y"),
 ) -> Array:
     """Return axes (3, 3) as columns: x along ``x`` (3,), y nearest to ``y`` (3,), z = x × y.
 

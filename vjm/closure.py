@@ -70,13 +70,15 @@ def find_locked(linkage: Linkage, q: Array) -> tuple[list[int], float]:
 
     The margin is the smallest nonzero singular value relative to the largest.
     """
-    known, whole = linkage.known, differentiate_closure(linkage, q[:, None])[..., 0]
+    known = linkage.known
+    whole = differentiate_closure(linkage, q[:, None])[..., 0]
     if not known or not len(whole):
         return [], 1.0
     unknown = [c for c in range(linkage.size) if c not in known]
     basis, values, _ = np.linalg.svd(whole[:, unknown], full_matrices=False)
     counts = values > _RANK * values.max(initial=1e-300)
-    basis, part = basis[:, counts], whole[:, known]
+    basis = basis[:, counts]
+    part = whole[:, known]
     rest = np.linalg.norm(part - basis @ (basis.T @ part), axis=0)
     locked = [k for k in range(len(known)) if rest[k] >= _LOCKED * np.abs(whole).max()]
     return locked, float(values[counts].min(initial=1.0) / values.max(initial=1e-300))
@@ -116,37 +118,48 @@ class Closure:
     def _order(self, q: Array) -> None:
         """Choose pivots by Markowitz's rule, and find the fill of the factors."""
         rng = np.random.default_rng(0)
-        spread = q[:, None] + 0.3 * rng.normal(size=(len(q), 3)) * self.linkage.scale[:, None]
+        spread = (
+            q[:, None]
+            + 0.3 * rng.normal(size=(len(q), 3)) * self.linkage.scale[:, None]
+        )
         everywhere: NDArray[np.bool_] = np.any(
             np.abs(differentiate_closure(self.linkage, spread)) > _STRUCTURAL, axis=2
         )
         used = everywhere[np.ix_(self.rows, self.columns)]
         pattern = used.copy()
         matrix = self.whole[np.ix_(self.rows, self.columns)].copy()
-        rows, columns = list(range(len(self.rows))), list(range(len(self.columns)))
+        rows = list(range(len(self.rows)))
+        columns = list(range(len(self.columns)))
         row_order: list[int] = []
         column_order: list[int] = []
         while rows:
             sub = np.abs(matrix[np.ix_(rows, columns)])
             mask = pattern[np.ix_(rows, columns)]
-            good = sub >= _PIVOT * np.maximum(sub.max(axis=0)[None], sub.max(axis=1)[:, None])
+            good = sub >= _PIVOT * np.maximum(
+                sub.max(axis=0)[None], sub.max(axis=1)[:, None]
+            )
             filled = np.outer(mask.sum(axis=1) - 1, mask.sum(axis=0) - 1)
             cost = filled - 1e-3 * sub / max(sub.max(), 1e-300)
             i, j = np.unravel_index(np.argmin(np.where(good, cost, np.inf)), cost.shape)
-            r, c = rows.pop(int(i)), columns.pop(int(j))
+            r = rows.pop(int(i))
+            c = columns.pop(int(j))
             row_order.append(r)
             column_order.append(c)
             for other in rows:
                 if pattern[other, c]:
                     pattern[other, columns] |= pattern[r, columns]
-                    matrix[other, columns] -= matrix[other, c] / matrix[r, c] * matrix[r, columns]
+                    matrix[other, columns] -= (
+                        matrix[other, c] / matrix[r, c] * matrix[r, columns]
+                    )
         self.rows = np.array([self.rows[r] for r in row_order], dtype=int)
         self.columns = np.array([self.columns[c] for c in column_order], dtype=int)
         fill = pattern[np.ix_(row_order, column_order)]
         size = range(len(self.rows))
         self.below = [[i for i in size if i > k and fill[i, k]] for k in size]
         self.right = [[j for j in size if j > k and fill[k, j]] for k in size]
-        self.cut_of = [int(k) for k in np.searchsorted(self.starts, self.rows, side="right") - 1]
+        self.cut_of = [
+            int(k) for k in np.searchsorted(self.starts, self.rows, side="right") - 1
+        ]
         self.rows_of: list[list[tuple[int, int]]] = [[] for _ in self.linkage.cuts]
         for i in np.argsort(self.rows).tolist():
             k = self.cut_of[i]
@@ -159,7 +172,14 @@ class Closure:
             self.weights[i, cut.columns] = cut.signs
         self.weights[:, self.columns] *= self.linkage.scale[self.columns]
 
-    def solve(self, q: Array, steps: int = _STEPS, *, patient: bool = False, first: Array | None = None) -> Solution:
+    def solve(
+        self,
+        q: Array,
+        steps: int = _STEPS,
+        *,
+        patient: bool = False,
+        first: Array | None = None,
+    ) -> Solution:
         """Solve by Newton's method from coordinates (m, n) with their known rows fixed.
 
         A pose is closed if all equations hold to 1e-12 and the steps contract as near a solution: a
@@ -176,12 +196,14 @@ class Closure:
         first
             Size (n,) of the step that led here from the start of the path; None at its start.
         """
-        n, linkage = q.shape[1], self.linkage
+        n = q.shape[1]
+        linkage = self.linkage
         q = q.copy()
         scale = linkage.scale[self.columns, None]
         trusted = np.ones(n, dtype=bool) if first is None else first < _FAR
         factors: Factors | None = None
-        checks, size = True, np.full(n, np.nan)
+        checks = True
+        size = np.full(n, np.nan)
         with np.errstate(all="ignore"):
             for count in range(steps + 1):
                 placed = linkage.place_links(q)
@@ -193,7 +215,8 @@ class Closure:
                     break
                 if count > 1 and left < _STRAGGLERS * n:
                     late = self.solve(q[:, going], steps - count, patient=patient)
-                    q[:, going], errors[:, going] = late.q, late.error
+                    q[:, going] = late.q
+                    errors[:, going] = late.error
                     closed = (most < CLOSED) & trusted
                     closed[going] = late.closed & trusted[going]
                     return Solution(q, closed, linkage.place_links(q), errors, factors)
@@ -203,9 +226,14 @@ class Closure:
                 step = factors.solve(errors[self.rows])
                 size = np.abs(step).max(axis=0)
                 if first is None:
-                    trusted, first = size < _FAR, size
+                    trusted = size < _FAR
+                    first = size
                 elif checks:
-                    trusted &= (size < _CONTRACTION * first) | (first < _NEAR) | (most < CLOSED)
+                    trusted &= (
+                        (size < _CONTRACTION * first)
+                        | (first < _NEAR)
+                        | (most < CLOSED)
+                    )
                     checks = False
                 going &= size < 10.0
                 way = step * scale
@@ -217,8 +245,12 @@ class Closure:
         """Factorize the derivatives of the ranked equations."""
         look = placed.look
         if look:
-            whole = look.wrenches.take(self.rows, axis=1) @ look.twists.mT * self.weights
-            return DenseFactors.invert(whole[:, :, self.columns], whole[:, :, self.linkage.known])
+            whole = (
+                look.wrenches.take(self.rows, axis=1) @ look.twists.mT * self.weights
+            )
+            return DenseFactors.invert(
+                whole[:, :, self.columns], whole[:, :, self.linkage.known]
+            )
         wrenches: list[Array] = [np.zeros(0)] * len(self.rows)
         for cut, rows in zip(self.linkage.cuts, self.rows_of, strict=True):
             if rows:
@@ -227,7 +259,9 @@ class Closure:
                     wrenches[i] = wrench
         return SparseFactors(self, self._eliminate(self._entries(placed, wrenches)))
 
-    def _entries(self, placed: Placed, wrenches: list[Array]) -> dict[tuple[int, int], Array]:
+    def _entries(
+        self, placed: Placed, wrenches: list[Array]
+    ) -> dict[tuple[int, int], Array]:
         """Return entries (n,) of the derivatives in elimination order, unknowns first."""
         entries: dict[tuple[int, int], Array] = {}
         for i, wrench in enumerate(wrenches):
@@ -238,7 +272,9 @@ class Closure:
                     entries[i, j] = rate * self.weights[i, c]
         return entries
 
-    def _eliminate(self, a: dict[tuple[int, int], Array]) -> dict[tuple[int, int], Array]:
+    def _eliminate(
+        self, a: dict[tuple[int, int], Array]
+    ) -> dict[tuple[int, int], Array]:
         """Replace the entries by the factors L and U."""
         for k, (below, right) in enumerate(zip(self.below, self.right, strict=True)):
             pivot = a[k, k]
@@ -247,7 +283,9 @@ class Closure:
                 a[i, k] = factor
                 for j in right:
                     known = a.get((i, j))
-                    a[i, j] = -factor * a[k, j] if known is None else known - factor * a[k, j]
+                    a[i, j] = (
+                        -factor * a[k, j] if known is None else known - factor * a[k, j]
+                    )
         return a
 
     def rates(self, placed: Placed, factors: Factors | None = None) -> Array:
@@ -272,15 +310,18 @@ class SparseFactors:
     @property
     def rates(self) -> Array:
         """Scaled rates (columns, k, n) of unknowns for unit rates of each known one."""
-        size, known = len(self.closure.rows), len(self.closure.linkage.known)
+        size = len(self.closure.rows)
+        known = len(self.closure.linkage.known)
         nothing = np.zeros_like(self.entries[0, 0])
-        find, columns = self.entries.get, range(size, size + known)
+        find = self.entries.get
+        columns = range(size, size + known)
         sides = [[find((i, k), nothing) for i in range(size)] for k in columns]
         return -np.stack([self.solve(side) for side in sides], axis=1)
 
     def solve(self, right: Sequence[Array] | Array) -> Array:
         """Return the solution (columns, n) for one right-hand side."""
-        factors, y = self.entries, list(right)
+        factors = self.entries
+        y = list(right)
         for k, below in enumerate(self.closure.below):
             for i in below:
                 y[i] = y[i] - factors[i, k] * y[k]
@@ -328,5 +369,7 @@ def _find_independent(matrix: Array) -> list[int]:
         return []
     _, r, order = qr(matrix, mode="economic", pivoting=True)  # pyright: ignore[reportAssignmentType]
     pivots = np.abs(np.diagonal(r))
-    rank = int(np.sum(pivots > _RANK * max(pivots[0], 1e-300))) if pivots[0] > 1e-12 else 0
+    rank = (
+        int(np.sum(pivots > _RANK * max(pivots[0], 1e-300))) if pivots[0] > 1e-12 else 0
+    )
     return sorted(int(k) for k in order[:rank])

@@ -56,7 +56,9 @@ class Stiff:
     @cached_property
     def free(self) -> Array:
         """Free directions (n or 1, 6, k) at M in base axes."""
-        return stack_columns(self.where.columns(e)[1] for e, _ in self.connection.members)
+        return stack_columns(
+            self.where.columns(e)[1] for e, _ in self.connection.members
+        )
 
     @cached_property
     def fit(self) -> Array | None:
@@ -78,25 +80,34 @@ class Stiff:
             load.add(self.connection.start, preload + along.carried[0])
         return along, preload
 
-    def _hold_end(self, along: ChainLoads, balanced: float) -> tuple[Array, list[Array]]:
+    def _hold_end(
+        self, along: ChainLoads, balanced: float
+    ) -> tuple[Array, list[Array]]:
         """Return a wrench w₀ (n, 6, c) on the end in balance with inner loads, and the strains.
 
         The wrench that holds the end is ``w₀ - K (τ + C w₀)`` with Nᵀ w₀ = -ν, the loads along N.
         """
-        members, where = self.connection.members, self.where
+        members = self.connection.members
+        where = self.where
         hold: Array = np.zeros((1, 6, 1))
         if self.fit is not None:
             work = along.project((1,))
             hold = -self.fit.mT @ work
             if balanced < HELD:
                 left = np.abs(self.free.mT @ hold + work)
-                if (left > balanced * np.abs(work).max(axis=(1, 2), keepdims=True)).any():
+                if (
+                    left > balanced * np.abs(work).max(axis=(1, 2), keepdims=True)
+                ).any():
                     _refuse([e.name for e, _ in members])
         strains: list[Array] = []
-        for (e, _), wrench, laden in zip(members, along.carried, along.laden, strict=True):
+        for (e, _), wrench, laden in zip(
+            members, along.carried, along.laden, strict=True
+        ):
             factor = where.columns(e)[0]
             if factor.shape[2]:
-                strains.append(factor @ (factor.mT @ (wrench + hold if laden else hold)))
+                strains.append(
+                    factor @ (factor.mT @ (wrench + hold if laden else hold))
+                )
         return hold, strains
 
     def recover(self, kept: tuple[ChainLoads, Array], out: Response) -> None:
@@ -137,17 +148,24 @@ class Folded:
         """The node that it moves from."""
         return GROUND if self.step.connection is None else self.step.connection.start
 
-    def carry(self, load: CondensedLoads) -> tuple[ChainLoads | None, Array, Array] | None:
+    def carry(
+        self, load: CondensedLoads
+    ) -> tuple[ChainLoads | None, Array, Array] | None:
         """Carry loads to its neighbours; return them, W times those on y, and that on the node."""
-        force, connection, along = load.force(self.step.node), self.step.connection, None
-        names, drive = [self.step.node], force
+        force = load.force(self.step.node)
+        connection = self.step.connection
+        along = None
+        names = [self.step.node]
+        drive = force
         if connection is None or self.columns is None:
             if self.step.node not in load.forces:
                 return None
         else:
             names = [e.name for e, _ in connection.members]
             along = chain_loads(self.where, load, connection)
-            if not (self.step.node in load.forces or any(along.laden) or along.offset.any()):
+            if not (
+                self.step.node in load.forces or any(along.laden) or along.offset.any()
+            ):
                 return along, np.zeros((1, self.half.shape[1], load.loads.cases)), force
             load.add(self.start, force + along.carried[0])
             if along.offset.any():
@@ -167,15 +185,21 @@ class Folded:
                 load.add(self.start, -share)
         return along, push, force
 
-    def _check_balance(self, names: list[str], moved: Array, load: Array, balanced: float) -> None:
+    def _check_balance(
+        self, names: list[str], moved: Array, load: Array, balanced: float
+    ) -> None:
         """Refuse a load (n, m, c) along a direction that the generalized inverse dropped."""
         if balanced >= HELD or not (np.einsum("nii->ni", self.half) == 0.0).any():
             return
         left = np.abs(load - self.core @ moved)
-        if (left > balanced * np.abs(load).max(axis=(1, 2), keepdims=True) + 1e-300).any():
+        if (
+            left > balanced * np.abs(load).max(axis=(1, 2), keepdims=True) + 1e-300
+        ).any():
             _refuse(names)
 
-    def recover(self, kept: tuple[ChainLoads | None, Array, Array] | None, out: Response) -> None:
+    def recover(
+        self, kept: tuple[ChainLoads | None, Array, Array] | None, out: Response
+    ) -> None:
         """Recover the node, and its connection, from its neighbours."""
         along, y, wrench = kept or (None, np.zeros((1, 1, 1)), np.zeros((1, 6, 1)))
         start = out.nodes[self.start]
@@ -192,7 +216,9 @@ class Folded:
         count = sum(e.factor.shape[1] for e, _ in along.connection.members)
         along.follow(out, wrench, span, moved[:, count:])
 
-    def stresses(self, kept: tuple[ChainLoads | None, Array, Array] | None) -> Iterator[Array]:
+    def stresses(
+        self, kept: tuple[ChainLoads | None, Array, Array] | None
+    ) -> Iterator[Array]:
         """Yield numbers (n, k, c) whose squares are twice the energy with its neighbours fixed."""
         if kept is not None:
             yield kept[1]
@@ -214,7 +240,9 @@ class Condensed:
 
     def add(self, a: str, b: str, stiffness: Array) -> None:
         """Add a stiffness (n or 1, 6, 6) between two nodes."""
-        pair, k = ((b, a), stiffness.mT) if (b, a) in self.pairs else ((a, b), stiffness)
+        pair, k = (
+            ((b, a), stiffness.mT) if (b, a) in self.pairs else ((a, b), stiffness)
+        )
         self.pairs[pair] = self.pairs[pair] + k if pair in self.pairs else k
 
 
@@ -237,7 +265,9 @@ def condense_network(order: Order, where: Places) -> Condensed:
 
 def condense_loads(state: Condensed, loads: Loads) -> CondensedLoads:
     """Carry loads through all condensation steps."""
-    out = CondensedLoads(loads, {node: w for node, w in loads.nodes.items() if node != GROUND})
+    out = CondensedLoads(
+        loads, {node: w for node, w in loads.nodes.items() if node != GROUND}
+    )
     if state.where.rigid:
         _carry_columns(state.order, state.where)
     for gone in state.gone:
@@ -263,7 +293,8 @@ def store_energy(state: Condensed, load: CondensedLoads) -> Array:
 
 def _carry_constants(order: Order, where: Places) -> Iterator[Stiffened]:
     """Yield the constant connections and their stiffnesses at M in base axes."""
-    n, connections = len(where.tool), [c for c, _ in order.constant]
+    n = len(where.tool)
+    connections = [c for c, _ in order.constant]
     turned = [where.rotation[c.anchor] for c in connections]
     moved = [where.position[c.anchor] for c in connections]
     if not turned or n > FEW or any(len(each) != n for each in (*turned, *moved)):
@@ -283,23 +314,34 @@ def _carry_columns(order: Order, where: Places) -> None:
     """Place columns that are constant in a connection's axes with it, not one by one."""
     for c, _ in order.constant:
         if c.columns is not None and c.members[0][0].name not in where.seen:
-            whole = c.frame(where).adjoint().reshape(-1, 6) @ c.columns  # one product, not n
+            whole = (
+                c.frame(where).adjoint().reshape(-1, 6) @ c.columns
+            )  # one product, not n
             placed = whole.reshape(-1, *c.columns.shape)
-            r, k = 0, sum(e.factor.shape[1] for e, _ in c.members)
+            r = 0
+            k = sum(e.factor.shape[1] for e, _ in c.members)
             for e, _ in c.members:
                 after = r + e.factor.shape[1], k + e.free.shape[1]
-                where.seen[e.name] = e, placed[..., r : after[0]], placed[..., k : after[1]]
+                where.seen[e.name] = (
+                    e,
+                    placed[..., r : after[0]],
+                    placed[..., k : after[1]],
+                )
                 r, k = after
 
 
-def _stiffen_alike(order: Order, where: Places, ready: Container[Connection]) -> Iterator[Stiffened]:
+def _stiffen_alike(
+    order: Order, where: Places, ready: Container[Connection]
+) -> Iterator[Stiffened]:
     """Stiffen others of as many columns at once: for few poses call overhead dominates."""
     alike: dict[tuple[int, ...], list[tuple[Connection, Array, Array]]] = {}
     for c in order.steps:
         if isinstance(c, Connection) and c not in ready:
             factor, free = c.flexible(where)
             if len(factor) == len(free):
-                alike.setdefault((factor.shape[2], free.shape[2]), []).append((c, factor, free))
+                alike.setdefault((factor.shape[2], free.shape[2]), []).append(
+                    (c, factor, free)
+                )
     for some in alike.values():
         connections, factors, free = zip(*some, strict=True)
         columns = np.concatenate(factors), np.concatenate(free)
@@ -308,7 +350,9 @@ def _stiffen_alike(order: Order, where: Places, ready: Container[Connection]) ->
             yield from zip(connections, np.split(stiffness, len(some)), strict=True)
 
 
-def _stiffen(state: Condensed, connection: Connection, stiffness: Array | None) -> Stiff:
+def _stiffen(
+    state: Condensed, connection: Connection, stiffness: Array | None
+) -> Stiff:
     if stiffness is None:
         columns = connection.flexible(state.where)
         stiffness, finite = form_stiffness(*columns, state.order.length)
@@ -322,7 +366,9 @@ def _stiffen(state: Condensed, connection: Connection, stiffness: Array | None) 
 
 def _fold(state: Condensed, step: Fold) -> Folded:
     """Eliminate a node's twist, or its coordinates from the start of its connection."""
-    connection, columns, start = step.connection, None, None
+    connection = step.connection
+    columns = None
+    start = None
     around = {c: state.pair(step.node, c) for c in step.neighbours}
     core = own = sum(around.values(), np.zeros((1, 6, 6)))
     if connection is not None:
@@ -333,7 +379,9 @@ def _fold(state: Condensed, step: Fold) -> Folded:
         np.einsum("nii->ni", core)[:, : factor.shape[2]] += 1.0  # unit springs
     half = half_inverse(core)
     pull = half if columns is None else half @ columns.mT  # (n, m, 6)
-    reach: dict[str, Array] = {c: pull @ stiffness for c, stiffness in around.items() if c != start}
+    reach: dict[str, Array] = {
+        c: pull @ stiffness for c, stiffness in around.items() if c != start
+    }
     if start is not None:
         everything = sum(reach.values(), np.zeros((1, pull.shape[-2], 6)))
         for c, mine in reach.items():
@@ -347,4 +395,6 @@ def _fold(state: Condensed, step: Fold) -> Folded:
 
 
 def _refuse(names: list[str]) -> None:
-    raise InputError(f"{', '.join(names)}: moves freely under its load, there is no equilibrium")
+    raise InputError(
+        f"{', '.join(names)}: moves freely under its load, there is no equilibrium"
+    )

@@ -38,9 +38,14 @@ if TYPE_CHECKING:
 
 _FEW = 1500  # poses, below which each is followed from home
 _LANDMARKS = 1200
-_SHORTEST, _SHORT = 1.0 / 1024.0, 1.0 / 4.0  # of the path from home, or from a nearby pose
-_CAREFUL = 1.0 / 16.0  # of the path from home: longest step if longer ones lead to another branch
-_NEIGHBOURS = 3.0  # multiple of the pose spacing within which one pose is reached from another
+_SHORTEST = 1.0 / 1024.0
+_SHORT = 1.0 / 4.0  # of the path from home, or from a nearby pose
+_CAREFUL = (
+    1.0 / 16.0
+)  # of the path from home: longest step if longer ones lead to another branch
+_NEIGHBOURS = (
+    3.0  # multiple of the pose spacing within which one pose is reached from another
+)
 _ROUNDS = 20
 _FIT = 0.05  # rad or relative length: tolerance of a predicted start
 _ASIDE = 0.1  # rad or relative length: displacement of drives from a singular home
@@ -100,18 +105,24 @@ def find_solver(mechanism: Mechanism, given: Given) -> Solver:
         linkage = Linkage(mechanism, given)
         if not linkage.size:
             raise InputError("joints: expected one that can move, got none")
-        start, displaced = np.zeros(linkage.size), dict[str, float]()
+        start = np.zeros(linkage.size)
+        displaced = dict[str, float]()
         if given == "tool" and (locked := find_locked(linkage, start)[0]):
             found = _find_regular(mechanism, linkage)
             if found is None:
                 names = ", ".join(mechanism.tool.pose[k] for k in sorted(locked))
                 expected = "coordinates that the mechanism can move in at home"
-                raise InputError(f"tool.pose: expected {expected}, got {names}, held there or by the others")
+                raise InputError(
+                    f"tool.pose: expected {expected}, got {names}, held there or by the others"
+                )
             start, displaced = found
-        placed, closure = linkage.place_links(start[:, None]), Closure(linkage, start)
+        placed = linkage.place_links(start[:, None])
+        closure = Closure(linkage, start)
         rates = closure.rates(placed)
         bends = _differentiate_rates(closure, start, rates)
-        solver = Solver(mechanism, linkage, closure, start, displaced, rates[..., 0], bends)
+        solver = Solver(
+            mechanism, linkage, closure, start, displaced, rates[..., 0], bends
+        )
         if given == "tool":
             solver.home_sign = float(drive_sign(solver, placed, rates)[0])
         known[given] = solver
@@ -123,11 +134,15 @@ def _differentiate_rates(closure: Closure, start: Array, rates: Array) -> Array:
     linkage = closure.linkage
     step = _STEP * linkage.scale[linkage.known]
     ahead, behind = (start[:, None] + rates[..., 0] * way for way in (step, -step))
-    change = closure.rates(linkage.place_links(ahead)) - closure.rates(linkage.place_links(behind))
+    change = closure.rates(linkage.place_links(ahead)) - closure.rates(
+        linkage.place_links(behind)
+    )
     return np.nan_to_num(0.5 * change / step)
 
 
-def _find_regular(mechanism: Mechanism, linkage: Linkage) -> tuple[Array, dict[str, float]] | None:
+def _find_regular(
+    mechanism: Mechanism, linkage: Linkage
+) -> tuple[Array, dict[str, float]] | None:
     """Return the nearest regular configuration (m,) and the displaced drives; None if not found.
 
     As few drives as possible are displaced: those that lead farthest from a singular configuration.
@@ -154,13 +169,22 @@ def _find_regular(mechanism: Mechanism, linkage: Linkage) -> tuple[Array, dict[s
 def _step_of(joint: Joint, length: float) -> float:
     """Return the displacement of a drive towards a regular configuration, within its range."""
     step = _ASIDE * (1.0 if joint.kind == "revolute" else length)
-    low, high = (joint.drive.low, joint.drive.high) if joint.drive else (-np.inf, np.inf)
-    return step if step <= high else -step if low <= -step else 0.5 * max(high, low, key=abs)
+    low, high = (
+        (joint.drive.low, joint.drive.high) if joint.drive else (-np.inf, np.inf)
+    )
+    return (
+        step
+        if step <= high
+        else -step
+        if low <= -step
+        else 0.5 * max(high, low, key=abs)
+    )
 
 
 def _transfer(source: Linkage, target: Linkage, followed: Followed) -> Array:
     """Convert a configuration of one linkage to coordinates (m,) of another's spanning tree."""
-    q, tool = np.zeros(target.size), target.mechanism.tool
+    q = np.zeros(target.size)
+    tool = target.mechanism.tool
     for joint in target.mechanism.joints:
         if joint.name in target.columns:
             found = source.coordinates(joint, followed.q, followed.placed)
@@ -184,7 +208,8 @@ def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
     rates
         Rates of the coordinates by the commanded coordinates.
     """
-    drives, n = [j for j in solver.mechanism.drives if not solver.closure.holds(j)], rates.shape[2]
+    drives = [j for j in solver.mechanism.drives if not solver.closure.holds(j)]
+    n = rates.shape[2]
     if len(drives) != rates.shape[1]:
         return np.zeros(n)
     rows = np.empty((n, len(drives), len(drives)))
@@ -206,7 +231,8 @@ def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
         rows[:, k] = np.einsum("in,ikn->nk", axis, moved) / scale
     rows = rows * linkage.scale[linkage.known]
     rows[~np.isfinite(rows).all(axis=(1, 2))] = 0.0
-    det, largest = np.linalg.det(rows), np.linalg.norm(rows, axis=2).prod(axis=1)
+    det = np.linalg.det(rows)
+    largest = np.linalg.norm(rows, axis=2).prod(axis=1)
     return np.where(np.abs(det) > 1e-9 * largest, np.sign(det), 0.0)
 
 
@@ -245,8 +271,11 @@ class Reached:
     @classmethod
     def among(cls, solver: Solver, values: Array) -> Reached:
         """Sample given values (n, k) to predict starts for the others."""
-        out, count = cls(solver), min(len(values), _LANDMARKS)
-        out.visit(values[np.random.default_rng(0).choice(len(values), count, replace=False)])
+        out = cls(solver)
+        count = min(len(values), _LANDMARKS)
+        out.visit(
+            values[np.random.default_rng(0).choice(len(values), count, replace=False)]
+        )
         out.fit()
         return out
 
@@ -261,17 +290,26 @@ class Reached:
 
     def visit(self, values: Array) -> Followed:
         """Follow paths to given values (n, k)."""
-        solver, linkage = self.solver, self.solver.linkage
+        solver = self.solver
+        linkage = self.solver.linkage
         n = len(values)
         failure = np.zeros(n, dtype=np.int8)
         home = (np.abs(values) < _SAME * self.unit).all(axis=1) & bool(solver.displaced)
         q, first = self._start(values)
         q[linkage.known] = values.T
         found = solver.closure.solve(q, first=first)
-        q, done, placed = found.q, found.closed.copy(), found.placed
-        factors = None if self.predict is None and n > 1 else found.factors  # not stragglers'
-        if home.any():  # singular: paths start elsewhere, all coordinates are zero there
-            q[:, home], done[home], placed = 0.0, True, None
+        q = found.q
+        done = found.closed.copy()
+        placed = found.placed
+        factors = (
+            None if self.predict is None and n > 1 else found.factors
+        )  # not stragglers'
+        if (
+            home.any()
+        ):  # singular: paths start elsewhere, all coordinates are zero there
+            q[:, home] = 0.0
+            done[home] = True
+            placed = None
         if self.predict is None:
             self._keep(values, q, done)
             if n > 1:
@@ -279,15 +317,18 @@ class Reached:
                 self.near = _NEIGHBOURS * float(np.median(spacing[:, 1]))
         if placed is None or not done.all():
             self._follow(values, q, done)
-            placed, factors = linkage.place_links(q), None
+            placed = linkage.place_links(q)
+            factors = None
         failure[~done] = OPEN
         crossed = self._find_crossed(placed, factors) & done & ~home
         if crossed.any() and self.predict is None:  # short steps stay on their branch
             again = np.flatnonzero(crossed)
             first = np.zeros(len(again), dtype=int)  # of those reached: the start
             reached, at = self._walk(first, values[again], _SHORTEST, _CAREFUL)
-            again, at = again[reached], at[:, reached]
-            q[:, again], crossed[again] = at, self._find_crossed(linkage.place_links(at))
+            again = again[reached]
+            at = at[:, reached]
+            crossed[again] = self._find_crossed(linkage.place_links(at))
+            q[:, again] = at
             placed = linkage.place_links(q)
         failure[crossed] = BRANCH
         return Followed(q, placed, failure)
@@ -296,19 +337,26 @@ class Reached:
         """Return starts (m, n) for given values (n, k), and step sizes (n,) from the start."""
         if self.predict:
             return self.predict(values), None
-        solver, columns = self.solver, self.solver.closure.columns
+        solver = self.solver
+        columns = self.solver.closure.columns
         along = (values - solver.start_values).T
         step = solver.rates @ along
-        size = np.abs(step[columns] / solver.linkage.scale[columns, None]).max(axis=0, initial=0.0)
+        size = np.abs(step[columns] / solver.linkage.scale[columns, None]).max(
+            axis=0, initial=0.0
+        )
         bent = ((solver.bends @ along) * along).sum(axis=1)
         return solver.start[:, None] + step + 0.5 * bent, size
 
-    def _keep(self, values: Array, q: Array, some: NDArray[np.intp] | NDArray[np.bool_]) -> None:
+    def _keep(
+        self, values: Array, q: Array, some: NDArray[np.intp] | NDArray[np.bool_]
+    ) -> None:
         """Remember some of values (n, k) and coordinates (m, n): those that were reached."""
         self.values = np.concatenate([self.values, values[some]])
         self.q = np.concatenate([self.q, q[:, some]], axis=1)
 
-    def _find_crossed(self, placed: Placed, factors: Factors | None = None) -> NDArray[np.bool_]:
+    def _find_crossed(
+        self, placed: Placed, factors: Factors | None = None
+    ) -> NDArray[np.bool_]:
         """Return which configurations (n,) lie beyond a singularity of the drive rates."""
         solver = self.solver
         if not solver.home_sign:
@@ -321,7 +369,9 @@ class Reached:
         linkage = self.solver.linkage
         if self.predict is None:
             far = np.flatnonzero(~done)
-            self._reach(values, q, done, far, np.zeros(len(far), dtype=int), _SHORTEST, 0.5)
+            self._reach(
+                values, q, done, far, np.zeros(len(far), dtype=int), _SHORTEST, 0.5
+            )
         for _ in range(_ROUNDS):
             left = np.flatnonzero(~done)
             if not left.size:
@@ -350,37 +400,57 @@ class Reached:
             return False
         reached, at = self._walk(start, values[some], shortest, first=first)
         there = some[reached]
-        q[:, there], done[there] = at[:, reached], True
+        q[:, there] = at[:, reached]
+        done[there] = True
         self._keep(values, q, there)
         return bool(there.size)
 
     def _walk(
-        self, origin: NDArray[np.intp], end: Array, shortest: float, longest: float = 1.0, first: float = 1.0
+        self,
+        origin: NDArray[np.intp],
+        end: Array,
+        shortest: float,
+        longest: float = 1.0,
+        first: float = 1.0,
     ) -> tuple[NDArray[np.bool_], Array]:
         """Go to values (n, k) from reached ones ``origin`` (n,), each with its own steps."""
-        linkage, closure = self.solver.linkage, self.solver.closure
-        start, q, some = self.values[origin], self.q[:, origin], np.arange(len(origin))
-        way, step = np.zeros(len(some)), np.full(len(some), min(first, longest))
+        linkage = self.solver.linkage
+        closure = self.solver.closure
+        start = self.values[origin]
+        q = self.q[:, origin]
+        some = np.arange(len(origin))
+        way = np.zeros(len(some))
+        step = np.full(len(some), min(first, longest))
         while some.size:
             ahead = np.minimum(way[some] + step[some], 1.0)
             trial = q[:, some]
-            trial[linkage.known] = (start[some] + ahead[:, None] * (end[some] - start[some])).T
+            trial[linkage.known] = (
+                start[some] + ahead[:, None] * (end[some] - start[some])
+            ).T
             found = closure.solve(trial)
             good = found.closed
             q[:, some[good]], way[some[good]] = found.q[:, good], ahead[good]
-            step[some] = np.where(good, np.minimum(2.0 * step[some], longest), 0.5 * step[some])
+            step[some] = np.where(
+                good, np.minimum(2.0 * step[some], longest), 0.5 * step[some]
+            )
             some = some[(way[some] < 1.0) & (step[some] >= shortest)]
         return way >= 1.0, q
 
     def fit(self) -> None:
         """Fit a polynomial that predicts starts; without a good fit use nearest neighbours."""
-        low, high = self.values.min(axis=0), self.values.max(axis=0)
-        middle, half = 0.5 * (low + high), np.where(high > low, 0.5 * (high - low), 1.0)
+        low = self.values.min(axis=0)
+        high = self.values.max(axis=0)
+        half = np.where(high > low, 0.5 * (high - low), 1.0)
+        middle = 0.5 * (low + high)
         count, k = self.values.shape
         degree = 1
         while degree < _DEGREE and comb(k + degree + 1, k) <= count // 4:
             degree += 1
-        powers = [p for d in range(degree + 1) for p in combinations_with_replacement(range(k), d)]
+        powers = [
+            p
+            for d in range(degree + 1)
+            for p in combinations_with_replacement(range(k), d)
+        ]
 
         def features(values: Array) -> Array:
             """Return products (n, terms) of Chebyshev polynomials of the values."""
@@ -394,9 +464,14 @@ class Reached:
         train = np.arange(count) % 4 > 0
         found = lstsq(table[train], self.q.T[train], cond=1e-12, lapack_driver="gelsy")
         solution = np.asarray(found[0])  # pyright: ignore[reportOptionalSubscript]
-        off = np.abs(table[~train] @ solution - self.q.T[~train]) / self.solver.linkage.scale
+        off = (
+            np.abs(table[~train] @ solution - self.q.T[~train])
+            / self.solver.linkage.scale
+        )
         if float(np.quantile(off.max(axis=1), 0.9)) < _FIT:
-            self.predict = lambda values: np.ascontiguousarray((features(values) @ solution).T)
+            self.predict = lambda values: np.ascontiguousarray(
+                (features(values) @ solution).T
+            )
         else:
             tree = KDTree(self.values / self.unit)
             self.predict = lambda values: self.q[:, tree.query(values / self.unit)[1]]

@@ -31,7 +31,9 @@ if TYPE_CHECKING:
     from stiffscope.vjm.network import Element, Places
     from stiffscope.vjm.screws import Array
 
-_SPANNING = 1e9  # scaled condition number up to which an element's directions are independent
+_SPANNING = (
+    1e9  # scaled condition number up to which an element's directions are independent
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,13 +139,20 @@ def sum_squares(rows: Iterable[Rows], vectors: Array) -> Array:
 def _pick_rows(rows: Any, index: NDArray[np.intp]) -> Any:
     """Select poses in rows and containers of rows."""
     if isinstance(rows, Rows):
-        return rows if len(rows.matrix) == 1 else replace(rows, matrix=rows.matrix[index])
+        return (
+            rows if len(rows.matrix) == 1 else replace(rows, matrix=rows.matrix[index])
+        )
     if isinstance(rows, list):
         return [_pick_rows(each, index) for each in cast("list[Any]", rows)]
-    return {key: _pick_rows(each, index) for key, each in cast("dict[str, Any]", rows).items()}
+    return {
+        key: _pick_rows(each, index)
+        for key, each in cast("dict[str, Any]", rows).items()
+    }
 
 
-def form_coordinates(mechanism: Mechanism, where: Places, length: float, drives: Iterable[str]) -> Coordinates:
+def form_coordinates(
+    mechanism: Mechanism, where: Places, length: float, drives: Iterable[str]
+) -> Coordinates:
     """Form the coordinates of a mechanism whose bodies are not bent.
 
     Parameters
@@ -161,13 +170,17 @@ def form_coordinates(mechanism: Mechanism, where: Places, length: float, drives:
     unit = np.repeat([1.0 / length, 1.0], 3)
     elements = list_elements(mechanism)
     inverses = {e.name: _invert_columns(e, unit) for e in elements}
-    spanning = {name: inverse for name, inverse in inverses.items() if inverse is not None}
+    spanning = {
+        name: inverse for name, inverse in inverses.items() if inverse is not None
+    }
     tree, chords = _grow_forest([e for e in elements if e.name not in spanning])
     own: dict[str, Rows] = {}  # by element, and by body for shared coordinates
     _place_nodes(out, tree, own)
     for e in chords:
         own[e.name] = _own_rows(out, e, own)
-        gap = _relate_ends(out, e).plus(own[e.name].after(stack_columns(where.columns(e))), -1.0)
+        gap = _relate_ends(out, e).plus(
+            own[e.name].after(stack_columns(where.columns(e))), -1.0
+        )
         out.constraints.append(gap.after(np.diag(unit)))
     for e in elements:
         r = e.factor.shape[1]
@@ -178,8 +191,13 @@ def form_coordinates(mechanism: Mechanism, where: Places, length: float, drives:
         elif r and not e.group:
             out.springs[e.name] = np.linalg.pinv(e.factor).T
         if e.group and e.group not in out.springs:
-            whole = np.vstack([other.factor for other in elements if other.group == e.group])
-            out.springs[e.group], out.strains[e.group] = np.linalg.pinv(whole).T, [own[e.group]]
+            whole = np.vstack(
+                [other.factor for other in elements if other.group == e.group]
+            )
+            out.springs[e.group], out.strains[e.group] = (
+                np.linalg.pinv(whole).T,
+                [own[e.group]],
+            )
         elif r and not e.group:
             strain = own[e.name]
             if e.name in spanning:
@@ -188,7 +206,9 @@ def form_coordinates(mechanism: Mechanism, where: Places, length: float, drives:
                 out.strains[e.name] = [Rows(strain.columns[:r], np.eye(r)[None])]
         if e.joint is not None and e.name in drives:
             k = r + (1 if e.joint.kind == "cylindrical" else 0)  # rotations come first
-            out.rates.append(Rows(own[e.name].columns, own[e.name].matrix[:, k : k + 1]))
+            out.rates.append(
+                Rows(own[e.name].columns, own[e.name].matrix[:, k : k + 1])
+            )
     for body in mechanism.bodies:
         _add_inertia(out, body)
     return out
@@ -251,7 +271,8 @@ def _place_nodes(out: Coordinates, tree: list[Element], own: dict[str, Rows]) ->
 
 
 def _add_inertia(out: Coordinates, body: Body) -> None:
-    where, elastic = out.where, body.elastic
+    where = out.where
+    elastic = body.elastic
 
     def express_twist(node: str, home: Array, axes: Array) -> Rows:
         """Return a node's twist at a point of its own, in axes fixed to it."""
@@ -280,4 +301,6 @@ def _add_inertia(out: Coordinates, body: Body) -> None:
     whole = reduce(Rows.below, [*ends, modal])
     out.inertias.append(whole.after(elastic.dynamics.factor))
     if len(squares):
-        out.strains.setdefault(body.name, []).append(modal.after(np.diag(np.sqrt(squares))))
+        out.strains.setdefault(body.name, []).append(
+            modal.after(np.diag(np.sqrt(squares)))
+        )

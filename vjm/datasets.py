@@ -39,7 +39,9 @@ class Labelled(ABC):
 
         dataset: Any = self.to_xarray()
         columns: dict[str, Any] = {
-            name: each.to_numpy() for name, each in dataset.coords.items() if each.dims == (POSE,)
+            name: each.to_numpy()
+            for name, each in dataset.coords.items()
+            if each.dims == (POSE,)
         }
         for name, values in dataset.data_vars.items():
             rest = [dim for dim in values.dims if dim != POSE]
@@ -51,7 +53,9 @@ class Labelled(ABC):
         return pd.DataFrame(columns)
 
 
-def make_dataset(found: Configurations, variables: Variables, **names: Sequence[Any]) -> xr.Dataset:
+def make_dataset(
+    found: Configurations, variables: Variables, **names: Sequence[Any]
+) -> xr.Dataset:
     """Return results at configurations as a dataset.
 
     Parameters
@@ -67,12 +71,18 @@ def make_dataset(found: Configurations, variables: Variables, **names: Sequence[
 
     pose = found.mechanism.tool.pose
     places = {
-        name: (POSE, found.poses[:, k], {"units": "rad" if name.startswith("r") else "m"})
+        name: (
+            POSE,
+            found.poses[:, k],
+            {"units": "rad" if name.startswith("r") else "m"},
+        )
         for k, name in enumerate(pose)
     }
     axes = {"twist": COORDINATES, "wrench": WRENCH, **names}
     used = {dim for dims, _, _ in variables.values() for dim in dims}
     given = variables.items()
-    data = {k: (tuple(dims), np.asarray(v), {"units": unit}) for k, (dims, v, unit) in given}
+    data = {
+        k: (tuple(dims), np.asarray(v), {"units": unit}) for k, (dims, v, unit) in given
+    }
     labels = places | {dim: list(each) for dim, each in axes.items() if dim in used}
     return xr.Dataset(data, labels, {"axes": "base axes, at M", "source": "stiffscope"})

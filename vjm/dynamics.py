@@ -41,7 +41,8 @@ class Dynamics:
     error: Array | None = None
 
     def __post_init__(self) -> None:
-        m, squares = np.asarray(self.mass, dtype=float), np.asarray(self.squares, dtype=float)
+        m = np.asarray(self.mass, dtype=float)
+        squares = np.asarray(self.squares, dtype=float)
         ends = max(2, (len(m) - squares.size) // 6) if m.ndim else 2
         size = 6 * ends + squares.size
         shaped = squares.ndim == 1 and m.shape == (size, size)
@@ -50,12 +51,16 @@ class Dynamics:
             raise InputError(f"dynamics: expected {expected}, got {m.shape}")
         if not (squares > 0.0).all():
             least = squares.min()
-            raise InputError(f"dynamics: expected squared frequencies above 0, got {least:.6g}")
+            raise InputError(
+                f"dynamics: expected squared frequencies above 0, got {least:.6g}"
+            )
         if self.error is not None and np.shape(self.error) != squares.shape:
             got = np.shape(self.error)
             raise InputError(f"dynamics: expected error {squares.shape}, got {got}")
         diagonal = np.diagonal(m).clip(min=0.0)
-        if (np.abs(m - m.T) > _SYMMETRY * np.sqrt(np.outer(diagonal, diagonal)) + 1e-300).any():
+        if (
+            np.abs(m - m.T) > _SYMMETRY * np.sqrt(np.outer(diagonal, diagonal)) + 1e-300
+        ).any():
             raise InputError("dynamics: expected a symmetric condensed mass")
         object.__setattr__(self, "mass", 0.5 * (m + m.T))
         object.__setattr__(self, "squares", squares)
@@ -71,12 +76,18 @@ class Dynamics:
     def load(self) -> Array:
         """Wrenches (6n, 3) at the ends for unit accelerations of the part along x, y, z."""
         size = self.ends_size
-        return sum((self.mass[:size, k : k + 3] for k in range(0, size, 6)), np.zeros((size, 3)))
+        return sum(
+            (self.mass[:size, k : k + 3] for k in range(0, size, 6)),
+            np.zeros((size, 3)),
+        )
 
     @property
     def total(self) -> float:
         """Mass in kg."""
-        return float(sum(np.trace(self.load[k : k + 3]) for k in range(0, self.ends_size, 6)) / 3.0)
+        return float(
+            sum(np.trace(self.load[k : k + 3]) for k in range(0, self.ends_size, 6))
+            / 3.0
+        )
 
     @property
     def ends_size(self) -> int:
@@ -87,7 +98,9 @@ class Dynamics:
         """Return the inertia for displaced ends, each by a vector (3,) in part axes."""
         carry = np.eye(len(self.mass))
         for k, way in enumerate(ways):
-            carry[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = shift(-np.asarray(way, dtype=float))
+            carry[6 * k : 6 * k + 6, 6 * k : 6 * k + 6] = shift(
+                -np.asarray(way, dtype=float)
+            )
         return Dynamics(carry.T @ self.mass @ carry, self.squares, self.error)
 
     def scale_density(self, factor: float) -> Dynamics:
@@ -103,7 +116,9 @@ def factor_semidefinite(matrix: Array, message: str) -> Array:
     unit = np.where(diagonal > 0.0, diagonal, 1.0)
     values, vectors = np.linalg.eigh(matrix / np.outer(unit, unit))
     if values[0] < _INDEFINITE * max(values[-1], 1e-300):
-        raise InputError(f"{message}, got the relative eigenvalue {values[0] / values[-1]:.3g}")
+        raise InputError(
+            f"{message}, got the relative eigenvalue {values[0] / values[-1]:.3g}"
+        )
     keep = values > 1e-15 * max(values[-1], 1e-300)
     return (vectors[:, keep] * np.sqrt(values[keep])).T * unit
 
@@ -122,7 +137,8 @@ class Masses:
     def weight(self, gravity: Array) -> Array:
         """Wrench (n or 1, 6, 1) under an acceleration (3,)."""
         out = np.empty((len(self.moment), 6, 1))
-        out[:, :3, 0], out[:, 3:, 0] = self.mass * gravity, self.moment @ skew(gravity)
+        out[:, 3:, 0] = self.moment @ skew(gravity)
+        out[:, :3, 0] = self.mass * gravity
         return out if self.rest is None else out + (self.rest @ gravity)[..., None]
 
     def place(self, rotation: Array, away: Array) -> Masses:

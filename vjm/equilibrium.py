@@ -50,7 +50,9 @@ def tool_stiffness(state: Condensed) -> Array:
     return np.zeros((1, 6, 6))
 
 
-def solve_loads(order: Order, where: Places, loads: Loads, wanted: Wanted = "all") -> Response:
+def solve_loads(
+    order: Order, where: Places, loads: Loads, wanted: Wanted = "all"
+) -> Response:
     """Solve the equilibrium under loads on nodes, including the tool, and offsets.
 
     Raises InputError if something moves freely under its load.
@@ -90,7 +92,8 @@ def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
     laws = find_laws(order.mechanism)
     if not laws:
         return solve_loads(order, where, loads)
-    count, c = len(laws), loads.cases
+    count = len(laws)
+    c = loads.cases
     nodes = {name: _pad(w, count) for name, w in loads.nodes.items()}
     offsets = {name: _pad(t, count) for name, t in loads.offsets.items()}
     along = {name: DRIVEN[order.mechanism.joint(name).kind] for name in laws}
@@ -100,17 +103,26 @@ def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
         offsets[name] = offsets.get(name, np.zeros((1, 6, 1))) + unit
     linear = find_order(without_laws(order.mechanism), order.linkage)
     found = solve_loads(linear, where, Loads(c + count, nodes, offsets, loads.balanced))
-    rows = [_force_along(found.elements[name].wrench, i, order.length) for name, i in along.items()]
+    rows = [
+        _force_along(found.elements[name].wrench, i, order.length)
+        for name, i in along.items()
+    ]
     n = max(len(found.twist), *map(len, rows))
     forces = np.stack([np.broadcast_to(row, (n, c + count)) for row in rows], axis=1)
     stiffness = np.array([law.slopes[0] for law in laws.values()])
     pull = np.swapaxes(forces[..., :c], 1, 2).reshape(n * c, count)
-    settled = settle(list(laws.values()), stiffness, pull, np.repeat(forces[..., c:], c, axis=0))
+    settled = settle(
+        list(laws.values()), stiffness, pull, np.repeat(forces[..., c:], c, axis=0)
+    )
     shift = np.swapaxes(settled.shift.reshape(n, c, count), 1, 2)
     deflection = np.swapaxes(settled.deflection.reshape(n, c, count), 1, 2)
 
     def mix(cases: Array) -> Array:
-        return cases[..., :c] + cases[..., c:] @ shift if cases.shape[-1] == c + count else cases
+        return (
+            cases[..., :c] + cases[..., c:] @ shift
+            if cases.shape[-1] == c + count
+            else cases
+        )
 
     elements: dict[str, ElementState] = {}
     for name, e in found.elements.items():
@@ -119,14 +131,18 @@ def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
         elements[name] = replace(e, **mixed, strained=strained)
     for k, (name, law) in enumerate(laws.items()):
         elements[name] = replace(elements[name], deflection=deflection[:, k], law=law)
-    return Response(where, {node: mix(twist) for node, twist in found.nodes.items()}, elements)
+    return Response(
+        where, {node: mix(twist) for node, twist in found.nodes.items()}, elements
+    )
 
 
 def _force_along(wrench: Array, component: int, length: float) -> Array:
     """Return a component (n, c) of wrenches (n, 6, c), with rounding set to zero."""
     unit = np.repeat([length, 1.0] if component > 2 else [1.0, 1.0 / length], 3)
     size = np.abs(wrench * unit[:, None]).max(axis=1)
-    return np.where(np.abs(wrench[:, component]) > _ROUNDING * size, wrench[:, component], 0.0)
+    return np.where(
+        np.abs(wrench[:, component]) > _ROUNDING * size, wrench[:, component], 0.0
+    )
 
 
 def map_segments(
@@ -156,7 +172,9 @@ def map_segments(
     for case in range(loads.cases):
         segments = np.zeros((n, len(laws)), dtype=np.intp)
         for k, (name, law) in enumerate(laws.items()):
-            segments[:, k] = law.segment(np.broadcast_to(_deflection(found, name)[:, case], n))
+            segments[:, k] = law.segment(
+                np.broadcast_to(_deflection(found, name)[:, case], n)
+            )
         rows, which = np.unique(segments, axis=0, return_inverse=True)
         for k, row in enumerate(rows.tolist()):
             some = np.flatnonzero(which.ravel() == k)
@@ -175,7 +193,9 @@ def _pad(cases: Array, more: int) -> Array:
     return np.pad(cases, ((0, 0), (0, 0), (0, more)))
 
 
-def solve_condensed(state: Condensed, loads: Loads, tool: Array | None = None, wanted: Wanted = "all") -> Response:
+def solve_condensed(
+    state: Condensed, loads: Loads, tool: Array | None = None, wanted: Wanted = "all"
+) -> Response:
     """Do as ``solve_loads`` when condensed; the tool is free, or held at a twist (n or 1, 6, c)."""
     load = condense_loads(state, loads)
     if state.order.left:

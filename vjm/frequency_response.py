@@ -80,7 +80,9 @@ def frequency_response(
     if hertz.ndim != 1 or not ((hertz > 0.0) & np.isfinite(hertz)).all():
         raise InputError("frequencies: expected numbers above 0 Hz")
     if not 0.0 <= damping < 1.0:
-        raise InputError(f"damping: expected a ratio of at least 0 and below 1, got {damping}")
+        raise InputError(
+            f"damping: expected a ratio of at least 0 and below 1, got {damping}"
+        )
     ((pencil, _),) = form_pencils(mechanism, found.require_valid()[:1], drives)
     vectors = pencil.all_vectors()[1][None]
     idle = pencil.empty_motions.shape[1]
@@ -90,16 +92,21 @@ def frequency_response(
     for port, end in zip((source, target), ends, strict=True):
         if idle and np.abs(end[-idle:]).max() > _FREELY * np.abs(end).max():
             where = port.node or "tool"
-            raise InputError(f"{where}: moves freely there, without stiffness and inertia")
+            raise InputError(
+                f"{where}: moves freely there, without stiffness and inertia"
+            )
     count = vectors.shape[2]
     full = spread[..., :count]
     mass = sum_squares(pencil.system.inertias, full)[0]
     stiffness = sum_squares(pencil.system.strain_rows, full)[0]
     inert = (mass > 0.0) | (stiffness > 0.0)
     part = (ends[0][:count] * ends[1][:count])[inert]
-    mass, stiffness = mass[inert], stiffness[inert]
+    mass = mass[inert]
+    stiffness = stiffness[inert]
     omega = 2.0 * np.pi * hertz[:, None]
-    dynamic = stiffness - omega**2 * mass + 2j * damping * omega * np.sqrt(stiffness * mass)
+    dynamic = (
+        stiffness - omega**2 * mass + 2j * damping * omega * np.sqrt(stiffness * mass)
+    )
     used = part != 0.0
     return (part[used] / dynamic[:, used]).sum(axis=1)
 
@@ -110,6 +117,10 @@ def _displace_port(system: Coordinates, port: Port, vectors: Array) -> Array:
     if node not in system.twists:
         known = ", ".join(system.twists)
         raise InputError(f"expected a body or an end of one, {known}, got {node!r}")
-    at, direction = (np.asarray(each, dtype=float) for each in (port.at, port.direction))
+    at, direction = (
+        np.asarray(each, dtype=float) for each in (port.at, port.direction)
+    )
     carry = shift(system.where.point(node, at) - system.where.tool)
-    return np.einsum("i,nij,njc->nc", direction, carry, system.twists[node].apply_to(vectors))
+    return np.einsum(
+        "i,nij,njc->nc", direction, carry, system.twists[node].apply_to(vectors)
+    )

@@ -27,7 +27,9 @@ class JointRates:
     ``loops``: independent loops, as joint numbers with the sign of traversal.
     """
 
-    def __init__(self, mechanism: Mechanism, configurations: Configurations | None, index: int) -> None:
+    def __init__(
+        self, mechanism: Mechanism, configurations: Configurations | None, index: int
+    ) -> None:
         self.mechanism = mechanism
         self.joints = mechanism.joints
         nodes = (GROUND, *(node for body in mechanism.bodies for node in body.nodes))
@@ -38,7 +40,9 @@ class JointRates:
         self.middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         self.length = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
         self.starts = np.cumsum([0, *(len(FREE[j.kind]) for j in self.joints)])
-        self.screws = [self._screws(j, at) for j, at in zip(self.joints, self.at, strict=True)]
+        self.screws = [
+            self._screws(j, at) for j, at in zip(self.joints, self.at, strict=True)
+        ]
         carrier = mechanism.carrier
         self.edges = [(carrier(j.first), carrier(j.second)) for j in self.joints]
         self.paths, chords = span_tree(self.edges)
@@ -50,7 +54,8 @@ class JointRates:
 
     def _screws(self, joint: Joint, at: Array) -> Array:
         """Return twists (6, k) of a joint's second body relative to its first for unit rates."""
-        first, second = self.place[joint.first][0], self.place[joint.second][0]
+        first = self.place[joint.first][0]
+        second = self.place[joint.second][0]
         arm = (at - self.middle) / self.length
         out: list[Array] = []
         for kind, axis in joint.motions:
@@ -87,12 +92,18 @@ class JointRates:
         return tuple(self.joints[k].name for k in some)
 
 
-def _place_node(found: Configurations | None, index: int, node: str) -> tuple[Array, Array]:
+def _place_node(
+    found: Configurations | None, index: int, node: str
+) -> tuple[Array, Array]:
     """Return a node's displacement from home, ``x = R x_home + p``."""
     if found is None:
         return np.eye(3), np.zeros(3)
-    rotation, position = found.link_frame(found.linkage.frame[found.linkage.link_of[node]])
-    return rotation[index if len(rotation) > 1 else 0], position[index if len(position) > 1 else 0]
+    rotation, position = found.link_frame(
+        found.linkage.frame[found.linkage.link_of[node]]
+    )
+    return rotation[index if len(rotation) > 1 else 0], position[
+        index if len(position) > 1 else 0
+    ]
 
 
 def span_tree(edges: Edges) -> tuple[dict[str, Way], list[int]]:
@@ -114,7 +125,10 @@ def _close_loops(edges: Edges, paths: dict[str, Way], chords: list[int]) -> list
         found: dict[int, Way] = {}
         for k in left:
             first, second = edges[k]
-            found[k] = [(k, 1.0), *_find_paths(edges, sorted(open_edges), second)[first]]
+            found[k] = [
+                (k, 1.0),
+                *_find_paths(edges, sorted(open_edges), second)[first],
+            ]
         best = min(left, key=lambda k: len(found[k]))
         out.append(found[best])
         open_edges.add(best)

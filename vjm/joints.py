@@ -42,7 +42,12 @@ DRIVEN = {"revolute": 3, "prismatic": 0, "cylindrical": 0}
 """Component along which a drive acts."""
 LED = ("revolute", "prismatic", "cylindrical")
 """Kinds that guide a body about or along one axis."""
-ALIKE = ("revolute", "prismatic", "universal", "spherical")  # free motions have one unit
+ALIKE = (
+    "revolute",
+    "prismatic",
+    "universal",
+    "spherical",
+)  # free motions have one unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +67,9 @@ class Law:
         steps = np.diff(points, axis=0)
         if not (np.isfinite(points).all() and (steps > 0.0).all()):
             got = points[1:].tolist()
-            raise InputError(f"curve: expected deflections and forces that rise from 0, got {got}")
+            raise InputError(
+                f"curve: expected deflections and forces that rise from 0, got {got}"
+            )
         slopes = steps[:, 1] / steps[:, 0]
         new = np.r_[True, ~np.isclose(slopes[1:], slopes[:-1], rtol=1e-12, atol=0.0)]
         return cls(0.5 * backlash + points[:-1, 0][new], slopes[new])
@@ -75,7 +82,9 @@ class Law:
     @cached_property
     def forces(self) -> Array:
         """Forces (m,) at the starts."""
-        return np.concatenate([[0.0], np.cumsum(self.slopes[:-1] * np.diff(self.starts))])
+        return np.concatenate(
+            [[0.0], np.cumsum(self.slopes[:-1] * np.diff(self.starts))]
+        )
 
     @cached_property
     def _widths(self) -> Array:
@@ -96,8 +105,11 @@ class Law:
 
     def force(self, deflection: Array) -> Array:
         """Return forces at deflections, N or N·m."""
-        size, out = np.abs(deflection), np.zeros(np.shape(deflection))
-        for start, slope, width in zip(self.starts, self.slopes, self._widths, strict=True):
+        size = np.abs(deflection)
+        out = np.zeros(np.shape(deflection))
+        for start, slope, width in zip(
+            self.starts, self.slopes, self._widths, strict=True
+        ):
             out = out + slope * np.clip(size - start, 0.0, width)
         return np.copysign(out, deflection)
 
@@ -107,7 +119,8 @@ class Law:
 
     def energy(self, deflection: Array) -> Array:
         """Return strain energies at deflections, J."""
-        size, out = np.abs(deflection), np.zeros(np.shape(deflection))
+        size = np.abs(deflection)
+        out = np.zeros(np.shape(deflection))
         segments = zip(self.starts, self.slopes, self._widths, self.forces, strict=True)
         for start, slope, width, force in segments:
             along = np.clip(size - start, 0.0, width)
@@ -118,7 +131,9 @@ class Law:
         """Add a compliance in series, which may be negative. Raises InputError if none is left."""
         left = 1.0 / self.slopes + compliance
         if not (left > 0.0).all():
-            raise InputError(f"expected a drive that yields, got a compliance of {left.min():.6g}")
+            raise InputError(
+                f"expected a drive that yields, got a compliance of {left.min():.6g}"
+            )
         return Law(self.starts + compliance * self.forces, 1.0 / left)
 
 
@@ -188,31 +203,49 @@ class Joint:
     def __post_init__(self) -> None:
         here = check_name("joints", self.name)
         if self.kind not in FREE:
-            raise InputError(f"{here}.type: expected one of {', '.join(FREE)}, got {self.kind!r}")
+            raise InputError(
+                f"{here}.type: expected one of {', '.join(FREE)}, got {self.kind!r}"
+            )
         assign(self, "at", check_vector(self.at, f"{here}.at", "a position in m"))
         for key in ("axis", "axis2"):
             if getattr(self, key) is not None:
                 assign(self, key, check_direction(getattr(self, key), f"{here}.{key}"))
         if self.axis is None and self.kind not in {"fixed", "spherical"}:
-            raise InputError(f"{here}.axis: expected the direction of a {self.kind} joint, got none")
+            raise InputError(
+                f"{here}.axis: expected the direction of a {self.kind} joint, got none"
+            )
         if self.kind == "universal" and self.axis2 is None:
-            raise InputError(f"{here}.axis2: expected the second of a universal joint, got none")
+            raise InputError(
+                f"{here}.axis2: expected the second of a universal joint, got none"
+            )
         self._check_drive(here)
         self._check_spring(here)
         if self.compliance is not None:
-            c = check_compliance(self.compliance, f"{here}.compliance", semidefinite=True)
+            c = check_compliance(
+                self.compliance, f"{here}.compliance", semidefinite=True
+            )
             assign(self, "compliance", c)
         if self.offset is not None:
-            assign(self, "offset", check_array(self.offset, (6,), f"{here}.offset", "a twist"))
+            assign(
+                self,
+                "offset",
+                check_array(self.offset, (6,), f"{here}.offset", "a twist"),
+            )
         if self.astray is not None:
-            assign(self, "astray", check_array(self.astray, (6,), f"{here}.astray", "a twist"))
+            assign(
+                self,
+                "astray",
+                check_array(self.astray, (6,), f"{here}.astray", "a twist"),
+            )
             self._check_kind(f"{here}.astray", LED)
         _ = self.axes
 
     def _check_kind(self, field: str, kinds: Iterable[str]) -> None:
         if self.kind not in kinds:
             known = ", ".join(kinds)
-            raise InputError(f"{field}: expected a {known} joint, got a {self.kind} one")
+            raise InputError(
+                f"{field}: expected a {known} joint, got a {self.kind} one"
+            )
 
     def _check_drive(self, here: str) -> None:
         drive = self.drive
@@ -222,7 +255,9 @@ class Joint:
         _check_stiffness(f"{here}.drive.stiffness", drive.stiffness)
         if not drive.low < drive.high:
             got = [drive.low, drive.high]
-            raise InputError(f"{here}.drive.range: expected its low end first, got {got}")
+            raise InputError(
+                f"{here}.drive.range: expected its low end first, got {got}"
+            )
 
     def _check_spring(self, here: str) -> None:
         if self.spring is None:
@@ -231,7 +266,9 @@ class Joint:
             return
         self._check_kind(f"{here}.spring", ALIKE)
         if self.drive is not None:
-            raise InputError(f"{here}.spring: expected a passive joint, got one with a drive")
+            raise InputError(
+                f"{here}.spring: expected a passive joint, got one with a drive"
+            )
         _check_stiffness(f"{here}.spring", self.spring)
         if not np.isfinite(self.rest) or (self.rest and self.kind not in DRIVEN):
             expected = "a displacement of a revolute or prismatic joint"
@@ -242,14 +279,18 @@ class Joint:
         """Joint axes x, y, z as columns (3, 3), in base axes at home."""
         if self.axis is None:
             return np.eye(3)
-        return axes_along(self.axis, self.axis2, spell_name("joints", self.name), ("axis", "axis2"))
+        return axes_along(
+            self.axis, self.axis2, spell_name("joints", self.name), ("axis", "axis2")
+        )
 
     @cached_property
     def motions(self) -> tuple[tuple[str, Array], ...]:
         """Free motions: ``R`` or ``P`` with a direction (3,) in base axes at home, or ``S``."""
         if self.kind == "spherical":
             return (("S", np.zeros(3)),)
-        motions = [("R" if k > 2 else "P", self.axes[:, k % 3]) for k in FREE[self.kind]]
+        motions = [
+            ("R" if k > 2 else "P", self.axes[:, k % 3]) for k in FREE[self.kind]
+        ]
         if self.cross:
             motions[1] = ("R", self.cross[1])
         return tuple(motions)
@@ -269,7 +310,11 @@ class Joint:
     @property
     def resistance(self) -> float:
         """Unloaded stiffness of the drive, or of its springs, N/m or N·m/rad; else 0."""
-        return self.drive.unloaded_stiffness if self.drive is not None else self.spring or 0.0
+        return (
+            self.drive.unloaded_stiffness
+            if self.drive is not None
+            else self.spring or 0.0
+        )
 
     def resists(self, motion: int) -> bool:
         """Return whether the drive or spring acts along a free motion, given by index."""

@@ -15,7 +15,15 @@ from stiffscope.errors import InputError, check_kind
 from stiffscope.runtime.brief import describe_briefly
 from stiffscope.vjm.checks import spell_name
 from stiffscope.vjm.closure import CLOSED
-from stiffscope.vjm.continuation import OPEN, RANGE, REACHED, Reached, find_ranges, find_solver, follow_paths
+from stiffscope.vjm.continuation import (
+    OPEN,
+    RANGE,
+    REACHED,
+    Reached,
+    find_ranges,
+    find_solver,
+    follow_paths,
+)
 from stiffscope.vjm.linkage import rotation_vector
 from stiffscope.vjm.mechanism import COORDINATES, Mechanism
 from stiffscope.vjm.reach import reach_toward
@@ -59,10 +67,18 @@ class Configurations:
     def __len__(self) -> int:
         return len(self.valid)
 
-    def __getitem__(self, some: slice | NDArray[np.intp] | NDArray[np.bool_]) -> Configurations:
-        poses, tool, valid = self.poses[some], self.tool[some], self.valid[some]
-        q, failure, culprit = self.q[:, some], self.failure[some], self.culprit[some]
-        return Configurations(self.mechanism, poses, tool, valid, q, self.linkage, failure, culprit)
+    def __getitem__(
+        self, some: slice | NDArray[np.intp] | NDArray[np.bool_]
+    ) -> Configurations:
+        poses = self.poses[some]
+        tool = self.tool[some]
+        valid = self.valid[some]
+        q = self.q[:, some]
+        failure = self.failure[some]
+        culprit = self.culprit[some]
+        return Configurations(
+            self.mechanism, poses, tool, valid, q, self.linkage, failure, culprit
+        )
 
     @cached_property
     def placed_links(self) -> Placed:
@@ -74,7 +90,9 @@ class Configurations:
         look = self.placed_links.look
         if look is not None:
             return look.frames[:, link, :3, :3], look.frames[:, link, :3, 3]
-        rotation = np.ascontiguousarray(self.placed_links.rotation[link].transpose(2, 0, 1))
+        rotation = np.ascontiguousarray(
+            self.placed_links.rotation[link].transpose(2, 0, 1)
+        )
         return rotation, np.ascontiguousarray(self.placed_links.position[link].T)
 
     def frame(self, node: str) -> tuple[Array, Array]:
@@ -87,13 +105,16 @@ class Configurations:
         body = next((b for b in self.mechanism.bodies if node in b.nodes), None)
         if body is not None and body.elastic is not None:
             end = body.elastic.places[body.nodes.index(node)]
-            rotation, position = rotation @ body.elastic.axes, rotation @ end + position
+            position = rotation @ end + position
+            rotation = rotation @ body.elastic.axes
         n = len(self)
         return np.broadcast_to(rotation, (n, 3, 3)), np.broadcast_to(position, (n, 3))
 
     def coordinates(self, joint: str) -> Array:
         """Return a joint's displacements (n, f) from home, rad and m, by free motion."""
-        return self.linkage.coordinates(self.mechanism.joint(joint), self.q, self.placed_links)
+        return self.linkage.coordinates(
+            self.mechanism.joint(joint), self.q, self.placed_links
+        )
 
     @property
     def drives(self) -> Array:
@@ -115,8 +136,11 @@ class Configurations:
             q[self.linkage.known] = self.q[self.linkage.known, index, None]
             found = solver.closure.solve(q, 50, patient=True)
             if not (np.abs(found.error[:, 0]) < CLOSED).all():
-                if len(self.linkage.cuts) == 1:  # an open chain, whose tool closes its only loop
-                    home, names = self.mechanism.tool.home, self.mechanism.tool.pose
+                if (
+                    len(self.linkage.cuts) == 1
+                ):  # an open chain, whose tool closes its only loop
+                    home = self.mechanism.tool.home
+                    names = self.mechanism.tool.pose
                     last = home + reach_toward(solver, self.poses[index] - home)
                     place = ", ".join(map(_place_text, names, last))
                     return f"out of reach: straight from home the tool gets no farther than {place}"
@@ -127,7 +151,9 @@ class Configurations:
 
     def refusal(self, index: int) -> str:
         """Return what was expected in place of a configuration that is not valid, and why."""
-        return f"expected a pose that the robot reaches, got another: {self.reason(index)}"
+        return (
+            f"expected a pose that the robot reaches, got another: {self.reason(index)}"
+        )
 
     def require_valid(self) -> Configurations:
         """Return itself if all are valid. Raises InputError with the first that is not."""
@@ -177,15 +203,21 @@ def start_note(mechanism: Mechanism) -> str | None:
     displaced = find_solver(mechanism, "tool").displaced
     if not displaced:
         return None
-    joints = [(spell_name("joints", name), mechanism.joint(name), v) for name, v in displaced.items()]
-    where = ", ".join(f"{here} = {_value_text(joint, value)}" for here, joint, value in joints)
+    joints = [
+        (spell_name("joints", name), mechanism.joint(name), v)
+        for name, v in displaced.items()
+    ]
+    where = ", ".join(
+        f"{here} = {_value_text(joint, value)}" for here, joint, value in joints
+    )
     return f"home is singular: tool poses start from {where}, the nearest regular configuration"
 
 
 def find_still(mechanism: Mechanism) -> tuple[list[str], list[str]]:
     """Return the drives and springs, and the tool's coordinates, that stay as at home where poses leave a choice."""
     solver = find_solver(mechanism, "tool")
-    columns, held = solver.linkage.columns, set(solver.closure.held)
+    columns = solver.linkage.columns
+    held = set(solver.closure.held)
     able = (j for j in mechanism.joints if j.drive is not None or j.spring is not None)
     still = [joint.name for joint in able if solver.closure.holds(joint)]
     moved = zip(COORDINATES, columns.get("", ()), strict=False)
@@ -212,12 +244,18 @@ def configure_chunks(
     if given == "drives":
         points = _without_welded(solver.linkage, points)
     home = mechanism.tool.home if given == "tool" else 0.0
-    yield from (_configurations(solver, each) for each in follow_paths(solver, points - home, size))
+    yield from (
+        _configurations(solver, each)
+        for each in follow_paths(solver, points - home, size)
+    )
 
 
-def learn_configurations(mechanism: Mechanism, poses: Array) -> Callable[[Array], Configurations]:
+def learn_configurations(
+    mechanism: Mechanism, poses: Array
+) -> Callable[[Array], Configurations]:
     """Return a function like `configure` that is faster at poses among given ones (n, k)."""
-    home, solver = mechanism.tool.home, find_solver(mechanism, "tool")
+    solver = find_solver(mechanism, "tool")
+    home = mechanism.tool.home
     known = Reached.among(solver, check_poses(mechanism, poses) - home)
 
     def find(points: Array) -> Configurations:
@@ -228,7 +266,9 @@ def learn_configurations(mechanism: Mechanism, poses: Array) -> Callable[[Array]
         again = configure(mechanism, points[lost])
         found.q[:, lost] = again.q
         found.failure[lost] = np.where(again.failure == RANGE, REACHED, again.failure)
-        return _configurations(solver, replace(found, placed=solver.linkage.place_links(found.q)))
+        return _configurations(
+            solver, replace(found, placed=solver.linkage.place_links(found.q))
+        )
 
     return find
 
@@ -239,16 +279,26 @@ def configure_drives(mechanism: Mechanism, displacements: ArrayLike) -> Configur
     Raises InputError if the array has another shape or numbers that are not finite.
     """
     names = [j.name for j in mechanism.drives]
-    return _join(configure_chunks(mechanism, _check_rows(displacements, names, "drives"), given="drives"))
+    return _join(
+        configure_chunks(
+            mechanism, _check_rows(displacements, names, "drives"), given="drives"
+        )
+    )
 
 
 def _without_welded(linkage: Linkage, displacements: Array) -> Array:
     """Return displacements (n, k) of the drives that can move. InputError if another does, or is held by drives."""
-    movable = np.array([j.name in linkage.columns for j in linkage.mechanism.drives], dtype=bool)
+    movable = np.array(
+        [j.name in linkage.columns for j in linkage.mechanism.drives], dtype=bool
+    )
     for joint, column in zip(linkage.mechanism.drives, displacements.T, strict=True):
-        if joint.name not in linkage.columns and (column.any() or not linkage.welds(joint)):
+        if joint.name not in linkage.columns and (
+            column.any() or not linkage.welds(joint)
+        ):
             here = spell_name("joints", joint.name)
-            raise InputError(f"{here}: expected a passive joint in its drive's loop, got none")
+            raise InputError(
+                f"{here}: expected a passive joint in its drive's loop, got none"
+            )
     return displacements[:, movable]
 
 
@@ -271,7 +321,9 @@ def _check_rows(values: ArrayLike, names: list[str], what: str) -> Array:
 
 
 def _value_text(joint: Joint, value: float) -> str:
-    return f"{np.degrees(value):.6g} deg" if joint.kind == "revolute" else f"{value:.6g} m"
+    return (
+        f"{np.degrees(value):.6g} deg" if joint.kind == "revolute" else f"{value:.6g} m"
+    )
 
 
 def _place_text(coordinate: str, value: float) -> str:
@@ -296,8 +348,12 @@ def _join(chunks: Iterable[Configurations]) -> Configurations:
 
 
 def _configurations(solver: Solver, followed: Followed) -> Configurations:
-    linkage, mechanism, q, placed = solver.linkage, solver.mechanism, followed.q, followed.placed
-    failure, culprit = followed.failure, np.zeros(len(followed.failure), dtype=np.intp)
+    linkage = solver.linkage
+    mechanism = solver.mechanism
+    q = followed.q
+    placed = followed.placed
+    failure = followed.failure
+    culprit = np.zeros(len(followed.failure), dtype=np.intp)
     link = linkage.frame[linkage.link_of[mechanism.tool.body]]
     tool = np.empty((q.shape[1], 6))
     tool[:, :3] = placed.point(link, mechanism.tool.at).T
@@ -308,13 +364,17 @@ def _configurations(solver: Solver, followed: Followed) -> Configurations:
     poses = tool[:, mechanism.tool.commanded_axes]
     if "" in linkage.columns:
         poses = mechanism.tool.home + q[linkage.known].T
-    out = Configurations(mechanism, poses, tool, failure == 0, q, linkage, failure, culprit)
+    out = Configurations(
+        mechanism, poses, tool, failure == 0, q, linkage, failure, culprit
+    )
     out.__dict__["placed_links"] = placed
     _refuse_beyond(out, *solver.ranges, _SLACK)
     return out
 
 
-def limit_drives(found: Configurations, mechanism: Mechanism, slack: float) -> Configurations:
+def limit_drives(
+    found: Configurations, mechanism: Mechanism, slack: float
+) -> Configurations:
     """Return configurations, valid within the ranges of another mechanism's drives, ± slack, rad or m."""
     own = {key: getattr(found, key).copy() for key in ("valid", "failure", "culprit")}
     out = replace(found, mechanism=mechanism, **own)
@@ -322,10 +382,16 @@ def limit_drives(found: Configurations, mechanism: Mechanism, slack: float) -> C
     return out
 
 
-def _refuse_beyond(found: Configurations, low: Array, high: Array, slack: float) -> None:
-    drives, failure = found.drives, found.failure
-    outside = ((drives < low - slack) | (drives > high + slack)) & (failure == REACHED)[:, None]
+def _refuse_beyond(
+    found: Configurations, low: Array, high: Array, slack: float
+) -> None:
+    drives = found.drives
+    failure = found.failure
+    outside = ((drives < low - slack) | (drives > high + slack)) & (failure == REACHED)[
+        :, None
+    ]
     if outside.any():
         some = outside.any(axis=1)
-        failure[some], found.culprit[some] = RANGE, outside[some].argmax(axis=1)
+        found.culprit[some] = outside[some].argmax(axis=1)
+        failure[some] = RANGE
         np.equal(failure, 0, out=found.valid)

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 _STEPS = 200
-_SETTLED, _NEARLY = 1e-13, 1e-9  # of the largest force
+_SETTLED = 1e-13
+_NEARLY = 1e-9  # of the largest force
 _ROUNDING = 1e-14  # of the steepest slope times a shift
 _ALONE = 1e-14  # of the steepest slope: regularizes a drive within its backlash
 
@@ -45,13 +46,17 @@ def without_laws(mechanism: Mechanism) -> Mechanism:
 def linearize(mechanism: Mechanism, segments: Sequence[int]) -> Mechanism:
     """Return the mechanism with every law on a given segment: 0 in the backlash, then ±1, ±2, …."""
     pairs = zip(find_laws(mechanism).items(), segments, strict=True)
-    return _with_drives(mechanism, {name: law.line(segment) for (name, law), segment in pairs})
+    return _with_drives(
+        mechanism, {name: law.line(segment) for (name, law), segment in pairs}
+    )
 
 
 _linear: WeakKeyDictionary[Mechanism, dict[Any, Mechanism]] = WeakKeyDictionary()
 
 
-def _with_drives(mechanism: Mechanism, lines: Mapping[str, tuple[float, float]]) -> Mechanism:
+def _with_drives(
+    mechanism: Mechanism, lines: Mapping[str, tuple[float, float]]
+) -> Mechanism:
     """Replace some drives by springs of stiffness k, unloaded at an offset; cached."""
     if not lines:
         return mechanism
@@ -64,8 +69,12 @@ def _with_drives(mechanism: Mechanism, lines: Mapping[str, tuple[float, float]])
                 slope, offset = lines[joint.name]
                 own = np.zeros(6) if joint.offset is None else joint.offset.copy()
                 own[DRIVEN[joint.kind]] += offset
-                drive = Drive(slope, joint.drive.low, joint.drive.high) if slope else None
-                joints[i] = replace(joint, drive=drive, offset=own if own.any() else None)
+                drive = (
+                    Drive(slope, joint.drive.low, joint.drive.high) if slope else None
+                )
+                joints[i] = replace(
+                    joint, drive=drive, offset=own if own.any() else None
+                )
         known[key] = replace(mechanism, joints=tuple(joints))
     return known[key]
 
@@ -79,7 +88,9 @@ class Settled:
     deflection: Array
 
 
-def settle(laws: Sequence[Law], stiffness: Array, force: Array, influence: Array) -> Settled:
+def settle(
+    laws: Sequence[Law], stiffness: Array, force: Array, influence: Array
+) -> Settled:
     """Find the equilibrium of drives with laws in a robot that is otherwise linear.
 
     Parameters
@@ -102,12 +113,20 @@ def settle(laws: Sequence[Law], stiffness: Array, force: Array, influence: Array
     change = 1.0 / steep - 1.0 / stiffness
     size = len(laws)
     back = np.linalg.inv(np.eye(size) - influence * change)
-    pull, tie = (back @ force[..., None])[..., 0], -back @ influence
+    pull = (back @ force[..., None])[..., 0]
+    tie = -back @ influence
     values, axes = np.linalg.eigh(0.5 * (tie + tie.mT))
-    tie = (axes * values.clip(min=0.0)[..., None, :]) @ axes.mT  # rounding pushes no drive apart
-    curves = [law.add_compliance(-1.0 / k) for law, k in zip(laws, steep.tolist(), strict=True)]
+    tie = (
+        axes * values.clip(min=0.0)[..., None, :]
+    ) @ axes.mT  # rounding pushes no drive apart
+    curves = [
+        law.add_compliance(-1.0 / k)
+        for law, k in zip(laws, steep.tolist(), strict=True)
+    ]
     shift: Array = np.zeros_like(pull)
-    whole = np.maximum(np.abs(pull).max(axis=1, keepdims=True), 1e-100)  # squares of less vanish
+    whole = np.maximum(
+        np.abs(pull).max(axis=1, keepdims=True), 1e-100
+    )  # squares of less vanish
     for _ in range(_STEPS):
         left = pull - (tie @ shift[..., None])[..., 0] - _values(curves, shift)
         open_ = (np.abs(left) > _SETTLED * whole).any(axis=1)
@@ -123,7 +142,9 @@ def settle(laws: Sequence[Law], stiffness: Array, force: Array, influence: Array
     rounding = _ROUNDING * steep * np.abs(shift)
     left = np.abs(pull - (tie @ shift[..., None])[..., 0] - _values(curves, shift))
     if (left > _NEARLY * whole + rounding.max(axis=1, keepdims=True)).any():
-        raise InputError("drives: no equilibrium was found with their curves and backlash")
+        raise InputError(
+            "drives: no equilibrium was found with their curves and backlash"
+        )
     carried = _values(curves, shift)
     return Settled(shift + carried * change, carried, shift + carried / steep)
 
@@ -132,11 +153,14 @@ def _values(curves: Sequence[Any], shift: Array) -> Array:
     return np.stack([c.force(shift[:, j]) for j, c in enumerate(curves)], axis=1)
 
 
-def _search(curves: Sequence[Law], shift: Array, step: Array, pull: Array, tie: Array) -> Array:
+def _search(
+    curves: Sequence[Law], shift: Array, step: Array, pull: Array, tie: Array
+) -> Array:
     """Return the step length (m,) of least energy: an exact search between the laws' corners."""
     corners: list[Array] = [np.tile([0.0, 1.0], (len(shift), 1))]
     for j, c in enumerate(curves):
-        gap, way = np.concatenate([-c.starts, c.starts]) - shift[:, j, None], step[:, j, None]
+        gap = np.concatenate([-c.starts, c.starts]) - shift[:, j, None]
+        way = step[:, j, None]
         corners.append(np.divide(gap, way, out=np.ones_like(gap), where=way != 0.0))
     at = np.sort(np.concatenate(corners, axis=1).clip(min=0.0), axis=1)
     at = np.concatenate([at, 2.0 * at[:, -1:] + 1.0], axis=1)
@@ -145,10 +169,17 @@ def _search(curves: Sequence[Law], shift: Array, step: Array, pull: Array, tie: 
         there = shift[:, j, None] + at * step[:, j, None]
         slope += step[:, j, None] * (c.force(there) - pull[:, j, None])
     start = (step * (tie @ shift[..., None])[..., 0]).sum(axis=1, keepdims=True)
-    slope += start + at * (step * (tie @ step[..., None])[..., 0]).sum(axis=1, keepdims=True)
-    last = np.minimum((slope < 0.0).sum(axis=1), at.shape[1] - 1)  # the slope is increasing
+    slope += start + at * (step * (tie @ step[..., None])[..., 0]).sum(
+        axis=1, keepdims=True
+    )
+    last = np.minimum(
+        (slope < 0.0).sum(axis=1), at.shape[1] - 1
+    )  # the slope is increasing
     first = np.maximum(last - 1, 0)
     rows = np.arange(len(at))
-    a, b, fa, fb = at[rows, first], at[rows, last], slope[rows, first], slope[rows, last]
+    a = at[rows, first]
+    b = at[rows, last]
+    fa = slope[rows, first]
+    fb = slope[rows, last]
     rise = np.where(fb > fa, fb - fa, np.inf)
     return np.maximum(a - fa * (b - a) / rise, 0.0)

@@ -79,7 +79,8 @@ class Placed:
             return self.look.twists.transpose(1, 2, 0)
         out = np.zeros((len(self.q), 6, self.q.shape[1]))
         for m in self.linkage.motions:
-            r, c = self.rotation[m.parent], m.column
+            r = self.rotation[m.parent]
+            c = m.column
             if m.kind == "P":
                 out[c, :3] = (m.sign * m.axis) @ r
                 continue
@@ -88,7 +89,9 @@ class Placed:
                 out[c, 3:] = (m.sign * m.axis) @ r
                 _cross(at, out[c, 3:], out[c, :3])
                 continue
-            spin = m.sign * (r.transpose(2, 0, 1) @ left_jacobian(m.sign * self.q[c : c + 3].T))
+            spin = m.sign * (
+                r.transpose(2, 0, 1) @ left_jacobian(m.sign * self.q[c : c + 3].T)
+            )
             for k in range(3):
                 out[c + k, 3:] = spin[..., k].T
                 _cross(at, out[c + k, 3:], out[c + k, :3])
@@ -146,12 +149,15 @@ class Linkage:
     def _grow(self, joints: list[Joint], tree: set[str]) -> None:
         """Create frames and motions along the tree, outward from the ground."""
         edges: list[tuple[str, str, str, tuple[tuple[str, Array], ...], Array]] = [
-            (j.name, j.first, j.second, j.motions, j.at) for j in joints if j.name in tree
+            (j.name, j.first, j.second, j.motions, j.at)
+            for j in joints
+            if j.name in tree
         ]
         tool = self.mechanism.tool
         if self.given == "tool":
             edges.insert(0, ("", GROUND, tool.body, TOOL_MOTIONS, tool.at))
-        count, frames = 0, 1
+        count = 0
+        frames = 1
         queue = [self.link_of[GROUND]]
         for link in queue:
             for name, *ends, motions, at in edges:
@@ -161,12 +167,16 @@ class Linkage:
                 sign = 1.0 if link == first else -1.0
                 sizes = [3 if kind == "S" else 1 for kind, _ in motions]
                 begun = [count, *(count + np.cumsum(sizes, dtype=int)).tolist()]
-                self.columns[name], count = list(range(count, begun[-1])), begun[-1]
+                self.columns[name] = list(range(count, begun[-1]))
+                count = begun[-1]
                 steps = list(zip(motions, begun, strict=False))
                 at_frame = self.frame[link]
                 for (kind, axis), column in steps if sign > 0.0 else reversed(steps):
-                    self.motions.append(Motion(kind, axis, at, sign, column, at_frame, frames))
-                    at_frame, frames = frames, frames + 1
+                    self.motions.append(
+                        Motion(kind, axis, at, sign, column, at_frame, frames)
+                    )
+                    at_frame = frames
+                    frames = frames + 1
                 there = second if link == first else first
                 self.frame[there] = at_frame
                 queue.append(there)
@@ -180,8 +190,11 @@ class Linkage:
         return paths
 
     def _cut(self, joint: Joint, paths: list[set[int]]) -> Cut:
-        first, second = (self.frame[self.link_of[node]] for node in (joint.first, joint.second))
-        ahead, behind = sorted(paths[second] - paths[first]), sorted(paths[first] - paths[second])
+        first, second = (
+            self.frame[self.link_of[node]] for node in (joint.first, joint.second)
+        )
+        ahead = sorted(paths[second] - paths[first])
+        behind = sorted(paths[first] - paths[second])
         signs = np.array([1.0] * len(ahead) + [-1.0] * len(behind))
         return Cut(joint, first, second, np.array(ahead + behind, dtype=int), signs)
 
@@ -204,9 +217,12 @@ class Linkage:
         rotation: list[Array] = [np.eye(3)[..., None]] * self.frames
         position: list[Array] = [np.zeros((3, 1))] * self.frames
         for m in self.motions:
-            r, p, c = rotation[m.parent], position[m.parent], m.column
+            r = rotation[m.parent]
+            p = position[m.parent]
+            c = m.column
             if m.kind == "P":
-                r_out, p_out = r, p + ((m.sign * m.axis) @ r) * q[c]
+                r_out = r
+                p_out = p + ((m.sign * m.axis) @ r) * q[c]
             else:
                 if m.kind == "R":
                     first, second = m.turning
@@ -216,7 +232,8 @@ class Linkage:
                     turn = r.transpose(2, 0, 1) @ rotation_of(m.sign * q[c : c + 3].T)
                     r_out = np.ascontiguousarray(turn.transpose(1, 2, 0))
                 p_out = p + m.point @ (r - r_out)
-            rotation[m.child], position[m.child] = r_out, p_out
+            rotation[m.child] = r_out
+            position[m.child] = p_out
         return Placed(q, self, (rotation, position))
 
     @cached_property
@@ -227,20 +244,25 @@ class Linkage:
     def name_worst(self, errors: Array) -> str:
         """Return the name of the cut joint with the largest error (rows,)."""
         row = int(np.nan_to_num(np.abs(errors), nan=np.inf).argmax())
-        return self.cuts[int(np.searchsorted(self.starts, row, side="right")) - 1].joint.name
+        return self.cuts[
+            int(np.searchsorted(self.starts, row, side="right")) - 1
+        ].joint.name
 
     def find_errors(self, cut: Cut, placed: Placed, out: Array) -> None:
         """Write the errors (h, n) of a cut joint into ``out``."""
         joint = cut.joint
         held, turns = joint.held_components
-        axes = np.matmul(joint.axes.T, placed.rotation[cut.first])  # (3, 3, n): component, axis
+        axes = np.matmul(
+            joint.axes.T, placed.rotation[cut.first]
+        )  # (3, 3, n): component, axis
         gap = placed.point(cut.second, joint.at) - placed.point(cut.first, joint.at)
         second = placed.rotation[cut.second]
         count = len(held)
         out[:count] = (axes[:, held] * gap[:, None]).sum(axis=0) / self.length
         if joint.cross:
             first, other = joint.cross
-            a, b = first @ placed.rotation[cut.first], other @ second
+            a = first @ placed.rotation[cut.first]
+            b = other @ second
             out[count] = (a * b).sum(axis=0) - first @ other
         elif len(turns) == 2:
             image = joint.axes[:, 0] @ second
@@ -264,9 +286,16 @@ class Linkage:
         moments = [turns[row - len(held)] for row in rows if row >= len(held)]
         crossed = None
         if moments and joint.cross:
-            crossed = joint.cross[1] @ placed.rotation[cut.second], joint.cross[0] @ carrier
+            crossed = (
+                joint.cross[1] @ placed.rotation[cut.second],
+                joint.cross[0] @ carrier,
+            )
         at = placed.point(cut.second, joint.at) if forces else carrier[0]
-        n = max(carrier.shape[2], at.shape[-1], 1 if crossed is None else crossed[0].shape[-1])
+        n = max(
+            carrier.shape[2],
+            at.shape[-1],
+            1 if crossed is None else crossed[0].shape[-1],
+        )
         count = len(forces)
         out = np.zeros((6, len(rows), n))
         if forces:
@@ -282,11 +311,15 @@ class Linkage:
         """Return a joint's coordinates (n, f), rad and m, in order, from all coordinates (m, n)."""
         if joint.name in self.columns:
             return q[self.columns[joint.name]].T
-        first, second = (self.frame[self.link_of[node]] for node in (joint.first, joint.second))
+        first, second = (
+            self.frame[self.link_of[node]] for node in (joint.first, joint.second)
+        )
         to_first = placed.rotation[first].transpose(2, 1, 0)
         across = to_first @ placed.rotation[second].transpose(2, 0, 1)
         gap = (placed.point(second, joint.at) - placed.point(first, joint.at)).T
-        found = find_free_coordinates(joint, across, (to_first @ gap[..., None])[..., 0])
+        found = find_free_coordinates(
+            joint, across, (to_first @ gap[..., None])[..., 0]
+        )
         return np.broadcast_to(found, (q.shape[1], found.shape[-1]))
 
 
@@ -314,7 +347,8 @@ def find_free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:
         case "spherical":
             found = list(rotation_vector(across).T)
         case "universal" if joint.axis2 is not None:
-            image, back = across @ joint.axis2, across.mT @ x
+            image = across @ joint.axis2
+            back = across.mT @ x
             side = np.cross(x, joint.axis2)
             found = [np.arctan2(image @ side, image @ np.cross(side, x))]
             found.append(np.arctan2(back @ side, back @ np.cross(joint.axis2, side)))
@@ -329,7 +363,8 @@ def _find_links(mechanism: Mechanism) -> tuple[dict[str, int], int]:
     group = {name: k for k, name in enumerate(names)}
     for j in mechanism.joints:
         if j.kind == "fixed":
-            a, b = group[mechanism.carrier(j.first)], group[mechanism.carrier(j.second)]
+            a = group[mechanism.carrier(j.first)]
+            b = group[mechanism.carrier(j.second)]
             group = {name: a if k == b else k for name, k in group.items()}
     order = {k: i for i, k in enumerate(dict.fromkeys(group.values()))}
     link = {name: order[k] for name, k in group.items()}
@@ -346,7 +381,9 @@ def _measure_length(mechanism: Mechanism) -> float:
 def rotation_sine(rotation: Array) -> Array:
     """Return the sine of the angle times the axis (..., 3) of rotations (..., 3, 3)."""
     twice = rotation - rotation.mT
-    return 0.5 * np.stack([twice[..., 2, 1], twice[..., 0, 2], twice[..., 1, 0]], axis=-1)
+    return 0.5 * np.stack(
+        [twice[..., 2, 1], twice[..., 0, 2], twice[..., 1, 0]], axis=-1
+    )
 
 
 def rotation_vector(rotation: Array) -> Array:

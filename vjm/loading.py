@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
 Wanted = Literal["all", "nodes", "wrenches"]
-HELD = 1e12  # value of `balanced` if friction holds all motions that do not move the tool
+HELD = (
+    1e12  # value of `balanced` if friction holds all motions that do not move the tool
+)
 _SLIGHT = 1e-2  # of a load: friction limit along a motion that does not move the tool
 
 
@@ -52,7 +54,9 @@ class CondensedLoads:
 
     def add(self, node: str, wrench: Array) -> None:
         """Add a wrench to a node."""
-        self.forces[node] = self.forces[node] + wrench if node in self.forces else wrench
+        self.forces[node] = (
+            self.forces[node] + wrench if node in self.forces else wrench
+        )
 
     def force(self, node: str) -> Array:
         """Return the wrench on a node so far."""
@@ -104,9 +108,15 @@ class ElementState:
             return 0.5 * np.einsum("nic,nic->nc", self.carried, self.strained)
         stress = self.where.factor(self.element).mT @ self.wrench
         energy = 0.5 * np.einsum("nrc,nrc->nc", stress, stress)
-        if self.law is not None and self.deflection is not None:  # replaces the linear spring's
+        if (
+            self.law is not None and self.deflection is not None
+        ):  # replaces the linear spring's
             force = self.law.force(self.deflection)
-            energy = energy - 0.5 * force**2 / self.law.slopes[0] + self.law.energy(self.deflection)
+            energy = (
+                energy
+                - 0.5 * force**2 / self.law.slopes[0]
+                + self.law.energy(self.deflection)
+            )
         return energy
 
 
@@ -168,7 +178,14 @@ class ChainLoads:
             for c, w, laden in members
         )
 
-    def follow(self, out: Response, wrench: Array, span: Array, rates: Array | None, fit: Array | None = None) -> None:
+    def follow(
+        self,
+        out: Response,
+        wrench: Array,
+        span: Array,
+        rates: Array | None,
+        fit: Array | None = None,
+    ) -> None:
         """Recover members and inner nodes; the end moved by ``span`` carries ``wrench``.
 
         ``rates`` (n, k, c) of the free motions; else by ``fit`` (n, k, 6) to the strainless twist.
@@ -179,22 +196,33 @@ class ChainLoads:
         wrenches = [wrench + w if laden else wrench for w, laden in inner]
         if out.wanted == "wrenches" and self.connection.bare:
             for (e, sign), w in zip(members, wrenches, strict=True):
-                out.elements[e.name] = ElementState(e, out.where, sign * w, nothing, nothing[:, :0])
+                out.elements[e.name] = ElementState(
+                    e, out.where, sign * w, nothing, nothing[:, :0]
+                )
             return
         strained: list[Array | None] = []
         for (e, _), w, moved in zip(members, wrenches, self.moved, strict=True):
             f = out.where.columns(e)[0]
             part = f @ (f.mT @ w) if f.shape[2] else None
-            strained.append(moved if part is None else part if moved is None else part + moved)
+            strained.append(
+                moved if part is None else part if moved is None else part + moved
+            )
         if rates is None:
-            left = reduce(np.subtract, (part for part in strained if part is not None), span)
+            left = reduce(
+                np.subtract, (part for part in strained if part is not None), span
+            )
             rates = nothing[:, :0] if fit is None else fit @ left
-        node, at, ends = out.nodes[self.connection.start], 0, (*self.connection.inner, None)
-        for (e, sign), w, part, end in zip(members, wrenches, strained, ends, strict=True):
+        node = out.nodes[self.connection.start]
+        at = 0
+        ends = (*self.connection.inner, None)
+        for (e, sign), w, part, end in zip(
+            members, wrenches, strained, ends, strict=True
+        ):
             wanted = out.wanted != "nodes" or e.is_split
             if end is None and not wanted:
                 break
-            free, across = out.where.columns(e)[1], nothing if part is None else part
+            free = out.where.columns(e)[1]
+            across = nothing if part is None else part
             rate = rates[:, at : at + free.shape[2]]
             at += free.shape[2]
             if free.shape[2]:
@@ -206,10 +234,14 @@ class ChainLoads:
                 node = out.nodes[end] = node + across
 
 
-def chain_loads(where: Places, load: CondensedLoads, connection: Connection) -> ChainLoads:
+def chain_loads(
+    where: Places, load: CondensedLoads, connection: Connection
+) -> ChainLoads:
     """Collect loads and offsets along a connection."""
     none: Array = np.zeros((1, 6, load.loads.cases))
-    total, offset, offsets = none, none, load.loads.offsets
+    total = none
+    offset = none
+    offsets = load.loads.offsets
     each: list[Array] = [none]
     laden = [False]
     for node in reversed(connection.inner):
@@ -219,7 +251,9 @@ def chain_loads(where: Places, load: CondensedLoads, connection: Connection) -> 
         laden.insert(0, bool(total.any()))
     moved: list[Array | None] = []
     for e, sign in connection.members:
-        twist = where.adjoint(e) @ (sign * offsets[e.name]) if e.name in offsets else None
+        twist = (
+            where.adjoint(e) @ (sign * offsets[e.name]) if e.name in offsets else None
+        )
         moved.append(twist)
         if twist is not None:
             offset = twist if offset is none else offset + twist

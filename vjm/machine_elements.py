@@ -13,7 +13,15 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.rolling import LINE, POINT, Contacts, hertz_constant, in_series, line_constant, settle
+from stiffscope.vjm.rolling import (
+    LINE,
+    POINT,
+    Contacts,
+    hertz_constant,
+    in_series,
+    line_constant,
+    settle,
+)
 from stiffscope.vjm.screws import shift
 
 if TYPE_CHECKING:
@@ -55,25 +63,35 @@ class MachineElement:
     def compliance(self) -> Array:
         """Compliance (6, 6): the inverse over held directions; zero along free ones."""
         held = [i for i in range(6) if i not in self.free]
-        out, inner = np.zeros((6, 6)), self.stiffness[np.ix_(held, held)]
+        out = np.zeros((6, 6))
+        inner = self.stiffness[np.ix_(held, held)]
         scale = np.sqrt(np.diagonal(inner).clip(min=0.0))
         size = np.outer(scale, scale)
         if not (scale > 0.0).all() or np.linalg.cond(inner / size) > 1e12:
             names = ", ".join(("ux", "uy", "uz", "rx", "ry", "rz")[i] for i in held)
-            raise InputError(f"load: expected one under which elements hold {names}, got one left free")
+            raise InputError(
+                f"load: expected one under which elements hold {names}, got one left free"
+            )
         out[np.ix_(held, held)] = np.linalg.inv(inner / size) / size
         return out
 
 
-def reduced_modulus(element: tuple[float, float] = STEEL, race: tuple[float, float] = STEEL) -> float:
+def reduced_modulus(
+    element: tuple[float, float] = STEEL, race: tuple[float, float] = STEEL
+) -> float:
     """Return E' (Pa) of two materials, each a Young's modulus (Pa) and a Poisson's ratio."""
     return 1.0 / sum((1.0 - nu**2) / e for e, nu in (element, race))
 
 
 def ball_contacts(
-    count: int, diameter: float, pitch: float, angle: float, osculation: tuple[float, float],
-    modulus: float, clearance: float = 0.0,
-) -> Contacts:  # fmt: skip
+    count: int,
+    diameter: float,
+    pitch: float,
+    angle: float,
+    osculation: tuple[float, float],
+    modulus: float,
+    clearance: float = 0.0,
+) -> Contacts:
     """Return the ball contacts of a bearing whose inner ring moves; moving it along +x loads them.
 
     Parameters
@@ -95,17 +113,23 @@ def ball_contacts(
         raise InputError(f"angle: expected {what}, got {np.degrees(angle):.4g}")
     if angle and clearance:
         got = 1e6 * clearance
-        raise InputError(f"clearance: expected none beside a contact angle, got {got:g} um")
-    reach, bend = (inner + outer - 1.0) * diameter, diameter * np.cos(angle) / pitch
+        raise InputError(
+            f"clearance: expected none beside a contact angle, got {got:g} um"
+        )
+    reach = (inner + outer - 1.0) * diameter
+    bend = diameter * np.cos(angle) / pitch
     if not 0.0 < bend < 1.0 or pitch * np.sin(np.pi / count) < diameter:
         what = f"a circle that {count} balls of {1e3 * diameter:g} mm fit on"
         raise InputError(f"pitch: expected {what}, got {1e3 * pitch:g} mm")
     if clearance >= 2.0 * reach:
-        most, got = 2e3 * reach, 1e3 * clearance
+        most = 2e3 * reach
+        got = 1e3 * clearance
         raise InputError(f"clearance: expected less than {most:.4g} mm, got {got:g} mm")
     ball = 2.0 / diameter
     constants = [
-        hertz_constant(np.array([ball * (1.0 + curve), ball - 1.0 / (f * diameter)]), modulus)
+        hertz_constant(
+            np.array([ball * (1.0 + curve), ball - 1.0 / (f * diameter)]), modulus
+        )
         for f, curve in ((inner, bend / (1.0 - bend)), (outer, -bend / (1.0 + bend)))
     ]
     radial, around = _circle(count)
@@ -113,11 +137,16 @@ def ball_contacts(
     between = reach * pressing - 0.5 * clearance * radial
     at = (0.5 * pitch + (inner - 0.5) * diameter * np.cos(angle)) * radial
     constant = np.full(count, in_series(*constants))
-    return Contacts(at, between, np.full(count, reach), constant, POINT, around, turning=True)
+    return Contacts(
+        at, between, np.full(count, reach), constant, POINT, around, turning=True
+    )
 
 
 def ball_bearing(
-    contacts: Contacts, load: Array, arrangement: Arrangement = "single", spacing: float = 0.0
+    contacts: Contacts,
+    load: Array,
+    arrangement: Arrangement = "single",
+    spacing: float = 0.0,
 ) -> MachineElement:
     """Compute a ball bearing, or a pair of equally preloaded ones.
 
@@ -137,7 +166,9 @@ def ball_bearing(
     if arrangement == "single":
         return _element(contacts, wrench, length, (3,), _HERTZ)
     if wrench[1:].any():
-        raise InputError("load: expected a preload along the axis of a pair, got a radial force")
+        raise InputError(
+            "load: expected a preload along the axis of a pair, got a radial force"
+        )
     one = _element(contacts, wrench, length, (3,), _HERTZ)
     mirror = np.diag([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
     total = np.zeros((6, 6))
@@ -148,7 +179,9 @@ def ball_bearing(
     return replace(one, stiffness=total, source=f"{_HERTZ}; two, {arrangement}")
 
 
-def roller_bearing(count: int, length: float, pitch: float, clearance: float, load: Array) -> MachineElement:
+def roller_bearing(
+    count: int, length: float, pitch: float, clearance: float, load: Array
+) -> MachineElement:
     """Compute a cylindrical roller bearing, free along its axis.
 
     Parameters
@@ -168,12 +201,16 @@ def roller_bearing(count: int, length: float, pitch: float, clearance: float, lo
     constant = np.full(len(at), line_constant(length) / _SLICES)
     contacts = Contacts(at, between, reach, constant, LINE, slide, turning=False)
     wrench = np.concatenate([load, np.zeros(3)])
-    found = _element(contacts, wrench, 0.5 * pitch, (0, 3), f"{_LINES}, rollers in slices")
+    found = _element(
+        contacts, wrench, 0.5 * pitch, (0, 3), f"{_LINES}, rollers in slices"
+    )
     shared = found.loads.reshape(count, _SLICES).sum(axis=1)
     return replace(found, loads=shared, angles=found.angles[::_SLICES])
 
 
-def crossed_roller(count: int, length: float, pitch: float, clearance: float, load: Array) -> MachineElement:
+def crossed_roller(
+    count: int, length: float, pitch: float, clearance: float, load: Array
+) -> MachineElement:
     """Compute a crossed-roller bearing: rollers at 45 degrees, alternating in direction.
 
     Parameters
@@ -186,14 +223,27 @@ def crossed_roller(count: int, length: float, pitch: float, clearance: float, lo
     between = (radial + way) / np.sqrt(2.0)
     reach = np.full(count, 1.0 + 0.5 * clearance / np.sqrt(2.0))
     constant = np.full(count, line_constant(length))
-    contacts = Contacts(0.5 * pitch * radial, between, reach, constant, LINE, around, turning=False)
-    return _element(contacts, np.concatenate([load, np.zeros(3)]), 0.5 * pitch, (3,), _LINES)
+    contacts = Contacts(
+        0.5 * pitch * radial, between, reach, constant, LINE, around, turning=False
+    )
+    return _element(
+        contacts, np.concatenate([load, np.zeros(3)]), 0.5 * pitch, (3,), _LINES
+    )
 
 
 def carriage_contacts(
-    count: int, diameter: float, osculation: float, angle: float, width: float, height: float, length: float,
-    preload: float, modulus: float, *, face_to_face: bool = False,
-) -> Contacts:  # fmt: skip
+    count: int,
+    diameter: float,
+    osculation: float,
+    angle: float,
+    width: float,
+    height: float,
+    length: float,
+    preload: float,
+    modulus: float,
+    *,
+    face_to_face: bool = False,
+) -> Contacts:
     """Return the loaded ball contacts of a four-row carriage on a straight rail.
 
     Parameters
@@ -212,7 +262,9 @@ def carriage_contacts(
         True if the contact lines of a side meet inside; the guide is then far softer in roll.
     """
     ball = 2.0 / diameter
-    one = hertz_constant(np.array([ball, ball - 1.0 / (osculation * diameter)]), modulus)
+    one = hertz_constant(
+        np.array([ball, ball - 1.0 / (osculation * diameter)]), modulus
+    )
     c = in_series(one, one)
     pressed = (preload / (2.0 * count * np.sin(angle)) / c) ** (1.0 / POINT)
     along = np.linspace(-0.5, 0.5, count) * length if count > 1 else np.zeros(1)
@@ -220,12 +272,16 @@ def carriage_contacts(
     sides = [[x, s, t] for s in (-1, 1) for t in (-1, 1) for x in along]
     at = np.array(sides) * [1.0, 0.5 * width, 0.5 * height]
     normal = np.sign(at) * [0.0, -np.cos(angle), turn * np.sin(angle)]
-    k, slide = len(at), np.broadcast_to(np.eye(3)[0], at.shape)
-    reach, constant = np.full(k, 1.0 - pressed), np.full(k, c)
+    k = len(at)
+    slide = np.broadcast_to(np.eye(3)[0], at.shape)
+    reach = np.full(k, 1.0 - pressed)
+    constant = np.full(k, c)
     return Contacts(at, normal, reach, constant, POINT, slide, turning=False)
 
 
-def guide_of_balls(contacts: Contacts, rails: tuple[int, float], carriages: tuple[int, float]) -> MachineElement:
+def guide_of_balls(
+    contacts: Contacts, rails: tuple[int, float], carriages: tuple[int, float]
+) -> MachineElement:
     """Compute a guide of equal carriages; number and spacing (m) of rails and of carriages.
 
     Parameters
@@ -236,12 +292,17 @@ def guide_of_balls(contacts: Contacts, rails: tuple[int, float], carriages: tupl
         Number and spacing, m, of rails and of carriages on a rail.
     """
     length = float(np.linalg.norm(contacts.at, axis=1).max())
-    one = _element(contacts, np.zeros(6), length, (0,), f"{_POINTS}; rigid rail and carriage")
+    one = _element(
+        contacts, np.zeros(6), length, (0,), f"{_POINTS}; rigid rail and carriage"
+    )
     return replace(one, stiffness=_on_rails(one.stiffness, rails, carriages))
 
 
 def guide_of_sheet(
-    diagonal: Sequence[float], rails: tuple[int, float], carriages: tuple[int, float], source: str
+    diagonal: Sequence[float],
+    rails: tuple[int, float],
+    carriages: tuple[int, float],
+    source: str,
 ) -> MachineElement:
     """Compute a guide from carriage stiffnesses (6,): 0 along x, then y, z, and about x, y, z.
 
@@ -257,7 +318,9 @@ def guide_of_sheet(
     return MachineElement(_on_rails(np.diag(diagonal), rails, carriages), (0,), source)
 
 
-def of_sheet(radial: float, axial: float, tilting: float, source: str) -> MachineElement:
+def of_sheet(
+    radial: float, axial: float, tilting: float, source: str
+) -> MachineElement:
     """Create a rotary bearing from stiffnesses, N/m, N/m, N·m/rad; 0 is free, as is its axis.
 
     Parameters
@@ -292,9 +355,15 @@ def at_load(stiffness: float, known: float, load: float, exponent: float) -> flo
 
 
 def ball_screw(
-    diameter: float, length: float, nut: float, support: float, *,
-    both_ends: bool = False, lead: float = 0.0, material: tuple[float, float] = STEEL,
-) -> MachineElement:  # fmt: skip
+    diameter: float,
+    length: float,
+    nut: float,
+    support: float,
+    *,
+    both_ends: bool = False,
+    lead: float = 0.0,
+    material: tuple[float, float] = STEEL,
+) -> MachineElement:
     """Compute a ball screw along x, free in all other directions: shaft, nut and support in series.
 
     Parameters
@@ -312,18 +381,23 @@ def ball_screw(
         Young's modulus (Pa) and Poisson's ratio of the shaft.
     """
     e, poisson = material
-    area, polar = np.pi * diameter**2 / 4.0, np.pi * diameter**4 / 32.0
+    area = np.pi * diameter**2 / 4.0
+    polar = np.pi * diameter**4 / 32.0
     ends, reach = (2.0, length / 2.0) if both_ends else (1.0, length)
     chain = (reach / (e * area) + 1.0 / support) / ends + 1.0 / nut
     if lead:
-        chain += (lead / (2.0 * np.pi)) ** 2 * reach / (e / (2.0 * (1.0 + poisson)) * polar)
+        chain += (
+            (lead / (2.0 * np.pi)) ** 2 * reach / (e / (2.0 * (1.0 + poisson)) * polar)
+        )
     k = np.zeros((6, 6))
     k[0, 0] = 1.0 / chain
     source = f"springs in series: E A / L of the shaft, nut, support{', twist of the shaft' * bool(lead)}"
     return MachineElement(k, (1, 2, 3, 4, 5), source)
 
 
-def _on_rails(one: Array, rails: tuple[int, float], carriages: tuple[int, float]) -> Array:
+def _on_rails(
+    one: Array, rails: tuple[int, float], carriages: tuple[int, float]
+) -> Array:
     """Add the carriages' stiffnesses at their middle; rails spread along y, carriages along x."""
     out = np.zeros((6, 6))
     for y in (np.arange(rails[0]) - (rails[0] - 1) / 2.0) * rails[1]:
@@ -337,22 +411,31 @@ def _circle(count: int) -> tuple[Array, Array]:
     """Return radial and circumferential directions (k, 3) of elements around x, the first on y."""
     turn = 2.0 * np.pi * np.arange(count) / count
     none = np.zeros(count)
-    radial, around = ((none, np.cos(turn), np.sin(turn)), (none, -np.sin(turn), np.cos(turn)))
+    radial = (none, np.cos(turn), np.sin(turn))
+    around = (none, -np.sin(turn), np.cos(turn))
     return np.stack(radial, axis=1), np.stack(around, axis=1)
 
 
-def _element(contacts: Contacts, wrench: Array, length: float, free: tuple[int, ...], source: str) -> MachineElement:
+def _element(
+    contacts: Contacts, wrench: Array, length: float, free: tuple[int, ...], source: str
+) -> MachineElement:
     twist = settle(contacts, wrench, length)
     along, pressed, loads, _ = contacts.state(twist)
     if not pressed.any():
-        raise InputError("load: expected a preload, a load or an interference, got no loaded element")
+        raise InputError(
+            "load: expected a preload, a load or an interference, got no loaded element"
+        )
     if pressed.max() > _MOST_PRESSED * length:
         most = 1e3 * pressed.max()
-        raise InputError(f"load: expected elastic contacts, got elements pressed together by {most:.3g} mm")
+        raise InputError(
+            f"load: expected elastic contacts, got elements pressed together by {most:.3g} mm"
+        )
     stiffness = contacts.stiffness(twist)
     stiffness[list(free)] = 0.0
     stiffness[:, list(free)] = 0.0
     size = np.sqrt(np.diagonal(stiffness))
     stiffness[np.abs(stiffness) < _ROUNDED * np.outer(size, size)] = 0.0
     notes = () if (pressed > 0.0).all() else (_FEW_LOADED,)
-    return MachineElement(stiffness, free, source, twist, loads, np.arcsin(along[:, 0]), notes)
+    return MachineElement(
+        stiffness, free, source, twist, loads, np.arcsin(along[:, 0]), notes
+    )

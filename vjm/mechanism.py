@@ -16,7 +16,15 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.runtime.brief import describe_briefly
-from stiffscope.vjm.checks import BASE, GROUND, TOOL, assign, check_compliance, check_vector, spell_name
+from stiffscope.vjm.checks import (
+    BASE,
+    GROUND,
+    TOOL,
+    assign,
+    check_compliance,
+    check_vector,
+    spell_name,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -46,7 +54,9 @@ class Tool:
         pose = tuple(self.pose)
         if not pose or len(set(pose)) < len(pose) or not set(pose) <= set(COORDINATES):
             known = ", ".join(COORDINATES)
-            raise InputError(f"tool.pose: expected some of {known}, each once, got {list(pose)}")
+            raise InputError(
+                f"tool.pose: expected some of {known}, each once, got {list(pose)}"
+            )
         assign(self, "pose", pose)
 
     @cached_property
@@ -103,21 +113,29 @@ class Mechanism:
     def __post_init__(self) -> None:
         assign(self, "bodies", tuple(self.bodies))
         assign(self, "joints", tuple(self.joints))
-        assign(self, "gravity", check_vector(self.gravity, "gravity", "an acceleration in m/s²"))
+        assign(
+            self,
+            "gravity",
+            check_vector(self.gravity, "gravity", "an acceleration in m/s²"),
+        )
         seen: dict[str, str] = {}
         for here, name in [
             *((spell_name("bodies", b.name), b.name) for b in self.bodies),
             *((spell_name("joints", j.name), j.name) for j in self.joints),
         ]:
             if name in seen:
-                raise InputError(f"{here}: expected a name of its own, got that of {seen[name]}")
+                raise InputError(
+                    f"{here}: expected a name of its own, got that of {seen[name]}"
+                )
             seen[name] = here
         for j in self.joints:
             for node in (j.first, j.second):
                 self._check_node(node, f"{spell_name('joints', j.name)}.between")
             if self.carrier(j.first) == self.carrier(j.second):
                 here = f"{spell_name('joints', j.name)}.between"
-                raise InputError(f"{here}: expected two bodies, got {j.first} and {j.second}")
+                raise InputError(
+                    f"{here}: expected two bodies, got {j.first} and {j.second}"
+                )
         if self.tool.body == GROUND:
             raise InputError("tool.body: expected a body that moves, got ground")
         self._check_node(self.tool.body, "tool.body")
@@ -128,24 +146,40 @@ class Mechanism:
             return
         ends = next((" or ".join(b.nodes) for b in self.bodies if b.name == node), None)
         if ends is not None:
-            raise InputError(f"{here}: expected an end of the elastic body, {ends}, got {node!r}")
+            raise InputError(
+                f"{here}: expected an end of the elastic body, {ends}, got {node!r}"
+            )
         known = ", ".join(self._carriers)
-        raise InputError(f"{here}: expected a body or an end of one ({known}), got {node!r}")
+        raise InputError(
+            f"{here}: expected a body or an end of one ({known}), got {node!r}"
+        )
 
     def _check_connected(self) -> None:
-        reached, grown = {GROUND}, True
+        reached = {GROUND}
+        grown = True
         pairs = [(self.carrier(j.first), self.carrier(j.second)) for j in self.joints]
         while grown:
             more = {b for pair in pairs for b in pair if reached & set(pair)} - reached
             reached |= more
             grown = bool(more)
-        here = next((spell_name("bodies", b.name) for b in self.bodies if b.name not in reached), None)
+        here = next(
+            (
+                spell_name("bodies", b.name)
+                for b in self.bodies
+                if b.name not in reached
+            ),
+            None,
+        )
         if here is not None:
-            raise InputError(f"{here}: expected joints that connect it with the ground, got none")
+            raise InputError(
+                f"{here}: expected joints that connect it with the ground, got none"
+            )
 
     @cached_property
     def _carriers(self) -> dict[str, str]:
-        return {GROUND: GROUND} | {node: body.name for body in self.bodies for node in body.nodes}
+        return {GROUND: GROUND} | {
+            node: body.name for body in self.bodies for node in body.nodes
+        }
 
     def carrier(self, node: str) -> str:
         """Return the name of a node's body."""
@@ -157,7 +191,9 @@ class Mechanism:
 
     @cached_property
     def _rows(self) -> dict[str, tuple[str, ...]]:
-        return {body.name: body.nodes[1:] for body in self.bodies if len(body.nodes) > 2}
+        return {
+            body.name: body.nodes[1:] for body in self.bodies if len(body.nodes) > 2
+        }
 
     def body(self, name: str) -> Body:
         """Return the body with this name."""
@@ -185,11 +221,16 @@ class Mechanism:
         """
         unknown = sorted(set(changes) - set(self.elements))
         if unknown:
-            raise InputError(f"no element {unknown[0]!r}; it has {', '.join(self.elements)}")
-        bodies, joints = list(self.bodies), list(self.joints)
+            raise InputError(
+                f"no element {unknown[0]!r}; it has {', '.join(self.elements)}"
+            )
+        bodies = list(self.bodies)
+        joints = list(self.joints)
         for k, body in enumerate(bodies):
             if body.name in changes and body.elastic is not None:
-                bodies[k] = replace(body, elastic=_apply_change(body.elastic, changes[body.name]))
+                bodies[k] = replace(
+                    body, elastic=_apply_change(body.elastic, changes[body.name])
+                )
         for k, joint in enumerate(joints):
             if joint.name in changes:
                 joints[k] = _apply_change(joint, changes[joint.name])
@@ -201,7 +242,12 @@ class Mechanism:
             if change.compliance is not None:
                 check_compliance(change.compliance, name, semidefinite=True)
         out = copy.copy(self)  # names and connections are already checked
-        values = {"bodies": tuple(bodies), "joints": tuple(joints), "base": base, "grip": grip}
+        values = {
+            "bodies": tuple(bodies),
+            "joints": tuple(joints),
+            "base": base,
+            "grip": grip,
+        }
         for name, value in values.items():
             assign(out, name, value)
         return out
@@ -210,7 +256,8 @@ class Mechanism:
 def _apply_change(element: Any, change: Change) -> Any:
     new: dict[str, Any] = {}
     for key in ("compliance", "offset", "astray"):
-        now, more = getattr(element, key, None), getattr(change, key)
+        now = getattr(element, key, None)
+        more = getattr(change, key)
         if more is not None:
             new[key] = more if now is None else now + more
     if change.spring:

@@ -43,7 +43,8 @@ if TYPE_CHECKING:
     from stiffscope.vjm.subspaces import Direction
 
 NEAR = 1e-4  # relative singular value below which a direction is nearly free
-_TOGETHER, _MANY = 3, 1000  # loops that are searched jointly, and their combinations
+_TOGETHER = 3
+_MANY = 1000  # loops that are searched jointly, and their combinations
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +62,7 @@ class Redundancy:
     directions: tuple[Direction, ...]
 
     def __str__(self) -> str:
-        many = f"{self.count} redundant constraint{'s' * (self.count > 1)}"
+        many = f"{self.count} redundant constraint{('s' if self.count > 1 else '')}"
         if self.loops == 1:
             which = ", ".join(map(str, self.directions))
             return f"the loop through {list_names(self.bodies)} has {many}: {which}"
@@ -79,12 +80,15 @@ class Idle:
     """Motion of the bodies if it is a single one that all share."""
 
     def __str__(self) -> str:
-        who, where = list_names(self.bodies), list_names(self.joints)
+        who = list_names(self.bodies)
+        where = list_names(self.joints)
         one = len(self.bodies) == 1
         if self.direction is None:
             ways = "" if self.count == 1 else f" in {self.count} independent ways"
             return f"{who} move{'s' * one} idly{ways} in {where}"
-        verb = {"rotation": "spin", "translation": "slide", "screw": "screw"}[self.direction.kind]
+        verb = {"rotation": "spin", "translation": "slide", "screw": "screw"}[
+            self.direction.kind
+        ]
         return f"{who} {verb}{'s' * one} {'between' if len(self.joints) == 2 else 'in'} {where}"
 
 
@@ -151,7 +155,9 @@ class Mobility:
         return sum(i.count for i in self.idle)
 
 
-def mobility(mechanism: Mechanism, configurations: Configurations | None = None, index: int = 0) -> Mobility:
+def mobility(
+    mechanism: Mechanism, configurations: Configurations | None = None, index: int = 0
+) -> Mobility:
     """Return the mobility at home, or at one of given configurations, which must be valid.
 
     Parameters
@@ -170,8 +176,14 @@ def mobility(mechanism: Mechanism, configurations: Configurations | None = None,
     whole = np.vstack(equations) if equations else np.zeros((0, size))
     left, values, motions = split_spaces(whole)
     starts = enumerate(rates.starts[:-1].tolist())
-    driven = [at + (rates.joints[k].driven or 0) for k, at in starts if rates.joints[k].drive]
-    springs = [unit[rates.columns(k)] for k, j in enumerate(rates.joints) if j.spring is not None]
+    driven = [
+        at + (rates.joints[k].driven or 0) for k, at in starts if rates.joints[k].drive
+    ]
+    springs = [
+        unit[rates.columns(k)]
+        for k, j in enumerate(rates.joints)
+        if j.spring is not None
+    ]
     drives = unit[np.array(driven, dtype=int)]
     to_tool = shift((rates.tool - rates.middle) / rates.length)
     tool = to_tool @ rates.of_body(mechanism.carrier(mechanism.tool.body))
@@ -188,7 +200,9 @@ def mobility(mechanism: Mechanism, configurations: Configurations | None = None,
         _redundancies(rates, equations, left),
         _idle(rates, idle),
         *values,
-        _measure_conditioning((tool @ motions)[mechanism.tool.commanded_axes], drives @ motions),
+        _measure_conditioning(
+            (tool @ motions)[mechanism.tool.commanded_axes], drives @ motions
+        ),
     )
 
 
@@ -207,7 +221,9 @@ def _find_dependent(rates: JointRates, drives: Array) -> tuple[int, tuple[str, .
     left = null_space(drives.T)
     names = [j.name for j in rates.mechanism.drives]
     taking = np.linalg.norm(left, axis=1) > ZERO
-    return left.shape[1], tuple(name for name, part in zip(names, taking, strict=True) if part)
+    return left.shape[1], tuple(
+        name for name, part in zip(names, taking, strict=True) if part
+    )
 
 
 def _twists(rates: JointRates, twists: Array) -> tuple[Direction, ...]:
@@ -221,7 +237,9 @@ def _coordinates(rates: JointRates, tool: Array) -> dict[str, str]:
     pose = rates.mechanism.tool.pose
     out: dict[str, str] = {}
     taken: Array = np.zeros((0, tool.shape[1]))
-    for name in sorted(COORDINATES, key=lambda each: (each not in pose, COORDINATES.index(each))):
+    for name in sorted(
+        COORDINATES, key=lambda each: (each not in pose, COORDINATES.index(each))
+    ):
         row = tool[COORDINATES.index(name)]
         more = np.vstack([taken, row])
         fresh = rank(more) > rank(taken) and np.linalg.norm(row) > RANK
@@ -248,7 +266,9 @@ def _measure_conditioning(pose: Array, drives: Array) -> float | None:
     return float(values[-1] / values[0])
 
 
-def _redundancies(rates: JointRates, equations: list[Array], left: Array) -> tuple[Redundancy, ...]:
+def _redundancies(
+    rates: JointRates, equations: list[Array], left: Array
+) -> tuple[Redundancy, ...]:
     """Split the left null space (6 loops, r): single loops first, then few, then many together."""
     out: list[Redundancy] = []
     known = np.zeros((len(left), 0))
@@ -271,7 +291,11 @@ def _redundancies(rates: JointRates, equations: list[Array], left: Array) -> tup
 def _redundancy(rates: JointRates, group: Sequence[int], wrenches: Array) -> Redundancy:
     loops = [rates.loops[k] for k in group]
     names = rates.names(dict.fromkeys(j for loop in loops for j, _ in loop))
-    own = wrenches[6 * group[0] : 6 * group[0] + 6] if len(group) == 1 else np.zeros((6, 0))
+    own = (
+        wrenches[6 * group[0] : 6 * group[0] + 6]
+        if len(group) == 1
+        else np.zeros((6, 0))
+    )
     directions = tuple(name_directions(own, "translation", "rotation", rates.length))
     bodies = tuple(dict.fromkeys(name for loop in loops for name in rates.bodies(loop)))
     if len(loops) > 1:
@@ -304,8 +328,12 @@ def _idle(rates: JointRates, idle: Array) -> tuple[Idle, ...]:
         for j in group:
             own[rates.columns(j)] = idle[rates.columns(j)]
         motion = range_space(own)
-        twists = {b.name: rates.of_body(b.name) @ motion for b in rates.mechanism.bodies}
-        moving = {name: t for name, t in twists.items() if np.abs(t).max(initial=0.0) > ZERO}
+        twists = {
+            b.name: rates.of_body(b.name) @ motion for b in rates.mechanism.bodies
+        }
+        moving = {
+            name: t for name, t in twists.items() if np.abs(t).max(initial=0.0) > ZERO
+        }
         together = range_space(np.hstack(list(moving.values())))
         single = count == 1 and together.shape[1] == 1
         direction = _twists(rates, together)[0] if single else None

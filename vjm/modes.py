@@ -35,15 +35,22 @@ if TYPE_CHECKING:
     from stiffscope.vjm.pencil import Drives, Pencil
     from stiffscope.vjm.screws import Array
 
-    _Solved: TypeAlias = "tuple[_Part, NDArray[np.intp]]"  # with the indices of its poses
+    _Solved: TypeAlias = (
+        "tuple[_Part, NDArray[np.intp]]"  # with the indices of its poses
+    )
 
 _CHUNK = 256  # poses
 _FEW = 4  # poses, up to which each is solved in full
-_FREE = 1e-9  # of the shift: squared angular frequency of a free motion, beyond rounding
+_FREE = (
+    1e-9  # of the shift: squared angular frequency of a free motion, beyond rounding
+)
 _IDLE = 1e-6  # of a free motion's size: motion of tool and drives taken as zero
 _GUARDS = 6  # additional iteration vectors, from modes and random
-_ROUNDS, _POWERS = 20, 4
-_CONVERGED = 1e-11  # change of μ relative to the largest; frequencies are far more accurate
+_ROUNDS = 20
+_POWERS = 4
+_CONVERGED = (
+    1e-11  # change of μ relative to the largest; frequencies are far more accurate
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -76,13 +83,21 @@ class Modes(Labelled):
             "frequency": (("pose", "mode"), self.frequencies, "Hz"),
             "error": (("pose", "mode"), self.error, "Hz"),
             "tool": (("pose", "twist", "mode"), self.tool, "m/√kg, rad/√kg"),
-            "share": (("element", "pose", "mode"), np.array(list(self.energy.values())), "1"),
+            "share": (
+                ("element", "pose", "mode"),
+                np.array(list(self.energy.values())),
+                "1",
+            ),
         }
         modes = range(1, self.frequencies.shape[1] + 1)
-        return make_dataset(self.configurations, variables, element=list(self.energy), mode=modes)
+        return make_dataset(
+            self.configurations, variables, element=list(self.energy), mode=modes
+        )
 
 
-def modes(mechanism: Mechanism, poses: Poses, count: int = 6, *, drives: Drives = "held") -> Modes:
+def modes(
+    mechanism: Mechanism, poses: Poses, count: int = 6, *, drives: Drives = "held"
+) -> Modes:
     """Compute the lowest modes at tool poses (n, k) or configurations: bounds, shapes, energies.
 
     Parameters
@@ -125,16 +140,21 @@ def modes(mechanism: Mechanism, poses: Poses, count: int = 6, *, drives: Drives 
     remarks: dict[str, None] = {}
     for part, some in _solve_chunks(mechanism, found, count, drives, remarks):
         c = part.squares.shape[1]
-        out.frequencies[some, :c], out.error[some, :c] = part.frequencies, part.error
+        out.frequencies[some, :c] = part.frequencies
+        out.error[some, :c] = part.error
         out.internal[some, :c] = part.internal
         for into, each in ((out.shapes, part.shapes), (out.energy, part.energy)):
             for name, values in each.items():
-                whole = into.setdefault(name, np.full((n, *values.shape[1:-1], count), np.nan))
+                whole = into.setdefault(
+                    name, np.full((n, *values.shape[1:-1], count), np.nan)
+                )
                 whole[some, ..., :c] = values
     return replace(out, remarks=tuple(remarks))
 
 
-def frequencies(mechanism: Mechanism, poses: Poses, count: int = 6, *, drives: Drives = "held") -> Array:
+def frequencies(
+    mechanism: Mechanism, poses: Poses, count: int = 6, *, drives: Drives = "held"
+) -> Array:
     """Return only the natural frequencies (n, c) of ``modes`` in Hz, for maps and forward models.
 
     Parameters
@@ -151,7 +171,9 @@ def frequencies(mechanism: Mechanism, poses: Poses, count: int = 6, *, drives: D
 
 def _configure(mechanism: Mechanism, poses: Poses, count: object) -> Configurations:
     if not (isinstance(count, int | np.integer) and count >= 1):
-        raise InputError(f"count: expected at least 1 mode, a whole number, got {count!r}")
+        raise InputError(
+            f"count: expected at least 1 mode, a whole number, got {count!r}"
+        )
     return configure(mechanism, poses)
 
 
@@ -172,22 +194,36 @@ class _Part:
     def shapes(self) -> dict[str, Array]:
         """Node twists (n, 6, c)."""
         twists = self.pencil.system.twists
-        return {node: twists[node].apply_to(self.vectors) for node in twists if node != GROUND}
+        return {
+            node: twists[node].apply_to(self.vectors)
+            for node in twists
+            if node != GROUND
+        }
 
     @cached_property
     def energy(self) -> dict[str, Array]:
         """Share (n, c) of each element in the strain energy; zero for a free motion."""
-        return {name: self._share(rows) for name, rows in self.pencil.system.strains.items()}
+        return {
+            name: self._share(rows) for name, rows in self.pencil.system.strains.items()
+        }
 
     @cached_property
     def internal(self) -> Array:
         """Share (n, c) of the parts' internal modes in the strain energy."""
-        bodies = [b.name for b in self.pencil.system.mechanism.bodies if b.elastic is not None]
-        inner = [rows[1:] for name, rows in self.pencil.system.strains.items() if name in bodies]
+        bodies = [
+            b.name for b in self.pencil.system.mechanism.bodies if b.elastic is not None
+        ]
+        inner = [
+            rows[1:]
+            for name, rows in self.pencil.system.strains.items()
+            if name in bodies
+        ]
         return sum(map(self._share, inner), np.zeros(self.squares.shape))
 
     def _share(self, rows: Iterable[Rows]) -> Array:
-        return sum_squares(rows, self.vectors) / np.where(self.squares > 0.0, self.squares, np.inf)
+        return sum_squares(rows, self.vectors) / np.where(
+            self.squares > 0.0, self.squares, np.inf
+        )
 
     @cached_property
     def error(self) -> Array:
@@ -209,20 +245,31 @@ class _Part:
             inner = body.elastic.dynamics
             if inner is not None and inner.error is not None and len(inner.squares):
                 strained = np.abs(system.strains[body.name][-1].apply_to(self.vectors))
-                mixed = mixed + strained.mT @ ((inner.error / inner.squares)[:, None] * strained)
+                mixed = mixed + strained.mT @ (
+                    (inner.error / inner.squares)[:, None] * strained
+                )
         own = np.einsum("nii->ni", mixed)
         apart = np.abs(self.squares[:, :, None] - self.squares[:, None])
-        bound = np.where(apart <= own[:, :, None] + own[:, None], mixed, 0.0).sum(axis=2)
-        lowest = np.sqrt(np.maximum(self.squares - bound, 0.0)) / (2.0 * np.pi)  # the larger side
+        bound = np.where(apart <= own[:, :, None] + own[:, None], mixed, 0.0).sum(
+            axis=2
+        )
+        lowest = np.sqrt(np.maximum(self.squares - bound, 0.0)) / (
+            2.0 * np.pi
+        )  # the larger side
         return np.where(self.squares > 0.0, self.frequencies - lowest, 0.0)
 
 
 def _solve_chunks(
-    mechanism: Mechanism, found: Configurations, count: int, drives: Drives, remarks: dict[str, None]
+    mechanism: Mechanism,
+    found: Configurations,
+    count: int,
+    drives: Drives,
+    remarks: dict[str, None],
 ) -> Iterator[_Solved]:
     """Yield the modes of all reachable poses in chunks; add ``remarks`` on what is left out."""
     reached = np.flatnonzero(found.valid)
-    most, massless = 0, False
+    most = 0
+    massless = False
     for start in range(0, len(reached), _CHUNK):
         chunk = reached[start : start + _CHUNK]
         for pencil, some in form_pencils(mechanism, found[chunk], drives):
@@ -250,17 +297,28 @@ def _check_empty(pencil: Pencil) -> bool:
     _, values, turned = np.linalg.svd(_move_tool_and_drives(system, vectors)[0])
     seen = turned[: (values > _IDLE).sum()].T
     if seen.shape[1]:
-        free, bodies = vectors @ seen, system.mechanism.bodies
-        size = {b.name: np.abs(system.twists[b.nodes[-1]].apply_to(free)).max() for b in bodies}
+        free = vectors @ seen
+        bodies = system.mechanism.bodies
+        size = {
+            b.name: np.abs(system.twists[b.nodes[-1]].apply_to(free)).max()
+            for b in bodies
+        }
         least = _IDLE * max(size.values())
-        moving = list_names([spell_name("bodies", name) for name in size if size[name] > least])
-        raise InputError(f"{moving}: expected a mass and inertia to move freely, got none")
+        moving = list_names(
+            [spell_name("bodies", name) for name in size if size[name] > least]
+        )
+        raise InputError(
+            f"{moving}: expected a mass and inertia to move freely, got none"
+        )
     return True
 
 
 def _move_tool_and_drives(system: Coordinates, vectors: Array) -> Array:
     """Return the motion (n, 6 + drives, c) of tool and free drives, in relative lengths."""
-    tool = system.twists[END].apply_to(vectors) / np.repeat([system.length, 1.0], 3)[:, None]
+    tool = (
+        system.twists[END].apply_to(vectors)
+        / np.repeat([system.length, 1.0], 3)[:, None]
+    )
     return np.concatenate([tool, *(r.apply_to(vectors) for r in system.rates)], axis=1)
 
 
@@ -268,18 +326,26 @@ def _drop_idle(part: _Part, count: int) -> tuple[_Part, bool]:
     """Remove free motions that move neither tool nor drives; return whether there were any."""
     free = (part.squares == 0.0).sum(axis=1)
     if not free.any():
-        return _Part(part.pencil, part.squares[:, :count], part.vectors[..., :count]), False
-    squares, vectors = np.full_like(part.squares, np.nan), np.full_like(part.vectors, np.nan)
-    most, idle = 0, False
+        return _Part(
+            part.pencil, part.squares[:, :count], part.vectors[..., :count]
+        ), False
+    squares = np.full_like(part.squares, np.nan)
+    vectors = np.full_like(part.vectors, np.nan)
+    most = 0
+    idle = False
     useful = _move_tool_and_drives(part.pencil.system, part.vectors)
     for k, zeros in enumerate(free):
         _, values, turned = np.linalg.svd(useful[k, :, :zeros])
         kept = int((values > _IDLE * np.abs(useful[k]).max()).sum())
-        all_of = [part.vectors[k, :, :zeros] @ turned[:kept].T, part.vectors[k, :, zeros:]]
+        all_of = [
+            part.vectors[k, :, :zeros] @ turned[:kept].T,
+            part.vectors[k, :, zeros:],
+        ]
         c = kept + part.squares.shape[1] - zeros
         squares[k, :c] = np.concatenate([np.zeros(kept), part.squares[k, zeros:]])
         vectors[k, :, :c] = np.hstack(all_of)
-        most, idle = max(most, c), idle or kept < zeros
+        most = max(most, c)
+        idle = idle or kept < zeros
     most = min(most, count)
     return _Part(part.pencil, squares[:, :most], vectors[..., :most]), idle
 
@@ -290,7 +356,14 @@ def _idle_text(mechanism: Mechanism, found: Configurations, index: int) -> str:
     return f"left out, as without stiffness: {known or 'a free motion'}"
 
 
-def _say_few(mechanism: Mechanism, most: int, count: int, remarks: dict[str, None], *, massless: bool) -> None:
+def _say_few(
+    mechanism: Mechanism,
+    most: int,
+    count: int,
+    remarks: dict[str, None],
+    *,
+    massless: bool,
+) -> None:
     """Add a remark on why there are fewer modes than requested. InputError if there is none."""
     few = f"{most} modes, not {count}: all else is rigid"
     if most and not massless:
@@ -299,11 +372,15 @@ def _say_few(mechanism: Mechanism, most: int, count: int, remarks: dict[str, Non
     lacking: dict[str, list[str]] = {"mass": [], "inertia": []}
     for b in mechanism.bodies:
         if b.inertia is None and (b.elastic is None or b.elastic.dynamics is None):
-            lacking["inertia" if b.mass else "mass"].append(spell_name("bodies", b.name))
+            lacking["inertia" if b.mass else "mass"].append(
+                spell_name("bodies", b.name)
+            )
     if most == 0:
         bare = list_names(lacking["mass"] or ["bodies"])
         raise InputError(f"{bare}: expected a mass on a body that can move, got none")
-    why = "; ".join(f"without {what}: {list_names(who)}" for what, who in lacking.items() if who)
+    why = "; ".join(
+        f"without {what}: {list_names(who)}" for what, who in lacking.items() if who
+    )
     remarks[f"{few} or has no inertia{why and f' ({why})'}"] = None
 
 
@@ -330,17 +407,27 @@ def _solve(pencil: Pencil, count: int) -> Iterator[_Solved]:
     vectors, good = _iterate_subspace(pencil, matrix, begin, wanted)
     if good.any():
         some = everything[good]
-        yield _normalize(pencil if good.all() else pencil.some(some), vectors[good], pencil), some
+        yield (
+            _normalize(
+                pencil if good.all() else pencil.some(some), vectors[good], pencil
+            ),
+            some,
+        )
     if not good.all():
         yield from _solve_densely(pencil.some(everything[~good]), everything[~good])
 
 
-def _iterate_subspace(pencil: Pencil, matrix: Array, begin: Array, wanted: int) -> tuple[Array, NDArray[np.bool_]]:
+def _iterate_subspace(
+    pencil: Pencil, matrix: Array, begin: Array, wanted: int
+) -> tuple[Array, NDArray[np.bool_]]:
     """Iterate a subspace to the lowest modes (n, d, wanted), scaled units; return convergence."""
-    n, d = len(matrix), matrix.shape[-1]
+    n = len(matrix)
+    d = matrix.shape[-1]
     mass = pencil.mass * np.outer(pencil.scale, pencil.scale)
     step = np.linalg.inv(matrix) @ mass
-    chance = np.random.default_rng(0).normal(size=(d, wanted + _GUARDS - begin.shape[1]))
+    chance = np.random.default_rng(0).normal(
+        size=(d, wanted + _GUARDS - begin.shape[1])
+    )
     x = np.broadcast_to(np.hstack([begin, chance]), (n, d, wanted + _GUARDS))
     now: Array = np.zeros((n, wanted))
     done: NDArray[np.bool_] = np.zeros(n, dtype=bool)
@@ -351,8 +438,11 @@ def _iterate_subspace(pencil: Pencil, matrix: Array, begin: Array, wanted: int) 
         half = half_inverse(x.mT @ matrix @ x, 1e-13)
         values, turned = np.linalg.eigh(half @ (x.mT @ mass @ x) @ half.mT)
         x = x @ (half.mT @ turned[..., ::-1])
-        before, now = now, values[:, ::-1][:, :wanted]
-        done = np.all((np.abs(now - before) <= _CONVERGED * now[:, :1]) & (now > 0.0), axis=1)
+        before = now
+        now = values[:, ::-1][:, :wanted]
+        done = np.all(
+            (np.abs(now - before) <= _CONVERGED * now[:, :1]) & (now > 0.0), axis=1
+        )
         if done.all():
             break
     return x[..., :wanted], done

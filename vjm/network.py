@@ -34,7 +34,11 @@ if TYPE_CHECKING:
 FOOT = "<base>"  # node on the base
 END = "<tool>"  # node at M
 _NOTHING = np.zeros((1, 6, 0))
-_STEADY = ("fixed", "prismatic", "spherical")  # kinds whose free directions keep to the first body
+_STEADY = (
+    "fixed",
+    "prismatic",
+    "spherical",
+)  # kinds whose free directions keep to the first body
 _SEVERAL = 5  # elements from which it is faster to find their adjoints at once
 
 
@@ -100,7 +104,9 @@ class Places:
 
     known: dict[str, Array] = field(default_factory=dict[Any, Any], init=False)
     """Cached adjoints of elements."""
-    seen: dict[str, tuple[Element, Array, Array]] = field(default_factory=dict[Any, Any], init=False)
+    seen: dict[str, tuple[Element, Array, Array]] = field(
+        default_factory=dict[Any, Any], init=False
+    )
     """Elements with their cached columns."""
 
     def some(self, mask: NDArray[np.bool_] | NDArray[np.intp]) -> Places:
@@ -119,8 +125,12 @@ class Places:
             out[mask] = b
             return out
 
-        rotation = {node: put(r, others.rotation[node]) for node, r in self.rotation.items()}
-        position = {node: put(p, others.position[node]) for node, p in self.position.items()}
+        rotation = {
+            node: put(r, others.rotation[node]) for node, r in self.rotation.items()
+        }
+        position = {
+            node: put(p, others.position[node]) for node, p in self.position.items()
+        }
         return Places(rotation, position, put(self.tool, others.tool), self.rigid)
 
     def frame(self, element: Element) -> Frame:
@@ -130,7 +140,9 @@ class Places:
 
     def axes(self, node: str, home: Array) -> Array:
         """Return axes (n or 1, 3, 3), as columns, that are fixed to a node's body."""
-        return (self.rotation[node].reshape(-1, 3) @ home).reshape(-1, 3, 3)  # one product, not n
+        return (self.rotation[node].reshape(-1, 3) @ home).reshape(
+            -1, 3, 3
+        )  # one product, not n
 
     def turn(self, element: Element, axes: Array) -> Array:
         """Rotation (n or 1, 3, 3) of an element's second node against its first, in given axes."""
@@ -144,21 +156,27 @@ class Places:
 
     def look_at(self, elements: Sequence[Element]) -> None:
         """Find the adjoints of elements at once: for few poses call overhead dominates."""
-        n, new = len(self.tool), [e for e in elements if e.name not in self.known]
+        n = len(self.tool)
+        new = [e for e in elements if e.name not in self.known]
         nodes = {node for e in new for node in (e.carrier, e.second)}
         if len(new) < _SEVERAL or any(len(self.rotation[node]) < n for node in nodes):
             return
         turns = {node: self.rotation[node] for node in nodes}
-        axes, at = np.array([e.axes for e in new]), np.array([e.at for e in new])
+        axes = np.array([e.axes for e in new])
+        at = np.array([e.at for e in new])
         rotation = np.array([turns[e.carrier] for e in new]) @ axes[:, None]
         ends = np.array([turns[e.second] for e in new]) @ at[:, None, :, None]
         place = ends[..., 0] + [self.position[e.second] for e in new] - self.tool
-        self.known.update(zip((e.name for e in new), Frame(rotation, place).adjoint(), strict=True))
+        self.known.update(
+            zip((e.name for e in new), Frame(rotation, place).adjoint(), strict=True)
+        )
 
     def columns(self, element: Element) -> tuple[Array, Array]:
         """Return factor (n or 1, 6, r) and free directions (n or 1, 6, k) at M in base axes."""
         known, factor, free = self.seen.get(element.name, (None, _NOTHING, _NOTHING))
-        if known is not element:  # a robot of the same geometry has another element of this name
+        if (
+            known is not element
+        ):  # a robot of the same geometry has another element of this name
             factor = free = _NOTHING
             if element.factor.size:
                 factor = self.adjoint(element) @ self.factor(element)
@@ -178,7 +196,9 @@ class Places:
             return element.factor[None]
         axes = euler_axes(self.turn(element, element.axes))
         out = np.repeat(element.factor[None], len(axes), axis=0)
-        out[:, 3:] = (axes.reshape(-1, 3) @ element.factor[3:]).reshape(len(axes), 3, -1)
+        out[:, 3:] = (axes.reshape(-1, 3) @ element.factor[3:]).reshape(
+            len(axes), 3, -1
+        )
         return out
 
     def _spring_factor(self, element: Element, joint: Joint) -> Array:
@@ -201,7 +221,9 @@ class Places:
 
     def point(self, node: str, home: Array) -> Array:
         """Return the base coordinates (n or 1, 3) of a point (3,) of a node's body."""
-        return (self.rotation[node].reshape(-1, 3) @ home).reshape(-1, 3) + self.position[node]
+        return (self.rotation[node].reshape(-1, 3) @ home).reshape(
+            -1, 3
+        ) + self.position[node]
 
     def wrenches(self, node: str, home: Array) -> Array:
         """Wrenches (n or 1, 6, 6) at M for unit wrenches at a point of a node's body, base axes."""
@@ -213,18 +235,27 @@ def list_elements(mechanism: Mechanism) -> tuple[Element, ...]:
     origin = np.zeros(3)
     out = [_change(BASE, GROUND, FOOT, origin, mechanism.base)]
     for j in mechanism.joints:
-        first, second = (FOOT if node == GROUND else node for node in (j.first, j.second))
+        first, second = (
+            FOOT if node == GROUND else node for node in (j.first, j.second)
+        )
         out.append(_joint(j, first, second))
     for body in mechanism.bodies:
         if body.elastic is not None:
             out += _body(body.name, body.nodes, body.elastic)
-    out.append(_change(TOOL, mechanism.tool.body, END, mechanism.tool.at, mechanism.grip))
+    out.append(
+        _change(TOOL, mechanism.tool.body, END, mechanism.tool.at, mechanism.grip)
+    )
     return tuple(out)
 
 
 def list_nodes(mechanism: Mechanism) -> tuple[str, ...]:
     """Return all nodes, the ground first and the tool last."""
-    return (GROUND, FOOT, *(node for body in mechanism.bodies for node in body.nodes), END)
+    return (
+        GROUND,
+        FOOT,
+        *(node for body in mechanism.bodies for node in body.nodes),
+        END,
+    )
 
 
 def place_nodes(configurations: Configurations) -> Places:
@@ -232,7 +263,9 @@ def place_nodes(configurations: Configurations) -> Places:
     linkage = configurations.linkage
     link = map_links(linkage)
     known = {k: configurations.link_frame(linkage.frame[k]) for k in set(link.values())}
-    rotation, position = ({node: known[k][i] for node, k in link.items()} for i in (0, 1))
+    rotation, position = (
+        {node: known[k][i] for node, k in link.items()} for i in (0, 1)
+    )
     return Places(rotation, position, configurations.tool[:, :3])
 
 
@@ -264,34 +297,49 @@ def moves_with(element: Element, link: int, links: dict[str, int]) -> bool:
     if c is None or joint.kind not in {"revolute", "spherical"}:
         return c is None
     turn = np.kron(np.eye(2), rotation(np.eye(3)[0], 0.7))
-    is_round = joint.kind == "revolute" and np.allclose(turn @ c @ turn.T, c, rtol=1e-12, atol=0.0)
+    is_round = joint.kind == "revolute" and np.allclose(
+        turn @ c @ turn.T, c, rtol=1e-12, atol=0.0
+    )
     return links[element.first] == link or is_round
 
 
 def _change(name: str, first: str, second: str, at: Array, change: Change) -> Element:
     factor = _none() if change.compliance is None else _factor(change.compliance)
-    return Element(name, first, second, np.eye(3), at, first, factor, offset=change.offset)
+    return Element(
+        name, first, second, np.eye(3), at, first, factor, offset=change.offset
+    )
 
 
 def _body(name: str, nodes: tuple[str, ...], elastic: Elastic) -> Iterator[Element]:
     """Yield an element from the first end to each other; several share their coordinates."""
-    factor, several = _factor(elastic.compliance), len(nodes) > 2
+    factor = _factor(elastic.compliance)
+    several = len(nodes) > 2
     for k, (node, at) in enumerate(zip(nodes[1:], elastic.places[1:], strict=True)):
         own = slice(6 * k, 6 * k + 6)
         yield Element(
-            node if several else name, nodes[0], node, elastic.axes, at, nodes[0], factor[own],
+            node if several else name,
+            nodes[0],
+            node,
+            elastic.axes,
+            at,
+            nodes[0],
+            factor[own],
             offset=None if elastic.offset is None else elastic.offset[own],
             group=name if several and factor.shape[1] else "",
-        )  # fmt: skip
+        )
 
 
 def _joint(joint: Joint, first: str, second: str) -> Element:
-    compliance = np.zeros((6, 6)) if joint.compliance is None else joint.compliance.copy()
+    compliance = (
+        np.zeros((6, 6)) if joint.compliance is None else joint.compliance.copy()
+    )
     free: list[Array] = []
     sprung: list[Array] = []
     for k, (kind, direction) in enumerate(joint.motions):
         along = joint.axes.T @ direction
-        screw = np.concatenate([along, np.zeros(3)] if kind == "P" else [np.zeros(3), along])
+        screw = np.concatenate(
+            [along, np.zeros(3)] if kind == "P" else [np.zeros(3), along]
+        )
         screws = list(np.eye(6)[3:]) if kind == "S" else [screw]
         if not joint.resists(k):
             free += screws
@@ -301,16 +349,26 @@ def _joint(joint: Joint, first: str, second: str) -> Element:
             sprung += [each / np.sqrt(joint.resistance) for each in screws]
     factor = np.hstack([_factor(compliance), _columns(sprung)])
     out = Element(
-        joint.name, first, second, joint.axes, joint.at, first, factor, _columns(free), joint.offset, joint,
+        joint.name,
+        first,
+        second,
+        joint.axes,
+        joint.at,
+        first,
+        factor,
+        _columns(free),
+        joint.offset,
+        joint,
         sprung=len(sprung),
-    )  # fmt: skip
+    )
     return out if joint.astray is None else _mislay(out, joint, joint.astray)
 
 
 def _mislay(element: Element, drawn: Joint, astray: Array) -> Element:
     """Return a joint's element at the actual place of its axis."""
     away = np.kron(np.eye(2), drawn.axes) @ astray
-    turn, at = rotation_of(away[None, 3:])[0], drawn.at + away[:3]
+    turn = rotation_of(away[None, 3:])[0]
+    at = drawn.at + away[:3]
     axis = None if drawn.axis is None else turn @ drawn.axis
     there = replace(drawn, at=at, axis=axis, astray=None)
     return replace(element, axes=turn @ drawn.axes, at=at, joint=there, drawn=drawn)
@@ -335,10 +393,16 @@ def _soften_turned(vector: Array) -> Array:
 def free_directions(element: Element, where: Places) -> Array:
     """Return free directions (n or 1, 6, k) in the element's axes."""
     joint = element.joint
-    if joint is None or joint.kind in _STEADY or (where.rigid and joint.kind != "universal"):
+    if (
+        joint is None
+        or joint.kind in _STEADY
+        or (where.rigid and joint.kind != "universal")
+    ):
         return element.free[None]
     axis = joint.axis2 if joint.kind == "universal" else joint.axis
-    turn = np.flatnonzero(element.free[3:].any(axis=0))  # its axis is on the second body
+    turn = np.flatnonzero(
+        element.free[3:].any(axis=0)
+    )  # its axis is on the second body
     if axis is None or not turn.size:
         return element.free[None]
     second = where.see_axis(element, axis)
@@ -349,7 +413,9 @@ def free_directions(element: Element, where: Places) -> Array:
 
 def euler_axes(turn: Array) -> Array:
     """Return the axes (n, 3, 3), as columns, of successive small Rx, Ry, Rz at ``turn``."""
-    first = np.arctan2(-turn[..., 1, 2], turn[..., 2, 2])  # 0 where Ry is a quarter turn
+    first = np.arctan2(
+        -turn[..., 1, 2], turn[..., 2, 2]
+    )  # 0 where Ry is a quarter turn
     out = np.zeros(turn.shape)
     out[..., 0, 0] = 1.0
     out[..., 1, 1], out[..., 2, 1] = np.cos(first), np.sin(first)

@@ -79,7 +79,10 @@ class Connection:
 
     def frame(self, where: Places) -> Frame:
         """Return the connection's frame relative to M."""
-        return Frame(where.rotation[self.anchor], where.point(self.anchor, self.origin) - where.tool)
+        return Frame(
+            where.rotation[self.anchor],
+            where.point(self.anchor, self.origin) - where.tool,
+        )
 
     def flexible(self, where: Places) -> tuple[Array, Array]:
         """Return factor F (n or 1, 6, r) and free directions N (n or 1, 6, k) at M, base axes."""
@@ -117,7 +120,9 @@ class Order:
     left: tuple[Connection, ...]
     kept: tuple[str, ...]
     linkage: Linkage
-    independent: dict[str, tuple[Array, NDArray[np.intp]]] = field(default_factory=dict[Any, Any])
+    independent: dict[str, tuple[Array, NDArray[np.intp]]] = field(
+        default_factory=dict[Any, Any]
+    )
     """Cached scale and independent rows at home of saddle-point systems, by their use."""
 
     @cached_property
@@ -160,16 +165,25 @@ def places_at_home(mechanism: Mechanism) -> Places:
 class _Planner:
     def __init__(self, mechanism: Mechanism, linkage: Linkage) -> None:
         self.mechanism = mechanism
-        self.linkage, self.length = linkage, linkage.length
+        self.linkage = linkage
+        self.length = linkage.length
         self.links = map_links(linkage)
         self.home = places_at_home(mechanism)
         self.elements = list_elements(mechanism)
-        self.flexible = [_connection(e.first, e.second, ((e, 1.0),)) for e in self.elements]
-        self.shared = {node for e in self.elements if e.group for node in (e.first, e.second)}
-        self.stiff: dict[frozenset[str], None] = {}  # ordered, so that runs are reproducible
+        self.flexible = [
+            _connection(e.first, e.second, ((e, 1.0),)) for e in self.elements
+        ]
+        self.shared = {
+            node for e in self.elements if e.group for node in (e.first, e.second)
+        }
+        self.stiff: dict[
+            frozenset[str], None
+        ] = {}  # ordered, so that runs are reproducible
         self.nodes = [n for n in list_nodes(mechanism) if n not in {GROUND, END}]
         self.steps: list[Step] = []
-        self.attached: set[str] = set()  # nodes from which, or to which, others were eliminated
+        self.attached: set[str] = (
+            set()
+        )  # nodes from which, or to which, others were eliminated
 
     def order(self, *, stiffen: bool = True) -> Order:
         while True:
@@ -178,15 +192,22 @@ class _Planner:
                 continue
             if not stiffen:
                 break
-            tried = [self._try_connection(c) if c.formable is None else c for c in self.flexible]
+            tried = [
+                self._try_connection(c) if c.formable is None else c
+                for c in self.flexible
+            ]
             self.flexible = [c for c in tried if not c.formable]
             for c in (c for c in tried if c.formable):
                 self.steps.append(c)
                 self.stiff[frozenset((c.start, c.end))] = None
             if not self._take_out():
                 break
-        steps, left, kept = tuple(self.steps), tuple(self.flexible), tuple(self.nodes)
-        return Order(self.mechanism, self.elements, self.length, steps, left, kept, self.linkage)
+        steps = tuple(self.steps)
+        left = tuple(self.flexible)
+        kept = tuple(self.nodes)
+        return Order(
+            self.mechanism, self.elements, self.length, steps, left, kept, self.linkage
+        )
 
     def _find_connections(self, node: str) -> list[Connection]:
         return [c for c in self.flexible if node in {c.start, c.end}]
@@ -207,14 +228,20 @@ class _Planner:
                 continue
             self.flexible = [c for c in self.flexible if c not in here]
             whole = _connection(a.start, b.end, a.members + b.members)
-            self.flexible.append(replace(whole, bare=a.bare and b.bare and node not in self.attached))
+            self.flexible.append(
+                replace(whole, bare=a.bare and b.bare and node not in self.attached)
+            )
             self.nodes.remove(node)
 
     def _prune(self) -> bool:
         """Fold a dead end, which carries only its own loads and may be singular; else False."""
         for node in self.nodes:
             here = self._find_connections(node)
-            if len(here) == 1 and node not in self.shared and not self._neighbours(node):
+            if (
+                len(here) == 1
+                and node not in self.shared
+                and not self._neighbours(node)
+            ):
                 self._take(node)
                 return True
         return False
@@ -229,7 +256,8 @@ class _Planner:
 
     def _take(self, node: str) -> None:
         """Eliminate or fold a node with at most one flexible connection."""
-        around, connection = self._neighbours(node), None
+        around = self._neighbours(node)
+        connection = None
         here = self._find_connections(node)
         self.flexible = [c for c in self.flexible if c not in here]
         if here:
@@ -239,7 +267,9 @@ class _Planner:
             around = list(dict.fromkeys([*around, connection.start]))
         self.attached.update(around, [connection.start] if connection else [])
         left = [pair for pair in self.stiff if node not in pair]
-        self.stiff = dict.fromkeys([*left, *(frozenset(pair) for pair in combinations(around, 2))])
+        self.stiff = dict.fromkeys(
+            [*left, *(frozenset(pair) for pair in combinations(around, 2))]
+        )
         self.nodes.remove(node)
 
     def _try_connection(self, c: Connection) -> Connection:
@@ -248,20 +278,36 @@ class _Planner:
         if factor.shape[2] + free.shape[2] < 6:
             return replace(c, formable=False)
         k, formable = form_stiffness(factor, free, self.length)
-        if formable and all(moves_with(e, self.links[c.anchor], self.links) for e, _ in c.members):
-            frame, own = c.frame(self.home), self.links[c.anchor]
+        if formable and all(
+            moves_with(e, self.links[c.anchor], self.links) for e, _ in c.members
+        ):
+            frame = c.frame(self.home)
+            own = self.links[c.anchor]
             apart = [e for e, _ in c.members if self.links[e.carrier] != own]
-            still = all(e.joint and e.joint.kind in DRIVEN and not e.factor.size for e in apart)
+            still = all(
+                e.joint and e.joint.kind in DRIVEN and not e.factor.size for e in apart
+            )
             columns = frame.inverse_adjoint() @ stack_columns([factor, free])
             k = frame.adjoint().mT @ k @ frame.adjoint()
-            return replace(c, constant=k, columns=columns[0] if still else None, formable=True)
+            return replace(
+                c, constant=k, columns=columns[0] if still else None, formable=True
+            )
         return replace(c, formable=formable)
 
 
 def _connection(start: str, end: str, members: Members) -> Connection:
     """Create a connection whose axes are fixed to its first elastic body."""
-    body = next((e for e, _ in members if e.joint is None and e.factor.shape[1]), members[0][0])
-    return Connection(start, end, members, body.carrier, body.at, formable=False if body.group else None)
+    body = next(
+        (e for e, _ in members if e.joint is None and e.factor.shape[1]), members[0][0]
+    )
+    return Connection(
+        start,
+        end,
+        members,
+        body.carrier,
+        body.at,
+        formable=False if body.group else None,
+    )
 
 
 def stack_columns(blocks: Iterable[Array]) -> Array:
@@ -298,7 +344,8 @@ def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bo
     """
     scale = np.array([1.0 / length] * 3 + [1.0] * 3)[:, None]
     f = factor * scale
-    p, rank = np.eye(6)[None], np.zeros(1)
+    p = np.eye(6)[None]
+    rank = np.zeros(1)
     if free.shape[2]:
         p, rank = projector(free * scale)
         p = p * (rank < 6.0)[:, None, None]
@@ -306,7 +353,9 @@ def form_stiffness(factor: Array, free: Array, length: float) -> tuple[Array, bo
         f = p @ f
         f = f * (np.einsum("nij,nij->nj", f, f) > ROUNDING**2 * size)[:, None]
     core = multiply_transposed(f.mT)
-    mean = np.where(rank < 6.0, np.einsum("nii->n", core) / np.maximum(6.0 - rank, 1.0), 1.0)
+    mean = np.where(
+        rank < 6.0, np.einsum("nii->n", core) / np.maximum(6.0 - rank, 1.0), 1.0
+    )
     core = core + mean[:, None, None] * (np.eye(6) - p)
     half, pivots = pivot(core, RIGID)
     least = np.minimum.accumulate(np.clip(pivots[:, :-1], _LOST, 1.0), axis=1)

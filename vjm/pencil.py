@@ -82,7 +82,9 @@ class Pencil:
     def some(self, index: NDArray[np.intp]) -> Pencil:
         """Return the pencil at some poses, with shift and units of the first of them."""
         basis = self.basis if len(self.basis) == 1 else self.basis[index]
-        return Pencil(self.system.some(index), basis, self.stiffness[index], self.mass[index])
+        return Pencil(
+            self.system.some(index), basis, self.stiffness[index], self.mass[index]
+        )
 
 
 def form_pencils(
@@ -103,9 +105,12 @@ def form_pencils(
     free = [j.name for j in mechanism.drives] if drives == "free" else []
     shaken = mechanism
     if free:
-        shaken = replace(mechanism, joints=tuple(replace(j, drive=None) for j in mechanism.joints))
+        shaken = replace(
+            mechanism, joints=tuple(replace(j, drive=None) for j in mechanism.joints)
+        )
     system = form_coordinates(shaken, place_nodes(found), found.linkage.length, free)
-    stiffness, mass = system.stiffness, system.mass
+    stiffness = system.stiffness
+    mass = system.mass
     everything = np.arange(len(found))
     if not system.constraints:
         yield Pencil(system, np.eye(system.size)[None], stiffness, mass), everything

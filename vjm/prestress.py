@@ -42,12 +42,16 @@ if TYPE_CHECKING:
     from stiffscope.vjm.order import Order
     from stiffscope.vjm.screws import Array
 
-_SMALL = 1e-4  # rad or relative length: displacement beyond which equilibrium is refined
+_SMALL = (
+    1e-4  # rad or relative length: displacement beyond which equilibrium is refined
+)
 _SETTLED = 1e-7
 _STEPS = 12
 _STILL = np.zeros((1, 6, 6))  # six cases with the tool at rest
 _NONE = np.zeros((1, 1, 1))
-_SLOW = 3e-4  # of the motions, as root energy; less changes the stiffness by below 1e-10
+_SLOW = (
+    3e-4  # of the motions, as root energy; less changes the stiffness by below 1e-10
+)
 
 
 def own_loads(order: Order, where: Places) -> Loads:
@@ -71,7 +75,9 @@ def loaded_stiffness(order: Order, where: Places) -> Array:
     matrix, slack = _tangent(order, bent.there, where)
     slack = slack & bent.found
     if slack.any():
-        matrix[slack] = _tangent(order, bent.there.some(slack), where.some(slack), thorough=True)[0]
+        matrix[slack] = _tangent(
+            order, bent.there.some(slack), where.some(slack), thorough=True
+        )[0]
     matrix[~bent.found] = np.nan
     return stack_columns([matrix, bent.sag[..., None]])
 
@@ -97,35 +103,55 @@ def bend_network(order: Order, where: Places, small: float = _SMALL) -> Bent:
     small
         Rad, or of the mechanism's length, up to which one step is enough; smaller costs more steps.
     """
-    n, uncached = len(where.tool), replace(where)  # what it caches is not kept
+    n = len(where.tool)
+    uncached = replace(where)  # what it caches is not kept
     moved = solve_loads(order, uncached, own_loads(order, where), "nodes")
-    there, size = bend_places(where, moved), _find_size(moved, order.length)
+    there = bend_places(where, moved)
+    size = _find_size(moved, order.length)
     far = size > small
     if far.any():
-        rest, bent, left = where.some(far), there.some(far), size[far]
+        rest = where.some(far)
+        bent = there.some(far)
+        left = size[far]
         for _ in range(_STEPS):
-            step = solve_loads(order, bent, _remaining_loads(order, bent, rest), "nodes")
-            bent, last, left = bend_places(bent, step), left, _find_size(step, order.length)
-            if not (left * np.minimum(left / last, 1.0) > _SETTLED).any():  # next step, estimated
+            step = solve_loads(
+                order, bent, _remaining_loads(order, bent, rest), "nodes"
+            )
+            bent = bend_places(bent, step)
+            last = left
+            left = _find_size(step, order.length)
+            if not (
+                left * np.minimum(left / last, 1.0) > _SETTLED
+            ).any():  # next step, estimated
                 break
         size[far] = left
         there = bent if far.all() else there.replace_some(far, bent)
-    return Bent(there, np.broadcast_to(moved.twist[..., 0], (n, 6)), ~(size > _SMALL) | ~far)
+    return Bent(
+        there, np.broadcast_to(moved.twist[..., 0], (n, 6)), ~(size > _SMALL) | ~far
+    )
 
 
-def _tangent(order: Order, there: Places, rest: Places, *, thorough: bool = False) -> tuple[Array, NDArray[np.bool_]]:
+def _tangent(
+    order: Order, there: Places, rest: Places, *, thorough: bool = False
+) -> tuple[Array, NDArray[np.bool_]]:
     """Return the tangent stiffness (n, 6, 6) at bent places, and where (n,) it needs ``thorough``.
 
     ``thorough``: iterate internal motions to convergence instead of taking their first order.
     """
     state = condense_network(order, there)
-    carried = solve_condensed(state, _remaining_loads(order, there, rest), wanted="wrenches")
+    carried = solve_condensed(
+        state, _remaining_loads(order, there, rest), wanted="wrenches"
+    )
     work = SecondOrder(carried, order.mechanism)
-    unit = Motion.of(solve_condensed(state, Loads(6, balanced=HELD), np.eye(6)[None], "nodes"))
+    unit = Motion.of(
+        solve_condensed(state, Loads(6, balanced=HELD), np.eye(6)[None], "nodes")
+    )
     stiffness = tool_stiffness(state)
     change, slack = _relax(state, work, unit, stiffness, thorough=thorough)
     n = len(there.tool)
-    return np.array(np.broadcast_to(stiffness + change, (n, 6, 6))), np.broadcast_to(slack, n)
+    return np.array(np.broadcast_to(stiffness + change, (n, 6, 6))), np.broadcast_to(
+        slack, n
+    )
 
 
 def loaded_compliance(order: Order, where: Places) -> Array:
@@ -138,15 +164,24 @@ def loaded_compliance(order: Order, where: Places) -> Array:
     there = bent.there
     carried = solve_loads(order, there, _remaining_loads(order, there, where))
     work = SecondOrder(carried, order.mechanism)
-    unit = Motion.of(solve_loads(order, there, Loads(6, {END: np.eye(6)[None]}, balanced=HELD)))
-    change = _settle_motions(work, unit, lambda loads: solve_loads(order, there, loads), held=False)
+    unit = Motion.of(
+        solve_loads(order, there, Loads(6, {END: np.eye(6)[None]}, balanced=HELD))
+    )
+    change = _settle_motions(
+        work, unit, lambda loads: solve_loads(order, there, loads), held=False
+    )
     matrix = unit.nodes[END] + change.nodes[END]
     matrix = np.where(bent.found[:, None, None], 0.5 * (matrix + matrix.mT), np.nan)
     return stack_columns([matrix, bent.sag[..., None]])
 
 
 def _relax(
-    state: Condensed, work: SecondOrder, unit: Motion, stiffness: Array, *, thorough: bool
+    state: Condensed,
+    work: SecondOrder,
+    unit: Motion,
+    stiffness: Array,
+    *,
+    thorough: bool,
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return the stiffness change (n, 6, 6) by second-order work, and where it must be thorough.
 
@@ -155,14 +190,20 @@ def _relax(
     whose relative energy bounds the rest, and by ``Xᵀ H (X + δ)`` for the last.
     """
     if thorough:
-        relaxed = _settle_motions(work, unit, lambda loads: solve_condensed(state, loads, _STILL))
-        middle, own = (work.differentiate(m)[0] for m in (unit.plus(relaxed, 0.5), relaxed))
+        relaxed = _settle_motions(
+            work, unit, lambda loads: solve_condensed(state, loads, _STILL)
+        )
+        middle, own = (
+            work.differentiate(m)[0] for m in (unit.plus(relaxed, 0.5), relaxed)
+        )
         return middle - 0.25 * own, np.zeros(1, dtype=bool)
     square, wrenches = work.differentiate(unit)
     loads = Loads(6, wrenches, balanced=HELD)
     if state.order.left:
         held = solve_condensed(state, loads, _STILL).nodes
-        stored = sum((w.mT @ held[node] for node, w in wrenches.items()), np.zeros((1, 6, 6)))
+        stored = sum(
+            (w.mT @ held[node] for node, w in wrenches.items()), np.zeros((1, 6, 6))
+        )
     else:
         stored = store_energy(state, condense_loads(state, loads))
     slack = np.einsum("nii->ni", stored) > _SLOW**2 * np.einsum("nii->ni", stiffness)
@@ -170,13 +211,20 @@ def _relax(
 
 
 def _settle_motions(
-    work: SecondOrder, unit: Motion, solve: Callable[[Loads], Response], *, held: bool = True
+    work: SecondOrder,
+    unit: Motion,
+    solve: Callable[[Loads], Response],
+    *,
+    held: bool = True,
 ) -> Motion:
     """Iterate the change δ of six motions X, ``H₀ δ = -H (X + δ)``; ``held``: the tool rests."""
     change = unit.plus(unit, -1.0)
     for _ in range(_STEPS):
-        loads = Loads(6, work.differentiate(unit.plus(change, 1.0), held=held)[1], balanced=HELD)
-        before, change = change, Motion.of(solve(loads))
+        loads = Loads(
+            6, work.differentiate(unit.plus(change, 1.0), held=held)[1], balanced=HELD
+        )
+        before = change
+        change = Motion.of(solve(loads))
         if (change.plus(before, -1.0).size <= _SETTLED * unit.size).all():
             break
     return change
@@ -190,16 +238,20 @@ def _remaining_loads(order: Order, there: Places, rest: Places) -> Loads:
 def _find_size(moved: Response, length: float) -> Array:
     """Return the largest rotation, or relative translation, of any node (n,)."""
     moves = np.abs(stack_rows(moved.nodes.values())[..., 0])
-    return (moves * np.tile(np.repeat([1.0 / length, 1.0], 3), len(moved.nodes))).max(axis=1)
+    return (moves * np.tile(np.repeat([1.0 / length, 1.0], 3), len(moved.nodes))).max(
+        axis=1
+    )
 
 
 def bend_places(where: Places, response: Response) -> Places:
     """Move every node by its twist of the first case."""
-    rotation, position = dict(where.rotation), dict(where.position)
+    rotation = dict(where.rotation)
+    position = dict(where.position)
     for node, twist in response.nodes.items():
         if node == GROUND:
             continue
-        v, turn = twist[:, :3, 0], rotation_of(twist[:, 3:, 0])
+        v = twist[:, :3, 0]
+        turn = rotation_of(twist[:, 3:, 0])
         rotation[node] = turn @ where.rotation[node]
         arm = where.position[node] - where.tool
         position[node] = where.tool + v + np.einsum("nij,nj->ni", turn, arm)
@@ -225,7 +277,8 @@ class Motion:
         for name, state in response.elements.items():
             e = state.element
             if e.is_split:
-                factor, own = state.where.factor(e), e.factor.shape[1] - e.sprung
+                factor = state.where.factor(e)
+                own = e.factor.shape[1] - e.sprung
                 stress = factor.mT @ state.wrench
                 strained = factor[:, 3:, :own] @ stress[:, :own]
                 out.turns[name] = stack_rows([strained, stress[:, own:], state.rates])
@@ -239,8 +292,12 @@ class Motion:
 
     def plus(self, other: Motion, times: float) -> Motion:
         """Return the sum with ``times`` the other."""
-        nodes: dict[str, Array] = {k: u + times * other.nodes[k] for k, u in self.nodes.items()}
-        turns: dict[str, Array] = {k: u + times * other.turns[k] for k, u in self.turns.items()}
+        nodes: dict[str, Array] = {
+            k: u + times * other.nodes[k] for k, u in self.nodes.items()
+        }
+        turns: dict[str, Array] = {
+            k: u + times * other.turns[k] for k, u in self.turns.items()
+        }
         return Motion(nodes, turns)
 
 
@@ -262,7 +319,9 @@ class SecondOrder:
         states = (s for s in self.response.elements.values() if s.element.is_split)
         return [(s.element, *order_rotations(s)) for s in states]
 
-    def differentiate(self, motion: Motion, *, held: bool = True) -> tuple[Array, dict[str, Array]]:
+    def differentiate(
+        self, motion: Motion, *, held: bool = True
+    ) -> tuple[Array, dict[str, Array]]:
         """Return twice the second-order work (n, 6, 6), and minus its gradient (n, 6, 6) on nodes.
 
         ``held``: no wrench on the tool.
@@ -271,7 +330,9 @@ class SecondOrder:
 
         def add(node: str, wrench: Array, sum_up: np.ufunc = np.add) -> None:
             have = on_nodes.get(node, _NONE)
-            on_nodes[node] = sum_up(have, wrench, out=have if have.shape == wrench.shape else None)
+            on_nodes[node] = sum_up(
+                have, wrench, out=have if have.shape == wrench.shape else None
+            )
 
         # no matrix is kept: memory takes longer than products
         for state in self.response.elements.values():
@@ -280,7 +341,8 @@ class SecondOrder:
             if not count:
                 continue
             half = bracket(0.5 * state.carried[..., 0])
-            first, second = motion.nodes[e.first], motion.nodes[e.second]
+            first = motion.nodes[e.first]
+            second = motion.nodes[e.second]
             add(e.first, half @ second, np.subtract)
             add(e.second, half @ first)
             if count > 1:
@@ -300,7 +362,9 @@ class SecondOrder:
             add(e.first, back @ work)
             add(e.second, back @ work, np.subtract)
         still = {GROUND, END} if held else {GROUND}
-        return square, {node: wrench for node, wrench in on_nodes.items() if node not in still}
+        return square, {
+            node: wrench for node, wrench in on_nodes.items() if node not in still
+        }
 
 
 def differentiate_order(state: ElementState) -> Array:
@@ -309,7 +373,8 @@ def differentiate_order(state: ElementState) -> Array:
     The work is ``-½ Σ_{a<b} w·[s_a, s_b] y_a y_b``: slides, spring, rotations.
     """
     e = state.element
-    arm, force = state.where.frame(e).origin(), state.carried[:, :3, 0]
+    arm = state.where.frame(e).origin()
+    force = state.carried[:, :3, 0]
     out = lever_work(force, arm[:, :, None] * force[:, None])
     if e.is_ordered and not e.is_split:
         hessian, back = order_rotations(state)
@@ -319,12 +384,16 @@ def differentiate_order(state: ElementState) -> Array:
 
 def order_rotations(state: ElementState) -> tuple[Array, Array]:
     """Return half the Hessian (n, k, k) by ordered rotations, and the map (n, 6, k) to wrenches."""
-    hessian, moment = skew(0.5 * state.wrench[:, 3:, 0]), state.where.frame(state.element).matrix()
+    hessian = skew(0.5 * state.wrench[:, 3:, 0])
+    moment = state.where.frame(state.element).matrix()
     if state.element.joint is not None:
         axes = list_axes(state)
-        few, back = axes.shape[1] < 4, axes.mT
+        few = axes.shape[1] < 4
+        back = axes.mT
         hessian = axes @ hessian @ back
-        moment = moment @ (back @ inverse(axes @ back) if few else inverse(back @ axes) @ back)
+        moment = moment @ (
+            back @ inverse(axes @ back) if few else inverse(back @ axes) @ back
+        )
     k: Array = np.arange(hessian.shape[1], dtype=float)
     whole = np.concatenate([np.zeros_like(moment), moment], axis=1)
     return hessian * np.sign(k - k[:, None]), whole

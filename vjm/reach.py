@@ -16,8 +16,12 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Mechanism
     from stiffscope.vjm.screws import Array
 
-_LONGEST, _SHORTEST = 1.0 / 48.0, 1.0 / 2**20  # steps of a path
-_WAYS = 2.0, 0.95 * np.pi  # search limit, as a multiple of the mechanism's length, and in rad
+_LONGEST = 1.0 / 48.0
+_SHORTEST = 1.0 / 2**20  # steps of a path
+_WAYS = (
+    2.0,
+    0.95 * np.pi,
+)  # search limit, as a multiple of the mechanism's length, and in rad
 
 
 @dataclass(frozen=True)
@@ -42,11 +46,16 @@ def reach(mechanism: Mechanism) -> tuple[Reach, ...]:
     names = mechanism.tool.pose
     solver = find_solver(mechanism, "tool")
     home = mechanism.tool.home + solver.start_values
-    limits = [_WAYS[1] if name.startswith("r") else _WAYS[0] * solver.linkage.length for name in names]
+    limits = [
+        _WAYS[1] if name.startswith("r") else _WAYS[0] * solver.linkage.length
+        for name in names
+    ]
     ways = np.concatenate([-np.diag(limits), np.diag(limits)])
     shares, reasons = _march(solver, ways)
     low, high = np.split(shares * ways.sum(axis=1), 2) + home
-    ends = zip(names, low.tolist(), high.tolist(), reasons, reasons[len(names) :], strict=False)
+    ends = zip(
+        names, low.tolist(), high.tolist(), reasons, reasons[len(names) :], strict=False
+    )
     return tuple(Reach(*each) for each in ends)
 
 
@@ -58,9 +67,12 @@ def reach_toward(solver: Solver, goal: Array) -> Array:
 
 def _march(solver: Solver, ways: Array) -> tuple[Array, list[str]]:
     """Return reachable fractions (n,) of paths (n, k) from the start, and what ends them."""
-    linkage, n = solver.linkage, len(ways)
+    linkage = solver.linkage
+    n = len(ways)
     q = np.repeat(solver.start[:, None], n, axis=1)
-    share, step, beyond = np.zeros(n), np.full(n, _LONGEST), np.full(n, np.inf)
+    share = np.zeros(n)
+    step = np.full(n, _LONGEST)
+    beyond = np.full(n, np.inf)
     steady = np.zeros(n, dtype=int)
     reasons = [""] * n
     while (going := np.flatnonzero((share < 1.0) & (step >= _SHORTEST))).size:
@@ -71,31 +83,47 @@ def _march(solver: Solver, ways: Array) -> tuple[Array, list[str]]:
         faults = _faults(solver, found)
         for i, k in enumerate(going):
             if not faults[i]:
-                share[k], q[:, k], steady[k] = ahead[i], found.q[:, i], steady[k] + 1
+                steady[k] = steady[k] + 1
+                q[:, k] = found.q[:, i]
+                share[k] = ahead[i]
                 longer = 2.0 * step[k] if steady[k] > 2 else step[k]
                 step[k] = min(_LONGEST, longer, 0.5 * (beyond[k] - share[k]))
                 continue
-            reasons[k], steady[k] = faults[i], 0
+            reasons[k] = faults[i]
+            steady[k] = 0
             step[k] *= 0.5
             if found.closed[i]:
                 beyond[k] = ahead[i]
-    return share, [why if part < 1.0 else "" for why, part in zip(reasons, share, strict=True)]
+    return share, [
+        why if part < 1.0 else "" for why, part in zip(reasons, share, strict=True)
+    ]
 
 
 def _faults(solver: Solver, found: Solution) -> list[str]:
     """Return why configurations are not valid; empty if they are."""
     linkage = solver.linkage
     sign = drive_sign(solver, found.placed, solver.closure.rates(found.placed))
-    out = ["passes a singular pose" if each * solver.home_sign < 0.0 else "" for each in sign]
+    out = [
+        "passes a singular pose" if each * solver.home_sign < 0.0 else ""
+        for each in sign
+    ]
     beyond: dict[int, list[str]] = {}
     for joint in solver.mechanism.drives:
         if joint.drive is not None:
-            value = linkage.coordinates(joint, found.q, found.placed)[:, joint.driven or 0]
-            for i in np.flatnonzero((value < joint.drive.low) | (value > joint.drive.high)):
+            value = linkage.coordinates(joint, found.q, found.placed)[
+                :, joint.driven or 0
+            ]
+            for i in np.flatnonzero(
+                (value < joint.drive.low) | (value > joint.drive.high)
+            ):
                 beyond.setdefault(int(i), []).append(joint.name)
     for i, names in beyond.items():
-        out[i] = f"{list_names(names)} at the end of {'its' if len(names) == 1 else 'their'} range"
+        out[i] = (
+            f"{list_names(names)} at the end of {'its' if len(names) == 1 else 'their'} range"
+        )
     for i in np.flatnonzero(~found.closed):
-        open_ = f": the loop through {linkage.name_worst(found.error[:, i])} does not close"
+        open_ = (
+            f": the loop through {linkage.name_worst(found.error[:, i])} does not close"
+        )
         out[i] = "out of reach or singular" + open_ * (len(linkage.cuts) > 1)
     return out

@@ -30,11 +30,17 @@ from stiffscope.vjm.screws import shift
 if TYPE_CHECKING:
     from stiffscope.vjm.screws import Array
 
-POINT, LINE = 1.5, 10.0 / 9.0  # exponents of load over approach
-_PALMGREN = 3.84e-5  # mm: δ = 3.84e-5 Q^0.9 / l^0.8 (N, mm) between a steel roller and one race
+POINT = 1.5
+LINE = 10.0 / 9.0  # exponents of load over approach
+_PALMGREN = (
+    3.84e-5  # mm: δ = 3.84e-5 Q^0.9 / l^0.8 (N, mm) between a steel roller and one race
+)
 _STEPS = 200
-_SETTLED, _ACCEPTED = 1e-11, 1e-6  # allowed residual, of the load
-_TOUCHING = 1e-9  # least approach of a loaded element, of the greatest: less is rounding
+_SETTLED = 1e-11
+_ACCEPTED = 1e-6  # allowed residual, of the load
+_TOUCHING = (
+    1e-9  # least approach of a loaded element, of the greatest: less is rounding
+)
 
 
 def hertz_constant(curvatures: Array, modulus: float) -> float:
@@ -55,17 +61,23 @@ def hertz_constant(curvatures: Array, modulus: float) -> float:
     small, large = np.sort(np.asarray(curvatures, dtype=float))
     if not 0.0 < small < np.inf:
         expected = "races that leave room for the elements"
-        raise InputError(f"contact: expected {expected}, got a curvature of {small:g} 1/m")
-    low, high = 1e-14, 1.0  # k² = (b/a)² of the ellipse
+        raise InputError(
+            f"contact: expected {expected}, got a curvature of {small:g} 1/m"
+        )
+    low = 1e-14
+    high = 1.0  # k² = (b/a)² of the ellipse
     k2 = 1.0
     for _ in range(120):
         k2 = (low * high) ** 0.5
         m = 1.0 - k2
-        e, k = ellipe(m), ellipk(m)
+        e = ellipe(m)
+        k = ellipk(m)
         ratio = (e / k2 - k) / (k - e) if m > 1e-12 else 1.0
         low, high = (k2, high) if ratio > large / small else (low, k2)
     m = 1.0 - k2
-    total, e, k = 0.5 * (small + large), ellipe(m), ellipk(m)
+    total = 0.5 * (small + large)
+    e = ellipe(m)
+    k = ellipk(m)
     a3 = 3.0 * e / (2.0 * np.pi * modulus * k2 * total)  # a³ / Q: half of the long axis
     approach = 3.0 * k / (2.0 * np.pi * modulus) / np.cbrt(a3)  # δ / Q^(2/3)
     return float(approach**-1.5)
@@ -115,7 +127,9 @@ class Contacts:
         pressed = size - self.reach
         if not self.turning:
             pressed = pressed + np.einsum("ki,ki->k", along, moved)
-        least = max(_TOUCHING * pressed.max(initial=0.0), 4e-16 * size.max(initial=0.0))  # what rounding leaves
+        least = max(
+            _TOUCHING * pressed.max(initial=0.0), 4e-16 * size.max(initial=0.0)
+        )  # what rounding leaves
         pressed = np.where(pressed > least, pressed, 0.0)
         return along, pressed, self.constant * pressed**self.exponent, size
 
@@ -179,11 +193,15 @@ def settle(contacts: Contacts, wrench: Array, length: float) -> Array:
         step: Array = np.linalg.solve(k + soft * np.eye(6), left)
         reach = 20.0 * max(typical, 1e-7) + 0.2 * float(np.linalg.norm(x))
         step = step * min(1.0, reach / max(float(np.linalg.norm(step)), 1e-300))
-        now, slope, share = potential(x), 1e-4 * float(left @ step), 1.0
+        now = potential(x)
+        slope = 1e-4 * float(left @ step)
+        share = 1.0
         most_now = now + 1e-14 * abs(now)
         while share > 1e-9 and potential(x + share * step) > most_now - share * slope:
             share *= 0.5
         x = x + share * step
     if np.abs(load - contacts.wrench(x * unit) * unit).max() > _ACCEPTED * size:
-        raise InputError("load: expected one that the elements can carry, found no equilibrium")
+        raise InputError(
+            "load: expected one that the elements can carry, found no equilibrium"
+        )
     return x * unit

@@ -80,7 +80,9 @@ def saddle_stiffness(state: Condensed) -> Array:
     return 0.5 * (k + k.mT)
 
 
-def solve_saddle(state: Condensed, load: CondensedLoads, tool: Array | None = None) -> Response:
+def solve_saddle(
+    state: Condensed, load: CondensedLoads, tool: Array | None = None
+) -> Response:
     """Return the response of the remaining nodes and connections to condensed loads.
 
     Parameters
@@ -99,7 +101,11 @@ def solve_saddle(state: Condensed, load: CondensedLoads, tool: Array | None = No
     """
     system = _assemble(state)
     chains = [chain_loads(state.where, load, tie.connection) for tie in system.ties]
-    each = [system.matrix, *load.forces.values(), *(along.carried[0] for along in chains)]
+    each = [
+        system.matrix,
+        *load.forces.values(),
+        *(along.carried[0] for along in chains),
+    ]
     right = np.zeros((max(map(len, each)), system.matrix.shape[-1], load.loads.cases))
     for node, place in system.nodes.items():
         right[:, place] += load.force(node)
@@ -108,22 +114,33 @@ def solve_saddle(state: Condensed, load: CondensedLoads, tool: Array | None = No
             right[:, system.nodes[along.connection.start]] += along.carried[0]
         right[:, tie.w] += along.offset
         right[:, tie.y] += along.project()
-    matrix, use = system.matrix, "response"
+    matrix = system.matrix
+    use = "response"
     if tool is not None:
-        use, right = "held", right[:, 6:] - matrix[:, 6:, _TOOL] @ tool
+        use = "held"
+        right = right[:, 6:] - matrix[:, 6:, _TOOL] @ tool
         matrix = matrix[:, 6:, 6:]
     found, good = _solve(state, matrix, right, use, load.loads.balanced)
     if not good:
         raise InputError(_LOOSE[use])
     if tool is not None:
         found = stack_rows([tool, found])
-    out = Response(state.where, {node: found[:, place] for node, place in system.nodes.items()})
+    out = Response(
+        state.where, {node: found[:, place] for node, place in system.nodes.items()}
+    )
     out.nodes[GROUND] = np.zeros((1, 6, found.shape[2]))
     for along, tie in zip(chains, system.ties, strict=True):
         span = out.nodes[along.connection.end] - out.nodes[along.connection.start]
-        (e, sign), wrench, y = along.connection.members[0], found[:, tie.w], found[:, tie.y]
+        (e, sign) = along.connection.members[0]
+        wrench = found[:, tie.w]
+        y = found[:, tie.y]
         if e.group:  # its own wrench alone does not tell how it strains
-            state_of = (sign * wrench, sign * span, y[:, :0], sign * (span - along.offset))
+            state_of = (
+                sign * wrench,
+                sign * span,
+                y[:, :0],
+                sign * (span - along.offset),
+            )
             out.elements[e.name] = ElementState(e, state.where, *state_of)
         else:
             along.follow(out, wrench, span, y[:, tie.springs :])
@@ -139,14 +156,21 @@ def _assemble(state: Condensed) -> System:
     at = 6 * len(names)
     for c in order.left:
         factor, free = c.flexible(state.where)
-        columns, group = stack_columns([factor, free]), c.members[0][0].group
+        columns = stack_columns([factor, free])
+        group = c.members[0][0].group
         fresh = slice(at, at + columns.shape[2])
         y = shared.setdefault(group, fresh) if group else fresh
         at = max(at, y.stop)
         ties.append(Tie(c, columns, factor.shape[2], y, slice(0, 0)))
     for tie in ties:
         tie.w = slice(at, at := at + 6)
-    n = max([1, *(len(tie.columns) for tie in ties), *(len(k) for k in state.pairs.values())])
+    n = max(
+        [
+            1,
+            *(len(tie.columns) for tie in ties),
+            *(len(k) for k in state.pairs.values()),
+        ]
+    )
     m = np.zeros((n, at, at))
     for (a, b), k in state.pairs.items():
         for i, j, part in ((a, b, k), (b, a, k.mT)):
@@ -165,7 +189,11 @@ def _assemble(state: Condensed) -> System:
 
 
 def _solve(
-    state: Condensed, matrix: Array, right: Array, use: str, balanced: float = _CONSISTENT
+    state: Condensed,
+    matrix: Array,
+    right: Array,
+    use: str,
+    balanced: float = _CONSISTENT,
 ) -> tuple[Array, bool]:
     """Solve a symmetric, possibly singular system (n, s, c); return if consistent, too."""
     scale, keep = _find_independent(state, use)
@@ -203,7 +231,8 @@ def _find_independent(state: Condensed, use: str) -> tuple[Array, NDArray[np.int
         scale = _scale(at_home, system)
         m = system.matrix[0]
         if use == "held":
-            m, scale = m[6:, 6:], scale[6:]
+            m = m[6:, 6:]
+            scale = scale[6:]
         scaled = m * (scale[:, None] * scale)
         _, r, order = qr(scaled, pivoting=True)  # pyright: ignore[reportAssignmentType]
         pivots = np.abs(np.diagonal(r))
@@ -216,7 +245,9 @@ def _scale(state: Condensed, system: System) -> Array:
     """Return units in which stiffnesses and lengths are of order one."""
     length = state.order.length
     unit = np.repeat([1.0, 1.0 / length], 3)
-    sizes = [float(np.abs(np.diagonal(k[0]) * unit**2).max()) for k in state.pairs.values()]
+    sizes = [
+        float(np.abs(np.diagonal(k[0]) * unit**2).max()) for k in state.pairs.values()
+    ]
     elements = [e for c in state.order.left for e, _ in c.members if e.factor.shape[1]]
     sizes += [1.0 / float(((e.factor / unit[:, None]) ** 2).sum()) for e in elements]
     sizes = [k for k in sizes if k > _RANK * max(sizes)]
@@ -226,7 +257,11 @@ def _scale(state: Condensed, system: System) -> Array:
         scale[place] = np.repeat([1.0, 1.0 / length], 3) / root
     for tie in system.ties:
         scale[tie.w] = np.repeat([1.0, length], 3) * root
-        moved = np.linalg.norm(tie.columns[0] * np.repeat([1.0, length], 3)[:, None], axis=0)
+        moved = np.linalg.norm(
+            tie.columns[0] * np.repeat([1.0, length], 3)[:, None], axis=0
+        )
         free = np.arange(len(moved)) >= tie.springs
-        scale[tie.y] = np.where(free, 1.0 / (np.where(moved > 0.0, moved, 1.0) * root), 1.0)
+        scale[tie.y] = np.where(
+            free, 1.0 / (np.where(moved > 0.0, moved, 1.0) * root), 1.0
+        )
     return scale

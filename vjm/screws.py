@@ -31,9 +31,12 @@ def skew(r: ArrayLike, out: Array | None = None) -> Array:
     """Return S(r), with ``S(r) @ a = r × a``, of vectors (..., 3); ``out``: zeros to write into."""
     r = np.asarray(r, dtype=float)
     s = np.zeros((*r.shape, 3)) if out is None else out
-    s[..., 0, 1], s[..., 0, 2] = -r[..., 2], r[..., 1]
-    s[..., 1, 0], s[..., 1, 2] = r[..., 2], -r[..., 0]
-    s[..., 2, 0], s[..., 2, 1] = -r[..., 1], r[..., 0]
+    s[..., 0, 1] = -r[..., 2]
+    s[..., 0, 2] = r[..., 1]
+    s[..., 1, 0] = r[..., 2]
+    s[..., 1, 2] = -r[..., 0]
+    s[..., 2, 0] = -r[..., 1]
+    s[..., 2, 1] = r[..., 0]
     return s
 
 
@@ -97,7 +100,11 @@ def rotation_of(vector: Array) -> Array:
 
 
 def _blocks(diagonal: Array, corner: Array | None) -> Array:
-    shape = diagonal.shape if corner is None else np.broadcast_shapes(diagonal.shape, corner.shape)
+    shape = (
+        diagonal.shape
+        if corner is None
+        else np.broadcast_shapes(diagonal.shape, corner.shape)
+    )
     out = np.zeros((*shape[:-2], 6, 6))
     out[..., :3, :3] = diagonal
     out[..., 3:, 3:] = diagonal

@@ -20,7 +20,9 @@ _FEW = 8  # matrices, up to which one library call for each is faster
 
 def multiply_transposed(matrix: Array) -> Array:
     """Return AᵀA (n, m, m) of many small A (n, k, m), in a quarter of the time of ``A.mT @ A``."""
-    return matrix.mT @ matrix.copy()  # of one array numpy calls a symmetric product, slow to start
+    return (
+        matrix.mT @ matrix.copy()
+    )  # of one array numpy calls a symmetric product, slow to start
 
 
 def half_inverse(matrix: Array, tolerance: float = DROPPED) -> Array:
@@ -30,7 +32,8 @@ def half_inverse(matrix: Array, tolerance: float = DROPPED) -> Array:
 
 def pivot(matrix: Array, tolerance: float = DROPPED) -> tuple[Array, Array]:
     """Return ``half_inverse`` and its relative pivots (n, m)."""
-    n, m = matrix.shape[0], matrix.shape[-1]
+    n = matrix.shape[0]
+    m = matrix.shape[-1]
     if m and n <= _FEW:
         with suppress(np.linalg.LinAlgError):
             root = np.linalg.cholesky(matrix)

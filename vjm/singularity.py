@@ -31,7 +31,11 @@ def principal(matrix: Array) -> tuple[Array, Array]:
     force = np.einsum("...ii->...", matrix[..., :3, :3])[..., None, None] / 3.0
     scale = np.ones(matrix.shape[:-1])
     scale[..., 3:] = characteristic_length(matrix)[..., None]
-    unit = matrix / (scale[..., :, None] * scale[..., None, :]) / np.where(force > 0.0, force, 1.0)
+    unit = (
+        matrix
+        / (scale[..., :, None] * scale[..., None, :])
+        / np.where(force > 0.0, force, 1.0)
+    )
     values, vectors = np.linalg.eigh(unit)
     return values, vectors / scale[..., :, None]
 
@@ -39,8 +43,11 @@ def principal(matrix: Array) -> tuple[Array, Array]:
 def characteristic_length(matrix: Array) -> Array:
     """Return the length (...) in m that equates mean rotational and translational stiffness."""
     diagonal = np.einsum("...ii->...i", matrix)
-    force, moment = diagonal[..., :3].sum(axis=-1), diagonal[..., 3:].sum(axis=-1)
-    return np.sqrt(moment.clip(min=0.0) / np.where(force > 0.0, force, 1.0)).clip(*_LENGTHS)
+    force = diagonal[..., :3].sum(axis=-1)
+    moment = diagonal[..., 3:].sum(axis=-1)
+    return np.sqrt(moment.clip(min=0.0) / np.where(force > 0.0, force, 1.0)).clip(
+        *_LENGTHS
+    )
 
 
 def count_freedoms(matrix: Array) -> tuple[NDArray[np.int_], Array]:
@@ -49,7 +56,8 @@ def count_freedoms(matrix: Array) -> tuple[NDArray[np.int_], Array]:
     Judged by the fourth principal stiffness: up to two may be nearly infinite.
     """
     values, _ = principal(matrix)
-    size, largest = np.sort(np.abs(values)), np.where(values[..., -1:] > 0.0, values[..., -1:], 1.0)
+    size = np.sort(np.abs(values))
+    largest = np.where(values[..., -1:] > 0.0, values[..., -1:], 1.0)
     least = np.maximum(_FREE * size[..., 3:4], _LOST * largest)
     return np.sum(size < least, axis=-1), np.clip(values / largest, 0.0, None)[..., 0]
 
@@ -67,7 +75,9 @@ def rigid_wrenches(compliance: Array, length: float) -> tuple[Array, ...]:
         some = np.flatnonzero(counts == count)
         null = vectors[some][..., :count]
         rows = _independent_rows(null)
-        wrenches = (null @ np.linalg.inv(np.take_along_axis(null, rows[..., None], axis=1))).mT * scale
+        wrenches = (
+            null @ np.linalg.inv(np.take_along_axis(null, rows[..., None], axis=1))
+        ).mT * scale
         size = np.abs(wrenches)
         wrenches[size < _ROUNDING * size.max(axis=2, keepdims=True)] = 0.0
         wrenches /= np.linalg.norm(wrenches, axis=2, keepdims=True)
@@ -78,7 +88,8 @@ def rigid_wrenches(compliance: Array, length: float) -> tuple[Array, ...]:
 
 def _independent_rows(bases: Array) -> NDArray[np.int_]:
     """Return k rows (n, k), ascending, in which bases (n, 6, k) are regular, by QR with pivoting."""
-    left, chosen = bases.copy(), np.zeros((len(bases), bases.shape[2]), dtype=int)
+    left = bases.copy()
+    chosen = np.zeros((len(bases), bases.shape[2]), dtype=int)
     for step in range(bases.shape[2]):
         chosen[:, step] = np.square(left).sum(axis=2).argmax(axis=1)
         pivot = np.take_along_axis(left, chosen[:, step, None, None], axis=1)
@@ -105,7 +116,9 @@ def rigid_note(rigid: Array) -> str | None:
 def _name_wrenches(wrenches: Array) -> str:
     """Return the directions that wrenches (k, 6) span."""
     space = np.linalg.qr(wrenches.T)[0]
-    return ", ".join(_name_rigid(each) for each in name_directions(space, "force", "moment", 1.0))
+    return ", ".join(
+        _name_rigid(each) for each in name_directions(space, "force", "moment", 1.0)
+    )
 
 
 def _name_rigid(direction: Direction) -> str:
@@ -127,9 +140,16 @@ def singular_note(matrix: Array) -> str | None:
     rest = f"inverse condition number {inverse_condition:.2g}"
     if not count and values[0] * values[-1] > values[3] ** 2:
         return f"near a singular pose, nearly rigid: {_name_wrenches((matrix @ vectors[:, -1:]).T)}; {rest}"
-    twist, size = vectors[:, 0], np.abs(vectors[:, 0])
-    softest = ", ".join(f"{v:+.3g}" for v in np.where(size < _NEAR * size.max(), 0.0, twist))
-    state = f"the tool moves freely in {count} direction(s)" if count else "near a singular pose"
+    twist = vectors[:, 0]
+    size = np.abs(vectors[:, 0])
+    softest = ", ".join(
+        f"{v:+.3g}" for v in np.where(size < _NEAR * size.max(), 0.0, twist)
+    )
+    state = (
+        f"the tool moves freely in {count} direction(s)"
+        if count
+        else "near a singular pose"
+    )
     if values[0] < -max(_NEAR * values[3], _LOST):
         state = "unstable, the loads overturn it"
     return f"{state}: softest twist ({softest}), {rest}"

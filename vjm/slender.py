@@ -43,7 +43,11 @@ def find_thrusts(mechanism: Mechanism, poses: Poses) -> dict[str, tuple[float, f
     ----------
     Przemieniecki, Theory of Matrix Structural Analysis (1968), ch. 15: geometric stiffness of a beam.
     """
-    bodies = {b.name: b.elastic for b in mechanism.bodies if b.elastic is not None and _is_member(b.elastic)}
+    bodies = {
+        b.name: b.elastic
+        for b in mechanism.bodies
+        if b.elastic is not None and _is_member(b.elastic)
+    }
     bends = {name: _bend_by_thrust(elastic) for name, elastic in bodies.items()}
 
     def work(order: Order, where: Places) -> Array:
@@ -51,13 +55,22 @@ def find_thrusts(mechanism: Mechanism, poses: Poses) -> dict[str, tuple[float, f
         out = np.zeros((len(where.tool), len(bodies)))
         for k, (name, elastic) in enumerate(bodies.items()):
             along = (elastic.tip - elastic.base) @ elastic.axes
-            out[:, k] = found.find_wrench(mechanism.rows(name))[:, :3, 0] @ along / np.linalg.norm(along)
+            out[:, k] = (
+                found.find_wrench(mechanism.rows(name))[:, :3, 0]
+                @ along
+                / np.linalg.norm(along)
+            )
         return out
 
     forces = map_chunks(mechanism, poses, (len(bodies),), work)
     forces = forces[np.isfinite(forces).all(axis=1)]
-    largest = (each[np.argmax(np.abs(each))] for each in forces.T) if len(forces) else ()
-    return {name: (float(f), float(abs(f) * bends[name])) for name, f in zip(bodies, largest, strict=False)}
+    largest = (
+        (each[np.argmax(np.abs(each))] for each in forces.T) if len(forces) else ()
+    )
+    return {
+        name: (float(f), float(abs(f) * bends[name]))
+        for name, f in zip(bodies, largest, strict=False)
+    }
 
 
 def _is_member(elastic: Elastic) -> bool:
@@ -73,5 +86,11 @@ def _bend_by_thrust(elastic: Elastic) -> float:
     shift = np.hstack([np.eye(3) - np.outer(along, along), np.zeros((3, 3))])
     slope = np.hstack([np.zeros((3, 3)), -skew(along)])
     mixed = shift.T @ slope
-    geometric = 36.0 * shift.T @ shift - 3.0 * length * (mixed + mixed.T) + 4.0 * length**2 * slope.T @ slope
-    return float(np.linalg.eigvals(elastic.compliance @ geometric).real.max()) / (30.0 * length)
+    geometric = (
+        36.0 * shift.T @ shift
+        - 3.0 * length * (mixed + mixed.T)
+        + 4.0 * length**2 * slope.T @ slope
+    )
+    return float(np.linalg.eigvals(elastic.compliance @ geometric).real.max()) / (
+        30.0 * length
+    )

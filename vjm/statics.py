@@ -15,14 +15,31 @@ import numpy as np
 from stiffscope.errors import InputError, check_word
 from stiffscope.vjm.condensation import InfiniteStiffnessError, condense_network
 from stiffscope.vjm.datasets import Labelled, make_dataset
-from stiffscope.vjm.equilibrium import find_equilibrium, map_segments, solve_condensed, solve_loads, tool_stiffness
-from stiffscope.vjm.kinematics import CHUNK, Configurations, check_poses, configure, configure_chunks
+from stiffscope.vjm.equilibrium import (
+    find_equilibrium,
+    map_segments,
+    solve_condensed,
+    solve_loads,
+    tool_stiffness,
+)
+from stiffscope.vjm.kinematics import (
+    CHUNK,
+    Configurations,
+    check_poses,
+    configure,
+    configure_chunks,
+)
 from stiffscope.vjm.laws import find_laws
 from stiffscope.vjm.loading import Loads
 from stiffscope.vjm.network import END, place_nodes
 from stiffscope.vjm.order import find_order, stack_columns
 from stiffscope.vjm.prestress import loaded_compliance, loaded_stiffness, own_loads
-from stiffscope.vjm.singularity import characteristic_length, count_freedoms, invert_stiffness, rigid_wrenches
+from stiffscope.vjm.singularity import (
+    characteristic_length,
+    count_freedoms,
+    invert_stiffness,
+    rigid_wrenches,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -77,12 +94,19 @@ class Stiffness(Labelled):
     @property
     def finite(self) -> Array:
         """Stiffness (n, 6, 6); if infinite, 1/C_ii: each direction with all others free."""
-        out, counts = self.matrix.copy(), np.array([len(each) for each in self.rigid], dtype=int)
+        out = self.matrix.copy()
+        counts = np.array([len(each) for each in self.rigid], dtype=int)
         for count in set(counts.tolist()) - {0}:
             some = np.flatnonzero(counts == count)
             rigid = np.array([self.rigid[k] for k in some])
-            within = np.square(np.linalg.qr(rigid.mT)[0]).sum(axis=2)  # of each unit wrench
-            alone = np.where(within < 1.0 - _ROUNDING, np.einsum("nii->ni", self.compliance[some]), np.nan)
+            within = np.square(np.linalg.qr(rigid.mT)[0]).sum(
+                axis=2
+            )  # of each unit wrench
+            alone = np.where(
+                within < 1.0 - _ROUNDING,
+                np.einsum("nii->ni", self.compliance[some]),
+                np.nan,
+            )
             out[some] = np.where(np.eye(6, dtype=bool), 1.0 / alone[:, None], np.nan)
         return out
 
@@ -95,8 +119,16 @@ class Stiffness(Labelled):
         """Return stiffness, compliance, sag and mobility by pose, twist and wrench; SI."""
         soft = self.compliance
         variables: Variables = {
-            "stiffness": (("pose", "wrench", "twist"), self.matrix, "N/m, N/rad, N, N·m/rad"),
-            "compliance": (("pose", "twist", "wrench"), soft, "m/N, rad/N, 1/N, rad/(N·m)"),
+            "stiffness": (
+                ("pose", "wrench", "twist"),
+                self.matrix,
+                "N/m, N/rad, N, N·m/rad",
+            ),
+            "compliance": (
+                ("pose", "twist", "wrench"),
+                soft,
+                "m/N, rad/N, 1/N, rad/(N·m)",
+            ),
             "sag": (("pose", "twist"), self.sag, "m, rad"),
             "mobility": (("pose",), self.mobility, "1"),
             "inverse_condition": (("pose",), self.inverse_condition, "1"),
@@ -104,7 +136,9 @@ class Stiffness(Labelled):
         return make_dataset(self.configurations, variables)
 
 
-def stiffness(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") -> Array:
+def stiffness(
+    mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none"
+) -> Array:
     """Return the tool stiffness at many poses.
 
     Parameters
@@ -138,7 +172,9 @@ def stiffness(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") 
     return map_chunks(mechanism, poses, (6, 6), _find_stiffness, gravity)
 
 
-def compliance(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") -> Array:
+def compliance(
+    mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none"
+) -> Array:
     """Return the tool compliance at many poses; of rank below six if only drives are compliant.
 
     Parameters
@@ -157,7 +193,11 @@ def compliance(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none")
 
 
 def batches(
-    mechanism: Mechanism, poses: ArrayLike, *, gravity: Gravity = "none", size: int = 65536
+    mechanism: Mechanism,
+    poses: ArrayLike,
+    *,
+    gravity: Gravity = "none",
+    size: int = 65536,
 ) -> Iterator[tuple[slice, Array]]:
     """Yield slices of poses (n, k) and their stiffness (m, 6, 6), ``size`` poses at a time.
 
@@ -206,7 +246,9 @@ def sag(mechanism: Mechanism, poses: Poses) -> Array:
     return map_chunks(mechanism, poses, (6,), work)
 
 
-def analyse(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") -> Stiffness:
+def analyse(
+    mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none"
+) -> Stiffness:
     """Compute stiffness, compliance, mobility and (with gravity) sag at tool poses.
 
     Parameters
@@ -236,46 +278,69 @@ def analyse(mechanism: Mechanism, poses: Poses, *, gravity: Gravity = "none") ->
     matrix = both[..., :6]
     yielding, free, inverse_condition = _complete_compliance(matrix, both[..., 6:12])
     stuck = np.asarray(~np.isfinite(matrix).all(axis=(1, 2)))
-    plain, sagged = yielding, np.zeros((len(found), 6))
+    plain = yielding
+    sagged = np.zeros((len(found), 6))
     if gravity != "none":
         loaded = _analyse_weight(mechanism, found, matrix, yielding)
-        sagged, still = loaded[..., 12], np.isnan(loaded[:, :1, 12:])
+        sagged = loaded[..., 12]
+        still = np.isnan(loaded[:, :1, 12:])
         matrix = np.where(still, matrix, loaded[..., :6])
         yielding = np.where(still, yielding, loaded[..., 6:12])
         yielding, free, inverse_condition = _complete_compliance(matrix, yielding)
-        plain = np.where(stuck[:, None, None], plain, yielding)  # weight bends what is rigid, little
+        plain = np.where(
+            stuck[:, None, None], plain, yielding
+        )  # weight bends what is rigid, little
     stuck = found.valid & (stuck | ~np.isfinite(matrix).all(axis=(1, 2)))
-    matrix[stuck], free[stuck], inverse_condition[stuck] = np.nan, 0, 0.0
+    matrix[stuck] = np.nan
+    free[stuck] = 0
+    inverse_condition[stuck] = 0.0
     rigid: list[Array] = [np.zeros((0, 6))] * len(found)
-    for k, wrenches in zip(np.flatnonzero(stuck), rigid_wrenches(plain[stuck], found.linkage.length), strict=True):
+    for k, wrenches in zip(
+        np.flatnonzero(stuck),
+        rigid_wrenches(plain[stuck], found.linkage.length),
+        strict=True,
+    ):
         rigid[k] = wrenches
-    return Stiffness(found, matrix, sagged, free, inverse_condition, yielding, tuple(rigid))
+    return Stiffness(
+        found, matrix, sagged, free, inverse_condition, yielding, tuple(rigid)
+    )
 
 
-def _complete_compliance(matrix: Array, yielding: Array) -> tuple[Array, NDArray[np.int_], Array]:
+def _complete_compliance(
+    matrix: Array, yielding: Array
+) -> tuple[Array, NDArray[np.int_], Array]:
     """Return compliances (n, 6, 6), number of free directions and inverse condition number (n,)."""
-    free, inverse_condition = np.full(len(matrix), 6), np.full(len(matrix), np.nan)
+    free = np.full(len(matrix), 6)
+    inverse_condition = np.full(len(matrix), np.nan)
     known = np.isfinite(matrix).all(axis=(1, 2))
     free[known], inverse_condition[known] = count_freedoms(matrix[known])
     completed = np.where(np.isnan(yielding), invert_stiffness(matrix, free), yielding)
     return completed, free, inverse_condition
 
 
-def _analyse_weight(mechanism: Mechanism, found: Configurations, unloaded: Array, yielding: Array) -> Array:
+def _analyse_weight(
+    mechanism: Mechanism, found: Configurations, unloaded: Array, yielding: Array
+) -> Array:
     """Return stiffness, compliance and sag (n, 6, 13) under weights, if they are known without.
 
     All are NaN if the tool moves freely, if no equilibrium is found, or if weights turn it by more than
     a tenth of a radian or move it by more than a tenth of its characteristic length.
     """
     out = np.full((len(unloaded), 6, 13), np.nan)
-    loose = bool(find_laws(mechanism))  # weights may hold motions that are free without them
-    firm = np.flatnonzero(found.valid & (loose | np.isfinite(yielding).all(axis=(1, 2))))
+    loose = bool(
+        find_laws(mechanism)
+    )  # weights may hold motions that are free without them
+    firm = np.flatnonzero(
+        found.valid & (loose | np.isfinite(yielding).all(axis=(1, 2)))
+    )
     both = map_chunks(mechanism, found[firm], (6, 13), _find_matrices, "exact")
     size = np.ones((len(firm), 6))
     size[:, :3] = found.linkage.length
     known = np.isfinite(unloaded[firm]).all(axis=(1, 2)) & (not loose)
     size[known, :3] = characteristic_length(unloaded[firm[known]])[:, None]
-    small = (np.abs(both[..., 12]) < _FAR * size).all(axis=1) & ~np.isnan(both[..., :12]).all(axis=(1, 2))
+    small = (np.abs(both[..., 12]) < _FAR * size).all(axis=1) & ~np.isnan(
+        both[..., :12]
+    ).all(axis=(1, 2))
     out[firm[small]] = both[small]
     return out
 
@@ -294,7 +359,9 @@ def compliance_error(mechanism: Mechanism, poses: Poses) -> Array:
     return _propagate_errors(mechanism, poses, lambda _: np.eye(6)[None])
 
 
-def _propagate_errors(mechanism: Mechanism, poses: Poses, find_loads: Callable[[Any], Array]) -> Array:
+def _propagate_errors(
+    mechanism: Mechanism, poses: Poses, find_loads: Callable[[Any], Array]
+) -> Array:
     """Return ``Σ |A F|ᵀ δC |A F|`` (n, 6, 6) with the loads F (m, 6, 6) at M."""
     elastic = ((b.name, b.elastic) for b in mechanism.bodies if b.elastic is not None)
     bars = {name: each.error for name, each in elastic if each.error is not None}
@@ -305,7 +372,8 @@ def _propagate_errors(mechanism: Mechanism, poses: Poses, find_loads: Callable[[
             loads = find_loads(state)
         except InfiniteStiffnessError:
             return _UNKNOWN
-        response, out = solve_condensed(state, Loads(6, {END: loads})), np.zeros_like(loads)
+        response = solve_condensed(state, Loads(6, {END: loads}))
+        out = np.zeros_like(loads)
         for name, bar in bars.items():
             carried = np.abs(response.find_wrench(mechanism.rows(name)))
             out = out + carried.mT @ bar @ carried
@@ -325,26 +393,40 @@ def _at_weight(order: Order, where: Places, work: Work, columns: int) -> Array:
     """Return what is found (n, 6, columns) under own weight, with drives' laws linearized there."""
     if not find_laws(order.mechanism):
         return work(order, where)
-    return map_segments(order, where, own_loads(order, where), (6, columns), work)[..., 0]
+    return map_segments(order, where, own_loads(order, where), (6, columns), work)[
+        ..., 0
+    ]
 
 
 def _find_matrices(order: Order, where: Places, gravity: Gravity) -> Array:
     """Return stiffness, compliance, sag (n, 6, 13); NaN if infinite or left to inversion."""
     if gravity == "exact" and find_laws(order.mechanism):
-        return _at_weight(order, where, lambda some, there: _find_matrices(some, there, gravity), 13)
-    loaded, still = gravity == "exact", np.zeros((1, 6, 1))
+        return _at_weight(
+            order, where, lambda some, there: _find_matrices(some, there, gravity), 13
+        )
+    loaded = gravity == "exact"
+    still = np.zeros((1, 6, 1))
     try:
-        found = loaded_stiffness(order, where) if loaded else tool_stiffness(condense_network(order, where))
-        return stack_columns([found[..., :6], _UNKNOWN, found[..., 6:] if loaded else still])
+        found = (
+            loaded_stiffness(order, where)
+            if loaded
+            else tool_stiffness(condense_network(order, where))
+        )
+        return stack_columns(
+            [found[..., :6], _UNKNOWN, found[..., 6:] if loaded else still]
+        )
     except InfiniteStiffnessError:
         if loaded:
             found = loaded_compliance(order, where)
         else:
             unit = solve_loads(order, where, Loads(6, {END: np.eye(6)[None]})).twist
             found = stack_columns([0.5 * (unit + unit.mT), still])
-    matrix, yielding = np.full((len(found), 6, 6), np.nan), found[..., :6]
+    matrix = np.full((len(found), 6, 6), np.nan)
+    yielding = found[..., :6]
     known = np.flatnonzero(np.isfinite(yielding).all(axis=(1, 2)))
-    firm = known[[not len(each) for each in rigid_wrenches(yielding[known], order.length)]]
+    firm = known[
+        [not len(each) for each in rigid_wrenches(yielding[known], order.length)]
+    ]
     matrix[firm] = np.linalg.inv(yielding[firm])
     return np.concatenate([matrix, found], axis=2)
 
@@ -360,15 +442,23 @@ def _find_unloaded(order: Order, where: Places, gravity: Gravity) -> Array:
 
 
 def map_chunks(
-    mechanism: Mechanism, poses: Poses, entries: tuple[int, ...], work: Callable[..., Array], *more: Any
+    mechanism: Mechanism,
+    poses: Poses,
+    entries: tuple[int, ...],
+    work: Callable[..., Array],
+    *more: Any,
 ) -> Array:
     """Apply work to configurations in chunks; only the result grows with their number."""
     if isinstance(poses, Configurations):
         n = len(poses)
-        chunks = (poses[i : i + CHUNK] if n > CHUNK else poses for i in range(0, max(n, 1), CHUNK))
+        chunks = (
+            poses[i : i + CHUNK] if n > CHUNK else poses
+            for i in range(0, max(n, 1), CHUNK)
+        )
     else:
         points = check_poses(mechanism, poses)
-        n, chunks = len(points), configure_chunks(mechanism, points)
+        n = len(points)
+        chunks = configure_chunks(mechanism, points)
     out = np.full((n, *entries), np.nan)
     at = 0
     for found in chunks:
@@ -376,6 +466,7 @@ def map_chunks(
         at += len(found)
         good = found if found.valid.all() else found[found.valid]
         if len(good):
-            order, where = find_order(mechanism, good.linkage), place_nodes(good)
+            order = find_order(mechanism, good.linkage)
+            where = place_nodes(good)
             out[some][found.valid] = work(order, where, *more)
     return out

@@ -31,7 +31,9 @@ def find_offsets(order: Order, where: Places) -> dict[str, Array]:
     return out
 
 
-def find_remaining_offsets(order: Order, where: Places, rest: Places) -> dict[str, Array]:
+def find_remaining_offsets(
+    order: Order, where: Places, rest: Places
+) -> dict[str, Array]:
     """Return offsets (n, 6, 1) for a linear step from deformed places to obey every element's law.
 
     In each element's own axes at its own point. A spring strained by θ of its offset t₀ still has
@@ -51,7 +53,9 @@ def find_remaining_offsets(order: Order, where: Places, rest: Places) -> dict[st
         strain = _strain(e, where, rest)
         lack = -strain if e.offset is None else e.offset - strain
         if e.joint is None and lack.any():
-            lack[:, 3:] = np.einsum("nij,nj->ni", euler_axes(where.turn(e, e.axes)), lack[:, 3:])
+            lack[:, 3:] = np.einsum(
+                "nij,nj->ni", euler_axes(where.turn(e, e.axes)), lack[:, 3:]
+            )
         if lack.any():
             out[e.name] = lack[..., None]
     return out
@@ -64,7 +68,8 @@ def _strain(e: Element, where: Places, rest: Places) -> Array:
     out = np.zeros((n, 6))
     joint = e.joint
     if joint is None:
-        out[:, :3], out[:, 3:] = gap, euler_angles(turn)
+        out[:, 3:] = euler_angles(turn)
+        out[:, :3] = gap
         return out
     held, turns = joint.held_components
     out[:, held] = gap[:, held]
@@ -72,7 +77,8 @@ def _strain(e: Element, where: Places, rest: Places) -> Array:
         first, second = joint.cross
         out[:, 3:] = _miss_angle(joint.axes.T @ first, joint.axes.T @ second, turn)
     elif len(turns) == 2:  # direction of the axis on the second body
-        out[:, 4], out[:, 5] = -turn[:, 2, 0], turn[:, 1, 0]
+        out[:, 4] = -turn[:, 2, 0]
+        out[:, 5] = turn[:, 1, 0]
     elif turns:
         out[:, 3:] = euler_angles(turn)
     if joint.resistance and joint.kind in DRIVEN:
@@ -89,7 +95,9 @@ def _strain(e: Element, where: Places, rest: Places) -> Array:
 def _strain_spring(e: Element, joint: Joint, where: Places) -> Array:
     """Displacement (n, 6) of a passive joint's free motions from its spring's rest, own axes."""
     back = where.rotation[e.first].mT
-    gap = (back @ (where.point(e.second, e.at) - where.point(e.first, e.at))[..., None])[..., 0]
+    gap = (
+        back @ (where.point(e.second, e.at) - where.point(e.first, e.at))[..., None]
+    )[..., 0]
     away = find_free_coordinates(joint, where.turn(e, np.eye(3)), gap) - joint.rest
     out = np.zeros((len(away), 6))
     if joint.kind == "spherical":
@@ -102,7 +110,9 @@ def _strain_spring(e: Element, joint: Joint, where: Places) -> Array:
     return out
 
 
-def _relative(e: Element, where: Places, drawn: Joint | None = None) -> tuple[Array, Array]:
+def _relative(
+    e: Element, where: Places, drawn: Joint | None = None
+) -> tuple[Array, Array]:
     """Return displacement (n, 3) and rotation (n, 3, 3) of an element's second node from its first.
 
     In the element's axes, or in those of ``drawn``, the nominal joint, if given.

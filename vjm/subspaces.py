@@ -29,7 +29,9 @@ class Direction:
     kind: str
     axis: Array
     pitch: float = 0.0  # m/rad, of a screw
-    offset: Array | None = None  # (3,) from the reference to the nearest point of its line, m
+    offset: Array | None = (
+        None  # (3,) from the reference to the nearest point of its line, m
+    )
 
     def __str__(self) -> str:
         along = axis_name(self.axis)
@@ -44,7 +46,9 @@ def axis_name(axis: Array) -> str:
     near = int(np.argmax(np.abs(axis)))
     if abs(abs(axis[near]) - 1.0) < 1e-6:
         return "xyz"[near]
-    return f"({', '.join(f'{c:.3g}' for c in np.where(np.abs(axis) < 1e-6, 0.0, axis))})"
+    return (
+        f"({', '.join(f'{c:.3g}' for c in np.where(np.abs(axis) < 1e-6, 0.0, axis))})"
+    )
 
 
 def split_spaces(matrix: Array) -> tuple[Array, tuple[float, float], Array]:
@@ -84,17 +88,23 @@ def find_blocks(basis: Array, sizes: list[int]) -> list[tuple[list[int], int]]:
 
     The orthogonal projector onto a space is block diagonal exactly if the space is a direct sum.
     """
-    projector, owner = basis @ basis.T, np.repeat(np.arange(len(sizes)), sizes)
+    projector = basis @ basis.T
+    owner = np.repeat(np.arange(len(sizes)), sizes)
     rows, columns = np.nonzero(np.abs(projector) > ZERO)
     touch = np.zeros((len(sizes), len(sizes)), dtype=bool)
     touch[owner[rows], owner[columns]] = True
     label = connected_components(touch, directed=False)[1]
-    groups = [np.flatnonzero(label == k) for k in dict.fromkeys(label[touch.diagonal()].tolist())]
+    groups = [
+        np.flatnonzero(label == k)
+        for k in dict.fromkeys(label[touch.diagonal()].tolist())
+    ]
     sizes_of = np.bincount(owner, projector.diagonal(), len(sizes))
     return [(group.tolist(), round(float(sizes_of[group].sum()))) for group in groups]
 
 
-def name_directions(basis: Array, bound: str, free: str, length: float) -> list[Direction]:
+def name_directions(
+    basis: Array, bound: str, free: str, length: float
+) -> list[Direction]:
     """Return directions of a screw space (6, k); line (force, angular velocity) before couple.
 
     First pure couples (``free``), then lines (``bound``) with the smallest pitch that the couples
@@ -122,7 +132,14 @@ def name_directions(basis: Array, bound: str, free: str, length: float) -> list[
             pitch = 0.0  # a couple about the same axis removes the pitch
         real = abs(pitch) > 1e-6
         offset = length * np.cross(axis, off @ screw[3:])
-        out.append(Direction("screw" if real else bound, axis, pitch * length if real else 0.0, offset))
+        out.append(
+            Direction(
+                "screw" if real else bound,
+                axis,
+                pitch * length if real else 0.0,
+                offset,
+            )
+        )
     return out
 
 

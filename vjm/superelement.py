@@ -40,7 +40,11 @@ class ToolSuperelement:
 
 
 def superelement(
-    mechanism: Mechanism, configuration: Configurations, modes: int = 6, *, drives: Drives = "held"
+    mechanism: Mechanism,
+    configuration: Configurations,
+    modes: int = 6,
+    *,
+    drives: Drives = "held",
 ) -> ToolSuperelement:
     """Reduce a robot at one configuration to its tool's twist and to its lowest modes.
 
@@ -70,21 +74,32 @@ def superelement(
     """
     (pencil, _), *_ = form_pencils(mechanism, configuration, drives)
     unit = pencil.scale
-    stiffness, mass = (a[0] * np.outer(unit, unit) for a in (pencil.stiffness, pencil.mass))
+    stiffness, mass = (
+        a[0] * np.outer(unit, unit) for a in (pencil.stiffness, pencil.mass)
+    )
     size = np.repeat([pencil.system.length, 1.0], 3)
-    tool = pencil.system.twists[END].apply_to(pencil.basis)[0] * unit / size[:, None]  # (6, d)
+    tool = (
+        pencil.system.twists[END].apply_to(pencil.basis)[0] * unit / size[:, None]
+    )  # (6, d)
     left, values, right = np.linalg.svd(tool)
     if len(values) < 6 or values[5] <= RANK * values[0]:
-        raise InputError("tool: expected one that moves in six directions, got one held rigidly")
+        raise InputError(
+            "tool: expected one that moves in six directions, got one held rigidly"
+        )
     apart = np.asarray(right[6:].T, dtype=float)
     follow = right[:6].T / values[:6] @ left.T / size
     held, inert = (apart.T @ a @ apart for a in (stiffness, mass))
     inverse: Array = np.asarray(np.linalg.pinv(held, 1e-13, hermitian=True))  # pyright: ignore[reportUnknownArgumentType]
     static = follow - apart @ inverse @ (apart.T @ stiffness @ follow)
     loose = _lowest(stiffness, mass, pencil.shift, modes)
-    added = apart.T @ (loose - static @ (size[:, None] * (tool @ loose)))  # with the tool held
-    wanted = np.linalg.qr(np.hstack([_lowest(held, inert, pencil.shift, modes), added]))[0]
-    own, moved = wanted.T @ held @ wanted, wanted.T @ inert @ wanted
+    added = apart.T @ (
+        loose - static @ (size[:, None] * (tool @ loose))
+    )  # with the tool held
+    wanted = np.linalg.qr(
+        np.hstack([_lowest(held, inert, pencil.shift, modes), added])
+    )[0]
+    own = wanted.T @ held @ wanted
+    moved = wanted.T @ inert @ wanted
     within = _lowest(own, moved, pencil.shift, wanted.shape[1])
     basis = np.hstack([static, apart @ wanted @ within])
     k, m = (0.5 * (a + a.T) for a in (basis.T @ a @ basis for a in (stiffness, mass)))
@@ -99,5 +114,7 @@ def _lowest(stiffness: Array, mass: Array, shift: float, count: int) -> Array:
     stiff = values > _NOTHING * values.max(initial=0.0)
     half = vectors[:, stiff] / np.sqrt(values[stiff])
     weights, turned = np.linalg.eigh(half.T @ mass @ half)  # μ = 1 / (ω² + s)
-    moving = (weights > _NOTHING * weights.max(initial=0.0)) & (weights < (1.0 - _FREE) / shift)
+    moving = (weights > _NOTHING * weights.max(initial=0.0)) & (
+        weights < (1.0 - _FREE) / shift
+    )
     return ((half @ turned[:, moving]) / np.sqrt(weights[moving]))[:, ::-1][:, :count]

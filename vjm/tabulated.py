@@ -80,17 +80,21 @@ class Look:
 class Table:
     """Pose-independent data of a linkage."""
 
-    def __init__(self, motions: Sequence[Motion], cuts: Sequence[Cut], length: float, size: int) -> None:
+    def __init__(
+        self, motions: Sequence[Motion], cuts: Sequence[Cut], length: float, size: int
+    ) -> None:
         generators = np.zeros((len(motions) + 1, 3, 4, 4))
         self.lead = np.array([0, *(motion.column for motion in motions)])
         self.slides = np.array([True, *(m.kind == "P" for m in motions)])[:, None, None]
         parent = np.array([0, *(motion.parent for motion in motions)])
-        constants, coefficients = np.zeros((size, 4, 2)), np.zeros((size, 2, 2))
+        constants = np.zeros((size, 4, 2))
+        coefficients = np.zeros((size, 2, 2))
         frame = np.zeros(size, dtype=int)
         for motion in motions:
             spans = np.eye(3) if motion.kind == "S" else motion.axis[None]
             for k, axis in enumerate(motion.sign * spans):
-                column, slides = motion.column + k, motion.kind == "P"
+                column = motion.column + k
+                slides = motion.kind == "P"
                 if slides:
                     generators[motion.child, k, :3, 3] = axis
                 else:
@@ -99,16 +103,22 @@ class Table:
                 frame[column] = motion.parent
                 constants[column, :3] = np.column_stack([axis, motion.point])
                 constants[column, 3, 1] = 1.0
-                coefficients[column] = [[1.0, 0.0], [0.0, 0.0]] if slides else [[0.0, 1.0], [1.0, 0.0]]
+                coefficients[column] = (
+                    [[1.0, 0.0], [0.0, 0.0]] if slides else [[0.0, 1.0], [1.0, 0.0]]
+                )
         self.balls = np.array([m.child for m in motions if m.kind == "S"], dtype=int)
         self.ball_columns = self.lead[self.balls][:, None] + np.arange(3)
         self.ball_parents = parent[self.balls]
-        self.ball_signs = np.array([m.sign for m in motions if m.kind == "S"])[:, None, None]
+        self.ball_signs = np.array([m.sign for m in motions if m.kind == "S"])[
+            :, None, None
+        ]
         count = len(self.balls)
         self.turned = np.zeros((size, count))  # which coordinates turn which ball
         self.turned[self.ball_columns, np.arange(count)[:, None]] = 1.0
         spans = np.zeros((size, count, 16))
-        spans[self.ball_columns, np.arange(count)[:, None]] = generators[self.balls].reshape(count, 3, 16)
+        spans[self.ball_columns, np.arange(count)[:, None]] = generators[
+            self.balls
+        ].reshape(count, 3, 16)
         self.generators = spans.reshape(size, 16 * count)
         self.screws = generators[:, 0]
         self.squares = self.screws @ self.screws
@@ -119,25 +129,33 @@ class Table:
         terms = list(_list_terms(cuts, length))
         rows = [row for row, *_ in terms]
         self.home = np.array([const for *_, const in terms])
-        self.sums = (np.arange(max(rows, default=-1) + 1)[:, None] == rows).astype(float)
+        self.sums = (np.arange(max(rows, default=-1) + 1)[:, None] == rows).astype(
+            float
+        )
         self.simple = len(self.sums) == len(terms)
         onto = np.array([v for _, _, _, v, _ in terms]).reshape(-1, 4)
         across = np.zeros((len(terms), 4, 2))
         across[:, :3, 0] = np.array([u for _, _, u, _, _ in terms]).reshape(-1, 3)
         forces = onto[:, 3]  # 1 of lengths, 0 of angles
         across[..., 1] = onto * forces[:, None]
-        links = [cut.first for _, cut, *_ in terms] + [cut.second for _, cut, *_ in terms]
+        links = [cut.first for _, cut, *_ in terms] + [
+            cut.second for _, cut, *_ in terms
+        ]
         self.frame = np.append(frame, np.array(links, dtype=int))
-        self.constants = np.concatenate([constants, across, onto[..., None] * [1.0, 0.0]])
+        self.constants = np.concatenate(
+            [constants, across, onto[..., None] * [1.0, 0.0]]
+        )
         measured = np.zeros((len(terms), 2, 2))
-        measured[:, 0, 0], measured[:, 1, 1] = forces, 1.0
+        measured[:, 0, 0] = forces
+        measured[:, 1, 1] = 1.0
         self.coefficients = np.concatenate([coefficients, measured])
         self.size = size
 
     def look(self, q: Array) -> Look:
         """Return links and equations at coordinates (m, n)."""
         angle = q.take(self.lead, axis=0).T[..., None, None]
-        first, second = np.where(self.slides, angle, np.sin(angle)), 1.0 - np.cos(angle)
+        first = np.where(self.slides, angle, np.sin(angle))
+        second = 1.0 - np.cos(angle)
         frames: Array = self.screws * first + self.squares * second + _ONE
         rates = _ONE
         if len(self.balls):
@@ -146,18 +164,25 @@ class Table:
         for ancestors in self.ancestors:
             frames = frames.take(ancestors, axis=1) @ frames
         seen: Array = (frames.take(self.frame, axis=1) @ self.constants)[:, :, :3]
-        m, end = self.size, len(self.coefficients)
-        along, across, onto = seen[:, :end, :, 0], seen[:, m:end, :, 1], seen[:, end:, :, 0]
+        m = self.size
+        end = len(self.coefficients)
+        along = seen[:, :end, :, 0]
+        across = seen[:, m:end, :, 1]
+        onto = seen[:, end:, :, 0]
         if len(self.balls):
             turned: Array = frames.take(self.ball_parents, axis=1)[:, :, :3, :3] @ rates
             along[:, self.ball_columns] = self.ball_signs * turned.mT
         at = np.concatenate([seen[:, :m, :, 1], onto], axis=1)
-        both = np.concatenate([along, cross(at, along)], axis=2).reshape(len(angle), end, 2, 3)
+        both = np.concatenate([along, cross(at, along)], axis=2).reshape(
+            len(angle), end, 2, 3
+        )
         screws = (self.coefficients @ both).reshape(len(angle), end, 6)
         errors: Array = (along[:, m:] * (onto - across)).sum(axis=-1) - self.home
-        twists, wrenches = screws[:, :m], screws[:, m:]
+        twists = screws[:, :m]
+        wrenches = screws[:, m:]
         if not self.simple:
-            errors, wrenches = errors @ self.sums.T, self.sums @ wrenches
+            errors = errors @ self.sums.T
+            wrenches = self.sums @ wrenches
         return Look(frames, errors.T, twists, wrenches)
 
 
@@ -170,16 +195,23 @@ def _turn_balls(screw: Array, square: Array) -> tuple[Array, Array]:
     turn: Array = screw @ screw
     sine: Array = np.sin(angle) / angle
     half: Array = 2.0 * (np.sin(0.5 * angle) / angle) ** 2
-    third: Array = (1.0 - sine) / (angle * angle)  # its rounding, times `turn`, is that of 1
-    return _ONE + sine * screw + half * turn, (_ONE + half * screw + third * turn)[..., :3, :3]
+    third: Array = (1.0 - sine) / (
+        angle * angle
+    )  # its rounding, times `turn`, is that of 1
+    return _ONE + sine * screw + half * turn, (_ONE + half * screw + third * turn)[
+        ..., :3, :3
+    ]
 
 
-def _list_terms(cuts: Sequence[Cut], length: float) -> Iterator[tuple[int, Cut, Array, Array, float]]:
+def _list_terms(
+    cuts: Sequence[Cut], length: float
+) -> Iterator[tuple[int, Cut, Array, Array, float]]:
     """Yield row number, cut joint, u (3,), v (4,) and constant of every term of all errors."""
     row = 0
     for cut in cuts:
         joint = cut.joint
-        (held, turns), (x, y, z) = joint.held_components, joint.axes.T
+        (held, turns) = joint.held_components
+        (x, y, z) = joint.axes.T
         for k in held:
             yield row, cut, joint.axes[:, k] / length, np.append(joint.at, 1.0), 0.0
             row += 1
@@ -188,13 +220,25 @@ def _list_terms(cuts: Sequence[Cut], length: float) -> Iterator[tuple[int, Cut, 
         elif len(turns) == 2:
             pairs = [[(-z, x)], [(y, x)]]
         else:
-            pairs = [[(0.5 * b, a), (-0.5 * a, b)] for a, b in ((y, z), (z, x), (x, y)) if turns]
+            pairs = [
+                [(0.5 * b, a), (-0.5 * a, b)]
+                for a, b in ((y, z), (z, x), (x, y))
+                if turns
+            ]
         for terms in pairs:
             for u, v in terms:
-                yield row, cut, u, np.append(v, 0.0), float(u @ v) if len(terms) == 1 else 0.0
+                yield (
+                    row,
+                    cut,
+                    u,
+                    np.append(v, 0.0),
+                    float(u @ v) if len(terms) == 1 else 0.0,
+                )
             row += 1
 
 
 def cross(a: Array, b: Array) -> Array:
     """Return cross products of vectors (..., 3)."""
-    return a.take(_AHEAD, -1) * b.take(_BEHIND, -1) - a.take(_BEHIND, -1) * b.take(_AHEAD, -1)
+    return a.take(_AHEAD, -1) * b.take(_BEHIND, -1) - a.take(_BEHIND, -1) * b.take(
+        _AHEAD, -1
+    )

@@ -94,19 +94,30 @@ def respond(
     if six != 6 or n not in {1, len(found)} or not np.isfinite(applied).all():
         expected = f"finite (6,), (6, c) or ({len(found)}, 6, c)"
         raise InputError(f"wrench: expected {expected}, got shape {np.shape(wrench)}")
-    order, where = find_order(mechanism, found.linkage), place_nodes(found)
-    weight, times = (np.broadcast_to(np.asarray(x, dtype=float), (cases,)) for x in (gravity, misfit))
+    order = find_order(mechanism, found.linkage)
+    where = place_nodes(found)
+    weight, times = (
+        np.broadcast_to(np.asarray(x, dtype=float), (cases,)) for x in (gravity, misfit)
+    )
     own = own_loads(order, where)
-    nodes: dict[str, Array] = {k: w * weight for k, w in own.nodes.items() if weight.any()}
+    nodes: dict[str, Array] = {
+        k: w * weight for k, w in own.nodes.items() if weight.any()
+    }
     for load in loads:
         node = FOOT if load.node == GROUND else load.node
         if node not in where.rotation:
-            raise InputError(f"load: expected a body or an end of one, got {load.node!r}")
-        wrench = np.atleast_2d(np.asarray(load.wrench, dtype=float))[..., None] * np.ones(cases)
+            raise InputError(
+                f"load: expected a body or an end of one, got {load.node!r}"
+            )
+        wrench = np.atleast_2d(np.asarray(load.wrench, dtype=float))[
+            ..., None
+        ] * np.ones(cases)
         carry = where.wrenches(node, np.asarray(load.at, dtype=float))
         nodes[node] = nodes.get(node, 0.0) + carry @ wrench
     nodes[END] = nodes.get(END, 0.0) + applied
-    offsets: dict[str, Array] = {k: t * times for k, t in own.offsets.items() if times.any()}
+    offsets: dict[str, Array] = {
+        k: t * times for k, t in own.offsets.items() if times.any()
+    }
     out = find_equilibrium(order, where, Loads(cases, nodes, offsets))
     out.nodes[END] = np.array(np.broadcast_to(out.twist, (len(found), 6, cases)))
     return out
@@ -143,10 +154,14 @@ def deflection(mechanism: Mechanism, poses: Poses, wrench: ArrayLike) -> Deflect
     n = len(found)
     response = respond(mechanism, found, _check_wrench(wrench, n)[..., None])
     twist = response.twist[..., 0]
-    stored = {name: np.broadcast_to(e[:, 0], (n,)) for name, e in response.energies.items()}
+    stored = {
+        name: np.broadcast_to(e[:, 0], (n,)) for name, e in response.energies.items()
+    }
     energy = sum(stored.values(), np.zeros(n))
     whole = np.where(energy > 0.0, energy, 1.0)
-    return Deflection(twist, energy, {name: e / whole for name, e in stored.items()}, found)
+    return Deflection(
+        twist, energy, {name: e / whole for name, e in stored.items()}, found
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,7 +177,9 @@ class LoadCurve:
     stiffness: Array
 
 
-def find_load_curve(mechanism: Mechanism, poses: Poses, wrench: ArrayLike, load: ArrayLike) -> LoadCurve:
+def find_load_curve(
+    mechanism: Mechanism, poses: Poses, wrench: ArrayLike, load: ArrayLike
+) -> LoadCurve:
     """Return deflection and tangent stiffness along a load path; no law has hysteresis.
 
     Parameters
@@ -178,12 +195,20 @@ def find_load_curve(mechanism: Mechanism, poses: Poses, wrench: ArrayLike, load:
         As ``deflection``.
     """
     found = configure(mechanism, poses).require_valid()
-    n, times = len(found), np.asarray(load, dtype=float)
-    order, where = find_order(mechanism, found.linkage), place_nodes(found)
+    n = len(found)
+    times = np.asarray(load, dtype=float)
+    order = find_order(mechanism, found.linkage)
+    where = place_nodes(found)
     loads = Loads(len(times), {END: _check_wrench(wrench, n)[..., None] * times})
-    twist = np.broadcast_to(find_equilibrium(order, where, loads).twist, (n, 6, len(times)))
+    twist = np.broadcast_to(
+        find_equilibrium(order, where, loads).twist, (n, 6, len(times))
+    )
     tangent = map_segments(
-        order, where, loads, (6, 6), lambda some, there: tool_stiffness(condense_network(some, there))
+        order,
+        where,
+        loads,
+        (6, 6),
+        lambda some, there: tool_stiffness(condense_network(some, there)),
     )
     return LoadCurve(np.asarray(wrench, dtype=float), times, twist, tangent)
 

@@ -22,13 +22,19 @@ PAGES = {
     "collections.abc": "https://docs.python.org/3/library/collections.abc.html#{name}",
 }
 """Page of a name by its package, or by the module that is documented on one page."""
-SHORT = {"ArrayLike": "numpy.typing.ArrayLike", "NDArray": "numpy.typing.NDArray", "Path": "pathlib.Path"}
+SHORT = {
+    "ArrayLike": "numpy.typing.ArrayLike",
+    "NDArray": "numpy.typing.NDArray",
+    "Path": "pathlib.Path",
+}
 """Names that modules import without their package."""
 ALIASES = {"np": "numpy", "pd": "pandas", "xr": "xarray"}
 """Packages by the name under which they are imported."""
 
 
-def link(_app: Sphinx, _env: BuildEnvironment, node: pending_xref, content: nodes.TextElement) -> nodes.Node | None:
+def link(
+    _app: Sphinx, _env: BuildEnvironment, node: pending_xref, content: nodes.TextElement
+) -> nodes.Node | None:
     """Return a link for a name that these pages lack; None if no listed library has it."""
     page = find_page(node.get("reftarget", ""))
     return page and nodes.reference("", "", content, refuri=page, internal=False)

@@ -19,8 +19,19 @@ from docutils.statemachine import StringList
 import stiffscope
 from stiffscope.design.study_reading import SECTIONS
 from stiffscope.effects.vocabulary import EFFECTS
-from stiffscope.gap.campaign.campaign_header import FRAME_KEYS, KEYS, LOAD_KEYS, SENSOR_KEYS
-from stiffscope.gap.campaign.quantities import DEFLECTIONS, DEVIATIONS, FREQUENCIES, PUSHES, STIFFNESSES
+from stiffscope.gap.campaign.campaign_header import (
+    FRAME_KEYS,
+    KEYS,
+    LOAD_KEYS,
+    SENSOR_KEYS,
+)
+from stiffscope.gap.campaign.quantities import (
+    DEFLECTIONS,
+    DEVIATIONS,
+    FREQUENCIES,
+    PUSHES,
+    STIFFNESSES,
+)
 from stiffscope.report.keys import JOB, TABLES, all_keys
 from stiffscope.report.notebook import HEIGHT, as_html
 from stiffscope.report.pictures import open_drawing
@@ -35,17 +46,27 @@ class FileKeys(Directive):
     """Tables of every key of a kind of file, with a description of each section."""
 
     required_arguments = 1
-    sections: ClassVar[dict[str, Any]] = {"robot": TABLES, "study": SECTIONS, "job": JOB}
+    sections: ClassVar[dict[str, Any]] = {
+        "robot": TABLES,
+        "study": SECTIONS,
+        "job": JOB,
+    }
 
     def run(self) -> list[nodes.Node]:
         """Return the paragraphs and tables of all sections."""
         kind = self.arguments[0]
-        lines, about = [], dict(self.sections[kind])
+        lines = []
+        about = dict(self.sections[kind])
         for title, rows in all_keys()[kind].items():
-            words = inspect.cleandoc(about[title].__doc__ or "") if title in about else ""
+            words = (
+                inspect.cleandoc(about[title].__doc__ or "") if title in about else ""
+            )
             lines += [f"### {title[0].upper()}{title[1:]}", "", words, ""]
             lines += ["| key | meaning | value | default |", "|---|---|---|---|"]
-            lines += [f"| `{row.key}` | {row.means} | {row.takes} | {row.default} |" for row in rows]
+            lines += [
+                f"| `{row.key}` | {row.means} | {row.takes} | {row.default} |"
+                for row in rows
+            ]
             lines.append("")
         return parsed(self, lines)
 
@@ -56,23 +77,34 @@ class CampaignKeys(Directive):
     def run(self) -> list[nodes.Node]:
         """Return the tables. Raise an error if described keys differ from those of the code."""
         *sections, quantities = list(all_keys()["campaign"].items())[:-1]
-        described = [{row.key.split()[0] for row in rows} for _, rows in (*sections, quantities)]
+        described = [
+            {row.key.split()[0] for row in rows} for _, rows in (*sections, quantities)
+        ]
         kinds = DEFLECTIONS, DEVIATIONS, STIFFNESSES, PUSHES, FREQUENCIES
         firsts = [kind[0] for kind in kinds]
-        if described != [set(each) for each in (KEYS, FRAME_KEYS, SENSOR_KEYS, LOAD_KEYS, firsts)]:
+        if described != [
+            set(each) for each in (KEYS, FRAME_KEYS, SENSOR_KEYS, LOAD_KEYS, firsts)
+        ]:
             raise self.error("the keys of campaign.toml differ from those described")
         lines: list[str] = []
         for title, rows in sections:
             lines += [f"### {title}", "", "| key | value |", "|---|---|"]
             lines += [f"| `{row.key}` | {row.means} |" for row in rows] + [""]
-        lines += ["### Quantities at M", "", "| quantity | meaning | unit |", "|---|---|---|"]
+        lines += [
+            "### Quantities at M",
+            "",
+            "| quantity | meaning | unit |",
+            "|---|---|---|",
+        ]
         for row in quantities[1]:
             words, _, unit = row.means.rpartition(" (")
             lines.append(f"| `{row.key}` | {words} | {unit.rstrip(')')} |")
         lines += ["", "### Effects", "", "| effect | parameters |", "|---|---|"]
         for effect, parameters in EFFECTS.items():
             listed = ", ".join(f"`{name}` ({unit})" for name, unit in parameters[:9])
-            lines.append(f"| `{effect}` | {listed + (' …' if len(parameters) > 9 else '') or 'none'} |")
+            lines.append(
+                f"| `{effect}` | {listed + (' …' if len(parameters) > 9 else '') or 'none'} |"
+            )
         return parsed(self, lines)
 
 
@@ -92,10 +124,17 @@ class Gallery(Directive):
         title = head.rstrip(".").partition(": ")[2]
         section = nodes.section(ids=[nodes.make_id(file.stem)])
         section += nodes.title("", title[0].upper() + title[1:])
-        section += parsed(self, [*words.splitlines(), "", f"`python -m examples.{file.stem}` prints", ""])
+        section += parsed(
+            self,
+            [*words.splitlines(), "", f"`python -m examples.{file.stem}` prints", ""],
+        )
         section += nodes.literal_block("", said.getvalue().rstrip(), language="text")
-        section += nodes.raw("", stiffscope.view(names["robot"])._repr_html_(), format="html")
-        section += nodes.literal_block("", file.read_text(encoding="utf-8"), language="python")
+        section += nodes.raw(
+            "", stiffscope.view(names["robot"])._repr_html_(), format="html"
+        )
+        section += nodes.literal_block(
+            "", file.read_text(encoding="utf-8"), language="python"
+        )
         return section
 
 
@@ -110,7 +149,13 @@ class TurningRobot(Directive):
         robot = stiffscope.load_robot(self.arguments[0])
         shown = stiffscope.view(stiffscope.assemble(robot, "beam"), robot)._repr_html_()
         height = self.options.get("height", HEIGHT)
-        return [nodes.raw("", shown.replace(f"height:{HEIGHT}px", f"height:{height}px"), format="html")]
+        return [
+            nodes.raw(
+                "",
+                shown.replace(f"height:{HEIGHT}px", f"height:{height}px"),
+                format="html",
+            )
+        ]
 
 
 class WaysIn(Directive):
@@ -120,15 +165,26 @@ class WaysIn(Directive):
         """Return the cards."""
         robot = stiffscope.load_robot("biglide")
         machine = stiffscope.assemble(robot, "beam")
-        part = stiffscope.deformed(stiffscope.run_experiment(stiffscope.build_part(robot, "slider")))
+        part = stiffscope.deformed(
+            stiffscope.run_experiment(stiffscope.build_part(robot, "slider"))
+        )
         gap = as_html(stiffscope.diagnose("gauges"))
         measured = re.search(r'src="(data:image/svg[^"]*)"', gap)[1]
         return _cards(
-            ("guides/robot", _png(stiffscope.stiffness_map(machine, robot.map.ranges()).png), "My design",
-             "stiffness map of the workspace"),
+            (
+                "guides/robot",
+                _png(stiffscope.stiffness_map(machine, robot.map.ranges()).png),
+                "My design",
+                "stiffness map of the workspace",
+            ),
             ("guides/part", _png(part.png), "My part", "a part under unit loads"),
-            ("guides/measurements", measured, "My measurements", "the gap before and after the diagnosis"),
-        )  # fmt: skip
+            (
+                "guides/measurements",
+                measured,
+                "My measurements",
+                "the gap before and after the diagnosis",
+            ),
+        )
 
 
 class BundledRobots(Directive):
@@ -142,7 +198,11 @@ class BundledRobots(Directive):
                 robot = stiffscope.load_robot(name)
                 machine = stiffscope.assemble(robot, "beam")
                 first = stiffscope.configure(machine, list(robot.poses.values())[:1])
-                picture = {"file": f"{name}.png", "title": "", "moves": place_robot(first).moves}
+                picture = {
+                    "file": f"{name}.png",
+                    "title": "",
+                    "moves": place_robot(first).moves,
+                }
                 draw("robot", Path(folder), pictures=[picture], **scene(robot, machine))
                 png = _png((Path(folder) / f"{name}.png").read_bytes())
                 cards.append(("guides/robot", png, name, words))
@@ -155,7 +215,9 @@ def _cards(*cards: tuple[str, str, str, str]) -> list[nodes.Node]:
         f'<a href="{page}.html"><img src="{source}" alt=""><strong>{title}</strong><span>{words}</span></a>'
         for page, source, title, words in cards
     ]
-    return [nodes.raw("", f'<div class="ways-in">{"".join(shown)}</div>', format="html")]
+    return [
+        nodes.raw("", f'<div class="ways-in">{"".join(shown)}</div>', format="html")
+    ]
 
 
 def _png(png: bytes) -> str:
@@ -172,9 +234,17 @@ class Facade(Directive):
             name = line.split()[0] if line.startswith("    ") else ""
             if name:
                 kind, *members = (
-                    ("class", "   :members:") if inspect.isclass(getattr(stiffscope, name)) else ("function",)
+                    ("class", "   :members:")
+                    if inspect.isclass(getattr(stiffscope, name))
+                    else ("function",)
                 )
-                lines += ["```{eval-rst}", f".. auto{kind}:: stiffscope.{name}", *members, "```", ""]
+                lines += [
+                    "```{eval-rst}",
+                    f".. auto{kind}:: stiffscope.{name}",
+                    *members,
+                    "```",
+                    "",
+                ]
             elif line:
                 lines += [f"### {line}", ""]
         return parsed(self, lines)
@@ -183,7 +253,9 @@ class Facade(Directive):
 def parsed(directive: Directive, lines: list[str]) -> list[nodes.Node]:
     """Parse lines of Markdown and return their nodes."""
     node = nodes.Element()
-    directive.state.nested_parse(StringList(lines, source="from the code"), directive.content_offset, node, True)
+    directive.state.nested_parse(
+        StringList(lines, source="from the code"), directive.content_offset, node, True
+    )
     return node.children
 
 

@@ -31,9 +31,18 @@ if TYPE_CHECKING:
     from sphinx.application import Sphinx
 
 MADE_UP = Outcome(
-    1, "single", ("backlash @ motor",), "identified", ("backlash @ motor",), ((),), 20.0, (9.0, 1.0, 1.0, 1.0), (True,),
-    robot="serial-arm", stated=((0.99, True),),
-)  # fmt: skip
+    1,
+    "single",
+    ("backlash @ motor",),
+    "identified",
+    ("backlash @ motor",),
+    ((),),
+    20.0,
+    (9.0, 1.0, 1.0, 1.0),
+    (True,),
+    robot="serial-arm",
+    stated=((0.99, True),),
+)
 CAPITALS = ("DIR", "PART.", "ARM.", "STUDY.", "JOB.", "BEARING.", "ROBOT", "CAMPAIGN")
 """Prefixes of words that stand for a file or folder."""
 URDF = """<robot name="arm">
@@ -86,13 +95,16 @@ class Answers(Directive):
                 ] + [""]
         return parsed(self, lines)
 
-    def _forms(self, name: str, answer: Any, fields: Mapping[str, tuple[str, str]]) -> dict[str, str]:
+    def _forms(
+        self, name: str, answer: Any, fields: Mapping[str, tuple[str, str]]
+    ) -> dict[str, str]:
         """Return the form of each field. Raise an error if answer and description disagree."""
         described = {path.rstrip("?"): path.endswith("?") for path in fields}
         forms: dict[str, str] = {}
         for path, value in _leaves(answer, "", set(described)):
             forms.setdefault(path, _form(value))
-        unknown, missing = set(forms) - set(described), {p for p, rare in described.items() if not rare} - set(forms)
+        unknown = set(forms) - set(described)
+        missing = {p for p, rare in described.items() if not rare} - set(forms)
         if unknown or missing:
             raise self.error(
                 f"{name} --json: not described {sorted(unknown)}; described and not there {sorted(missing)}"
@@ -105,7 +117,9 @@ class Answers(Directive):
             about = {"campaigns": 1, "seed": 1, "seconds": 0.0}
             return json.loads(to_json(about | scores_json(score([MADE_UP]))))
         target = place / "answer.json"
-        filled = [str(place / word) if word.startswith(CAPITALS) else word for word in words]
+        filled = [
+            str(place / word) if word.startswith(CAPITALS) else word for word in words
+        ]
         if "DIR" in words:
             shutil.rmtree(place / "DIR", ignore_errors=True)
         if _guarded([*filled, "--quiet", "--json", str(target)]) != 0:
@@ -119,15 +133,23 @@ class Answers(Directive):
 def _place() -> Iterator[Path]:
     """Yield a folder with the commands' inputs; experiments run here, to import CAD only once."""
     robot = load_robot("biglide")
-    with tempfile.TemporaryDirectory() as folder, mock.patch("stiffscope.runtime.workshop.Processes", Here):
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        mock.patch("stiffscope.runtime.workshop.Processes", Here),
+    ):
         place = Path(folder)
-        write_step(build(robot.parts["slider"].parameters(), robot.material("slider")), place / "PART.step")
+        write_step(
+            build(robot.parts["slider"].parameters(), robot.material("slider")),
+            place / "PART.step",
+        )
         (place / "ARM.urdf").write_text(URDF)
         (place / "STUDY.toml").write_text(STUDY)
         (place / "JOB.toml").write_text(JOB)
         (place / "BEARING.toml").write_text(BEARING)
         tool = load_robot("serial-arm").tool.at
-        rows = [f"{tool[0] + 1e-3 * k},{tool[1]},{tool[2]},0,0,0,0.01" for k in range(5)]
+        rows = [
+            f"{tool[0] + 1e-3 * k},{tool[1]},{tool[2]},0,0,0,0.01" for k in range(5)
+        ]
         (place / "path.csv").write_text("\n".join(["x,y,z,rx,ry,rz,feed", *rows]))
         yield place
 
@@ -146,14 +168,26 @@ def _commands(group: click.Group, before: str = "") -> Iterator[str]:
 def _leaves(value: Any, path: str, described: set[str]) -> Iterator[tuple[str, Any]]:
     """Yield paths in the notation of `json_fields`, and the value at each."""
     below = f"{path}." if path else ""
-    if isinstance(value, dict) and any(each.startswith(below) and each != path for each in described):
+    if isinstance(value, dict) and any(
+        each.startswith(below) and each != path for each in described
+    ):
         for name, inner in value.items():
             plain = f"{below}{name}"
-            known = plain in described or any(each.startswith((f"{plain}.", f"{plain}[]")) for each in described)
-            yield from _leaves(
-                inner, plain if known else f"{below}*" if _any_name(below, described) else plain, described
+            known = plain in described or any(
+                each.startswith((f"{plain}.", f"{plain}[]")) for each in described
             )
-    elif isinstance(value, list) and any(each.startswith(f"{path}[]") for each in described):
+            yield from _leaves(
+                inner,
+                plain
+                if known
+                else f"{below}*"
+                if _any_name(below, described)
+                else plain,
+                described,
+            )
+    elif isinstance(value, list) and any(
+        each.startswith(f"{path}[]") for each in described
+    ):
         for inner in value:
             yield from _leaves(inner, f"{path}[]", described)
     else:
@@ -161,23 +195,32 @@ def _leaves(value: Any, path: str, described: set[str]) -> Iterator[tuple[str, A
 
 
 def _any_name(below: str, described: set[str]) -> bool:
-    return any(each == f"{below}*" or each.startswith(f"{below}*.") for each in described)
+    return any(
+        each == f"{below}*" or each.startswith(f"{below}*.") for each in described
+    )
 
 
 def _form(value: Any) -> str:
     """Return a value's form, e.g. 2 × 6 × 6 numbers."""
     if isinstance(value, list):
-        sizes, inner = [], value
+        sizes = []
+        inner = value
         while isinstance(inner, list):
             sizes.append(len(inner))
             inner = inner[0] if inner else None
-        return f"{' × '.join(map(str, sizes))} {_word(inner, 's')}" if sizes[-1] else "empty list"
+        return (
+            f"{' × '.join(map(str, sizes))} {_word(inner, 's')}"
+            if sizes[-1]
+            else "empty list"
+        )
     return _word(value, "")
 
 
 def _word(value: Any, several: str) -> str:
     names = {str: "text", float: "number", int: "whole number", dict: "table"}
-    return {bool: "true or false", type(None): "null"}.get(type(value)) or names[type(value)] + several
+    return {bool: "true or false", type(None): "null"}.get(type(value)) or names[
+        type(value)
+    ] + several
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

@@ -19,7 +19,10 @@ CONVENTION = {
     "convention.units": ("SI", ""),
 }
 AT = {
-    "poses": ("commanded pose: the coordinates listed in `[tool] pose` of the robot file", TWIST),
+    "poses": (
+        "commanded pose: the coordinates listed in `[tool] pose` of the robot file",
+        TWIST,
+    ),
     "tool": ("tool pose: x y z of M, rotation vector from home", TWIST),
 }
 STIFFNESS = {
@@ -28,25 +31,43 @@ STIFFNESS = {
         "[pose][i][j]: wrench component i at M per unit of twist component j; null: rigid",
         STIFF,
     ),
-    "compliance": ("[pose][i][j]: twist component i at M per unit of wrench component j", YIELDS),
+    "compliance": (
+        "[pose][i][j]: twist component i at M per unit of wrench component j",
+        YIELDS,
+    ),
     "rigid": ("[pose]: unit wrenches that cause no deflection of the tool", "N, N·m"),
-    "sag": ("[pose]: twist of the tool under the robot's own weight; zero with `--gravity none`", TWIST),
-    "mobility": ("[pose]: number of free directions of the tool; 0: constrained in all six", ""),
+    "sag": (
+        "[pose]: twist of the tool under the robot's own weight; zero with `--gravity none`",
+        TWIST,
+    ),
+    "mobility": (
+        "[pose]: number of free directions of the tool; 0: constrained in all six",
+        "",
+    ),
     "error?": ("95 % bounds on `stiffness`, if a part's matrix has bounds", STIFF),
     **CONVENTION,
 }
 PART = {
     "part": ("name of the part", ""),
-    "compliance": ("[i][j]: twist component i per unit of wrench component j, base clamped", YIELDS),
+    "compliance": (
+        "[i][j]: twist component i per unit of wrench component j, base clamped",
+        YIELDS,
+    ),
     "error": ("95 % bounds on `compliance`", YIELDS),
     "reference_point": ("reference point of twist and wrench, part axes", "m"),
     "reference_points?": ("reference point of each of several loaded interfaces", "m"),
-    "flexibility?": ("full compliance of several loaded interfaces, six rows and columns each", YIELDS),
+    "flexibility?": (
+        "full compliance of several loaded interfaces, six rows and columns each",
+        YIELDS,
+    ),
     "flexibility_error?": ("95 % bounds on `flexibility`", YIELDS),
     "interface": ("how the loaded face deforms: `rigid` or `distributed`", ""),
     "foundation": ("foundation stiffness per area at the clamp; null: fixed", "N/m³"),
     "tolerance": ("requested relative bound; null: none", "relative"),
-    "relative_bound": ("largest bound of the entries above 1 % of √(C_ii C_jj)", "relative"),
+    "relative_bound": (
+        "largest bound of the entries above 1 % of √(C_ii C_jj)",
+        "relative",
+    ),
     "note": ("why the tolerance was not met; empty if it was", ""),
     "axes": ("orientation of the part axes", ""),
     "solid": ("`parametric`, or the name of the STEP file", ""),
@@ -58,7 +79,10 @@ PART = {
     "mass": ("mass of the solid", "kg"),
     "mass_centre": ("centre of mass, part axes", "m"),
     "inertia": ("inertia about the centre of mass, part axes", "kg·m²"),
-    "self_weight": ("[k]: reference-point twist per m/s² along axis k, base clamped", "m, rad per m/s²"),
+    "self_weight": (
+        "[k]: reference-point twist per m/s² along axis k, base clamped",
+        "m, rad per m/s²",
+    ),
     "self_weight_error": ("95 % bounds on `self_weight`", "m, rad per m/s²"),
     "frequencies": ("six lowest natural frequencies of the clamped part", "Hz"),
     "frequency_error": ("95 % bounds on `frequencies`", "Hz"),
@@ -84,13 +108,28 @@ NEXT = (
     "`new`: sensors and load points that the campaign lacks, by name, as in campaign.toml"
 )
 SHARES = {
-    "singles": ("share of correct diagnoses among single effects with ln-odds above 10", "1"),
+    "singles": (
+        "share of correct diagnoses among single effects with ln-odds above 10",
+        "1",
+    ),
     "pairs": ("share of pairs diagnosed correctly", "1"),
     "triples": ("share of triples diagnosed correctly", "1"),
-    "false_alarms": ("share of campaigns without an effect for which one is reported", "1"),
-    "outside": ("share of effects outside the library identified as a library effect", "1"),
-    "distinguishable": ("the same for those that no three known effects reproduce to within the noise", "1"),
-    "left_out": ("share of effects removed from the library and not confidently misidentified", "1"),
+    "false_alarms": (
+        "share of campaigns without an effect for which one is reported",
+        "1",
+    ),
+    "outside": (
+        "share of effects outside the library identified as a library effect",
+        "1",
+    ),
+    "distinguishable": (
+        "the same for those that no three known effects reproduce to within the noise",
+        "1",
+    ),
+    "left_out": (
+        "share of effects removed from the library and not confidently misidentified",
+        "1",
+    ),
     "coverage": ("share of the 95 % intervals that contain the true value", "1"),
 }
 
@@ -114,12 +153,23 @@ DATASET = {
 
 ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
     "run": (
-        ["run", "biglide", *COARSE[3:], "--set", "slider.mesh.size=60mm", "--out", "DIR"],
+        [
+            "run",
+            "biglide",
+            *COARSE[3:],
+            "--set",
+            "slider.mesh.size=60mm",
+            "--out",
+            "DIR",
+        ],
         {
             **within("parts.*", PART),
             **STIFFNESS,
             "names": ("names of the poses", ""),
-            "components.*": ("source of the part's matrix: `fea`, `beam`, `published`, `step`, `matrix`", ""),
+            "components.*": (
+                "source of the part's matrix: `fea`, `beam`, `published`, `step`, `matrix`",
+                "",
+            ),
         },
     ),
     "stiffness": (["stiffness", *PUBLISHED], STIFFNESS),
@@ -148,17 +198,42 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
         ["modes", *PUBLISHED, "--at", "Q1"],
         {
             **AT,
-            "frequencies": ("[pose][mode]: natural frequencies in ascending order; 0: free motion", "Hz"),
+            "frequencies": (
+                "[pose][mode]: natural frequencies in ascending order; 0: free motion",
+                "Hz",
+            ),
             "error": ("[pose][mode]: 95 % bounds on `frequencies`", "Hz"),
-            "shapes.*": ("[pose][mode]: twist of each node at M, base axes, for 1 kg modal mass", TWIST),
-            "energy.*": ("[pose][mode]: share of each element in the strain energy", "1"),
-            "internal": ("[pose][mode]: share of the parts' fixed-interface modes", "1"),
+            "shapes.*": (
+                "[pose][mode]: twist of each node at M, base axes, for 1 kg modal mass",
+                TWIST,
+            ),
+            "energy.*": (
+                "[pose][mode]: share of each element in the strain energy",
+                "1",
+            ),
+            "internal": (
+                "[pose][mode]: share of the parts' fixed-interface modes",
+                "1",
+            ),
             "remarks": ("free motions that were excluded", ""),
             **CONVENTION,
         },
     ),
     "frf": (
-        ["frf", *PUBLISHED, "--at", "Q1", "--from", "tool:M:z", "--to", "tool:M:z", "--points", "9", "--out", "DIR"],
+        [
+            "frf",
+            *PUBLISHED,
+            "--at",
+            "Q1",
+            "--from",
+            "tool:M:z",
+            "--to",
+            "tool:M:z",
+            "--points",
+            "9",
+            "--out",
+            "DIR",
+        ],
         {
             **DATASET,
             "data_vars.*.data": (
@@ -174,9 +249,15 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             **RESPONSES,
             "parameters.*.value": ("value in the robot file", "`unit`"),
             "parameters.*.unit": ("SI unit", ""),
-            "parameters.*.tolerance": ("tolerance; null if the file gives none", "`unit`"),
+            "parameters.*.tolerance": (
+                "tolerance; null if the file gives none",
+                "`unit`",
+            ),
             **{
-                f"parameters.*.{name}": (f"derivative of `{name}`", f"{unit} per `unit`")
+                f"parameters.*.{name}": (
+                    f"derivative of `{name}`",
+                    f"{unit} per `unit`",
+                )
                 for name, (_, unit) in RESPONSES.items()
             },
             **{
@@ -202,22 +283,49 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
         ["sensitivity", *COARSE],
         {
             "part": ("name of the part", ""),
-            "parameters.*.value": ("value of the dimension or material constant", "`unit`"),
+            "parameters.*.value": (
+                "value of the dimension or material constant",
+                "`unit`",
+            ),
             "parameters.*.unit": ("SI unit", ""),
             **{
-                f"parameters.*.{name}": (f"derivative of `{name}`{words}", f"{unit} per `unit`")
+                f"parameters.*.{name}": (
+                    f"derivative of `{name}`{words}",
+                    f"{unit} per `unit`",
+                )
                 for name, words, unit in (
                     ("compliance", "", YIELDS),
-                    ("self_weight", ", reference-point twist per m/s² along each axis", "m, rad per m/s²"),
+                    (
+                        "self_weight",
+                        ", reference-point twist per m/s² along each axis",
+                        "m, rad per m/s²",
+                    ),
                     ("mass", "", "kg"),
                     ("centre", ", centre of mass", "m"),
-                    ("condensed_mass", ", six rows for the clamp and each interface", "kg, kg·m, kg·m²"),
-                    ("flexibility?", ", full compliance of all loaded interfaces", YIELDS),
+                    (
+                        "condensed_mass",
+                        ", six rows for the clamp and each interface",
+                        "kg, kg·m, kg·m²",
+                    ),
+                    (
+                        "flexibility?",
+                        ", full compliance of all loaded interfaces",
+                        YIELDS,
+                    ),
                 )
             },
-            "parameters.*.error": ("95 % bounds on the derivative of the compliance", f"{YIELDS} per `unit`"),
-            "parameters.*.self_weight_error": ("95 % bounds on `self_weight`", "m, rad per m/s² per `unit`"),
-            "parameters.*.flexibility_error?": ("95 % bounds on `flexibility`", f"{YIELDS} per `unit`"),
+            "parameters.*.error": (
+                "95 % bounds on the derivative of the compliance",
+                f"{YIELDS} per `unit`",
+            ),
+            "parameters.*.self_weight_error": (
+                "95 % bounds on `self_weight`",
+                "m, rad per m/s² per `unit`",
+            ),
+            "parameters.*.flexibility_error?": (
+                "95 % bounds on `flexibility`",
+                f"{YIELDS} per `unit`",
+            ),
             "notes": ("by name: why a parameter has no derivative", ""),
             "seconds": ("wall time by stage", "s"),
         },
@@ -227,7 +335,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
         {
             "study": ("path of the study file", ""),
             "method": ("`grid`, `latin-hypercube`, `sobol`, `optimum` or `pareto`", ""),
-            "columns": ("column names of `rows`: parameters, responses, state, best, reason of failure", ""),
+            "columns": (
+                "column names of `rows`: parameters, responses, state, best, reason of failure",
+                "",
+            ),
             "rows": (
                 "one row per design, in the order of `columns`; missing values of failed designs are null",
                 "SI, see `columns`",
@@ -235,7 +346,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "best": ("numbers of the best designs, starting at 1", ""),
             "converged": ("whether the search converged; null for a sweep", ""),
             "search": ("termination message of each stage of the search", ""),
-            "bounds[].parameter?": ("parameter at a bound in some of the best designs", ""),
+            "bounds[].parameter?": (
+                "parameter at a bound in some of the best designs",
+                "",
+            ),
             "bounds[].end?": ("`lower` or `upper`", ""),
             "bounds[].designs?": ("number of best designs at this bound", ""),
             "nearest": (
@@ -255,29 +369,58 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 "entries[].unit": ("unit of the entry", ""),
                 "entries[].fea": ("value from the virtual experiment", "`unit`"),
                 "entries[].error": ("95 % bound on `fea`", "`unit`"),
-                "entries[].euler_bernoulli": ("value by beam theory without shear", "`unit`"),
+                "entries[].euler_bernoulli": (
+                    "value by beam theory without shear",
+                    "`unit`",
+                ),
                 "entries[].timoshenko": ("value by beam theory with shear", "`unit`"),
-                "entries[].published": ("published value; null if there is none", "`unit`"),
+                "entries[].published": (
+                    "published value; null if there is none",
+                    "`unit`",
+                ),
                 "findings": ("assumptions that fail, and where, one sentence each", ""),
             },
         ),
     ),
     "compare ROBOT ROBOT": (
-        ["compare", "serial-arm", "serial-arm", "--components", "beam", "--set", "joints.J1.drive.stiffness=5e4"],
+        [
+            "compare",
+            "serial-arm",
+            "serial-arm",
+            "--components",
+            "beam",
+            "--set",
+            "joints.J1.drive.stiffness=5e4",
+        ],
         {
             "robots": ("names of the two robots", ""),
             "poses": ("names of the poses both robots reach", ""),
-            "stiffness": ("[robot][pose][i][j]: stiffness at M, without gravity", STIFF),
-            "sag": ("[robot][pose]: twist of the tool under the robot's own weight", TWIST),
-            "ratio": ("[pose]: stiffness diagonal of the second robot divided by that of the first", "1"),
+            "stiffness": (
+                "[robot][pose][i][j]: stiffness at M, without gravity",
+                STIFF,
+            ),
+            "sag": (
+                "[robot][pose]: twist of the tool under the robot's own weight",
+                TWIST,
+            ),
+            "ratio": (
+                "[pose]: stiffness diagonal of the second robot divided by that of the first",
+                "1",
+            ),
         },
     ),
     "interfaces": (
         ["interfaces", *COARSE, "--out", "DIR"],
         {
             "part": ("name of the part", ""),
-            "reference_point": ("common reference point of twist and wrench, part axes", "m"),
-            "choices[].name": ("choice of interface and clamp; the robot file's choice comes first", ""),
+            "reference_point": (
+                "common reference point of twist and wrench, part axes",
+                "m",
+            ),
+            "choices[].name": (
+                "choice of interface and clamp; the robot file's choice comes first",
+                "",
+            ),
             "choices[].words": ("description of the choice", ""),
             "choices[].set": ("`--set` options that select it", ""),
             **{
@@ -300,11 +443,20 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
         ["faces", "PART.step"],
         {
             "[].index": ("face number, starting at 0", ""),
-            "[].kind": ("`plane`, `cylinder`, `cone`, `sphere`, `torus` or `other`", ""),
+            "[].kind": (
+                "`plane`, `cylinder`, `cone`, `sphere`, `torus` or `other`",
+                "",
+            ),
             "[].area_mm2": ("area", "mm²"),
             "[].centroid_mm": ("centroid, in STEP coordinates", "mm"),
-            "[].axis": ("unit vector: outward normal of a plane, axis of a round face; otherwise null", ""),
-            "[].radius_mm": ("radius (torus: minor radius); null if there is none", "mm"),
+            "[].axis": (
+                "unit vector: outward normal of a plane, axis of a round face; otherwise null",
+                "",
+            ),
+            "[].radius_mm": (
+                "radius (torus: minor radius); null if there is none",
+                "mm",
+            ),
         },
     ),
     "check": (
@@ -320,17 +472,26 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "doubts[].at?": ("position (3,) in base axes; null if it has none", "m"),
             "bodies[].name": ("name of a body", ""),
             "bodies[].part": ("part of the body; null: rigid body", ""),
-            "bodies[].mass": ("mass of the body; null if only known from the part's CAD solid", "kg"),
+            "bodies[].mass": (
+                "mass of the body; null if only known from the part's CAD solid",
+                "kg",
+            ),
             "joints[].name": ("name of a joint", ""),
             "joints[].type": ("joint type, as in the robot file", ""),
             "joints[].between": ("the two connected bodies or body ends", ""),
             "joints[].at": ("position in the home pose, base axes", "m"),
-            "joints[].axis": ("axis, a unit vector in base axes; null if the joint has none", ""),
+            "joints[].axis": (
+                "axis, a unit vector in base axes; null if the joint has none",
+                "",
+            ),
             "joints[].driven": ("whether it has a drive", ""),
             "drives[].name": ("name of a driven joint", ""),
             "drives[].stiffness": ("drive stiffness", "N/m, N·m/rad"),
             "drives[].unit": ("unit of `range`: m or rad", ""),
-            "drives[].range": ("minimum and maximum displacement from home; null: no limit", "`unit`"),
+            "drives[].range": (
+                "minimum and maximum displacement from home; null: no limit",
+                "`unit`",
+            ),
             "degrees_of_freedom.mechanism": ("degrees of freedom of the mechanism", ""),
             "degrees_of_freedom.tool": ("degrees of freedom of the tool", ""),
             "degrees_of_freedom.tool_motions": ("tool motions in words", ""),
@@ -340,38 +501,68 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             ),
             "degrees_of_freedom.joint_freedoms": ("sum of the joint dofs", ""),
             "degrees_of_freedom.loops": ("number of independent loops", ""),
-            "degrees_of_freedom.formula": ("Grübler-Kutzbach count: joint dofs - 6 × loops", ""),
+            "degrees_of_freedom.formula": (
+                "Grübler-Kutzbach count: joint dofs - 6 × loops",
+                "",
+            ),
             "redundant_constraints[].count": ("number of redundant constraints", ""),
             "redundant_constraints[].loops": ("number of loops involved", ""),
             "redundant_constraints[].bodies": ("bodies in these loops", ""),
             "redundant_constraints[].joints": ("joints in these loops", ""),
-            "redundant_constraints[].directions": ("directions of these constraints in words", ""),
-            "idle_motions[].count?": ("number of motions that move neither tool nor drives", ""),
+            "redundant_constraints[].directions": (
+                "directions of these constraints in words",
+                "",
+            ),
+            "idle_motions[].count?": (
+                "number of motions that move neither tool nor drives",
+                "",
+            ),
             "idle_motions[].bodies?": ("bodies that move", ""),
             "idle_motions[].joints?": ("joints that move", ""),
             "idle_motions[].motion?": ("the motion in words", ""),
             "undriven_motions": ("tool motions not constrained by a drive", ""),
             "redundant_drives.count": ("number of redundant drives", ""),
-            "redundant_drives.names": ("drives determined by other drives or by the loops", ""),
-            "conditioning": ("inverse condition number from drives to tool at home: 0 singular", "1"),
-            "constraint_margin": ("inverse condition number of the constraints at home: 0 singular", "1"),
+            "redundant_drives.names": (
+                "drives determined by other drives or by the loops",
+                "",
+            ),
+            "conditioning": (
+                "inverse condition number from drives to tool at home: 0 singular",
+                "1",
+            ),
+            "constraint_margin": (
+                "inverse condition number of the constraints at home: 0 singular",
+                "1",
+            ),
             "residual": ("largest loop closure error at home", "m"),
-            "mass": ("total mass of the bodies; null if one is only known from CAD", "kg"),
+            "mass": (
+                "total mass of the bodies; null if one is only known from CAD",
+                "kg",
+            ),
             "parts.*.shape": ("`rod`, `plate`, `step` or `matrix`", ""),
             "parts.*.source": ("source of its matrix", ""),
             "parts.*.length": ("distance from clamp to reference point", "m"),
             "parts.*.mass": ("mass of the part; null: from CAD", "kg"),
             "parts.*.bodies": ("bodies made of this part", ""),
-            "reach.*.low": ("minimum of this tool coordinate, the others at home", TWIST),
+            "reach.*.low": (
+                "minimum of this tool coordinate, the others at home",
+                TWIST,
+            ),
             "reach.*.high": ("maximum of this tool coordinate", TWIST),
-            "reach.*.at_low": ("what limits it there; empty: no limit found within this range", ""),
+            "reach.*.at_low": (
+                "what limits it there; empty: no limit found within this range",
+                "",
+            ),
             "reach.*.at_high": ("what limits it at the maximum", ""),
             "poses.*.pose": ("coordinates of the named pose; home comes first", TWIST),
             "poses.*.reached": ("whether the pose is reachable", ""),
             "poses.*.reason": ("reason if not", ""),
             "poses.*.drives": ("displacement of each drive from home", TWIST),
             "poses.*.conditioning": ("inverse condition number at this pose", "1"),
-            "map_reached": ("share of reachable points of `[map]`; null without `[map]`", "1"),
+            "map_reached": (
+                "share of reachable points of `[map]`; null without `[map]`",
+                "1",
+            ),
         },
     ),
     "robots": (["robots"], {"*": ("description of the robot", "")}),
@@ -384,12 +575,24 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "joints": ("number of joints", ""),
             "notes": ("omissions and assumptions, one sentence each", ""),
             "joints_found.*.type?": ("assembly: type of the joint A/B", ""),
-            "joints_found.*.reason?": ("contacts from which the joint was inferred", ""),
-            "hardware.*?": ("assembly: role of a solid that is not a part, with reason", ""),
+            "joints_found.*.reason?": (
+                "contacts from which the joint was inferred",
+                "",
+            ),
+            "hardware.*?": (
+                "assembly: role of a solid that is not a part, with reason",
+                "",
+            ),
             "doubts[].solids?": ("assembly: solids to review", ""),
             "doubts[].text?": ("assumption made, and possible alternatives", ""),
-            "doubts[].at?": ("position (3,) in assembly axes; null if it has none", "m"),
-            "changes?": ("assembly: changes since the last import to the same file; otherwise null", ""),
+            "doubts[].at?": (
+                "position (3,) in assembly axes; null if it has none",
+                "m",
+            ),
+            "changes?": (
+                "assembly: changes since the last import to the same file; otherwise null",
+                "",
+            ),
         },
     ),
     "path": (
@@ -401,24 +604,45 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "length": ("path length", "m"),
             "rms": ("rms of the tool's position error", "m"),
             "columns.*": ("[point]: columns of `path.csv` by name", "SI"),
-            "worst.line": ("line of the path file with the largest error during the process", ""),
+            "worst.line": (
+                "line of the path file with the largest error during the process",
+                "",
+            ),
             "worst.s": ("path length up to this point", "m"),
             "worst.error": ("twist of the tool from its nominal pose", TWIST),
             "worst.size": ("magnitude of the translational error", "m"),
-            "worst.normal": ("error component normal to the path, to the left seen from the spindle", "m"),
+            "worst.normal": (
+                "error component normal to the path, to the left seen from the spindle",
+                "m",
+            ),
             "worst.along": ("error component along the path", "m"),
             "worst.binormal": ("error component perpendicular to both", "m"),
-            "worst.bound": ("95 % bound on `size` from the error bars of the parts", "m"),
+            "worst.bound": (
+                "95 % bound on `size` from the error bars of the parts",
+                "m",
+            ),
             "worst.shares.*": ("share of each element in the strain energy", "1"),
             "worst.drives.*": ("force or torque of each drive", "N, N·m"),
-            "worst.stress[].body?": ("body, largest von Mises stress first; empty without FEA parts", ""),
+            "worst.stress[].body?": (
+                "body, largest von Mises stress first; empty without FEA parts",
+                "",
+            ),
             "worst.stress[].part?": ("part of this body", ""),
             "worst.stress[].material?": ("material of the part", ""),
-            "worst.stress[].von_mises?": ("largest, without the elements at clamped or loaded faces", "Pa"),
+            "worst.stress[].von_mises?": (
+                "largest, without the elements at clamped or loaded faces",
+                "Pa",
+            ),
             "worst.stress[].at?": ("position of the largest stress, part axes", "m"),
-            "worst.stress[].factor?": ("yield strength over `von_mises`; null if the job gives none", "1"),
+            "worst.stress[].factor?": (
+                "yield strength over `von_mises`; null if the job gives none",
+                "1",
+            ),
             "frequencies.s": ("[station]: path length of the station", "m"),
-            "frequencies.first": ("[station]: first natural frequency; null without masses", "Hz"),
+            "frequencies.first": (
+                "[station]: first natural frequency; null without masses",
+                "Hz",
+            ),
             **{
                 f"process.{name}?": (words, unit)
                 for name, words, unit in (
@@ -432,11 +656,17 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                     ("chip", "mean chip thickness", "m"),
                 )
             },
-            "free.least?": ("error to minimize: `normal`, `along`, `binormal` or `size`", ""),
+            "free.least?": (
+                "error to minimize: `normal`, `along`, `binormal` or `size`",
+                "",
+            ),
             "free.fixed.NAME?": ("best constant value of a free coordinate", "m, rad"),
             **{
                 f"free.{which}.{size}?": (f"{size} error, {how}", "m")
-                for which, how in (("single", "best constant values"), ("chosen", "chosen values"))
+                for which, how in (
+                    ("single", "best constant values"),
+                    ("chosen", "chosen values"),
+                )
                 for size in ("greatest", "rms")
             },
             "compensated.before?": ("rms error with the original commands", "m"),
@@ -445,15 +675,24 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 "m, rad",
             ),
             "compensated.largest?": ("largest residual error", "m, rad"),
-            "compensated.refused[]?": ("points that keep their command: line and reason", ""),
+            "compensated.refused[]?": (
+                "points that keep their command: line and reason",
+                "",
+            ),
         },
     ),
     "element": (
         ["element", "BEARING.toml"],
         {
             "kind": ("kind of the element", ""),
-            "stiffness": ("[i][j]: at the centre, x along the axis; zero in free directions", STIFF),
-            "compliance": ("[i][j]: inverse of the stiffness in the constrained directions", YIELDS),
+            "stiffness": (
+                "[i][j]: at the centre, x along the axis; zero in free directions",
+                STIFF,
+            ),
+            "compliance": (
+                "[i][j]: inverse of the stiffness in the constrained directions",
+                YIELDS,
+            ),
             "free": ("indices (from 0) of the free components x y z rx ry rz", ""),
             "twist": ("twist of the moving side under preload and load", TWIST),
             "loads": ("load on each rolling element", "N"),
@@ -465,21 +704,41 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
     "keys": (
         ["keys", "milling"],
         {
-            "*.*": ("`key`, `means`, `takes` and `default` of each key, by kind of file and section", ""),
+            "*.*": (
+                "`key`, `means`, `takes` and `default` of each key, by kind of file and section",
+                "",
+            ),
         },
     ),
     "campaign new": (
-        ["campaign", "new", "five-bar", "--out", "CAMPAIGN", "--ask", "base-compliance from actuator-stiffness"],
+        [
+            "campaign",
+            "new",
+            "five-bar",
+            "--out",
+            "CAMPAIGN",
+            "--ask",
+            "base-compliance from actuator-stiffness",
+        ],
         {
             "folder": ("path of the folder written", ""),
             "readings": ("number of readings to fill in", ""),
             "poses": ("number of poses", ""),
             "plan.sensors": ("with `--ask`: names of the sensors to read", ""),
             "plan.loads": ("names of the load points to use", ""),
-            "plan.enough": ("target of the expected ln-odds for each pair of causes", ""),
+            "plan.enough": (
+                "target of the expected ln-odds for each pair of causes",
+                "",
+            ),
             "plan.pairs[].first": ("`effect @ place` assumed true", ""),
-            "plan.pairs[].second": ("`effect @ place` it may be confused with, or `no effect`", ""),
-            "plan.pairs[].ln_odds": ("expected ln-odds of the first, minimum over its parameters", ""),
+            "plan.pairs[].second": (
+                "`effect @ place` it may be confused with, or `no effect`",
+                "",
+            ),
+            "plan.pairs[].ln_odds": (
+                "expected ln-odds of the first, minimum over its parameters",
+                "",
+            ),
             "plan.pairs[].hidden": (
                 "parameters of the first that no available reading distinguishes from the second",
                 "",
@@ -490,15 +749,24 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
     "campaign check": (
         ["campaign", "check", "CAMPAIGN"],
         {
-            "robot": ("robot file named in `campaign.toml`; null for a table of predictions", ""),
+            "robot": (
+                "robot file named in `campaign.toml`; null for a table of predictions",
+                "",
+            ),
             "readings": ("number of readings", ""),
             "empty": ("number of readings without a value", ""),
-            "kinds.*": ("number of readings per kind: `deflection`, `deviation`, `stiffness`, …", ""),
+            "kinds.*": (
+                "number of readings per kind: `deflection`, `deviation`, `stiffness`, …",
+                "",
+            ),
             "coordinates": ("names of the pose coordinates", ""),
             "poses.*": ("coordinates of each pose", TWIST),
             "sessions.*": ("number of readings per session", ""),
             "without_sigma": ("number of readings without an uncertainty", ""),
-            "copies": ("list of readings that repeat others exactly, as one line; null: none", ""),
+            "copies": (
+                "list of readings that repeat others exactly, as one line; null: none",
+                "",
+            ),
             "remarks": (
                 "suspicious readings: `doubt`, `instrument` (or load, drive), `where` (files, lines) and `text`",
                 "",
@@ -510,22 +778,40 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "channels[].low": ("minimum; null without values", "`unit`"),
             "channels[].high": ("maximum", "`unit`"),
             "channels[].sigma": ("median standard uncertainty", "`unit`"),
-            "sensors.*": ("data of each sensor from `campaign.toml`, and its number of readings", "m"),
+            "sensors.*": (
+                "data of each sensor from `campaign.toml`, and its number of readings",
+                "m",
+            ),
             "loads.*": ("data of each load point, and its number of readings", "m"),
-            "largest_wrench.*": ("largest applied value of each wrench component", "N, N·m"),
+            "largest_wrench.*": (
+                "largest applied value of each wrench component",
+                "N, N·m",
+            ),
         },
     ),
     "diagnose": (
         ["diagnose", "published", "--out", "DIR"],
         {
-            "verdict": ("`identified`, `partly`, `ambiguous`, `unexplained` or `no-gap`", ""),
+            "verdict": (
+                "`identified`, `partly`, `ambiguous`, `unexplained` or `no-gap`",
+                "",
+            ),
             "gap.nominal": ("gap between model and readings", "% rms"),
             "gap.explained": ("remaining gap with the effects", "% rms"),
             "gap.held_out": ("remaining gap at held-out poses", "% rms"),
             "gap.noise": ("noise of the readings", "% rms"),
-            "gap.chi2_per_reading": ("χ² per reading without and with the effects", "1"),
-            "gap.left": ("remaining gap beyond the noise: √(explained² − noise²)", "% rms"),
-            "gap.discrepancy": ("size of an unknown cause in addition to the effects", "% of the readings"),
+            "gap.chi2_per_reading": (
+                "χ² per reading without and with the effects",
+                "1",
+            ),
+            "gap.left": (
+                "remaining gap beyond the noise: √(explained² − noise²)",
+                "% rms",
+            ),
+            "gap.discrepancy": (
+                "size of an unknown cause in addition to the effects",
+                "% of the readings",
+            ),
             "gap.unit": ("unit of the gap", ""),
             "gap.absolute.*": (
                 "by kind of reading: `unit` and rms `before`, `after`, `held_out` and `noise`",
@@ -538,15 +824,27 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "effects[].parameters.*.value": ("fitted value", "`unit`"),
             "effects[].parameters.*.sigma": ("standard uncertainty", "`unit`"),
             "effects[].parameters.*.unit": ("SI unit", ""),
-            "effects[].parameters.*.plausible": ("whether the value is typical of such robots", ""),
+            "effects[].parameters.*.plausible": (
+                "whether the value is typical of such robots",
+                "",
+            ),
             "effects[].parameters.*.interval": ("95 % credible interval", "`unit`"),
-            "effects[].parameters.*.nominal": ("value in the model; null if it has none", "`unit`"),
+            "effects[].parameters.*.nominal": (
+                "value in the model; null if it has none",
+                "`unit`",
+            ),
             "effects[].confused_with": (
                 "effects not distinguished by these readings, `effect @ place`; `unknown @ …`: unmodelled",
                 "",
             ),
-            "effects[].share": ("share of the effect in the explained gap (Shapley value)", "1"),
-            "effects[].group_probability": ("probability that it or one of `confused_with` is present", "1"),
+            "effects[].share": (
+                "share of the effect in the explained gap (Shapley value)",
+                "1",
+            ),
+            "effects[].group_probability": (
+                "probability that it or one of `confused_with` is present",
+                "1",
+            ),
             "effects[].errors": (
                 "for an effect of many small errors: each error as in `parameters`, largest first",
                 "`unit`; angles as arc length at 1 m",
@@ -557,24 +855,54 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             ),
             "alternatives[].effect": ("effect considered but not identified", ""),
             "alternatives[].place": ("location of the effect", ""),
-            "alternatives[].probability": ("probability that the effect is present", "1"),
-            "alternatives[].gap_after": ("remaining gap with this effect alone", "% rms"),
+            "alternatives[].probability": (
+                "probability that the effect is present",
+                "1",
+            ),
+            "alternatives[].gap_after": (
+                "remaining gap with this effect alone",
+                "% rms",
+            ),
             "alternatives[].why_not": ("reason for rejection", ""),
-            "possible": ("possible effects, each with `effect`, `place`, `probability`", ""),
+            "possible": (
+                "possible effects, each with `effect`, `place`, `probability`",
+                "",
+            ),
             "where.direction.*": ("share of each direction in the gap", "1"),
-            "where.component": ("share of each component in the gap; empty without a mechanism", "1"),
+            "where.component": (
+                "share of each component in the gap; empty without a mechanism",
+                "1",
+            ),
             "where.sensor.*": ("share of each sensor, or axis at M, in the gap", "1"),
-            "where.left": ("remaining gap by direction; empty if it is at the noise", "1"),
+            "where.left": (
+                "remaining gap by direction; empty if it is at the noise",
+                "1",
+            ),
             "where.left_by_sensor": ("remaining gap by sensor", "1"),
             "where.poses": ("names of the poses", ""),
-            "where.pose": ("[pose][x y z rx ry rz]: rms of the residuals; null without readings", "σ"),
-            "where.unexplained": ("rms of the residuals with the effects, as in `where.pose`", "σ"),
+            "where.pose": (
+                "[pose][x y z rx ry rz]: rms of the residuals; null without readings",
+                "σ",
+            ),
+            "where.unexplained": (
+                "rms of the residuals with the effects, as in `where.pose`",
+                "σ",
+            ),
             "next_measurement": (NEXT, "m, rad; N, N·m"),
-            "why_no_next": ("why no reading is proposed for causes not distinguished; else empty", ""),
+            "why_no_next": (
+                "why no reading is proposed for causes not distinguished; else empty",
+                "",
+            ),
             "remarks": ("further remarks, one sentence each", ""),
-            "sensitivity[].prior": ("prior quantity that is multiplied or divided by ten", ""),
+            "sensitivity[].prior": (
+                "prior quantity that is multiplied or divided by ten",
+                "",
+            ),
             "sensitivity[].verdict": ("verdict with this prior", ""),
-            "sensitivity[].probability.*": ("probability of each identified effect with this prior", "1"),
+            "sensitivity[].probability.*": (
+                "probability of each identified effect with this prior",
+                "1",
+            ),
             "held_out_check": (
                 "held-out readings: `inside_95`, share within their 95 % interval; `chi2_per_reading`",
                 "1",
@@ -592,7 +920,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 "largest ratio of held-out gap to noise among correctly identified campaigns",
                 "1",
             ),
-            "calibration[].stated": ("mean stated probability in each tenth of 0 to 1", "1"),
+            "calibration[].stated": (
+                "mean stated probability in each tenth of 0 to 1",
+                "1",
+            ),
             "calibration[].true": ("share of true effects among them", "1"),
             "calibration[].count": ("number of probabilities", ""),
             **within("robots.*", SHARES),
@@ -602,7 +933,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "outcomes[].robot": ("robot of the campaign", ""),
             "outcomes[].campaign": ("campaign number", ""),
             "outcomes[].kind": ("`single`, `pair`, `triple`, `none` or `outside`", ""),
-            "outcomes[].measured": ("`tool`: readings at M; `sensors`: gauges and a hook; `sag`", ""),
+            "outcomes[].measured": (
+                "`tool`: readings at M; `sensors`: gauges and a hook; `sag`",
+                "",
+            ),
             "outcomes[].truth": ("planted effects, `effect @ place`", ""),
             "outcomes[].left_out": ("effect removed from the library; null: none", ""),
             "outcomes[].imitated": (
@@ -611,10 +945,19 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             ),
             "outcomes[].verdict": ("verdict of the diagnosis", ""),
             "outcomes[].named": ("diagnosed effects", ""),
-            "outcomes[].confused_with": ("effects not distinguished from each of them", ""),
+            "outcomes[].confused_with": (
+                "effects not distinguished from each of them",
+                "",
+            ),
             "outcomes[].right": ("whether the diagnosis is correct", ""),
-            "outcomes[].evidence": ("ln-odds of the best hypothesis against no effect", "1"),
-            "outcomes[].gap.*": ("`nominal`, `explained`, `held_out`, `noise`", "% rms"),
+            "outcomes[].evidence": (
+                "ln-odds of the best hypothesis against no effect",
+                "1",
+            ),
+            "outcomes[].gap.*": (
+                "`nominal`, `explained`, `held_out`, `noise`",
+                "% rms",
+            ),
             "outcomes[].covered": (
                 "for each correctly identified parameter: whether its 95 % interval contains the true value",
                 "",

@@ -23,8 +23,18 @@ if TYPE_CHECKING:
 def transform(row: Row, angle: float = 0.0) -> Array:
     """Return the matrix (4, 4) of a standard row (a, d, α, θ₀) at a joint angle, rad."""
     a, d, alpha, start = row
-    c, s, ca, sa = np.cos(start + angle), np.sin(start + angle), np.cos(alpha), np.sin(alpha)
-    return np.array([[c, -s * ca, s * sa, a * c], [s, c * ca, -c * sa, a * s], [0, sa, ca, d], [0, 0, 0, 1.0]])
+    c = np.cos(start + angle)
+    s = np.sin(start + angle)
+    ca = np.cos(alpha)
+    sa = np.sin(alpha)
+    return np.array(
+        [
+            [c, -s * ca, s * sa, a * c],
+            [s, c * ca, -c * sa, a * s],
+            [0, sa, ca, d],
+            [0, 0, 0, 1.0],
+        ]
+    )
 
 
 @dataclass(frozen=True)
@@ -83,14 +93,25 @@ def write_robot(arm: Arm, home: Array, path: Path) -> None:
             "axis": [round(float(v), 12) for v in frames[k][:3, 2]],
             "drive": {"stiffness": drive},
         }
-    data["tool"] = {"body": f"link{len(arm.rows)}", "at": points[-1], "pose": ["x", "y", "z", "rx", "ry", "rz"]}
+    data["tool"] = {
+        "body": f"link{len(arm.rows)}",
+        "at": points[-1],
+        "pose": ["x", "y", "z", "rx", "ry", "rz"],
+    }
     data["gravity"] = {"acceleration": 9.81, "direction": list(arm.gravity)}
     head = "".join(f"# {line}\n" for line in arm.source.splitlines())
     path.write_text(head + tomlkit.dumps(data), encoding="utf-8")
 
 
 def write_positions(
-    arm: Arm, folder: Path, home: Array, angles: Array, positions: Array, *, sigma: float, at_sigma: float
+    arm: Arm,
+    folder: Path,
+    home: Array,
+    angles: Array,
+    positions: Array,
+    *,
+    sigma: float,
+    at_sigma: float,
 ) -> None:
     """Write tracked positions as a campaign with its robot file.
 
@@ -115,21 +136,31 @@ def write_positions(
     folder.mkdir(parents=True, exist_ok=True)
     write_robot(arm, home, folder / "robot.toml")
     target = {
-        "measures": "position", "frame": "tracker", "body": f"link{len(arm.rows)}",
-        "at": arm.target_at(home).round(9).tolist(), "at_sigma": at_sigma,
-    }  # fmt: skip
+        "measures": "position",
+        "frame": "tracker",
+        "body": f"link{len(arm.rows)}",
+        "at": arm.target_at(home).round(9).tolist(),
+        "at_sigma": at_sigma,
+    }
     header = {
-        "robot": "robot.toml", "modelled": ["gravity"],
-        "frames": {"tracker": {"pose": "unknown"}}, "sensors": {"target": target},
-    }  # fmt: skip
+        "robot": "robot.toml",
+        "modelled": ["gravity"],
+        "frames": {"tracker": {"pose": "unknown"}},
+        "sensors": {"target": target},
+    }
     each = np.repeat(angles - home, 3, axis=0)
     columns = {f"q:J{k + 1}": number_cells(each[:, k]) for k in range(each.shape[1])}
     columns["sensor"] = [f"target.{axis}" for _ in positions for axis in "xyz"]
-    columns |= {"value": number_cells(positions.ravel()), "sigma": number_cells([sigma] * positions.size)}
+    columns |= {
+        "value": number_cells(positions.ravel()),
+        "sigma": number_cells([sigma] * positions.size),
+    }
     write_campaign(folder, header, columns, comment=arm.source)
 
 
 def split_postures(count: int, every: int = 5) -> tuple[Sequence[int], Sequence[int]]:
     """Return the postures to fit, and every ``every``-th one as held out."""
     numbers = range(count)
-    return [k for k in numbers if k % every != every - 1], [k for k in numbers if k % every == every - 1]
+    return [k for k in numbers if k % every != every - 1], [
+        k for k in numbers if k % every == every - 1
+    ]

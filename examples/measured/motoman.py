@@ -21,23 +21,36 @@ from stiffscope.gap.forward.placing import align_points
 
 TURN = np.pi / 180.0
 ROWS = (
-    (0.15, 1.4159, -90 * TURN, 0.0), (0.614, 0.0, 180 * TURN, -90 * TURN), (0.2, 0.0, -90 * TURN, 0.0),
-    (0.0, -0.64, 90 * TURN, 0.0), (0.03, 0.0, 90 * TURN, -90 * TURN), (0.0, 0.2, 0.0, 0.0),
-)  # fmt: skip
+    (0.15, 1.4159, -90 * TURN, 0.0),
+    (0.614, 0.0, 180 * TURN, -90 * TURN),
+    (0.2, 0.0, -90 * TURN, 0.0),
+    (0.0, -0.64, 90 * TURN, 0.0),
+    (0.03, 0.0, 90 * TURN, -90 * TURN),
+    (0.0, 0.2, 0.0, 0.0),
+)
 SOURCE = """Geometry: loadMotomanLeica.m of ctu-vras/multirobot-calibration.
 Masses and drives: guesses, nothing is published.
 Converted from the authors' dataset, which is theirs."""
-SIDES = {"left": (-15 * TURN, (0.05, 0.25, 0.0, 0.0)), "right": (15 * TURN, (0.045, 0.245, 0.0, -0.38))}
+SIDES = {
+    "left": (-15 * TURN, (0.05, 0.25, 0.0, 0.0)),
+    "right": (15 * TURN, (0.045, 0.245, 0.0, -0.38)),
+}
 ARMS = {
     side: Arm(
-        f"motoman-{side}", (0.0, -0.263, tilt, -90 * TURN), ROWS, target,
-        (45.0, 30.0, 25.0, 12.0, 6.0, 4.0), (5e5, 5e5, 3e5, 6e4, 6e4, 3e4), SOURCE,
+        f"motoman-{side}",
+        (0.0, -0.263, tilt, -90 * TURN),
+        ROWS,
+        target,
+        (45.0, 30.0, 25.0, 12.0, 6.0, 4.0),
+        (5e5, 5e5, 3e5, 6e4, 6e4, 3e4),
+        SOURCE,
     )
     for side, (tilt, target) in SIDES.items()
-}  # fmt: skip
+}
 JOINTS = {"right": slice(7, 13), "left": slice(13, 19)}
 """Columns of joint angles, rad; 19 to 21: reflector position, m; 22: tracker uncertainty."""
-SIGMA, AT_SIGMA = 3e-5, 0.02  # m: tracker and repeatability; place of the reflector
+SIGMA = 3e-5
+AT_SIGMA = 0.02  # m: tracker and repeatability; place of the reflector
 
 
 def convert(dataset: Path, side: str, folder: Path) -> dict[str, float]:
@@ -62,10 +75,22 @@ def convert(dataset: Path, side: str, folder: Path) -> dict[str, float]:
     table = table[np.unique(table[:, 0], return_index=True)[1]]
     seen = table[:, 19:22]
     table = table[np.isfinite(seen).all(axis=1) & (seen != 0.0).any(axis=1)]
-    arm, angles, seen = ARMS[side], table[:, JOINTS[side]], table[:, 19:22]
+    arm = ARMS[side]
+    angles = table[:, JOINTS[side]]
+    seen = table[:, 19:22]
     home = angles.mean(axis=0).round(3)
-    for name, chosen in zip(("fit", "held-out"), split_postures(len(table)), strict=True):
-        write_positions(arm, folder / name, home, angles[chosen], seen[chosen], sigma=SIGMA, at_sigma=AT_SIGMA)
+    for name, chosen in zip(
+        ("fit", "held-out"), split_postures(len(table)), strict=True
+    ):
+        write_positions(
+            arm,
+            folder / name,
+            home,
+            angles[chosen],
+            seen[chosen],
+            sigma=SIGMA,
+            at_sigma=AT_SIGMA,
+        )
     nominal = np.array([arm.target_at(each) for each in angles])
     rotation, origin = align_points(seen, nominal)
     left = nominal - seen @ rotation.T - origin
@@ -74,13 +99,17 @@ def convert(dataset: Path, side: str, folder: Path) -> dict[str, float]:
 
 def main() -> None:
     """Convert one dataset."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--arm", choices=sorted(ARMS), default="left")
     parser.add_argument("--out", type=Path, required=True)
     chosen = parser.parse_args()
     found = convert(chosen.dataset, chosen.arm, chosen.out)
-    print(f"{found['postures']} postures; the nominal arm leaves {1e3 * found['rms']:.3f} mm rms a coordinate")
+    print(
+        f"{found['postures']} postures; the nominal arm leaves {1e3 * found['rms']:.3f} mm rms a coordinate"
+    )
 
 
 if __name__ == "__main__":

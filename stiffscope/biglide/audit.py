@@ -11,7 +11,11 @@ import numpy as np
 from stiffscope.biglide.published_model import published_model
 from stiffscope.fea.beam import euler_bernoulli, polar
 from stiffscope.robot.mechanism_of import mechanism_of
-from stiffscope.robot.part_matrices import beam_compliance, part_matrices, read_published
+from stiffscope.robot.part_matrices import (
+    beam_compliance,
+    part_matrices,
+    read_published,
+)
 from stiffscope.vjm.mechanism import DIAGONAL
 from stiffscope.vjm.statics import stiffness
 
@@ -22,7 +26,9 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
 
 _EXPLAINED = 5e-3  # relative; the reading explains K_ty, K_tz and K_rz to 0.3 %
-_LAST_DIGIT = 500.0  # N/m, N·m/rad: half the last printed digit of stiffnesses (K_tz: times 1e3)
+_LAST_DIGIT = (
+    500.0  # N/m, N·m/rad: half the last printed digit of stiffnesses (K_tz: times 1e3)
+)
 _LAST_COMPLIANCE_DIGIT = 5e-13  # half the last printed digit of compliances
 _ROWS = ("without_gravity", "with_gravity", "experiment")
 
@@ -57,28 +63,34 @@ def findings_on_paper(robot: RobotFile, solid: np.ndarray | None) -> list[Findin
     """
     matrices = part_matrices(robot, "published")
     model = published_model(mechanism_of(robot, matrices), robot.parameters)
-    beam = beam_compliance(robot, "slider", lambda n, of, *e: euler_bernoulli(n, polar(of), *e))
+    beam = beam_compliance(
+        robot, "slider", lambda n, of, *e: euler_bernoulli(n, polar(of), *e)
+    )
     found = compliance_findings("Eq. (29)", matrices["slider"].compliance, beam, solid)
     printed = read_published("stiffness")
     for source, point in (("Eq. (30a)", "P1"), ("Eq. (30b)", "P2")):
         matrix = np.array(printed[point]["stiffness"]) * printed["unit"]
-        found += matrix_findings(model, source, math.radians(printed[point]["q_deg"]), matrix)
+        found += matrix_findings(
+            model, source, math.radians(printed[point]["q_deg"]), matrix
+        )
     principal = read_published("principal_stiffness")
     rms: list[Finding] = []
     for source, point in (("Table 5", "Q1"), ("Table 6", "Q2")):
         table = principal[point]
         rows: dict[str, Sequence[float]] = {
             row: [value * principal["unit"] for value in table[row]] for row in _ROWS
-        }  # fmt: skip
+        }
         found += principal_findings(model, source, math.radians(table["q_deg"]), rows)
-        percent = {row: values[point] for row, values in principal["rms_percent"].items()}
+        percent = {
+            row: values[point] for row, values in principal["rms_percent"].items()
+        }
         rms += rms_findings(point, percent, rows)
     return found + rms
 
 
 def principal_findings(
     model: PublishedModel, source: str, q: float, rows: dict[str, Sequence[float]]
-) -> list[Finding]:  # fmt: skip
+) -> list[Finding]:
     """Judge Tables 5 and 6: six principal stiffnesses, SI, by row, at a link angle ``q`` in rad.
 
     The rows are ``without_gravity``, ``with_gravity`` and ``experiment``. The printed change due to
@@ -95,15 +107,19 @@ def principal_findings(
         for k, name in enumerate(DIAGONAL):
             rounding = _LAST_DIGIT * (1e3 if name == "K_tz" else 1.0)
             printed = _Printed(source, f"{name} {row}", values[k], rounding)
-            reading, note = None, "a measurement"
+            reading = None
+            note = "a measurement"
             if row == "without_gravity":
-                reading, note = recomputed[k], None
+                reading = recomputed[k]
+                note = None
             elif row == "with_gravity":
                 change = values[k] / rows["without_gravity"][k] - 1.0
                 right = f"{loaded[k] / plain[k] - 1.0:+.4%} correctly"
                 note = f"weight changes it by {change:+.2%} in print, {right}"
             findings.append(printed.judge(reading, correct[k], bounds[k], note))
-        twisting = _Printed(source, f"K_rx + K_rz {row}", values[3] + values[5], 2.0 * _LAST_DIGIT)
+        twisting = _Printed(
+            source, f"K_rx + K_rz {row}", values[3] + values[5], 2.0 * _LAST_DIGIT
+        )
         both = correct[3] + correct[5]
         findings.append(twisting.judge(None, both, model.rotational_bound, "a sum"))
     return findings
@@ -111,18 +127,24 @@ def principal_findings(
 
 def matrix_findings(
     model: PublishedModel, source: str, q: float, published: np.ndarray
-) -> list[Finding]:  # fmt: skip
+) -> list[Finding]:
     """Judge printed stiffnesses on and above the diagonal, except entries that are rightly zero."""
     recomputed = model.reading_r1(q)
-    correct = stiffness(model.mechanism, model.dimensions.tool_point(q), gravity="exact")[0]
+    correct = stiffness(
+        model.mechanism, model.dimensions.tool_point(q), gravity="exact"
+    )[0]
     size = np.sqrt(np.outer(np.diagonal(correct), np.diagonal(correct)))
     correct = np.where(np.abs(correct) < 1e-6 * size, 0.0, correct)
     bounds = model.bounds(q)[0]
     findings: list[Finding] = []
     for i, j in np.argwhere(np.triu((published != 0.0) | (correct != 0.0))).tolist():
-        printed = _Printed(source, f"K{i + 1}{j + 1}", float(published[i, j]), _LAST_DIGIT)
+        printed = _Printed(
+            source, f"K{i + 1}{j + 1}", float(published[i, j]), _LAST_DIGIT
+        )
         bound = float(bounds[i]) if i == j else None
-        findings.append(printed.judge(float(recomputed[i, j]), float(correct[i, j]), bound))
+        findings.append(
+            printed.judge(float(recomputed[i, j]), float(correct[i, j]), bound)
+        )
     return findings
 
 
@@ -132,9 +154,12 @@ def compliance_findings(
     """Judge the printed compliance by Euler-Bernoulli theory (torsion: I_y + I_z) and a solid's."""
     findings: list[Finding] = []
     for i, j in np.argwhere(np.triu(published)).tolist():
-        printed, theory = float(published[i, j]), float(beam[i, j])
+        printed = float(published[i, j])
+        theory = float(beam[i, j])
         correct = float(solid[i, j]) if solid is not None else float("nan")
-        is_beam = abs(printed - theory) <= max(_LAST_COMPLIANCE_DIGIT, _EXPLAINED * abs(theory))
+        is_beam = abs(printed - theory) <= max(
+            _LAST_COMPLIANCE_DIGIT, _EXPLAINED * abs(theory)
+        )
         verdict = "no beam formula gives it"
         if is_beam:
             verdict = "a beam formula, to its last digit, not FEA"
@@ -147,14 +172,15 @@ def compliance_findings(
 
 def rms_findings(
     point: str, printed: dict[str, float], rows: dict[str, Sequence[float]]
-) -> list[Finding]:  # fmt: skip
+) -> list[Finding]:
     """Compare printed RMS figures in % with ``sqrt(Σe²)/6`` and the true RMS ``sqrt(Σe²/6)``."""
     measured = np.array(rows["experiment"])
     findings: list[Finding] = []
     for row, value in printed.items():
         errors = (np.array(rows[row]) - measured) / measured
         size = float(np.sqrt(np.sum(errors**2)))
-        sixth, rms = 100.0 * size / 6.0, 100.0 * size / np.sqrt(6.0)
+        sixth = 100.0 * size / 6.0
+        rms = 100.0 * size / np.sqrt(6.0)
         if _off(value, rms) < _EXPLAINED:
             verdict = "the root mean square"
         elif _off(value, sixth) < _EXPLAINED:
@@ -176,9 +202,12 @@ class _Printed:
     rounding: float
 
     def judge(
-        self, as_published: float | None, correct: float, bound: float | None,
+        self,
+        as_published: float | None,
+        correct: float,
+        bound: float | None,
         note: str | None = None,
-    ) -> Finding:  # fmt: skip
+    ) -> Finding:
         """Return the finding; a ``note`` is appended to its verdict."""
         notes: list[str] = []
         if bound is not None and self.value - self.rounding > bound:
@@ -200,7 +229,9 @@ class _Printed:
         if note:
             notes.append(note)
         verdict = "; ".join(notes)
-        return Finding(self.source, self.entry, self.value, as_published, correct, bound, verdict)
+        return Finding(
+            self.source, self.entry, self.value, as_published, correct, bound, verdict
+        )
 
     def _is(self, reference: float) -> bool:
         within = abs(self.value - reference) <= self.rounding

@@ -46,11 +46,14 @@ def literal_gravity(mechanism: Mechanism, poses: ArrayLike) -> Array:
     links' weights at their middles. Raises InputError for another robot or a pose out of reach.
     """
     require_biglide(mechanism)
-    bodies, tool = {body.name: body for body in mechanism.bodies}, mechanism.tool
+    bodies = {body.name: body for body in mechanism.bodies}
+    tool = mechanism.tool
     platform = mechanism.gravity * bodies["platform"].mass
     behind: dict[str, list[Behind]] = {}
     for limb, links in LIMBS.items():
-        carried = behind[f"{limb}.slider"] = [Behind(platform / 2.0, tool.body, tool.at)]
+        carried = behind[f"{limb}.slider"] = [
+            Behind(platform / 2.0, tool.body, tool.at)
+        ]
         for link in (bodies[name] for name in links):
             behind[link.name] = [Behind(platform / 6.0, tool.body, tool.at)]
             ends = () if link.elastic is None else link.elastic.places
@@ -63,20 +66,25 @@ def require_biglide(mechanism: Mechanism) -> None:
     """Raise InputError if a mechanism lacks a body of the published equations."""
     elastic = {body.name for body in mechanism.bodies if body.elastic is not None}
     needed = {f"{limb}.slider" for limb in LIMBS}.union(*LIMBS.values())
-    if not needed <= elastic or "platform" not in {body.name for body in mechanism.bodies}:
+    if not needed <= elastic or "platform" not in {
+        body.name for body in mechanism.bodies
+    }:
         expected = "expected the Biglide, whose paper has it"
-        raise InputError(f"--gravity literal: {expected}; none or exact serve any robot")
+        raise InputError(
+            f"--gravity literal: {expected}; none or exact serve any robot"
+        )
 
 
 def literal_stiffness(
     mechanism: Mechanism, poses: ArrayLike, behind: Mapping[str, Sequence[Behind]]
-) -> Array:  # fmt: skip
+) -> Array:
     """Return the stiffness (n, 6, 6) at M with ``K_θ - K_G`` for each elastic body in ``behind``.
 
     Raises InputError for a pose out of reach.
     """
     found = configure(mechanism, poses).require_valid()
-    order, where = find_order(mechanism, found.linkage), place_nodes(found)
+    order = find_order(mechanism, found.linkage)
+    where = place_nodes(found)
     softened = replace(where, rigid=False)
     for e in order.elements:
         if e.name not in behind:
@@ -89,7 +97,9 @@ def literal_stiffness(
             lever = (to_own @ away[..., None])[..., 0]
             hessian = hessian + load_hessian(to_own @ load.force, lever)
         c = np.linalg.solve(np.eye(6) - e.compliance @ hessian, e.compliance)
-        factor = where.adjoint(e) @ np.linalg.cholesky(0.5 * (c + np.swapaxes(c, -1, -2)))
+        factor = where.adjoint(e) @ np.linalg.cholesky(
+            0.5 * (c + np.swapaxes(c, -1, -2))
+        )
         softened.seen[e.name] = e, factor, where.columns(e)[1]
     return tool_stiffness(condense_network(order, softened))
 

@@ -84,10 +84,15 @@ class PublishedModel:
         for i, side in SIDES.items():
             axes = rotation(_Y, -q if i == 1 else q - np.pi)
             to_limb = shift([0.0, 0.0, self.dimensions.l2]) @ Frame(axes).adjoint()
-            limb = np.outer(along_x, along_x) / self.drive + to_limb @ compliance @ to_limb.T
+            limb = (
+                np.outer(along_x, along_x) / self.drive
+                + to_limb @ compliance @ to_limb.T
+            )
             back = shift([-side * self.dimensions.l, 0.0, 0.0])
             whole = whole + back.T @ np.linalg.inv(limb) @ back
-        return np.linalg.inv(np.linalg.inv(whole) + np.outer(along_y, along_y) / self.drive)
+        return np.linalg.inv(
+            np.linalg.inv(whole) + np.outer(along_y, along_y) / self.drive
+        )
 
     def _parallelogram(self, q: float) -> Array:
         """Return K_Pl (6, 6) of three links with the printed Jacobians (docs/theory.md 10.3)."""
@@ -98,7 +103,8 @@ class PublishedModel:
             lever = np.array([arm * np.cos(q), -foot, arm * np.sin(q)])
             back = shift(-lever)  # inverse of J_θ
             passive = np.zeros((6, 2))
-            passive[0], passive[4] = lever[2], 1.0
+            passive[0] = lever[2]
+            passive[4] = 1.0
             passive[2] = [-lever[0] - g.L, -lever[0]]
             fixed = back.T @ spring @ back
             pull = fixed @ passive
@@ -113,7 +119,8 @@ class PublishedModel:
         sliders, K_rx and K_rz by the bound on their sum.
         """
         q = np.atleast_1d(np.asarray(q, dtype=float))
-        link, drive = self.link, self.drive
+        link = self.link
+        drive = self.drive
         axial = 3.0 / link[0, 0]
         # 12 E I / L³: the end held against rotation
         sideways = 1.0 / (link[1, 1] - link[1, 5] ** 2 / link[5, 5])
@@ -136,12 +143,15 @@ class PublishedModel:
         return float((matrix[:, 3, 3] + matrix[:, 5, 5]).max())
 
     def _with_rigid_sliders(self, q: Array) -> Array:
-        machine, sliders = self.mechanism, [f"limb{i}.slider" for i in SIDES]
+        machine = self.mechanism
+        sliders = [f"limb{i}.slider" for i in SIDES]
         rigid = {name: Change(-_read_elastic(machine, name)) for name in sliders}
         return stiffness(machine.change_elements(rigid), self.dimensions.tool_point(q))
 
 
-def published_model(mechanism: Mechanism, parameters: Mapping[str, float]) -> PublishedModel:
+def published_model(
+    mechanism: Mechanism, parameters: Mapping[str, float]
+) -> PublishedModel:
     """Return the published model of a Biglide mechanism; raise InputError for any other robot."""
     missing = [name for name in _LENGTHS if name not in parameters]
     if missing:
@@ -149,7 +159,9 @@ def published_model(mechanism: Mechanism, parameters: Mapping[str, float]) -> Pu
         raise InputError(f"parameters: {expected}, got no {missing[0]}")
     link = mechanism.body("limb1.link1").elastic
     if link is None:
-        raise InputError("bodies.limb1.link1: expected an elastic body, got a rigid one")
+        raise InputError(
+            "bodies.limb1.link1: expected an elastic body, got a rigid one"
+        )
     length = float(np.linalg.norm(link.tip - link.base))
     dimensions = Dimensions(L=length, **{name: parameters[name] for name in _LENGTHS})
     return PublishedModel(without_ranges(mechanism), dimensions)

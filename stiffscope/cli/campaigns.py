@@ -27,13 +27,24 @@ from stiffscope.gap.blind.check import case_files, check_cases, run_blind
 from stiffscope.gap.blind.laboratory import blind_robots
 from stiffscope.gap.campaign.campaign_header import load_header
 from stiffscope.gap.campaign.template import write_template
-from stiffscope.gap.campaigns import assemble_nominal, configure_case, diagnose_case, inspect_case, open_case
+from stiffscope.gap.campaigns import (
+    assemble_nominal,
+    configure_case,
+    diagnose_case,
+    inspect_case,
+    open_case,
+)
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.posterior_samples import write_posterior, write_readings
 from stiffscope.gap.planning import propose_plan
 from stiffscope.report import blind_scores, campaign_check, gap_tables, tables
 from stiffscope.report.diagnosis_report import share_view, write_diagnosis_report
-from stiffscope.report.kept_pictures import order_figures, order_shares, shares_ahead, write_pictures
+from stiffscope.report.kept_pictures import (
+    order_figures,
+    order_shares,
+    shares_ahead,
+    write_pictures,
+)
 from stiffscope.report.pictures import open_drawing
 from stiffscope.robot.library import robot_names
 from stiffscope.robot.nominal import NominalRobot
@@ -63,12 +74,18 @@ GROUPS = {
 
 @click.command()
 @takes(click.argument("name", metavar="CAMPAIGN"), options.out, options.json)
-@click.option("--robot", metavar="FILE", help="An adopted robot to diagnose, not the campaign's.")
 @click.option(
-    "--adopt", metavar="FILE", type=options.PATH,
+    "--robot", metavar="FILE", help="An adopted robot to diagnose, not the campaign's."
+)
+@click.option(
+    "--adopt",
+    metavar="FILE",
+    type=options.PATH,
     help="Write a robot file that carries the effects that were found.",
-)  # fmt: skip
-def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output) -> None:
+)
+def diagnose(
+    name: str, *, robot: str | None, adopt: Path | None, output: Output
+) -> None:
     """Find the effects that explain the gap between model and measurements.
 
     CAMPAIGN is a folder with a campaign.toml and its readings, or a bundled one: published or gauges.
@@ -79,8 +96,11 @@ def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output
     if adopt is not None:
         check_target(adopt, case.robot)
     with open_workshop(output) as shop, ExitStack() as stack:
-        nominal, files = assemble_nominal(case, shop), manifest.sources["inputs"]
-        ahead = nominal and stack.enter_context(shares_ahead(nominal, files, shop.cache))
+        nominal = assemble_nominal(case, shop)
+        files = manifest.sources["inputs"]
+        ahead = nominal and stack.enter_context(
+            shares_ahead(nominal, files, shop.cache)
+        )
         diagnosis = diagnose_case(case, nominal, shop)
 
         def fill(folder: Path) -> None:
@@ -95,17 +115,31 @@ def diagnose(name: str, *, robot: str | None, adopt: Path | None, output: Output
         def carry() -> None:
             if adopt is None or nominal is None:
                 return
-            c, robot = case.campaign, NominalRobot(nominal.mechanism, nominal.robot)
-            about = {"campaign": case.name, "components": c.components, "modelled": c.modelled}
+            c = case.campaign
+            robot = NominalRobot(nominal.mechanism, nominal.robot)
+            about = {
+                "campaign": case.name,
+                "components": c.components,
+                "modelled": c.modelled,
+            }
             adopt_effects(adopt, nominal.robot, robot, diagnosis, **about)
 
-        show, page = gap_tables.show_diagnosis, partial(_write_page, case, nominal, diagnosis)
+        show = gap_tables.show_diagnosis
+        page = partial(_write_page, case, nominal, diagnosis)
         emit(
-            output, to_json(diagnosis), partial(show, diagnosis), manifest=manifest, fill=fill,
-            page=page, kept="diagnosis.json", also=carry,
-        )  # fmt: skip
+            output,
+            to_json(diagnosis),
+            partial(show, diagnosis),
+            manifest=manifest,
+            fill=fill,
+            page=page,
+            kept="diagnosis.json",
+            also=carry,
+        )
         if adopt and nominal and output.loud:
-            parts = f"with the parts' matrices of the diagnosis ({tables.sources(nominal)})"
+            parts = (
+                f"with the parts' matrices of the diagnosis ({tables.sources(nominal)})"
+            )
             tables.show_line(f"Adopted in {adopt}, {parts}")
 
 
@@ -114,14 +148,20 @@ def _manifest_of(case: Case) -> Manifest:
     return manifest_of(case.robot, *(case.folder / file for file in files))
 
 
-def _write_page(case: Case, nominal: Assembled | None, diagnosis: Diagnosis, report: Draft) -> None:
+def _write_page(
+    case: Case, nominal: Assembled | None, diagnosis: Diagnosis, report: Draft
+) -> None:
     view = None
-    facts = [f"{len(case.campaign):,} readings at {len(case.campaign.pose_names)} poses"]
+    facts = [
+        f"{len(case.campaign):,} readings at {len(case.campaign.pose_names)} poses"
+    ]
     if nominal is None:
         facts.append("the model under test is the campaign's own predictions")
     else:
         modelled = f"modelled: {', '.join(case.campaign.modelled) or 'no effect'}"
-        facts.append(f"nominal robot {nominal.robot.name} ({tables.sources(nominal)}; {modelled})")
+        facts.append(
+            f"nominal robot {nominal.robot.name} ({tables.sources(nominal)}; {modelled})"
+        )
         found = configure_case(case, nominal)
         view = share_view(report, nominal, diagnosis, found) if found else None
     title = f"Where is the gap? {case.name}"
@@ -135,23 +175,42 @@ def campaign() -> None:
 
 @campaign.command("new")
 @takes(
-    options.robot, options.json,
-    click.option("--out", "goal", required=True, metavar="DIR", type=options.PATH, help=options.OUT),
-)  # fmt: skip
+    options.robot,
+    options.json,
+    click.option(
+        "--out",
+        "goal",
+        required=True,
+        metavar="DIR",
+        type=options.PATH,
+        help=options.OUT,
+    ),
+)
 @click.option(
-    "--ask", metavar="QUESTION",
+    "--ask",
+    metavar="QUESTION",
     help='Plan the fewest readings that distinguish causes: "base-compliance from J1", effects, '
     'places or patterns of "effect @ place", several divided by commas; or "all".',
-)  # fmt: skip
+)
 @click.option(
-    "--with", "given", metavar="CAMPAIGN", type=options.PATH,
+    "--with",
+    "given",
+    metavar="CAMPAIGN",
+    type=options.PATH,
     help="With --ask: plan with the sensors and loads of this campaign alone.",
-)  # fmt: skip
-def new_campaign(name: str, goal: Path, *, ask: str | None, given: Path | None, output: Output) -> None:
+)
+def new_campaign(
+    name: str, goal: Path, *, ask: str | None, given: Path | None, output: Output
+) -> None:
     """Write a campaign folder to fill in: examples of sensors and loads, and a plan of readings."""
     robot = load_robot(name)
-    named = name if name in robot_names() else Path(os.path.relpath(robot.path, goal)).as_posix()
-    proposal, plan = None, {}
+    named = (
+        name
+        if name in robot_names()
+        else Path(os.path.relpath(robot.path, goal)).as_posix()
+    )
+    proposal = None
+    plan = {}
     if given is not None and ask is None:
         raise InputError("--with: expected a question, --ask, too")
     if ask is not None:
@@ -166,44 +225,73 @@ def new_campaign(name: str, goal: Path, *, ask: str | None, given: Path | None, 
     def show() -> None:
         if proposal is not None:
             campaign_check.show_plan(proposal, robot.tool.pose)
-        tables.show_line(f"Written: {goal}, {readings} readings at {poses} pose{'s' * (poses != 1)} to fill in.")
+        tables.show_line(
+            f"Written: {goal}, {readings} readings at {poses} pose{('s' if poses != 1 else '')} to fill in."
+        )
         tables.show_line(f"Next: stiffscope campaign check {goal}")
 
-    emit(output, {"folder": str(goal), "readings": readings, "poses": poses, **plan}, show)
+    emit(
+        output,
+        {"folder": str(goal), "readings": readings, "poses": poses, **plan},
+        show,
+    )
 
 
 @campaign.command("check")
 @takes(
-    click.argument("name", metavar="CAMPAIGN"), options.json,
-    options.folder("--out", "report, pictures of the sensors on the robot, and check.json."),
-)  # fmt: skip
+    click.argument("name", metavar="CAMPAIGN"),
+    options.json,
+    options.folder(
+        "--out", "report, pictures of the sensors on the robot, and check.json."
+    ),
+)
 def check_campaign(name: str, *, output: Output) -> None:
     """Report how a campaign was read, without experiments: counts, units, sensors, loads, doubt."""
     case = open_case(name, planned=True)
-    with open_drawing(ahead=True) if output.folder and case.robot else nullcontext() as draw:
+    with (
+        open_drawing(ahead=True)
+        if output.folder and case.robot
+        else nullcontext() as draw
+    ):
         found = configure_case(case)
         facts = campaign_check.campaign_json(case.campaign, inspect_case(case, found))
 
         def fill(folder: Path) -> None:
             if case.robot is not None and found is not None and draw is not None:
-                campaign_check.draw_sensors(draw, case.robot, found, case.campaign, folder)
+                campaign_check.draw_sensors(
+                    draw, case.robot, found, case.campaign, folder
+                )
 
         emit(
-            output, facts, lambda: campaign_check.show_campaign(facts, case.name), fill=fill,
-            manifest=_manifest_of(case), page=partial(campaign_check.write_page, case.name),
+            output,
+            facts,
+            lambda: campaign_check.show_campaign(facts, case.name),
+            fill=fill,
+            manifest=_manifest_of(case),
+            page=partial(campaign_check.write_page, case.name),
             kept="check.json",
-        )  # fmt: skip
+        )
 
 
 @click.command()
-@takes(click.argument("names", metavar="[ROBOT]...", nargs=-1), options.out, options.json, options.components)
+@takes(
+    click.argument("names", metavar="[ROBOT]...", nargs=-1),
+    options.out,
+    options.json,
+    options.components,
+)
 @options.count("--campaigns", 100, "How many a robot.", 1, 100000)
 @options.count("--seed", 1, "What decides which are drawn.", 0)
 @options.scheduler
 def blind(
-    names: Texts, *, components: str | None, campaigns: int, seed: int, scheduler: str | None,
+    names: Texts,
+    *,
+    components: str | None,
+    campaigns: int,
+    seed: int,
+    scheduler: str | None,
     output: Output,
-) -> None:  # fmt: skip
+) -> None:
     """Test the diagnosis on campaigns whose effects are withheld.
 
     Simulates campaigns of each ROBOT (by default biglide), seals their effects, diagnoses them, and
@@ -218,21 +306,39 @@ def blind(
     with open_workshop(output) as shop:
         drawn = blind_robots(robots, components, shop)
         report = shop.open_line("blind")
-        scores = run_blind(cases, drawn, campaigns, seed, report, workers=processors(), scheduler=scheduler)
+        scores = run_blind(
+            cases,
+            drawn,
+            campaigns,
+            seed,
+            report,
+            workers=processors(),
+            scheduler=scheduler,
+        )
         report("figures", 1.0)
 
     def fill(folder: Path) -> None:
         copy_files(cases, folder, case_files(cases, drawn, campaigns, seed))
         blind_scores.draw_scores(scores, folder)
 
-    about = {"campaigns": campaigns, "seed": seed, "seconds": round(manifest.measure_elapsed(), 1)}
+    about = {
+        "campaigns": campaigns,
+        "seed": seed,
+        "seconds": round(manifest.measure_elapsed(), 1),
+    }
     emit(
-        output, about | blind_scores.scores_json(scores),
-        lambda: blind_scores.show_scores(scores), manifest=manifest, fill=fill,
-        page=partial(blind_scores.write_blind_report, scores), kept="scores.json",
-    )  # fmt: skip
+        output,
+        about | blind_scores.scores_json(scores),
+        lambda: blind_scores.show_scores(scores),
+        manifest=manifest,
+        fill=fill,
+        page=partial(blind_scores.write_blind_report, scores),
+        kept="scores.json",
+    )
     if not remove_copied(cases, out):
-        log.warning("%s: holds files that are no cases of this check; they stay there", cases)
+        log.warning(
+            "%s: holds files that are no cases of this check; they stay there", cases
+        )
 
 
 @click.command()
@@ -246,6 +352,8 @@ def audit(*, output: Output) -> None:
 
     def show() -> None:
         for source, title in GROUPS.items():
-            tables.show_findings(title, [each for each in findings if each.source == source])
+            tables.show_findings(
+                title, [each for each in findings if each.source == source]
+            )
 
     emit(output, [dataclasses.asdict(finding) for finding in findings], show)

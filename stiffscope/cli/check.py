@@ -27,10 +27,13 @@ if TYPE_CHECKING:
 
 @click.command()
 @takes(
-    options.robot, options.overrides,
-    options.folder("--out", "report, pictures at home and at every named pose, and check.json."),
+    options.robot,
+    options.overrides,
+    options.folder(
+        "--out", "report, pictures at home and at every named pose, and check.json."
+    ),
     options.json,
-)  # fmt: skip
+)
 def check(name: str, *, overrides: Texts, output: Output) -> None:
     """Report what a robot file describes, without virtual experiments.
 
@@ -39,16 +42,21 @@ def check(name: str, *, overrides: Texts, output: Output) -> None:
     """
     robot = load_robot(name, overrides)
     with open_drawing(ahead=output.folder is not None) as draw_now:
-        found, parts = inspect_robot(robot), {}
+        found = inspect_robot(robot)
+        parts = {}
         try:
             check_effects(robot)
             parts = check_solids(robot)
         except InputError as error:
             found = replace(found, error=found.error or str(error))
         emit(
-            output, inspection_json(found), lambda: show_check(found), manifest=manifest_of(robot),
+            output,
+            inspection_json(found),
+            lambda: show_check(found),
+            manifest=manifest_of(robot),
             fill=lambda folder: draw_inspection(found, folder, parts, draw_now),
-            page=lambda report: write_check_report(report, found), kept="check.json",
-        )  # fmt: skip
+            page=lambda report: write_check_report(report, found),
+            kept="check.json",
+        )
     if found.error:
         raise InputError(found.error)

@@ -49,10 +49,23 @@ DESIGNS = "designs"
 
 
 @click.command()
-@takes(options.robot, options.part, options.poses, options.components, options.overrides, options.json)
+@takes(
+    options.robot,
+    options.part,
+    options.poses,
+    options.components,
+    options.overrides,
+    options.json,
+)
 @options.folder("--out", "report, bar chart and numbers (JSON), complete or absent.")
 def sensitivity(
-    name: str, part: str | None, *, poses: Texts, components: Any, overrides: Texts, output: Output
+    name: str,
+    part: str | None,
+    *,
+    poses: Texts,
+    components: Any,
+    overrides: Texts,
+    output: Output,
 ) -> None:
     """Rank the parameters by their effect on the stiffness.
 
@@ -80,27 +93,45 @@ def sensitivity(
     else:
         asked = find_poses(robot, poses, ())
         with open_workshop(output) as shop:
-            of_robot = robot_sensitivities(robot, asked.configurations.poses, components, shop)
-        pose, answer = asked.names[0], report.robot_json(of_robot)
+            of_robot = robot_sensitivities(
+                robot, asked.configurations.poses, components, shop
+            )
+        pose = asked.names[0]
+        answer = report.robot_json(of_robot)
         show = partial(report.show_sensitivity, of_robot, asked.names)
         draw = partial(report.draw_robot, of_robot, pose)
         title = f"{robot.name}: what changes its stiffness"
         words = f"bars of what changes K_tx at {pose}, in % per % and % per kilogram, with bounds"
     emit(
-        output, answer, show, manifest=manifest, kept="sensitivity.json",
+        output,
+        answer,
+        show,
+        manifest=manifest,
+        kept="sensitivity.json",
         fill=lambda folder: save_figures(folder, {"sensitivity": draw}),
         page=lambda page: report.write_page(page, title, words),
-    )  # fmt: skip
+    )
 
 
 @click.command()
 @takes(
-    click.argument("names", metavar="STUDY | merge DIR...", nargs=-1, required=True, type=options.PATH),
-    options.out, options.json,
-)  # fmt: skip
+    click.argument(
+        "names",
+        metavar="STUDY | merge DIR...",
+        nargs=-1,
+        required=True,
+        type=options.PATH,
+    ),
+    options.out,
+    options.json,
+)
 @options.scheduler
-@click.option("--part", metavar="I/N", help="Share I of N of a sweep; study merge joins them.")
-def study(names: tuple[Path, ...], *, scheduler: str | None, part: str | None, output: Output) -> None:
+@click.option(
+    "--part", metavar="I/N", help="Share I of N of a sweep; study merge joins them."
+)
+def study(
+    names: tuple[Path, ...], *, scheduler: str | None, part: str | None, output: Output
+) -> None:
     """Evaluate many designs: a sweep, an optimum under constraints, a Pareto front.
 
     STUDY is a TOML file: robot, ranges of parameters, responses, constraints, objectives. Finished
@@ -124,9 +155,12 @@ def study(names: tuple[Path, ...], *, scheduler: str | None, part: str | None, o
     try:
         on: Any = {"workers": processors(), "scheduler": scheduler}
         with progress(quiet=output.quiet) as open_line:
-            found = run_study(file, store, open_line("study"), **on, part=share or WHOLE)
+            found = run_study(
+                file, store, open_line("study"), **on, part=share or WHOLE
+            )
     except (KeyboardInterrupt, Stopped) as error:
-        if not (count := Journal(file, store).count()):
+        count = Journal(file, store).count()
+        if not count:
             raise
         kept = f"{count} finished designs are kept in {store}"
         raise Stopped(f"stopped; {kept}, the same command goes on") from error
@@ -135,7 +169,9 @@ def study(names: tuple[Path, ...], *, scheduler: str | None, part: str | None, o
         log.warning("%s: holds files that %s does not; they stay there", store, out)
     if share is None and found.outcomes.failed.all():
         reason = found.designs.reasons[0]
-        raise InputError(f"{file.path}: expected a design that can be computed, got none; the first: {reason}")
+        raise InputError(
+            f"{file.path}: expected a design that can be computed, got none; the first: {reason}"
+        )
 
 
 def _read_part(text: str | None) -> tuple[int, int] | None:
@@ -159,7 +195,9 @@ def _merge(places: tuple[Path, ...], output: Output) -> None:
     _emit_study(merge_study(file, shares), output, manifest, shares)
 
 
-def _emit_study(found: Study, output: Output, manifest: Manifest, stores: Sequence[Path]) -> None:
+def _emit_study(
+    found: Study, output: Output, manifest: Manifest, stores: Sequence[Path]
+) -> None:
     def fill(folder: Path) -> None:
         (folder / DESIGNS).mkdir()
         for store in stores:
@@ -170,9 +208,13 @@ def _emit_study(found: Study, output: Output, manifest: Manifest, stores: Sequen
         _write_robots(found, folder, output.required_folder())
 
     emit(
-        output, partial(study_report.study_json, found), partial(study_report.show_study, found),
-        manifest=manifest, fill=fill, page=partial(study_report.write_study_page, found),
-    )  # fmt: skip
+        output,
+        partial(study_report.study_json, found),
+        partial(study_report.show_study, found),
+        manifest=manifest,
+        fill=fill,
+        page=partial(study_report.write_study_page, found),
+    )
 
 
 def _write_robots(found: Study, folder: Path, out: Path) -> None:
@@ -181,6 +223,9 @@ def _write_robots(found: Study, folder: Path, out: Path) -> None:
         return
     for number, k in enumerate(pick_evenly(len(found.best), MOST_FILES), 1):
         index = found.best[k]
-        file, head = f"best-{number}.toml", f"# Design {index + 1} of {found.file.path.name}\n"
-        text = tomlkit.dumps(robot_document(found.robot(index), out / file, found.file.components))
+        file = f"best-{number}.toml"
+        head = f"# Design {index + 1} of {found.file.path.name}\n"
+        text = tomlkit.dumps(
+            robot_document(found.robot(index), out / file, found.file.components)
+        )
         (folder / file).write_text(head + text, encoding="utf-8")

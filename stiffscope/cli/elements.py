@@ -28,7 +28,9 @@ def element(file: str, *, output: Output) -> None:
     source, and what limits the result.
     """
     path = Path(file)
-    section = read_element(path, read_bytes(path, "a file of an element").decode(errors="replace"))
+    section = read_element(
+        path, read_bytes(path, "a file of an element").decode(errors="replace")
+    )
     found = section.element()
     answer = {"kind": section.kind, **vars(found), "compliance": found.compliance}
     emit(output, answer, lambda: show_element(section.kind, found))

@@ -11,7 +11,12 @@ from stiffscope.cli import options
 from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit
 from stiffscope.errors import InputError
-from stiffscope.report.check_tables import import_json, model_json, show_import, show_written
+from stiffscope.report.check_tables import (
+    import_json,
+    model_json,
+    show_import,
+    show_written,
+)
 from stiffscope.report.keys import find_keys, show_keys
 from stiffscope.report.progress import progress
 from stiffscope.report.terminal import show_line
@@ -46,7 +51,11 @@ def robots(*, output: Output) -> None:
 
 
 @click.command()
-@takes(click.argument("name", metavar="NAME"), click.argument("goal", metavar="FILE"), options.json)
+@takes(
+    click.argument("name", metavar="NAME"),
+    click.argument("goal", metavar="FILE"),
+    options.json,
+)
 def new(name: str, goal: str, *, output: Output) -> None:
     """Copy a bundled robot to start from: stiffscope new delta mine.toml."""
     written = copy_robot(name, goal)
@@ -65,35 +74,75 @@ def keys(section: str | None, *, output: Output) -> None:
     answer = {
         kind: {title: list(map(asdict, rows)) for title, rows in titles.items()}
         for kind, titles in found.items()
-    }  # fmt: skip
+    }
     emit(output, answer, lambda: show_keys(found))
 
 
 @click.command("import")
 @takes(
     click.argument("model", metavar="FILE.urdf|FILE.xml|FILE.step", type=options.PATH),
-    click.option("--out", "goal", required=True, metavar="ROBOT.toml", type=options.PATH, help="File to write."),
     click.option(
-        "--drive", "drives", multiple=True, metavar="PATTERN=STIFFNESS",
+        "--out",
+        "goal",
+        required=True,
+        metavar="ROBOT.toml",
+        type=options.PATH,
+        help="File to write.",
+    ),
+    click.option(
+        "--drive",
+        "drives",
+        multiple=True,
+        metavar="PATTERN=STIFFNESS",
         help='Drive joints: "joint1=25 kN*m/rad", "slide=20 N/um". Repeatable; others are passive.',
     ),
-    click.option("--tool", metavar="NAME", help="Body, site or part that is the tool, or a last one."),
     click.option(
-        "--home", multiple=True, metavar="JOINT=POSITION",
+        "--tool",
+        metavar="NAME",
+        help="Body, site or part that is the tool, or a last one.",
+    ),
+    click.option(
+        "--home",
+        multiple=True,
+        metavar="JOINT=POSITION",
         help='Of URDF and MJCF, another home than the model\'s: "elbow=90 deg". May be repeated.',
     ),
-    click.option("--ground", metavar="NAME", help="Of an assembly, the part that stands still."),
-    _said("joint", '"A/B=KIND"', 'the joint of two parts: "arm/base=revolute", "arm/cover=none"'),
-    _said("weld", "PATTERN", 'solids that hold together what they touch, as screws do: "clamp?"'),
-    _said("part", "PATTERN", 'solids that are parts, though they look like hardware: "shaft?"'),
+    click.option(
+        "--ground", metavar="NAME", help="Of an assembly, the part that stands still."
+    ),
+    _said(
+        "joint",
+        '"A/B=KIND"',
+        'the joint of two parts: "arm/base=revolute", "arm/cover=none"',
+    ),
+    _said(
+        "weld",
+        "PATTERN",
+        'solids that hold together what they touch, as screws do: "clamp?"',
+    ),
+    _said(
+        "part",
+        "PATTERN",
+        'solids that are parts, though they look like hardware: "shaft?"',
+    ),
     _said("rigid", "PATTERN", 'parts that do not bend: "motor?"'),
-    _said("material", '"PATTERN=NAME"', 'materials of parts or URDF links: "arm?=aluminium-7075"'),
+    _said(
+        "material",
+        '"PATTERN=NAME"',
+        'materials of parts or URDF links: "arm?=aluminium-7075"',
+    ),
     options.json,
-)  # fmt: skip
+)
 def import_(
-    model: Path, goal: Path, *, drives: Texts, tool: str | None, home: Texts, output: Output,
+    model: Path,
+    goal: Path,
+    *,
+    drives: Texts,
+    tool: str | None,
+    home: Texts,
+    output: Output,
     **said: Any,
-) -> None:  # fmt: skip
+) -> None:
     """Convert a URDF or MJCF model, or a STEP assembly, to a robot file.
 
     Of a simulator's model: bodies, masses, joints and ranges. Of an assembly: parts with their

@@ -22,16 +22,29 @@ if TYPE_CHECKING:
     options.components,
     options.overrides,
     click.option(
-        "--campaign", metavar="DIR", type=click.Path(path_type=Path, exists=True, file_okay=False),
+        "--campaign",
+        metavar="DIR",
+        type=click.Path(path_type=Path, exists=True, file_okay=False),
         help="Compare its readings with the robot, and follow its tables as they are saved.",
     ),
-    click.option("--port", default=0, type=click.IntRange(0, 65535), help="Port; default: a free one."),
+    click.option(
+        "--port",
+        default=0,
+        type=click.IntRange(0, 65535),
+        help="Port; default: a free one.",
+    ),
     click.option("--no-browser", is_flag=True, help="Print the address only."),
-)  # fmt: skip
+)
 def live(
-    name: str, *, components: Any, overrides: Texts, campaign: Path | None, port: int,
-    no_browser: bool, output: Output,
-) -> None:  # fmt: skip
+    name: str,
+    *,
+    components: Any,
+    overrides: Texts,
+    campaign: Path | None,
+    port: int,
+    no_browser: bool,
+    output: Output,
+) -> None:
     """Open a page with the turning robot and a slider for every value, pose and load.
 
     Stiffness, sag, natural frequencies and maps follow the sliders. The page is served on this

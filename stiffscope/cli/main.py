@@ -21,7 +21,10 @@ from stiffscope.runtime.output import FULL
 from stiffscope.runtime.reading import show_path, why
 from stiffscope.runtime.signals import STOPS
 
-_FOR_DEVELOPERS = {"py.warnings", "asyncio"}  # shown only with --debug, e.g. a stopped event loop
+_FOR_DEVELOPERS = {
+    "py.warnings",
+    "asyncio",
+}  # shown only with --debug, e.g. a stopped event loop
 MOST_CHARACTERS = 100_000  # per argument of the command line
 LEAST_MEMORY = 256 << 20  # bytes of address space
 STOPPED = "stopped; nothing half-written is left"
@@ -35,13 +38,28 @@ class Stopped(BaseException):
 COMMANDS = {
     "A robot": {
         "run": ("running", "From CAD to report: parts, robot, tables, pictures."),
-        "check": ("check", "Report what a robot file describes, without virtual experiments."),
+        "check": (
+            "check",
+            "Report what a robot file describes, without virtual experiments.",
+        ),
         "stiffness": ("robots", "6x6 stiffness and sag of the robot at tool poses."),
-        "deflection": ("robots", "Deflection of the tool under a wrench, and each element's share of it."),
+        "deflection": (
+            "robots",
+            "Deflection of the tool under a wrench, and each element's share of it.",
+        ),
         "map": ("mapping", "Stiffness over the workspace: figures, numbers, a report."),
-        "modes": ("vibration", "Natural frequencies and mode shapes of the robot at tool poses."),
-        "live": ("live", "Open a page with the turning robot and a slider for every value, pose and load."),
-        "frf": ("vibration", "Frequency response from a force at one point to the displacement at another."),
+        "modes": (
+            "vibration",
+            "Natural frequencies and mode shapes of the robot at tool poses.",
+        ),
+        "live": (
+            "live",
+            "Open a page with the turning robot and a slider for every value, pose and load.",
+        ),
+        "frf": (
+            "vibration",
+            "Frequency response from a force at one point to the displacement at another.",
+        ),
     },
     "A part": {
         "compliance": ("parts", "6x6 compliance of a part, with error bars."),
@@ -49,31 +67,62 @@ COMMANDS = {
             "parts",
             "Compare two robots or versions, or a robot's parts by FEA, beam theory and published values.",
         ),
-        "interfaces": ("parts", "Effect of clamping and loading on a part's compliance."),
+        "interfaces": (
+            "parts",
+            "Effect of clamping and loading on a part's compliance.",
+        ),
         "faces": ("parts", "List the faces of a STEP file."),
-        "element": ("elements", "Stiffness of a bearing, guide or screw from its data sheet."),
+        "element": (
+            "elements",
+            "Stiffness of a bearing, guide or screw from its data sheet.",
+        ),
     },
     "A design": {
-        "sensitivity": ("design", "Rank the parameters by their effect on the stiffness."),
-        "study": ("design", "Evaluate many designs: a sweep, an optimum under constraints, a Pareto front."),
+        "sensitivity": (
+            "design",
+            "Rank the parameters by their effect on the stiffness.",
+        ),
+        "study": (
+            "design",
+            "Evaluate many designs: a sweep, an optimum under constraints, a Pareto front.",
+        ),
     },
-    "A machine at work": {"path": ("work", "Error of the tool along a path under process forces.")},
+    "A machine at work": {
+        "path": ("work", "Error of the tool along a path under process forces.")
+    },
     "A machine": {
-        "diagnose": ("campaigns", "Find the effects that explain the gap between model and measurements."),
+        "diagnose": (
+            "campaigns",
+            "Find the effects that explain the gap between model and measurements.",
+        ),
         "campaign": ("campaigns", "Create or check a campaign of measurements."),
-        "blind": ("campaigns", "Test the diagnosis on campaigns whose effects are withheld."),
+        "blind": (
+            "campaigns",
+            "Test the diagnosis on campaigns whose effects are withheld.",
+        ),
         "audit": ("campaigns", "Recompute the paper's numbers, each with a verdict."),
     },
     "Files": {
         "robots": ("library", "List the bundled robots."),
-        "new": ("library", "Copy a bundled robot to start from: stiffscope new delta mine.toml."),
-        "import": ("library", "Convert a URDF or MJCF model, or a STEP assembly, to a robot file."),
-        "keys": ("library", "List every key of a robot file, study, job or campaign, with its meaning."),
+        "new": (
+            "library",
+            "Copy a bundled robot to start from: stiffscope new delta mine.toml.",
+        ),
+        "import": (
+            "library",
+            "Convert a URDF or MJCF model, or a STEP assembly, to a robot file.",
+        ),
+        "keys": (
+            "library",
+            "List every key of a robot file, study, job or campaign, with its meaning.",
+        ),
         "cache": ("store", "Show, list or clear the results of earlier runs."),
     },
 }
 """Commands by subject: module of `stiffscope.cli`, and the first sentence of the command's help."""
-_HOME = {name: module for group in COMMANDS.values() for name, (module, _) in group.items()}
+_HOME = {
+    name: module for group in COMMANDS.values() for name, (module, _) in group.items()
+}
 
 
 class LazyGroup(click.Group):
@@ -91,15 +140,26 @@ class LazyGroup(click.Group):
         commands = (each for each in there if isinstance(each, click.Command))
         return next(command for command in commands if command.name == cmd_name)
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+    def format_commands(
+        self,
+        ctx: click.Context,  # noqa: ARG002
+        formatter: click.HelpFormatter,
+    ) -> None:
         """List the commands by subject."""
         for subject, commands in COMMANDS.items():
             with formatter.section(subject):
-                formatter.write_dl([(name, words) for name, (_, words) in commands.items()])
+                formatter.write_dl(
+                    [(name, words) for name, (_, words) in commands.items()]
+                )
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
-@click.version_option(package_name="stiffscope", prog_name="stiffscope", message="%(prog)s %(version)s")
+@click.group(
+    cls=LazyGroup,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.version_option(
+    package_name="stiffscope", prog_name="stiffscope", message="%(prog)s %(version)s"
+)
 def cli() -> None:
     """Stiffness of a robot: virtual experiments on parts, the whole robot, the gap to the machine.
 
@@ -167,8 +227,14 @@ def _describe_error(error: Exception) -> str:
     if isinstance(error, StiffscopeError):
         return str(error)
     if isinstance(error, OSError):
-        file = str(error.filename) if isinstance(error.filename, str | os.PathLike) else ""
-        place = show_path(file) if file else "standard output, or the disk of temporary files"
+        file = (
+            str(error.filename) if isinstance(error.filename, str | os.PathLike) else ""
+        )
+        place = (
+            show_path(file)
+            if file
+            else "standard output, or the disk of temporary files"
+        )
         return f"{place}: cannot be used ({why(error, file or '-')})"
     return f"unexpected {type(error).__name__}: {error} (use --debug for the traceback)"
 
@@ -176,18 +242,24 @@ def _describe_error(error: Exception) -> str:
 def _check_surroundings(arguments: list[str]) -> None:
     """Raise InputError for a closed output, a missing working folder, little memory or an invalid argument."""
     if sys.stdout is None:
-        raise InputError("standard output: expected a file, a pipe or a terminal, got a closed one")
+        raise InputError(
+            "standard output: expected a file, a pipe or a terminal, got a closed one"
+        )
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
     try:
         Path.cwd()
     except OSError as error:
-        raise InputError("the working folder is no longer there; change to another one") from error
+        raise InputError(
+            "the working folder is no longer there; change to another one"
+        ) from error
     _check_memory()
     for word in arguments:
         if "\0" in word or len(word) > MOST_CHARACTERS:
             got = "got one that is too long or has a NUL"
-            raise InputError(f"{show_path(word)}: expected a word of the command line, {got}")
+            raise InputError(
+                f"{show_path(word)}: expected a word of the command line, {got}"
+            )
 
 
 def _check_memory() -> None:
@@ -210,10 +282,17 @@ def _show_usage(error: click.UsageError) -> None:
     if isinstance(error, NoArgsIsHelpError):
         error.show()
     else:
-        command, text = error.ctx.command_path if error.ctx else "stiffscope", error.format_message()
+        command = error.ctx.command_path if error.ctx else "stiffscope"
+        text = error.format_message()
         unknown = re.match(r"No such command '(.*)'\.", text)
-        if unknown and error.ctx and isinstance(group := error.ctx.command, click.Group):
-            text = text.removesuffix(".") + meant(unknown[1], group.list_commands(error.ctx))
+        if (
+            unknown
+            and error.ctx
+            and isinstance(group := error.ctx.command, click.Group)
+        ):
+            text = text.removesuffix(".") + meant(
+                unknown[1], group.list_commands(error.ctx)
+            )
         _say(f"{text} (see {command} --help)")
 
 
@@ -221,13 +300,17 @@ def _listen() -> None:
     """Handle stop signals, and show each warning once, in one line."""
     _stopped.clear()
     for name in STOPS:
-        with contextlib.suppress(AttributeError, ValueError):  # not on every system or thread
+        with contextlib.suppress(
+            AttributeError, ValueError
+        ):  # not on every system or thread
             signal.signal(getattr(signal, name), _stop)
     handler = logging.StreamHandler()
     handler.setFormatter(logging.Formatter("stiffscope: %(message)s"))
     handler.addFilter(_Once())
     logging.basicConfig(level=logging.WARNING, handlers=[handler])
-    logging.captureWarnings(capture=True)  # Python's own warnings are shown with --debug
+    logging.captureWarnings(
+        capture=True
+    )  # Python's own warnings are shown with --debug
 
 
 class _Once(logging.Filter):

@@ -35,31 +35,67 @@ _POINTS = {2: 200, 3: 25}  # along each coordinate
 
 
 @click.command("map")
-@takes(options.robot, options.out, options.components, options.gravity("exact"), options.overrides, options.json)
+@takes(
+    options.robot,
+    options.out,
+    options.components,
+    options.gravity("exact"),
+    options.overrides,
+    options.json,
+)
 @click.option(
-    "--points", type=click.IntRange(2, 3000),
+    "--points",
+    type=click.IntRange(2, 3000),
     help=f"Poses along each coordinate [{_POINTS[2]} of two, {_POINTS[3]} of three].",
-)  # fmt: skip
+)
 @click.option(
-    "--over", multiple=True, metavar="NAME=LOW,HIGH",
+    "--over",
+    multiple=True,
+    metavar="NAME=LOW,HIGH",
     help='A coordinate that is swept, twice or three times, in place of [map]: "x=-150 mm,150 mm".',
-)  # fmt: skip
-@click.option("--at", metavar="POSE", help="Pose that gives the other coordinates; default: home.")
+)
 @click.option(
-    "--show", multiple=True, type=click.Choice(list(PRINCIPAL)),
+    "--at", metavar="POSE", help="Pose that gives the other coordinates; default: home."
+)
+@click.option(
+    "--show",
+    multiple=True,
+    type=click.Choice(list(PRINCIPAL)),
     help="Also the stiffness along the softest or stiffest direction of translation, or their ratio.",
-)  # fmt: skip
-@click.option("--direction", metavar="X,Y,Z", help="Also the stiffness to a force along it, axes {O}.")
-@click.option("--wrench", metavar="FX,FY,FZ,MX,MY,MZ", help="Also the tool's error under a wrench at M.")
+)
 @click.option(
-    "--frequencies", "count", default=0, type=click.IntRange(0, 12), metavar="N",
+    "--direction",
+    metavar="X,Y,Z",
+    help="Also the stiffness to a force along it, axes {O}.",
+)
+@click.option(
+    "--wrench",
+    metavar="FX,FY,FZ,MX,MY,MZ",
+    help="Also the tool's error under a wrench at M.",
+)
+@click.option(
+    "--frequencies",
+    "count",
+    default=0,
+    type=click.IntRange(0, 12),
+    metavar="N",
     help="Also the first N natural frequencies, drives held.",
-)  # fmt: skip
+)
 def map_(
-    name: str, *, components: Any, gravity: Any, overrides: Texts, points: int | None, over: Texts,
-    at: str | None, show: Texts, direction: str | None, wrench: str | None, count: int,
+    name: str,
+    *,
+    components: Any,
+    gravity: Any,
+    overrides: Texts,
+    points: int | None,
+    over: Texts,
+    at: str | None,
+    show: Texts,
+    direction: str | None,
+    wrench: str | None,
+    count: int,
     output: Output,
-) -> None:  # fmt: skip
+) -> None:
     """Stiffness over the workspace: figures, numbers, a report.
 
     [map] of the robot file, or --over, names the coordinates that are swept and their ranges. Three
@@ -71,7 +107,8 @@ def map_(
         raise InputError(f"--gravity literal: expected none or exact for a map, {got}")
     wanted = _read_wanted(show, direction, wrench)
     ranges = _find_ranges(robot, over)
-    moving, points = rigid_mechanism(robot), points or _POINTS[len(ranges)]
+    moving = rigid_mechanism(robot)
+    points = points or _POINTS[len(ranges)]
     evaluated.check_points(moving, ranges, points)
     configured_poses(robot, moving, moving.tool.home)  # raises before any experiment
     fixed = evaluated.require_map(robot).at if not over else None
@@ -80,11 +117,19 @@ def map_(
     manifest = manifest_of(robot)
     made = assemble(robot, components, output)
     swept = evaluated.map_volume(
-        made.mechanism, ranges, points, gravity=gravity, at=fixed, frequencies=count, wanted=wanted
+        made.mechanism,
+        ranges,
+        points,
+        gravity=gravity,
+        at=fixed,
+        frequencies=count,
+        wanted=wanted,
     )
     found = swept.maps[0] if len(ranges) == 2 else swept
     slices = maps.pick_slices(found)
-    figures: dict[str, tuple[str, StiffnessMap, Callable[[StiffnessMap], list[maps.Panel]]]] = {}
+    figures: dict[
+        str, tuple[str, StiffnessMap, Callable[[StiffnessMap], list[maps.Panel]]]
+    ] = {}
     for number, each in enumerate(slices, 1):
         end = f"_{number}" if len(slices) > 1 else ""
         for title, stem, panels in _figures(gravity, each, frequencies=bool(count)):
@@ -101,14 +146,19 @@ def map_(
                 evaluated.write_rows(found, folder / "map.csv")
             for stem, (words, each, panels) in figures.items():
                 files = folder / f"{stem}.png", folder / f"{stem}.svg"
-                maps.draw_map(each, panels(each), robot.poses, f"{robot.name}: {words}", *files)
+                maps.draw_map(
+                    each, panels(each), robot.poses, f"{robot.name}: {words}", *files
+                )
             drawn.result()
 
     titles = {stem: words for stem, (words, *_) in figures.items()}
     emit(
-        output, lambda: evaluated.volume_dataset(found).to_dict(), manifest=manifest, fill=fill,
+        output,
+        lambda: evaluated.volume_dataset(found).to_dict(),
+        manifest=manifest,
+        fill=fill,
         page=lambda report: write_map_report(report, made, titles),
-    )  # fmt: skip
+    )
 
 
 def _read_wanted(show: Texts, direction: str | None, wrench: str | None) -> Wanted:
@@ -122,7 +172,9 @@ def _read_wanted(show: Texts, direction: str | None, wrench: str | None) -> Want
     return Wanted(show, along, load)
 
 
-def _find_ranges(robot: RobotFile, over: Sequence[str]) -> dict[str, tuple[float, float]]:
+def _find_ranges(
+    robot: RobotFile, over: Sequence[str]
+) -> dict[str, tuple[float, float]]:
     """Return the swept coordinates and their ends, m and rad, from `--over` or `[map]`."""
     if not over:
         return evaluated.require_map(robot).ranges()
@@ -142,7 +194,9 @@ def _find_ranges(robot: RobotFile, over: Sequence[str]) -> dict[str, tuple[float
     return out
 
 
-def _read(option: str, text: str, dimensions: Sequence[q.Dimension]) -> tuple[float, ...]:
+def _read(
+    option: str, text: str, dimensions: Sequence[q.Dimension]
+) -> tuple[float, ...]:
     try:
         return q.several(text, *dimensions)
     except ValueError as error:
@@ -153,13 +207,25 @@ def _figures(
     gravity: str, found: StiffnessMap, *, frequencies: bool
 ) -> list[tuple[str, str, Callable[[StiffnessMap], list[maps.Panel]]]]:
     """Return title, file stem and panels of each figure of a map."""
-    where, weighs, under = maps.held_text(found), gravity != "none", f", gravity {gravity}"
+    where = maps.held_text(found)
+    weighs = gravity != "none"
+    under = f", gravity {gravity}"
     held = f"natural frequencies, drives held{where}"
     kinds = (
         (True, maps.stiffness_title(found) + under, "map", maps.stiffness_panels),
-        (found.more, f"translation of M{where}{under}", "quantities", maps.scalar_panels),
+        (
+            found.more,
+            f"translation of M{where}{under}",
+            "quantities",
+            maps.scalar_panels,
+        ),
         (frequencies, held, "frequencies", maps.frequency_panels),
-        (weighs, f"what gravity changes{where}", "gravity_difference", maps.difference_panels),
+        (
+            weighs,
+            f"what gravity changes{where}",
+            "gravity_difference",
+            maps.difference_panels,
+        ),
         (weighs, f"sag under its own weight{where}", "sag", maps.sag_panels),
     )
     return [(title, stem, panels) for wanted, title, stem, panels in kinds if wanted]

@@ -53,13 +53,17 @@ class Output:
         """Raise InputError if the JSON would replace a file that the command has read, or writes too."""
         if self.json not in (None, "-") and os.path.realpath(self.json) in opened:
             expected = "expected a file for the JSON alone"
-            raise InputError(f"{show_path(self.json)}: {expected}, got one that the command also reads or writes")
+            raise InputError(
+                f"{show_path(self.json)}: {expected}, got one that the command also reads or writes"
+            )
 
     def check_folder(self, folder: Path | None, *others: Path | None) -> None:
         """Raise InputError if a folder cannot be written or would contain another output."""
         if folder is not None:
             if os.path.realpath(folder) == os.path.realpath(cache_folder()):
-                raise InputError(f"{folder}: is the folder of the cache; give another one for the output")
+                raise InputError(
+                    f"{folder}: is the folder of the cache; give another one for the output"
+                )
             check_output(folder, None if self.json == "-" else self.json, *others)
 
 
@@ -68,10 +72,16 @@ def _nothing(*_: object) -> None:
 
 
 def emit(
-    output: Output, answer: Any, show: Callable[[], None] = _nothing, *,
-    manifest: Manifest | None = None, fill: Callable[[Path], object] = _nothing,
-    page: Callable[[Draft], None] = _nothing, kept: str = "", also: Callable[[], None] = _nothing,
-) -> None:  # fmt: skip
+    output: Output,
+    answer: Any,
+    show: Callable[[], None] = _nothing,
+    *,
+    manifest: Manifest | None = None,
+    fill: Callable[[Path], object] = _nothing,
+    page: Callable[[Draft], None] = _nothing,
+    kept: str = "",
+    also: Callable[[], None] = _nothing,
+) -> None:
     """Write the results of a command: output folder, JSON, further files, then tables.
 
     The folder is written completely or not at all.
@@ -115,14 +125,19 @@ def emit(
     if output.loud:
         show()
         if output.folder is not None and manifest is not None:
-            show_line(f"Written to {output.folder} in {manifest.measure_elapsed():.1f} s")
+            show_line(
+                f"Written to {output.folder} in {manifest.measure_elapsed():.1f} s"
+            )
 
 
 @contextmanager
 def open_workshop(output: Output) -> Iterator[Workshop]:
     """Open a workshop with parallel jobs and progress on standard error, before a command's work."""
     output.check_json()
-    with progress(quiet=output.quiet) as open_line, workshop(open_line, together=True) as shop:
+    with (
+        progress(quiet=output.quiet) as open_line,
+        workshop(open_line, together=True) as shop,
+    ):
         yield shop
 
 
@@ -140,7 +155,15 @@ def warn_of_robot(made: Assembled, *, parts: bool = True) -> None:
     for remark in doubt_parts(made.robot):
         log.warning("%s: %s", made.robot.path, remark)
     for (room, name, *field), text in made.robot.source.changed.items():
-        printed = room == "parts" and getattr(made.robot.parts.get(str(name)), "published", None)
-        if printed and made.sources.get(str(name)) == "published" and field != ["compliance"]:
-            message = "%s: changes nothing of the compliance of %s, which is as published"
+        printed = room == "parts" and getattr(
+            made.robot.parts.get(str(name)), "published", None
+        )
+        if (
+            printed
+            and made.sources.get(str(name)) == "published"
+            and field != ["compliance"]
+        ):
+            message = (
+                "%s: changes nothing of the compliance of %s, which is as published"
+            )
             log.warning(message, text, name)

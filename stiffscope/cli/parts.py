@@ -18,7 +18,11 @@ from stiffscope.design.comparison import compare_robots
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import check_one_interface
 from stiffscope.experiments.experiments import compliance_json, solve_parts
-from stiffscope.experiments.interfaces import compare_interfaces, interfaces_csv, interfaces_json
+from stiffscope.experiments.interfaces import (
+    compare_interfaces,
+    interfaces_csv,
+    interfaces_json,
+)
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.experiments.orders import name_lines, order_part
 from stiffscope.experiments.superelements import write_part
@@ -38,16 +42,29 @@ log = logging.getLogger(__name__)
 
 
 @click.command()
-@takes(options.robot, options.required_part, options.tolerance, options.overrides, options.json)
+@takes(
+    options.robot,
+    options.required_part,
+    options.tolerance,
+    options.overrides,
+    options.json,
+)
 @options.superelement("part's interfaces")
 @click.option(
-    "--step", metavar="FILE",
+    "--step",
+    metavar="FILE",
     help="Take this solid as the part: clamped at its least x, loaded at its greatest.",
-)  # fmt: skip
+)
 def compliance(
-    name: str, part: str, *, tolerance: str | None, overrides: Texts, superelement: Path | None,
-    step: str | None, output: Output,
-) -> None:  # fmt: skip
+    name: str,
+    part: str,
+    *,
+    tolerance: str | None,
+    overrides: Texts,
+    superelement: Path | None,
+    step: str | None,
+    output: Output,
+) -> None:
     """6x6 compliance of a part, with error bars."""
     robot = load_robot(name, overrides, tolerance)
     output.check_folder(superelement)
@@ -72,14 +89,25 @@ def compliance(
 
 @click.command()
 @takes(
-    options.robot, click.argument("other", metavar="[ROBOT]", required=False), options.part,
-    options.components, options.overrides, options.json,
-)  # fmt: skip
-@options.folder("--out", "with two robots, report, tables, map of the change; complete or absent.")
+    options.robot,
+    click.argument("other", metavar="[ROBOT]", required=False),
+    options.part,
+    options.components,
+    options.overrides,
+    options.json,
+)
+@options.folder(
+    "--out", "with two robots, report, tables, map of the change; complete or absent."
+)
 def compare(
-    name: str, other: str | None, part: str | None, *, components: Any, overrides: Texts,
+    name: str,
+    other: str | None,
+    part: str | None,
+    *,
+    components: Any,
+    overrides: Texts,
     output: Output,
-) -> None:  # fmt: skip
+) -> None:
     """Compare two robots or versions, or a robot's parts by FEA, beam theory and published values.
 
     With two robots: stiffness and sag at the named poses that both reach, and the change over the
@@ -88,16 +116,25 @@ def compare(
     if other is not None:
         if part is not None:
             raise InputError(f"--part {part}: expected none with two robots, got one")
-        _compare_robots(load_robot(name), load_robot(other, overrides), components, output)
+        _compare_robots(
+            load_robot(name), load_robot(other, overrides), components, output
+        )
         return
     robot = load_robot(name, overrides)
-    orders = [order_part(robot, each) for each in ((part,) if part is not None else _solids(robot))]
+    orders = [
+        order_part(robot, each)
+        for each in ((part,) if part is not None else _solids(robot))
+    ]
     for order in orders:
         check_one_interface(robot, order.name)
     with open_workshop(output) as shop:
         results = solve_parts(orders, shop)
     warn_of_parts(results)
-    own = [comparison.compare(robot, result.name, result) for result in results if result.own_shape]
+    own = [
+        comparison.compare(robot, result.name, result)
+        for result in results
+        if result.own_shape
+    ]
 
     def show() -> None:
         for result in results:
@@ -106,22 +143,41 @@ def compare(
     emit(output, {each.part: dataclasses.asdict(each) for each in own}, show)
 
 
-def _compare_robots(first: RobotFile, second: RobotFile, components: Any, output: Output) -> None:
+def _compare_robots(
+    first: RobotFile, second: RobotFile, components: Any, output: Output
+) -> None:
     manifest = manifest_of(first, second.path)
     with open_workshop(output) as shop:
         found = compare_robots(first, second, components, shop)
     for made in found.made.values():
         warn_of_robot(made)
     emit(
-        output, robot_comparison.robots_json(found), partial(robot_comparison.show_robots, found),
-        manifest=manifest, fill=partial(robot_comparison.draw_both, found),
+        output,
+        robot_comparison.robots_json(found),
+        partial(robot_comparison.show_robots, found),
+        manifest=manifest,
+        fill=partial(robot_comparison.draw_both, found),
         page=partial(robot_comparison.write_robots_page, found),
-    )  # fmt: skip
+    )
 
 
 @click.command()
-@takes(options.robot, options.out, options.part, options.tolerance, options.overrides, options.json)
-def interfaces(name: str, *, tolerance: str | None, overrides: Texts, part: str | None, output: Output) -> None:
+@takes(
+    options.robot,
+    options.out,
+    options.part,
+    options.tolerance,
+    options.overrides,
+    options.json,
+)
+def interfaces(
+    name: str,
+    *,
+    tolerance: str | None,
+    overrides: Texts,
+    part: str | None,
+    output: Output,
+) -> None:
     """Effect of clamping and loading on a part's compliance.
 
     Tests the part (by default the robot's first plate, else its first solid) loaded as a rigid face
@@ -136,7 +192,8 @@ def interfaces(name: str, *, tolerance: str | None, overrides: Texts, part: str 
     with open_workshop(output) as shop:
         compared = compare_interfaces(robot, part, shop)
     for tested in (compared.own, *compared.others):
-        result, how = tested.result, tested.choice.name
+        result = tested.result
+        how = tested.choice.name
         manifest.note(how, key=result.key, reused=result.reused, seconds=result.seconds)
         if result.note:
             log.warning("%s, %s: %s", part, how, result.note)
@@ -145,11 +202,17 @@ def interfaces(name: str, *, tolerance: str | None, overrides: Texts, part: str 
         write_bytes(folder / "interfaces.csv", interfaces_csv(compared).encode())
         interface_figure.draw(compared, folder / "interfaces.png")
 
-    show, page = part_tables.show_interfaces, interface_figure.write_page
+    show = part_tables.show_interfaces
+    page = interface_figure.write_page
     emit(
-        output, interfaces_json(compared), partial(show, compared), manifest=manifest, fill=fill,
-        page=partial(page, compared), kept="interfaces.json",
-    )  # fmt: skip
+        output,
+        interfaces_json(compared),
+        partial(show, compared),
+        manifest=manifest,
+        fill=fill,
+        page=partial(page, compared),
+        kept="interfaces.json",
+    )
 
 
 def _solids(robot: RobotFile) -> list[str]:

@@ -45,20 +45,28 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
         Displacements of drives from home as text, e.g. "leg1.motor=10 deg"; excludes ``at``.
     """
     if at and joints:
-        raise InputError("--joints: expected either poses with --at or drives with --joints, got both")
+        raise InputError(
+            "--joints: expected either poses with --at or drives with --joints, got both"
+        )
     names = tuple(joints or at or robot.poses)
     mechanism = rigid_mechanism(robot)
     if joints:
-        found = configure_drives(mechanism, [_displacements(robot, text) for text in joints])
+        found = configure_drives(
+            mechanism, [_displacements(robot, text) for text in joints]
+        )
     else:
-        found = configured_poses(robot, mechanism, [_coordinates(robot, text) for text in names])
+        found = configured_poses(
+            robot, mechanism, [_coordinates(robot, text) for text in names]
+        )
     for index, name in enumerate(names):
         if not found.valid[index]:
             reason = found.refusal(index)
             if name in robot.poses and not (at or joints):
                 raise robot.refuse(("poses", name), reason)
             bare = name not in robot.poses and not re.search(r"\d *[a-z]", name)
-            raise InputError(f"{name}: {reason}{'; numbers without a unit are m and rad' * bare}")
+            raise InputError(
+                f"{name}: {reason}{'; numbers without a unit are m and rad' * bare}"
+            )
     if not joints and (note := start_note(mechanism)):
         log.warning("%s", note)
     return Asked(names, found)

@@ -15,7 +15,13 @@ from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit, open_workshop, warn_of_robot
 from stiffscope.cli.poses import find_poses
 from stiffscope.errors import InputError
-from stiffscope.experiments.assembly import assemble_robots, deflection_bars, name_robot, stiffness_bars, stiffness_json
+from stiffscope.experiments.assembly import (
+    assemble_robots,
+    deflection_bars,
+    name_robot,
+    stiffness_bars,
+    stiffness_json,
+)
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.experiments.superelements import write_robot
 from stiffscope.report import tables
@@ -45,19 +51,34 @@ if TYPE_CHECKING:
     from stiffscope.vjm.statics import Stiffness
 
 log = logging.getLogger(__name__)
-_SLENDER = 0.01  # of its buckling load, axial force of a body under own weight that is said
+_SLENDER = (
+    0.01  # of its buckling load, axial force of a body under own weight that is said
+)
 
 
 @click.command()
 @takes(
-    *(options.robot, options.poses, options.joints, options.components, options.gravity(None)),
+    *(
+        options.robot,
+        options.poses,
+        options.joints,
+        options.components,
+        options.gravity(None),
+    ),
     *(options.overrides, options.json),
 )
 @options.superelement("tool at each pose")
 def stiffness(
-    name: str, *, poses: Texts, joints: Texts, components: Any, gravity: str | None,
-    overrides: Texts, superelement: Path | None, output: Output,
-) -> None:  # fmt: skip
+    name: str,
+    *,
+    poses: Texts,
+    joints: Texts,
+    components: Any,
+    gravity: str | None,
+    overrides: Texts,
+    superelement: Path | None,
+    output: Output,
+) -> None:
     """6x6 stiffness and sag of the robot at tool poses.
 
     Without --at and --joints, at the poses of the robot file.
@@ -72,13 +93,18 @@ def stiffness(
     assembled = assemble(robot, components, output)
     at = asked.configurations
     with name_robot(robot):
-        state = analyse(assembled.mechanism, at, gravity="exact" if gravity == "exact" else "none")
+        state = analyse(
+            assembled.mechanism, at, gravity="exact" if gravity == "exact" else "none"
+        )
     if gravity == "literal":
-        matrix, sunk = literal_gravity(assembled.mechanism, at.poses), sag(assembled.mechanism, at)
+        matrix = literal_gravity(assembled.mechanism, at.poses)
+        sunk = sag(assembled.mechanism, at)
         state = dataclasses.replace(state, matrix=matrix, sag=sunk)
     bars = stiffness_bars(assembled, state.configurations)
     if superelement:
-        write_robot(assembled, asked.names, asked.configurations, superelement, manifest)
+        write_robot(
+            assembled, asked.names, asked.configurations, superelement, manifest
+        )
     _warn_of_singular(asked.names, state)
     if gravity == "exact" and np.isfinite(state.sag).any():
         _warn_of_slender(assembled.mechanism, at)
@@ -101,20 +127,41 @@ def assemble(robot: RobotFile, components: Any, output: Output) -> Assembled:
 
 
 @click.command()
-@takes(options.robot, options.poses, options.joints, options.components, options.overrides, options.json)
-@options.folder("--out", "report and pictures of the robot deformed, complete or absent.")
+@takes(
+    options.robot,
+    options.poses,
+    options.joints,
+    options.components,
+    options.overrides,
+    options.json,
+)
+@options.folder(
+    "--out", "report and pictures of the robot deformed, complete or absent."
+)
 @click.option(
-    "--wrench", required=True, metavar="FX,FY,FZ,MX,MY,MZ",
+    "--wrench",
+    required=True,
+    metavar="FX,FY,FZ,MX,MY,MZ",
     help='Wrench on the tool at M, axes {O}, in N and N·m or with units ("100 N,0,0,0,0,5 N*m").',
-)  # fmt: skip
+)
 @click.option(
-    "--steps", type=click.IntRange(0, 1000), default=0, metavar="N",
+    "--steps",
+    type=click.IntRange(0, 1000),
+    default=0,
+    metavar="N",
     help="Also load, unload, load the other way and unload, each in N steps: force over deflection.",
-)  # fmt: skip
+)
 def deflection(
-    name: str, *, poses: Texts, joints: Texts, components: Any, overrides: Texts, wrench: str,
-    steps: int, output: Output,
-) -> None:  # fmt: skip
+    name: str,
+    *,
+    poses: Texts,
+    joints: Texts,
+    components: Any,
+    overrides: Texts,
+    wrench: str,
+    steps: int,
+    output: Output,
+) -> None:
     """Deflection of the tool under a wrench, and each element's share of it.
 
     Without --at and --joints, at the poses of the robot file.
@@ -146,17 +193,27 @@ def deflection(
         cases = wrench_cases(assembled.mechanism, at, {f"{words} N, N·m": load})
         draw_deflection(assembled, asked.names, at, cases, folder)
         if curve is not None:
-            way = np.r_[1e-9, np.linspace(0.005, 1.0, 200)]  # near zero load, where backlash acts
-            fine = find_load_curve(assembled.mechanism, at, load, np.r_[-way[::-1], way])
+            way = np.r_[
+                1e-9, np.linspace(0.005, 1.0, 200)
+            ]  # near zero load, where backlash acts
+            fine = find_load_curve(
+                assembled.mechanism, at, load, np.r_[-way[::-1], way]
+            )
             draw_load_curve(asked.names, fine, folder)
         write_deflection_report(report, assembled, asked.names, at, cases)
 
     answer = {
-        "poses": at.poses, "tool": at.tool, "wrench": load, "twist": found.twist,
-        "energy": found.energy, "shares": found.shares, "convention": CONVENTION,
-    }  # fmt: skip
+        "poses": at.poses,
+        "tool": at.tool,
+        "wrench": load,
+        "twist": found.twist,
+        "energy": found.energy,
+        "shares": found.shares,
+        "convention": CONVENTION,
+    }
     if curve is not None:
-        twist, matrix = np.moveaxis(curve.twist, 2, 1), np.moveaxis(curve.stiffness, 3, 1)
+        twist = np.moveaxis(curve.twist, 2, 1)
+        matrix = np.moveaxis(curve.stiffness, 3, 1)
         answer["path"] = {"load": curve.load, "twist": twist, "stiffness": matrix}
     emit(output, answer, show, manifest=manifest, page=page)
 
@@ -172,12 +229,20 @@ def _warn_of_slender(mechanism: Mechanism, at: Configurations) -> None:
                 if share >= 1.0 and not pulled
                 else f"that this {'straightens' if pulled else 'bends'} it"
             )
-            log.warning("%s, %.0f %% of its buckling load: %s is left out", carried, 100.0 * share, what)
+            log.warning(
+                "%s, %.0f %% of its buckling load: %s is left out",
+                carried,
+                100.0 * share,
+                what,
+            )
 
 
 def _warn_of_singular(names: Sequence[str], state: Stiffness) -> None:
-    for pose, matrix, rigid, sunk in zip(names, state.matrix, state.rigid, state.sag, strict=True):
-        if note := rigid_note(rigid) or singular_note(matrix):
+    for pose, matrix, rigid, sunk in zip(
+        names, state.matrix, state.rigid, state.sag, strict=True
+    ):
+        note = rigid_note(rigid) or singular_note(matrix)
+        if note:
             log.warning("%s: %s", pose, note)
         elif any(value != value for value in sunk):  # noqa: PLR0124 (NaN)
             why = "its weight moves the tool too far for a linear answer"

@@ -25,7 +25,14 @@ from stiffscope.experiments.assembly import (
 )
 from stiffscope.experiments.experiments import EXPERIMENT, FIELDS, compliance_json
 from stiffscope.experiments.manifest import manifest_of
-from stiffscope.experiments.watching import changes, differences, digest_sources, keep_meshed, keep_warm, sources
+from stiffscope.experiments.watching import (
+    changes,
+    differences,
+    digest_sources,
+    keep_meshed,
+    keep_warm,
+    sources,
+)
 from stiffscope.report import part_tables, tables
 from stiffscope.report.kept_pictures import order_run, plain_robot, write_pictures
 from stiffscope.report.run_report import write_run_report
@@ -60,12 +67,26 @@ class _Step:
 
 
 @click.command()
-@takes(options.robot, options.out, options.components, options.tolerance, options.overrides, options.json)
-@click.option("--watch", is_flag=True, help="Recompute what a saved file changes, until Ctrl-C.")
+@takes(
+    options.robot,
+    options.out,
+    options.components,
+    options.tolerance,
+    options.overrides,
+    options.json,
+)
+@click.option(
+    "--watch", is_flag=True, help="Recompute what a saved file changes, until Ctrl-C."
+)
 def run(
-    name: str, *, components: Any, tolerance: str | None, overrides: Texts, watch: bool,
+    name: str,
+    *,
+    components: Any,
+    tolerance: str | None,
+    overrides: Texts,
+    watch: bool,
     output: Output,
-) -> None:  # fmt: skip
+) -> None:
     """From CAD to report: parts, robot, tables, pictures.
 
     Builds the parts in CAD, meshes them, runs their virtual experiments, assembles the robot, and
@@ -77,19 +98,25 @@ def run(
     as soon as they are drawn.
     """
     if watch and output.json:
-        raise InputError("--json: --watch writes no JSON but DIR/stiffness.json; leave out either")
+        raise InputError(
+            "--json: --watch writes no JSON but DIR/stiffness.json; leave out either"
+        )
     if watch:
         _watch(name, components, tolerance, overrides, output)
         return
     robot = _load_checked(name, overrides, tolerance)
-    robots = {"now": robot} | ({"before": load_robot(name, (), tolerance)} if overrides else {})
+    robots = {"now": robot} | (
+        {"before": load_robot(name, (), tolerance)} if overrides else {}
+    )
     manifest = manifest_of(robot)
     with open_workshop(output) as shop:
         solved = assemble_robots(robots, components, shop)
         manifest.seconds["parts"] = manifest.measure_elapsed()
         report = shop.open_line("robot")
         report("assembling", 0.2)
-        states = {label: at_named_poses(each, robot.poses) for label, each in solved.items()}
+        states = {
+            label: at_named_poses(each, robot.poses) for label, each in solved.items()
+        }
         report("pictures", 0.5)
         now = solved["now"]
         fill, page = _folder_of(now, states, shop, manifest)
@@ -98,21 +125,31 @@ def run(
             _show_parts(now)
             _show_robot(now, states)
 
-        tested = {part: compliance_json(robot, result) for part, result in now.results.items()}
+        tested = {
+            part: compliance_json(robot, result) for part, result in now.results.items()
+        }
         answer = {"parts": tested, **_stiffness(now, states["now"])}
         emit(output, answer, show, manifest=manifest, fill=fill, page=page)
         report("done", 1.0)
     warn_of_robot(now, parts=not output.loud)
 
 
-def _load_checked(name: str, overrides: Sequence[str], tolerance: str | None) -> RobotFile:
+def _load_checked(
+    name: str, overrides: Sequence[str], tolerance: str | None
+) -> RobotFile:
     """Load a robot with reachable poses. Raise InputError otherwise."""
     robot = load_robot(name, overrides, tolerance)
     check_reach(robot, robot.poses)
     return robot
 
 
-def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequence[str], output: Output) -> None:
+def _watch(
+    name: str,
+    components: Any,
+    tolerance: str | None,
+    overrides: Sequence[str],
+    output: Output,
+) -> None:
     """Run after every change of a file, in this process with a warm CAD kernel; then the page."""
     out = output.required_folder()
     watched = [find_robot(name)]
@@ -120,18 +157,27 @@ def _watch(name: str, components: Any, tolerance: str | None, overrides: Sequenc
     meshed: dict[str, PartResult] = {}
     page: Future[None] | None = None
     with (
-        workshop() as shop, workshop(together=True) as behind, ThreadPoolExecutor(1) as pool,
+        workshop() as shop,
+        workshop(together=True) as behind,
+        ThreadPoolExecutor(1) as pool,
         _end_experiments(behind),
-    ):  # fmt: skip
+    ):
         for _ in changes(watched):
             try:
                 robot = _load_checked(name, overrides, tolerance)
                 watched[:] = sources(robot)
                 manifest = manifest_of(robot)
-                made = assemble_robots({"now": robot}, components, shop, whole=False, near=meshed)
+                made = assemble_robots(
+                    {"now": robot}, components, shop, whole=False, near=meshed
+                )
                 now = made["now"]
                 state = at_named_poses(now, robot.poses)
-                step = _Step(now, state, stiffness_bars(now, state.configurations), digest_sources(robot))
+                step = _Step(
+                    now,
+                    state,
+                    stiffness_bars(now, state.configurations),
+                    digest_sources(robot),
+                )
             except InputError as error:
                 click.echo(f"stiffscope: {error}", err=True)
                 continue
@@ -158,13 +204,23 @@ def _end_experiments(behind: Workshop) -> Iterator[None]:
         behind.executor.end()
 
 
-def _write_behind(robot: RobotFile, components: Any, out: Path, manifest: Manifest, shop: Workshop) -> None:
+def _write_behind(
+    robot: RobotFile, components: Any, out: Path, manifest: Manifest, shop: Workshop
+) -> None:
     """Write a run's folder in the background; report errors without ending the watch."""
     try:
         now = assemble_robots({"now": robot}, components, shop)["now"]
         states = {"now": at_named_poses(now, robot.poses)}
-        fill, page = _folder_of(now, states, shop, manifest, watched=manifest.started.isoformat())
-        emit(Output(folder=out, quiet=True), None, manifest=manifest, fill=fill, page=page)
+        fill, page = _folder_of(
+            now, states, shop, manifest, watched=manifest.started.isoformat()
+        )
+        emit(
+            Output(folder=out, quiet=True),
+            None,
+            manifest=manifest,
+            fill=fill,
+            page=page,
+        )
     except (StiffscopeError, OSError, RuntimeError) as error:
         if not shop.executor.ended:
             click.echo(f"stiffscope: {error}", err=True)
@@ -177,15 +233,23 @@ def _show_step(step: _Step, before: _Step | None) -> None:
         title = f"Stiffness at M ({tables.sources(step.robot)})"
         tables.show_stiffness(names, step.state, step.bars, title=title)
         return
-    changed = differences(before.robot.robot, step.robot.robot, before.files, step.files)
+    changed = differences(
+        before.robot.robot, step.robot.robot, before.files, step.files
+    )
     bars = before.bars, step.bars
-    tables.show_change(names, before.state.matrix, step.state.matrix, changed or ["no value"], bars)
+    tables.show_change(
+        names, before.state.matrix, step.state.matrix, changed or ["no value"], bars
+    )
 
 
 def _folder_of(
-    now: Assembled, states: Mapping[str, Stiffness], shop: Workshop, manifest: Manifest, *,
+    now: Assembled,
+    states: Mapping[str, Stiffness],
+    shop: Workshop,
+    manifest: Manifest,
+    *,
     watched: str = "",
-) -> tuple[Callable[[Path], None], Callable[[Draft], None]]:  # fmt: skip
+) -> tuple[Callable[[Path], None], Callable[[Draft], None]]:
     """Return functions that fill a run's folder and write its page; ``watched`` pages reload."""
 
     def fill(folder: Path) -> None:
@@ -195,17 +259,24 @@ def _folder_of(
             write_json(place / "compliance.json", compliance_json(now.robot, result))
             for file in (EXPERIMENT, FIELDS, f"{name}.step", f"{name}.stl"):
                 shutil.copyfile(result.folder / file, place / file)
-            times, stages = result.seconds, result.experiment.seconds
-            manifest.note(name, key=result.key, reused=result.reused, seconds=times, stages=stages)
+            times = result.seconds
+            stages = result.experiment.seconds
+            manifest.note(
+                name, key=result.key, reused=result.reused, seconds=times, stages=stages
+            )
         state = states["now"]
         write_json(folder / "stiffness.json", _stiffness(now, state))
-        arrays: dict[str, Any] = {f"{n}_compliance": p.compliance for n, p in now.matrices.items()}
+        arrays: dict[str, Any] = {
+            f"{n}_compliance": p.compliance for n, p in now.matrices.items()
+        }
         arrays |= {"poses": state.poses, "tool": state.tool}
         arrays |= {"stiffness": state.matrix, "sag": state.sag}
         np.savez_compressed(folder / "matrices.npz", **arrays)
         write_json(folder / "robot.json", plain_robot(now.robot))
         write_pictures(order_run(now, folder), shop.cache, manifest)
-        manifest.seconds["robot"] = manifest.measure_elapsed() - manifest.seconds.get("parts", 0.0)
+        manifest.seconds["robot"] = manifest.measure_elapsed() - manifest.seconds.get(
+            "parts", 0.0
+        )
 
     def page(report: Draft) -> None:
         with record_shown() as parts:
@@ -213,7 +284,10 @@ def _folder_of(
         with record_shown() as shown:
             _show_robot(now, states)
         with record_shown() as full:
-            bars = (each(now, states["now"].configurations) for each in (stiffness_bars, compliance_bars))
+            bars = (
+                each(now, states["now"].configurations)
+                for each in (stiffness_bars, compliance_bars)
+            )
             tables.show_full_matrices(list(now.robot.poses), states["now"], *bars)
         shown += [replace(each, folded=True) for each in full]
         write_run_report(replace(report, shown=shown), now, parts, watched=watched)
@@ -224,7 +298,10 @@ def _folder_of(
 def _stiffness(assembled: Assembled, state: Stiffness) -> dict[str, Any]:
     """Return the stiffness at the named poses for JSON output."""
     names = {"names": list(assembled.robot.poses), "components": assembled.sources}
-    return {**stiffness_json(state, stiffness_bars(assembled, state.configurations)), **names}
+    return {
+        **stiffness_json(state, stiffness_bars(assembled, state.configurations)),
+        **names,
+    }
 
 
 def _show_parts(now: Assembled) -> None:
@@ -238,8 +315,13 @@ def _show_parts(now: Assembled) -> None:
 
 def _show_robot(now: Assembled, states: Mapping[str, Stiffness]) -> None:
     """Show the tables of the robot."""
-    names, state = list(now.robot.poses), states["now"]
+    names = list(now.robot.poses)
+    state = states["now"]
     bars = stiffness_bars(now, state.configurations)
-    tables.show_stiffness(names, state, bars, title=f"Stiffness at M ({tables.sources(now)})")
+    tables.show_stiffness(
+        names, state, bars, title=f"Stiffness at M ({tables.sources(now)})"
+    )
     if "before" in states:
-        tables.show_change(names, states["before"].matrix, state.matrix, now.robot.source.overrides)
+        tables.show_change(
+            names, states["before"].matrix, state.matrix, now.robot.source.overrides
+        )

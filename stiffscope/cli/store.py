@@ -18,8 +18,12 @@ if TYPE_CHECKING:
     from stiffscope.cli.output import Output
 
 kinds = click.option(
-    "--kind", "chosen", multiple=True, type=click.Choice(KINDS), help="Only of this kind."
-)  # fmt: skip
+    "--kind",
+    "chosen",
+    multiple=True,
+    type=click.Choice(KINDS),
+    help="Only of this kind.",
+)
 
 
 @click.group("cache", invoke_without_command=True)
@@ -34,16 +38,29 @@ def cache(context: click.Context, *, output: Output) -> None:
     if context.invoked_subcommand is None:
         root = cache_folder()
         found = totals(Cache(root).entries())
-        sizes = {kind: {"entries": count, "bytes": size} for kind, (count, size) in found.items()}
-        emit(output, {"folder": str(root), "kinds": sizes}, lambda: show_totals(root, found))
+        sizes = {
+            kind: {"entries": count, "bytes": size}
+            for kind, (count, size) in found.items()
+        }
+        emit(
+            output,
+            {"folder": str(root), "kinds": sizes},
+            lambda: show_totals(root, found),
+        )
 
 
 @cache.command("list")
 @takes(kinds, options.json)
 def list_entries(chosen: Texts, *, output: Output) -> None:
     """Every result that is kept, the oldest first."""
-    entries = sorted(Cache(cache_folder()).entries(chosen), key=lambda entry: entry.made)
-    emit(output, [dataclasses.asdict(entry) for entry in entries], lambda: show_entries(entries))
+    entries = sorted(
+        Cache(cache_folder()).entries(chosen), key=lambda entry: entry.made
+    )
+    emit(
+        output,
+        [dataclasses.asdict(entry) for entry in entries],
+        lambda: show_entries(entries),
+    )
 
 
 @cache.command("clear")

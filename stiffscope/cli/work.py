@@ -27,12 +27,18 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@takes(click.argument("name", metavar="JOB", type=options.PATH), options.out, options.json)
+@takes(
+    click.argument("name", metavar="JOB", type=options.PATH), options.out, options.json
+)
 @click.option(
-    "--compensate", "undo", is_flag=True,
+    "--compensate",
+    "undo",
+    is_flag=True,
     help="Also write commands with which the loaded tool is where it should be.",
-)  # fmt: skip
-@click.option("--robot", metavar="FILE", help="An adopted robot to use instead of the job's.")
+)
+@click.option(
+    "--robot", metavar="FILE", help="An adopted robot to use instead of the job's."
+)
 def path(name: Path, *, undo: bool, robot: str | None, output: Output) -> None:
     """Error of the tool along a path under process forces.
 
@@ -61,7 +67,10 @@ def path(name: Path, *, undo: bool, robot: str | None, output: Output) -> None:
 
     found = state, after, stresses
     emit(
-        output, partial(paths.path_json, *found), partial(paths.show_path, *found),
-        manifest=manifest, fill=fill,
+        output,
+        partial(paths.path_json, *found),
+        partial(paths.show_path, *found),
+        manifest=manifest,
+        fill=fill,
         page=lambda report: paths.write_path_page(report, state, after, worst, cases),
-    )  # fmt: skip
+    )

@@ -55,7 +55,7 @@ class RobotComparison:
 
 def compare_robots(
     first: RobotFile, second: RobotFile, components: Components, shop: Workshop
-) -> RobotComparison:  # fmt: skip
+) -> RobotComparison:
     """Compare two robots at the named poses that both reach.
 
     Parameters
@@ -80,15 +80,26 @@ def compare_robots(
     if names[0] == names[1]:
         names = (names[0], f"{names[1]} (second)")
     made = assemble_robots({"first": first, "second": second}, components, shop)
-    poses = {**{name: tuple(pose) for name, pose in second.poses.items()}, **first.poses}
+    poses = {
+        **{name: tuple(pose) for name, pose in second.poses.items()},
+        **first.poses,
+    }
     values = np.array(list(poses.values()), dtype=float)
     reached = np.zeros(len(poses), dtype=bool)
     if poses:
-        valid = [configured_poses(each.robot, each.mechanism, values).valid for each in made.values()]
+        valid = [
+            configured_poses(each.robot, each.mechanism, values).valid
+            for each in made.values()
+        ]
         reached = np.all(valid, axis=0)
     if not reached.any():
-        raise InputError("compare: expected a named pose that both robots reach, got none")
-    both = [analyse(each.mechanism, values[reached], gravity="exact") for each in made.values()]
+        raise InputError(
+            "compare: expected a named pose that both robots reach, got none"
+        )
+    both = [
+        analyse(each.mechanism, values[reached], gravity="exact")
+        for each in made.values()
+    ]
     plain = [analyse(each.mechanism, values[reached]) for each in made.values()]
     change = None
     if first.map is not None and second.map is not None:
@@ -98,7 +109,11 @@ def compare_robots(
             other = map_robot(sweep, made["second"].mechanism, POINTS, "none")
             change = replace(one, loaded=other.stiffness)
     return RobotComparison(
-        names, tuple(name for name, ok in zip(poses, reached, strict=True) if ok),
-        np.array([each.matrix for each in plain]), np.array([each.sag for each in both]),
-        change, made, tuple(map(tuple, values[reached].tolist())),
-    )  # fmt: skip
+        names,
+        tuple(name for name, ok in zip(poses, reached, strict=True) if ok),
+        np.array([each.matrix for each in plain]),
+        np.array([each.sag for each in both]),
+        change,
+        made,
+        tuple(map(tuple, values[reached].tolist())),
+    )

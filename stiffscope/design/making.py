@@ -83,14 +83,23 @@ class Journal:
         """Read the designs; skip invalid lines."""
         if not self.path.is_file():
             return
-        variables, responses = len(self._file.variables), len(self._file.responses)
+        variables = len(self._file.variables)
+        responses = len(self._file.responses)
         with open_file(self.path, "designs of a study", MOST_BYTES) as stream:
             for line in stream:
                 try:
                     values, found, reason, seconds = json.loads(line)
-                    if len(values) == variables and len(found) == responses and {*values}:  # hashable
-                        numbers = tuple(math.nan if each is None else float(each) for each in found)
-                        yield Design(tuple(values), numbers, str(reason), float(seconds))
+                    if (
+                        len(values) == variables
+                        and len(found) == responses
+                        and {*values}
+                    ):  # hashable
+                        numbers = tuple(
+                            math.nan if each is None else float(each) for each in found
+                        )
+                        yield Design(
+                            tuple(values), numbers, str(reason), float(seconds)
+                        )
                 except (ValueError, TypeError):
                     continue
 
@@ -112,8 +121,13 @@ class Journal:
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._stream = self.path.open("ab", buffering=0)
             if not self._stream.tell():
-                columns = [each.column for each in (*self._file.variables, *self._file.responses)]
-                self._write({"study": str(self._file.path.resolve()), "columns": columns})
+                columns = [
+                    each.column
+                    for each in (*self._file.variables, *self._file.responses)
+                ]
+                self._write(
+                    {"study": str(self._file.path.resolve()), "columns": columns}
+                )
             else:
                 with self.path.open("rb") as held:
                     held.seek(-1, 2)
@@ -136,12 +150,18 @@ def identify(file: StudyFile) -> str:
     source = file.robot.source
     responses = [
         {
-            "of": r.expression.text, "unit": r.unit, "name": r.name, "take": r.take,
-            "poses": [file.poses[k] for k in r.poses] if r.job is None else len(r.poses),
-            "job": r.job and [r.job.section.model_dump_json(), file_digest(r.job.path_file)],
+            "of": r.expression.text,
+            "unit": r.unit,
+            "name": r.name,
+            "take": r.take,
+            "poses": [file.poses[k] for k in r.poses]
+            if r.job is None
+            else len(r.poses),
+            "job": r.job
+            and [r.job.section.model_dump_json(), file_digest(r.job.path_file)],
         }
         for r in file.responses
-    ]  # fmt: skip
+    ]
     solids = {
         name: file_digest(source.path.parent / part.file)
         for name, part in file.robot.parts.items()
@@ -149,12 +169,16 @@ def identify(file: StudyFile) -> str:
     }
     return digest(
         {
-            "robot": source.text, "set": source.overrides, "solids": solids,
-            "components": file.components, "tolerance": file.tolerance,
-            "variables": [v.name for v in file.variables], "responses": responses,
+            "robot": source.text,
+            "set": source.overrides,
+            "solids": solids,
+            "components": file.components,
+            "tolerance": file.tolerance,
+            "variables": [v.name for v in file.variables],
+            "responses": responses,
             "code": code_version(CODE, LIBRARIES),
         }
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -192,7 +216,9 @@ def make_design(file: StudyFile, values: Values) -> Design:
 
     Runs on any machine. Any error becomes the design's reason, so that it does not end the study.
     """
-    begun, again, reason = time.perf_counter(), False, ""
+    begun = time.perf_counter()
+    again = False
+    reason = ""
     found = (math.nan,) * len(file.responses)
     with _alone, threadpool_limits(1):  # the same order of summation on any machine
         try:
@@ -200,8 +226,11 @@ def make_design(file: StudyFile, values: Values) -> Design:
         except InputError as error:
             reason = str(error)
         except Exception as error:  # noqa: BLE001
-            again, reason = True, f"{type(error).__name__}: {error}"
-    return Design(values, found, " ".join(reason.split()), time.perf_counter() - begun, again)
+            again = True
+            reason = f"{type(error).__name__}: {error}"
+    return Design(
+        values, found, " ".join(reason.split()), time.perf_counter() - begun, again
+    )
 
 
 def _respond(file: StudyFile, values: Values) -> tuple[float, ...]:
@@ -210,15 +239,23 @@ def _respond(file: StudyFile, values: Values) -> tuple[float, ...]:
     names = dict.fromkeys(name for r in of_robot for name in r.expression.names)
     with workshop() as shop:
         whole = any(of_modes(name) for name in names)
-        assembled = assemble_robots({"design": robot}, file.components, shop, whole=whole)["design"]
-        mass = mass_of_solids(robot, file.components, assembled.results) if "mass" in names else 0.0
+        assembled = assemble_robots(
+            {"design": robot}, file.components, shop, whole=whole
+        )["design"]
+        mass = (
+            mass_of_solids(robot, file.components, assembled.results)
+            if "mass" in names
+            else 0.0
+        )
     known: dict[Job | None, dict[str, np.ndarray]] = {}
     for job in {r.job for r in file.responses if r.job is not None}:
         state = along(replace(job, robot=robot), assembled)
         known[job] = {"error": state.size, **state.parts}  # `ALONG_PATH`
     if names:
         found = configure(assembled.mechanism, file.poses_of(robot)).require_valid()
-        known[None] = quantities(names, assembled.mechanism, found, assembled.matrices, mass)
+        known[None] = quantities(
+            names, assembled.mechanism, found, assembled.matrices, mass
+        )
     answers = tuple(response.value(known[response.job]) for response in file.responses)
     for response, value in zip(file.responses, answers, strict=True):
         if not np.isfinite(value):

@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 
     Ranges = Mapping[str, tuple[float, float]]
 
-MEMORY, PER_POSE, PER_ELEMENT = 1.4e9, 4e3, 100.0  # bytes: most of a map; of a pose, and of each element there
+MEMORY = 1.4e9
+PER_POSE = 4e3
+PER_ELEMENT = 100.0  # bytes: most of a map; of a pose, and of each element there
 IN_PLANE = 1e-6  # m or rad; tolerance for marking a pose on the map
 PRINCIPAL = {
     "worst": ("N m-1", "stiffness along the softest direction"),
@@ -69,14 +71,22 @@ class Wanted:
         known = np.isfinite(translation).all(axis=(1, 2))
         yields = np.full((len(compliance), 3), np.nan)
         yields[known] = np.linalg.eigvalsh(translation[known])
-        stiffest, softest = np.where(yields > 1e-12 * yields[:, 2:], yields, np.nan).T[[0, 2]]
-        each = {"worst": 1.0 / softest, "best": 1.0 / stiffest, "condition": softest / stiffest}
+        stiffest, softest = np.where(yields > 1e-12 * yields[:, 2:], yields, np.nan).T[
+            [0, 2]
+        ]
+        each = {
+            "worst": 1.0 / softest,
+            "best": 1.0 / stiffest,
+            "condition": softest / stiffest,
+        }
         out = {name: Scalar(each[name], *PRINCIPAL[name]) for name in self.principal}
         if self.direction is not None:
             unit = np.array(self.direction) / np.linalg.norm(self.direction)
             words = "stiffness along " + ", ".join(f"{x:.3g}" for x in self.direction)
             soft = np.einsum("i,nij,j->n", unit, translation, unit)
-            out["along"] = Scalar(1.0 / np.where(soft > 0.0, soft, np.nan), "N m-1", words)
+            out["along"] = Scalar(
+                1.0 / np.where(soft > 0.0, soft, np.nan), "N m-1", words
+            )
         if self.wrench is not None:
             moved = compliance[:, :3] @ np.array(self.wrench)
             texts = [f"{x:.4g}" for x in self.wrench]
@@ -121,12 +131,14 @@ class StiffnessMap:
 
     def holds(self, coordinates: Mapping[str, float]) -> bool:
         """Return whether a pose lies in the swept plane."""
-        return all(abs(coordinates[name] - value) < IN_PLANE for name, value in self.at.items())
+        return all(
+            abs(coordinates[name] - value) < IN_PLANE for name, value in self.at.items()
+        )
 
 
 def map_robot(
     robot: RobotFile, mechanism: Mechanism, points: int, gravity: Gravity
-) -> StiffnessMap:  # fmt: skip
+) -> StiffnessMap:
     """Evaluate `[map]` of a robot file. Raise InputError if it is missing or nothing is reachable.
 
     Parameters
@@ -137,7 +149,9 @@ def map_robot(
         Points along each side of the map, and whether the robot's own weight acts.
     """
     section = require_map(robot)
-    return map_stiffness(mechanism, section.ranges(), points, gravity=gravity, at=section.at)
+    return map_stiffness(
+        mechanism, section.ranges(), points, gravity=gravity, at=section.at
+    )
 
 
 def require_map(robot: RobotFile) -> MapSection:
@@ -150,9 +164,13 @@ def require_map(robot: RobotFile) -> MapSection:
 
 
 def map_stiffness(
-    mechanism: Mechanism, ranges: Ranges, points: int, *, gravity: Gravity = "none",
+    mechanism: Mechanism,
+    ranges: Ranges,
+    points: int,
+    *,
+    gravity: Gravity = "none",
     at: Sequence[float] | None = None,
-) -> StiffnessMap:  # fmt: skip
+) -> StiffnessMap:
     """Evaluate the stiffness over two coordinates of the tool.
 
     Parameters
@@ -179,7 +197,8 @@ def map_stiffness(
 
 
 def _refuse_ranges(count: str, mechanism: Mechanism, ranges: Ranges) -> InputError:
-    names, got = ", ".join(mechanism.tool.pose), ", ".join(ranges) or "none"
+    names = ", ".join(mechanism.tool.pose)
+    got = ", ".join(ranges) or "none"
     return InputError(f"map: expected {count} of {names}, got {got}")
 
 
@@ -194,16 +213,27 @@ class StiffnessVolume:
 
 def check_points(mechanism: Mechanism, ranges: Ranges, points: int) -> None:
     """Raise InputError if a map of so many poses along each coordinate needs more memory than `MEMORY`."""
-    most = int((MEMORY / (PER_POSE + PER_ELEMENT * len(mechanism.elements))) ** (1 / len(ranges)))
+    most = int(
+        (MEMORY / (PER_POSE + PER_ELEMENT * len(mechanism.elements)))
+        ** (1 / len(ranges))
+    )
     if points > most:
         expected = f"expected at most {most} poses along each of {' and '.join(ranges)}"
-        raise InputError(f"points: {expected}, which take {MEMORY / 1e9:g} GB, got {points}")
+        raise InputError(
+            f"points: {expected}, which take {MEMORY / 1e9:g} GB, got {points}"
+        )
 
 
 def map_volume(
-    mechanism: Mechanism, ranges: Ranges, points: int, *, gravity: Gravity = "none",
-    at: Sequence[float] | None = None, frequencies: int = 0, wanted: Wanted | None = None,
-) -> StiffnessVolume:  # fmt: skip
+    mechanism: Mechanism,
+    ranges: Ranges,
+    points: int,
+    *,
+    gravity: Gravity = "none",
+    at: Sequence[float] | None = None,
+    frequencies: int = 0,
+    wanted: Wanted | None = None,
+) -> StiffnessVolume:
     """Evaluate the stiffness over three coordinates of the tool as maps at values of the last one.
 
     Parameters
@@ -239,9 +269,12 @@ def map_volume(
     grids[..., pose.index(up)] = np.repeat(rows, points)
     every = [configure(mechanism, each) for each in grids]
     if not any(found.valid.any() for found in every):
-        raise InputError(f"map: no pose is within reach; the first is not: {every[0].reason(0)}")
+        raise InputError(
+            f"map: no pose is within reach; the first is not: {every[0].reason(0)}"
+        )
     weight = mechanism.gravity[COORDINATES.index(up)] if up in COORDINATES[:3] else 0.0
-    size, wanted = (points, points), wanted or Wanted()
+    size = (points, points)
+    wanted = wanted or Wanted()
     still = tuple(chain(*find_still(mechanism)))
     maps: list[StiffnessMap] = []
     for found, layer in zip(every, layers, strict=True):
@@ -255,19 +288,35 @@ def map_volume(
             lost = np.isnan(sag)[:, :1, None]
             both = (state.finite, state.compliance)
             loaded, compliance = (np.where(lost, np.nan, each) for each in both)
-        diagonals = (np.diagonal(matrix, axis1=1, axis2=2) for matrix in (plain, loaded))
+        diagonals = (
+            np.diagonal(matrix, axis1=1, axis2=2) for matrix in (plain, loaded)
+        )
         more = wanted.evaluate(compliance).items()
         sounds = frequencies_at(mechanism, found, frequencies) if frequencies else None
-        maps.append(StiffnessMap(
-            across, up, columns, rows,
-            {n: float(v) for n, v in zip(pose, layer, strict=True) if n not in {across, up}},
-            *(value.reshape(*size, 6) for value in (*diagonals, sag)),
-            rigid=np.array([len(each) > 0 for each in state.rigid]).reshape(size),
-            down=bool(weight > 0.0),
-            frequencies=None if sounds is None else sounds.reshape(*size, frequencies),
-            more={n: scalar._replace(values=scalar.values.reshape(size)) for n, scalar in more},
-            still=still,
-        ))  # fmt: skip
+        maps.append(
+            StiffnessMap(
+                across,
+                up,
+                columns,
+                rows,
+                {
+                    n: float(v)
+                    for n, v in zip(pose, layer, strict=True)
+                    if n not in {across, up}
+                },
+                *(value.reshape(*size, 6) for value in (*diagonals, sag)),
+                rigid=np.array([len(each) > 0 for each in state.rigid]).reshape(size),
+                down=bool(weight > 0.0),
+                frequencies=None
+                if sounds is None
+                else sounds.reshape(*size, frequencies),
+                more={
+                    n: scalar._replace(values=scalar.values.reshape(size))
+                    for n, scalar in more
+                },
+                still=still,
+            )
+        )
     return StiffnessVolume(through, heights, tuple(maps))
 
 
@@ -277,11 +326,17 @@ def write_map(found: StiffnessMap, folder: Path, title: str = "") -> None:
     The netCDF file contains the dataset of `to_dataset`.
     """
     write_rows(found, folder / "map.csv")
-    arrays = {found.across: found.columns, found.up: found.rows, "direction": np.array(DIAGONAL)}
+    arrays = {
+        found.across: found.columns,
+        found.up: found.rows,
+        "direction": np.array(DIAGONAL),
+    }
     arrays |= {name: np.float64(value) for name, value in found.at.items()}
     with (folder / "map.npz").open("wb") as stream:
         np.savez_compressed(stream, **arrays, **_fields(found))  # type: ignore[arg-type]
-    to_dataset(found, title).to_netcdf(folder / "map.nc", engine="scipy", format="NETCDF3_64BIT")
+    to_dataset(found, title).to_netcdf(
+        folder / "map.nc", engine="scipy", format="NETCDF3_64BIT"
+    )
 
 
 def write_rows(found: StiffnessMap | StiffnessVolume, file: Path) -> None:
@@ -289,9 +344,17 @@ def write_rows(found: StiffnessMap | StiffnessVolume, file: Path) -> None:
     slices = [found] if isinstance(found, StiffnessMap) else found.maps
     third = [] if isinstance(found, StiffnessMap) else [found.through]
     words = [name.lower().replace("_", "") for name in DIAGONAL]
-    first, sags = slices[0], [f"sag_{axis}" for axis in COORDINATES]
+    first = slices[0]
+    sags = [f"sag_{axis}" for axis in COORDINATES]
     count = 0 if first.frequencies is None else first.frequencies.shape[2]
-    names = [first.across, first.up, *third, *words, *(f"{word}_loaded" for word in words), *sags]
+    names = [
+        first.across,
+        first.up,
+        *third,
+        *words,
+        *(f"{word}_loaded" for word in words),
+        *sags,
+    ]
     names += [*(f"f{k + 1}" for k in range(count)), *first.more]
     with file.open("w") as stream:
         stream.write(",".join(names) + "\n")
@@ -305,7 +368,11 @@ def write_rows(found: StiffnessMap | StiffnessVolume, file: Path) -> None:
 
 
 def _fields(found: StiffnessMap) -> dict[str, np.ndarray]:
-    fields = {"stiffness": found.stiffness, "stiffness_loaded": found.loaded, "sag": found.sag}
+    fields = {
+        "stiffness": found.stiffness,
+        "stiffness_loaded": found.loaded,
+        "sag": found.sag,
+    }
     fields |= {} if found.frequencies is None else {"frequencies": found.frequencies}
     return fields | {name: scalar.values for name, scalar in found.more.items()}
 
@@ -319,14 +386,27 @@ def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
     import xarray as xr
 
     where = "; 1/C_ii where a direction is rigid" if found.rigid.any() else ""
-    forces, lengths = ("N m-1",) * 3 + ("N m rad-1",) * 3, ("m",) * 3 + ("rad",) * 3
+    forces = ("N m-1",) * 3 + ("N m rad-1",) * 3
+    lengths = ("m",) * 3 + ("rad",) * 3
     kinds = (
         ("{0}", found.stiffness, forces, f"stiffness at M without gravity{where}"),
-        ("{0}_loaded", found.loaded, forces, f"stiffness at M with the robot's own weight{where}"),
-        ("sag_{1}", found.sag, lengths, "twist of the tool under the robot's own weight"),
+        (
+            "{0}_loaded",
+            found.loaded,
+            forces,
+            f"stiffness at M with the robot's own weight{where}",
+        ),
+        (
+            "sag_{1}",
+            found.sag,
+            lengths,
+            "twist of the tool under the robot's own weight",
+        ),
     )
     scalars = {
-        name.format(DIAGONAL[k], axis): Scalar(values[..., k], units[k], f"{words}, {axis}")
+        name.format(DIAGONAL[k], axis): Scalar(
+            values[..., k], units[k], f"{words}, {axis}"
+        )
         for name, values, units, words in kinds
         for k, axis in enumerate(COORDINATES)
     }
@@ -338,9 +418,14 @@ def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
         name: ((found.up, found.across), values, {"units": unit, "long_name": words})
         for name, (values, unit, words) in (scalars | found.more).items()
     }
-    swept = {found.across: (found.across, found.columns), found.up: (found.up, found.rows)}
+    swept = {
+        found.across: (found.across, found.columns),
+        found.up: (found.up, found.rows),
+    }
     places: dict[str, Any] = {}
-    for name, value in (swept | {name: ((), value) for name, value in found.at.items()}).items():
+    for name, value in (
+        swept | {name: ((), value) for name, value in found.at.items()}
+    ).items():
         words = f"tool point M, {name}"
         if name.startswith("r"):
             words = f"rotation vector of the tool from home, {name[-1]}"
@@ -348,11 +433,17 @@ def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
         if found.down and name == found.up:
             about["positive"] = "down"
         places[name] = (*value, about)
-    about = {"title": title or "stiffness map", "Conventions": "CF-1.8", "source": "stiffscope"}
+    about = {
+        "title": title or "stiffness map",
+        "Conventions": "CF-1.8",
+        "source": "stiffscope",
+    }
     return xr.Dataset(variables, places, about)
 
 
-def volume_dataset(found: StiffnessMap | StiffnessVolume, title: str = "") -> xr.Dataset:
+def volume_dataset(
+    found: StiffnessMap | StiffnessVolume, title: str = ""
+) -> xr.Dataset:
     """Return the dataset of a map, or of a volume over its three coordinates; see `to_dataset`."""
     if isinstance(found, StiffnessMap):
         return to_dataset(found, title)

@@ -10,7 +10,9 @@ import numpy as np
 if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Flags, Indices
 
-FEASIBLE = 1e-6  # tolerated relative violation of a limit, from rounding and local search
+FEASIBLE = (
+    1e-6  # tolerated relative violation of a limit, from rounding and local search
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +48,9 @@ class Outcomes:
     @property
     def states(self) -> Any:
         """State of each design (n,): "feasible", "infeasible" or "failed"."""
-        return np.where(self.failed, "failed", np.where(self.feasible, "feasible", "infeasible"))
+        return np.where(
+            self.failed, "failed", np.where(self.feasible, "feasible", "infeasible")
+        )
 
 
 def find_front(outcomes: Outcomes) -> Indices:
@@ -58,7 +62,8 @@ def find_front(outcomes: Outcomes) -> Indices:
     if not outcomes.objectives.shape[1] or not some.size:
         return np.zeros(0, dtype=np.int64)
     values, equal = np.unique(outcomes.objectives[some], axis=0, return_inverse=True)
-    left, chosen = np.arange(len(values)), np.zeros(len(values), dtype=bool)
+    left = np.arange(len(values))
+    chosen = np.zeros(len(values), dtype=bool)
     while left.size:  # the first one in this order is not dominated
         chosen[left[0]] = True
         left = left[(values[left] < values[left[0]]).any(axis=1)]

@@ -28,11 +28,17 @@ if TYPE_CHECKING:
 MOST_MODES = 12  # number of modes computed, including free motions
 FREE = 1e-3  # Hz; lower modes are free motions
 _AXES = ("x", "y", "z", "rx", "ry", "rz")
-_ENTRY = {"K": (("N/m", "N"), ("N", "N*m/rad")), "C": (("m/N", "1/N"), ("1/N", "rad/(N*m)"))}
+_ENTRY = {
+    "K": (("N/m", "N"), ("N", "N*m/rad")),
+    "C": (("m/N", "1/N"), ("1/N", "rad/(N*m)")),
+}
 _TAKE: dict[str, Callable[[np.ndarray], Any]] = {
-    "least": np.min, "greatest": np.max, "mean": np.mean,
-    "worst": lambda each: np.max(np.abs(each)), "rms": lambda each: np.sqrt(np.mean(each**2)),
-}  # fmt: skip
+    "least": np.min,
+    "greatest": np.max,
+    "mean": np.mean,
+    "worst": lambda each: np.max(np.abs(each)),
+    "rms": lambda each: np.sqrt(np.mean(each**2)),
+}
 ALONG_PATH: tuple[str, ...] = ("error", "normal", "along", "binormal")
 """Size of the error on a path and its parts, m."""
 
@@ -92,14 +98,18 @@ def known_units(robot: RobotFile) -> dict[str, str]:
     sag_y, sag_z by own weight; f1 … f12, Hz, drives held; mass of solids; PART.C11 …, PART.mass.
     """
     parts = [name for name in part_sources(robot) if re.fullmatch(r"[^\W\d]\w*", name)]
-    entries = {entry: unit for entry, (matrix, *_, unit) in ENTRIES.items() if matrix == "C"}
+    entries = {
+        entry: unit for entry, (matrix, *_, unit) in ENTRIES.items() if matrix == "C"
+    }
     return {
         "mass": "kg",
         **{name: unit for name, (*_, unit) in ENTRIES.items()},
         **dict.fromkeys(("sag", "sag_x", "sag_y", "sag_z"), "m"),
         **{f"f{k + 1}": "Hz" for k in range(MOST_MODES)},
         **{f"{name}.mass": "kg" for name in parts},
-        **{f"{name}.{entry}": unit for name in parts for entry, unit in entries.items()},
+        **{
+            f"{name}.{entry}": unit for name in parts for entry, unit in entries.items()
+        },
     }
 
 
@@ -114,9 +124,12 @@ def of_modes(quantity: str) -> bool:
 
 
 def quantities(
-    names: Collection[str], mechanism: Mechanism, found: Configurations,
-    parts: Mapping[str, PartMatrix], mass: float,
-) -> dict[str, np.ndarray]:  # fmt: skip
+    names: Collection[str],
+    mechanism: Mechanism,
+    found: Configurations,
+    parts: Mapping[str, PartMatrix],
+    mass: float,
+) -> dict[str, np.ndarray]:
     """Compute quantities (n,) at n configurations by their names in `known_units`.
 
     Parameters
@@ -131,7 +144,11 @@ def quantities(
     wanted = {ENTRIES[name][0] for name in names if name in ENTRIES}
     matrices = {"K": statics.stiffness, "C": statics.compliance}
     tool = {kind: matrices[kind](mechanism, found) for kind in wanted}
-    sag = statics.sag(mechanism, found) if any(name.startswith("sag") for name in names) else None
+    sag = (
+        statics.sag(mechanism, found)
+        if any(name.startswith("sag") for name in names)
+        else None
+    )
     modes = None
     if any(map(of_modes, names)):
         each = frequencies(mechanism, found, MOST_MODES)
@@ -155,15 +172,20 @@ def quantities(
 
 def mass_of_solids(
     robot: RobotFile, components: Components, experiments: Mapping[str, Any]
-) -> float:  # fmt: skip
+) -> float:
     """Return the mass of solids and rigid bodies, kg; masses of parts in the file are ignored."""
-    rigid = sum(body.mass for body in robot.bodies.values() if isinstance(body, RigidBody))
+    rigid = sum(
+        body.mass for body in robot.bodies.values() if isinstance(body, RigidBody)
+    )
     for name in part_sources(robot, components):
-        material, mass = robot.material(name), known_mass(robot, name) or 0.0
+        material = robot.material(name)
+        mass = known_mass(robot, name) or 0.0
         if name in experiments:
             mass = experiments[name].mass
         elif isinstance(robot.parts[name], ParametricPart) and material is not None:
             segments = beam_segments(robot, name)
-            mass = material.density * sum(length * section.area for length, section in segments)
+            mass = material.density * sum(
+                length * section.area for length, section in segments
+            )
         rigid += len(robot.bodies_of(name)) * mass
     return rigid

@@ -27,9 +27,13 @@ if TYPE_CHECKING:
 
 STARTS = 2  # parallel local searches
 GLOBAL = 0.4  # share of the designs sampled before the local searches
-FIRST_STEP, LAST_STEP = 0.1, 1e-5  # trust-region radius over the ranges
+FIRST_STEP = 0.1
+LAST_STEP = 1e-5  # trust-region radius over the ranges
 APART = 0.2  # minimum distance between starts of local searches, over the ranges
-POPULATION = (8, 40)  # limits of the NSGA-II population, otherwise a tenth of the designs
+POPULATION = (
+    8,
+    40,
+)  # limits of the NSGA-II population, otherwise a tenth of the designs
 BLOCK = 1024  # Sobol points drawn at once
 
 Point = tuple[float, ...]
@@ -55,7 +59,9 @@ class Ending:
     how: tuple[str, ...] = ()
 
 
-def search(study: StudyFile, evaluate: Evaluate, part: tuple[int, int] = (1, 1)) -> Ending:
+def search(
+    study: StudyFile, evaluate: Evaluate, part: tuple[int, int] = (1, 1)
+) -> Ending:
     """Evaluate all designs of a study with its method; of a sweep only share i of n.
 
     Parameters
@@ -77,14 +83,18 @@ def _draw_grid(study: StudyFile) -> Iterator[Point]:
     for v in study.variables:
         n = len(v.levels)
         middles = [(k + 0.5) / n for k in range(n)]
-        shares.append(middles if v.low is None else [k / max(1, n - 1) for k in range(n)])
+        shares.append(
+            middles if v.low is None else [k / max(1, n - 1) for k in range(n)]
+        )
     return itertools.product(*shares)
 
 
 def _draw_hypercube(study: StudyFile) -> Iterator[Point]:
     from scipy.stats import qmc
 
-    cube = qmc.LatinHypercube(len(study.variables), rng=np.random.default_rng(study.seed))
+    cube = qmc.LatinHypercube(
+        len(study.variables), rng=np.random.default_rng(study.seed)
+    )
     return map(tuple, cube.random(study.designs).tolist())
 
 
@@ -94,7 +104,9 @@ def _draw_sobol(study: StudyFile, count: int = 0) -> Iterator[Point]:
     points = qmc.Sobol(len(study.variables), rng=np.random.default_rng(study.seed))
     left = count or study.designs
     while left > 0:
-        block = points.random(min(BLOCK, 1 << max(0, math.ceil(math.log2(left)))))[:left]
+        block = points.random(min(BLOCK, 1 << max(0, math.ceil(math.log2(left)))))[
+            :left
+        ]
         yield from map(tuple, block.tolist())
         left -= len(block)
 
@@ -113,19 +125,25 @@ def _find_optimum(study: StudyFile, evaluate: Evaluate) -> Ending:
     few = max(2, round(GLOBAL * study.designs)) if moved else study.designs
     points = list(_draw_sobol(study, few))
     outcomes = evaluate(points, "Sobol")
-    left, least = study.designs - few, 2 * len(moved) + 3  # least: for the first model of a local search
+    least = 2 * len(moved) + 3
+    left = study.designs - few  # least: for the first model of a local search
     starts = _choose_starts(points, outcomes, study.variables)[: max(1, left // least)]
     left //= max(1, len(starts))
     if not moved or not starts:
         return Ending()
     if left < least:
-        return Ending(False, (f"a local search takes at least {least} designs, and {left} were left",))
+        return Ending(
+            False,
+            (f"a local search takes at least {least} designs, and {left} were left",),
+        )
     scale = float(np.nanmedian(np.abs(outcomes.objectives[:, 0]))) or 1.0
 
     def refine(number: int, k: int) -> tuple[tuple[float, float], bool, str]:
         name = f"local search {number}"
         make = partial(evaluate, origin=name)
-        best, converged, count = _refine(points[k], moved, scale, left, lambda x: make([x]))
+        best, converged, count = _refine(
+            points[k], moved, scale, left, lambda x: make([x])
+        )
         how = "its steps were still larger"
         if converged:
             how = f"its steps fell below {LAST_STEP:g} of the ranges"
@@ -145,24 +163,34 @@ def _find_optimum(study: StudyFile, evaluate: Evaluate) -> Ending:
 
 def _choose_starts(
     points: list[Point], outcomes: Outcomes, variables: Sequence[Variable]
-) -> list[int]:  # fmt: skip
+) -> list[int]:
     """Return the best points far from each other; different choices always count as far."""
 
     def far(i: int, k: int) -> bool:
         pairs = list(zip(variables, points[i], points[k], strict=True))
-        other = (v.find_level(a) != v.find_level(b) for v, a, b in pairs if v.low is None)
+        other = (
+            v.find_level(a) != v.find_level(b) for v, a, b in pairs if v.low is None
+        )
         return any(other) or max(abs(a - b) for _, a, b in pairs) > APART
 
     chosen: list[int] = []
     excess = np.where(outcomes.feasible, 0.0, outcomes.excess)
     for k in np.lexsort((outcomes.objectives[:, 0], excess)).tolist():
-        if len(chosen) < STARTS and not outcomes.failed[k] and all(far(k, i) for i in chosen):
+        if (
+            len(chosen) < STARTS
+            and not outcomes.failed[k]
+            and all(far(k, i) for i in chosen)
+        ):
             chosen.append(k)
     return chosen
 
 
 def _refine(
-    start: Point, moved: list[int], scale: float, most: int, make: Callable[[Point], Outcomes]
+    start: Point,
+    moved: list[int],
+    scale: float,
+    most: int,
+    make: Callable[[Point], Outcomes],
 ) -> tuple[tuple[float, float], bool, int]:
     """Search locally with ``most`` designs; return (excess, objective), converged and count."""
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
@@ -181,18 +209,26 @@ def _refine(
         return found
 
     begin = np.array([start[k] for k in moved])
-    limits: Any = NonlinearConstraint(lambda x: evaluate(x).violations[0], -math.inf, 0.0)
+    limits: Any = NonlinearConstraint(
+        lambda x: evaluate(x).violations[0], -math.inf, 0.0
+    )
     constraints = [limits] if evaluate(begin).violations.size else []
     options = {
-        "maxfev": most, "initial_tr_radius": FIRST_STEP, "final_tr_radius": LAST_STEP,
+        "maxfev": most,
+        "initial_tr_radius": FIRST_STEP,
+        "final_tr_radius": LAST_STEP,
         "feasibility_tol": FEASIBLE,
-    }  # fmt: skip
+    }
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a start at a bound, designs that failed
         found = minimize(
-            lambda x: evaluate(x).objectives[0, 0] / scale, begin, method="COBYQA",
-            bounds=Bounds(0.0, 1.0), constraints=constraints, options=options,
-        )  # fmt: skip
+            lambda x: evaluate(x).objectives[0, 0] / scale,
+            begin,
+            method="COBYQA",
+            bounds=Bounds(0.0, 1.0),
+            constraints=constraints,
+            options=options,
+        )
     return best, found.status == 0, int(found.nfev)
 
 
@@ -208,23 +244,32 @@ def _find_front(study: StudyFile, evaluate: Evaluate) -> Ending:
         if v.low is None:
             kinds[v.name] = optuna.distributions.IntDistribution(0, len(v.levels) - 1)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)  # since 2022
+        warnings.simplefilter(
+            "ignore", optuna.exceptions.ExperimentalWarning
+        )  # since 2022
         crossover = optuna.samplers.nsgaii.SBXCrossover()
     sampler = optuna.samplers.NSGAIISampler(
-        population_size=size, crossover=crossover, seed=study.seed,
-    )  # fmt: skip
+        population_size=size,
+        crossover=crossover,
+        seed=study.seed,
+    )
     least: Any = ["minimize"] * len(study.goals)
     asked = optuna.create_study(directions=least, sampler=sampler)
     for point in _draw_sobol(study, size):
         shares = zip(study.variables, point, strict=True)
-        asked.enqueue_trial({
-            v.name: share if v.low is not None else v.find_level(share) for v, share in shares
-        })  # fmt: skip
+        asked.enqueue_trial(
+            {
+                v.name: share if v.low is not None else v.find_level(share)
+                for v, share in shares
+            }
+        )
     for generation, begin in enumerate(range(0, study.designs, size), 1):
         trials = [asked.ask(kinds) for _ in range(min(size, study.designs - begin))]
         points = [
             tuple(
-                t.params[v.name] if v.low is not None else (t.params[v.name] + 0.5) / len(v.levels)
+                t.params[v.name]
+                if v.low is not None
+                else (t.params[v.name] + 0.5) / len(v.levels)
                 for v in study.variables
             )
             for t in trials

@@ -36,7 +36,9 @@ if TYPE_CHECKING:
 FILE = "sensitivity.json"
 
 
-def part_sensitivities(orders: Sequence[PartOrder], shop: Workshop) -> list[PartSensitivity]:
+def part_sensitivities(
+    orders: Sequence[PartOrder], shop: Workshop
+) -> list[PartSensitivity]:
     """Return derivatives of parts with respect to dimensions, material constants and foundation.
 
     Parameters
@@ -64,7 +66,7 @@ def part_sensitivities(orders: Sequence[PartOrder], shop: Workshop) -> list[Part
 
 def _make_sensitivity(
     order: PartOrder, experiment: Path, cache: Cache, report: Progress
-) -> Path:  # fmt: skip
+) -> Path:
     """Compute and cache the derivatives of a part; return their folder. Runs in any process."""
     from stiffscope.fea.sensitivity import part_sensitivity
 
@@ -74,18 +76,28 @@ def _make_sensitivity(
     lengths: dict[str, float] = {}
     if not order.step:
         lengths = order.solid.lengths()  # pyright: ignore[reportAttributeAccessIssue]
-    dimensions = {name: (value, partial(_built, order, name)) for name, value in lengths.items()}
+    dimensions = {
+        name: (value, partial(_built, order, name)) for name, value in lengths.items()
+    }
     built = time.perf_counter() - begun
     report("derivatives", 0.2)
     held = load_experiment(experiment / EXPERIMENT)
     found = part_sensitivity(held, part, order.settings, dimensions)
     found = dataclasses.replace(found, seconds={"cad": built, **found.seconds})
-    text = json.dumps({
-        "part": found.part,
-        "derivatives": {name: vars(each) for name, each in found.derivatives.items()},
-        "notes": found.notes, "seconds": found.seconds,
-    }, default=np.ndarray.tolist)  # fmt: skip
-    folder = cache.put(SENSITIVITY, order.key(), lambda aside: (aside / FILE).write_text(text))
+    text = json.dumps(
+        {
+            "part": found.part,
+            "derivatives": {
+                name: vars(each) for name, each in found.derivatives.items()
+            },
+            "notes": found.notes,
+            "seconds": found.seconds,
+        },
+        default=np.ndarray.tolist,
+    )
+    folder = cache.put(
+        SENSITIVITY, order.key(), lambda aside: (aside / FILE).write_text(text)
+    )
     report("done", 1.0)
     return folder
 
@@ -101,15 +113,22 @@ def read_sensitivity(folder: Path) -> PartSensitivity:
     held = json.loads((folder / FILE).read_text())
     derivatives: dict[str, Derivative] = {}
     for name, fields in held["derivatives"].items():
-        arrays = {key: np.array(value) for key, value in fields.items() if isinstance(value, list)}
+        arrays = {
+            key: np.array(value)
+            for key, value in fields.items()
+            if isinstance(value, list)
+        }
         derivatives[name] = Derivative(**fields | arrays)
     return PartSensitivity(held["part"], derivatives, held["notes"], held["seconds"])
 
 
 def sensitivity(
-    robot: RobotFile, part: str | None = None, *, poses: Sequence[Sequence[float]] | None = None,
+    robot: RobotFile,
+    part: str | None = None,
+    *,
+    poses: Sequence[Sequence[float]] | None = None,
     components: Components = None,
-) -> PartSensitivity | Sensitivity:  # fmt: skip
+) -> PartSensitivity | Sensitivity:
     """Return derivatives of a part or robot with respect to all parameters; cached if possible.
 
     Parameters
@@ -143,7 +162,7 @@ def sensitivity(
 
 def robot_sensitivities(
     robot: RobotFile, poses: np.ndarray, components: Components, shop: Workshop
-) -> Sensitivity:  # fmt: skip
+) -> Sensitivity:
     """Return derivatives of a robot at commanded poses (n, k), parts as jobs; see `sensitivity`."""
     names = needed_experiments(robot, components)
     for name in names:

@@ -93,17 +93,22 @@ class Sensitivity:
         given = [row for row in self.rows if row.parameter.tolerance]
         if not given:
             return None
-        names, size = [f.name for f in fields(Responses)], lambda row: row.parameter.tolerance
-        squares = (sum((getattr(r.by, name) * size(r)) ** 2 for r in given) for name in names)
-        return Responses(*map(np.sqrt, squares))
+        names = [f.name for f in fields(Responses)]
+        bounds = {}
+        for name in names:
+            shifts = [getattr(row.by, name) * row.parameter.tolerance for row in given]
+            bounds[name] = np.sqrt(sum(shift**2 for shift in shifts))
+        return Responses(**bounds)
 
 
 def robot_sensitivity(
-    robot: RobotFile, poses: np.ndarray, components: Components = None,
+    robot: RobotFile,
+    poses: np.ndarray,
+    components: Components = None,
     experiments: Mapping[str, Experiment] | None = None,
     derivatives: Mapping[str, Mapping[str, Derivative]] | None = None,
     names: Collection[str] | None = None,
-) -> Sensitivity:  # fmt: skip
+) -> Sensitivity:
     """Return the derivatives of a robot with respect to every number of its file.
 
     Parameters
@@ -127,8 +132,13 @@ def robot_sensitivity(
     at = np.asarray(poses, dtype=float)
     model = _Model(robot, at, components, experiments or {}, derivatives or {})
     middle = model.responses(robot)
-    rows, notes = [], {}
-    wanted = [each for each in parameters(robot, components) if names is None or each.name in names]
+    rows = []
+    notes = {}
+    wanted = [
+        each
+        for each in parameters(robot, components)
+        if names is None or each.name in names
+    ]
     for parameter in wanted:
         try:
             rows.append(model.row(parameter, middle))
@@ -147,7 +157,10 @@ class _Model:
 
     def row(self, parameter: Parameter, middle: Responses) -> Row:
         step = STEP * parameter.value
-        changed = [parameter.set_to(self.robot, parameter.value + sign * step) for sign in (1, -1)]
+        changed = [
+            parameter.set_to(self.robot, parameter.value + sign * step)
+            for sign in (1, -1)
+        ]
         _check_lengths(self.robot, changed[0], self.components)
         above, below = (self.responses(each) for each in changed)
         names = [f.name for f in fields(Responses)]
@@ -171,15 +184,18 @@ class _Model:
 
     def _assemble(
         self, robot: RobotFile, varied: Mapping[str, Any]
-    ) -> tuple[Mechanism, Configurations]:  # fmt: skip
+    ) -> tuple[Mechanism, Configurations]:
         mechanism = mechanism_of(robot, part_matrices(robot, self.components, varied))
         return mechanism, configure(mechanism, self.poses).require_valid()
 
-    def _errors(self, robot: RobotFile, step: float, middle: Responses, by: Responses) -> Responses:
+    def _errors(
+        self, robot: RobotFile, step: float, middle: Responses, by: Responses
+    ) -> Responses:
         """Return bounds from those of the parts' derivatives; zeros if no experiment changes."""
         varied = self._vary_parts(robot)
         if not any(each.error.any() for each in varied.values()):
-            still, level = np.zeros_like(middle.stiffness), np.zeros_like(middle.sag)
+            still = np.zeros_like(middle.stiffness)
+            level = np.zeros_like(middle.sag)
             return Responses(still, level, np.zeros_like(middle.frequency), 0.0)
         mechanism, found = self._assemble(robot, varied)
         bars = statics.stiffness_error(mechanism, found) / step
@@ -197,33 +213,48 @@ class _Model:
         return {name: self._vary_part(name, robot) for name in self.experiments}
 
     def _vary_part(self, name: str, robot: RobotFile) -> Any:
-        held, changes = self.experiments[name], _changes(self.robot, robot, name)
+        held = self.experiments[name]
+        changes = _changes(self.robot, robot, name)
         known = self.derivatives.get(name, {})
-        if unknown := [key for key in changes if key not in known]:
+        unknown = [key for key in changes if key not in known]
+        if unknown:
             expected = "expected a parameter with a derivative of the part's matrix"
             raise InputError(f"{name}.{unknown[0]}: {expected}, got none")
 
         def change(field: str) -> Any:
-            return sum(step * getattr(known[key], field) for key, step in changes.items())
+            return sum(
+                step * getattr(known[key], field) for key, step in changes.items()
+            )
 
-        bounds = sum(abs(change) * known[key].full_error for key, change in changes.items())
+        bounds = sum(
+            abs(change) * known[key].full_error for key, change in changes.items()
+        )
         one = held.experiment
-        condensed, squares = np.array(one.condensed_mass), np.array(one.mode_squares)
-        now, before = robot.material(name), self.robot.material(name)
-        denser = now.density / before.density if "density" in changes and now and before else 1.0
+        condensed = np.array(one.condensed_mass)
+        squares = np.array(one.mode_squares)
+        now = robot.material(name)
+        before = self.robot.material(name)
+        denser = (
+            now.density / before.density
+            if "density" in changes and now and before
+            else 1.0
+        )
         ends = len(condensed) - len(squares)
         condensed[ends:, :ends] *= np.sqrt(denser)
         condensed[:ends, ends:] *= np.sqrt(denser)
         condensed[:ends, :ends] += change("condensed_mass")
         return SimpleNamespace(
             compliance=held.compliance + change("full_compliance"),
-            error=np.zeros_like(held.compliance) + bounds, mass=held.mass + change("mass"),
+            error=np.zeros_like(held.compliance) + bounds,
+            mass=held.mass + change("mass"),
             experiment=SimpleNamespace(
-                condensed_mass=condensed, mode_squares=squares / denser, mode_squares_error=None,
+                condensed_mass=condensed,
+                mode_squares=squares / denser,
+                mode_squares_error=None,
                 clamp_point=one.clamp_point + change("clamp_point"),
                 reference_points=one.reference_points + change("reference_points"),
             ),
-        )  # fmt: skip
+        )
 
 
 def _check_lengths(before: RobotFile, after: RobotFile, components: Components) -> None:
@@ -232,7 +263,9 @@ def _check_lengths(before: RobotFile, after: RobotFile, components: Components) 
         if source != "step" or before.parts[name].interface_names:
             continue
         for body in before.bodies_of(name):
-            own, other = (robot.elastic_bodies()[body].length for robot in (before, after))
+            own, other = (
+                robot.elastic_bodies()[body].length for robot in (before, after)
+            )
             if abs(own - other) > 1e-9 * own:
                 file = getattr(before.parts[name], "file", name)
                 message = f"expected the length of {file}, got another"
@@ -243,7 +276,8 @@ def _changes(before: RobotFile, after: RobotFile, name: str) -> dict[str, float]
     """Return the nonzero changes of a part's lengths, material constants and foundation."""
 
     def numbers(robot: RobotFile) -> dict[str, Any]:
-        part, found = robot.parts[name], dict[str, Any]()
+        part = robot.parts[name]
+        found = dict[str, Any]()
         if isinstance(part, ParametricPart):
             found |= vars(part.parameters().present())
         for key, value in vars(robot.material(name) or SimpleNamespace()).items():
@@ -251,9 +285,12 @@ def _changes(before: RobotFile, after: RobotFile, name: str) -> dict[str, float]
                 found[key] = value
         return found | {"foundation": getattr(part, "foundation", None) or 0.0}
 
-    one, two = numbers(before), numbers(after)
+    one = numbers(before)
+    two = numbers(after)
     changed = {key: value for key, value in two.items() if value != one.get(key)}
-    return {k: v - one[k] if isinstance(v, float) else np.nan for k, v in changed.items()}
+    return {
+        k: v - one[k] if isinstance(v, float) else np.nan for k, v in changed.items()
+    }
 
 
 def _first(frequencies: np.ndarray, values: np.ndarray | None = None) -> np.ndarray:

@@ -14,7 +14,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.design.making import SUFFIX, Design, Journal, Makers, name_study, open_makers
+from stiffscope.design.making import (
+    SUFFIX,
+    Design,
+    Journal,
+    Makers,
+    name_study,
+    open_makers,
+)
 from stiffscope.design.outcomes import Outcomes, find_front
 from stiffscope.design.search import SWEEPS, Ending, search
 from stiffscope.design.study_reading import load_study
@@ -87,8 +94,12 @@ class Study:
         """Table with one row per design, SI; units are in the column names."""
         import pandas as pd
 
-        designs, count = self.designs, len(self.designs)
-        columns: dict[str, Any] = {"design": range(1, count + 1), "from": designs.origins}
+        designs = self.designs
+        count = len(self.designs)
+        columns: dict[str, Any] = {
+            "design": range(1, count + 1),
+            "from": designs.origins,
+        }
         columns["state"] = self.outcomes.states
         for k, v in enumerate(self.file.variables):
             columns[v.column] = [values[k] for values in designs.values]
@@ -104,9 +115,13 @@ class Study:
 
 
 def study(
-    path: str | Path, *, folder: str | Path | None = None, workers: int = 0,
-    scheduler: str | None = None, part: tuple[int, int] = WHOLE,
-) -> Study:  # fmt: skip
+    path: str | Path,
+    *,
+    folder: str | Path | None = None,
+    workers: int = 0,
+    scheduler: str | None = None,
+    part: tuple[int, int] = WHOLE,
+) -> Study:
     """Run a study: compute all designs that its file requests.
 
     Parameters
@@ -134,13 +149,20 @@ def study(
         The file is invalid, or the scheduler does not respond.
     """
     place = None if folder is None else Path(folder)
-    return run_study(load_study(path), place, workers=workers, scheduler=scheduler, part=part)
+    return run_study(
+        load_study(path), place, workers=workers, scheduler=scheduler, part=part
+    )
 
 
 def run_study(
-    file: StudyFile, folder: Path | None, report: Progress | None = None, *,
-    workers: int, scheduler: str | None = None, part: tuple[int, int] = WHOLE,
-) -> Study:  # fmt: skip
+    file: StudyFile,
+    folder: Path | None,
+    report: Progress | None = None,
+    *,
+    workers: int,
+    scheduler: str | None = None,
+    part: tuple[int, int] = WHOLE,
+) -> Study:
     """Run a study whose file was already read; see `study`.
 
     Parameters
@@ -157,9 +179,13 @@ def run_study(
     check_part(file, part)
     with (
         open_makers(file, workers, scheduler) as makers,
-        contextlib.nullcontext() if folder is None else Journal(file, folder) as journal,
+        contextlib.nullcontext()
+        if folder is None
+        else Journal(file, folder) as journal,
     ):
-        desk = _Desk(file, makers, [] if journal is None else [journal], journal, report, part)
+        desk = _Desk(
+            file, makers, [] if journal is None else [journal], journal, report, part
+        )
         return desk.finish(search(file, desk, part))
 
 
@@ -214,7 +240,9 @@ def find_study(folders: Sequence[Path]) -> Path:
     for folder in folders:
         if not folder.is_dir():
             got = f"none with {folder.name}"
-            raise InputError(f"{folder.parent}: expected the output folder of a share, got {got}")
+            raise InputError(
+                f"{folder.parent}: expected the output folder of a share, got {got}"
+            )
         for path in filter(None, map(name_study, sorted(folder.glob(f"*{SUFFIX}")))):
             if Path(path).is_file():
                 return Path(path)
@@ -226,10 +254,18 @@ class _Desk:
     """Stored and new designs by their values; thread-safe. New ones are stored at once."""
 
     def __init__(
-        self, file: StudyFile, makers: Makers, stored: Sequence[Journal], journal: Journal | None,
-        report: Progress | None, part: tuple[int, int],
-    ) -> None:  # fmt: skip
-        self.file, self.makers, self.journal, self.report = file, makers, journal, report
+        self,
+        file: StudyFile,
+        makers: Makers,
+        stored: Sequence[Journal],
+        journal: Journal | None,
+        report: Progress | None,
+        part: tuple[int, int],
+    ) -> None:
+        self.file = file
+        self.makers = makers
+        self.journal = journal
+        self.report = report
         self.total = len(range(part[0] - 1, file.designs, part[1]))
         self.rows: dict[Values, int] = {}
         self.found = array("d")  # responses, row after row
@@ -300,9 +336,13 @@ class _Desk:
         by_name = {r.name: found[:, k] for k, r in enumerate(self.file.responses)}
         failed = np.array([int(row) in self.reasons for row in rows], dtype=bool)
         goals = [goal.sign * by_name[goal.response] for goal in self.file.goals]
-        limits = [limit.violation(by_name[limit.response]) for limit in self.file.limits]
+        limits = [
+            limit.violation(by_name[limit.response]) for limit in self.file.limits
+        ]
         none = np.zeros((len(rows), 0))
-        return Outcomes(np.column_stack([none, *goals]), np.column_stack([none, *limits]), failed)
+        return Outcomes(
+            np.column_stack([none, *goals]), np.column_stack([none, *limits]), failed
+        )
 
     def _responses(self, rows: Indices) -> Array:
         count = len(self.file.responses)
@@ -317,12 +357,17 @@ class _Desk:
         for origin in sorted(self.asked, key=_rank_origin):
             for row in self.asked[origin]:
                 asked.setdefault(row, origin)
-        values, rows = list(self.rows), np.array(list(asked), dtype=np.int64)
-        reasons = {k: self.reasons[row] for k, row in enumerate(asked) if row in self.reasons}
+        values = list(self.rows)
+        rows = np.array(list(asked), dtype=np.int64)
+        reasons = {
+            k: self.reasons[row] for k, row in enumerate(asked) if row in self.reasons
+        }
         chosen = [values[row] for row in asked]
         designs = Designs(chosen, self._responses(rows), reasons, list(asked.values()))
         outcomes = self._judge(rows)
-        return Study(self.file, designs, outcomes, tuple(find_front(outcomes).tolist()), ending)
+        return Study(
+            self.file, designs, outcomes, tuple(find_front(outcomes).tolist()), ending
+        )
 
 
 def _rank_origin(origin: str) -> tuple[bool, int]:

@@ -60,7 +60,9 @@ def round_off(value: float) -> float:
 
 def write_override(name: str, value: Any) -> str:
     """Return an override for `--set`."""
-    text = json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
+    text = (
+        json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
+    )
     return f"{name}={text}"
 
 
@@ -109,10 +111,15 @@ class StudyFile:
 
     def poses_of(self, robot: RobotFile) -> np.ndarray:
         """Return all poses (n, k) of a design, m and rad."""
-        return np.array([robot.poses[p] if isinstance(p, str) else p for p in self.poses])
+        return np.array(
+            [robot.poses[p] if isinstance(p, str) else p for p in self.poses]
+        )
 
     def design(self, values: Iterable[Value]) -> RobotFile:
         """Return the robot with these values. Raise InputError if they are invalid."""
-        pairs, source = zip(self.variables, values, strict=True), self.robot.source
+        pairs = zip(self.variables, values, strict=True)
+        source = self.robot.source
         changes = [write_override(v.name, value) for v, value in pairs]
-        return read_robot(source.path, source.text, [*source.overrides, *changes], self.tolerance)
+        return read_robot(
+            source.path, source.text, [*source.overrides, *changes], self.tolerance
+        )

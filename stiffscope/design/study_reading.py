@@ -14,13 +14,27 @@ from pydantic import field_validator
 
 from stiffscope.design.path.job import load_job
 from stiffscope.design.responses import ALONG_PATH, Response, known_units, worst_of
-from stiffscope.design.study_file import Goal, Limit, StudyFile, Variable, round_off, write_override
+from stiffscope.design.study_file import (
+    Goal,
+    Limit,
+    StudyFile,
+    Variable,
+    round_off,
+    write_override,
+)
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.expressions import parse
 from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
-from stiffscope.robot.file.values import Reads, Says, Section, any_quantity, parse_whole, unit_of
+from stiffscope.robot.file.values import (
+    Reads,
+    Says,
+    Section,
+    any_quantity,
+    parse_whole,
+    unit_of,
+)
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.robot.parameters import parameters
 from stiffscope.robot.reader import load_robot_of, pose_of, read_robot
@@ -48,7 +62,10 @@ def _read_count(value: Any) -> int:
 
 Texts = Annotated[
     tuple[str, ...],
-    Reads(lambda value: [value] if isinstance(value, str) else value, says="texts in a list"),
+    Reads(
+        lambda value: [value] if isinstance(value, str) else value,
+        says="texts in a list",
+    ),
 ]
 Number = Annotated[int, Reads(_read_count, says="a whole number above 0")]
 
@@ -56,14 +73,23 @@ Number = Annotated[int, Reads(_read_count, says="a whole number above 0")]
 class StudySection(Section):
     """The top level of the file; `minimize` and `maximize` name responses, a sweep needs neither."""
 
-    robot: Annotated[str, Says("a robot file, seen from the study's folder, or the name of a bundled robot")]
+    robot: Annotated[
+        str,
+        Says(
+            "a robot file, seen from the study's folder, or the name of a bundled robot"
+        ),
+    ]
     components: Literal["fea", "beam", "published"] | None = None
     set: Texts = ()
-    tolerance: Annotated[str | None, Says("error bar of the parts' matrices, as `--tolerance` takes it")] = None
+    tolerance: Annotated[
+        str | None, Says("error bar of the parts' matrices, as `--tolerance` takes it")
+    ] = None
     method: Method
     designs: Annotated[int | None, Reads(_read_count, says="how many at most")] = None
     seed: Annotated[int, Reads(parse_whole, says="a whole number")] = 1
-    parameters: Annotated[dict[str, Any], Says('a table such as "slider.thickness" = ["15 mm", "40 mm"]')]
+    parameters: Annotated[
+        dict[str, Any], Says('a table such as "slider.thickness" = ["15 mm", "40 mm"]')
+    ]
     responses: Annotated[dict[str, Any], Says('a table such as stiffness = "K_tx"')]
     constraints: Annotated[Texts, Says('texts such as "mass <= 3 kg"')] = ()
     minimize: Texts = ()
@@ -75,7 +101,9 @@ class RangeSection(Section):
 
     range: Annotated[list[Any] | None, Says(RANGE)] = None
     steps: Number = 5
-    values: Annotated[list[Any] | None, Says('values such as [0, 2, 4] or ["steel", "titanium"]')] = None
+    values: Annotated[
+        list[Any] | None, Says('values such as [0, 2, 4] or ["steel", "titanium"]')
+    ] = None
 
     @field_validator("values")
     @classmethod
@@ -88,12 +116,24 @@ class RangeSection(Section):
 class ResponseSection(Section):
     """A response as a table; a text alone is its `of`, with the worst value over the named poses."""
 
-    of: Annotated[str, Says('an expression over quantities such as "K_tx" or "K_tx/mass"')]
-    at: Annotated[Any, Says('poses by name or numbers in a list, or "map": a grid of the robot file\'s [map]')] = None
+    of: Annotated[
+        str, Says('an expression over quantities such as "K_tx" or "K_tx/mass"')
+    ]
+    at: Annotated[
+        Any,
+        Says(
+            'poses by name or numbers in a list, or "map": a grid of the robot file\'s [map]'
+        ),
+    ] = None
     points: Annotated[Number, Says("points of that grid along either coordinate")] = 5
-    path: Annotated[str | None, Says("a job of `stiffscope path`; `of`: error, normal, along, binormal")] = None
+    path: Annotated[
+        str | None,
+        Says("a job of `stiffscope path`; `of`: error, normal, along, binormal"),
+    ] = None
     take: Literal["least", "greatest", "mean", "worst", "rms"] | None = None
-    unit: Annotated[str | None, Says('SI unit, for expressions of several quantities: "N/m/kg"')] = None
+    unit: Annotated[
+        str | None, Says('SI unit, for expressions of several quantities: "N/m/kg"')
+    ] = None
 
 
 SECTIONS = (
@@ -130,7 +170,8 @@ def _read(top: StudySection, source: Source) -> StudyFile:
     robot = load_robot_of(source.path, top.robot, top.set, top.tolerance)
     given = _list_entries(top.parameters, ("parameters",), RangeSection)
     for key, name, _ in given:
-        if (other := name.partition(".")[2]) in (each[1] for each in given):
+        other = name.partition(".")[2]
+        if other in (each[1] for each in given):
             raise FieldError(key, f'expected each value once, got "{other}" too')
     variables = tuple(_read_variable(*each, robot, top) for each in given)
     poses: dict[Pose, int] = {}
@@ -140,23 +181,40 @@ def _read(top: StudySection, source: Source) -> StudyFile:
     units = {response.name: response.unit for response in responses}
     for key, name, _ in wanted:
         if not _NAME.fullmatch(name):
-            raise FieldError(key, f'expected a name of letters, digits and _, got "{name}"')
-    limits = tuple(_read_limit(text, k, units) for k, text in enumerate(top.constraints))
+            raise FieldError(
+                key, f'expected a name of letters, digits and _, got "{name}"'
+            )
+    limits = tuple(
+        _read_limit(text, k, units) for k, text in enumerate(top.constraints)
+    )
     return StudyFile(
-        source.path, robot, top.components, top.tolerance, top.method,
-        _count_designs(top, variables), top.seed, variables, responses, limits,
-        _read_goals(top, units), tuple(poses),
-    )  # fmt: skip
+        source.path,
+        robot,
+        top.components,
+        top.tolerance,
+        top.method,
+        _count_designs(top, variables),
+        top.seed,
+        variables,
+        responses,
+        limits,
+        _read_goals(top, units),
+        tuple(poses),
+    )
 
 
 def _list_entries(
     table: dict[str, Any], key: Key, model: type[Section]
-) -> list[tuple[Key, str, Any]]:  # fmt: skip
+) -> list[tuple[Key, str, Any]]:
     """Return key, name and value of a table's entries; slider.thickness may be a dotted key."""
     found: list[tuple[Key, str, Any]] = []
 
     def walk(inner: Key, name: str, value: Any) -> None:
-        if isinstance(value, dict) and value and not set(model.model_fields) & set(value):
+        if (
+            isinstance(value, dict)
+            and value
+            and not set(model.model_fields) & set(value)
+        ):
             for word, each in value.items():
                 walk((*inner, word), f"{name}.{word}" if name else word, each)
         else:
@@ -173,7 +231,9 @@ def _refuse(key: Key, expected: str, got: Any) -> FieldError:
     return FieldError(key, f"expected {expected}, got {q.show_value(got)}")
 
 
-def _read_variable(key: Key, name: str, given: Any, robot: RobotFile, top: StudySection) -> Variable:
+def _read_variable(
+    key: Key, name: str, given: Any, robot: RobotFile, top: StudySection
+) -> Variable:
     table = given if isinstance(given, dict) else {"range": given}
     found = read_table(RangeSection, table, key)
     if (found.range is None) == (found.values is None):
@@ -197,7 +257,9 @@ def _read_variable(key: Key, name: str, given: Any, robot: RobotFile, top: Study
     low, high = map(float, values)
     if not low < high:
         raise _refuse(key, f"{RANGE}, the lower end first", texts)
-    levels = tuple(round_off(float(each)) for each in np.linspace(low, high, found.steps))
+    levels = tuple(
+        round_off(float(each)) for each in np.linspace(low, high, found.steps)
+    )
     return Variable(name, unit, levels, low, high)
 
 
@@ -220,7 +282,9 @@ def _read_value(value: Any, key: Key) -> Value:
 
 def _check_takes(name: str, texts: list[Any], robot: RobotFile, key: Key) -> None:
     """Raise FieldError if a word is invalid itself, or no value gives a valid robot."""
-    refused, valid, source = list[FieldError](), False, robot.source
+    refused = list[FieldError]()
+    valid = False
+    source = robot.source
     for value in texts:
         text = write_override(name, value)
         is_word = isinstance(value, str) and isinstance(_read_value(value, key), str)
@@ -245,10 +309,16 @@ def _check_takes(name: str, texts: list[Any], robot: RobotFile, key: Key) -> Non
 
 
 def _read_response(
-    key: Key, name: str, given: Any, robot: RobotFile, poses: dict[Pose, int],
+    key: Key,
+    name: str,
+    given: Any,
+    robot: RobotFile,
+    poses: dict[Pose, int],
     find_job: Callable[[str], Job],
-) -> Response:  # fmt: skip
-    found = read_table(ResponseSection, {"of": given} if isinstance(given, str) else given, key)
+) -> Response:
+    found = read_table(
+        ResponseSection, {"of": given} if isinstance(given, str) else given, key
+    )
     where = (*key, "of") if isinstance(given, dict) else key
     job = None if found.path is None else find_job(found.path)
     along: dict[str, str] = dict.fromkeys(ALONG_PATH, "m")
@@ -258,9 +328,12 @@ def _read_response(
         for each in expression.names:
             one_of(each, units, "a quantity")
     alone = expression.text if expression.text in units else None
-    unit, take, of_unit = found.unit, found.take, (*key, "unit")
+    unit = found.unit
+    take = found.take
+    of_unit = (*key, "unit")
     if alone:
-        unit, take = units[alone], take or worst_of(alone)
+        unit = units[alone]
+        take = take or worst_of(alone)
     if unit is None:
         expected = 'the SI unit of the expression such as "N/m/kg"'
         raise FieldError(of_unit, f"expected {expected}, got nothing")
@@ -268,17 +341,25 @@ def _read_response(
     with suppress(ValueError):
         given = q.powers_of(unit)
     with suppress(ValueError):  # an index may be a sum of unlike quantities
-        measured = expression.powers({each: q.powers_of(units[each]) for each in expression.names})
+        measured = expression.powers(
+            {each: q.powers_of(units[each]) for each in expression.names}
+        )
     if given is None:
         raise _refuse(of_unit, 'a product of SI units such as "N/m/kg"', unit)
-    if unit != "1" and measured is not None and not np.allclose(given[:-1], measured[:-1]):
+    if (
+        unit != "1"
+        and measured is not None
+        and not np.allclose(given[:-1], measured[:-1])
+    ):
         what = f"a unit of {q.show_powers(measured)}, which {expression.text} measures"
         raise _refuse(of_unit, what, unit)
     if job is not None:
         if found.at is not None:
             raise _refuse((*key, "at"), "none beside a path", found.at)
         points = np.flatnonzero(job.path.acting)
-        return Response(name, expression, unit, tuple(points.tolist()), found.take or "worst", job)
+        return Response(
+            name, expression, unit, tuple(points.tolist()), found.take or "worst", job
+        )
     at = [poses.setdefault(pose, len(poses)) for pose in _list_poses(found, robot, key)]
     if take is None and len(at) > 1:
         which = "least, greatest, mean, worst or rms: what of several poses counts"
@@ -301,7 +382,9 @@ def _list_poses(found: ResponseSection, robot: RobotFile, key: Key) -> list[Pose
     for each in names if isinstance(found.at, str) else chosen:
         try:
             named = not isinstance(each, list)
-            out.append(one_of(each, robot.poses, "a pose") if named else pose_of(robot, each))
+            out.append(
+                one_of(each, robot.poses, "a pose") if named else pose_of(robot, each)
+            )
         except (InputError, ValueError) as error:
             raise FieldError(where, str(error).removeprefix("--at: ")) from error
     numbers = [robot.poses[each] if isinstance(each, str) else each for each in out]
@@ -318,8 +401,14 @@ def _list_grid(robot: RobotFile, points: int, where: Key) -> list[Pose]:
         raise FieldError(where, f"expected a pose: {robot.path} has no [map], got map")
     mechanism = rigid_mechanism(robot)
     ranges = robot.map.ranges()
-    mesh = np.meshgrid(*(np.linspace(*ends, points) for ends in ranges.values()), indexing="ij")
-    base = mechanism.tool.home if robot.map.at is None else np.array(robot.map.at, dtype=float)
+    mesh = np.meshgrid(
+        *(np.linspace(*ends, points) for ends in ranges.values()), indexing="ij"
+    )
+    base = (
+        mechanism.tool.home
+        if robot.map.at is None
+        else np.array(robot.map.at, dtype=float)
+    )
     grid = np.tile(base, (mesh[0].size, 1))
     for name, values in zip(ranges, mesh, strict=True):
         grid[:, robot.tool.pose.index(name)] = values.ravel()
@@ -338,12 +427,16 @@ def _read_limit(text: str, number: int, units: dict[str, str]) -> Limit:
     name, relation, value = match.groups()
     with blame(*key):
         unit = units[one_of(name, units, "a response")]
-    dimension = q.Dimension(f"a value of {name}", "" if unit == "1" else unit, f"3 {unit}")
+    dimension = q.Dimension(
+        f"a value of {name}", "" if unit == "1" else unit, f"3 {unit}"
+    )
     given: Any = value
     with suppress(ValueError):
         given = float(value)
     with blame(*key):
-        return Limit(name, relation == "<=", q.to_si(given, dimension, sign="any"), text)
+        return Limit(
+            name, relation == "<=", q.to_si(given, dimension, sign="any"), text
+        )
 
 
 def _read_goals(top: StudySection, units: dict[str, str]) -> tuple[Goal, ...]:
@@ -353,9 +446,15 @@ def _read_goals(top: StudySection, units: dict[str, str]) -> tuple[Goal, ...]:
             with blame(word, number):
                 found.append(Goal(one_of(name, units, "a response"), sign))
     if top.method == "optimum" and len(found) != 1:
-        raise _refuse(("method",), "one response to minimize or maximize for an optimum", len(found))
+        raise _refuse(
+            ("method",),
+            "one response to minimize or maximize for an optimum",
+            len(found),
+        )
     if top.method == "pareto" and len(found) < 2:
-        raise _refuse(("method",), "two or more to minimize and maximize for pareto", len(found))
+        raise _refuse(
+            ("method",), "two or more to minimize and maximize for pareto", len(found)
+        )
     return tuple(found)
 
 
@@ -363,7 +462,9 @@ def _count_designs(top: StudySection, variables: tuple[Variable, ...]) -> int:
     if top.method != "grid":
         return top.designs or DESIGNS[top.method]
     if top.designs is not None:
-        raise FieldError(("designs",), "expected none for a grid, whose ranges have steps and values")
+        raise FieldError(
+            ("designs",), "expected none for a grid, whose ranges have steps and values"
+        )
     count = math.prod(len(variable.levels) for variable in variables)
     if count > MOST_DESIGNS:
         raise _refuse(("method",), f"a grid of at most {MOST_DESIGNS} designs", count)

@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     from stiffscope.design.studies import Study
     from stiffscope.design.study_file import Limit, Variable
 
-SETTLED = 0.01  # most of the front's spread that the last quarter of the designs may add
+SETTLED = (
+    0.01  # most of the front's spread that the last quarter of the designs may add
+)
 AT_END = 1e-3  # distance from the end of a range that counts as the end, over the range
 
 
@@ -52,7 +54,9 @@ def find_nearest(study: Study) -> Nearest | None:
     limit = study.file.limits[int(np.argmax(outcomes.violations[index]))]
     names = [response.name for response in study.file.responses]
     found = float(study.designs.responses[index, names.index(limit.response)])
-    met = (outcomes.violations <= FEASIBLE).sum(axis=0)  # NaN of failed designs gives False
+    met = (outcomes.violations <= FEASIBLE).sum(
+        axis=0
+    )  # NaN of failed designs gives False
     return Nearest(index, limit, found, tuple(met.tolist()))
 
 
@@ -64,10 +68,14 @@ def find_bounds(study: Study) -> list[AtBound]:
     for k, v in enumerate(study.file.variables):
         if v.low is None or v.high is None:
             continue
-        values = np.array([study.designs.values[index][k] for index in study.best], dtype=float)
+        values = np.array(
+            [study.designs.values[index][k] for index in study.best], dtype=float
+        )
         near = AT_END * (v.high - v.low)
         ends = {"lower": values <= v.low + near, "upper": values >= v.high - near}
-        found += [AtBound(v, end, int(at.sum())) for end, at in ends.items() if at.any()]
+        found += [
+            AtBound(v, end, int(at.sum())) for end, at in ends.items() if at.any()
+        ]
     return found
 
 
@@ -83,11 +91,17 @@ def judge_convergence(study: Study) -> tuple[bool | None, tuple[str, ...]]:
         return None, ()
     early = find_front(study.outcomes[: max(1, round(0.75 * len(study.designs)))])
     if not early.size:
-        return False, ("the first feasible designs came with the last quarter of the designs",)
-    final, former = (study.outcomes.objectives[list(some)] for some in (study.best, early))
+        return False, (
+            "the first feasible designs came with the last quarter of the designs",
+        )
+    final, former = (
+        study.outcomes.objectives[list(some)] for some in (study.best, early)
+    )
     spread = np.ptp(final, axis=0)
     scale = np.where(spread > 0, spread, 1.0)
     steps = [float(((former - point) / scale).max(axis=1).min()) for point in final]
     moved = max(0.0, *steps)
     share = f"{100 * moved:.2g} % of its spread"
-    return moved <= SETTLED, (f"the last quarter of the designs moved the front by {share}",)
+    return moved <= SETTLED, (
+        f"the last quarter of the designs moved the front by {share}",
+    )

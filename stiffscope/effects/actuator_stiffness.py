@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.effect import FACTOR, FREE, STIFFNESS_FACTOR, Candidates, Parameter, Setting
+from stiffscope.effects.effect import (
+    FACTOR,
+    FREE,
+    STIFFNESS_FACTOR,
+    Candidates,
+    Parameter,
+    Setting,
+)
 from stiffscope.effects.elements import ElementEffect, soften
 
 if TYPE_CHECKING:
@@ -31,21 +38,34 @@ class ActuatorStiffness(ElementEffect):
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
         """Yield candidates at driven joints."""
-        robot, known = setting.robot, cls.parameters[0]
+        robot = setting.robot
+        known = cls.parameters[0]
         for place in robot.places(robot.driven):
             factors = [robot.factor(name) for name in place.members]
-            count, within = len(factors), max(factors)
+            count = len(factors)
+            within = max(factors)
             size = within - 1.0 if within > 1.0 else known.size
-            low, high = min(known.low, 1.0 / within), max(known.high, within)
+            low = min(known.low, 1.0 / within)
+            high = max(known.high, within)
             prior = known._replace(size=size, low=low, high=high)
-            yield cls(partial(soften, robot, place.members)).make_candidate(place, (prior,))
+            yield cls(partial(soften, robot, place.members)).make_candidate(
+                place, (prior,)
+            )
             if count > 1 and min(factors) > 1.0:
                 # with priors this wide each drive may have its own factor besides a common one
-                each = tuple(prior._replace(name=f"{name}.{known.name}") for name in place.members)
+                each = tuple(
+                    prior._replace(name=f"{name}.{known.name}")
+                    for name in place.members
+                )
                 yield cls(partial(_soften_each, robot, place.members)).make_candidate(
-                    place, each, scale=(size,) * (1 + count), groups=(1, count), bounds=FREE,
-                    physical=_find_factors, internal=_find_growth,
-                )  # fmt: skip
+                    place,
+                    each,
+                    scale=(size,) * (1 + count),
+                    groups=(1, count),
+                    bounds=FREE,
+                    physical=_find_factors,
+                    internal=_find_growth,
+                )
 
 
 def _grow(u: Array) -> Array:
@@ -66,4 +86,6 @@ def _find_growth(factors: Array) -> Array:
 def _soften_each(nominal: NominalRobot, names: Sequence[str], u: Array) -> Changes:
     """Scale the drive compliance of each joint by its own factor (see `_grow`)."""
     more = _grow(u) - 1.0
-    return {name: soften(nominal, [name], more[k:])[name] for k, name in enumerate(names)}
+    return {
+        name: soften(nominal, [name], more[k:])[name] for k, name in enumerate(names)
+    }

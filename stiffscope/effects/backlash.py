@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from stiffscope.effects.effect import ADDED, Array, Candidates, Effect, Influence, Parameter, Setting
+from stiffscope.effects.effect import (
+    ADDED,
+    Array,
+    Candidates,
+    Effect,
+    Influence,
+    Parameter,
+    Setting,
+)
 
 
 @dataclass(frozen=True)
@@ -27,8 +35,12 @@ class Backlash(Effect):
         for place in setting.robot.places(driven):
             if place.sole:
                 turns = driven[place.sole].kind == "revolute"
-                own = cls.parameters if turns else setting.in_robots_units(cls.parameters)
-                yield cls(place.sole).make_candidate(place, own, units=("rad" if turns else "m",))
+                own = (
+                    cls.parameters if turns else setting.in_robots_units(cls.parameters)
+                )
+                yield cls(place.sole).make_candidate(
+                    place, own, units=("rad" if turns else "m",)
+                )
 
     def influence(self, values: Array) -> Influence:
         """Return the dead zone of the drive."""

@@ -20,10 +20,27 @@ from stiffscope.runtime.types import Array
 from stiffscope.vjm.mechanism import Change
 
 __all__ = [  # names that effect modules import
-    "ADDED", "FACTOR", "FREE", "GROWTH", "KNOWN", "STIFFNESS_FACTOR", "UNNAMED", "Array",
-    "Candidate", "Candidates", "Changes", "Doubts", "Effect", "Influence", "NominalRobot",
-    "Parameter", "Payload", "Place", "Row", "Setting",
-]  # fmt: skip
+    "ADDED",
+    "FACTOR",
+    "FREE",
+    "GROWTH",
+    "KNOWN",
+    "STIFFNESS_FACTOR",
+    "UNNAMED",
+    "Array",
+    "Candidate",
+    "Candidates",
+    "Changes",
+    "Doubts",
+    "Effect",
+    "Influence",
+    "NominalRobot",
+    "Parameter",
+    "Payload",
+    "Place",
+    "Row",
+    "Setting",
+]
 
 Changes = dict[str, Change]
 """Changes by element name, in the element's own axes."""
@@ -37,7 +54,10 @@ ADDED = (0.0, np.inf)
 """Bounds of parameters that cannot be negative, such as an added compliance or a dead zone."""
 FACTOR = (-0.8, 50.0)
 """Bounds of ``1/factor - 1`` or ``factor - 1``, which exclude infinite stiffness."""
-STIFFNESS_FACTOR: Conversion = (lambda u: 1.0 / (1.0 + u), lambda factor: 1.0 / factor - 1.0)
+STIFFNESS_FACTOR: Conversion = (
+    lambda u: 1.0 / (1.0 + u),
+    lambda factor: 1.0 / factor - 1.0,
+)
 """Conversion of a stiffness factor, where the compliance is multiplied by ``1 + u``."""
 GROWTH: Conversion = (lambda growth: 1.0 + growth, lambda factor: factor - 1.0)
 """Conversion of a factor with its relative change as internal parameter."""
@@ -118,7 +138,9 @@ class Candidate:
     @property
     def one_sided(self) -> tuple[bool, ...]:
         """Flags (k,) of the internal parameters that cannot be negative."""
-        return (self.positive,) * (len(self.scale) - self.couplings) + (False,) * self.couplings
+        return (self.positive,) * (len(self.scale) - self.couplings) + (
+            False,
+        ) * self.couplings
 
     @property
     def is_nuisance(self) -> bool:
@@ -128,7 +150,9 @@ class Candidate:
     @property
     def simple(self) -> bool:
         """Whether it is a known effect with parameters, without couplings, and not flexible."""
-        return bool(self.scale) and not (self.is_nuisance or self.flexible or self.couplings)
+        return bool(self.scale) and not (
+            self.is_nuisance or self.flexible or self.couplings
+        )
 
 
 Candidates = Iterator[Candidate]
@@ -220,7 +244,9 @@ class Setting:
     def length(self) -> float:
         """Largest distance of two joints, or of the tool from one, m."""
         mechanism = self.robot.mechanism
-        points = np.array([*(joint.at for joint in mechanism.joints), mechanism.tool.at])
+        points = np.array(
+            [*(joint.at for joint in mechanism.joints), mechanism.tool.at]
+        )
         return float(np.linalg.norm(points[:, None] - points, axis=2).max()) or 1.0
 
     @cached_property
@@ -233,7 +259,9 @@ class Setting:
         soft, loose = self.compliance
         units = {"m/N": soft, "rad/(N·m)": loose, "m": self.length, "kg": self.mass}
         own = ((p, units.get(p.unit, 1.0)) for p in parameters)
-        return tuple(Parameter(*p[:2], *(unit * value for value in p[2:])) for p, unit in own)
+        return tuple(
+            Parameter(*p[:2], *(unit * value for value in p[2:])) for p, unit in own
+        )
 
 
 class Effect:
@@ -269,10 +297,14 @@ class Effect:
     def refusal(cls, robot: NominalRobot, place: str) -> str:
         """Return why a robot file cannot contain it; empty if it can."""
         del robot
-        reason = f"{cls.word} @ {place}: no part of the robot; correct the readings instead"
+        reason = (
+            f"{cls.word} @ {place}: no part of the robot; correct the readings instead"
+        )
         return "" if cls.adoptable else reason
 
-    def make_candidate(self, place: Place, parameters: Sequence[Parameter] | None = None, **more: Any) -> Candidate:
+    def make_candidate(
+        self, place: Place, parameters: Sequence[Parameter] | None = None, **more: Any
+    ) -> Candidate:
         """Return this effect as a candidate.
 
         Parameters

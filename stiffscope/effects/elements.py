@@ -69,22 +69,31 @@ def soften(nominal: NominalRobot, names: Sequence[str], u: Array) -> Changes:
 
 
 def pick_patterns(
-    found: Mapping[str, Mapping[str, Array]], place: Place, parameters: Sequence[Parameter]
+    found: Mapping[str, Mapping[str, Array]],
+    place: Place,
+    parameters: Sequence[Parameter],
 ) -> tuple[list[Parameter], dict[str, Array]]:
     """Return the parameters that some elements have, and each element's patterns (k, 6) of them."""
     own = {name: found[name] for name in place.members}
     known = [p for p in parameters if any(p.name in each for each in own.values())]
-    return known, {n: np.array([own[n].get(p.name, np.zeros(6)) for p in known]) for n in own}
+    return known, {
+        n: np.array([own[n].get(p.name, np.zeros(6)) for p in known]) for n in own
+    }
 
 
 def add_diagonal(patterns: Mapping[str, Array], values: Array) -> Changes:
     """Add diagonal compliances: the parameters (k,) times each element's pattern (k, 6)."""
-    return {name: Change(np.diag(values @ pattern)) for name, pattern in patterns.items()}
+    return {
+        name: Change(np.diag(values @ pattern)) for name, pattern in patterns.items()
+    }
 
 
 def move_ends(directions: Mapping[str, Array], values: Array) -> Changes:
     """Move unloaded ends of elements by the parameter times their own twists (6,)."""
-    return {name: Change(offset=direction * values[0]) for name, direction in directions.items()}
+    return {
+        name: Change(offset=direction * values[0])
+        for name, direction in directions.items()
+    }
 
 
 def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
@@ -98,13 +107,18 @@ def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
         change = changes.get(joint.name)
         if joint.drive is None or change is None or change.compliance is None:
             continue
-        along, rest = 3 if joint.kind == "revolute" else 0, change.compliance.copy()
-        screw = 0.0 if joint.compliance is None else float(joint.compliance[along, along])
+        along = 3 if joint.kind == "revolute" else 0
+        rest = change.compliance.copy()
+        screw = (
+            0.0 if joint.compliance is None else float(joint.compliance[along, along])
+        )
         added = float(rest[along, along]) / (1.0 + screw * joint.drive.stiffness)
         rest[along, along] -= added
         if added < 0.0:
             try:
-                stiffer[joint.name] = replace(joint, drive=joint.drive.add_compliance(added))
+                stiffer[joint.name] = replace(
+                    joint, drive=joint.drive.add_compliance(added)
+                )
             except InputError as error:
                 raise InputError(f"{joint.name}: {error}") from error
             bearings[joint.name] = replace(change, compliance=rest)
@@ -120,7 +134,9 @@ def change_robot(mechanism: Mechanism, influence: Influence) -> Mechanism:
     for k, joint in enumerate(joints):
         if joint.drive and (width := influence.dead_zones.get(joint.name)):
             joints[k] = replace(joint, drive=joint.drive.add_backlash(2.0 * width))
-    changed = change_elements(replace(mechanism, joints=tuple(joints)), influence.elements)
+    changed = change_elements(
+        replace(mechanism, joints=tuple(joints)), influence.elements
+    )
     return add_payloads(changed, influence.payloads)
 
 
@@ -133,7 +149,9 @@ def add_payloads(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism
         centre = np.zeros(3) if body.centre is None else body.centre
         whole = body.mass + payload.mass
         if not whole > 0.0:
-            raise InputError(f"{payload.body}: expected a mass above 0 kg, got {whole:g}")
+            raise InputError(
+                f"{payload.body}: expected a mass above 0 kg, got {whole:g}"
+            )
         if body.elastic is not None:
             bodies[name] = replace(body, mass=whole)
             continue
@@ -151,6 +169,11 @@ def add_payloads(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism
 
 def without_ranges(mechanism: Mechanism) -> Mechanism:
     """Return the mechanism with unlimited drive ranges."""
-    drives = (j.drive and replace(j.drive, low=-np.inf, high=np.inf) for j in mechanism.joints)
-    joints = (replace(j, drive=drive) for j, drive in zip(mechanism.joints, drives, strict=True))
+    drives = (
+        j.drive and replace(j.drive, low=-np.inf, high=np.inf) for j in mechanism.joints
+    )
+    joints = (
+        replace(j, drive=drive)
+        for j, drive in zip(mechanism.joints, drives, strict=True)
+    )
     return replace(mechanism, joints=tuple(joints))

@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from stiffscope.effects.effect import FACTOR, GROWTH, Array, Candidates, Effect, Influence, Parameter, Place, Setting
+from stiffscope.effects.effect import (
+    FACTOR,
+    GROWTH,
+    Array,
+    Candidates,
+    Effect,
+    Influence,
+    Parameter,
+    Place,
+    Setting,
+)
 from stiffscope.effects.instruments import INSTRUMENT
 
 

@@ -43,22 +43,34 @@ class Geometry(ElementEffect):
 
     word = "geometry"
     precedence = 115
-    parameters = (Parameter("offset", "m", 3e-4, 0.0, 1e-2), Parameter("angle", "rad", 1e-3, 0.0, 0.05))
+    parameters = (
+        Parameter("offset", "m", 3e-4, 0.0, 1e-2),
+        Parameter("angle", "rad", 1e-3, 0.0, 0.05),
+    )
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
         """Yield candidates for the whole robot and for groups of joints."""
         robot = setting.robot
-        twists, known = find_axis_twists(robot.mechanism), setting.in_robots_units(cls.parameters)
+        twists = find_axis_twists(robot.mechanism)
+        known = setting.in_robots_units(cls.parameters)
         for place in _places(robot, list(twists)):
-            errors = sorted(_errors(robot, place.members), key=lambda error: error.turns)
+            errors = sorted(
+                _errors(robot, place.members), key=lambda error: error.turns
+            )
             turns = [error.turns for error in errors]
             kinds = [known[turn] for turn in sorted(set(turns))]
             counts = tuple(turns.count(turn) for turn in sorted(set(turns)))
             yield cls(partial(_displace, _find_patterns(errors))).make_candidate(
-                place, kinds, scale=tuple(known[t].size for t in turns), groups=counts,
-                parts=tuple(f"{e.joint}.{e.name}" for e in errors), physical=partial(_rms, counts),
-                part_units=tuple("rad" if t else "m" for t in turns), flexible=True)  # fmt: skip
+                place,
+                kinds,
+                scale=tuple(known[t].size for t in turns),
+                groups=counts,
+                parts=tuple(f"{e.joint}.{e.name}" for e in errors),
+                physical=partial(_rms, counts),
+                part_units=tuple("rad" if t else "m" for t in turns),
+                flexible=True,
+            )
 
 
 def _places(robot: NominalRobot, joints: Sequence[str]) -> Iterator[Place]:
@@ -99,4 +111,6 @@ def _displace(patterns: tuple[list[str], Array], values: Array) -> Changes:
 def _rms(counts: Sequence[int], values: Array) -> Array:
     """Return the root mean square of each group of values (k,)."""
     ends = np.cumsum([0, *counts]).tolist()
-    return np.array([np.sqrt(np.mean(np.square(values[a:b]))) for a, b in pairwise(ends)])
+    return np.array(
+        [np.sqrt(np.mean(np.square(values[a:b]))) for a, b in pairwise(ends)]
+    )

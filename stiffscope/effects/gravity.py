@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from stiffscope.effects.effect import Array, Candidates, Effect, Influence, Place, Setting
+from stiffscope.effects.effect import (
+    Array,
+    Candidates,
+    Effect,
+    Influence,
+    Place,
+    Setting,
+)
 
 
 @dataclass(frozen=True)

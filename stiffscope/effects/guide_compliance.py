@@ -13,7 +13,10 @@ from stiffscope.effects.elements import ROTATIONS, ElementEffect, add_diagonal
 _ALIKE = np.array([np.eye(6)[1], np.eye(6)[2], ROTATIONS])
 _APART = np.eye(6)[1:]
 _SHIFTS = tuple(Parameter(name, "m/N", low=0.0) for name in ("lateral", "vertical"))
-_TURNS = [Parameter(name, "rad/(N·m)", low=0.0) for name in ("angular", "roll", "pitch", "yaw")]
+_TURNS = [
+    Parameter(name, "rad/(N·m)", low=0.0)
+    for name in ("angular", "roll", "pitch", "yaw")
+]
 
 
 @dataclass(frozen=True)
@@ -30,8 +33,12 @@ class GuideCompliance(ElementEffect):
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
         """Yield candidates at prismatic joints."""
-        slides = [j.name for j in setting.robot.mechanism.joints if j.kind == "prismatic"]
+        slides = [
+            j.name for j in setting.robot.mechanism.joints if j.kind == "prismatic"
+        ]
         for place in setting.robot.places(slides):
             for patterns, known in ((_ALIKE, cls.parameters), (_APART, cls.apart)):
-                effect = cls(partial(add_diagonal, dict.fromkeys(place.members, patterns)))
+                effect = cls(
+                    partial(add_diagonal, dict.fromkeys(place.members, patterns))
+                )
                 yield effect.make_candidate(place, setting.in_robots_units(known))

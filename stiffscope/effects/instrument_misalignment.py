@@ -14,7 +14,9 @@ class InstrumentMisalignment(InstrumentEffect):
 
     word = "instrument-misalignment"
     precedence = 150
-    parameters = tuple(Parameter(name, "rad", 0.01, -0.1, 0.1) for name in ("rx", "ry", "rz"))
+    parameters = tuple(
+        Parameter(name, "rad", 0.01, -0.1, 0.1) for name in ("rx", "ry", "rz")
+    )
 
     def influence(self, values: Array) -> Influence:
         """Return the rotation of the instrument."""

@@ -8,7 +8,8 @@ from stiffscope.effects.effect import Candidates, Effect, Place, Setting
 
 INSTRUMENT = "instrument"
 """The instrument at M, or all sensors if nothing is read at M."""
-TRANSLATION, ROTATION = "translation", "rotation"
+TRANSLATION = "translation"
+ROTATION = "rotation"
 """Its parts that read displacements and rotations."""
 
 
@@ -21,6 +22,11 @@ class InstrumentEffect(Effect):
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
         """Yield candidates at the instrument at M, or all sensors together, and at each sensor."""
-        together = [INSTRUMENT] if setting.tool_is_read or len(setting.sensors) > 1 else []
-        for name in (*together, *(sensor for sensor, moves in setting.sensors.items() if moves)):
+        together = (
+            [INSTRUMENT] if setting.tool_is_read or len(setting.sensors) > 1 else []
+        )
+        for name in (
+            *together,
+            *(sensor for sensor, moves in setting.sensors.items() if moves),
+        ):
             yield cls(name).make_candidate(Place(name), component=name)

@@ -50,7 +50,11 @@ class JointAxis(ElementEffect):
 def find_axis_twists(mechanism: Mechanism) -> dict[str, dict[str, Array]]:
     """Return axis error twists (6,) by joint and name; axes of slides can only be rotated."""
     return {
-        j.name: {name: np.eye(6)[k] for name, k in ACROSS.items() if k > 2 or j.kind != "prismatic"}
+        j.name: {
+            name: np.eye(6)[k]
+            for name, k in ACROSS.items()
+            if k > 2 or j.kind != "prismatic"
+        }
         for j in mechanism.joints
         if j.kind in LED
     }

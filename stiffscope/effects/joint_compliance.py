@@ -10,7 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.effects.effect import ADDED, Array, Candidates, Parameter, Setting
-from stiffscope.effects.elements import ALONG, ROTATIONS, ElementEffect, add_diagonal, pick_patterns
+from stiffscope.effects.elements import (
+    ALONG,
+    ROTATIONS,
+    ElementEffect,
+    add_diagonal,
+    pick_patterns,
+)
 
 if TYPE_CHECKING:
     from stiffscope.vjm.joints import Joint
@@ -39,18 +45,25 @@ class JointCompliance(ElementEffect):
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
         """Yield candidates at all joints except driven slides, in their constrained directions."""
-        joints, own = setting.robot.mechanism.joints, setting.in_robots_units(cls.parameters)
+        joints = setting.robot.mechanism.joints
+        own = setting.in_robots_units(cls.parameters)
         bearings = [j for j in joints if j.kind != "prismatic" or j.drive is None]
         held = {j.name: held_patterns(j) for j in bearings}
         for place in setting.robot.places(held):
             known, patterns = pick_patterns(held, place, own)
             yield cls(partial(add_diagonal, patterns)).make_candidate(place, known)
             if [p.name for p in known[:2]] == ["radial", "axial"]:
-                alike = {m: np.vstack([a + b, *rest]) for m, (a, b, *rest) in patterns.items()}
+                alike = {
+                    m: np.vstack([a + b, *rest])
+                    for m, (a, b, *rest) in patterns.items()
+                }
                 yield cls(partial(add_diagonal, alike)).make_candidate(
-                    place, known, scale=tuple(p.size for p in known[1:]),
-                    physical=_tell_apart, internal=itemgetter(slice(1, None)),
-                )  # fmt: skip
+                    place,
+                    known,
+                    scale=tuple(p.size for p in known[1:]),
+                    physical=_tell_apart,
+                    internal=itemgetter(slice(1, None)),
+                )
 
 
 def _tell_apart(values: Array) -> Array:
@@ -65,4 +78,8 @@ def held_patterns(joint: Joint) -> dict[str, Array]:
     mask[[*held, *(3 + k for k in turns)]] = 1.0
     axial = ALONG if joint.axis is not None else 0.0 * ALONG
     words = {"radial": _RADIAL + (ALONG - axial), "axial": axial, "tilting": ROTATIONS}
-    return {word: pattern * mask for word, pattern in words.items() if (pattern * mask).any()}
+    return {
+        word: pattern * mask
+        for word, pattern in words.items()
+        if (pattern * mask).any()
+    }

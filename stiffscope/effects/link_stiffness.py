@@ -5,7 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import partial
 
-from stiffscope.effects.effect import FACTOR, STIFFNESS_FACTOR, Candidates, Parameter, Setting
+from stiffscope.effects.effect import (
+    FACTOR,
+    STIFFNESS_FACTOR,
+    Candidates,
+    Parameter,
+    Setting,
+)
 from stiffscope.effects.elements import ElementEffect, soften
 from stiffscope.effects.part_compliance import PartCompliance, yielding_bodies
 
@@ -29,5 +35,8 @@ class LinkStiffness(ElementEffect):
         for place in robot.places(yielding_bodies(robot)):
             if place.name not in PartCompliance.named:
                 found = cls(partial(soften, robot, place.members)).make_candidate(place)
-                names = (f"{PartCompliance.word} @ {name}" for name in (place.name, *place.others))
+                names = (
+                    f"{PartCompliance.word} @ {name}"
+                    for name in (place.name, *place.others)
+                )
                 yield replace(found, aliases=(*found.aliases, *names))

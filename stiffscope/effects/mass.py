@@ -17,7 +17,7 @@ from stiffscope.effects.effect import (
     Parameter,
     Payload,
     Setting,
-)  # fmt: skip
+)
 
 _NONE = -1.0  # relative change to a massless body
 _HEAVIEST = 50.0
@@ -45,32 +45,45 @@ class Mass(Effect):
         if not robot.mechanism.gravity.any():
             return
         heavy = find_masses(robot)
-        (known,), (low, high) = cls.parameters, cls.bounds
+        (known,) = cls.parameters
+        (low, high) = cls.bounds
         bodies = [body for body in robot.mechanism.bodies if body.mass]
         stated = {body.name: robot.mass_sigma(body.name) / body.mass for body in bodies}
         for place in robot.places(heavy):
             most = KNOWN * max(stated[name] for name in place.members)
-            size, least = min(known.size, most / KNOWN), max(known.low, 1.0 - most)
-            prior = known._replace(size=size, low=least, high=min(known.high, 1.0 + most))
+            size = min(known.size, most / KNOWN)
+            least = max(known.low, 1.0 - most)
+            prior = known._replace(
+                size=size, low=least, high=min(known.high, 1.0 + most)
+            )
             effect = cls(tuple(part for name in place.members for part in heavy[name]))
             bounds = max(low, -most), min(high, most)
-            yield effect.make_candidate(place, (prior,), bounds=bounds, stated=most < np.inf)
+            yield effect.make_candidate(
+                place, (prior,), bounds=bounds, stated=most < np.inf
+            )
 
     def influence(self, values: Array) -> Influence:
         """Return the changes of mass as payloads."""
         growth = float(values[0])
-        return Influence(payloads=tuple(replace(p, mass=growth * p.mass) for p in self.stated))
+        return Influence(
+            payloads=tuple(replace(p, mass=growth * p.mass) for p in self.stated)
+        )
 
 
 def find_masses(robot: NominalRobot) -> dict[str, tuple[Payload, ...]]:
     """Return masses by body: at the centre if rigid, half at each end if elastic (no mass data)."""
     out: dict[str, tuple[Payload, ...]] = {}
     for body in robot.mechanism.bodies:
-        if not body.mass or (body.elastic is not None and body.elastic.dynamics is not None):
+        if not body.mass or (
+            body.elastic is not None and body.elastic.dynamics is not None
+        ):
             continue
         centre = np.zeros(3) if body.centre is None else body.centre
         places = [centre] if body.elastic is None else body.elastic.places
         nodes = [body.name] if body.elastic is None else body.nodes
-        share, ends = body.mass / len(places), zip(nodes, places, strict=True)
-        out[body.name] = tuple(Payload(node, np.array(at), share, np.zeros(3)) for node, at in ends)
+        share = body.mass / len(places)
+        ends = zip(nodes, places, strict=True)
+        out[body.name] = tuple(
+            Payload(node, np.array(at), share, np.zeros(3)) for node, at in ends
+        )
     return out

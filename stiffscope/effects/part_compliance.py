@@ -27,7 +27,16 @@ if TYPE_CHECKING:
 
 ENTRIES = tuple(f"c{i}{j}" for i in range(1, 7) for j in range(i, 7))
 _ALL = tuple((i, j) for i in range(6) for j in range(i, 6))
-_SYMMETRIC = ((0, 0), (1, 1), (1, 5), (2, 2), (2, 4), (3, 3), (4, 4), (5, 5))  # in two planes
+_SYMMETRIC = (
+    (0, 0),
+    (1, 1),
+    (1, 5),
+    (2, 2),
+    (2, 4),
+    (3, 3),
+    (4, 4),
+    (5, 5),
+)  # in two planes
 _UNITS = ("m/N", "m/(N·m)", "rad/(N·m)")
 _RIDGE = 1e-9  # relative shift that keeps a compliance positive definite
 _NO_COMPLIANCE = 1e-30  # m/N, rad/(N·m): compliance of a rigid direction
@@ -57,20 +66,33 @@ class PartCompliance(ElementEffect):
         robot = setting.robot
         for place in robot.places(yielding_bodies(robot)):
             word = cls.named.get(place.name, cls.word)
-            names = (place.name, *place.others) if place.name in cls.named else place.others
+            names = (
+                (place.name, *place.others) if place.name in cls.named else place.others
+            )
             others = tuple(f"{cls.word} @ {name}" for name in names)
             if word != cls.word:
                 effect = cls(partial(soften, robot, place.members))
                 aliases = (f"link-stiffness @ {place.name}", *others)
                 more = {"component": place.sole, "bounds": FACTOR, "aliases": aliases}
-                yield effect.make_candidate(place, (FACTOR_OF_PART,), effect=word, **more)
+                yield effect.make_candidate(
+                    place, (FACTOR_OF_PART,), effect=word, **more
+                )
             here = robot.compliances[next(iter(place.members))]
-            if len({robot.part_of(name) for name in place.members}) == 1 and len(here) == 6:
+            if (
+                len({robot.part_of(name) for name in place.members}) == 1
+                and len(here) == 6
+            ):
                 for pairs in (_SYMMETRIC, _ALL)[: len(place.members)]:
                     matrix = _Matrix.from_compliance(here, pairs)
                     effect = cls(partial(matrix.changes, place.members))
-                    more = {"physical": matrix.physical, "internal": matrix.internal, "aliases": others}
-                    yield effect.make_candidate(place, matrix.parameters, effect=word, flexible=True, **more)
+                    more = {
+                        "physical": matrix.physical,
+                        "internal": matrix.internal,
+                        "aliases": others,
+                    }
+                    yield effect.make_candidate(
+                        place, matrix.parameters, effect=word, flexible=True, **more
+                    )
 
 
 def yielding_bodies(robot: NominalRobot) -> list[str]:
@@ -94,7 +116,9 @@ class _Matrix:
     """Inverse of L (6, 6)."""
 
     @classmethod
-    def from_compliance(cls, compliance: Array, pairs: Sequence[tuple[int, int]]) -> _Matrix:
+    def from_compliance(
+        cls, compliance: Array, pairs: Sequence[tuple[int, int]]
+    ) -> _Matrix:
         """Return the matrix whose free entries are the given index pairs."""
         ridge = np.diag(_RIDGE * np.diagonal(compliance) + _NO_COMPLIANCE)
         root = np.linalg.cholesky(_fill_matrix(pairs, 1.0) * compliance + ridge)

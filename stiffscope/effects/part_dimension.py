@@ -7,7 +7,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.effect import ADDED, Array, Candidates, Changes, NominalRobot, Parameter, Place, Setting
+from stiffscope.effects.effect import (
+    ADDED,
+    Array,
+    Candidates,
+    Changes,
+    NominalRobot,
+    Parameter,
+    Place,
+    Setting,
+)
 from stiffscope.effects.elements import ElementEffect
 from stiffscope.errors import InputError
 from stiffscope.robot.part_dimensions import beam_dimensions
@@ -17,11 +26,18 @@ if TYPE_CHECKING:
     from stiffscope.robot.part_dimensions import PartDimension
 
 
-_FOUNDATION_UNIT = 1e-11  # m³/N: internal unit of foundation compliance, that of a bolted contact
+_FOUNDATION_UNIT = (
+    1e-11  # m³/N: internal unit of foundation compliance, that of a bolted contact
+)
 _RIGID = 1e-30  # m³/N: compliance of a rigid foundation
 _SOFTEST_FOUNDATION = 1e8  # N/m³
-_RATIOS = (-1.2, 1.2)  # bounds of the log ratio of remaining to nominal dimension (tube wall)
-_USUAL, _LEAST, _MOST = 0.1, 0.5, 2.0  # relative to the dimension: usual error, plausible range
+_RATIOS = (
+    -1.2,
+    1.2,
+)  # bounds of the log ratio of remaining to nominal dimension (tube wall)
+_USUAL = 0.1
+_LEAST = 0.5
+_MOST = 2.0  # relative to the dimension: usual error, plausible range
 
 
 @dataclass(frozen=True)
@@ -64,8 +80,12 @@ def find_dimensions(robot: NominalRobot, part: str) -> Candidates:
         parameter = Parameter("value", dimension.unit, *value.prior)
         bounds = ADDED if value.is_rigid else _RATIOS
         yield Dimension(value.changes).make_candidate(
-            Place(dimension.place, members), (parameter,), bounds=bounds,
-            physical=value.physical, internal=value.internal)  # fmt: skip
+            Place(dimension.place, members),
+            (parameter,),
+            bounds=bounds,
+            physical=value.physical,
+            internal=value.internal,
+        )
 
 
 @dataclass(frozen=True)
@@ -104,11 +124,15 @@ class _Value:
         ratio = (values - of.limit) / (of.nominal - of.limit)
         if not (ratio > 0.0).all():
             limit, got = (f"{each:g} {of.unit}" for each in (of.limit, values[0]))
-            expected = f"expected a value to the other side of {limit}, where nothing is left"
+            expected = (
+                f"expected a value to the other side of {limit}, where nothing is left"
+            )
             raise InputError(f"{of.place}: {expected}, got {got}")
         return np.log(ratio)
 
     def changes(self, values: Array) -> Changes:
         """Change the part's bodies to the compliance for this value."""
-        change = Change(self.of.compliance(float(self.physical(values)[0])) - self.nominal)
+        change = Change(
+            self.of.compliance(float(self.physical(values)[0])) - self.nominal
+        )
         return dict.fromkeys(self.members, change)

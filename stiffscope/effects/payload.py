@@ -18,7 +18,7 @@ from stiffscope.effects.effect import (
     Payload,
     Place,
     Setting,
-)  # fmt: skip
+)
 
 if TYPE_CHECKING:
     from stiffscope.runtime.types import Indices
@@ -36,7 +36,10 @@ class AddedMass(Effect):
     word = "payload"
     precedence = 20
     adoptable = True
-    parameters = (Parameter("mass", "kg", 0.2, 0.0, 3.0), *(Parameter(x, "m", 0.25, -0.5, 0.5) for x in "xyz"))
+    parameters = (
+        Parameter("mass", "kg", 0.2, 0.0, 3.0),
+        *(Parameter(x, "m", 0.25, -0.5, 0.5) for x in "xyz"),
+    )
     bounds = ADDED
 
     body: str
@@ -57,15 +60,23 @@ class AddedMass(Effect):
             if body.elastic is None:
                 axes = np.arange(3) if setting.turning.get(body.name, True) else level
                 heavy = cls(body.name, _find_point(mechanism, body), axes)
-                place, sigma = Place(body.name), setting.robot.mass_sigma(body.name)
+                place = Place(body.name)
+                sigma = setting.robot.mass_sigma(body.name)
                 known = sigma < np.inf
                 mass, *centre = setting.in_robots_units(cls.parameters)
-                mass = mass._replace(size=min(mass.size, sigma), high=min(mass.high, KNOWN * sigma))
+                mass = mass._replace(
+                    size=min(mass.size, sigma), high=min(mass.high, KNOWN * sigma)
+                )
                 if not known:
                     moments = (mass.size * centre[a].size for a in axes)
                     yield heavy.make_candidate(
-                        place, (mass, *centre), scale=(mass.size, *moments), couplings=len(axes),
-                        physical=heavy.physical, internal=heavy.internal)  # fmt: skip
+                        place,
+                        (mass, *centre),
+                        scale=(mass.size, *moments),
+                        couplings=len(axes),
+                        physical=heavy.physical,
+                        internal=heavy.internal,
+                    )
                 bounds = 0.0, KNOWN * sigma
                 yield heavy.make_candidate(place, (mass,), bounds=bounds, stated=known)
 
@@ -73,13 +84,17 @@ class AddedMass(Effect):
         """Return the mass, and its first moments if given."""
         moments = np.zeros(3)
         moments[self.axes[: len(values) - 1]] = values[1:]
-        return Influence(payloads=(Payload(self.body, self.point, float(values[0]), moments),))
+        return Influence(
+            payloads=(Payload(self.body, self.point, float(values[0]), moments),)
+        )
 
     def physical(self, values: Array) -> Array:
         """Return mass and centre of mass (4,) for internal parameters."""
         out = np.zeros(4)
         out[0] = values[0]
-        out[1 + self.axes] = values[1:] / (values[0] if abs(values[0]) > _LEAST else _LEAST)
+        out[1 + self.axes] = values[1:] / (
+            values[0] if abs(values[0]) > _LEAST else _LEAST
+        )
         return out
 
     def internal(self, values: Array) -> Array:

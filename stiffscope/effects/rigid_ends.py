@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.effect import ADDED, Array, Candidates, Changes, NominalRobot, Parameter, Setting
+from stiffscope.effects.effect import (
+    ADDED,
+    Array,
+    Candidates,
+    Changes,
+    NominalRobot,
+    Parameter,
+    Setting,
+)
 from stiffscope.effects.elements import ElementEffect
 from stiffscope.effects.part_compliance import yielding_bodies
 from stiffscope.fea.beam import cantilever
@@ -20,7 +28,8 @@ if TYPE_CHECKING:
 
 
 _UNIFORM = 0.02  # relative tolerance on the entries of a uniform beam
-_LEAST, _MOST = -0.2, 0.45  # range of the clamped length over the body's length
+_LEAST = -0.2
+_MOST = 0.45  # range of the clamped length over the body's length
 
 
 @dataclass(frozen=True)
@@ -45,9 +54,13 @@ class RigidEnds(ElementEffect):
 
 def _is_uniform(robot: NominalRobot, name: str) -> bool:
     """Return whether a body's compliance (6, 6) is that of a uniform cantilever of its length."""
-    c, length = robot.compliances[name], robot.length(name)
+    c = robot.compliances[name]
+    length = robot.length(name)
     bent = np.array([c[5, 5], -c[4, 4]]) * length / 2.0
-    near = bent.all() and (np.abs(c[(1, 2), (5, 4)] - bent) <= _UNIFORM * np.abs(bent)).all()
+    near = (
+        bent.all()
+        and (np.abs(c[(1, 2), (5, 4)] - bent) <= _UNIFORM * np.abs(bent)).all()
+    )
     sheared = c[1, 1] - c[5, 5] * length**2 / 3.0, c[2, 2] - c[4, 4] * length**2 / 3.0
     return bool(near and min(sheared) >= -_UNIFORM * min(c[1, 1], c[2, 2]))
 
@@ -56,12 +69,16 @@ def _clamp_ends(nominal: NominalRobot, names: Sequence[str], values: Array) -> C
     """Return the changes of uniform bodies that bend only between rigid ends, at the tip."""
     changes: Changes = {}
     for name in names:
-        c, length = nominal.compliances[name], nominal.length(name)
+        c = nominal.compliances[name]
+        length = nominal.length(name)
         clamped = float(np.clip(values[0], _LEAST * length, _MOST * length))
         to_end = shift([clamped, 0.0, 0.0])
-        rates = np.diagonal(c) / length  # of the section: axial, shear y, z, torsion, bending y, z
+        rates = (
+            np.diagonal(c) / length
+        )  # of the section: axial, shear y, z, torsion, bending y, z
         rates[1] -= c[5, 5] * length / 3.0
         rates[2] -= c[4, 4] * length / 3.0
-        short, full = cantilever(length - 2.0 * clamped, rates), cantilever(length, rates)
+        short = cantilever(length - 2.0 * clamped, rates)
+        full = cantilever(length, rates)
         changes[name] = Change(to_end @ short @ to_end.T - full)
     return changes

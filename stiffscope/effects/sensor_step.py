@@ -7,7 +7,15 @@ from functools import partial
 
 import numpy as np
 
-from stiffscope.effects.effect import Array, Candidates, Influence, Parameter, Place, Row, Setting
+from stiffscope.effects.effect import (
+    Array,
+    Candidates,
+    Influence,
+    Parameter,
+    Place,
+    Row,
+    Setting,
+)
 from stiffscope.effects.instruments import InstrumentEffect
 
 
@@ -27,9 +35,12 @@ class SensorStep(InstrumentEffect):
         """Yield candidates at instruments suspected of a jump, at its apparent row."""
         for name, (row, size, turns) in setting.doubts.steps.items():
             yield cls(name, row).make_candidate(
-                Place(name), scale=(size,), units=("rad" if turns else "m", "1"), component=name,
+                Place(name),
+                scale=(size,),
+                units=("rad" if turns else "m", "1"),
+                component=name,
                 physical=partial(np.append, values=row[1]),
-            )  # fmt: skip
+            )
 
     def influence(self, values: Array) -> Influence:
         """Return the jump of later readings."""

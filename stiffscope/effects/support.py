@@ -8,12 +8,23 @@ from operator import itemgetter
 
 import numpy as np
 
-from stiffscope.effects.effect import ADDED, Array, Candidates, Changes, Parameter, Place, Setting
+from stiffscope.effects.effect import (
+    ADDED,
+    Array,
+    Candidates,
+    Changes,
+    Parameter,
+    Place,
+    Setting,
+)
 from stiffscope.effects.elements import ElementEffect
 from stiffscope.vjm.mechanism import Change
 
 _ROUNDING = 1e-8  # least rotational compliance of a support over its largest
-_PAIRS = (np.array([3, 3, 4]), np.array([4, 5, 5]))  # rows and columns of coupled rotations
+_PAIRS = (
+    np.array([3, 3, 4]),
+    np.array([4, 5, 5]),
+)  # rows and columns of coupled rotations
 _PER_MOMENT = "rad/(N·m)"
 
 
@@ -38,7 +49,8 @@ class Support(ElementEffect):
         known = setting.in_robots_units(cls.parameters)
         make = partial(effect.make_candidate, place, component=place.name)
         yield make(known[:6])
-        alike, pick = tuple(p.size for p in known[:6:3]), itemgetter(slice(None, None, 3))
+        alike = tuple(p.size for p in known[:6:3])
+        pick = itemgetter(slice(None, None, 3))
         yield make(known[:6], scale=alike, physical=_repeat, internal=pick)
         yield make(known, couplings=3, physical=find_possible)
 

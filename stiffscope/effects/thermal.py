@@ -6,7 +6,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from stiffscope.effects.effect import Candidates, NominalRobot, Parameter, Place, Setting
+from stiffscope.effects.effect import (
+    Candidates,
+    NominalRobot,
+    Parameter,
+    Place,
+    Setting,
+)
 from stiffscope.effects.elements import ElementEffect, move_ends
 
 if TYPE_CHECKING:
@@ -29,9 +35,13 @@ class Thermal(ElementEffect):
         """Yield candidates at elastic bodies of known material and at the whole robot."""
         robot = setting.robot
         bodies = robot.elastic_sources
-        growth = {name: (robot.expansion(name) or 0.0) * robot.growth(name) for name in bodies}
+        growth = {
+            name: (robot.expansion(name) or 0.0) * robot.growth(name) for name in bodies
+        }
         for place in _places(robot, [name for name in growth if growth[name].any()]):
-            effect = cls(partial(move_ends, {name: growth[name] for name in place.members}))
+            effect = cls(
+                partial(move_ends, {name: growth[name] for name in place.members})
+            )
             yield effect.make_candidate(place)
 
 

@@ -7,7 +7,14 @@ from functools import partial
 
 import numpy as np
 
-from stiffscope.effects.effect import Array, Candidates, Influence, Parameter, Place, Setting
+from stiffscope.effects.effect import (
+    Array,
+    Candidates,
+    Influence,
+    Parameter,
+    Place,
+    Setting,
+)
 from stiffscope.effects.instruments import InstrumentEffect
 
 
@@ -26,7 +33,9 @@ class Unit(InstrumentEffect):
         """Yield candidates at suspected instruments, with their apparent factor."""
         for name, factor in setting.doubts.units.items():
             physical = partial(np.append, values=factor)
-            yield cls(name, factor).make_candidate(Place(name), scale=(), physical=physical, component=name)
+            yield cls(name, factor).make_candidate(
+                Place(name), scale=(), physical=physical, component=name
+            )
 
     def influence(self, values: Array) -> Influence:
         """Return the factor on the readings."""

@@ -16,8 +16,17 @@ from stiffscope.experiments.experiments import describe_solid, solve_parts
 from stiffscope.experiments.orders import build_part, name_lines, order_part
 from stiffscope.robot.checks import SAME_LENGTH
 from stiffscope.robot.file.part_sections import StepPart
-from stiffscope.robot.mechanism_of import configured_poses, mechanism_of, rigid_mechanism
-from stiffscope.robot.part_matrices import needed_experiments, part_matrices, part_sources, used_parts
+from stiffscope.robot.mechanism_of import (
+    configured_poses,
+    mechanism_of,
+    rigid_mechanism,
+)
+from stiffscope.robot.part_matrices import (
+    needed_experiments,
+    part_matrices,
+    part_sources,
+    used_parts,
+)
 from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm import statics
 from stiffscope.vjm.screws import CONVENTION
@@ -89,9 +98,13 @@ def assemble(robot: RobotFile, components: Components = None) -> Mechanism:
 
 
 def assemble_robots(
-    robots: Mapping[str, RobotFile], components: Components, shop: Workshop, *, whole: bool = True,
+    robots: Mapping[str, RobotFile],
+    components: Components,
+    shop: Workshop,
+    *,
+    whole: bool = True,
     near: Mapping[str, PartResult] | None = None,
-) -> dict[str, Assembled]:  # fmt: skip
+) -> dict[str, Assembled]:
     """Assemble robots; parts that several of them share are tested once.
 
     Parameters
@@ -144,9 +157,11 @@ def check_reach(robot: RobotFile, poses: Mapping[str, Sequence[float]]) -> None:
 
 def _assemble(
     robot: RobotFile, components: Components, results: dict[str, PartResult]
-) -> Assembled:  # fmt: skip
+) -> Assembled:
     given = part_sources(robot, components).items()
-    sources = {name: source if isinstance(source, str) else "given" for name, source in given}
+    sources = {
+        name: source if isinstance(source, str) else "given" for name, source in given
+    }
     for name, source in sources.items():
         if source == "step" and not robot.parts[name].interface_names:
             _check_length(robot, name, results[name].length)
@@ -165,7 +180,9 @@ def check_solids(robot: RobotFile) -> dict[str, Part]:
             clamped = describe_solid(part)["clamped_centre"]
             if robot.parts[name].interface_names:
                 continue
-            _check_length(robot, name, float(part.loaded[0].reference_point[0] - clamped[0]))
+            _check_length(
+                robot, name, float(part.loaded[0].reference_point[0] - clamped[0])
+            )
     return built
 
 
@@ -176,7 +193,9 @@ def _check_length(robot: RobotFile, name: str, length: float) -> None:
         if abs(length - given) > SAME_LENGTH * given:
             file = getattr(robot.part(name), "file", "")
             what = f"as the reference point of {file} is from its clamped faces along x"
-            message = f"expected a tip {mm(length)} from the base, {what}, got {mm(given)}"
+            message = (
+                f"expected a tip {mm(length)} from the base, {what}, got {mm(given)}"
+            )
             raise robot.refuse(("bodies", body, "tip"), message)
 
 
@@ -189,7 +208,9 @@ def name_robot(robot: RobotFile) -> Iterator[None]:
         raise InputError(f"{robot.path}: {error}") from error
 
 
-def at_named_poses(assembled: Assembled, poses: Mapping[str, Sequence[float]]) -> Stiffness:
+def at_named_poses(
+    assembled: Assembled, poses: Mapping[str, Sequence[float]]
+) -> Stiffness:
     """Return stiffness without gravity and sag under gravity; NaN if the tool moves freely."""
     with name_robot(assembled.robot):
         found = statics.analyse(assembled.mechanism, np.array(list(poses.values())))
@@ -201,19 +222,29 @@ def at_named_poses(assembled: Assembled, poses: Mapping[str, Sequence[float]]) -
 
 def stiffness_bars(assembled: Assembled, poses: Any) -> np.ndarray | None:
     """Return 95 % bounds (n, 6, 6) on the stiffness; None if no part's matrix has bounds."""
-    return statics.stiffness_error(assembled.mechanism, poses) if _has_bounds(assembled) else None
+    return (
+        statics.stiffness_error(assembled.mechanism, poses)
+        if _has_bounds(assembled)
+        else None
+    )
 
 
 def compliance_bars(assembled: Assembled, poses: Any) -> np.ndarray | None:
     """Return 95 % bounds (n, 6, 6) on the compliance; None if no part's matrix has bounds."""
-    return statics.compliance_error(assembled.mechanism, poses) if _has_bounds(assembled) else None
+    return (
+        statics.compliance_error(assembled.mechanism, poses)
+        if _has_bounds(assembled)
+        else None
+    )
 
 
 def _has_bounds(assembled: Assembled) -> bool:
     return any(part.error is not None for part in assembled.matrices.values())
 
 
-def deflection_bars(assembled: Assembled, poses: Any, twist: np.ndarray) -> np.ndarray | float:
+def deflection_bars(
+    assembled: Assembled, poses: Any, twist: np.ndarray
+) -> np.ndarray | float:
     """Return bounds ``|δC| |C⁺ t|`` (n, 6) on twists (n, 6) in m, rad; 0 if no part has bounds.
 
     Parameters
@@ -229,8 +260,11 @@ def deflection_bars(assembled: Assembled, poses: Any, twist: np.ndarray) -> np.n
     if bars is None:
         return 0.0
     compliance = statics.compliance(assembled.mechanism, poses)
-    known, load = np.isfinite(compliance).all(axis=(1, 2)), np.full((*twist.shape, 1), np.nan)
-    load[known] = np.linalg.pinv(compliance[known], hermitian=True) @ twist[known][..., None]
+    known = np.isfinite(compliance).all(axis=(1, 2))
+    load = np.full((*twist.shape, 1), np.nan)
+    load[known] = (
+        np.linalg.pinv(compliance[known], hermitian=True) @ twist[known][..., None]
+    )
     return (bars @ np.abs(load))[..., 0]
 
 
@@ -238,8 +272,13 @@ def stiffness_json(state: Stiffness, error: np.ndarray | None = None) -> dict[st
     """Return the robot's stiffness, sag and mobility as JSON data."""
     bars = {} if error is None else {"error": error}
     return {
-        "poses": state.poses, "tool": state.tool,
+        "poses": state.poses,
+        "tool": state.tool,
         "stiffness": [k if np.isfinite(k).all() else None for k in state.matrix],
-        "compliance": state.compliance, "rigid": state.rigid, "sag": state.sag,
-        "mobility": state.mobility, **bars, "convention": CONVENTION,
-    }  # fmt: skip
+        "compliance": state.compliance,
+        "rigid": state.rigid,
+        "sag": state.sag,
+        "mobility": state.mobility,
+        **bars,
+        "convention": CONVENTION,
+    }

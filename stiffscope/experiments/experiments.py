@@ -38,10 +38,17 @@ log = logging.getLogger(__name__)
 
 AFTER_REFINEMENT = 1.5  # times the limit, to allow for the modes of the last mesh
 DYNAMICS = (
-    "self_weight", "self_weight_error", "frequencies", "frequency_error",
-    "mode_squares", "mode_squares_error", "condensed_mass",
-)  # fmt: skip
-EXPERIMENT, SOLID, FIELDS = "experiment.npz", "solid.json", "fields.vtu"
+    "self_weight",
+    "self_weight_error",
+    "frequencies",
+    "frequency_error",
+    "mode_squares",
+    "mode_squares_error",
+    "condensed_mass",
+)
+EXPERIMENT = "experiment.npz"
+SOLID = "solid.json"
+FIELDS = "fields.vtu"
 _AT = "; twist (v, omega) and wrench (f, m) at the"
 AXES = {
     "rod": f"x along the rod from its clamped end{_AT} centre of the loaded end",
@@ -105,7 +112,11 @@ class PartResult:
             "tolerance": self.order.settings.tolerance,
             "relative_bound": self.experiment.relative_bound,
             "note": self.note,
-            "mesh": {"nodes": len(mesh.points), "tetrahedra": len(mesh.cells), "order": 2},
+            "mesh": {
+                "nodes": len(mesh.points),
+                "tetrahedra": len(mesh.cells),
+                "order": 2,
+            },
         }
 
     @property
@@ -121,12 +132,15 @@ class PartResult:
     @property
     def length(self) -> float:
         """Distance from the clamped faces to the reference point along the part's x, m."""
-        return float(self.experiment.reference_point[0] - self.solid["clamped_centre"][0])
+        return float(
+            self.experiment.reference_point[0] - self.solid["clamped_centre"][0]
+        )
 
     @property
     def facts(self) -> dict[str, Any]:
         """Results of a whole experiment except its fields, as plain numbers, SI."""
-        experiment, order = self.experiment, self.order
+        experiment = self.experiment
+        order = self.order
 
         def read(*names: str) -> dict[str, Any]:
             return {name: getattr(experiment, name) for name in names}
@@ -134,25 +148,35 @@ class PartResult:
         together: dict[str, Any] = {}
         if len(experiment.reference_points) > 1:
             together = {
-                "interfaces": list(experiment.interfaces), **read("places", "reference_points"),
+                "interfaces": list(experiment.interfaces),
+                **read("places", "reference_points"),
                 "flexibility": experiment.full_compliance,
-                "flexibility_error": experiment.full_error, **read("stiffness", "stiffness_error"),
-            }  # fmt: skip
+                "flexibility_error": experiment.full_error,
+                **read("stiffness", "stiffness_error"),
+            }
         return {
-            "part": self.name, **read("compliance", "error", "reference_point"), **together,
-            **read("interface"), "foundation": order.settings.foundation, **self.accuracy,
+            "part": self.name,
+            **read("compliance", "error", "reference_point"),
+            **together,
+            **read("interface"),
+            "foundation": order.settings.foundation,
+            **self.accuracy,
             "axes": AXES[order.shape],
             "solid": order.step.path.name if order.step else "parametric",
             **read("volume", "cad_volume"),
             **{name: self.solid[name] for name in ("mass", "mass_centre", "inertia")},
             **read(*DYNAMICS, "seconds"),
-        }  # fmt: skip
+        }
 
 
 def solve_parts(
-    orders: Sequence[PartOrder], shop: Workshop, *, whole: bool = True,
-    near: Mapping[str, PartResult] | None = None, skip: bool = False,
-) -> list[PartResult]:  # fmt: skip
+    orders: Sequence[PartOrder],
+    shop: Workshop,
+    *,
+    whole: bool = True,
+    near: Mapping[str, PartResult] | None = None,
+    skip: bool = False,
+) -> list[PartResult]:
     """Read virtual experiments from the cache, or run them.
 
     Parameters
@@ -180,12 +204,20 @@ def solve_parts(
     InputError
         If a part cannot be built, meshed or held as requested.
     """
-    kinds = [WHOLE] if whole else [CONDENSED, WHOLE] if near is None else [CONDENSED, WHOLE, MOVED]
+    kinds = (
+        [WHOLE]
+        if whole
+        else [CONDENSED, WHOLE]
+        if near is None
+        else [CONDENSED, WHOLE, MOVED]
+    )
     found: dict[PartOrder, PartResult] = {}
     missing: list[PartOrder] = []
     for order in dict.fromkeys(orders):
         begun = time.perf_counter()
-        held = shop.cache.load(kinds, order.key(), partial(_read, order, whole=whole, reused=True))
+        held = shop.cache.load(
+            kinds, order.key(), partial(_read, order, whole=whole, reused=True)
+        )
         if held is None:
             missing.append(order)
         else:
@@ -201,13 +233,15 @@ def solve_parts(
 
 def _make_missing(
     missing: Sequence[PartOrder], shop: Workshop, make: Callable[..., Any]
-) -> dict[PartOrder, Any]:  # fmt: skip
+) -> dict[PartOrder, Any]:
     jobs = {order.label: (order, shop.cache) for order in missing}
     if len(jobs) < len(missing):
         raise ValueError("experiments that differ have the same label")
     limits = {order.label: order.settings.time_limit for order in missing}
     for order in missing:  # refinement checks its own time, and modes follow it
-        limits[order.label] *= 1.0 if order.settings.tolerance is None else AFTER_REFINEMENT
+        limits[order.label] *= (
+            1.0 if order.settings.tolerance is None else AFTER_REFINEMENT
+        )
     try:
         made = shop.work(make, jobs, limits)
     except LateError as late:
@@ -219,7 +253,12 @@ def _make_missing(
 
 def _read(order: PartOrder, folder: Path, *, whole: bool, reused: bool) -> PartResult:
     solid = json.loads((folder / SOLID).read_text())
-    shapes = {"mass": (), "mass_centre": (3,), "clamped_centre": (3,), "inertia": (3, 3)}
+    shapes = {
+        "mass": (),
+        "mass_centre": (3,),
+        "clamped_centre": (3,),
+        "inertia": (3, 3),
+    }
     for name, shape in shapes.items():
         if np.shape(solid[name]) != shape or not np.isfinite(solid[name]).all():
             raise ValueError(f"expected finite numbers of {name}")
@@ -228,14 +267,21 @@ def _read(order: PartOrder, folder: Path, *, whole: bool, reused: bool) -> PartR
 
 
 def _make_part(
-    order: PartOrder, cache: Cache, report: Progress, *,
-    whole: bool, near: Mapping[str, PartResult], skip: bool,
-) -> tuple[Path | None, float]:  # fmt: skip
+    order: PartOrder,
+    cache: Cache,
+    report: Progress,
+    *,
+    whole: bool,
+    near: Mapping[str, PartResult],
+    skip: bool,
+) -> tuple[Path | None, float]:
     """Run and cache an experiment, perhaps in a child process; return its folder and seconds."""
     begun = time.perf_counter()
     folder = None
     try:
-        part, experiment = _test(order, cache, report, whole=whole, near=near.get(order.label))
+        part, experiment = _test(
+            order, cache, report, whole=whole, near=near.get(order.label)
+        )
         kind = WHOLE if whole else MOVED if experiment.moved else CONDENSED
         write = partial(_write, part, experiment, whole=whole)
         folder = cache.put(kind, order.key(), write)
@@ -251,7 +297,12 @@ def _make_part(
 
 
 def _test(
-    order: PartOrder, cache: Cache, report: Progress, *, whole: bool, near: PartResult | None
+    order: PartOrder,
+    cache: Cache,
+    report: Progress,
+    *,
+    whole: bool,
+    near: PartResult | None,
 ) -> tuple[Part, Experiment]:
     from stiffscope.fea.run import run_experiment
 
@@ -261,14 +312,19 @@ def _test(
     built = time.perf_counter() - begun
     kinds = [CONDENSED] if whole else []
     former = cache.load(
-        kinds, order.key(), lambda held: load_experiment(held / EXPERIMENT, fields=False)
-    )  # fmt: skip
+        kinds,
+        order.key(),
+        lambda held: load_experiment(held / EXPERIMENT, fields=False),
+    )
     moved = near is not None and order.moves_from(near.order)
     experiment = run_experiment(
-        part, order.settings, lambda stage, fraction: report(stage, 0.1 + 0.85 * fraction),
-        former=former, near=(near.order.build(), near.experiment.mesh) if near and moved else None,
+        part,
+        order.settings,
+        lambda stage, fraction: report(stage, 0.1 + 0.85 * fraction),
+        former=former,
+        near=(near.order.build(), near.experiment.mesh) if near and moved else None,
         whole=whole,
-    )  # fmt: skip
+    )
     experiment.seconds["cad"] += built
     report("files", 0.97)
     return part, experiment
@@ -286,15 +342,20 @@ def _write(part: Part, experiment: Experiment, folder: Path, *, whole: bool) -> 
 
 def describe_solid(part: Part) -> dict[str, Any]:
     """Return a CAD solid's properties, SI: mass, inertia, clamp's centre, interfaces' faces."""
-    solid, interfaces = mass_properties(part), (part.clamped, *(port.faces for port in part.loaded))
+    solid = mass_properties(part)
+    interfaces = (part.clamped, *(port.faces for port in part.loaded))
     held = [face for face in face_geometries(part.solid) if face.index in part.clamped]
-    areas, centres = [face.area for face in held], [face.centroid for face in held]
+    areas = [face.area for face in held]
+    centres = [face.centroid for face in held]
     return {
         "mass": solid.mass,
         "mass_centre": list(map(float, solid.centre)),
         "inertia": [list(map(float, row)) for row in solid.inertia],
         "clamped_centre": np.average(centres, axis=0, weights=areas).tolist(),
-        "faces": {name: sorted(map(int, faces)) for name, faces in zip(part.names, interfaces, strict=True)},
+        "faces": {
+            name: sorted(map(int, faces))
+            for name, faces in zip(part.names, interfaces, strict=True)
+        },
     }
 
 

@@ -56,7 +56,10 @@ class Choice:
     @property
     def overrides(self) -> tuple[str, ...]:
         """Arguments of `--set` that select it."""
-        return tuple(f"{self.part}.{key}={_format_value(key, value)}" for key, value in self.values)
+        return tuple(
+            f"{self.part}.{key}={_format_value(key, value)}"
+            for key, value in self.values
+        )
 
 
 @dataclass(frozen=True)
@@ -119,7 +122,9 @@ def compare_interfaces(robot: RobotFile, part: str, shop: Workshop) -> Compariso
     wanted = {Choice(", ".join(names) or OWN, OWN): own, **orders}
     found: list[PartResult] = []
     for start in range(0, len(wanted), AT_ONCE):
-        found += solve_parts(list(wanted.values())[start : start + AT_ONCE], shop, whole=False)
+        found += solve_parts(
+            list(wanted.values())[start : start + AT_ONCE], shop, whole=False
+        )
     tested = dict(zip(wanted, found, strict=True))
     return _compare_choices(robot.name, part, tested, [APART] * apart + left_out)
 
@@ -138,19 +143,32 @@ def choices(robot: RobotFile, part: str) -> list[Choice]:
     bed = _bed(robot, part)
 
     def choice(name: str, words: str, **values: float | str | None) -> Choice:
-        changed = ((k, value) for k, value in values.items() if getattr(section, k, value) != value)
+        changed = (
+            (k, value)
+            for k, value in values.items()
+            if getattr(section, k, value) != value
+        )
         return Choice(name, words, tuple(changed), part)
 
     plate = section.shape == "plate"
     whole, face = ({"pad_height": 0.0}, {"clamp": "face"}) if plate else ({}, {})
     found = [
-        choice("rigid face", "the loaded face moves as one body", interface="rigid", **whole),
         choice(
-            "even traction", "the loaded face carries the load evenly",
-            interface="distributed", **whole,
+            "rigid face",
+            "the loaded face moves as one body",
+            interface="rigid",
+            **whole,
         ),
-        choice("rigid clamp", "the clamped face does not move", foundation=None, **face),
-    ]  # fmt: skip
+        choice(
+            "even traction",
+            "the loaded face carries the load evenly",
+            interface="distributed",
+            **whole,
+        ),
+        choice(
+            "rigid clamp", "the clamped face does not move", foundation=None, **face
+        ),
+    ]
     if bed is not None:
         words = f"springs of {bed / 1e9:.12g} N/mm³ under the clamped face"
         found.append(choice("foundation", words, foundation=bed, **face))
@@ -160,21 +178,28 @@ def choices(robot: RobotFile, part: str) -> list[Choice]:
         height = slider.pad_height or PAD_HEIGHT * slider.thickness
         # pads that are there are loaded as they are
         rigid = {} if slider.pad_height else {"interface": "rigid"}
-        sizes = (height, "high"), (slider.pad_width, "wide"), (slider.pad_spacing, "apart")
+        sizes = (
+            (height, "high"),
+            (slider.pad_width, "wide"),
+            (slider.pad_spacing, "apart"),
+        )
         pads = ", ".join(f"{1e3 * size:g} mm {word}" for size, word in sizes)
         count = slider.hole_count or _hole_count(slider)
         size = f"{1e3 * slider.hole_diameter:g} mm"
         words = f"loaded on three joint pads, {pads}"
         found.insert(2, choice("three pads", words, pad_height=height, **rigid))
         words = f"held in {count} bolt holes of {size} instead of by the face"
-        holes = choice("bolt holes", words, hole_count=count, clamp="holes", foundation=None)
+        holes = choice(
+            "bolt holes", words, hole_count=count, clamp="holes", foundation=None
+        )
         found.insert(4, holes)
     return found
 
 
 def _bed(robot: RobotFile, part: str) -> float | None:
     """Return the foundation stiffness to test, N/m³; None if the part's thickness is unknown."""
-    section, material = robot.part(part), robot.material(part)
+    section = robot.part(part)
+    material = robot.material(part)
     given = getattr(section, "foundation", None)
     if given or material is None or not isinstance(section, ParametricPart):
         return given
@@ -197,7 +222,9 @@ def _format_value(key: str, value: Any) -> str:
 def _hole_count(slider: SliderParameters) -> int:
     """Return the hole count for a pitch of four thicknesses, or the nearest clear of the ribs."""
     wanted = max(2, round(slider.width / (HOLE_PITCH * slider.thickness)))
-    for count in sorted(range(2, 2 * wanted + 3), key=lambda count: abs(count - wanted)):
+    for count in sorted(
+        range(2, 2 * wanted + 3), key=lambda count: abs(count - wanted)
+    ):
         with suppress(InputError):
             return dataclasses.replace(slider, hole_count=count).hole_count
     return wanted
@@ -205,7 +232,7 @@ def _hole_count(slider: SliderParameters) -> int:
 
 def _orders(
     robot: RobotFile, part: str, own: PartOrder
-) -> tuple[dict[Choice, PartOrder], list[str], list[str]]:  # fmt: skip
+) -> tuple[dict[Choice, PartOrder], list[str], list[str]]:
     """Return orders that differ from the file's, names of choices equal to it, and omissions."""
     orders: dict[Choice, PartOrder] = {}
     same: list[str] = []
@@ -215,7 +242,9 @@ def _orders(
     left_out = [f"{name}: left out, since {why}" for name, why in unknown.items()]
     for choice in known:
         try:
-            order = order_part(_with(robot, part, dict(choice.values)), part, label=choice.name)
+            order = order_part(
+                _with(robot, part, dict(choice.values)), part, label=choice.name
+            )
         except InputError as error:
             left_out.append(f"{choice.name}: left out; {error}")
             continue
@@ -228,24 +257,34 @@ def _orders(
 
 def _compare_choices(
     robot: str, part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]
-) -> Comparison:  # fmt: skip
+) -> Comparison:
     points = next(iter(found.values())).experiment.reference_points
     tested: list[Tested] = []
-    for choice, result in found.items():  # at the same reference points, since pads protrude
-        carry = np.asarray(block_diag(*shift(points - result.experiment.reference_points)))
+    for (
+        choice,
+        result,
+    ) in found.items():  # at the same reference points, since pads protrude
+        carry = np.asarray(
+            block_diag(*shift(points - result.experiment.reference_points))
+        )
         error = np.abs(carry) @ result.error @ np.abs(carry.T)
-        tested.append(Tested(choice, result, carry @ result.compliance @ carry.T, error))
+        tested.append(
+            Tested(choice, result, carry @ result.compliance @ carry.T, error)
+        )
     own, *others = tested
     scale = np.sqrt(np.diag(own.compliance))
     notable = np.abs(own.compliance) > SIGNIFICANT * np.outer(scale, scale)
-    shown = np.argwhere(np.triu(notable) if len(points) == 1 else np.diag(np.diag(notable)))
+    shown = np.argwhere(
+        np.triu(notable) if len(points) == 1 else np.diag(np.diag(notable))
+    )
     entries = [_entry(own, others, i, j) for i, j in shown.tolist()]
     return Comparison(robot, part, own, tuple(others), tuple(entries), tuple(left_out))
 
 
 def _entry(own: Tested, others: Sequence[Tested], i: int, j: int) -> Entry:
     """Return an entry; bounds of its changes add both errors in the worst case."""
-    value, error = float(own.compliance[i, j]), float(own.error[i, j])
+    value = float(own.compliance[i, j])
+    error = float(own.error[i, j])
     ratios = np.array([t.compliance[i, j] for t in others]) / value
     bounds = np.array([t.error[i, j] for t in others])
     bars = (bounds + np.abs(ratios) * error) / abs(value)
@@ -260,15 +299,20 @@ def interfaces_csv(compared: Comparison) -> str:
     """Return CSV with a row for each entry and choice, SI; changes are relative to the file's."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["entry", "unit", "choice", "set", "value", "bound", "change", "change_bound"])
+    writer.writerow(
+        ["entry", "unit", "choice", "set", "value", "bound", "change", "change_bound"]
+    )
     for entry in compared.entries:
         i, j = entry.place
         others = zip(compared.others, entry.changes, entry.bars, strict=True)
         rows = [(compared.own, 0.0, 0.0), *others]
         for tested, change, bar in rows:
             values = (tested.compliance[i, j], tested.error[i, j], change, bar)
-            numbers, words = (f"{v:.9g}" for v in values), "; ".join(tested.choice.overrides)
-            writer.writerow([entry.name, entry.unit, tested.choice.name, words, *numbers])
+            numbers = (f"{v:.9g}" for v in values)
+            words = "; ".join(tested.choice.overrides)
+            writer.writerow(
+                [entry.name, entry.unit, tested.choice.name, words, *numbers]
+            )
     return text.getvalue()
 
 
@@ -279,10 +323,14 @@ def interfaces_json(compared: Comparison) -> dict[str, Any]:
         "reference_point": compared.own.result.experiment.reference_point,
         "choices": [
             {
-                "name": t.choice.name, "words": t.choice.words, "set": list(t.choice.overrides),
-                "compliance": t.compliance, "error": t.error, **t.result.accuracy,
+                "name": t.choice.name,
+                "words": t.choice.words,
+                "set": list(t.choice.overrides),
+                "compliance": t.compliance,
+                "error": t.error,
+                **t.result.accuracy,
             }
             for t in (compared.own, *compared.others)
         ],
         "left_out": list(compared.left_out),
-    }  # fmt: skip
+    }

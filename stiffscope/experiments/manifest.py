@@ -33,9 +33,16 @@ class Manifest:
     seconds: dict[str, float] = field(default_factory=dict)
     started: dt.datetime = field(default_factory=lambda: dt.datetime.now(dt.UTC))
 
-    def note(self, result: str, *, key: str, reused: bool, seconds: float, **more: Any) -> None:
+    def note(
+        self, result: str, *, key: str, reused: bool, seconds: float, **more: Any
+    ) -> None:
         """Record a result's cache key, whether it was reused, and the time it took."""
-        self.results[result] = {"reused": reused, "seconds": round(seconds, 3), "key": key, **more}
+        self.results[result] = {
+            "reused": reused,
+            "seconds": round(seconds, 3),
+            "key": key,
+            **more,
+        }
 
     def measure_elapsed(self) -> float:
         """Return the seconds since the command began."""
@@ -46,21 +53,27 @@ class Manifest:
         seconds = {**self.seconds, "total": self.measure_elapsed()}
         versions = {name: library_version(name) for name in LIBRARIES}
         content = {
-            "made_by": output.MAKER, "version": library_version("stiffscope"),
-            "command": sys.argv[1:], "started": self.started.isoformat(timespec="seconds"),
+            "made_by": output.MAKER,
+            "version": library_version("stiffscope"),
+            "command": sys.argv[1:],
+            "started": self.started.isoformat(timespec="seconds"),
             "seconds": {name: round(value, 3) for name, value in seconds.items()},
-            **self.sources, "results": self.results,
+            **self.sources,
+            "results": self.results,
             "versions": {"python": sys.version.split()[0], **versions},
             "machine": {"system": platform.system(), "processor": platform.machine()},
-        }  # fmt: skip
-        (folder / output.MANIFEST).write_text(encodable(to_json(content), "utf-8"), encoding="utf-8")
+        }
+        (folder / output.MANIFEST).write_text(
+            encodable(to_json(content), "utf-8"), encoding="utf-8"
+        )
 
 
 def manifest_of(robot: RobotFile | None, *inputs: Path) -> Manifest:
     """Start a manifest of a robot and further input files, named relative to a common folder."""
     sources: dict[str, Any] = {}
     if robot is not None:
-        changed, sha256 = list(robot.source.overrides), file_digest(robot.path)
+        changed = list(robot.source.overrides)
+        sha256 = file_digest(robot.path)
         sources["robot"] = {"file": str(robot.path), "sha256": sha256, "set": changed}
     if inputs:
         whole = [path.absolute() for path in inputs]

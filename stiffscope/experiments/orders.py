@@ -26,7 +26,14 @@ if TYPE_CHECKING:
     from stiffscope.cad.solid import Placement
     from stiffscope.robot.file.part_sections import Dimensions
 
-LIBRARIES = ("build123d", "cadquery-ocp-novtk", "pytetwild", "scikit-fem", "numpy", "scipy")
+LIBRARIES = (
+    "build123d",
+    "cadquery-ocp-novtk",
+    "pytetwild",
+    "scikit-fem",
+    "numpy",
+    "scipy",
+)
 FORM = 8  # format version of cached experiments
 
 
@@ -36,7 +43,9 @@ class StepOrder:
 
     path: Path  # absolute, for workers in other folders
     sha256: str
-    given: str = field(default="", compare=False)  # path as the user gave it, for messages
+    given: str = field(
+        default="", compare=False
+    )  # path as the user gave it, for messages
     clamped: tuple[FaceSelector, ...] = LEAST_X
     loaded: tuple[FaceSelector, ...] = GREATEST_X
     interfaces: tuple[tuple[str, tuple[FaceSelector, ...]], ...] = ()
@@ -70,17 +79,27 @@ class PartOrder:
 
     def key(self) -> str:
         """Return the cache key: hash of shape, material, settings, STEP file's content and code."""
-        solid = dataclasses.replace(self.step, path=Path(), given="") if self.step else self.solid
+        solid = (
+            dataclasses.replace(self.step, path=Path(), given="")
+            if self.step
+            else self.solid
+        )
         plain = {"solid": solid, "material": self.material, "settings": self.settings}
-        return digest({
-            "name": self.name, "shape": self.shape, "form": FORM,
-            **{name: dataclasses.asdict(each) for name, each in plain.items()},
-            "code": code_version(("stiffscope.cad", "stiffscope.fea"), LIBRARIES),
-        })  # fmt: skip
+        return digest(
+            {
+                "name": self.name,
+                "shape": self.shape,
+                "form": FORM,
+                **{name: dataclasses.asdict(each) for name, each in plain.items()},
+                "code": code_version(("stiffscope.cad", "stiffscope.fea"), LIBRARIES),
+            }
+        )
 
     def moves_from(self, other: PartOrder) -> bool:
         """Return whether another order's mesh can be morphed: same shape and mesh settings."""
-        one, two = (dataclasses.replace(o.settings, foundation=None) for o in (self, other))
+        one, two = (
+            dataclasses.replace(o.settings, foundation=None) for o in (self, other)
+        )
         return self.step is None and self.shape == other.shape and one == two
 
     def build(self) -> Part:
@@ -90,11 +109,16 @@ class PartOrder:
         step = self.solid
         try:
             return read_step(
-                step.path, name=self.name, material=self.material, clamped=step.clamped,
-                loaded=step.loaded, interfaces=dict(step.interfaces) or None,
-                couplings=dict(step.couplings), placement=step.placement,
+                step.path,
+                name=self.name,
+                material=self.material,
+                clamped=step.clamped,
+                loaded=step.loaded,
+                interfaces=dict(step.interfaces) or None,
+                couplings=dict(step.couplings),
+                placement=step.placement,
                 reference_point=step.reference_point,
-            )  # fmt: skip
+            )
         except InputError as error:
             text = str(error).replace("faces FILE", f"faces {step.path}")
             raise InputError(text.replace(str(step.path), step.given)) from error
@@ -102,7 +126,7 @@ class PartOrder:
 
 def order_part(
     robot: RobotFile, name: str, step: str | Path | None = None, *, label: str = ""
-) -> PartOrder:  # fmt: skip
+) -> PartOrder:
     """Return the experiment of a part as set in the robot file, on its own shape or a STEP file.
 
     Raises InputError if the part does not exist, has no solid, or its solid is infeasible.
@@ -128,7 +152,9 @@ def order_part(
     settings = Settings()
     if isinstance(part, SolidPart):
         mesh = part.mesh.model_dump()
-        settings = Settings(interface=part.interface, foundation=part.foundation, **mesh)
+        settings = Settings(
+            interface=part.interface, foundation=part.foundation, **mesh
+        )
     return PartOrder(name, solid, material, settings, label or name)
 
 
@@ -139,11 +165,17 @@ def name_lines(robot: RobotFile) -> Iterator[None]:
         yield
     except InputError as error:
         where, _, message = str(error).partition(": ")
-        name = max((n for n in robot.parts if where.startswith(f"{n}.")), key=len, default=None)
+        name = max(
+            (n for n in robot.parts if where.startswith(f"{n}.")), key=len, default=None
+        )
         if name is None:
             raise
         key = where[len(name) + 1 :]
-        inner = ("interfaces", key) if key in robot.parts[name].interface_names else key.split(".")
+        inner = (
+            ("interfaces", key)
+            if key in robot.parts[name].interface_names
+            else key.split(".")
+        )
         raise robot.refuse(("parts", name, *inner), message) from error
 
 
@@ -186,18 +218,26 @@ def _dimensions(robot: RobotFile, name: str) -> Dimensions:
         raise robot.refuse(("parts", name, "shape"), f'{expected}, got "{part.shape}"')
     try:
         return part.parameters().present()
-    except InputError as error:  # the message begins with the parameter: "link.bore: expected ..."
+    except (
+        InputError
+    ) as error:  # the message begins with the parameter: "link.bore: expected ..."
         key, _, message = str(error).partition(": ")
         raise robot.refuse(("parts", name, *key.split(".")[1:]), message) from error
 
 
-def _step_order(robot: RobotFile, name: str, given: str | Path | None) -> StepOrder | None:
+def _step_order(
+    robot: RobotFile, name: str, given: str | Path | None
+) -> StepOrder | None:
     """Return the order of a given STEP file, with the robot file's faces, or of the part's own."""
     part = robot.part(name)
     section = part if isinstance(part, StepPart) else None
     if given == "":
         raise InputError("--step: expected a STEP file, got no name")
-    path = Path(given) if given is not None else section and robot.path.parent / section.file
+    path = (
+        Path(given)
+        if given is not None
+        else section and robot.path.parent / section.file
+    )
     if path is None:
         return None
     try:
@@ -213,11 +253,15 @@ def _step_order(robot: RobotFile, name: str, given: str | Path | None) -> StepOr
     chosen = {tag: _select(faces) for tag, faces in given_faces if faces is not None}
     ends = (section.interfaces or {}).items()
     return StepOrder(
-        path.absolute(), content, str(path), **chosen, placement=section.placement(),
+        path.absolute(),
+        content,
+        str(path),
+        **chosen,
+        placement=section.placement(),
         reference_point=section.reference_point,
         interfaces=tuple((end, _select(each.faces)) for end, each in ends),
         couplings=tuple((end, each.interface) for end, each in ends if each.interface),
-    )  # fmt: skip
+    )
 
 
 def _select(faces: Iterable[Any]) -> tuple[FaceSelector, ...]:

@@ -34,15 +34,22 @@ if TYPE_CHECKING:
 
 STEP = 0.1  # relative step of a length, or of the remaining wall, either way
 MODULUS_STEP = 0.06
-POISSON = (-0.9, -0.45, 0.45, 0.9)  # steps relative to (0.5 - ν), since ν varies with a modulus
+POISSON = (
+    -0.9,
+    -0.45,
+    0.45,
+    0.9,
+)  # steps relative to (0.5 - ν), since ν varies with a modulus
 LEAST = 0.2  # smallest reference of the negative steps
-FOUNDATIONS = tuple(10.0 ** (k / 2) for k in range(26, 19, -1))  # N/m³, if the clamp is rigid
+FOUNDATIONS = tuple(
+    10.0 ** (k / 2) for k in range(26, 19, -1)
+)  # N/m³, if the clamp is rigid
 SOFTER = (4.0, 0.25)  # times a given foundation's stiffness; a rigid one is tested too
 
 
 def tested_dimensions(
     nominal: Assembled, shop: Workshop
-) -> dict[str, Callable[[], tuple[PartDimension, ...]]]:  # fmt: skip
+) -> dict[str, Callable[[], tuple[PartDimension, ...]]]:
     """Return, by part with source "fea", a function that runs experiments on its parameters."""
     return {
         name: partial(_dimensions, nominal, name, shop)
@@ -51,30 +58,40 @@ def tested_dimensions(
     }
 
 
-def _dimensions(nominal: Assembled, name: str, shop: Workshop) -> tuple[PartDimension, ...]:
-    robot, here = nominal.robot, nominal.matrices[name].compliance
+def _dimensions(
+    nominal: Assembled, name: str, shop: Workshop
+) -> tuple[PartDimension, ...]:
+    robot = nominal.robot
+    here = nominal.matrices[name].compliance
     known = part_parameters(robot, name)
     limits = {key: find_vanishing(robot, name, key) for key in known}
-    material, foundation = robot.material(name), getattr(robot.parts[name], FOUNDATION, None)
+    material = robot.material(name)
+    foundation = getattr(robot.parts[name], FOUNDATION, None)
     others: dict[str, tuple[float, ...]] = {}
     for key, (value, _) in known.items():
         away = value - limits[key]
-        others[key] = tuple(limits[key] + away * share for share in _shares(material, key))
+        others[key] = tuple(
+            limits[key] + away * share for share in _shares(material, key)
+        )
     others[FOUNDATION] = FOUNDATIONS
     if foundation is not None:
         others[FOUNDATION] = (np.inf, *(foundation * times for times in SOFTER))
     tried = _try_values(nominal, name, others, shop)
     out: list[PartDimension] = []
     for key, (value, unit) in known.items():
-        if found := tried[key]:
-            points, limit = ((value, *found), (here, *found.values())), limits[key]
+        found = tried[key]
+        if found:
+            points = ((value, *found), (here, *found.values()))
+            limit = limits[key]
             compliance = interpolate_between(*points, limit, _legal(material, key))
             out.append(PartDimension(name, key, value, unit, compliance, limit))
     yields = {foundation or np.inf: here, **tried[FOUNDATION]}
     rigid = yields.pop(np.inf, None)
     if rigid is not None and yields:
         compliance = on_foundation(rigid, tuple(yields), tuple(yields.values()))
-        out.append(PartDimension(name, FOUNDATION, foundation or np.inf, "N/m^3", compliance))
+        out.append(
+            PartDimension(name, FOUNDATION, foundation or np.inf, "N/m^3", compliance)
+        )
     return tuple(out)
 
 
@@ -95,7 +112,8 @@ def _shares(material: AnyMaterial | None, key: str) -> tuple[float, ...]:
         return 1.0 - MODULUS_STEP, 1.0 + MODULUS_STEP
     poisson = material.poisson
     left = 0.5 * (1.0 + poisson)  # limit for auxetic materials
-    above, below = min(0.5 - poisson, left), min(max(0.5 - poisson, LEAST), left)
+    above = min(0.5 - poisson, left)
+    below = min(max(0.5 - poisson, LEAST), left)
     steps = (share * (above if share > 0.0 else below) for share in POISSON)
     growth = [1.0 + step / (1.0 + poisson) for step in steps]
     return tuple(growth if key == "youngs_modulus" else [1.0 / g for g in growth])
@@ -113,7 +131,9 @@ def _try_values(
     for key, value in ((key, value) for key, some in values.items() for value in some):
         with suppress(InputError):
             changed = with_parameter(nominal.robot, name, key, value)
-            orders[key, value] = order_part(changed, name, label=f"{name}, {key} {value:.9g}")
+            orders[key, value] = order_part(
+                changed, name, label=f"{name}, {key} {value:.9g}"
+            )
     near = {order.label: nominal.results[name] for order in orders.values()}
     made = solve_parts(list(orders.values()), shop, whole=False, near=near, skip=True)
     results = {result.order: result.compliance for result in made}

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
 
 
-def robot_document(robot: RobotFile, target: Path, components: str | None = None) -> Any:
+def robot_document(
+    robot: RobotFile, target: Path, components: str | None = None
+) -> Any:
     """Return a robot's file as a tomlkit document, to be written to another file.
 
     Parameters
@@ -32,7 +34,11 @@ def robot_document(robot: RobotFile, target: Path, components: str | None = None
         if text.startswith("--set "):
             assign(document, key, split(text.removeprefix("--set "))[1], text)
     for name, part in robot.parts.items():
-        if isinstance(part, ParametricPart) and components and part.compliance != components:
+        if (
+            isinstance(part, ParametricPart)
+            and components
+            and part.compliance != components
+        ):
             document["parts"][name]["compliance"] = components
         if getattr(part, "file", None):
             _move(document["parts"][name], "file", robot.path, target)

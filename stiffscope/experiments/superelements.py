@@ -6,7 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.fea.export import Superelement, node_lines, write_matrices, write_superelement
+from stiffscope.fea.export import (
+    Superelement,
+    node_lines,
+    write_matrices,
+    write_superelement,
+)
 from stiffscope.runtime import output
 from stiffscope.vjm.superelement import superelement
 
@@ -32,12 +37,18 @@ def write_part(result: PartResult, out: Path, manifest: Manifest) -> None:
     """Write a part condensed on its interfaces and modes (see `stiffscope.fea.export`)."""
     with output.staged_folder(out) as folder:
         write_superelement(result.experiment, folder / result.name)
-        manifest.note(result.name, key=result.key, reused=result.reused, seconds=result.seconds)
+        manifest.note(
+            result.name, key=result.key, reused=result.reused, seconds=result.seconds
+        )
         manifest.write(folder)
 
 
 def write_robot(
-    assembled: Assembled, names: Sequence[str], found: Configurations, out: Path, manifest: Manifest
+    assembled: Assembled,
+    names: Sequence[str],
+    found: Configurations,
+    out: Path,
+    manifest: Manifest,
 ) -> None:
     """Write the robot at each configuration, condensed on its tool and modes, to a folder.
 
@@ -65,9 +76,13 @@ def write_robot(
             place = zip(mechanism.tool.pose, found.poses[k], strict=True)
             squares = np.asarray(held.mode_squares, dtype=float)
             text = ROBOT_HELP.format(
-                robot=assembled.robot.name, modes=len(squares), nodes=node_lines(nodes, ["tool"]),
+                robot=assembled.robot.name,
+                modes=len(squares),
+                nodes=node_lines(nodes, ["tool"]),
                 pose=", ".join(f"{name} {value:.9g}" for name, value in place),
-            )  # fmt: skip
+            )
             path = folder / (name if name in assembled.robot.poses else f"pose{k + 1}")
-            write_matrices(Superelement(stiffness, mass, nodes), path, text, mode_squares=squares)
+            write_matrices(
+                Superelement(stiffness, mass, nodes), path, text, mode_squares=squares
+            )
         manifest.write(folder)

@@ -23,9 +23,13 @@ if TYPE_CHECKING:
 PERIOD = 0.05  # s, polling interval
 GONE = 1.0  # s for which editors may leave a file missing or empty while they save it
 HEAVY = (
-    "build123d", "stiffscope.cad.step", "stiffscope.fea.run", "stiffscope.fea.adapt",
-    "stiffscope.fea.design_velocity", "stiffscope.fea.dynamics",
-)  # fmt: skip
+    "build123d",
+    "stiffscope.cad.step",
+    "stiffscope.fea.run",
+    "stiffscope.fea.adapt",
+    "stiffscope.fea.design_velocity",
+    "stiffscope.fea.dynamics",
+)
 
 
 def sources(robot: RobotFile) -> list[Path]:
@@ -44,12 +48,15 @@ def changes(files: Sequence[Path]) -> Iterator[None]:
     """
     held: dict[Path, str] = {}  # contents at the last yield
     read: dict[Path, tuple[Any, str]] = {}
-    found, since = {}, 0.0
+    found = {}
+    since = 0.0
     while True:
-        former, found = found, {path: _content(path, read) for path in files}
+        former = found
+        found = {path: _content(path, read) for path in files}
         if found != former:
             since = time.monotonic()
-        known, held = held, {**found, **held}
+        known = held
+        held = {**found, **held}
         settled = time.monotonic() - since >= (PERIOD if all(found.values()) else GONE)
         if not known or (settled and found != {path: held[path] for path in found}):
             held |= found
@@ -81,7 +88,9 @@ def keep_warm() -> None:
 
 def keep_meshed(held: dict[str, PartResult], results: Mapping[str, PartResult]) -> None:
     """Keep the last meshed result of each part; a morphed mesh is not morphed again."""
-    held.update({name: part for name, part in results.items() if not part.experiment.moved})
+    held.update(
+        {name: part for name, part in results.items() if not part.experiment.moved}
+    )
 
 
 def digest_sources(robot: RobotFile) -> dict[str, str]:
@@ -90,9 +99,11 @@ def digest_sources(robot: RobotFile) -> dict[str, str]:
 
 
 def differences(
-    before: RobotFile, after: RobotFile, former: Mapping[str, str] | None = None,
+    before: RobotFile,
+    after: RobotFile,
+    former: Mapping[str, str] | None = None,
     present: Mapping[str, str] | None = None,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """Return up to four differences of two versions: "slider.thickness 20 mm → 25 mm".
 
     Parameters
@@ -102,18 +113,31 @@ def differences(
     former, present
         Checksums of its files before and after, from `digest_sources`.
     """
-    known, now = former or {}, present or {}
-    files = [f"content of {name}" for name in now if known.get(name, now[name]) != now[name]]
-    old, new = (_leaves(parse_text(robot.path, robot.source.text)) for robot in (before, after))
-    names = [name for name in dict.fromkeys([*new, *old]) if old.get(name) != new.get(name)]
-    pairs = ((name, old.get(name, "nothing"), new.get(name, "nothing")) for name in names[:4])
+    known = former or {}
+    now = present or {}
+    files = [
+        f"content of {name}" for name in now if known.get(name, now[name]) != now[name]
+    ]
+    old, new = (
+        _leaves(parse_text(robot.path, robot.source.text)) for robot in (before, after)
+    )
+    names = [
+        name for name in dict.fromkeys([*new, *old]) if old.get(name) != new.get(name)
+    ]
+    pairs = (
+        (name, old.get(name, "nothing"), new.get(name, "nothing")) for name in names[:4]
+    )
     shown = [f"{name} {one} → {two}" for name, one, two in pairs]
     return files + ([*shown, f"{len(names) - 4} more"] if len(names) > 4 else shown)
 
 
 def _leaves(value: Any, name: str = "") -> dict[str, Any]:
     if not isinstance(value, dict | list):
-        return {name.removeprefix("parts.").removeprefix("joints.").removeprefix("bodies."): value}
+        return {
+            name.removeprefix("parts.")
+            .removeprefix("joints.")
+            .removeprefix("bodies."): value
+        }
     found: dict[str, Any] = {}
     for key, each in value.items() if isinstance(value, dict) else enumerate(value):
         found |= _leaves(each, f"{name}.{key}" if name else str(key))

@@ -27,7 +27,9 @@ if TYPE_CHECKING:
 def check_target(target: Path, robot: RobotFile | None) -> None:
     """Raise InputError early if the target cannot be written or there is no robot."""
     if robot is None:
-        raise InputError("--adopt: this campaign has predictions instead of a robot with effects")
+        raise InputError(
+            "--adopt: this campaign has predictions instead of a robot with effects"
+        )
     try:
         output.check_new(target)
     except InputError as error:
@@ -35,9 +37,15 @@ def check_target(target: Path, robot: RobotFile | None) -> None:
 
 
 def adopt(
-    target: Path, robot: RobotFile, bare: NominalRobot, diagnosis: Diagnosis, *,
-    campaign: str, components: str | None, modelled: Sequence[str] = (),
-) -> None:  # fmt: skip
+    target: Path,
+    robot: RobotFile,
+    bare: NominalRobot,
+    diagnosis: Diagnosis,
+    *,
+    campaign: str,
+    components: str | None,
+    modelled: Sequence[str] = (),
+) -> None:
     """Write a robot file with all effects of a diagnosis.
 
     Parameters
@@ -64,7 +72,9 @@ def adopt(
         verdict = f"the verdict is {diagnosis.verdict}, not identified"
         raise InputError(f"--adopt: nothing is adopted: {verdict}")
     found = (*diagnosis.effects, *diagnosis.beside)  # values are only valid jointly
-    heavy = Gravity.word in {*modelled, *(e.effect for e in found)} or robot.carries(Gravity.word)
+    heavy = Gravity.word in {*modelled, *(e.effect for e in found)} or robot.carries(
+        Gravity.word
+    )
     left = list(_refusals(bare, found, heavy=heavy))
     if left:
         raise InputError(f"--adopt: nothing is adopted: {'; '.join(left)}")
@@ -73,7 +83,9 @@ def adopt(
     output.write_new(target, _text(document, entries).encode())
 
 
-def _refusals(bare: NominalRobot, found: Sequence[Effect], *, heavy: bool) -> Iterator[str]:
+def _refusals(
+    bare: NominalRobot, found: Sequence[Effect], *, heavy: bool
+) -> Iterator[str]:
     """Yield reasons why effects cannot be adopted. heavy: whether the robot's weight will act."""
     for effect in found:
         if effect.effect in {AddedMass.word, Mass.word} and not heavy:
@@ -94,7 +106,9 @@ def _values(effect: Effect) -> dict[str, float]:
 
 
 def _text(document: Any, entries: list[dict[str, Any]]) -> str:
-    former: list[dict[str, Any]] = document.pop("effects").unwrap() if "effects" in document else []
+    former: list[dict[str, Any]] = (
+        document.pop("effects").unwrap() if "effects" in document else []
+    )
     if not former:
         document.add(tomlkit.nl())
     effects: Any = tomlkit.aot()

@@ -15,9 +15,17 @@ from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.part_dimensions import tested_dimensions
-from stiffscope.gap.campaign.extremes import find_unloaded, inspect_extremes, inspect_mechanics
+from stiffscope.gap.campaign.extremes import (
+    find_unloaded,
+    inspect_extremes,
+    inspect_mechanics,
+)
 from stiffscope.gap.campaign.readings import load_campaign, match_robot
-from stiffscope.gap.campaign.sanity import ReadingRemark, inspect_ranges, inspect_readings
+from stiffscope.gap.campaign.sanity import (
+    ReadingRemark,
+    inspect_ranges,
+    inspect_readings,
+)
 from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.forward.misread_frames import find_misread
 from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
@@ -26,7 +34,13 @@ from stiffscope.robot.file.quantities import show_value
 from stiffscope.robot.library import find_robot, robot_names
 from stiffscope.robot.mechanism_of import mechanism_of, rigid_mechanism
 from stiffscope.robot.nominal import NominalRobot
-from stiffscope.robot.part_matrices import PartMatrix, needed_experiments, part_matrices, part_sources, rigid_part
+from stiffscope.robot.part_matrices import (
+    PartMatrix,
+    needed_experiments,
+    part_matrices,
+    part_sources,
+    rigid_part,
+)
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
 
@@ -39,7 +53,9 @@ if TYPE_CHECKING:
     from stiffscope.vjm.kinematics import Configurations
 
 SHELVES = ("campaigns", "withheld")
-_REFUSED = 10.0  # factor on the limits of places and loads beyond which a diagnosis is refused
+_REFUSED = (
+    10.0  # factor on the limits of places and loads beyond which a diagnosis is refused
+)
 
 
 @dataclass(frozen=True)
@@ -89,7 +105,9 @@ def assemble_nominal(case: Case, shop: Workshop) -> Assembled | None:
     """Return the assembled nominal robot of a campaign, or None without a robot."""
     if case.robot is None:
         return None
-    return assemble_robots({"nominal": case.robot}, case.campaign.components, shop)["nominal"]
+    return assemble_robots({"nominal": case.robot}, case.campaign.components, shop)[
+        "nominal"
+    ]
 
 
 def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diagnosis:
@@ -101,14 +119,23 @@ def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diag
         return diagnose_campaign(case.campaign)
     for remark in inspect_extremes(case.campaign, nominal.mechanism, _REFUSED):
         raise InputError(remark.text)
-    carrying = NominalRobot(nominal.mechanism, nominal.robot, tested_dimensions(nominal, shop))
+    carrying = NominalRobot(
+        nominal.mechanism, nominal.robot, tested_dimensions(nominal, shop)
+    )
     loaded = case.campaign.select(np.flatnonzero(~find_unloaded(case.campaign)))
     found = diagnose_campaign(loaded, carrying, shop.open_line("diagnosis"))
-    doubts = (*inspect_extremes(case.campaign, nominal.mechanism), *inspect_mechanics(case.campaign))
-    return dataclasses.replace(found, remarks=(*(doubt.text for doubt in doubts), *found.remarks))
+    doubts = (
+        *inspect_extremes(case.campaign, nominal.mechanism),
+        *inspect_mechanics(case.campaign),
+    )
+    return dataclasses.replace(
+        found, remarks=(*(doubt.text for doubt in doubts), *found.remarks)
+    )
 
 
-def open_case(name: str | Path, *, planned: bool = False, instead: str | None = None) -> Case:
+def open_case(
+    name: str | Path, *, planned: bool = False, instead: str | None = None
+) -> Case:
     """Open a campaign by folder or name in `data/`, with its robot or another one instead.
 
     ``planned``: values may be missing. Raises InputError for poses, sensors or loads unlike it.
@@ -117,16 +144,22 @@ def open_case(name: str | Path, *, planned: bool = False, instead: str | None = 
     campaign = load_campaign(folder, planned=planned)
     if campaign.robot is None:
         if instead:
-            raise InputError("--robot: this campaign has predictions instead of a robot")
+            raise InputError(
+                "--robot: this campaign has predictions instead of a robot"
+            )
         return Case(folder.resolve().name, folder, campaign, None)
     robot = load_robot(instead or _robot_of(folder, campaign, campaign.robot))
     campaign = match_robot(campaign, robot)
     if robot.carries("gravity") and "gravity" not in campaign.modelled:
-        campaign = dataclasses.replace(campaign, modelled=(*campaign.modelled, "gravity"))
+        campaign = dataclasses.replace(
+            campaign, modelled=(*campaign.modelled, "gravity")
+        )
     return Case(folder.resolve().name, folder, campaign, robot)
 
 
-def configure_case(case: Case, nominal: Assembled | None = None) -> Configurations | None:
+def configure_case(
+    case: Case, nominal: Assembled | None = None
+) -> Configurations | None:
     """Return the robot (default: rigid parts) at the campaign's poses; None without a robot.
 
     Raises InputError for an unreachable pose.
@@ -134,7 +167,9 @@ def configure_case(case: Case, nominal: Assembled | None = None) -> Configuratio
     if case.robot is None:
         return None
     mechanism = nominal.mechanism if nominal else rigid_mechanism(case.robot)
-    return RobotAtPoses(NominalRobot(mechanism, case.robot), case.campaign).configurations
+    return RobotAtPoses(
+        NominalRobot(mechanism, case.robot), case.campaign
+    ).configurations
 
 
 def inspect_case(case: Case, found: Configurations | None) -> tuple[ReadingRemark, ...]:
@@ -143,10 +178,15 @@ def inspect_case(case: Case, found: Configurations | None) -> tuple[ReadingRemar
     if case.robot is None or found is None:
         return remarks
     mechanism = rigid_mechanism(case.robot)
-    misread = find_misread(RobotAtPoses(NominalRobot(mechanism, case.robot), case.campaign))
+    misread = find_misread(
+        RobotAtPoses(NominalRobot(mechanism, case.robot), case.campaign)
+    )
     frames = [ReadingRemark("frame", name, (), str(error)) for name, error in misread]
     ranges = inspect_ranges(case.campaign, mechanism, found)
-    doubts = (*inspect_extremes(case.campaign, mechanism), *inspect_mechanics(case.campaign))
+    doubts = (
+        *inspect_extremes(case.campaign, mechanism),
+        *inspect_mechanics(case.campaign),
+    )
     return (*doubts, *frames, *ranges, *remarks)
 
 
@@ -163,9 +203,15 @@ def predict_roughly(case: Case) -> Array:
     out = np.full(len(campaign), np.nan)
     if not len(read):
         return out
-    nominal = NominalRobot(mechanism_of(case.robot, _rough_matrices(case.robot)), case.robot)
-    with contextlib.suppress(InputError):  # a diagnosis reports it, with the actual parts
-        model = RobotModel(dataclasses.replace(campaign.select(read), sensors=sensors), nominal)
+    nominal = NominalRobot(
+        mechanism_of(case.robot, _rough_matrices(case.robot)), case.robot
+    )
+    with contextlib.suppress(
+        InputError
+    ):  # a diagnosis reports it, with the actual parts
+        model = RobotModel(
+            dataclasses.replace(campaign.select(read), sensors=sensors), nominal
+        )
         expected = model.campaign.expected
         out[read] = model.predict().values + (0.0 if expected is None else expected)
     return out
@@ -173,7 +219,8 @@ def predict_roughly(case: Case) -> Array:
 
 def _rough_matrices(robot: RobotFile) -> dict[str, PartMatrix]:
     """Return part matrices by beam theory, as given, or rigid."""
-    needed, sources = needed_experiments(robot, "beam"), part_sources(robot, "beam")
+    needed = needed_experiments(robot, "beam")
+    sources = part_sources(robot, "beam")
     rigid: dict[str, Any] = {name: rigid_part(robot, name) for name in needed}
     beams = {name: source for name, source in sources.items() if source == "beam"}
     return part_matrices(robot, beams, rigid)
@@ -196,7 +243,9 @@ def find_campaign(name: str | Path) -> Path:
 
 def campaign_names() -> list[str]:
     """Return the names of the campaigns in `data/`."""
-    found = (path for shelf in SHELVES for path in FOLDER.glob(f"{shelf}/*/campaign.toml"))
+    found = (
+        path for shelf in SHELVES for path in FOLDER.glob(f"{shelf}/*/campaign.toml")
+    )
     return sorted(path.parent.name for path in found)
 
 
@@ -206,5 +255,7 @@ def _robot_of(folder: Path, campaign: Campaign, robot: str) -> Path:
         return folder / robot
     if robot in robot_names():
         return find_robot(robot)
-    expected = f"a robot file, seen from its folder, or one of {', '.join(robot_names())}"
+    expected = (
+        f"a robot file, seen from its folder, or one of {', '.join(robot_names())}"
+    )
     raise campaign.refuse(("robot",), f"expected {expected}, got {show_value(robot)}")

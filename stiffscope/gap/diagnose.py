@@ -13,7 +13,12 @@ from stiffscope.gap.forward.column_model import ColumnModel
 from stiffscope.gap.forward.misread_frames import find_misread
 from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
 from stiffscope.gap.forward.robot_model import RobotModel
-from stiffscope.gap.inference.averaging import TAILS, average_over, mix_intervals, quantiles
+from stiffscope.gap.inference.averaging import (
+    TAILS,
+    average_over,
+    mix_intervals,
+    quantiles,
+)
 from stiffscope.gap.inference.diagnosis import (
     Alternative,
     Diagnosis,
@@ -28,10 +33,20 @@ from stiffscope.gap.inference.findings import COMPETING, find
 from stiffscope.gap.inference.hypothesis import forms_of, positive_of
 from stiffscope.gap.inference.lack_of_fit import correlation
 from stiffscope.gap.inference.location import locate_residuals, signature_correlation
-from stiffscope.gap.inference.plausibility import implausible, own_part, physical_sigma, plausible
+from stiffscope.gap.inference.plausibility import (
+    implausible,
+    own_part,
+    physical_sigma,
+    plausible,
+)
 from stiffscope.gap.inference.posterior_samples import draw_internal, draw_samples
 from stiffscope.gap.inference.residuals import percent_rms, rms_by_kind
-from stiffscope.gap.inference.verdict import doubtful, judge_findings, settle_verdict, shares
+from stiffscope.gap.inference.verdict import (
+    doubtful,
+    judge_findings,
+    settle_verdict,
+    shares,
+)
 from stiffscope.gap.next_reading import find_next
 
 if TYPE_CHECKING:
@@ -48,13 +63,19 @@ if TYPE_CHECKING:
 
 COMPARED = 50.0  # ln-odds within which an alternative's parameters are checked
 FACTOR = 10.0  # change of the prior, either way, to test the verdict
-_DRAWS = 1000  # for the interval of a parameter that is no linear function of internal ones
+_DRAWS = (
+    1000  # for the interval of a parameter that is no linear function of internal ones
+)
 _LISTED = 12  # alternatives, possible effects
-_LEFT = 0.9  # share of its prior variance: with more left, readings do not show an error
+_LEFT = (
+    0.9  # share of its prior variance: with more left, readings do not show an error
+)
 
 
 def diagnose_campaign(
-    campaign: Campaign, robot: NominalRobot | None = None, progress: Progress | None = None
+    campaign: Campaign,
+    robot: NominalRobot | None = None,
+    progress: Progress | None = None,
 ) -> Diagnosis:
     """Diagnose the gap between a campaign's readings and their model.
 
@@ -94,16 +115,26 @@ def conclude(found: Findings) -> Diagnosis:
     others = _under_other_priors(found)
     judgement = settle_verdict(found, judge_findings(found), others)
     reported = judgement.hypothesis
-    joint = found.best if forms_of(reported.words) <= forms_of(found.best.words) else reported
+    joint = (
+        found.best
+        if forms_of(reported.words) <= forms_of(found.best.words)
+        else reported
+    )
     unseen = tuple(_unseen(found, joint, judgement.effects))
-    left = max(found.misfit(joint), 1.0) if judgement.verdict == "partly" else 1.0  # shows in the values, too
-    averaged = [(h.widen_covariance(left), w) for h, w in average_over(found, joint, judgement.effects)]
+    left = (
+        max(found.misfit(joint), 1.0) if judgement.verdict == "partly" else 1.0
+    )  # shows in the values, too
+    averaged = [
+        (h.widen_covariance(left), w)
+        for h, w in average_over(found, joint, judgement.effects)
+    ]
     effects = _effects(found, judgement, joint, averaged)
     residual = found.held_out_residual(reported)
     check, held_out = _check(found, reported, residual)
     gap = _gap(found, reported, residual)
     beyond = judgement.verdict in {"partly", "unexplained"}
-    together, open_ones = correlation(found, reported), doubtful(found, judgement.effects)[:_LISTED]
+    together = correlation(found, reported)
+    open_ones = doubtful(found, judgement.effects)[:_LISTED]
     widened = f"{together}: intervals are widened by a discrepancy"
     remarks = (
         *found.problem.noise.remarks,
@@ -116,7 +147,11 @@ def conclude(found: Findings) -> Diagnosis:
     names = [c.name for c in judgement.effects]
     beside = [c for c in joint.candidates if names and c.name not in names]
     sensitivity = tuple(
-        Sensitivity(prior, judge_findings(o).verdict, {n: o.compute_probability(n) for n in names})
+        Sensitivity(
+            prior,
+            judge_findings(o).verdict,
+            {n: o.compute_probability(n) for n in names},
+        )
         for prior, o in others.items()
     )
     return Diagnosis(
@@ -132,12 +167,20 @@ def conclude(found: Findings) -> Diagnosis:
         tuple(Possible(*name.split(" @ "), p) for name, p in open_ones),  # type: ignore[arg-type]
         sensitivity,
         check,
-        draw_samples(found, averaged if effects else [(reported, 1.0)], judgement.effects, held_out, reported),
+        draw_samples(
+            found,
+            averaged if effects else [(reported, 1.0)],
+            judgement.effects,
+            held_out,
+            reported,
+        ),
         tuple(_describe(found, joint, reported, c, [(joint, 1.0)]) for c in beside),
     )
 
 
-def _effects(found: Findings, judgement: Judgement, joint: Hypothesis, averaged: Averaged) -> tuple[Effect, ...]:
+def _effects(
+    found: Findings, judgement: Judgement, joint: Hypothesis, averaged: Averaged
+) -> tuple[Effect, ...]:
     """Return named effects by descending share, with parameters fitted jointly with likely ones."""
     share = shares(found, judgement.hypothesis)
     out: list[Effect] = []
@@ -149,30 +192,53 @@ def _effects(found: Findings, judgement: Judgement, joint: Hypothesis, averaged:
     return tuple(out)
 
 
-def _describe(found: Findings, joint: Hypothesis, reported: Hypothesis, c: Candidate, averaged: Averaged) -> Effect:
+def _describe(
+    found: Findings,
+    joint: Hypothesis,
+    reported: Hypothesis,
+    c: Candidate,
+    averaged: Averaged,
+) -> Effect:
     """Return an effect with its probability, the gap that it leaves alone, and its parameters."""
     probability = found.compute_probability(c.name)
     alone = found.fit_effects([c])
     left = found.percent_rms(alone if alone is reported else found.fit_plainly(alone))
     parameters = {} if c.is_nuisance else _average_parameters(c.name, joint, averaged)
-    return Effect(c.effect, c.place, probability, left, parameters, errors=_errors(c, *own_part(joint, c.name)))
+    return Effect(
+        c.effect,
+        c.place,
+        probability,
+        left,
+        parameters,
+        errors=_errors(c, *own_part(joint, c.name)),
+    )
 
 
-def _average_parameters(name: str, joint: Hypothesis, averaged: Averaged) -> dict[str, Parameter]:
+def _average_parameters(
+    name: str, joint: Hypothesis, averaged: Averaged
+) -> dict[str, Parameter]:
     """Return an effect's parameters in one hypothesis, with uncertainties over all averaged ones."""
-    known, weights = _parameters(name, joint), np.array([weight for _, weight in averaged])
+    known = _parameters(name, joint)
+    weights = np.array([weight for _, weight in averaged])
     fits = [_parameters(name, hypothesis) for hypothesis, _ in averaged]
     for key, own in known.items():
         each = [fit[key] for fit in fits]
         value, sigma = np.array([(p.value, p.sigma) for p in each]).T
         spread = float(np.sqrt(weights @ (sigma**2 + (value - own.value) ** 2)))
-        known[key] = replace(own, sigma=spread, interval=mix_intervals(np.array([p.interval for p in each]), weights))
+        known[key] = replace(
+            own,
+            sigma=spread,
+            interval=mix_intervals(np.array([p.interval for p in each]), weights),
+        )
     return known
 
 
-def _errors(candidate: Candidate, values: Array, covariance: Array) -> dict[str, Parameter]:
+def _errors(
+    candidate: Candidate, values: Array, covariance: Array
+) -> dict[str, Parameter]:
     """Return individual small errors, the largest first, with 1 rad equal to 1 m."""
-    sigma, out = np.sqrt(np.diagonal(covariance)), dict[str, Parameter]()
+    sigma = np.sqrt(np.diagonal(covariance))
+    out = dict[str, Parameter]()
     reach = float(quantiles(0.0, 1.0)[1]) * sigma
     for k in map(int, np.argsort(-np.abs(values))[: len(candidate.parts)]):
         ends = float(values[k] - reach[k]), float(values[k] + reach[k])
@@ -188,34 +254,56 @@ def _parameters(name: str, hypothesis: Hypothesis) -> dict[str, Parameter]:
     if not candidate.scale:  # e.g. a unit, which is discrete
         exact: list[float] = candidate.physical(internal).tolist()
         fixed = zip(candidate.names, candidate.units, exact, strict=True)
-        return {n: Parameter(v, 0.0, u, interval=(v, v), nominal=1.0) for n, u, v in fixed}
-    values, sigma = candidate.physical(internal), physical_sigma(candidate, internal, covariance)
+        return {
+            n: Parameter(v, 0.0, u, interval=(v, v), nominal=1.0) for n, u, v in fixed
+        }
+    values = candidate.physical(internal)
+    sigma = physical_sigma(candidate, internal, covariance)
     intervals = _intervals(candidate, internal, covariance, values, sigma)
-    fine, model = plausible(candidate, values, sigma), candidate.physical(np.zeros(len(internal)))
+    fine = plausible(candidate, values, sigma)
+    model = candidate.physical(np.zeros(len(internal)))
     known = [float(value) if np.isfinite(value) and value else None for value in model]
     fitted = values.tolist(), sigma.tolist(), candidate.units
     rows = zip(*fitted, fine, intervals, known, strict=True)
-    return {name: Parameter(*row) for name, row in zip(candidate.names, rows, strict=True)}
+    return {
+        name: Parameter(*row) for name, row in zip(candidate.names, rows, strict=True)
+    }
 
 
 def _intervals(
-    candidate: Candidate, internal: Array, covariance: Array, values: Array, sigma: Array
+    candidate: Candidate,
+    internal: Array,
+    covariance: Array,
+    values: Array,
+    sigma: Array,
 ) -> list[tuple[float, float]]:
     """Return 95 % intervals: by quantiles for one parameter or couplings, else by standard uncertainties."""
     if candidate.couplings:  # such as a centre of mass, a ratio
-        positive, rng = positive_of([candidate]), np.random.default_rng(0)
+        positive = positive_of([candidate])
+        rng = np.random.default_rng(0)
         draws = draw_internal(internal, covariance, positive, _DRAWS, rng)
-        low, high = np.quantile([candidate.physical(row) for row in draws], TAILS, axis=0)
+        low, high = np.quantile(
+            [candidate.physical(row) for row in draws], TAILS, axis=0
+        )
         return list(zip(low.tolist(), high.tolist(), strict=True))
     deviation = np.sqrt(np.diagonal(covariance).clip(min=1e-300))
     lowest = [0.0 if one_sided else -np.inf for one_sided in candidate.one_sided]
-    ends = [quantiles(m, s, low) for m, s, low in zip(internal, deviation, lowest, strict=True)]
+    ends = [
+        quantiles(m, s, low)
+        for m, s, low in zip(internal, deviation, lowest, strict=True)
+    ]
     if len(values) == 1:
-        low, high = sorted(float(candidate.physical(np.array([end]))[0]) for end in ends[0])
+        low, high = sorted(
+            float(candidate.physical(np.array([end]))[0]) for end in ends[0]
+        )
         return [(low, high)]
     if candidate.positive:
-        sides = [candidate.physical(np.array([end[side] for end in ends])) for side in (0, 1)]
-        return [(float(min(a, b)), float(max(a, b))) for a, b in zip(*sides, strict=True)]
+        sides = [
+            candidate.physical(np.array([end[side] for end in ends])) for side in (0, 1)
+        ]
+        return [
+            (float(min(a, b)), float(max(a, b))) for a, b in zip(*sides, strict=True)
+        ]
     below, above = (values + sigma * end for end in quantiles(0.0, 1.0))
     return list(zip(below.tolist(), above.tolist(), strict=True))
 
@@ -232,7 +320,9 @@ def _under_other_priors(found: Findings) -> dict[str, Findings]:
     return {prior: found.under(other) for prior, other in others.items()}
 
 
-def _check(found: Findings, known: Hypothesis, residual: Array) -> tuple[HeldOut | None, Array]:
+def _check(
+    found: Findings, known: Hypothesis, residual: Array
+) -> tuple[HeldOut | None, Array]:
     """Check held-out readings against their predictive distribution; return residuals (n,) too."""
     x = found.slopes(known)
     spread = np.einsum("ni,ij,nj->n", x, known.covariance, x).clip(min=0.0)
@@ -261,7 +351,11 @@ def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative
         alone = found.fit_plainly(h)
         chi2 = found.chi2(alone) / max(int(found.used_readings.sum()), 1)
         far = f"ln-odds {behind:.1f} behind, χ² per reading {chi2:.3g}"
-        wrong = [t for c in h.candidates for t in implausible(c, h)] if behind < COMPARED else []
+        wrong = (
+            [t for c in h.candidates for t in implausible(c, h)]
+            if behind < COMPARED
+            else []
+        )
         why = "; ".join([far if behind > 0.05 else "as good", *wrong])
         effect = " + ".join(c.effect for c in h.candidates)
         place = " + ".join(c.place for c in h.candidates)
@@ -272,9 +366,15 @@ def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative
 def _gap(found: Findings, reported: Hypothesis, held_out: Array) -> Gap:
     none = found.none
     count = max(int(found.used_readings.sum()), 1)
-    c, explained = found.campaign, found.percent_rms(reported)
+    c = found.campaign
+    explained = found.percent_rms(reported)
     noise = percent_rms(c, c.value + found.sigma, found.sigma, found.used_readings)
-    residuals = (found.residual(none), found.residual(reported), held_out, np.ones(len(held_out)))
+    residuals = (
+        found.residual(none),
+        found.residual(reported),
+        held_out,
+        np.ones(len(held_out)),
+    )
     sizes = (found.sigma * each for each in residuals)
     return Gap(
         found.percent_rms(none),
@@ -296,12 +396,18 @@ def _steps(gap: Gap, effects: tuple[Effect, ...]) -> tuple[tuple[str, float], ..
     return (("nominal", gap.nominal), *alone, *together, *ends)
 
 
-def _unseen(found: Findings, joint: Hypothesis, effects: tuple[Candidate, ...]) -> Iterator[str]:
+def _unseen(
+    found: Findings, joint: Hypothesis, effects: tuple[Candidate, ...]
+) -> Iterator[str]:
     """A line for each effect of many errors of which readings show some combinations alone."""
     for c in joint.candidates:
         if c.parts and c in effects:
-            here, count = joint.mark(lambda other, c=c: other is c), len(c.parts)
-            own = found.slopes(joint)[found.used_readings][:, here] * joint.known.scales[here]
+            here = joint.mark(lambda other, c=c: other is c)
+            count = len(c.parts)
+            own = (
+                found.slopes(joint)[found.used_readings][:, here]
+                * joint.known.scales[here]
+            )
             left = np.linalg.inv(np.eye(count) + own.T @ own)
             seen = int(np.sum(np.linalg.eigvalsh(left) < _LEFT))
             alone = list(compress(c.parts, np.diagonal(left) >= _LEFT))
@@ -312,12 +418,17 @@ def _unseen(found: Findings, joint: Hypothesis, effects: tuple[Candidate, ...]) 
 
 def _counts(found: Findings, reported: Hypothesis) -> list[str]:
     """Return remarks on the numbers of readings and parameters, the noise and the evidence."""
-    count, parameters = int(found.used_readings.sum()), len(reported.values)
+    count = int(found.used_readings.sum())
+    parameters = len(reported.values)
     factor = found.best.known.noise_factor
     scaled = bool(found.problem.noise.scaled.any())
     gain = found.best.evidence - found.none.evidence
     return [
         f"{count} readings, {parameters} free parameter{'s' if parameters != 1 else ''}",
-        *([f"estimated noise: {100 * factor:.2g} % of a reading (1 σ)"] if scaled else []),
+        *(
+            [f"estimated noise: {100 * factor:.2g} % of a reading (1 σ)"]
+            if scaled
+            else []
+        ),
         *([f"ln-odds over no effect: {gain:.1f}"] if found.best.names else []),
     ]

@@ -41,25 +41,48 @@ def find_next(
     is_open
         Whether the verdict itself is open; otherwise there is a group if effects are confused.
     """
-    best, limit = found.best, COMPETING * found.probability[0]
+    best = found.best
+    limit = COMPETING * found.probability[0]
     rivals = [h for h, p in found.ranked if h is not best and p >= limit][:_RIVALS]
-    rivals += [twin for twin, _ in zip(_exchange_twins(best), range(_RIVALS), strict=False)]
+    rivals += [
+        twin for twin, _ in zip(_exchange_twins(best), range(_RIVALS), strict=False)
+    ]
     rivals.sort(key=lambda h: best.names <= h.names)  # extensions last
-    step = next_measurement(found.model.trial(found.sigma), best, rivals) if rivals else None
+    step = (
+        next_measurement(found.model.trial(found.sigma), best, rivals)
+        if rivals
+        else None
+    )
     if step or not (is_open or any(effect.confused_with for effect in effects)):
         return step, ""
     aliases = {name for c in best.candidates for name in c.aliases}
-    if not is_open and all(aliases.issuperset(effect.confused_with) for effect in effects):
+    if not is_open and all(
+        aliases.issuperset(effect.confused_with) for effect in effects
+    ):
         named = (e for e in effects if e.confused_with)
-        same = dict.fromkeys(word for e in named for word in (f"{e.effect} @ {e.place}", *e.confused_with))
-        return None, f"no reading distinguishes {' and '.join(same)}: names of the same change"
+        same = dict.fromkeys(
+            word
+            for e in named
+            for word in (f"{e.effect} @ {e.place}", *e.confused_with)
+        )
+        return (
+            None,
+            f"no reading distinguishes {' and '.join(same)}: names of the same change",
+        )
     none = "none of this campaign's instruments and loads is expected to distinguish them at any pose"
     if not rivals or not isinstance(found.model, RobotModel):
         return None, none if rivals else ""
     nominal = found.model.nominal
     try:
-        campaign = replace(plan_campaign(nominal, offer_readings(nominal)), modelled=found.campaign.modelled)
-        trial = Trial(replace(found.model, campaign=campaign), campaign.sigma, np.arange(len(campaign)))
+        campaign = replace(
+            plan_campaign(nominal, offer_readings(nominal)),
+            modelled=found.campaign.modelled,
+        )
+        trial = Trial(
+            replace(found.model, campaign=campaign),
+            campaign.sigma,
+            np.arange(len(campaign)),
+        )
         step = next_measurement(trial, best, rivals)
     except InputError:  # e.g. effects too large for a planned pose
         return None, none
@@ -69,13 +92,15 @@ def find_next(
     return replace(step, new=_describe_new(campaign, step)), ""
 
 
-def _describe_new(campaign: Campaign, step: NextMeasurement) -> dict[str, dict[str, Any]]:
+def _describe_new(
+    campaign: Campaign, step: NextMeasurement
+) -> dict[str, dict[str, Any]]:
     """Return the sensors and the load point of a reading as sections of campaign.toml, by name."""
     sensors = (s for s in campaign.sensors if s.name in (step.sensors or ()))
     loads = (hook for hook in campaign.loads if hook.name == step.load)
-    return {s.name: describe_sensor(s.measures, s.body, s.at, s.direction) for s in sensors} | {
-        hook.name: {"body": hook.body, "at": list(hook.at)} for hook in loads
-    }
+    return {
+        s.name: describe_sensor(s.measures, s.body, s.at, s.direction) for s in sensors
+    } | {hook.name: {"body": hook.body, "at": list(hook.at)} for hook in loads}
 
 
 def _exchange_twins(best: Hypothesis) -> Iterator[Hypothesis]:
@@ -86,4 +111,8 @@ def _exchange_twins(best: Hypothesis) -> Iterator[Hypothesis]:
             spread = best.covariance * np.outer(scales, scales)
             known = replace(best.known, find_covariance=lambda spread=spread: spread)
             own = (twin, (rate * values[0],))
-            yield replace(best, parameters=(*best.parameters[:k], own, *best.parameters[k + 1 :]), known=known)
+            yield replace(
+                best,
+                parameters=(*best.parameters[:k], own, *best.parameters[k + 1 :]),
+                known=known,
+            )

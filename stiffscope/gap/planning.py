@@ -44,7 +44,8 @@ AMPLE = 4.0 * ENOUGH
 """Least ln-odds of a planned pair by all available readings; others would need nearly all."""
 USUAL = 0.3  # planned size of faults, in their units
 NONE = "no effect"
-_ALL, _FROM = "all", " from "
+_ALL = "all"
+_FROM = " from "
 _LARGEST = 500.0  # N
 _DEFLECTION = 4e-4  # m: intended deflection of the tool
 _SIZES = (1.0, -0.25)  # relative loads: lost motion is the same under a small load
@@ -76,7 +77,9 @@ class Proposal:
     """Pairs by ascending ln-odds, those of the question first."""
 
 
-def propose_plan(nominal: NominalRobot, question: str, given: Header | None = None) -> Proposal:
+def propose_plan(
+    nominal: NominalRobot, question: str, given: Header | None = None
+) -> Proposal:
     """Find the fewest readings that answer a question.
 
     Parameters
@@ -98,7 +101,9 @@ def propose_plan(nominal: NominalRobot, question: str, given: Header | None = No
     campaign = plan_campaign(nominal, offer)
     model = RobotModel(campaign, nominal)
     simple = [c for c in model.library if c.simple and c.effect not in _NUMBERS]
-    known = {c.name: c for c in simple if len(c.scale) == len(c.names)}  # no isotropic supports
+    known = {
+        c.name: c for c in simple if len(c.scale) == len(c.names)
+    }  # no isotropic supports
     sides = read_question(question, known)
     pairs = _pair_up(model, known, sides)
     told = list(compress(pairs, judge_pairs(pairs, range(len(campaign))) >= AMPLE))
@@ -108,19 +113,28 @@ def propose_plan(nominal: NominalRobot, question: str, given: Header | None = No
     if not rows:
         expected = "expected causes that these instruments can distinguish"
         raise InputError(f"--ask: {expected}, got {question!r}")
-    return Proposal(offer.select(rows), tuple(_summarize(pairs, told, {c.name for c in asked})))
+    return Proposal(
+        offer.select(rows), tuple(_summarize(pairs, told, {c.name for c in asked}))
+    )
 
 
 def offer_readings(nominal: NominalRobot, given: Header | None = None) -> Plan:
     """Return all available readings throughout the workspace, with given or default instruments."""
-    robot, mechanism = nominal.robot, nominal.mechanism
+    robot = nominal.robot
+    mechanism = nominal.mechanism
     points = np.array([*(joint.at for joint in mechanism.joints), mechanism.tool.at])
     size = float(np.linalg.norm(np.ptp(points, axis=0)))
     poses = planned_poses(robot)
     soft = np.diagonal(compliance(mechanism, poses[:1])[0])[:3]
-    middle = np.median(soft[soft > 0.0]) if (soft > 0.0).any() else _DEFLECTION / _LARGEST
+    middle = (
+        np.median(soft[soft > 0.0]) if (soft > 0.0).any() else _DEFLECTION / _LARGEST
+    )
     force = min(_LARGEST, float(f"{_DEFLECTION / middle:.0e}"))
-    sensors = given.sensors if given and given.sensors else _place_sensors(robot, mechanism.joints)
+    sensors = (
+        given.sensors
+        if given and given.sensors
+        else _place_sensors(robot, mechanism.joints)
+    )
     strange = [sensor.name for sensor in sensors if sensor.absolute]
     if strange:
         field = f"sensors.{strange[0]}.measures"
@@ -143,7 +157,10 @@ def _place_hooks(robot: RobotFile, size: float) -> list[LoadPoint]:
     at = np.array(robot.tool.at)
     side = np.round(at + _LEVER * size * np.array([1.0, 1.0, 0.0]), 3)
     places = {"hook": at, "hook_beside": side}
-    return [LoadPoint(name, robot.tool.body, tuple(p.tolist())) for name, p in places.items()]
+    return [
+        LoadPoint(name, robot.tool.body, tuple(p.tolist()))
+        for name, p in places.items()
+    ]
 
 
 def _place_sensors(robot: RobotFile, joints: Sequence[Joint]) -> list[Sensor]:
@@ -167,12 +184,18 @@ def _touch(robot: RobotFile, joints: Sequence[Joint]) -> list[tuple[str, Array]]
     return [found[k * (len(found) - 1) // max(count - 1, 1)] for k in range(count)]
 
 
-def read_question(question: str, known: Iterable[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def read_question(
+    question: str, known: Iterable[str]
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return the causes on both sides of a question; see `propose_plan`."""
-    known, (first, asked, second) = tuple(known), question.partition(_FROM)
-    own, other = _find_causes(first, known), _find_causes(second if asked else first, known)
+    known = tuple(known)
+    (first, asked, second) = question.partition(_FROM)
+    own = _find_causes(first, known)
+    other = _find_causes(second if asked else first, known)
     if asked and {*own} == {*other}:
-        raise InputError(f"--ask: expected other causes after from than before, got {question!r}")
+        raise InputError(
+            f"--ask: expected other causes after from than before, got {question!r}"
+        )
     return own, other
 
 
@@ -180,27 +203,42 @@ def _find_causes(patterns: str, known: tuple[str, ...]) -> tuple[str, ...]:
     found: dict[str, None] = {}
     for pattern in (each.strip() for each in patterns.split(",")):
         glob = "*" if pattern == _ALL else pattern
-        matches = [n for n in known if any(fnmatchcase(w, glob) for w in (n, *n.split(" @ ")))]
+        matches = [
+            n for n in known if any(fnmatchcase(w, glob) for w in (n, *n.split(" @ ")))
+        ]
         if not matches:
             words = ", ".join(dict.fromkeys(w for n in known for w in n.split(" @ ")))
             got = repr(pattern) if pattern else f"none in {patterns!r}"
-            raise InputError(f"--ask: expected causes that readings show of this robot, got {got} ({words})")
+            raise InputError(
+                f"--ask: expected causes that readings show of this robot, got {got} ({words})"
+            )
         found |= dict.fromkeys(matches)
     return tuple(found)
 
 
 def _pair_up(
-    model: RobotModel, known: dict[str, Candidate], sides: tuple[tuple[str, ...], tuple[str, ...]]
+    model: RobotModel,
+    known: dict[str, Candidate],
+    sides: tuple[tuple[str, ...], tuple[str, ...]],
 ) -> list[Pair]:
     """Pair parameters of the question's causes with the other side, other causes and none."""
-    prediction, sigma = model.predict(), model.campaign.sigma[:, None]
-    columns = {name: prediction.columns(c) * np.array(c.scale) / sigma for name, c in known.items()}
+    prediction = model.predict()
+    sigma = model.campaign.sigma[:, None]
+    columns = {
+        name: prediction.columns(c) * np.array(c.scale) / sigma
+        for name, c in known.items()
+    }
     columns[NONE] = np.zeros((len(sigma), 0))
     asked = {*sides[0], *sides[1]}
     out: list[Pair] = []
     for first in dict.fromkeys([*sides[0], *sides[1]]):
         changes = USUAL * columns[first].T
-        opposite = {name for own, other in (sides, sides[::-1]) if first in own for name in other}
+        opposite = {
+            name
+            for own, other in (sides, sides[::-1])
+            if first in own
+            for name in other
+        }
         for second in (NONE, *known):
             if second == first or (second in asked and second not in opposite):
                 continue
@@ -211,7 +249,9 @@ def _pair_up(
     return out
 
 
-def _summarize(pairs: Sequence[Pair], told: Sequence[Pair], asked: set[str]) -> list[Answered]:
+def _summarize(
+    pairs: Sequence[Pair], told: Sequence[Pair], asked: set[str]
+) -> list[Answered]:
     """Gather the parameters by pair of causes."""
     answers: dict[tuple[str, str], list[Pair]] = {}
     for pair in pairs:
@@ -219,9 +259,12 @@ def _summarize(pairs: Sequence[Pair], told: Sequence[Pair], asked: set[str]) -> 
     seen = {id(pair) for pair in told}
     out = [
         Answered(
-            first, second, min((p.log_odds for p in some if id(p) in seen), default=0.0),
-            tuple(p.parameter for p in some if id(p) not in seen), second in asked,
+            first,
+            second,
+            min((p.log_odds for p in some if id(p) in seen), default=0.0),
+            tuple(p.parameter for p in some if id(p) not in seen),
+            second in asked,
         )
         for (first, second), some in answers.items()
-    ]  # fmt: skip
+    ]
     return sorted(out, key=lambda answer: (not answer.asked, answer.log_odds))

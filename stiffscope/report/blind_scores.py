@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.report.figures import AFTER, BEFORE, EFFECT, name_columns, name_rows, new_figure, save_figures
+from stiffscope.report.figures import (
+    AFTER,
+    BEFORE,
+    EFFECT,
+    name_columns,
+    name_rows,
+    new_figure,
+    save_figures,
+)
 from stiffscope.report.page import Section
 from stiffscope.report.terminal import show_table
 
@@ -24,14 +32,44 @@ MEASURES = (
     ("pairs", "pairs: right", "≥ 92 %", 0.92, 1.0),
     ("triples", "triples: right", "≥ 85 %", 0.85, 1.0),
     ("false_alarms", "no effect: false alarms", "≤ 2 %", 0.0, 0.02),
-    ("outside", "effects outside the library: identified as a library effect", "≤ 3 %", 0.0, 0.03),
-    ("distinguishable", "of these, not reproduced by a few library effects: identified", "≤ 3 %", 0.0, 0.03),
-    ("left_out", "effect removed from the library: no confident misidentification", "", 0.0, 1.0),
-    ("coverage", "95 % intervals that contain the true value", "92 to 98 %", 0.92, 0.98),
+    (
+        "outside",
+        "effects outside the library: identified as a library effect",
+        "≤ 3 %",
+        0.0,
+        0.03,
+    ),
+    (
+        "distinguishable",
+        "of these, not reproduced by a few library effects: identified",
+        "≤ 3 %",
+        0.0,
+        0.03,
+    ),
+    (
+        "left_out",
+        "effect removed from the library: no confident misidentification",
+        "",
+        0.0,
+        1.0,
+    ),
+    (
+        "coverage",
+        "95 % intervals that contain the true value",
+        "92 to 98 %",
+        0.92,
+        0.98,
+    ),
 )
 FIGURES = {
-    "confusion": ("Planted and diagnosed effects", "matrix of planted and diagnosed effects"),
-    "gaps": ("Gap over noise of each campaign: before, after, held out", "points of the gaps"),
+    "confusion": (
+        "Planted and diagnosed effects",
+        "matrix of planted and diagnosed effects",
+    ),
+    "gaps": (
+        "Gap over noise of each campaign: before, after, held out",
+        "points of the gaps",
+    ),
     "calibration": ("Reliability of stated probabilities", "reliability diagram"),
 }
 HELD_OUT = 1.2
@@ -43,23 +81,43 @@ def scores_json(scores: Scores) -> dict[str, Any]:
     planted, answered, counts = scores.confusion()
     outcomes = []
     for o in scores.outcomes:
-        gap = dict(zip(("nominal", "explained", "held_out", "noise"), o.gap, strict=True))
-        outcomes.append({
-            "robot": o.robot, "campaign": o.number, "kind": o.kind, "measured": o.style,
-            "truth": list(o.truth), "left_out": o.left_out or None, "imitated": o.imitated,
-            "verdict": o.verdict, "named": list(o.named), "confused_with": list(map(list, o.groups)),
-            "right": o.right, "evidence": o.evidence, "gap": gap, "covered": list(o.covered),
-        })  # fmt: skip
-    rates, every = ("stated", "true", "count"), {"": scores, **scores.by_robot()}
+        gap = dict(
+            zip(("nominal", "explained", "held_out", "noise"), o.gap, strict=True)
+        )
+        outcomes.append(
+            {
+                "robot": o.robot,
+                "campaign": o.number,
+                "kind": o.kind,
+                "measured": o.style,
+                "truth": list(o.truth),
+                "left_out": o.left_out or None,
+                "imitated": o.imitated,
+                "verdict": o.verdict,
+                "named": list(o.named),
+                "confused_with": list(map(list, o.groups)),
+                "right": o.right,
+                "evidence": o.evidence,
+                "gap": gap,
+                "covered": list(o.covered),
+            }
+        )
+    rates = ("stated", "true", "count")
+    every = {"": scores, **scores.by_robot()}
     keys = [key for key, *_ in MEASURES]
-    measured = {name: {key: getattr(own, key) for key in keys} for name, own in every.items()}
+    measured = {
+        name: {key: getattr(own, key) for key in keys} for name, own in every.items()
+    }
     return {
-        **measured.pop(""), "held_out_over_noise": scores.held_out,
-        "calibration": [dict(zip(rates, row, strict=True)) for row in scores.calibration()],
+        **measured.pop(""),
+        "held_out_over_noise": scores.held_out,
+        "calibration": [
+            dict(zip(rates, row, strict=True)) for row in scores.calibration()
+        ],
         "robots": measured,
         "confusion": {"planted": planted, "answered": answered, "counts": counts},
         "outcomes": outcomes,
-    }  # fmt: skip
+    }
 
 
 def show_scores(scores: Scores) -> None:
@@ -70,8 +128,21 @@ def show_scores(scores: Scores) -> None:
         value = getattr(scores, key)
         share = "none drawn" if value is None else f"{100 * value:.1f} %"
         few = key == "coverage" and intervals < ENOUGH
-        met = "" if value is None or not target or few else "yes" if low <= value <= high else "no"
-        rows.append((words + (f" ({intervals})" if key == "coverage" else ""), share, target, met))
+        met = (
+            ""
+            if value is None or not target or few
+            else "yes"
+            if low <= value <= high
+            else "no"
+        )
+        rows.append(
+            (
+                words + (f" ({intervals})" if key == "coverage" else ""),
+                share,
+                target,
+                met,
+            )
+        )
     if scores.held_out is not None:
         met = "yes" if scores.held_out <= HELD_OUT else "no"
         words = "correctly identified: largest held-out gap over noise"
@@ -80,21 +151,38 @@ def show_scores(scores: Scores) -> None:
     show_table("Blind check", groups, rows, prose=("measure",))
     own = scores.by_robot()
     keys = [key for key, *_ in MEASURES]
-    rows = [(name, *(_percent(getattr(each, key)) for key in keys)) for name, each in own.items()]
+    rows = [
+        (name, *(_percent(getattr(each, key)) for key in keys))
+        for name, each in own.items()
+    ]
     if len(own) > 1:
-        show_table("Each robot, %", (("robot",), [key.replace("_", " ") for key in keys]), rows)
+        show_table(
+            "Each robot, %", (("robot",), [key.replace("_", " ") for key in keys]), rows
+        )
     rates = scores.calibration()
-    rows = [(_percent(stated), _percent(true), str(count)) for stated, true, count in rates]
+    rows = [
+        (_percent(stated), _percent(true), str(count)) for stated, true, count in rates
+    ]
     if rows:
         show_table("Stated probabilities, %", (("stated",), ("true", "effects")), rows)
     _show_gaps(scores)
     planted, answered, counts = scores.confusion()
     confusion = [
-        (word, ", ".join(f"{name} {n}" for name, n in zip(answered, row, strict=True) if n))
+        (
+            word,
+            ", ".join(
+                f"{name} {n}" for name, n in zip(answered, row, strict=True) if n
+            ),
+        )
         for word, row in zip(planted, counts, strict=True)
     ]
     if confusion:
-        show_table("Single effects", (("planted",), ("answered",)), confusion, prose=("answered",))
+        show_table(
+            "Single effects",
+            (("planted",), ("answered",)),
+            confusion,
+            prose=("answered",),
+        )
     _show_wrong(scores)
 
 
@@ -108,7 +196,9 @@ def _show_gaps(scores: Scores) -> None:
         here = [o for o in scores.outcomes if o.kind == kind and not o.left_out]
         medians = np.nanmedian([o.gap for o in here], axis=0)
         right = str(sum(o.right for o in here))
-        rows.append((kind, str(len(here)), right, *(f"{value:.3g}" for value in medians)))
+        rows.append(
+            (kind, str(len(here)), right, *(f"{value:.3g}" for value in medians))
+        )
     groups = (("",), ("campaigns", "right"), ("before", "after", "held out", "noise"))
     show_table("Gap, % rms, median", groups, rows)
 
@@ -128,17 +218,24 @@ def _show_wrong(scores: Scores) -> None:
 def draw_scores(scores: Scores, folder: Path) -> None:
     """Write the figures "confusion", "gaps" and "calibration" as SVG and PNG."""
     figures = {"confusion": confusion, "gaps": gaps, "calibration": calibration}
-    save_figures(folder, {stem: partial(draw, scores) for stem, draw in figures.items()})
+    save_figures(
+        folder, {stem: partial(draw, scores) for stem, draw in figures.items()}
+    )
 
 
 def write_blind_report(scores: Scores, report: Draft) -> None:
     """Write ``report.html`` of a blind check: tables shown, the folder's figures, the manifest."""
     robots = scores.by_robot()
     figures = report.figures({f"{stem}.svg": words for stem, words in FIGURES.items()})
-    facts = [f"robots: {', '.join(robots) or 'none'}", f"{len(scores.outcomes)} campaigns"]
+    facts = [
+        f"robots: {', '.join(robots) or 'none'}",
+        f"{len(scores.outcomes)} campaigns",
+    ]
     count = len(scores.outcomes) // max(len(robots), 1)
     title = f"Blind check of the diagnosis, {count} campaigns a robot"
-    report.write(title, facts, [Section("Scores", report.shown), Section("Figures", (), figures)])
+    report.write(
+        title, facts, [Section("Scores", report.shown), Section("Figures", (), figures)]
+    )
 
 
 def confusion(scores: Scores) -> Figure:
@@ -165,8 +262,14 @@ def gaps(scores: Scores) -> Figure:
     shown.sort(key=lambda o: (o.kind, o.gap[0] / o.gap[3]))
     figure = new_figure(9.5, 4.2, "Gap over noise, each campaign")
     axes = figure.subplots()
-    over_noise = np.array([o.gap for o in shown]) / np.array([[o.gap[3]] for o in shown])
-    marks = ((0, "before", BEFORE, "o"), (1, "after", EFFECT, "D"), (2, "held out", AFTER, "x"))
+    over_noise = np.array([o.gap for o in shown]) / np.array(
+        [[o.gap[3]] for o in shown]
+    )
+    marks = (
+        (0, "before", BEFORE, "o"),
+        (1, "after", EFFECT, "D"),
+        (2, "held out", AFTER, "x"),
+    )
     for k, word, colour, mark in marks:
         axes.plot(over_noise[:, k], mark, color=colour, markersize=4, label=word)
     axes.axhline(1.0, color=BEFORE, lw=0.8, ls=":")
@@ -191,10 +294,14 @@ def calibration(scores: Scores) -> Figure:
     axes.plot([0, 1], [0, 1], color=BEFORE, lw=0.8, ls=":")
     for stated, true, count in scores.calibration():
         error = 2 * np.sqrt(max(stated * (1 - stated), 0.25 / count) / count)
-        axes.errorbar(stated, true, error, fmt="o", color=EFFECT, ecolor=BEFORE, elinewidth=1)
+        axes.errorbar(
+            stated, true, error, fmt="o", color=EFFECT, ecolor=BEFORE, elinewidth=1
+        )
         above = axes.get_xaxis_transform()
         axes.text(stated, 1.01, str(count), transform=above, ha="center", fontsize=7)
-    axes.set(xlabel="stated probability (number of cases above)", ylabel="observed frequency")
+    axes.set(
+        xlabel="stated probability (number of cases above)", ylabel="observed frequency"
+    )
     axes.set(xlim=(-0.03, 1.05), ylim=(-0.03, 1.05))
     axes.spines[["top", "right"]].set_visible(False)
     return figure

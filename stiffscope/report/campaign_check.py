@@ -7,7 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS, POSITION, WRENCH
+from stiffscope.gap.campaign.quantities import (
+    DEFLECTION,
+    DEVIATION,
+    FREQUENCY,
+    KINDS,
+    POSITION,
+    WRENCH,
+)
 from stiffscope.gap.inference.findings import copies
 from stiffscope.gap.planning import ENOUGH
 from stiffscope.report.numbers import coordinates, pose_values
@@ -36,7 +43,8 @@ PICTURES = {
 }
 """Files written by `draw_sensors`, with their captions."""
 _PLURAL = {"frequency": "frequencies", "stiffness": "stiffnesses", "push": "pushes"}
-_SHOWN, _PAIRS = 24, 12  # rows shown in a table; further rows are only counted
+_SHOWN = 24
+_PAIRS = 12  # rows shown in a table; further rows are only counted
 
 
 def plan_json(proposal: Proposal) -> dict[str, Any]:
@@ -46,11 +54,16 @@ def plan_json(proposal: Proposal) -> dict[str, Any]:
         "loads": [hook.name for hook in proposal.plan.hooks],
         "enough": ENOUGH,
         "pairs": [
-            {"first": pair.first, "second": pair.second, "ln_odds": pair.log_odds,
-             "hidden": list(pair.hidden), "asked": pair.asked}
+            {
+                "first": pair.first,
+                "second": pair.second,
+                "ln_odds": pair.log_odds,
+                "hidden": list(pair.hidden),
+                "asked": pair.asked,
+            }
             for pair in proposal.pairs
         ],
-    }  # fmt: skip
+    }
 
 
 def show_plan(proposal: Proposal, names: Sequence[str]) -> None:
@@ -64,14 +77,24 @@ def show_plan(proposal: Proposal, names: Sequence[str]) -> None:
             newtons = ", ".join(f"{f:g}" for f in force)
             load = f"{plan.hooks[hook].name} {newtons}" if hook >= 0 else "none"
             rows += [[pose_values(values, names), load, read]] if here.any() else []
-    show_table("Readings", [[coordinates(names)], ["load, N", "sensors"]], rows, prose=("sensors",))
-    asked, others = ([p for p in proposal.pairs if p.asked == wanted] for wanted in (True, False))
+    show_table(
+        "Readings",
+        [[coordinates(names)], ["load, N", "sensors"]],
+        rows,
+        prose=("sensors",),
+    )
+    asked, others = (
+        [p for p in proposal.pairs if p.asked == wanted] for wanted in (True, False)
+    )
     _show_pairs("The question: expected ln-odds if the first is true", asked)
     _show_pairs("Against other causes: the smallest", others)
 
 
 def _show_pairs(title: str, pairs: Sequence[Answered]) -> None:
-    rows = [[p.first, p.second, f"{p.log_odds:.3g}", ", ".join(p.hidden)] for p in pairs[:_PAIRS]]
+    rows = [
+        [p.first, p.second, f"{p.log_odds:.3g}", ", ".join(p.hidden)]
+        for p in pairs[:_PAIRS]
+    ]
     pair = "true", "instead"
     if rows:
         show_table(title, [pair, ["ln-odds", "unresolved"]], rows, prose=pair)
@@ -79,7 +102,9 @@ def _show_pairs(title: str, pairs: Sequence[Answered]) -> None:
         show_line(f"and {len(pairs) - _PAIRS} more: see --json")
 
 
-def campaign_json(campaign: Campaign, remarks: Iterable[ReadingRemark] = ()) -> dict[str, Any]:
+def campaign_json(
+    campaign: Campaign, remarks: Iterable[ReadingRemark] = ()
+) -> dict[str, Any]:
     """Return the campaign as read, as plain data in SI units."""
     c = campaign
     largest = np.abs(np.nan_to_num(c.wrench)).max(axis=0, initial=0.0)
@@ -89,15 +114,26 @@ def campaign_json(campaign: Campaign, remarks: Iterable[ReadingRemark] = ()) -> 
         count = int((c.load == k).sum())
         loads[load.name] = {"body": load.body, "at": list(load.at), "readings": count}
     return {
-        "robot": c.robot, "readings": len(c), "empty": int(np.isnan(c.value).sum()),
-        "kinds": {name: n for name, n in counts if n}, "coordinates": list(c.coordinates),
-        "poses": {name: pose.tolist() for name, pose in zip(c.pose_names, c.poses, strict=True)},
-        "sessions": dict(zip(c.session_names, np.bincount(c.session).tolist(), strict=True)),
-        "without_sigma": int(np.isnan(c.sigma).sum()), "copies": copies(c)[1] or None,
-        "remarks": [asdict(remark) for remark in remarks], "channels": _channels(c),
-        "sensors": {s.name: _sensor(c, k) for k, s in enumerate(c.sensors)}, "loads": loads,
+        "robot": c.robot,
+        "readings": len(c),
+        "empty": int(np.isnan(c.value).sum()),
+        "kinds": {name: n for name, n in counts if n},
+        "coordinates": list(c.coordinates),
+        "poses": {
+            name: pose.tolist()
+            for name, pose in zip(c.pose_names, c.poses, strict=True)
+        },
+        "sessions": dict(
+            zip(c.session_names, np.bincount(c.session).tolist(), strict=True)
+        ),
+        "without_sigma": int(np.isnan(c.sigma).sum()),
+        "copies": copies(c)[1] or None,
+        "remarks": [asdict(remark) for remark in remarks],
+        "channels": _channels(c),
+        "sensors": {s.name: _sensor(c, k) for k, s in enumerate(c.sensors)},
+        "loads": loads,
         "largest_wrench": dict(zip(WRENCH, largest.tolist(), strict=True)),
-    }  # fmt: skip
+    }
 
 
 def _sensor(c: Campaign, k: int) -> dict[str, Any]:
@@ -105,9 +141,15 @@ def _sensor(c: Campaign, k: int) -> dict[str, Any]:
     at = {} if s.rotates else {"at": list(s.at)}
     frame = {"frame": s.frame, "at_sigma": s.at_sigma} if s.absolute else {}
     return {
-        "measures": s.measures, "body": s.body, "direction": list(s.direction),
-        "against": s.against, **frame, **at, "zero": s.zero, "readings": int((c.sensor == k).sum()),
-    }  # fmt: skip
+        "measures": s.measures,
+        "body": s.body,
+        "direction": list(s.direction),
+        "against": s.against,
+        **frame,
+        **at,
+        "zero": s.zero,
+        "readings": int((c.sensor == k).sum()),
+    }
 
 
 def _channels(c: Campaign) -> list[dict[str, Any]]:
@@ -117,17 +159,29 @@ def _channels(c: Campaign) -> list[dict[str, Any]]:
     for i, kind in enumerate(c.kind.tolist()):
         rows.setdefault((c.what(i), kind), []).append(i)
     for (reads, kind), mine in rows.items():
-        value, sigma = (each[mine][~np.isnan(each[mine])] for each in (c.value, c.sigma))
-        low, high = (float(value.min()), float(value.max())) if len(value) else (None, None)
-        out.append({
-            "reads": reads, "kind": KINDS[kind], "count": len(mine), "unit": _unit(c, mine[0]),
-            "low": low, "high": high, "sigma": float(np.median(sigma)) if len(sigma) else None,
-        })  # fmt: skip
+        value, sigma = (
+            each[mine][~np.isnan(each[mine])] for each in (c.value, c.sigma)
+        )
+        low, high = (
+            (float(value.min()), float(value.max())) if len(value) else (None, None)
+        )
+        out.append(
+            {
+                "reads": reads,
+                "kind": KINDS[kind],
+                "count": len(mine),
+                "unit": _unit(c, mine[0]),
+                "low": low,
+                "high": high,
+                "sigma": float(np.median(sigma)) if len(sigma) else None,
+            }
+        )
     return out
 
 
 def _unit(c: Campaign, reading: int) -> str:
-    kind, turns = c.kind[reading], c.direction[reading] >= 3
+    kind = c.kind[reading]
+    turns = c.direction[reading] >= 3
     if kind == FREQUENCY:
         return "Hz"
     if kind in (DEFLECTION, DEVIATION, POSITION):
@@ -138,7 +192,9 @@ def _unit(c: Campaign, reading: int) -> str:
 def show_campaign(facts: Mapping[str, Any], name: str) -> None:
     """Print the facts of a campaign returned by `campaign_json`."""
     counts = facts["kinds"].items()
-    kinds = ", ".join(f"{count} {_PLURAL.get(kind, kind + 's')}" for kind, count in counts)
+    kinds = ", ".join(
+        f"{count} {_PLURAL.get(kind, kind + 's')}" for kind, count in counts
+    )
     readings = f"{facts['readings']} readings ({kinds})"
     show_line(f"{name}: {readings} at {len(facts['poses'])} poses", "bold")
     if facts["empty"]:
@@ -148,36 +204,63 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
     for remark in facts["remarks"]:
         show_line(f"  {remark['text']}", "yellow")
     if facts["without_sigma"]:
-        show_line(f"  {facts['without_sigma']} have no uncertainty; it will be estimated")
+        show_line(
+            f"  {facts['without_sigma']} have no uncertainty; it will be estimated"
+        )
     counts = facts["sessions"].items()
-    sessions = ", ".join(f"{label or 'without a name'} {count}" for label, count in counts)
-    show_line("  one session\n" if [*facts["sessions"]] == [""] else f"  sessions: {sessions}\n")
+    sessions = ", ".join(
+        f"{label or 'without a name'} {count}" for label, count in counts
+    )
+    show_line(
+        "  one session\n"
+        if [*facts["sessions"]] == [""]
+        else f"  sessions: {sessions}\n"
+    )
     rows = []
     for row in facts["channels"]:
         numbers = (_number(row[key]) for key in ("low", "high", "sigma"))
-        rows.append([row["reads"], row["kind"], str(row["count"]), row["unit"], *numbers])
+        rows.append(
+            [row["reads"], row["kind"], str(row["count"]), row["unit"], *numbers]
+        )
     columns = ["kind", "count", "unit", "least", "greatest", "sigma"]
     show_table("Readings, SI", [["reads"], columns], rows)
     if facts["sensors"]:
         rows = [
-            [key, s["measures"], s["body"], _three(s.get("at")), _three(s["direction"]),
-             s.get("frame", s["against"]), s["zero"]]
+            [
+                key,
+                s["measures"],
+                s["body"],
+                _three(s.get("at")),
+                _three(s["direction"]),
+                s.get("frame", s["against"]),
+                s["zero"],
+            ]
             for key, s in facts["sensors"].items()
-        ]  # fmt: skip
+        ]
         columns = ["measures", "body", "at, m", "direction", "against or frame", "zero"]
         show_table("Sensors", [["sensor"], columns], rows)
     if facts["loads"]:
         loads = facts["loads"].items()
-        rows = [[key, at["body"], _three(at["at"]), str(at["readings"])] for key, at in loads]
+        rows = [
+            [key, at["body"], _three(at["at"]), str(at["readings"])]
+            for key, at in loads
+        ]
         show_table("Loads", [["load"], ["body", "at, m", "readings"]], rows)
-    largest = (f"{key} {value:g}" for key, value in facts["largest_wrench"].items() if value)
+    largest = (
+        f"{key} {value:g}" for key, value in facts["largest_wrench"].items() if value
+    )
     show_line(f"Largest wrench: {', '.join(largest) or 'none'} (N, N·m)")
     names = facts["coordinates"]
     if not np.isfinite([*facts["poses"].values()]).any():
         show_line(f"Poses: {', '.join(facts['poses'])}, given by name only")
         return
-    poses = [[key, *(pose_values([v], [name], 6) for v, name in zip(pose, names, strict=True))]
-             for key, pose in facts["poses"].items()]  # fmt: skip
+    poses = [
+        [
+            key,
+            *(pose_values([v], [name], 6) for v, name in zip(pose, names, strict=True)),
+        ]
+        for key, pose in facts["poses"].items()
+    ]
     columns = [f"{name} {shown_unit(name)[1]}" for name in names]
     show_table("Poses", [["pose"], columns], poses[:_SHOWN])
     if len(poses) > _SHOWN:
@@ -187,7 +270,9 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
 def write_page(name: str, report: Draft) -> None:
     """Write ``report.html`` of a campaign check: the shown tables and the folder's pictures."""
     words = "the robot, with arrows at sensors and loads"
-    drawn = report.figures({file: (caption, words) for file, caption in PICTURES.items()})
+    drawn = report.figures(
+        {file: (caption, words) for file, caption in PICTURES.items()}
+    )
     about = ["the campaign as read, not compared with the model"]
     sections = [Section("Readings", report.shown, drawn, files=("check.json",))]
     report.write(f"{name}: its readings", about, sections)
@@ -202,7 +287,11 @@ def _three(values: list[float] | None) -> str:
 
 
 def draw_sensors(
-    draw: Callable[..., None], robot: RobotFile, found: Configurations, campaign: Campaign, folder: Path
+    draw: Callable[..., None],
+    robot: RobotFile,
+    found: Configurations,
+    campaign: Campaign,
+    folder: Path,
 ) -> None:
     """Draw `PICTURES`: the robot at its first and last pose, with arrows, if drawing is possible.
 
@@ -215,17 +304,24 @@ def draw_sensors(
     campaign, folder
         Campaign whose sensors and loads are marked, and folder to write to.
     """
-    mechanism, shown = found.mechanism, []
+    mechanism = found.mechanism
+    shown = []
     arrows = marks(campaign, mechanism)
     for file, k in zip(PICTURES, (0, 0, len(found) - 1), strict=True):
-        place = pose_text(mechanism, found.tool[k, mechanism.tool.commanded_axes].tolist())
+        place = pose_text(
+            mechanism, found.tool[k, mechanism.tool.commanded_axes].tolist()
+        )
         title = f"{robot.name}, sensors and loads at {place}"
-        shown.append({"file": file, "title": title, "moves": place_robot(found, k).moves})
+        shown.append(
+            {"file": file, "title": title, "moves": place_robot(found, k).moves}
+        )
     named, first, last = shown
     named["names"] = True
-    pictures = [named] * bool(arrows) + [first] + [last] * (len(found) > 1)
+    pictures = [named] * bool(arrows) + [first] + ([last] if len(found) > 1 else [])
     with optional_pictures():
-        draw("robot", folder, pictures=pictures, marks=arrows, **scene(robot, mechanism))
+        draw(
+            "robot", folder, pictures=pictures, marks=arrows, **scene(robot, mechanism)
+        )
 
 
 def marks(campaign: Campaign, mechanism: Mechanism) -> list[dict[str, Any]]:
@@ -233,7 +329,9 @@ def marks(campaign: Campaign, mechanism: Mechanism) -> list[dict[str, Any]]:
     arrows: list[tuple[Any, ...]] = []
     for sensor in campaign.sensors:
         at = _place(mechanism, sensor.body) if sensor.rotates else np.array(sensor.at)
-        arrows.append(("sensor", sensor.name, sensor.body, at, np.array(sensor.direction)))
+        arrows.append(
+            ("sensor", sensor.name, sensor.body, at, np.array(sensor.direction))
+        )
     places = [
         ("load at M", mechanism.tool.body, mechanism.tool.at),
         *((load.name, load.body, np.array(load.at)) for load in campaign.loads),

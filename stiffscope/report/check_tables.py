@@ -45,7 +45,10 @@ def show_check(found: Inspection) -> None:
     if found.configurations is not None:
         _reach(found)
         _poses(found)
-    _lines("Remarks", [*found.remarks, *[f"refused: {found.error}"] * bool(found.error)] or ["none"])
+    _lines(
+        "Remarks",
+        [*found.remarks, *[f"refused: {found.error}"] * bool(found.error)] or ["none"],
+    )
     show_doubts(found.doubts)
 
 
@@ -54,7 +57,12 @@ def show_doubts(doubts: Sequence[Doubt]) -> None:
     rows = [(_some(doubt.solids), doubt.text) for doubt in doubts]
     if rows:
         columns = ("solids", "assumption, and alternatives")
-        _table("Review these; other interpretations are possible", columns, rows, prose=columns)
+        _table(
+            "Review these; other interpretations are possible",
+            columns,
+            rows,
+            prose=columns,
+        )
 
 
 def model_json(read: SimulatorModel, file: Path) -> dict[str, Any]:
@@ -67,9 +75,12 @@ def import_json(found: Imported) -> dict[str, Any]:
     """Return the same for an assembly, with joints, hardware, doubts and changes."""
     joints = {j.name: {"type": j.kind, "reason": j.note} for j in found.model.joints}
     return {
-        **model_json(found.model, found.file), "joints_found": joints, "hardware": found.hardware,
-        "doubts": [asdict(doubt) for doubt in found.doubts], "changes": found.changes,
-    }  # fmt: skip
+        **model_json(found.model, found.file),
+        "joints_found": joints,
+        "hardware": found.hardware,
+        "doubts": [asdict(doubt) for doubt in found.doubts],
+        "changes": found.changes,
+    }
 
 
 def show_import(found: Imported) -> None:
@@ -81,8 +92,11 @@ def show_import(found: Imported) -> None:
         show_line(f"Since the last import: {change}.")
     if found.changes == ():
         show_line("Since the last import: nothing has changed.")
-    model, driven = found.model, ", ".join(found.driven) or "none"
-    seen = f"{found.solids} solids, {found.contacts} contacts; {len(model.bodies)} bodies"
+    model = found.model
+    driven = ", ".join(found.driven) or "none"
+    seen = (
+        f"{found.solids} solids, {found.contacts} contacts; {len(model.bodies)} bodies"
+    )
     made = f"{len(model.joints)} joints, {len(found.hardware)} pieces of hardware (driven: {driven})"
     show_written(model, found.file, f"{seen}, {made}")
 
@@ -94,27 +108,38 @@ def show_written(read: SimulatorModel, file: Path, counts: str) -> None:
     show_line(f"Written: {file}, {counts}. Next: stiffscope check {file}")
 
 
-def _table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]], prose: Collection[str] = ()) -> None:
+def _table(
+    title: str,
+    columns: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    prose: Collection[str] = (),
+) -> None:
     show_table(title, [columns[:1], columns[1:]], rows, prose=prose)
 
 
 def _lines(title: str, lines: Iterable[str]) -> None:
     listed = list(lines)
-    more = [f"and {len(listed) - _SHOWN} more: see --json"] if len(listed) > _SHOWN else []
+    more = (
+        [f"and {len(listed) - _SHOWN} more: see --json"] if len(listed) > _SHOWN else []
+    )
     if listed:
         show_list(title, listed[:_SHOWN] + more)
 
 
 def _mobility(found: Inspection) -> Iterator[tuple[str, str]]:
-    m, mechanism = found.mobility, found.mechanism
-    count, elastic = len(mechanism.bodies), sum(b.elastic is not None for b in mechanism.bodies)
+    m = found.mobility
+    mechanism = found.mechanism
+    count = len(mechanism.bodies)
+    elastic = sum(b.elastic is not None for b in mechanism.bodies)
     yield "bodies", f"{count}: {elastic} elastic, {count - elastic} rigid"
     kinds = Counter(joint.kind for joint in mechanism.joints)
     listed = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
     yield "joints", f"{len(mechanism.joints)}: {listed}"
     closed = f", closed at home to {found.residual:.1g} m" if m.loops else ""
     yield "independent loops", f"{len(m.loops)}{closed}"
-    count = f"{m.freedoms} joint freedoms" + (f" - 6 × {len(m.loops)}" if m.loops else "")
+    count = f"{m.freedoms} joint freedoms" + (
+        f" - 6 × {len(m.loops)}" if m.loops else ""
+    )
     redundant = f" + {m.redundant} redundant constraints" if m.redundant else ""
     idle = f", {m.idle_count} of them idle" if m.idle_count else ""
     yield "degrees of freedom", f"{m.dof} ({count}{redundant}){idle}"
@@ -124,13 +149,16 @@ def _mobility(found: Inspection) -> Iterator[tuple[str, str]]:
 
 def _tool(m: Mobility) -> str:
     words = ("commanded", "follows", "free", "locked", "held")
-    names = {w: [name for name, word in m.coordinates.items() if word == w] for w in words}
+    names = {
+        w: [name for name, word in m.coordinates.items() if word == w] for w in words
+    }
     said = (f"{word}: {', '.join(each)}" for word, each in names.items() if each)
     return "; ".join([str(len(m.tool)), *said])
 
 
 def _actuation(found: Inspection) -> str:
-    m, drives = found.mobility, len(found.mechanism.drives)
+    m = found.mobility
+    drives = len(found.mechanism.drives)
     if m.loose:
         return f"{drives}: {len(m.loose)} too few for the tool"
     if m.redundant_drives:
@@ -142,7 +170,9 @@ def _parts(found: Inspection) -> None:
     rows = []
     for p in found.parts:
         length = f"{1e3 * p.length:.4g}" if p.length else ""
-        rows.append((p.name, SOURCES[p.source], length, _kg(p.mass), str(len(p.bodies))))
+        rows.append(
+            (p.name, SOURCES[p.source], length, _kg(p.mass), str(len(p.bodies)))
+        )
     if rows:
         columns = ("part", "6×6 from", "length mm", "mass kg", "bodies")
         _table("Parts", columns, rows, prose=("6×6 from",))
@@ -156,7 +186,9 @@ def _masses(found: Inspection) -> None:
     """Show the masses, grouping bodies with the same part and mass."""
     alike: dict[tuple[str, float | None], list[str]] = {}
     for name, mass in found.masses.items():
-        alike.setdefault((getattr(found.robot.bodies[name], "part", ""), mass), []).append(name)
+        alike.setdefault(
+            (getattr(found.robot.bodies[name], "part", ""), mass), []
+        ).append(name)
     known = [mass for mass in found.masses.values() if mass is not None]
     rows = []
     for (part, mass), names in alike.items():
@@ -164,7 +196,9 @@ def _masses(found: Inspection) -> None:
         rows.append((_some(names), part or "rigid", _kg(mass), total))
     least = "" if len(known) == len(found.masses) else "at least "
     rows.append(("total", "", "", f"{least}{sum(known):.4g}"))
-    _table("Masses", ("bodies", "part", "each kg", "kg"), rows, prose=("bodies", "part"))
+    _table(
+        "Masses", ("bodies", "part", "each kg", "kg"), rows, prose=("bodies", "part")
+    )
 
 
 def _some(names: Sequence[str], most: int = 3) -> str:
@@ -178,8 +212,12 @@ def _drives(found: Inspection) -> None:
     for joint in found.mechanism.drives:
         if joint.drive is not None:
             axis, unit = ("r", "N·m/rad") if joint.kind == "revolute" else ("x", "N/m")
-            ends = (_show_limit(axis, each) for each in (joint.drive.low, joint.drive.high))
-            rows.append((joint.name, joint.kind, f"{joint.drive.stiffness:.4g} {unit}", *ends))
+            ends = (
+                _show_limit(axis, each) for each in (joint.drive.low, joint.drive.high)
+            )
+            rows.append(
+                (joint.name, joint.kind, f"{joint.drive.stiffness:.4g} {unit}", *ends)
+            )
     if rows:
         columns = ("drive", "joint", "stiffness", "from", "to")
         _table("Drives (range from home)", columns, rows, prose=("joint",))
@@ -196,14 +234,17 @@ def _reach(found: Inspection) -> None:
         ends = (_show_limit(way.coordinate, end) for end in (way.low, way.high))
         rows += [
             (way.coordinate, f"{word} {end}", why or "no limit up to here")
-            for word, end, why in zip(("from", "to"), ends, (way.at_low, way.at_high), strict=True)
+            for word, end, why in zip(
+                ("from", "to"), ends, (way.at_low, way.at_high), strict=True
+            )
         ]
     title = "Tool range along one coordinate, the others at home"
     _table(title, ("along", "reach", "limited by"), rows, prose=("reach", "limited by"))
 
 
 def _poses(found: Inspection) -> None:
-    names, rows = found.mechanism.tool.pose, []
+    names = found.mechanism.tool.pose
+    rows = []
     for pose in found.poses:
         conditioning = "-" if pose.conditioning is None else f"{pose.conditioning:.3g}"
         place = ", ".join(map(_show_limit, names, pose.tool))

@@ -62,7 +62,8 @@ def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Com
     simple = parts_of.beam_compliance(robot, name, euler_bernoulli)
     beam = parts_of.beam_compliance(robot, name)
     printed = _find_printed(robot, name)
-    fea, error = result.compliance, result.error
+    fea = result.compliance
+    error = result.error
     scale = np.sqrt(np.outer(np.diag(fea), np.diag(fea)))
     entries = []
     for i, j in np.transpose(np.triu_indices(6)).tolist():
@@ -85,16 +86,22 @@ def _find_printed(robot: RobotFile, name: str) -> np.ndarray | None:
 
 
 def _findings(
-    robot: RobotFile, name: str, fea: np.ndarray, simple: np.ndarray, beam: np.ndarray,
+    robot: RobotFile,
+    name: str,
+    fea: np.ndarray,
+    simple: np.ndarray,
+    beam: np.ndarray,
     printed: np.ndarray | None,
-) -> list[str]:  # fmt: skip
+) -> list[str]:
     """Return one sentence per assumption that fails."""
-    part, material = robot.part(name), robot.material(name)
+    part = robot.part(name)
+    material = robot.material(name)
     if not isinstance(part, ParametricPart) or material is None:
         return []
     plate = part.shape == "plate"
     segments = parts_of.beam_segments(robot, name)
-    length, section = sum(length for length, _ in segments), segments[0][1]
+    length = sum(length for length, _ in segments)
+    section = segments[0][1]
     found = _not_in_beam_theory(robot, name)
     for i, axis in ((1, "y"), (2, "z")):
         share = 1 - simple[i, i] / beam[i, i]
@@ -129,18 +136,24 @@ def _findings(
     return found
 
 
-def _torsion(section: Section, material: AnyMaterial, length: float, torsion: float) -> list[str]:
+def _torsion(
+    section: Section, material: AnyMaterial, length: float, torsion: float
+) -> list[str]:
     """Return findings on torsion, given the ratio of FEA's compliance to Saint-Venant's."""
     found = []
     if abs(torsion - 1) > 0.02:
         effect = "the part is too short for the end effect to decay (Saint-Venant)"
         if section.warping:
             modulus = material.shear_modulus
-            twist = restrained_torsion(length, section, material.youngs_modulus, modulus)
+            twist = restrained_torsion(
+                length, section, material.youngs_modulus, modulus
+            )
             held = twist * modulus * section.torsion / length
             effect = f"Vlasov's theory gives {held:.2f} times with warping restrained at both ends"
         where = "in which the ends warp freely; here they cannot"
-        found.append(f"C44: {torsion:.2f} times Saint-Venant's torsion, {where}, and {effect}")
+        found.append(
+            f"C44: {torsion:.2f} times Saint-Venant's torsion, {where}, and {effect}"
+        )
     if section.shear_centre:
         found.append(
             f"C34: the shear centre is {1e3 * abs(section.shear_centre):.3g} mm from the centroid, on the "
@@ -151,6 +164,16 @@ def _torsion(section: Section, material: AnyMaterial, length: float, torsion: fl
 
 def _not_in_beam_theory(robot: RobotFile, name: str) -> list[str]:
     part = robot.part(name)
-    extras = {"ribs": "rib_count", "bolt holes": "hole_count", "joint pads": "pad_height"}
-    present = " and ".join(word for word, key in extras.items() if getattr(part, key, 0))
-    return [f"Beam theory models the bare plate: the {present} are in the FEA only"] if present else []
+    extras = {
+        "ribs": "rib_count",
+        "bolt holes": "hole_count",
+        "joint pads": "pad_height",
+    }
+    present = " and ".join(
+        word for word, key in extras.items() if getattr(part, key, 0)
+    )
+    return (
+        [f"Beam theory models the bare plate: the {present} are in the FEA only"]
+        if present
+        else []
+    )

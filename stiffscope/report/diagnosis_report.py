@@ -25,24 +25,41 @@ if TYPE_CHECKING:
 
 MOST_POSES = 60  # most poses in the view; those with the largest residuals are kept
 FIGURES = {
-    "waterfall": ("The gap: the nominal model, with each effect, at poses held out, noise",
-                  "bars of the gap in % rms: the nominal model, with each effect, held out, noise"),
-    "corner": ("Posterior of the parameters: histograms, and contours of 50 % and 95 %",
-               "joint posterior of the parameters: a histogram of each, contours of each pair"),
-    "residuals": ("Residuals over noise by pose and direction, before and with the effects",
-                  "two maps of residuals over noise, poses by directions: before, with the effects"),
-    "readings": ("Measured readings against their prediction, before and with the effects",
-                 "measured against predicted readings, a panel for each kind of reading"),
-    "predictive": ("Residuals at poses held out, over their predictive standard deviation",
-                   "histogram of residuals at poses held out, and the normal distribution predicted"),
-    "signatures": ("Correlation between signatures of effects; 1: indistinguishable from these readings",
-                   "matrix of the correlations between the signatures of the effects"),
-}  # fmt: skip
+    "waterfall": (
+        "The gap: the nominal model, with each effect, at poses held out, noise",
+        "bars of the gap in % rms: the nominal model, with each effect, held out, noise",
+    ),
+    "corner": (
+        "Posterior of the parameters: histograms, and contours of 50 % and 95 %",
+        "joint posterior of the parameters: a histogram of each, contours of each pair",
+    ),
+    "residuals": (
+        "Residuals over noise by pose and direction, before and with the effects",
+        "two maps of residuals over noise, poses by directions: before, with the effects",
+    ),
+    "readings": (
+        "Measured readings against their prediction, before and with the effects",
+        "measured against predicted readings, a panel for each kind of reading",
+    ),
+    "predictive": (
+        "Residuals at poses held out, over their predictive standard deviation",
+        "histogram of residuals at poses held out, and the normal distribution predicted",
+    ),
+    "signatures": (
+        "Correlation between signatures of effects; 1: indistinguishable from these readings",
+        "matrix of the correlations between the signatures of the effects",
+    ),
+}
 """Captions and text alternatives of the figures."""
 
 
 def write_diagnosis_report(
-    report: Draft, diagnosis: Diagnosis, *, title: str, facts: Sequence[str], view: RobotView | None = None
+    report: Draft,
+    diagnosis: Diagnosis,
+    *,
+    title: str,
+    facts: Sequence[str],
+    view: RobotView | None = None,
 ) -> None:
     """Write the report of a diagnosis to its output folder, with the SVG figures found there.
 
@@ -72,7 +89,9 @@ def write_diagnosis_report(
     sections = [
         Section("Where the gap lies", where, figures("residuals"), view=view),
         Section("Effects", _effects(diagnosis), figures("corner"), files=numbers),
-        Section("Gap", gap, figures("waterfall"), charts=charts, files=("readings.csv",)),
+        Section(
+            "Gap", gap, figures("waterfall"), charts=charts, files=("readings.csv",)
+        ),
         Section("Alternatives", alternatives, figures("signatures")),
         Section("What to measure next", _lines([following] if following else [])),
         Section("Checks", checks, figures("predictive")),
@@ -81,7 +100,9 @@ def write_diagnosis_report(
     report.write(title, facts, sections, lead)
 
 
-def share_view(report: Draft, assembled: Assembled, diagnosis: Diagnosis, found: Configurations) -> RobotView | None:
+def share_view(
+    report: Draft, assembled: Assembled, diagnosis: Diagnosis, found: Configurations
+) -> RobotView | None:
     """Return the coloured robot at the campaign's poses, worst first; None without ``robot.png``.
 
     Parameters
@@ -91,21 +112,29 @@ def share_view(report: Draft, assembled: Assembled, diagnosis: Diagnosis, found:
     diagnosis, found
         Diagnosis of the campaign, and configurations at the campaign's poses.
     """
-    still = report.figure("robot.png", "", "the robot, its components coloured by share of the gap")
+    still = report.figure(
+        "robot.png", "", "the robot, its components coloured by share of the gap"
+    )
     if still is None:
         return None
-    where, mechanism = diagnosis.where, assembled.mechanism
+    where = diagnosis.where
+    mechanism = assembled.mechanism
     sizes = np.sqrt(np.nanmean(np.square(np.array(where.pose, dtype=float)), axis=1))
     chosen = np.argsort(-np.nan_to_num(sizes))[:MOST_POSES]
     found = found[chosen]
     part = text.shares(assembled.robot, diagnosis)
     cases = [
-        [replace(c, note=f"residuals {sizes[k]:.3g} σ rms; {c.note}", shares=part) for c in each]
+        [
+            replace(c, note=f"residuals {sizes[k]:.3g} σ rms; {c.note}", shares=part)
+            for c in each
+        ]
         for k, each in zip(chosen, unit_wrenches(mechanism, found), strict=True)
     ]
     names = [where.pose_names[k] for k in chosen]
     caption = "The robot at the campaign's poses, largest residual first, coloured by shares of the gap."
-    return report.turn_robot(found, names, cases, caption, still, quantity=SHARE, start=0)
+    return report.turn_robot(
+        found, names, cases, caption, still, quantity=SHARE, start=0
+    )
 
 
 def _effects(diagnosis: Diagnosis) -> list[Shown]:
@@ -115,7 +144,8 @@ def _effects(diagnosis: Diagnosis) -> list[Shown]:
     lines = []
     for e in diagnosis.effects:
         if e.confused_with:
-            others, chance = ", ".join(map(text.label, e.confused_with)), e.group_probability
+            others = ", ".join(map(text.label, e.confused_with))
+            chance = e.group_probability
             end = f"; one is present, probability {chance:.4f}." if chance > 0 else "."
             pair = f"{text.name(e.effect, e.place)} from {others}"
             lines.append(f"These readings cannot distinguish {pair}{end}")

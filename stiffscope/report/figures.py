@@ -13,8 +13,15 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-BEFORE, EFFECT, AFTER, NOISE = "#4b5560", "#e4b04a", "#2f7d6b", "#b4bcc5"
-STYLE: Any = {"svg.fonttype": "none", "svg.hashsalt": "stiffscope", "font.family": "sans-serif"}
+BEFORE = "#4b5560"
+EFFECT = "#e4b04a"
+AFTER = "#2f7d6b"
+NOISE = "#b4bcc5"
+STYLE: Any = {
+    "svg.fonttype": "none",
+    "svg.hashsalt": "stiffscope",
+    "font.family": "sans-serif",
+}
 STYLE["font.size"] = 10
 
 
@@ -23,7 +30,9 @@ def new_figure(width: float, height: float, title: str) -> Figure:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained", facecolor="white")
-    figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold", parse_math=False)
+    figure.suptitle(
+        title, x=0.01, ha="left", fontsize=12, fontweight="bold", parse_math=False
+    )
     return figure
 
 
@@ -47,7 +56,9 @@ def save_figure(figure: Figure, *targets: Path, dpi: int = 110) -> None:
             figure.set_layout_engine("none")  # the layout is computed only once
 
 
-def save_figures(folder: Path, figures: dict[str, Callable[[], Figure | None]]) -> list[str]:
+def save_figures(
+    folder: Path, figures: dict[str, Callable[[], Figure | None]]
+) -> list[str]:
     """Draw figures and write each as SVG and PNG; return the names of those that exist."""
     import matplotlib as mpl
 
@@ -74,7 +85,13 @@ def name_columns(axes: Axes, names: Sequence[str]) -> None:
     axes.tick_params(length=0)
 
 
-def write_cells(axes: Axes, grid: np.ndarray, form: str, shade: Callable[[Any], Any], size: float = 7) -> None:
+def write_cells(
+    axes: Axes,
+    grid: np.ndarray,
+    form: str,
+    shade: Callable[[Any], Any],
+    size: float = 7,
+) -> None:
     """Write the finite numbers of a grid into the cells of its image.
 
     Parameters

@@ -62,8 +62,12 @@ def write(response: Response, folder: Path) -> None:
         table.writerow(["pose", "frequency (Hz)", *parts, "magnitude", "phase (deg)"])
         for name, z in zip(response.names, response.values, strict=True):
             columns = response.hertz, z.real, z.imag, np.abs(z), np.angle(z, deg=True)
-            table.writerows([name, *(f"{v:.9g}" for v in row)] for row in np.transpose(columns))
-    as_dataset(response, title).to_netcdf(folder / "frf.nc", engine="scipy", format="NETCDF3_64BIT")
+            table.writerows(
+                [name, *(f"{v:.9g}" for v in row)] for row in np.transpose(columns)
+            )
+    as_dataset(response, title).to_netcdf(
+        folder / "frf.nc", engine="scipy", format="NETCDF3_64BIT"
+    )
 
 
 def write_page(response: Response, report: Draft) -> None:
@@ -73,9 +77,12 @@ def write_page(response: Response, report: Draft) -> None:
     words = "receptance over frequency: magnitude above, phase below"
     drawn = report.figures({"frf.svg": (f"{at}: magnitude and phase by pose", words)})
     facts = [
-        f"force at {r.source}", f"displacement at {r.target}", f"receptance in {r.written_unit}",
-        f"damping ratio of every mode {r.damping:g}", f"{len(r.hertz):,} frequencies",
-    ]  # fmt: skip
+        f"force at {r.source}",
+        f"displacement at {r.target}",
+        f"receptance in {r.written_unit}",
+        f"damping ratio of every mode {r.damping:g}",
+        f"{len(r.hertz):,} frequencies",
+    ]
     sections = [Section("Frequency response", (), drawn, charts=[chart_responses(r)])]
     report.write(f"{r.robot}: frequency response", facts, sections)
 
@@ -84,16 +91,23 @@ def chart_responses(response: Response) -> Chart:
     """Return an interactive chart: magnitude in dB, phase and parts, one series per pose."""
     unit = response.written_unit
     series = []
-    for k, (name, values) in enumerate(zip(response.names, response.values, strict=True)):
+    for k, (name, values) in enumerate(
+        zip(response.names, response.values, strict=True)
+    ):
         columns = {
-            "pose": [name] * len(values), "frequency, Hz": response.hertz,
-            f"magnitude, dB re 1 {unit}": 20.0 * np.log10(np.maximum(np.abs(values), 1e-300)),
-            "phase, deg": np.angle(values, deg=True), f"real part, {unit}": values.real,
+            "pose": [name] * len(values),
+            "frequency, Hz": response.hertz,
+            f"magnitude, dB re 1 {unit}": 20.0
+            * np.log10(np.maximum(np.abs(values), 1e-300)),
+            "phase, deg": np.angle(values, deg=True),
+            f"real part, {unit}": values.real,
             f"imaginary part, {unit}": values.imag,
-        }  # fmt: skip
+        }
         series.append(Series(name, COLOURS[k % len(COLOURS)], columns, size=3))
     _, x, *y = series[0].columns
-    return Chart(series, [x], y, "Values at every frequency and pose.", joined=True, log=True)
+    return Chart(
+        series, [x], y, "Values at every frequency and pose.", joined=True, log=True
+    )
 
 
 def as_dataset(response: Response, title: str) -> xr.Dataset:
@@ -112,18 +126,29 @@ def as_dataset(response: Response, title: str) -> xr.Dataset:
         for name, (array, unit, words) in kinds.items()
     }
     places: dict[str, Any] = {
-        "frequency": ("frequency", response.hertz, {"units": "Hz", "long_name": "frequency"}),
-        "pose": ("pose", np.array(response.names, dtype=str), {"long_name": "tool pose"}),
+        "frequency": (
+            "frequency",
+            response.hertz,
+            {"units": "Hz", "long_name": "frequency"},
+        ),
+        "pose": (
+            "pose",
+            np.array(response.names, dtype=str),
+            {"long_name": "tool pose"},
+        ),
     }
     for k, axis in enumerate(COORDINATES):
         words = "tool point M" if k < 3 else "rotation vector of the tool from home"
         meant = {"units": "m" if k < 3 else "rad", "long_name": f"{words}, {axis[-1]}"}
         places[f"tool_{axis}"] = ("pose", response.tool[:, k], meant)
     about = {
-        "title": title, "source": "stiffscope", "Conventions": "CF-1.8",
-        "force_at": response.source, "displacement_at": response.target,
+        "title": title,
+        "source": "stiffscope",
+        "Conventions": "CF-1.8",
+        "force_at": response.source,
+        "displacement_at": response.target,
         "modal_damping_ratio": response.damping,
-    }  # fmt: skip
+    }
     return xr.Dataset(variables, places, about)
 
 
@@ -133,7 +158,9 @@ def figure(response: Response, title: str) -> Figure:
 
     drawn = new_figure(9.0, 6.0, title)
     upper, lower = drawn.subplots(2, 1, sharex=True, height_ratios=(2.2, 1.0))
-    for k, (name, values) in enumerate(zip(response.names, response.values, strict=True)):
+    for k, (name, values) in enumerate(
+        zip(response.names, response.values, strict=True)
+    ):
         colour = COLOURS[k % len(COLOURS)]
         upper.loglog(response.hertz, np.abs(values), color=colour, lw=1.4, label=name)
         lower.semilogx(response.hertz, np.angle(values, deg=True), color=colour, lw=1.2)

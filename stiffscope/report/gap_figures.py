@@ -54,10 +54,16 @@ STEPS = {
 def draw_figures(diagnosis: Diagnosis, folder: Path) -> list[str]:
     """Write the available figures of a diagnosis as SVG and PNG; return their names."""
     figures = {
-        "waterfall": waterfall, "corner": corner, "residuals": residual_map, "readings": draw_readings,
-        "predictive": predictive_check, "signatures": signature_correlation,
-    }  # fmt: skip
-    return save_figures(folder, {stem: partial(draw, diagnosis) for stem, draw in figures.items()})
+        "waterfall": waterfall,
+        "corner": corner,
+        "residuals": residual_map,
+        "readings": draw_readings,
+        "predictive": predictive_check,
+        "signatures": signature_correlation,
+    }
+    return save_figures(
+        folder, {stem: partial(draw, diagnosis) for stem, draw in figures.items()}
+    )
 
 
 def waterfall(diagnosis: Diagnosis) -> Figure:
@@ -89,16 +95,26 @@ def residual_map(diagnosis: Diagnosis) -> Figure | None:
     where = diagnosis.where
     if not where.pose:
         return None
-    grids = np.array([grid for grid in (where.pose, where.unexplained) if grid], dtype=float)
-    read = np.flatnonzero(np.isfinite(grids[0]).any(axis=0))  # directions that were measured
+    grids = np.array(
+        [grid for grid in (where.pose, where.unexplained) if grid], dtype=float
+    )
+    read = np.flatnonzero(
+        np.isfinite(grids[0]).any(axis=0)
+    )  # directions that were measured
     grids = grids[:, :, read]
     greatest = np.nanmax(grids) if len(read) else 1.0
     shade = LogNorm(0.5, max(2.0 * greatest / 1.9, 4.0), clip=True)
-    rows, width = len(where.pose), 4.6 * len(grids) + 1.6
+    rows = len(where.pose)
+    width = 4.6 * len(grids) + 1.6
     height = float(np.clip(1.4 + 0.27 * rows, 2.4, 14.0))
     figure = new_figure(width, height, "Residuals over noise (rms of residual / σ)")
     panels = np.atleast_1d(figure.subplots(1, len(grids), sharey=True))
-    style: Any = {"aspect": "auto", "cmap": "magma_r", "norm": shade, "interpolation": "nearest"}
+    style: Any = {
+        "aspect": "auto",
+        "cmap": "magma_r",
+        "norm": shade,
+        "interpolation": "nearest",
+    }
     image: Any = None
     for axes, grid, title in zip(panels, grids, PREDICTIONS, strict=False):
         image = axes.imshow(grid, **style)
@@ -112,7 +128,12 @@ def residual_map(diagnosis: Diagnosis) -> Figure | None:
     else:
         panels[0].set_ylabel("pose, in the order of the readings")
     bar = figure.colorbar(image, ax=list(panels), pad=0.015, fraction=0.05)
-    ticks = [k * 10**n for n in range(4) for k in (1, 2, 5) if k * 10**n <= float(shade.vmax or 0)]
+    ticks = [
+        k * 10**n
+        for n in range(4)
+        for k in (1, 2, 5)
+        if k * 10**n <= float(shade.vmax or 0)
+    ]
     bar.set_ticks(ticks, labels=[str(t) for t in ticks], minor=False)
     bar.minorticks_off()
     return figure
@@ -124,7 +145,9 @@ def draw_readings(diagnosis: Diagnosis) -> Figure | None:
     if samples is None:
         return None
     count = len(samples.kinds)
-    figure = new_figure(min(4.2 * count + 0.4, 13.0), 4.2, "Readings against their prediction")
+    figure = new_figure(
+        min(4.2 * count + 0.4, 13.0), 4.2, "Readings against their prediction"
+    )
     panels = np.atleast_1d(figure.subplots(1, count))
     for axes, (kind, (si, mine)) in zip(panels, samples.kinds.items(), strict=True):
         measured = samples.observed[mine]
@@ -154,10 +177,15 @@ def chart_readings(diagnosis: Diagnosis, still: PageFigure | None) -> list[Chart
     charts: list[Chart] = []
     for kind, (si, mine) in samples.kinds.items():
         rows = np.flatnonzero(mine)
-        measured, sigma = samples.observed[rows], samples.sigma[rows]
+        measured = samples.observed[rows]
+        sigma = samples.sigma[rows]
         factor, unit = choose_unit(si, measured)
         series = []
-        texts = {"reading": samples.where, "pose": samples.pose, "quantity": samples.quantity}
+        texts = {
+            "reading": samples.where,
+            "pose": samples.pose,
+            "quantity": samples.quantity,
+        }
         words = {name: [column[k] for k in rows] for name, column in texts.items()}
         for name, colour, predicted in _predictions(samples):
             error = predicted[rows] - measured
@@ -166,11 +194,13 @@ def chart_readings(diagnosis: Diagnosis, still: PageFigure | None) -> list[Chart
                 f"predicted, {unit}": predicted[rows] / factor,
                 f"predicted − measured, {unit}": error / factor,
                 "(predicted − measured) / σ": error / sigma,
-            }  # fmt: skip
+            }
             series.append(Series(name, colour, words | numbers))
         x, *y = list(series[0].columns)[3:]
         caption = f"{kind.capitalize()}: every reading against its prediction."
-        charts.append(Chart(series, [x], y, caption, None if charts else still, equal=True))
+        charts.append(
+            Chart(series, [x], y, caption, None if charts else still, equal=True)
+        )
     return charts
 
 
@@ -183,7 +213,8 @@ def signature_correlation(diagnosis: Diagnosis) -> Figure | None:
         return None
     matrix = np.array(rows, dtype=float)
     order = _cluster_rows(matrix)
-    matrix, labels = matrix[np.ix_(order, order)], [label(names[k]) for k in order]
+    matrix = matrix[np.ix_(order, order)]
+    labels = [label(names[k]) for k in order]
     size = 0.6 + 0.29 * len(names) + 0.065 * max(map(len, labels))
     figure = new_figure(size + 1.2, size, "Signature correlation")
     figure.set_layout_engine("compressed")  # the map stays square
@@ -192,7 +223,9 @@ def signature_correlation(diagnosis: Diagnosis) -> Figure | None:
     name_columns(axes, labels)
     name_rows(axes, labels)
     written = np.tril(matrix) >= ALIKE[len(names) > NUMBERED]
-    write_cells(axes, np.where(written, matrix, np.nan), "{:.2f}", Normalize(0, 1.4), size=6)
+    write_cells(
+        axes, np.where(written, matrix, np.nan), "{:.2f}", Normalize(0, 1.4), size=6
+    )
     key = "|cosine|; 1: indistinguishable"
     figure.colorbar(image, ax=axes, pad=0.015, fraction=0.04, label=key)
     return figure
@@ -211,8 +244,11 @@ def corner(diagnosis: Diagnosis) -> Figure | None:
     """Draw the joint posterior of the effects' parameters; None if there are none or too many."""
     if diagnosis.samples is None:
         return None
-    units, sampled = diagnosis.samples.units, diagnosis.samples.parameters.items()
-    draws = {name: v.ravel() for name, v in sampled if " @ " in name and np.ptp(v) > 0.0}
+    units = diagnosis.samples.units
+    sampled = diagnosis.samples.parameters.items()
+    draws = {
+        name: v.ravel() for name, v in sampled if " @ " in name and np.ptp(v) > 0.0
+    }
     if not 0 < len(draws) <= CORNERS:
         return None
     n = len(draws)
@@ -220,9 +256,15 @@ def corner(diagnosis: Diagnosis) -> Figure | None:
     figure = new_figure(width, height, "Posterior of the parameters")
     figure.set_layout_engine("none")  # slow and unnecessary for a regular grid
     grid = figure.add_gridspec(
-        n, n, left=0.85 / width, right=0.98, bottom=0.75 / height, top=1 - 0.55 / height,
-        wspace=0.12, hspace=0.12,
-    )  # fmt: skip
+        n,
+        n,
+        left=0.85 / width,
+        right=0.98,
+        bottom=0.75 / height,
+        top=1 - 0.55 / height,
+        wspace=0.12,
+        hspace=0.12,
+    )
     names = list(draws)
     for i, row in enumerate(names):
         for j, column in enumerate(names[: i + 1]):
@@ -242,11 +284,15 @@ def corner(diagnosis: Diagnosis) -> Figure | None:
             if i < n - 1:
                 axes.xaxis.offsetText.set_visible(False)
             else:
-                axes.set_xlabel(_axis_label(column, units[column]), fontsize=7, parse_math=False)
+                axes.set_xlabel(
+                    _axis_label(column, units[column]), fontsize=7, parse_math=False
+                )
             if j or not i:
                 axes.yaxis.offsetText.set_visible(False)
             else:
-                axes.set_ylabel(_axis_label(row, units[row]), fontsize=7, parse_math=False)
+                axes.set_ylabel(
+                    _axis_label(row, units[row]), fontsize=7, parse_math=False
+                )
     return figure
 
 
@@ -260,11 +306,17 @@ def _contours(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
     counts, x_edges, y_edges = np.histogram2d(x, y, bins=24)
     order = np.sort(counts.ravel())[::-1]
     held = np.cumsum(order) / order.sum()
-    levels = sorted({float(order[np.searchsorted(held, part)]) for part in (0.95, 0.5)} - {0.0})
+    levels = sorted(
+        {float(order[np.searchsorted(held, part)]) for part in (0.95, 0.5)} - {0.0}
+    )
     axes.plot(x[::4], y[::4], ",", color=NOISE)
     if levels:
-        middle_x, middle_y = (0.5 * (edges[1:] + edges[:-1]) for edges in (x_edges, y_edges))
-        axes.contour(middle_x, middle_y, counts.T, levels=levels, colors=AFTER, linewidths=1.0)
+        middle_x, middle_y = (
+            0.5 * (edges[1:] + edges[:-1]) for edges in (x_edges, y_edges)
+        )
+        axes.contour(
+            middle_x, middle_y, counts.T, levels=levels, colors=AFTER, linewidths=1.0
+        )
 
 
 def predictive_check(diagnosis: Diagnosis) -> Figure | None:
@@ -278,7 +330,12 @@ def predictive_check(diagnosis: Diagnosis) -> Figure | None:
     edges = np.linspace(-5.0, 5.0, 51)
     style: Any = {"color": NOISE, "label": "readings", "histtype": "stepfilled"}
     axes.hist(z.clip(-5.0, 5.0), bins=edges.tolist(), density=True, **style)
-    axes.plot(edges, np.exp(-0.5 * edges**2) / np.sqrt(2.0 * np.pi), color=AFTER, label="predicted")
+    axes.plot(
+        edges,
+        np.exp(-0.5 * edges**2) / np.sqrt(2.0 * np.pi),
+        color=AFTER,
+        label="predicted",
+    )
     axes.set_xlabel("residual / predictive standard deviation")
     axes.set_yticks([])
     axes.legend(frameon=False, fontsize=8)

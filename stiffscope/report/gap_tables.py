@@ -35,9 +35,14 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
 def show_nearest_signatures(diagnosis: Diagnosis) -> None:
     """Show the pairs of effects with the most similar signatures in these readings."""
     names, rows = diagnosis.signature_correlation
-    pairs = ((rows[i][j], names[j], names[i]) for i in range(len(names)) for j in range(i))
+    pairs = (
+        (rows[i][j], names[j], names[i]) for i in range(len(names)) for j in range(i)
+    )
     nearest = sorted(pairs, reverse=True)[:MOST_PAIRS]
-    cells = [(text.label(one), text.label(other), f"{value:.3f}") for value, one, other in nearest]
+    cells = [
+        (text.label(one), text.label(other), f"{value:.3f}")
+        for value, one, other in nearest
+    ]
     groups = (("effect", "and"), ("correlation",))
     if cells:
         show_table("Most similar signatures (1: indistinguishable)", groups, cells)
@@ -61,17 +66,28 @@ def show_effects(diagnosis: Diagnosis, *, details: bool = False) -> None:
         name = f"{effect.effect} @ {effect.place}"
         first = (name, f"{effect.probability:.4f}", share, percent(effect.gap_after))
         for k, parameter in enumerate(text.parameters(effect) or [("none", *[""] * 6)]):
-            rows.append((*(("",) * 4 if k else first), *parameter[: len(shown) + len(more)]))
+            rows.append(
+                (*(("",) * 4 if k else first), *parameter[: len(shown) + len(more)])
+            )
     show_table("Effects", groups, rows, prose=("effect @ place",))
 
 
 def show_gap(diagnosis: Diagnosis) -> None:
     """Show the gap before, after and at held-out poses, and the noise."""
     gap = diagnosis.gap
-    groups = (("",), ("before", "after", "held out", "noise"), ("χ² per reading before", "after"))
-    percents = (percent(v) for v in (gap.nominal, gap.explained, gap.held_out, gap.noise))
+    groups = (
+        ("",),
+        ("before", "after", "held out", "noise"),
+        ("χ² per reading before", "after"),
+    )
+    percents = (
+        percent(v) for v in (gap.nominal, gap.explained, gap.held_out, gap.noise)
+    )
     rows = [("rms", *percents, *(f"{v:.4g}" for v in gap.chi2_per_reading))]
-    rows += [(f"{name}, rms", *sizes, "", "") for name, sizes in text.absolute_sizes(gap).items()]
+    rows += [
+        (f"{name}, rms", *sizes, "", "")
+        for name, sizes in text.absolute_sizes(gap).items()
+    ]
     show_table("Gap", groups, rows)
 
 
@@ -84,5 +100,7 @@ def show_alternatives(diagnosis: Diagnosis) -> None:
     for a in diagnosis.alternatives:
         pairs = zip(a.effect.split(" + "), a.place.split(" + "), strict=True)
         name = " + ".join(map(" @ ".join, pairs))
-        rows.append((name, text.probability(a.probability), percent(a.gap_after), a.why_not))
+        rows.append(
+            (name, text.probability(a.probability), percent(a.gap_after), a.why_not)
+        )
     show_table("Alternatives", groups, rows, prose=("effect @ place", "why not"))

@@ -25,12 +25,16 @@ CAPTION = (
     "Sketches from above: clamped at the top, loaded at the bottom. Yellow: the entry grows, green: "
     f"it shrinks. Whiskers: 95 % bounds. The scale is linear up to {LINEAR:g} %, logarithmic beyond."
 )
-SLENDER = (0.16, 0.4)  # sketched width and depth of a link or a STEP solid, not to scale
+SLENDER = (
+    0.16,
+    0.4,
+)  # sketched width and depth of a link or a STEP solid, not to scale
 
 
 def draw(compared: Comparison, target: Path) -> None:
     """Draw the entries for the robot file's interface and their changes for the others, as PNG."""
-    count, title = len(compared.others), _title(compared)
+    count = len(compared.others)
+    title = _title(compared)
     figure = new_figure(3.6 + 2.75 * count, 2.9 + 0.42 * len(compared.entries), title)
     grid = figure.subplots(2, count + 1, height_ratios=[1.3, 2.9], squeeze=False)
     for axes, tested in zip(grid[0], (compared.own, *compared.others), strict=True):
@@ -66,24 +70,30 @@ def _values(axes: Axes, compared: Comparison) -> None:
         where, _, name = entry.name.rpartition("C")
         style: Any = {"va": "center", "ha": "right"}
         axes.text(0.0, row, f"{where}$C_{{{name}}}$", va="center", fontsize=11)
-        axes.text(0.70, row, f"{power(entry.own, 3)} {entry.unit}", fontsize=9.5, **style)
+        axes.text(
+            0.70, row, f"{power(entry.own, 3)} {entry.unit}", fontsize=9.5, **style
+        )
         axes.text(1.0, row, f"± {percent:.2g} %", fontsize=9, color=BEFORE, **style)
 
 
 def _changes(axes: Axes, compared: Comparison, k: int) -> None:
     """Draw bars of the change in % with bounds, on a symmetric logarithmic scale."""
     every = 100 * np.array([entry.changes for entry in compared.entries])
-    changes, bars = every[:, k], 100 * np.array([entry.bars[k] for entry in compared.entries])
+    changes = every[:, k]
+    bars = 100 * np.array([entry.bars[k] for entry in compared.entries])
     rows = np.arange(len(changes))
     colours = np.where(changes > 0, EFFECT, AFTER)
     axes.barh(rows, changes, 0.62, xerr=bars, color=colours, ecolor=BEFORE, capsize=2.5)
     for row, (change, bar) in enumerate(zip(changes, bars, strict=True)):
-        end, side, ha = (change + bar, 5, "left") if change > 0 else (change - bar, -5, "right")
+        end, side, ha = (
+            (change + bar, 5, "left") if change > 0 else (change - bar, -5, "right")
+        )
         text = f"{change:+z.{0 if abs(change) >= 99.95 else 1}f}".replace("-", "−")
         place: Any = {"textcoords": "offset points", "va": "center", "ha": ha}
         axes.annotate(text, (end, row), (side, 0), fontsize=9, **place)
     axes.set_xscale("symlog", linthresh=LINEAR, linscale=0.7)
-    low, high = 6 * min(float(every.min()), -LINEAR), 6 * max(float(every.max()), LINEAR)
+    low = 6 * min(float(every.min()), -LINEAR)
+    high = 6 * max(float(every.max()), LINEAR)
     ticks = [t for t in (-100, -10, 0, 10, 100, 1000, 10000, 100000) if low < t < high]
     axes.set_xticks(ticks, [f"{t:+d}".replace("-", "−") if t else "0" for t in ticks])
     axes.set_xticks([], minor=True)
@@ -114,17 +124,26 @@ def _sketch(axes: Axes, tested: Tested) -> None:
             axes.plot(y / unit, row, "o", ms=6, mfc=BEFORE, mec="white", mew=0.8)
     else:
         _clamp(axes, width, depth, springs=settings.foundation is not None)
-    pads, rigid = getattr(shape, "pad_height", 0.0), settings.interface == "rigid"
+    pads = getattr(shape, "pad_height", 0.0)
+    rigid = settings.interface == "rigid"
     places = shape.pad_positions if pads else ()
     faces = [(y / unit, shape.pad_width / unit) for y in places] or [(0.0, width)]
     bottom = -max(pads / unit, 0.03) if pads else 0.0
     for middle, across in faces:
         if pads:
-            axes.add_patch(Rectangle((middle - across / 2, bottom), across, -bottom, **look))
+            axes.add_patch(
+                Rectangle((middle - across / 2, bottom), across, -bottom, **look)
+            )
         _load(axes, middle, across, bottom, rigid=rigid)
     if pads and rigid:
-        _load(axes, 0.0, abs(faces[1][0] - faces[2][0]) + faces[0][1], bottom, rigid=rigid)
-    words: Any = {"s": textwrap.fill(tested.choice.words, 40), "fontsize": 8.5, "linespacing": 1.3}
+        _load(
+            axes, 0.0, abs(faces[1][0] - faces[2][0]) + faces[0][1], bottom, rigid=rigid
+        )
+    words: Any = {
+        "s": textwrap.fill(tested.choice.words, 40),
+        "fontsize": 8.5,
+        "linespacing": 1.3,
+    }
     axes.text(0, -0.15, ha="center", va="top", color=BEFORE, parse_math=False, **words)
     axes.set(xlim=(-0.58, 0.58), ylim=(-0.34, depth + 0.16), aspect="equal")
     axes.axis("off")
@@ -141,15 +160,26 @@ def _clamp(axes: Axes, width: float, depth: float, *, springs: bool) -> None:
     if springs:
         heights = np.linspace(depth, ground, 8)
         zigzag = 0.022 * np.array([0, 0, 1, -1, 1, -1, 0, 0])
-        for middle in np.linspace(-0.44 * width, 0.44 * width, max(3, round(9 * width))):
+        for middle in np.linspace(
+            -0.44 * width, 0.44 * width, max(3, round(9 * width))
+        ):
             axes.plot(middle + zigzag, heights, color=BEFORE, lw=0.9)
 
 
-def _load(axes: Axes, middle: float, width: float, bottom: float, *, rigid: bool) -> None:
+def _load(
+    axes: Axes, middle: float, width: float, bottom: float, *, rigid: bool
+) -> None:
     """Draw a bar for a rigid face, or arrows for a uniform traction."""
-    left, right = middle - width / 2, middle + width / 2
+    left = middle - width / 2
+    right = middle + width / 2
     if rigid:
-        axes.plot([left, right], [bottom - 0.012] * 2, color=EFFECT, lw=4, solid_capstyle="butt")
+        axes.plot(
+            [left, right],
+            [bottom - 0.012] * 2,
+            color=EFFECT,
+            lw=4,
+            solid_capstyle="butt",
+        )
         return
     arrow: Any = {"arrowstyle": "-|>", "color": EFFECT, "lw": 1.2}
     for x in np.linspace(left, right, max(2, round(13 * width))):

@@ -20,8 +20,20 @@ from stiffscope.experiments.experiments import EXPERIMENT
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.report import maps
 from stiffscope.report.gap_figures import draw_figures
-from stiffscope.report.pictures import PictureError, draw, open_drawing, optional_pictures
-from stiffscope.report.robot_scene import add_solids, mark_doubts, place_robot, pose_text, scene, scene_of
+from stiffscope.report.pictures import (
+    PictureError,
+    draw,
+    open_drawing,
+    optional_pictures,
+)
+from stiffscope.report.robot_scene import (
+    add_solids,
+    mark_doubts,
+    place_robot,
+    pose_text,
+    scene,
+    scene_of,
+)
 from stiffscope.report.run_report import ENERGY, GEOMETRY, SHARE
 from stiffscope.report.text import shares
 from stiffscope.runtime.cache import PICTURES, code_version, digest, kept_files
@@ -77,7 +89,9 @@ def write_pictures(orders: Sequence[Order], cache: Cache, manifest: Manifest) ->
                 if held is not None:
                     for file in kept_files(held):
                         shutil.copyfile(held / file, order.target / file)
-                    manifest.note(order.name, key=order.key, reused=reused, seconds=seconds)
+                    manifest.note(
+                        order.name, key=order.key, reused=reused, seconds=seconds
+                    )
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
@@ -85,14 +99,20 @@ def write_pictures(orders: Sequence[Order], cache: Cache, manifest: Manifest) ->
 
 def order_run(assembled: Assembled, target: Path) -> list[Order]:
     """Order a run's pictures: parts, robot at its poses and, with ``[map]``, a small map."""
-    orders = [_order_part(result, target / name) for name, result in assembled.results.items()]
+    orders = [
+        _order_part(result, target / name) for name, result in assembled.results.items()
+    ]
     facts = _facts(assembled)
     key = digest({**facts, "skins": _skins(assembled), "code": _drawing_code()})
-    orders.append(Order("robot", key, lambda folder: _draw_poses(assembled, folder), target))
+    orders.append(
+        Order("robot", key, lambda folder: _draw_poses(assembled, folder), target)
+    )
     if assembled.robot.map is not None:
         rooms = ("stiffscope.vjm", "stiffscope.robot", "stiffscope.report")
         key = digest({**facts, "code": code_version(rooms, ("matplotlib", "numpy"))})
-        orders.append(Order("map", key, lambda folder: _draw_map(assembled, folder), target))
+        orders.append(
+            Order("map", key, lambda folder: _draw_map(assembled, folder), target)
+        )
     return orders
 
 
@@ -125,8 +145,13 @@ def shares_ahead(
 def order_figures(diagnosis: Diagnosis, target: Path) -> Order:
     """Order the figures of a diagnosis."""
     samples = diagnosis.samples
-    draws = {} if samples is None else {**samples.parameters, "held out": samples.held_out}
-    sums = {name: hashlib.sha256(values.tobytes()).hexdigest() for name, values in draws.items()}
+    draws = (
+        {} if samples is None else {**samples.parameters, "held out": samples.held_out}
+    )
+    sums = {
+        name: hashlib.sha256(values.tobytes()).hexdigest()
+        for name, values in draws.items()
+    }
     more = repr((diagnosis.steps, diagnosis.signature_correlation))
     drawn = {"numbers": to_json(diagnosis), "not in JSON": more, "draws": sums}
     drawn["units"] = samples and samples.units
@@ -136,9 +161,12 @@ def order_figures(diagnosis: Diagnosis, target: Path) -> Order:
 
 
 def order_shares(
-    assembled: Assembled, diagnosis: Diagnosis, found: Configurations, target: Path,
+    assembled: Assembled,
+    diagnosis: Diagnosis,
+    found: Configurations,
+    target: Path,
     ahead: tuple[str, Callable[..., None]],
-) -> list[Order]:  # fmt: skip
+) -> list[Order]:
     """Order the robot's picture at the pose of the largest residual, coloured by share of the gap.
 
     There is none without shares.
@@ -152,17 +180,30 @@ def order_shares(
     ahead
         Prepared picture from `shares_ahead`.
     """
-    where, mechanism = diagnosis.where, assembled.mechanism
+    where = diagnosis.where
+    mechanism = assembled.mechanism
     if not where.component:
         return []
-    worst = int(np.argmax(np.nansum(np.square(np.array(where.pose, dtype=float)), axis=1)))
-    place = pose_text(mechanism, found.tool[worst, mechanism.tool.commanded_axes].tolist())
-    title = f"Share of the gap by component, at the pose of the largest residual, {place}"
-    shown = {"file": "robot.png", "title": title, "moves": place_robot(found, worst).moves}
+    worst = int(
+        np.argmax(np.nansum(np.square(np.array(where.pose, dtype=float)), axis=1))
+    )
+    place = pose_text(
+        mechanism, found.tool[worst, mechanism.tool.commanded_axes].tolist()
+    )
+    title = (
+        f"Share of the gap by component, at the pose of the largest residual, {place}"
+    )
+    shown = {
+        "file": "robot.png",
+        "title": title,
+        "moves": place_robot(found, worst).moves,
+    }
     drawn = {**scene_of(assembled), "shares": shares(assembled.robot, diagnosis)}
 
     def write(folder: Path) -> None:
-        draw_now("robot", folder, pictures=[shown], scale=SHARE, geometry=GEOMETRY, **drawn)
+        draw_now(
+            "robot", folder, pictures=[shown], scale=SHARE, geometry=GEOMETRY, **drawn
+        )
 
     key, draw_now = ahead
     return [Order("robot", key, write, target)]
@@ -174,7 +215,12 @@ def draw_named_poses(assembled: Assembled, folder: Path) -> None:
         _draw_poses(assembled, folder)
 
 
-def draw_inspection(found: Inspection, folder: Path, parts: Mapping[str, Part], draw_now: Callable[..., None]) -> None:
+def draw_inspection(
+    found: Inspection,
+    folder: Path,
+    parts: Mapping[str, Part],
+    draw_now: Callable[..., None],
+) -> None:
     """Draw the rigid robot at home and at every reachable named pose, if drawing is possible.
 
     ``parts``: parts from STEP files, drawn transparent; ``draw_now``: from `open_drawing`.
@@ -194,7 +240,11 @@ def draw_inspection(found: Inspection, folder: Path, parts: Mapping[str, Part], 
 
 
 def draw_deflection(
-    assembled: Assembled, names: Sequence[str], found: Configurations, cases: Sequence[Sequence[Case]], folder: Path
+    assembled: Assembled,
+    names: Sequence[str],
+    found: Configurations,
+    cases: Sequence[Sequence[Case]],
+    folder: Path,
 ) -> None:
     """Draw the robot deformed by the wrench of each pose, coloured by share of strain energy.
 
@@ -220,9 +270,13 @@ def draw_deflection(
 
 def plain_robot(robot: RobotFile) -> dict[str, Any]:
     """Return the robot file as plain SI data with copies expanded; it determines the pictures."""
-    names = (each.name for each in fields(robot) if each.name not in {"source", "copied"})
+    names = (
+        each.name for each in fields(robot) if each.name not in {"source", "copied"}
+    )
     content = {name: getattr(robot, name) for name in names}
-    plain = {key: dict(v) if isinstance(v, Mapping) else v for key, v in content.items()}
+    plain = {
+        key: dict(v) if isinstance(v, Mapping) else v for key, v in content.items()
+    }
     return to_jsonable_python(plain, by_alias=True, inf_nan_mode="constants")
 
 
@@ -245,7 +299,14 @@ def _order_part(result: PartResult, target: Path) -> Order:
 
     def write(folder: Path) -> None:
         files = {"sheet": "loads.png", "mesh": "mesh.png"}
-        draw("part_pictures", folder, experiment=experiment, title=result.name, faces=result.solid["faces"], **files)
+        draw(
+            "part_pictures",
+            folder,
+            experiment=experiment,
+            title=result.name,
+            faces=result.solid["faces"],
+            **files,
+        )
 
     return Order(f"{result.name} pictures", key, write, target)
 
@@ -255,22 +316,29 @@ def _facts(assembled: Assembled) -> dict[str, Any]:
     matrices = {
         name: [part.compliance, part.mass, part.dynamics and part.dynamics.load]
         for name, part in assembled.matrices.items()
-    }  # fmt: skip
+    }
     return {"robot": plain_robot(assembled.robot), "matrices": matrices}
 
 
 def _skins(assembled: Assembled) -> dict[str, str]:
     """Return checksums of the solids drawn: parts' experiments and the user's surface meshes."""
-    surfaces = {name: getattr(body, "mesh", None) for name, body in assembled.robot.bodies.items()}
+    surfaces = {
+        name: getattr(body, "mesh", None)
+        for name, body in assembled.robot.bodies.items()
+    }
     folder = assembled.robot.path.parent
-    files = {name: result.folder / EXPERIMENT for name, result in assembled.results.items()}
+    files = {
+        name: result.folder / EXPERIMENT for name, result in assembled.results.items()
+    }
     files |= {f"{name}.mesh": folder / mesh for name, mesh in surfaces.items() if mesh}
     return {name: file_digest(file) for name, file in files.items()}
 
 
 def _drawing_code() -> str:
     """Return the hash of the code and packages that draw pictures of solids."""
-    return code_version(("stiffscope.report", "stiffscope.vjm"), ("pyvista", "vtk", "matplotlib"))
+    return code_version(
+        ("stiffscope.report", "stiffscope.vjm"), ("pyvista", "vtk", "matplotlib")
+    )
 
 
 def _draw_map(assembled: Assembled, folder: Path) -> None:
@@ -278,19 +346,23 @@ def _draw_map(assembled: Assembled, folder: Path) -> None:
     found = map_robot(robot, assembled.mechanism, MAP_POINTS, "exact")
     write_map(found, folder)
     title = f"{robot.name}: {maps.stiffness_title(found)}, gravity exact"
-    maps.draw_map(found, maps.stiffness_panels(found), robot.poses, title, folder / "map.png")
+    maps.draw_map(
+        found, maps.stiffness_panels(found), robot.poses, title, folder / "map.png"
+    )
 
 
 def _draw_poses(assembled: Assembled, folder: Path) -> None:
     mechanism = assembled.mechanism
     poses: dict[str, Any] = dict(assembled.robot.poses) or {"home": mechanism.tool.home}
-    shown = _picture_poses(assembled.robot, configure(mechanism, list(poses.values())), poses)
+    shown = _picture_poses(
+        assembled.robot, configure(mechanism, list(poses.values())), poses
+    )
     draw("robot", folder, pictures=shown, geometry=GEOMETRY, **scene_of(assembled))
 
 
 def _picture_poses(
     robot: RobotFile, found: Configurations, poses: Mapping[str, Sequence[float]]
-) -> list[dict[str, Any]]:  # fmt: skip
+) -> list[dict[str, Any]]:
     """Return pictures of the robot at named poses."""
     pictures = []
     for k, (name, pose) in enumerate(poses.items()):

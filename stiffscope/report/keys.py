@@ -29,8 +29,14 @@ TOP = {
     "name": ("a text", "**needed**"),
     "[parameters]": ("numbers with units by name", "–"),
     "[groups]": ("lists of bodies or joints by name", "–"),
-    "[poses]": ("by name, as many numbers as `[tool] pose` has coordinates", "`home` as the file describes it"),
-    **{f"[{kind}.NAME]": ("a table for each", "–") for kind in ("parts", "bodies", "joints")},
+    "[poses]": (
+        "by name, as many numbers as `[tool] pose` has coordinates",
+        "`home` as the file describes it",
+    ),
+    **{
+        f"[{kind}.NAME]": ("a table for each", "–")
+        for kind in ("parts", "bodies", "joints")
+    },
     "[[copies]]": ("tables in a list", "–"),
     **dict.fromkeys(("[tool]", "[gravity]", "[map]"), ("a table", "–")),
     "[materials.NAME]": ("a table for each", "–"),
@@ -42,7 +48,10 @@ for _kind, _model in element_sections.ELEMENTS.items():
 TABLES = (
     ('[parts.NAME], shape = "rod"', part_sections.RodPart),
     ('[parts.NAME], shape = "plate"', part_sections.PlatePart),
-    *((f'[parts.NAME], shape = "{name}"', part) for name, part in part_sections.BEAM_PARTS.items()),
+    *(
+        (f'[parts.NAME], shape = "{name}"', part)
+        for name, part in part_sections.BEAM_PARTS.items()
+    ),
     ('[parts.NAME], shape = "step"', part_sections.StepPart),
     ('[parts.NAME], shape = "matrix"', part_sections.MatrixPart),
     ('[parts.NAME], shape = "matrix", with `interfaces`', part_sections.InterfacePart),
@@ -54,11 +63,17 @@ TABLES = (
     ("[bodies.NAME], with a part", sections.ElasticBody),
     ("[bodies.NAME], with a part of named interfaces", sections.InterfaceBody),
     ("[bodies.NAME], rigid", sections.RigidBody),
-    *((f'[joints.NAME], type = "{name}"', joint) for name, joint in sections.JOINTS.items()),
+    *(
+        (f'[joints.NAME], type = "{name}"', joint)
+        for name, joint in sections.JOINTS.items()
+    ),
     ("drive of a slide", sections.LinearDrive),
     ("drive about an axis", sections.RotaryDrive),
     ("compliance of a joint", sections.Bearing),
-    *((f"bearing of a joint, kind = {' or '.join(kinds)}", model) for model, kinds in _KINDS.items()),
+    *(
+        (f"bearing of a joint, kind = {' or '.join(kinds)}", model)
+        for model, kinds in _KINDS.items()
+    ),
     ("[[copies]]", sections.Copies),
     ("[tool]", sections.ToolSection),
     ("[gravity]", sections.GravitySection),
@@ -90,13 +105,18 @@ class Key:
 
 @cache
 def _meanings() -> dict[str, dict[str, Any]]:
-    text = resources.files("stiffscope.data").joinpath("keys.toml").read_text(encoding="utf-8")
+    text = (
+        resources.files("stiffscope.data")
+        .joinpath("keys.toml")
+        .read_text(encoding="utf-8")
+    )
     return tomllib.loads(text)
 
 
 def _meaning(kind: str, title: str, key: str) -> str:
     """Return a key's meaning: the one of the section if it has its own, else the general one."""
-    meanings, end = _meanings()[kind], f".{key}"
+    meanings = _meanings()[kind]
+    end = f".{key}"
     words = (name.removesuffix(end) for name in meanings if name.endswith(end))
     own = next((meanings[word + end] for word in words if word in title), "")
     return own or meanings.get(key, "")
@@ -107,24 +127,28 @@ def _section_keys(kind: str, tables: Iterable[tuple[str, Any]]) -> dict[str, lis
     return {
         title: [
             Key(
-                name := field.alias or own, _meaning(kind, title, name),
+                name := field.alias or own,
+                _meaning(kind, title, name),
                 takes := _said(field.metadata) or _words_of(field.annotation),
                 "**needed**" if field.is_required() else _default(field, takes),
             )
             for own, field in model.model_fields.items()
         ]
         for title, model in tables
-    }  # fmt: skip
+    }
 
 
 def _robot_keys() -> dict[str, list[Key]]:
     """Return the keys of a robot file by section, and the built-in materials."""
-    title, materials = "the top level", list[Key]()
+    title = "the top level"
+    materials = list[Key]()
     for name, each in MATERIALS.items():
         moduli = f"E {each.youngs_modulus / 1e9:.4g} GPa, G {each.shear_modulus / 1e9:.3g} GPa"
         materials.append(Key(name, each.source, f"{moduli}, {each.density:g} kg/m³"))
     return {
-        title: [Key(key, _meaning("robot", title, key), *rest) for key, rest in TOP.items()],
+        title: [
+            Key(key, _meaning("robot", title, key), *rest) for key, rest in TOP.items()
+        ],
         **_section_keys("robot", TABLES),
         "built-in materials": materials,
     }
@@ -133,7 +157,9 @@ def _robot_keys() -> dict[str, list[Key]]:
 def all_keys() -> dict[str, dict[str, list[Key]]]:
     """Return all keys by kind of file and section."""
     described = _meanings()["campaign"].items()
-    campaign = {title: [Key(*each) for each in keys.items()] for title, keys in described}
+    campaign = {
+        title: [Key(*each) for each in keys.items()] for title, keys in described
+    }
     campaign["effects"] = []
     for name, parameters in EFFECTS.items():
         said = ", ".join(f"{parameter} ({unit})" for parameter, unit in parameters[:9])
@@ -152,7 +178,11 @@ def find_keys(wanted: str | None) -> dict[str, dict[str, list[Key]]]:
     if wanted is None or wanted in every:
         return {wanted: every[wanted]} if wanted else every
     found = {
-        kind: {title: rows for title, rows in titles.items() if wanted.lower() in title.lower()}
+        kind: {
+            title: rows
+            for title, rows in titles.items()
+            if wanted.lower() in title.lower()
+        }
         for kind, titles in every.items()
     }
     found = {kind: titles for kind, titles in found.items() if titles}
@@ -167,17 +197,24 @@ def find_keys(wanted: str | None) -> dict[str, dict[str, list[Key]]]:
 def show_keys(found: dict[str, dict[str, list[Key]]]) -> None:
     """Print one table per section."""
     for kind, titles in found.items():
-        show_line(f"{kind[0].upper()}{kind[1:]} file" if kind != "campaign" else "Campaign", "bold")
+        show_line(
+            f"{kind[0].upper()}{kind[1:]} file" if kind != "campaign" else "Campaign",
+            "bold",
+        )
         show_line("")
         for title, rows in titles.items():
-            cells = [[re.sub(r"`|\*\*", "", cell) for cell in astuple(row)] for row in rows]
+            cells = [
+                [re.sub(r"`|\*\*", "", cell) for cell in astuple(row)] for row in rows
+            ]
             groups = [["key"], ["means", "takes", "default"]]
             show_table(title, groups, cells, prose={"means", "takes"})
 
 
 def _said(metadata: Iterable[Any]) -> str:
     said = (each for each in metadata if isinstance(each, Reads | Says))
-    return next((each.says if isinstance(each, Reads) else str(each) for each in said), "")
+    return next(
+        (each.says if isinstance(each, Reads) else str(each) for each in said), ""
+    )
 
 
 def _words_of(annotation: Any) -> str:  # noqa: PLR0911 (one return per kind of type)
@@ -185,19 +222,27 @@ def _words_of(annotation: Any) -> str:  # noqa: PLR0911 (one return per kind of 
     said = _said(getattr(annotation, "__metadata__", ()))
     if said:
         return said
-    origin, inner = get_origin(annotation), get_args(annotation)
+    origin = get_origin(annotation)
+    inner = get_args(annotation)
     if origin is Annotated:
         return _words_of(inner[0])
     if origin is Literal:
         return " or ".join(f'"{choice}"' for choice in inner)
     if origin in {Union, UnionType}:
-        return " or ".join(dict.fromkeys(_words_of(each) for each in inner if each is not NoneType))
+        return " or ".join(
+            dict.fromkeys(_words_of(each) for each in inner if each is not NoneType)
+        )
     if origin is dict:
         return "a table by name"
     if origin in {tuple, list}:
         words = (_words_of(each) for each in inner if each is not Ellipsis)
         return f"a list of {' and '.join(dict.fromkeys(words))}"
-    known = {str: "a text", int: "a whole number", float: "a number", bool: "true or false"}
+    known = {
+        str: "a text",
+        int: "a whole number",
+        float: "a number",
+        bool: "true or false",
+    }
     other = "a table of its own" if inspect.isclass(annotation) else "any value"
     return known.get(annotation, other)
 

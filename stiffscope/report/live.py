@@ -14,7 +14,11 @@ from PIL import Image
 
 from stiffscope.design.maps import map_robot
 from stiffscope.errors import InputError
-from stiffscope.experiments.assembly import at_named_poses, deflection_bars, stiffness_bars
+from stiffscope.experiments.assembly import (
+    at_named_poses,
+    deflection_bars,
+    stiffness_bars,
+)
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.report import page, tables
 from stiffscope.report.campaign_check import marks
@@ -46,17 +50,30 @@ if TYPE_CHECKING:
     from stiffscope.vjm.kinematics import Configurations
 
 SHOWN = {
-    "m": (1e3, "mm"), "rad": (180.0 / np.pi, "deg"), "N/m": (1e-6, "N/µm"), "Pa": (1e-9, "GPa"),
-    "N*m/rad": (1e-3, "kN·m/rad"), "1": (1.0, ""), "N": (1.0, "N"), "N*m": (1.0, "N·m"),
-}  # fmt: skip
+    "m": (1e3, "mm"),
+    "rad": (180.0 / np.pi, "deg"),
+    "N/m": (1e-6, "N/µm"),
+    "Pa": (1e-9, "GPa"),
+    "N*m/rad": (1e-3, "kN·m/rad"),
+    "1": (1.0, ""),
+    "N": (1.0, "N"),
+    "N*m": (1.0, "N·m"),
+}
 """Factor from the SI unit to the unit shown, and its name; other units stay SI."""
-LENGTHS = {"m", "1", "rad"}  # linear from half to twice the value; others are logarithmic
-TURN, SHIFT = np.radians(30.0), 0.25  # rad, share of the robot's size: range of poses without [map]
-FORCE, MOMENT = 1000.0, 100.0  # N, N·m
+LENGTHS = {
+    "m",
+    "1",
+    "rad",
+}  # linear from half to twice the value; others are logarithmic
+TURN = np.radians(30.0)
+SHIFT = 0.25  # rad, share of the robot's size: range of poses without [map]
+FORCE = 1000.0
+MOMENT = 100.0  # N, N·m
 POINTS = 21  # points of a map along each coordinate
 MODES = 3
 MOST_READINGS = 40
-NEAR, FAR = "sensor, residuals up to 3 σ rms", "sensor, residuals beyond 3 σ rms"
+NEAR = "sensor, residuals up to 3 σ rms"
+FAR = "sensor, residuals beyond 3 σ rms"
 MARKS = {NEAR: "#2f7d6b", FAR: "#c2255c"}
 
 
@@ -112,9 +129,13 @@ def find_sliders(robot: RobotFile) -> list[Slider]:
         scale, unit = SHOWN.get(each.unit, (1.0, each.unit.replace("*", "·")))
         by = 2.0 if each.unit in LENGTHS or each.name.startswith("materials.") else 10.0
         low, high = sorted((each.value / by, each.value * by))
-        group = each.name.split(".")[0] if each.key[0] != "parts" else f"part {each.key[1]}"
+        group = (
+            each.name.split(".")[0] if each.key[0] != "parts" else f"part {each.key[1]}"
+        )
         decades = by > 2.0 and low > 0.0
-        out.append(Slider(each.name, group, each.value, low, high, scale, unit, decades))
+        out.append(
+            Slider(each.name, group, each.value, low, high, scale, unit, decades)
+        )
     return out
 
 
@@ -126,7 +147,9 @@ def read_setting(robot: RobotFile, asked: Any) -> Setting:
         lists = {name: tuple(float(c) for c in asked[name]) for name in sizes}
     except (TypeError, KeyError, ValueError, AttributeError) as error:
         got = f"got {str(asked)[:200]}"
-        raise InputError(f"expected values, a pose and a load as numbers, {got}") from error
+        raise InputError(
+            f"expected values, a pose and a load as numbers, {got}"
+        ) from error
     if not np.isfinite([*values.values(), *lists["pose"], *lists["load"]]).all():
         raise InputError("expected finite numbers")
     for name, size in sizes.items():
@@ -177,16 +200,21 @@ def draw_maps(assembled: Assembled) -> str:
     drawn: list[dict[str, Any]] = []
     for k, (name, (unit, factor)) in enumerate(zip(DIAGONAL, UNITS, strict=True)):
         values = factor * found.stiffness[:, :, k]
-        low, high = np.nanmin(values), np.nanmax(values)
+        low = np.nanmin(values)
+        high = np.nanmax(values)
         share = np.nan_to_num((values - low) / (high - low or 1.0))
         colours = (255 * shades(share)).astype(np.uint8)
         colours[np.isnan(values), 3] = 0
         out = io.BytesIO()
         Image.fromarray(colours if found.down else colours[::-1]).save(out, "PNG")
         source = f"data:image/png;base64,{base64.b64encode(out.getvalue()).decode()}"
-        drawn.append({"name": name, "range": f"{low:.3g} to {high:.3g} {unit}", "source": source})
-    swept = (("across", found.across, found.columns),
-             ("down" if found.down else "up", found.up, found.rows))  # fmt: skip
+        drawn.append(
+            {"name": name, "range": f"{low:.3g} to {high:.3g} {unit}", "source": source}
+        )
+    swept = (
+        ("across", found.across, found.columns),
+        ("down" if found.down else "up", found.up, found.rows),
+    )
     axes = "; ".join(
         f"{way} {coordinates([name])} from {factor * ends[0]:.4g} to {factor * ends[-1]:.4g}"
         for way, name, ends in swept
@@ -199,7 +227,8 @@ def compare_readings(case: Case, assembled: Assembled) -> dict[str, Any]:
     """Return readings and a robot's predictions, newest first, as HTML, and the sensors' marks."""
     read = case.campaign.select(np.flatnonzero(~np.isnan(case.campaign.value)))
     model = RobotModel(read, NominalRobot(assembled.mechanism, assembled.robot))
-    campaign, predicted = model.campaign, model.predict().values
+    campaign = model.campaign
+    predicted = model.predict().values
     left = campaign.value - predicted
     size = np.linalg.norm(campaign.value)
     with record_shown() as shown:
@@ -207,8 +236,13 @@ def compare_readings(case: Case, assembled: Assembled) -> dict[str, Any]:
         show_line(f"{len(campaign)} readings; gap {gap:.3g} % rms, before fitting")
         rows = []
         for i in range(len(campaign))[: -MOST_READINGS - 1 : -1]:
-            name, sigma = campaign.pose_names[campaign.pose[i]], campaign.sigma[i]
-            numbers = f"{campaign.value[i]:.5g}", f"{predicted[i]:.5g}", f"{left[i]:.3g}"
+            name = campaign.pose_names[campaign.pose[i]]
+            sigma = campaign.sigma[i]
+            numbers = (
+                f"{campaign.value[i]:.5g}",
+                f"{predicted[i]:.5g}",
+                f"{left[i]:.3g}",
+            )
             ratio = f"{left[i] / sigma:.2f}" if sigma > 0.0 else ""
             rows.append((name, campaign.what(i), *numbers, ratio))
         columns = ("pose", "reads", "measured", "predicted", "residual", "in sigma")
@@ -216,7 +250,11 @@ def compare_readings(case: Case, assembled: Assembled) -> dict[str, Any]:
     sure = campaign.sigma > 0.0
     of = [sure & (campaign.sensor == k) for k in range(len(campaign.sensors))]
     sizes = [left[mine] / campaign.sigma[mine] for mine in of]
-    drawn = [each for each in marks(campaign, assembled.mechanism) if each["kind"] == "sensor"]
+    drawn = [
+        each
+        for each in marks(campaign, assembled.mechanism)
+        if each["kind"] == "sensor"
+    ]
     return {"readings": as_html(shown), "marks": list(map(_mark, drawn, sizes))}
 
 
@@ -231,7 +269,9 @@ def _mark(arrow: Mapping[str, Any], sizes: np.ndarray) -> dict[str, Any]:
     return {"node": arrow["node"], **place, "words": words, **look}
 
 
-def view_html(assembled: Assembled, setting: Setting, draw_now: Callable[..., None]) -> str:
+def view_html(
+    assembled: Assembled, setting: Setting, draw_now: Callable[..., None]
+) -> str:
     """Return the rotatable robot with its solids as HTML; "" if this machine cannot draw.
 
     Parameters
@@ -257,18 +297,24 @@ def view_html(assembled: Assembled, setting: Setting, draw_now: Callable[..., No
     return page.templates().get_template("live_view.html").render(view=view)
 
 
-def render_page(robot: RobotFile, sliders: Sequence[Slider], campaign: Path | None) -> str:
+def render_page(
+    robot: RobotFile, sliders: Sequence[Slider], campaign: Path | None
+) -> str:
     """Return the page of the live view; its results arrive through the web socket."""
     groups: dict[str, list[Slider]] = {}
     for each in sliders:
         groups.setdefault(each.group, []).append(each)
     given = {
-        "title": f"{robot.name}: live", "groups": groups, "sliders": list(map(asdict, sliders)),
+        "title": f"{robot.name}: live",
+        "groups": groups,
+        "sliders": list(map(asdict, sliders)),
         "campaign": campaign.name if campaign else "",
-    }  # fmt: skip
+    }
     return page.templates().get_template("live.html").render(given).lstrip()
 
 
 def as_html(shown: Sequence[Shown]) -> str:
     """Return tables as HTML."""
-    return page.templates().get_template("notebook.html").render(lines=shown, figures=())
+    return (
+        page.templates().get_template("notebook.html").render(lines=shown, figures=())
+    )

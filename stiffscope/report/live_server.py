@@ -50,7 +50,9 @@ class Newest:
     """A thread that processes the newest order and skips older pending ones."""
 
     def __init__(self, work: Callable[[Any], None]) -> None:
-        self._work, self._order, self._changed = work, None, threading.Condition()
+        self._changed = threading.Condition()
+        self._order = None
+        self._work = work
         threading.Thread(target=self._run, daemon=True).start()
 
     def put(self, order: Any) -> None:
@@ -63,7 +65,8 @@ class Newest:
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._order is not None)
-                order, self._order = self._order, None
+                order = self._order
+                self._order = None
             self._work(order)
 
 
@@ -98,7 +101,8 @@ class LiveRobot:
 
     def ask(self, setting: Setting) -> None:
         """Evaluate slider values; results are sent with `tell`."""
-        former, self.asked = self.asked, setting
+        former = self.asked
+        self.asked = setting
         if former is None or former.values != setting.values:
             self._build.put(setting)
         if self.made is not None:
@@ -106,28 +110,38 @@ class LiveRobot:
 
     def changed(self, values: Mapping[str, float]) -> RobotFile:
         """Return the robot file with changed values."""
-        source, given = self.robot.source, [f"{name}={value!r}" for name, value in values.items()]
+        source = self.robot.source
+        given = [f"{name}={value!r}" for name, value in values.items()]
         return load_robot(str(source.path), [*source.overrides, *given])
 
     def build(self, setting: Setting) -> None:
         """Assemble the robot for a setting, run the experiments needed, then evaluate it."""
         try:
             with workshop(self._open_line) as shop:
-                robots, near = {"live": self.changed(setting.values)}, self._meshed
-                made = assemble_robots(robots, self.components, shop, whole=False, near=near)["live"]
+                robots = {"live": self.changed(setting.values)}
+                near = self._meshed
+                made = assemble_robots(
+                    robots, self.components, shop, whole=False, near=near
+                )["live"]
         except (StiffscopeError, OSError, RuntimeError) as error:
             self.tell({"problem": str(error)})
             return
         keep_meshed(self._meshed, made.results)
         self.made = made, setting.values
         asked = self.asked or setting
-        for work in (self._follow, self._draw, *([self._compare] if self.campaign else [])):
+        for work in (
+            self._follow,
+            self._draw,
+            *([self._compare] if self.campaign else []),
+        ):
             work.put(asked)
 
     def _open_line(self, name: str) -> Callable[[str, float], None]:
         def report(stage: str, fraction: float) -> None:
             done = fraction >= 1.0
-            self.tell({"progress": "" if done else f"{name}: {stage}, {100 * fraction:.0f} %"})
+            self.tell(
+                {"progress": "" if done else f"{name}: {stage}, {100 * fraction:.0f} %"}
+            )
 
         return report
 
@@ -135,14 +149,22 @@ class LiveRobot:
         """Send the results of a setting for the currently assembled robot."""
         if self.made is None:
             return
-        start, (assembled, values) = time.perf_counter(), self.made
+        start = time.perf_counter()
+        (assembled, values) = self.made
         try:
             answer = live.answer(assembled, setting)
         except StiffscopeError as error:
             self.tell({"problem": str(error)})
             return
         seconds = time.perf_counter() - start
-        self.tell({"problem": "", **answer, "seconds": seconds, "stale": setting.values != values})
+        self.tell(
+            {
+                "problem": "",
+                **answer,
+                "seconds": seconds,
+                "stale": setting.values != values,
+            }
+        )
 
     def draw(self, setting: Setting) -> None:
         """Draw the maps and solids of the assembled robot."""
@@ -179,7 +201,9 @@ class LiveRobot:
         """Write the robot with the sliders' values as a robot file; return a message."""
         target = Path(name)
         if target.suffix != ".toml" or target.exists():
-            raise InputError(f"{name}: expected the name of a new file that ends in .toml")
+            raise InputError(
+                f"{name}: expected the name of a new file that ends in .toml"
+            )
         robot = self.changed(self.asked.values if self.asked else {})
         write_bytes(target, tomlkit.dumps(robot_document(robot, target)).encode())
         return f"kept as {target.resolve()}"
@@ -191,7 +215,9 @@ class _Guarded:
     def check(self: Any) -> None:
         given = self.get_query_argument("token", "")
         host = self.request.host.rpartition(":")[0]
-        if host != HOST or not secrets.compare_digest(given, self.application.settings["token"]):
+        if host != HOST or not secrets.compare_digest(
+            given, self.application.settings["token"]
+        ):
             raise HTTPError(403)
 
 
@@ -268,8 +294,15 @@ def open_server(robot: LiveRobot, port: int = 0) -> Server:
     try:
         bound = bind_sockets(port, HOST)
     except OSError as error:
-        raise InputError(f"--port {port}: expected a port that is free, got one in use") from error
-    settings: dict[str, Any] = {"token": token, "page": page, "robot": robot, "sockets": sockets}
+        raise InputError(
+            f"--port {port}: expected a port that is free, got one in use"
+        ) from error
+    settings: dict[str, Any] = {
+        "token": token,
+        "page": page,
+        "robot": robot,
+        "sockets": sockets,
+    }
     http = HTTPServer(Application([("/", _Page), ("/socket", _Socket)], **settings))
     http.add_sockets(bound)
     robot.start()
@@ -288,7 +321,9 @@ def serve(robot: LiveRobot, port: int, announce: Callable[[str], None]) -> None:
         asyncio.run(forever())
 
 
-def open_robot(name: str, overrides: Sequence[str], components: Any, campaign: Path | None) -> LiveRobot:
+def open_robot(
+    name: str, overrides: Sequence[str], components: Any, campaign: Path | None
+) -> LiveRobot:
     """Open the robot of a command line. Raise InputError if robot or campaign is invalid."""
     robot = load_robot(name, overrides)
     if campaign is not None:

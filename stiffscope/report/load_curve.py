@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.report.figures import AFTER, BEFORE, EFFECT, NOISE, new_figure, save_figures
+from stiffscope.report.figures import (
+    AFTER,
+    BEFORE,
+    EFFECT,
+    NOISE,
+    new_figure,
+    save_figures,
+)
 from stiffscope.report.terminal import show_table
 
 if TYPE_CHECKING:
@@ -24,11 +31,13 @@ _COLOURS = (AFTER, EFFECT, BEFORE, NOISE)
 def show_load_curve(names: Sequence[str], curve: LoadCurve) -> None:
     """Show displacement and tangent stiffness along the wrench at each load up to the full one."""
     size, along, unit, stiff = _project_curve(curve)
-    rows, count = [], len(curve.load) // 4 + 1  # the way there; all others repeat it
+    rows = []
+    count = len(curve.load) // 4 + 1  # the way there; all others repeat it
     for i, name in enumerate(names):
         for k in range(count):
             tangent = f"{stiff[i, k]:.5g}".replace("nan", "–")
-            load, moved = f"{size * curve.load[k]:.4g}", f"{1e6 * along[i, k]:.5g}"
+            load = f"{size * curve.load[k]:.4g}"
+            moved = f"{1e6 * along[i, k]:.5g}"
             rows.append(("" if k else name, load, moved, tangent))
     force = "N" if unit == "m" else "N·m"
     groups = (("pose",), (force, f"µ{unit}", f"tangent {force}/{unit}"))
@@ -75,7 +84,10 @@ def _project_curve(curve: LoadCurve) -> tuple[float, Array, str, Array]:
     unit[part] = axis
     matrices = np.moveaxis(curve.stiffness, 3, 1)
     known: Flags = np.asarray(np.isfinite(matrices).all(axis=(2, 3), keepdims=True))
-    yielding = np.linalg.pinv(np.where(known, matrices, 0.0), rcond=1e-9, hermitian=True) @ unit
+    yielding = (
+        np.linalg.pinv(np.where(known, matrices, 0.0), rcond=1e-9, hermitian=True)
+        @ unit
+    )
     held = np.abs((matrices @ yielding[..., None])[..., 0] - unit).max(axis=2) < 1e-6
     stiff = np.where(held, 1.0 / np.where(held, yielding @ unit, 1.0), 0.0)
     stiff[~known[..., 0, 0]] = np.nan

@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
 TITLES = tuple(f"$K_{{{name[2:]}}}$" for name in DIAGONAL)
 UNITS = (("N/µm", 1e-6),) * 3 + (("kN·m/rad", 1e-3),) * 3
-SAGS = [f"sag along {axis} (µm)" for axis in "xyz"] + [f"sag about {axis} (µrad)" for axis in "xyz"]
+SAGS = [f"sag along {axis} (µm)" for axis in "xyz"] + [
+    f"sag about {axis} (µrad)" for axis in "xyz"
+]
 MARK = "#14181c"
 CHANGE = "coolwarm"  # diverging colours, centred at zero
 _FEW = 2.0  # percent of the values clipped at either end,
@@ -43,7 +45,10 @@ class Panel(NamedTuple):
 def stiffness_panels(found: StiffnessMap) -> list[Panel]:
     """Return panels of the diagonal of K, including the robot's own weight if it acts."""
     each = zip(TITLES, UNITS, np.moveaxis(found.loaded, -1, 0), strict=True)
-    return [Panel(f"{title} ({unit})", factor * values) for title, (unit, factor), values in each]
+    return [
+        Panel(f"{title} ({unit})", factor * values)
+        for title, (unit, factor), values in each
+    ]
 
 
 def difference_panels(
@@ -51,14 +56,19 @@ def difference_panels(
 ) -> list[Panel]:
     """Return the change due to the robot's own weight, in ppm of the stiffness without it."""
     change = factor * (found.loaded / found.stiffness - 1)
-    return [Panel(f"{title} {words}", change[..., k], CHANGE) for k, title in enumerate(TITLES)]
+    return [
+        Panel(f"{title} {words}", change[..., k], CHANGE)
+        for k, title in enumerate(TITLES)
+    ]
 
 
 def scalar_panels(found: StiffnessMap) -> list[Panel]:
     """Return panels of the additional quantities requested."""
     units = {"N m-1": (" (N/µm)", 1e-6), "m": (" (µm)", 1e6), "1": ("", 1.0)}
     each = [(scalar, *units[scalar.unit]) for scalar in found.more.values()]
-    return [Panel(fill(s.words, 34) + unit, factor * s.values) for s, unit, factor in each]
+    return [
+        Panel(fill(s.words, 34) + unit, factor * s.values) for s, unit, factor in each
+    ]
 
 
 def pick_slices(found: StiffnessMap | StiffnessVolume) -> list[StiffnessMap]:
@@ -79,11 +89,19 @@ def sag_panels(found: StiffnessMap) -> list[Panel]:
 def frequency_panels(found: StiffnessMap) -> list[Panel]:
     """Return panels of the first natural frequencies."""
     values = np.zeros((0, 0, 0)) if found.frequencies is None else found.frequencies
-    panels = [Panel(f"$f_{{{k + 1}}}$ (Hz)", values[..., k]) for k in range(values.shape[2])]
+    panels = [
+        Panel(f"$f_{{{k + 1}}}$ (Hz)", values[..., k]) for k in range(values.shape[2])
+    ]
     return [panel for panel in panels if np.isfinite(panel.values).any()]
 
 
-def draw_map(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: str, *targets: Path) -> None:
+def draw_map(
+    found: StiffnessMap,
+    panels: Sequence[Panel],
+    poses: Poses,
+    title: str,
+    *targets: Path,
+) -> None:
     """Draw panels, at most three per row, and write the sheet to each target.
 
     Parameters
@@ -105,10 +123,14 @@ def draw_map(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: 
     slim = np.clip(up / across, 0.4, 1.6) if alike else 0.8
     size = 4.5 * columns, 0.8 + (0.6 + 3.6 * slim) * rows
     figure = Figure(figsize=size, layout="constrained", facecolor="white")
-    FigureCanvasAgg(figure)  # without a canvas, each contour label would redraw the whole sheet
+    FigureCanvasAgg(
+        figure
+    )  # without a canvas, each contour label would redraw the whole sheet
     heading: Any = {"fontsize": 14 if columns > 1 else 11, "fontweight": "bold"}
     figure.suptitle(title, x=0.01, ha="left", parse_math=False, **heading)
-    grid = list(figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).flat)
+    grid = list(
+        figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).flat
+    )
     for axes in grid[len(panels) :]:
         axes.remove()
     for axes, panel in zip(grid, panels, strict=False):
@@ -120,14 +142,26 @@ def draw_map(found: StiffnessMap, panels: Sequence[Panel], poses: Poses, title: 
 
 
 def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
-    (across, wide), (up, tall) = shown_unit(found.across), shown_unit(found.up)
+    (across, wide) = shown_unit(found.across)
+    (up, tall) = shown_unit(found.up)
     grid = across * found.columns, up * found.rows
     if np.isfinite(panel.values).any():
         _colour(axes, grid, panel)
     else:
-        axes.pcolormesh(*grid, panel.values, shading="nearest", rasterized=True, vmin=0.0, vmax=1.0)
+        axes.pcolormesh(
+            *grid, panel.values, shading="nearest", rasterized=True, vmin=0.0, vmax=1.0
+        )
         text = "rigid" if found.rigid.any() else "no value"
-        axes.text(0.5, 0.85, text, transform=axes.transAxes, ha="center", va="center", fontsize=14, color=MARK)
+        axes.text(
+            0.5,
+            0.85,
+            text,
+            transform=axes.transAxes,
+            ha="center",
+            va="center",
+            fontsize=14,
+            color=MARK,
+        )
     down = ", down" if found.down else ""
     axes.set(xlabel=f"{found.across} ({wide})", ylabel=f"{found.up} ({tall}{down})")
     axes.set_aspect("equal" if wide == tall else "auto")
@@ -136,28 +170,45 @@ def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
 
 
 def _colour(axes: Axes, grid: tuple[np.ndarray, np.ndarray], panel: Panel) -> None:
-    values, change = panel.values, panel.colours == CHANGE
+    values = panel.values
+    change = panel.colours == CHANGE
     low, high, clipped = _limits(values)
     largest = max(abs(low), abs(high))
     if change:
-        low, high = -largest, largest
+        low = -largest
+        high = largest
     if high - low <= 1e-9 * largest:  # constant up to rounding
-        low, high = low - max(abs(low), 1e-6), high + max(abs(high), 1e-6)
+        low = low - max(abs(low), 1e-6)
+        high = high + max(abs(high), 1e-6)
     colours: Any = {"cmap": panel.colours, "vmin": low, "vmax": high}
-    image = axes.pcolormesh(*grid, values, shading="nearest", rasterized=True, **colours)
+    image = axes.pcolormesh(
+        *grid, values, shading="nearest", rasterized=True, **colours
+    )
     if np.nanmax(values) - np.nanmin(values) > 1e-6 * abs(high):
-        ink = "#3c4650" if change and np.nanmedian(np.abs(values)) < 0.5 * high else "white"
-        lines: Any = {"colors": ink, "linewidths": 0.6, "linestyles": "solid", "alpha": 0.8}
+        ink = (
+            "#3c4650"
+            if change and np.nanmedian(np.abs(values)) < 0.5 * high
+            else "white"
+        )
+        lines: Any = {
+            "colors": ink,
+            "linewidths": 0.6,
+            "linestyles": "solid",
+            "alpha": 0.8,
+        }
         drawn = axes.contour(*grid, values.clip(low, high), levels=6, **lines)
         axes.clabel(drawn, fontsize=7, fmt="%.5g")
     figure: Any = axes.get_figure()
-    bar = axes.inset_axes((1.03, 0.0, 0.045, 1.0))  # as high as the map for any aspect ratio
+    bar = axes.inset_axes(
+        (1.03, 0.0, 0.045, 1.0)
+    )  # as high as the map for any aspect ratio
     figure.colorbar(image, cax=bar, extend="both" if clipped else "neither")
 
 
 def _limits(values: np.ndarray) -> tuple[float, float, bool]:
     """Return the limits of the colours, and whether outliers near singular poses are clipped."""
-    low, high = float(np.nanmin(values)), float(np.nanmax(values))
+    low = float(np.nanmin(values))
+    high = float(np.nanmax(values))
     inner, outer = np.nanpercentile(values, [_FEW, 100.0 - _FEW])
     if outer - inner < _FAR * (high - low):
         return float(inner), float(outer), True
@@ -174,11 +225,17 @@ def _mark(axes: Axes, found: StiffnessMap, poses: Poses) -> None:
     for label, pose in poses.items():
         if not found.holds(coordinates := dict(zip(names, pose, strict=True))):
             continue
-        place: Any = [shown_unit(name)[0] * coordinates[name] for name in (found.across, found.up)]
+        place: Any = [
+            shown_unit(name)[0] * coordinates[name] for name in (found.across, found.up)
+        ]
         axes.plot(*place, "o", color=MARK, markersize=5, markeredgecolor="white")
         style: Any = {"weight": "bold", "path_effects": halo, "parse_math": False}
         left = 2.0 * place[0] > sum(axes.get_xlim())  # the colour bar is on the right
-        style |= {"ha": "right" if left else "left", "textcoords": "offset points", "color": MARK}
+        style |= {
+            "ha": "right" if left else "left",
+            "textcoords": "offset points",
+            "color": MARK,
+        }
         axes.annotate(label, place, (-6 if left else 6, 5), **style)
 
 
@@ -208,5 +265,7 @@ def held_text(found: StiffnessMap) -> str:
 
 def stiffness_title(found: StiffnessMap) -> str:
     """Return the title of a map's `stiffness_panels`."""
-    what = "diagonal of K" + "; 1/C_ii where a direction is rigid" * bool(found.rigid.any())
+    what = "diagonal of K" + "; 1/C_ii where a direction is rigid" * bool(
+        found.rigid.any()
+    )
     return f"stiffness at M ({what}){held_text(found)}"

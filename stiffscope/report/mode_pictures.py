@@ -29,16 +29,26 @@ _WITHIN = 0.2  # share of a mode's energy within parts above which the title men
 def modes_json(found: Modes) -> dict[str, Any]:
     """Return modes for JSON output; node twists at M in base axes are [pose][mode][component]."""
     names = {END: "tool", FOOT: "base"}
-    shapes = {names.get(node, node): each.swapaxes(1, 2) for node, each in found.shapes.items()}
+    shapes = {
+        names.get(node, node): each.swapaxes(1, 2)
+        for node, each in found.shapes.items()
+    }
     return {
-        "poses": found.configurations.poses, "tool": found.configurations.tool,
-        "frequencies": found.frequencies, "error": found.error, "shapes": shapes,
-        "energy": found.energy, "internal": found.internal, "remarks": list(found.remarks),
+        "poses": found.configurations.poses,
+        "tool": found.configurations.tool,
+        "frequencies": found.frequencies,
+        "error": found.error,
+        "shapes": shapes,
+        "energy": found.energy,
+        "internal": found.internal,
+        "remarks": list(found.remarks),
         "convention": CONVENTION,
-    }  # fmt: skip
+    }
 
 
-def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder: Path) -> None:
+def draw_modes(
+    assembled: Assembled, names: Sequence[str], found: Modes, folder: Path
+) -> None:
     """Draw each mode at each pose, coloured by energy: ``mode_POSE_NUMBER.png`` and ``….gif``.
 
     Log a warning and omit them if this machine cannot draw.
@@ -60,7 +70,8 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
         pose = name if name.replace("_", "").replace("-", "").isalnum() else str(k + 1)
         known = np.flatnonzero(np.isfinite(found.frequencies[k]))
         for i, case in zip(known, cases, strict=True):
-            hertz, within = found.frequencies[k, i], float(found.internal[k, i])
+            hertz = found.frequencies[k, i]
+            within = float(found.internal[k, i])
             title = f"{assembled.robot.name} at {name}: mode {i + 1}, {hertz:.4g} Hz"
             if within > _WITHIN:
                 title += f"; {100 * within:.0f} % of the energy is in parts between their ends"
@@ -70,15 +81,21 @@ def draw_modes(assembled: Assembled, names: Sequence[str], found: Modes, folder:
             stem = f"mode_{pose}_{i + 1}"
             still = {"file": f"{stem}.png", "moves": frames[-1], "before": here.moves}
             stills.append(shown | still)
-            moving.append(shown | {"file": f"{stem}.gif", "frames": frames, "order": order})
-    starts = ((each, k) for each in (moving, stills) for k in range(0, len(each), _TOGETHER))
+            moving.append(
+                shown | {"file": f"{stem}.gif", "frames": frames, "order": order}
+            )
+    starts = (
+        (each, k) for each in (moving, stills) for k in range(0, len(each), _TOGETHER)
+    )
     jobs = [each[k : k + _TOGETHER] for each, k in starts]
     common: dict[str, Any] = {**scene_of(assembled), "scale": ENERGY}
     with ThreadPoolExecutor(2) as pool:
         drawn = []
         for job in jobs:
             solids = {"geometry": GEOMETRY} if job is jobs[0] else {}
-            drawn.append(pool.submit(draw, "robot", folder, pictures=job, **common, **solids))
+            drawn.append(
+                pool.submit(draw, "robot", folder, pictures=job, **common, **solids)
+            )
     with optional_pictures():
         for each in drawn:
             each.result()

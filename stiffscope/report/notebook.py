@@ -78,7 +78,9 @@ class View:
 
     def _repr_html_(self) -> str:
         style = f'loading="lazy" style="width:100%;height:{HEIGHT}px;border:0"'
-        content = f'srcdoc="{html.escape(self.html)}" title="the robot in three dimensions"'
+        content = (
+            f'srcdoc="{html.escape(self.html)}" title="the robot in three dimensions"'
+        )
         return f"<iframe {content} {style}></iframe>"
 
     def save(self, path: str | Path) -> None:
@@ -97,18 +99,28 @@ def register() -> None:
     formatter = shell.display_formatter.formatters["text/html"]
     for name, show in SHOWN.items():
         module, _, kind = name.rpartition(".")
-        formatter.for_type_by_name(f"stiffscope.{module}", kind, partial(as_html, show=show))
+        formatter.for_type_by_name(
+            f"stiffscope.{module}", kind, partial(as_html, show=show)
+        )
     if hasattr(shell, "kernel"):  # not if IPython runs in a terminal
         LISTENERS.open_line = open_bar
 
 
-def as_html(shown: Any, show: Callable[[Any], Sequence[Figure] | None] | None = None) -> str:
+def as_html(
+    shown: Any, show: Callable[[Any], Sequence[Figure] | None] | None = None
+) -> str:
     """Return an object's tables and figures as HTML for a notebook."""
     kind = type(shown)
-    show = show or SHOWN[f"{kind.__module__.removeprefix('stiffscope.')}.{kind.__name__}"]
+    show = (
+        show or SHOWN[f"{kind.__module__.removeprefix('stiffscope.')}.{kind.__name__}"]
+    )
     with record_shown() as lines:
         figures = show(shown) or ()
-    return page.templates().get_template("notebook.html").render(lines=lines, figures=figures)
+    return (
+        page.templates()
+        .get_template("notebook.html")
+        .render(lines=lines, figures=figures)
+    )
 
 
 def open_bar(name: str) -> Progress:
@@ -120,7 +132,8 @@ def open_bar(name: str) -> Progress:
 
     def report(stage: str, fraction: float) -> None:
         nonlocal bar, last
-        now, done = time.monotonic(), fraction >= 1.0
+        now = time.monotonic()
+        done = fraction >= 1.0
         if (bar is None and done) or (not done and now - last < PACE):
             return
         last = now
@@ -145,16 +158,26 @@ def deformed(experiment: Experiment) -> Picture:
     """
     check_kind("experiment", experiment, Experiment, "run_experiment")
     with scratch_folder() as folder:
-        held, sheet = folder / "experiment.npz", folder / "loads.png"
+        held = folder / "experiment.npz"
+        sheet = folder / "loads.png"
         experiment.save(held)
-        draw("part_pictures", folder, experiment=held, title=experiment.part, faces={}, sheet=sheet.name)
+        draw(
+            "part_pictures",
+            folder,
+            experiment=held,
+            title=experiment.part,
+            faces={},
+            sheet=sheet.name,
+        )
         return Picture(sheet.read_bytes())
 
 
 def stiffness_map(
-    mechanism: Mechanism, ranges: Mapping[str, tuple[float, float]], points: int = 61,
+    mechanism: Mechanism,
+    ranges: Mapping[str, tuple[float, float]],
+    points: int = 61,
     at: Sequence[float] | None = None,
-) -> Picture:  # fmt: skip
+) -> Picture:
     """Draw the stiffness (diagonal of K) over two coordinates of the tool, without gravity.
 
     Parameters
@@ -182,11 +205,16 @@ def stiffness_map(
     found = map_stiffness(mechanism, ranges, points, at=at)
     with scratch_folder() as folder:
         target = folder / "map.png"
-        maps.draw_map(found, maps.stiffness_panels(found), {}, maps.stiffness_title(found), target)
+        maps.draw_map(
+            found, maps.stiffness_panels(found), {}, maps.stiffness_title(found), target
+        )
         return Picture(target.read_bytes())
 
 
-def view(shown: Mechanism | Configurations | Stiffness | Modes, robot: RobotFile | None = None) -> View:
+def view(
+    shown: Mechanism | Configurations | Stiffness | Modes,
+    robot: RobotFile | None = None,
+) -> View:
     """Show a rotatable robot under unit wrenches at M or in its modes, coloured by strain energy.
 
     Parameters
@@ -206,16 +234,23 @@ def view(shown: Mechanism | Configurations | Stiffness | Modes, robot: RobotFile
 
     if isinstance(shown, Mechanism):
         poses: Any = robot.poses if robot and robot.poses else {"home": shown.tool.home}
-        names, found = list(poses), configure(shown, list(poses.values())).require_valid()
+        names = list(poses)
+        found = configure(shown, list(poses.values())).require_valid()
     else:
         found = getattr(shown, "configurations", shown)
         if not isinstance(found, Configurations):
-            expected = "expected a mechanism, as `assemble` makes it, or what was found of one"
+            expected = (
+                "expected a mechanism, as `assemble` makes it, or what was found of one"
+            )
             raise InputError(f"view: {expected}, got {type(shown).__name__}")
         names = _names(found)
     mechanism = found.mechanism
     choice = "mode" if isinstance(shown, Modes) else "load"
-    cases = mode_cases(shown) if isinstance(shown, Modes) else unit_wrenches(mechanism, found)
+    cases = (
+        mode_cases(shown)
+        if isinstance(shown, Modes)
+        else unit_wrenches(mechanism, found)
+    )
     with scratch_folder() as folder:
         draw("robot", folder, pictures=[], geometry=GEOMETRY, **scene(robot, mechanism))
         caption = f"Components coloured by their {ENERGY}."
@@ -253,8 +288,16 @@ def _numbers(faces: Iterable[int]) -> str:
 def _mechanism(shown: Mechanism) -> None:
     rows: list[Sequence[str]] = []
     for body in shown.bodies:
-        kind, centre = "elastic" if body.elastic else "rigid", body.centre
-        rows.append((body.name, kind, f"{body.mass:.4g}", "" if centre is None else point(centre)))
+        kind = "elastic" if body.elastic else "rigid"
+        centre = body.centre
+        rows.append(
+            (
+                body.name,
+                kind,
+                f"{body.mass:.4g}",
+                "" if centre is None else point(centre),
+            )
+        )
     show_table("Bodies", (("body", "", "mass kg", "centre at home mm"),), rows)
     rows = []
     for j in shown.joints:
@@ -270,16 +313,26 @@ def _mechanism(shown: Mechanism) -> None:
 def _configurations(shown: Configurations) -> None:
     place = coordinates(shown.mechanism.tool.pose)
     rows = [
-        (pose_values(pose, shown.mechanism.tool.pose), "yes" if ok else "no", shown.reason(k))
-        for k, (pose, ok) in enumerate(zip(shown.poses[:MOST], shown.valid[:MOST], strict=True))
+        (
+            pose_values(pose, shown.mechanism.tool.pose),
+            "yes" if ok else "no",
+            shown.reason(k),
+        )
+        for k, (pose, ok) in enumerate(
+            zip(shown.poses[:MOST], shown.valid[:MOST], strict=True)
+        )
     ]
-    show_table("Configurations", ((place, "reached", "why not"),), rows, prose=("why not",))
+    show_table(
+        "Configurations", ((place, "reached", "why not"),), rows, prose=("why not",)
+    )
     _show_omitted(len(shown.poses))
 
 
 def _stiffness(shown: Stiffness) -> None:
     names = [each.name for each in dataclasses.fields(shown)]
-    first = dataclasses.replace(shown, **{name: getattr(shown, name)[:MOST] for name in names})
+    first = dataclasses.replace(
+        shown, **{name: getattr(shown, name)[:MOST] for name in names}
+    )
     tables.show_stiffness([str(k + 1) for k in range(len(first.matrix))], first)
     _show_omitted(len(shown.matrix))
 
@@ -297,7 +350,9 @@ def _part_sensitivity(shown: PartSensitivity) -> None:
         numbers = (f"{value:.4g}" for value in (*each.compliance.diagonal(), each.mass))
         rows.append((name, f"{each.value:.5g}", each.unit, *numbers))
     columns = ("parameter", "value", "unit", *(f"C{k}{k}" for k in range(1, 7)), "mass")
-    show_table(f"Derivatives of the {shown.part} by each parameter, SI", (columns,), rows)
+    show_table(
+        f"Derivatives of the {shown.part} by each parameter, SI", (columns,), rows
+    )
 
 
 def _diagnosis(shown: Diagnosis) -> list[Figure]:
@@ -312,8 +367,13 @@ def _diagnosis(shown: Diagnosis) -> list[Figure]:
 
 def _fields(shown: Any) -> None:
     """Show every field of a small dataclass, SI."""
-    rows = [(each.name, _text(getattr(shown, each.name))) for each in dataclasses.fields(shown)]
-    title = " ".join([type(shown).__name__, *([shown.name] if hasattr(shown, "name") else [])])
+    rows = [
+        (each.name, _text(getattr(shown, each.name)))
+        for each in dataclasses.fields(shown)
+    ]
+    title = " ".join(
+        [type(shown).__name__, *([shown.name] if hasattr(shown, "name") else [])]
+    )
     show_table(f"{title}, SI", (("", "value"),), rows, prose=("value",))
 
 
@@ -327,7 +387,13 @@ def _text(value: Any) -> str:
         return ", ".join(f"{name} {_text(getattr(value, name))}" for name in names)
     if isinstance(value, tuple):
         return ", ".join(map(str, value))
-    return f"{value:g}" if isinstance(value, float) else "–" if value in {None, ""} else str(value)
+    return (
+        f"{value:g}"
+        if isinstance(value, float)
+        else "–"
+        if value in {None, ""}
+        else str(value)
+    )
 
 
 def _study(shown: Study) -> None:
@@ -335,7 +401,9 @@ def _study(shown: Study) -> None:
 
 
 def _sensitivity(shown: Sensitivity) -> None:
-    sensitivities.show_sensitivity(shown, [name_pose(pose, shown.robot.tool.pose) for pose in shown.poses])
+    sensitivities.show_sensitivity(
+        shown, [name_pose(pose, shown.robot.tool.pose) for pose in shown.poses]
+    )
 
 
 def _show_omitted(count: int) -> None:
@@ -362,7 +430,9 @@ SHOWN: dict[str, Callable[[Any], Sequence[Figure] | None]] = {
     "vjm.joints.Joint": _fields,
     "vjm.mechanism.Mechanism": _mechanism,
     "vjm.mechanism.Tool": _fields,
-    "vjm.modes.Modes": lambda shown: tables.show_modes(_names(shown.configurations), shown, MODES),
+    "vjm.modes.Modes": lambda shown: tables.show_modes(
+        _names(shown.configurations), shown, MODES
+    ),
     "vjm.statics.Stiffness": _stiffness,
     "vjm.yielding.Deflection": _deflection,
 }

@@ -62,7 +62,9 @@ def vector(values: Any, digits: int = 4) -> str:
 
 def pose_values(pose: Any, names: Sequence[str], digits: int = 5) -> str:
     """Return a pose in mm and deg, drives (`q:JOINT`) in m or rad, rounded: "0, 0, 347.5"."""
-    return vector([shown_unit(name)[0] * c for name, c in zip(names, pose, strict=True)], digits)
+    return vector(
+        [shown_unit(name)[0] * c for name, c in zip(names, pose, strict=True)], digits
+    )
 
 
 def coordinates(names: Sequence[str]) -> str:
@@ -84,7 +86,9 @@ def power(number: float, decimals: int = 1) -> str:
     return f"{number:.3g}" if abs(tens) < 3 else rf"${mantissa}\cdot10^{{{tens}}}$"
 
 
-SHOWN_IN: dict[str, tuple[tuple[float, str], ...]] = {  # factor to SI and unit, coarsest first
+SHOWN_IN: dict[
+    str, tuple[tuple[float, str], ...]
+] = {  # factor to SI and unit, coarsest first
     "m": ((1.0, "m"), (1e-3, "mm"), (1e-6, "µm")),
     "rad": ((1e-3, "mrad"), (1e-6, "µrad")),
     "N/m": ((1e6, "N/µm"),),

@@ -29,10 +29,14 @@ if TYPE_CHECKING:
 QUALITY = 86  # WebP quality of embedded pictures
 WIDE = 1000  # pixels; wider pictures scroll on a phone
 BUTTONS = (
-    ("left", "◀", "Turn left"), ("right", "▶", "Turn right"), ("up", "▲", "Tilt up"),
-    ("down", "▼", "Tilt down"), ("nearer", "+", "Zoom in"), ("farther", "−", "Zoom out"),
+    ("left", "◀", "Turn left"),
+    ("right", "▶", "Turn right"),
+    ("up", "▲", "Tilt up"),
+    ("down", "▼", "Tilt down"),
+    ("nearer", "+", "Zoom in"),
+    ("farther", "−", "Zoom out"),
     ("reset", "↺", "Initial view"),
-)  # fmt: skip
+)
 MOST_POINTS = 5000  # per series; longer ones are thinned evenly
 HOW = "Drag or use the arrow keys to turn, with Shift or the right button to move; + and − to zoom."
 FACTOR = (
@@ -77,7 +81,11 @@ class RobotView:
     @property
     def how(self) -> str:
         """Instructions for the reader."""
-        return f"{HOW} {FACTOR}" if any(pose["cases"] for pose in self.data["poses"]) else HOW
+        return (
+            f"{HOW} {FACTOR}"
+            if any(pose["cases"] for pose in self.data["poses"])
+            else HOW
+        )
 
 
 @dataclass(frozen=True)
@@ -111,18 +119,33 @@ class Chart:
     def data(self) -> dict[str, Any]:
         """The chart as JSON-compatible data."""
         series = [
-            {"name": s.name, "colour": s.colour, "size": s.size,
-             "columns": {name: _round_column(values) for name, values in s.columns.items()}}
+            {
+                "name": s.name,
+                "colour": s.colour,
+                "size": s.size,
+                "columns": {
+                    name: _round_column(values) for name, values in s.columns.items()
+                },
+            }
             for s in self.series
-        ]  # fmt: skip
-        return {"series": series, "x": list(self.x), "y": list(self.y),
-                "equal": self.equal, "joined": self.joined, "log": self.log}  # fmt: skip
+        ]
+        return {
+            "series": series,
+            "x": list(self.x),
+            "y": list(self.y),
+            "equal": self.equal,
+            "joined": self.joined,
+            "log": self.log,
+        }
 
 
 def _round_column(values: Sequence[Any] | np.ndarray) -> list[Any]:
     """Return a column, thinned if long, with numbers to six digits and None for missing ones."""
     some = values[:: max(1, -(-len(values) // MOST_POINTS))]
-    return [v if isinstance(v, str) else float(f"{v:.6g}") if np.isfinite(v) else None for v in some]
+    return [
+        v if isinstance(v, str) else float(f"{v:.6g}") if np.isfinite(v) else None
+        for v in some
+    ]
 
 
 @dataclass(frozen=True)
@@ -155,7 +178,9 @@ def figures(folder: Path, captions: Mapping[str, tuple[str, str]]) -> list[Figur
 
     Each has links to the files of the same stem.
     """
-    known = ((name, words) for name, words in captions.items() if (folder / name).exists())
+    known = (
+        (name, words) for name, words in captions.items() if (folder / name).exists()
+    )
     return [_embed(folder, name, *words) for name, words in known]
 
 
@@ -165,12 +190,14 @@ def _embed(folder: Path, name: str, caption: str, words: str) -> Figure:
     alike = image.parent.glob(f"{image.stem}.*")
     files = tuple(sorted(file.relative_to(folder).as_posix() for file in alike))
     if image.suffix == ".svg":
-        content, kind = image.read_bytes(), "svg+xml"
+        content = image.read_bytes()
+        kind = "svg+xml"
         found = re.search(rb'viewBox="0 0 ([\d.]+) ([\d.]+)"', content)
         points = found.groups() if found else (b"640", b"480")
         wide, high = (round(float(size) * 4 / 3) for size in points)
     else:
-        out, kind = io.BytesIO(), "webp"
+        out = io.BytesIO()
+        kind = "webp"
         with Image.open(image) as picture:
             picture.convert("RGB").save(out, "WEBP", quality=QUALITY, method=0)
             wide, high = picture.size
@@ -180,9 +207,14 @@ def _embed(folder: Path, name: str, caption: str, words: str) -> Figure:
 
 
 def write_page(
-    target: Path, title: str, facts: Sequence[str], sections: Sequence[Section],
-    lead: Lead | None = None, *, watched: str = "",
-) -> None:  # fmt: skip
+    target: Path,
+    title: str,
+    facts: Sequence[str],
+    sections: Sequence[Section],
+    lead: Lead | None = None,
+    *,
+    watched: str = "",
+) -> None:
     """Write a page to a file: title, one line of facts, lead and all nonempty sections.
 
     With ``watched``, a name of this state, the page checks ``state.html`` next to it once a second
@@ -198,10 +230,18 @@ def write_page(
         Name of this state of a reloading page; empty for a static page.
     """
     filled = [section for section in sections if section]
-    given = {"title": title, "facts": facts, "sections": filled, "lead": lead, "watched": watched}
+    given = {
+        "title": title,
+        "facts": facts,
+        "sections": filled,
+        "lead": lead,
+        "watched": watched,
+    }
     views = [section.view for section in filled if section.view]
     given["repeated"] = {view.still.source for view in views if view.still}
-    given["charts"] = read_library() if any(section.charts for section in filled) else ""
+    given["charts"] = (
+        read_library() if any(section.charts for section in filled) else ""
+    )
     text = templates().get_template("report.html").render(given).lstrip()
     target.write_text(text, encoding="utf-8", errors="backslashreplace")
     if watched:
@@ -213,12 +253,17 @@ def write_page(
 def templates() -> Environment:
     """Return the environment of the page templates, which escapes all text."""
     loader: Any = PackageLoader("stiffscope.report")
-    return Environment(loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True)
+    return Environment(
+        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True
+    )
 
 
 @functools.cache
 def read_library() -> Markup:
     """Return BokehJS from the installed package, without its slow import."""
     folder = Path(str(distribution("bokeh").locate_file("bokeh/server/static/js")))
-    texts = ((folder / f"{name}.min.js").read_text("utf-8") for name in ("bokeh", "bokeh-api"))
+    texts = (
+        (folder / f"{name}.min.js").read_text("utf-8")
+        for name in ("bokeh", "bokeh-api")
+    )
     return Markup("\n".join(texts))  # noqa: S704

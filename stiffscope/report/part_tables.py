@@ -39,10 +39,20 @@ def show_parts(results: Sequence[PartResult]) -> None:
     rows = []
     for result in results:
         facts = result.facts
-        mesh, seconds, wanted = facts["mesh"], facts["seconds"], facts["tolerance"]
+        mesh = facts["mesh"]
+        seconds = facts["seconds"]
+        wanted = facts["tolerance"]
         error = f"{100 * (facts['volume'] / facts['cad_volume'] - 1):+z.4f} %"
-        counts = f"{mesh['nodes']:,}", f"{mesh['tetrahedra']:,}", error, f"{facts['mass']:.3f}"
-        bounds = percent(100 * facts["relative_bound"], 2), percent(100 * wanted) if wanted else ""
+        counts = (
+            f"{mesh['nodes']:,}",
+            f"{mesh['tetrahedra']:,}",
+            error,
+            f"{facts['mass']:.3f}",
+        )
+        bounds = (
+            percent(100 * facts["relative_bound"], 2),
+            percent(100 * wanted) if wanted else "",
+        )
         times = (f"{seconds[stage]:.1f}" for stage in ("cad", "mesh", "solve"))
         how = "reused" if result.reused else f"computed in {result.seconds:.1f} s"
         rows.append((result.name, *counts, *bounds, *times, how))
@@ -59,7 +69,9 @@ def show_compliance(robot: RobotFile, result: PartResult) -> None:
     elif result.own_shape:
         show_comparison(compare(robot, result.name, result))
     else:
-        show_matrices({f"Compliance of the {result.name}, SI": (result.compliance, result.error)})
+        show_matrices(
+            {f"Compliance of the {result.name}, SI": (result.compliance, result.error)}
+        )
         show_line("No comparison with beam theory: the solid comes from a STEP file\n")
 
 
@@ -88,12 +100,16 @@ def show_interfaces(compared: Interfaces) -> None:
     for e in compared.entries:
         pairs = zip(e.changes, e.bars, strict=True)
         changes = (f"{100 * c:+z.1f} ± {100 * b:.2g} %" for c, b in pairs)
-        rows.append((e.name, e.unit, f"{e.own:.6g}", relative(e.error, e.own), *changes))
+        rows.append(
+            (e.name, e.unit, f"{e.own:.6g}", relative(e.error, e.own), *changes)
+        )
     title = f"Compliance of the {compared.part} ({own.name}), and its change with other interfaces"
     show_table(title, groups, rows)
     for tested in compared.others:
         choice = tested.choice
-        overrides = " ".join(f"--set '{o}'" if " " in o else f"--set {o}" for o in choice.overrides)
+        overrides = " ".join(
+            f"--set '{o}'" if " " in o else f"--set {o}" for o in choice.overrides
+        )
         show_line(f"  {choice.name}: {choice.words} ({overrides})")
     for line in compared.left_out:
         show_line(f"  {line}")
@@ -104,7 +120,10 @@ def show_matrices(matrices: Mapping[str, tuple[Any, Any]]) -> None:
     rows: list[Sequence[str]] = []
     for title, (matrix, error) in matrices.items():
         shown = np.where(find_resolved(matrix, error), matrix, np.nan)
-        here = [(name, *format_cells(row, ".5g")) for name, row in zip(TWIST, shown, strict=True)]
+        here = [
+            (name, *format_cells(row, ".5g"))
+            for name, row in zip(TWIST, shown, strict=True)
+        ]
         show_table(title, (("",), WRENCH[:3], WRENCH[3:]), here)
         rows += here
     explain_zeros(rows)
@@ -113,25 +132,38 @@ def show_matrices(matrices: Mapping[str, tuple[Any, Any]]) -> None:
 def show_element(kind: str, found: MachineElement) -> None:
     """Show a machine element's stiffness, rolling element loads, source and limits."""
     k = np.where(np.abs(found.stiffness) > 0.0, found.stiffness, np.nan)
-    rows = [(name, *format_cells(row, ".5g")) for name, row in zip(WRENCH, k, strict=True)]
+    rows = [
+        (name, *format_cells(row, ".5g")) for name, row in zip(WRENCH, k, strict=True)
+    ]
     groups = (("",), TWIST[:3], TWIST[3:])
     show_table(f"Stiffness of the {kind}, x along its axis; SI", groups, rows)
     if len(found.loads):
-        loads, angle = found.loads, np.degrees(found.angles)
+        loads = found.loads
+        angle = np.degrees(found.angles)
         carried = f"{len(loads)}, carrying {loads.min():.4g} to {loads.max():.4g} N"
         angles = f"contact angles {angle.min():.4g} to {angle.max():.4g} degrees"
         show_line(f"Rolling elements: {carried}, {angles}")
     show_line(f"Source: {found.source}")
-    for note in (*found.notes, "at rest or slow; rings, housing, carriage and rail rigid"):
+    for note in (
+        *found.notes,
+        "at rest or slow; rings, housing, carriage and rail rigid",
+    ):
         show_line(f"Valid: {note}")
 
 
 def show_experiment(experiment: Experiment) -> None:
     """Show the compliance (6, 6) at the first interface's reference point with bounds, SI."""
-    matrix, error = experiment.compliance, experiment.error
+    matrix = experiment.compliance
+    error = experiment.error
     clear = find_resolved(matrix, error)
     rows = [
-        (name, *(with_bound(matrix[i, j], error[i, j]) if clear[i, j] else ZERO for j in range(6)))
+        (
+            name,
+            *(
+                with_bound(matrix[i, j], error[i, j]) if clear[i, j] else ZERO
+                for j in range(6)
+            ),
+        )
         for i, name in enumerate(TWIST)
     ]
     where = f"twist per unit wrench at ({point(experiment.reference_point)}) mm"
@@ -147,7 +179,9 @@ def show_experiment(experiment: Experiment) -> None:
 def show_each_interface(result: PartResult) -> None:
     """Show the compliance at each loaded interface, and how to get the coupled matrix."""
     tested = result.experiment
-    points, compliance, error = tested.reference_points, tested.full_compliance, tested.full_error
+    points = tested.reference_points
+    compliance = tested.full_compliance
+    error = tested.full_error
     matrices = {}
     for k, place in enumerate(points):
         own = slice(6 * k, 6 * k + 6)
@@ -155,8 +189,12 @@ def show_each_interface(result: PartResult) -> None:
         title = f"Compliance of the {result.name} at {where}, loaded alone; SI"
         matrices[title] = compliance[own, own], error[own, own]
     show_matrices(matrices)
-    together = f"All {len(points)} interfaces together: {len(compliance)} x {len(compliance)}"
-    show_line(f"Clamped: {tested.interfaces[0]}. {together}, with --json or --superelement\n")
+    together = (
+        f"All {len(points)} interfaces together: {len(compliance)} x {len(compliance)}"
+    )
+    show_line(
+        f"Clamped: {tested.interfaces[0]}. {together}, with --json or --superelement\n"
+    )
 
 
 def show_faces(file: str, rows: Sequence[Mapping[str, Any]]) -> None:
@@ -173,7 +211,9 @@ def show_faces(file: str, rows: Sequence[Mapping[str, Any]]) -> None:
     show_table(f"Faces of {file}", groups, cells)
     show_line("Choose faces by geometry in a robot file, or by index:")
     show_line(f'  [parts.NAME]\n  shape = "step"\n  file = "{file}"')
-    show_line('  clamped = [{ kind = "plane", normal = [-1, 0, 0], position = "min x" }]')
+    show_line(
+        '  clamped = [{ kind = "plane", normal = [-1, 0, 0], position = "min x" }]'
+    )
     show_line('  loaded = [{ kind = "cylinder", radius = "8 mm" }, { index = 3 }]')
 
 

@@ -41,7 +41,9 @@ def path_columns(state: Along) -> dict[str, np.ndarray]:
     columns = {"s": state.length}
     if state.time is not None:
         columns["t"] = state.time
-    columns |= {name: state.path.values[:, k] for k, name in enumerate(state.path.columns)}
+    columns |= {
+        name: state.path.values[:, k] for k, name in enumerate(state.path.columns)
+    }
     columns |= dict(state.path.free)
     columns |= {name: state.error[:, k] for k, name in enumerate(_TWIST)}
     columns |= {name: state.parts[name] for name in ("normal", "along", "binormal")}
@@ -49,33 +51,48 @@ def path_columns(state: Along) -> dict[str, np.ndarray]:
     return columns | {name: state.forces[:, k] for k, name in enumerate(state.drives)}
 
 
-def path_json(state: Along, after: Compensated | None, stresses: Sequence[PartStress]) -> dict[str, Any]:
+def path_json(
+    state: Along, after: Compensated | None, stresses: Sequence[PartStress]
+) -> dict[str, Any]:
     """Return the results of a path for JSON output."""
-    k, section = state.worst, state.job.section
+    k = state.worst
+    section = state.job.section
     answer: dict[str, Any] = {
-        "job": state.job.file.name, "robot": state.job.robot.name, "points": len(state.path),
-        "length": state.length[-1], "rms": _rms(state.size), "columns": path_columns(state),
+        "job": state.job.file.name,
+        "robot": state.job.robot.name,
+        "points": len(state.path),
+        "length": state.length[-1],
+        "rms": _rms(state.size),
+        "columns": path_columns(state),
         "worst": {
-            "line": int(state.path.lines[k]), "s": state.length[k],
-            "error": state.error[k], "size": state.size[k],
-            **{name: each[k] for name, each in state.parts.items()}, "bound": state.bound[k],
+            "line": int(state.path.lines[k]),
+            "s": state.length[k],
+            "error": state.error[k],
+            "size": state.size[k],
+            **{name: each[k] for name, each in state.parts.items()},
+            "bound": state.bound[k],
             "shares": {name: share[k] for name, share in state.shares.items()},
             "drives": dict(zip(state.drives, state.forces[k], strict=True)),
-            "stress": [{key: getattr(each, key) for key in _STRESS} for each in stresses],
+            "stress": [
+                {key: getattr(each, key) for key in _STRESS} for each in stresses
+            ],
         },
         "frequencies": {"s": state.length[state.stations], "first": state.first},
-    }  # fmt: skip
+    }
     if state.cutting is not None:
         answer["process"] = vars(state.cutting)
     if state.freed is not None and section.free is not None:
-        fixed, gain = state.freed.fixed, _gain(state.freed, state)
+        fixed = state.freed.fixed
+        gain = _gain(state.freed, state)
         answer["free"] = {"least": section.free.least, "fixed": fixed, **gain}
     if after is not None:
         left = np.linalg.norm(after.left, axis=1)
         answer["compensated"] = {
-            "before": _rms(state.size), "after": _rms(left),
-            "largest": float(np.abs(after.left).max()), "refused": list(map(list, after.refused)),
-        }  # fmt: skip
+            "before": _rms(state.size),
+            "after": _rms(left),
+            "largest": float(np.abs(after.left).max()),
+            "refused": list(map(list, after.refused)),
+        }
     return answer
 
 
@@ -83,7 +100,10 @@ def _gain(freed: Freed, state: Along) -> dict[str, dict[str, float]]:
     """Return greatest and rms error, m, for the best constant and the chosen free coordinates."""
     some = state.path.acting
     errors = ("single", freed.before[some]), ("chosen", freed.error[some])
-    return {name: {"greatest": float(each.max()), "rms": _rms(each)} for name, each in errors}
+    return {
+        name: {"greatest": float(each.max()), "rms": _rms(each)}
+        for name, each in errors
+    }
 
 
 def _rms(values: np.ndarray) -> float:
@@ -97,30 +117,48 @@ def write_csv(state: Along, file: Path) -> None:
     with pyarrow.csv.CSVWriter(file, schema) as writer:
         for start in range(0, len(state.path), BLOCK):
             some = slice(start, start + BLOCK)
-            rows = {name: np.ascontiguousarray(each[some]) for name, each in columns.items()}
+            rows = {
+                name: np.ascontiguousarray(each[some]) for name, each in columns.items()
+            }
             writer.write(pa.table(rows, schema))
 
 
-def show_path(state: Along, after: Compensated | None, stresses: Sequence[PartStress]) -> None:
+def show_path(
+    state: Along, after: Compensated | None, stresses: Sequence[PartStress]
+) -> None:
     """Print the greatest error and its causes, process, drive loads and the compensated error."""
-    k, path, file = state.worst, state.path, state.job.path_file.name
+    k = state.worst
+    path = state.path
+    file = state.job.path_file.name
     facts = [
         ("path", f"{len(path):,} points, {1e3 * state.length[-1]:,.1f} mm"),
         (
             "error of the tool",
-            _two(_rms(state.size), state.size[k]) + (f" ± {_mm(state.bound[k])}" if state.bound[k] else ""),
+            _two(_rms(state.size), state.size[k])
+            + (f" ± {_mm(state.bound[k])}" if state.bound[k] else ""),
         ),
-        ("greatest at", f"line {path.lines[k]} of {file}, s = {1e3 * state.length[k]:,.1f} mm"),
-        ("there", ", ".join(f"{name} {_mm(each[k])}" for name, each in state.parts.items())),
+        (
+            "greatest at",
+            f"line {path.lines[k]} of {file}, s = {1e3 * state.length[k]:,.1f} mm",
+        ),
+        (
+            "there",
+            ", ".join(f"{name} {_mm(each[k])}" for name, each in state.parts.items()),
+        ),
     ]
-    if (cut := state.cutting) is not None:
-        forces = f"feed {cut.feed:.4g} N, across {cut.across:.4g} N, axial {cut.axial:.4g} N"
+    cut = state.cutting
+    if cut is not None:
+        forces = (
+            f"feed {cut.feed:.4g} N, across {cut.across:.4g} N, axial {cut.axial:.4g} N"
+        )
         chip = f"{1e3 * cut.chip:.4g} mm; tooth passing {cut.tooth_passing:.4g} Hz"
         facts += [("process", f"{forces}, {cut.power:.4g} W"), ("mean chip", chip)]
     if state.freed is not None:
         gain = _gain(state.freed, state).values()
         single, chosen = (_two(each["rms"], each["greatest"]) for each in gain)
-        facts.append((f"free: {', '.join(state.freed.values)}", f"{chosen}; held still {single}"))
+        facts.append(
+            (f"free: {', '.join(state.freed.values)}", f"{chosen}; held still {single}")
+        )
     known = state.first[np.isfinite(state.first)]
     if known.size:
         band = f"{known.min():.4g} to {known.max():.4g} Hz along the path"
@@ -129,13 +167,18 @@ def show_path(state: Along, after: Compensated | None, stresses: Sequence[PartSt
     shares = sorted(state.shares.items(), key=lambda each: -each[1][k])
     rows = [
         (name, f"{100 * share[k]:.1f}", f"{100 * share[path.acting].mean():.1f}")
-        for name, share in shares if share[k] > 5e-4
-    ]  # fmt: skip
+        for name, share in shares
+        if share[k] > 5e-4
+    ]
     columns = [["element"], ["at the greatest error", "mean of the path"]]
     show_table("Share of the strain energy (%)", columns, rows)
-    least = 1e-12 * np.abs(state.forces).max(initial=0.0)  # smaller values are rounding errors
+    least = 1e-12 * np.abs(state.forces).max(
+        initial=0.0
+    )  # smaller values are rounding errors
     rows = []
-    for name, force, unit in zip(state.drives, state.forces.T, state.units, strict=True):
+    for name, force, unit in zip(
+        state.drives, state.forces.T, state.units, strict=True
+    ):
         ends = (0.0 if abs(end) < least else end for end in (force.min(), force.max()))
         rows.append((name, *(f"{end:.4g}" for end in ends), unit))
     show_table("Drive loads", [["drive"], ["least", "greatest", "unit"]], rows)
@@ -144,8 +187,22 @@ def show_path(state: Along, after: Compensated | None, stresses: Sequence[PartSt
         for each in stresses:
             place = ", ".join(f"{1e3 * x:z.1f}" for x in each.at)
             factor = "" if each.factor is None else f"{each.factor:.3g}"
-            rows.append((each.body, f"{1e-6 * each.von_mises:.3g}", place, each.material, factor))
-        columns = [["body"], ["MPa"], ["x, y, z in the part (mm)"], ["material"], ["yield strength over stress"]]
+            rows.append(
+                (
+                    each.body,
+                    f"{1e-6 * each.von_mises:.3g}",
+                    place,
+                    each.material,
+                    factor,
+                )
+            )
+        columns = [
+            ["body"],
+            ["MPa"],
+            ["x, y, z in the part (mm)"],
+            ["material"],
+            ["yield strength over stress"],
+        ]
         show_table("Greatest von Mises stress, at the greatest error", columns, rows)
     if after is not None:
         _show_compensation(state, after)
@@ -153,8 +210,12 @@ def show_path(state: Along, after: Compensated | None, stresses: Sequence[PartSt
 
 def _show_compensation(state: Along, after: Compensated) -> None:
     left = zip(state.job.robot.tool.pose, np.abs(after.left).max(axis=0), strict=True)
-    worst = ", ".join(f"{name} {most:.2g} {'m' if name in 'xyz' else 'rad'}" for name, most in left)
-    show_line(f"Compensated: the error of {_mm(_rms(state.size))} rms falls to at most {worst}.")
+    worst = ", ".join(
+        f"{name} {most:.2g} {'m' if name in 'xyz' else 'rad'}" for name, most in left
+    )
+    show_line(
+        f"Compensated: the error of {_mm(_rms(state.size))} rms falls to at most {worst}."
+    )
     for line, why in after.refused[:_MOST_TOLD]:
         show_line(f"  line {line} keeps its command: {why}")
     if len(after.refused) > _MOST_TOLD:
@@ -171,7 +232,10 @@ def _two(rms: float, greatest: float) -> str:
 
 def draw_path(state: Along, after: Compensated | None, folder: Path) -> None:
     """Write path (coloured by error) and error (over length of the path) as PNG and SVG."""
-    save_figures(folder, {"path": lambda: _draw_map(state), "error": lambda: _draw_error(state, after)})
+    save_figures(
+        folder,
+        {"path": lambda: _draw_map(state), "error": lambda: _draw_error(state, after)},
+    )
 
 
 def write_stress(stresses: Sequence[PartStress], folder: Path) -> None:
@@ -179,11 +243,17 @@ def write_stress(stresses: Sequence[PartStress], folder: Path) -> None:
     for each in stresses[:1]:
         mesh = each.tested.experiment.mesh
         field = folder / "stress.vtu"
-        write_fields(mesh, field, {"displacement": each.displacement, "von_mises": each.stress})
+        write_fields(
+            mesh, field, {"displacement": each.displacement, "von_mises": each.stress}
+        )
         node = int(np.argmin(np.linalg.norm(mesh.points - each.at, axis=1)))
         stress = f"{1e-6 * each.von_mises:.3g} MPa"
         title = f"{each.body} ({each.material}) at the greatest error: {stress}"
-        given = {"experiment": each.tested.folder / EXPERIMENT, "field": field, "node": node}
+        given = {
+            "experiment": each.tested.folder / EXPERIMENT,
+            "field": field,
+            "node": node,
+        }
         with optional_pictures():
             draw("stressed_part", folder / "stress.png", title=title, **given)
 
@@ -195,22 +265,31 @@ def _draw_map(state: Along) -> Figure:
     some = pick_evenly(len(state.path), _MOST_DRAWN)
     points = 1e3 * state.tool[some, :3]
     job = state.job
-    drawn = new_figure(7.5, 5.6, f"{job.robot.name}: error of the tool along {job.path_file.name}")
+    drawn = new_figure(
+        7.5, 5.6, f"{job.robot.name}: error of the tool along {job.path_file.name}"
+    )
     axes: Any = drawn.add_subplot(projection="3d")
     segments = np.stack([points[:-1], points[1:]], axis=1)
     lines = Line3DCollection(segments, cmap="viridis", linewidths=2.0)
     lines.set_array(1e3 * state.size[some][1:])
     axes.add_collection3d(lines)
     worst = 1e3 * state.tool[state.worst, :3]
-    axes.scatter(*worst, color="#b3372f", s=30, depthshade=False, label="greatest error")
+    axes.scatter(
+        *worst, color="#b3372f", s=30, depthshade=False, label="greatest error"
+    )
     axes.legend(frameon=False, loc="upper left")
-    low, high = points.min(axis=0), points.max(axis=0)
+    low = points.min(axis=0)
+    high = points.max(axis=0)
     spans = np.maximum(high - low, 0.05 * (high - low).max())
     shares = spans / spans.max()
-    for name, middle, span, share in zip("xyz", 0.5 * (low + high), spans, shares, strict=True):
+    for name, middle, span, share in zip(
+        "xyz", 0.5 * (low + high), spans, shares, strict=True
+    ):
         getattr(axes, f"set_{name}lim")(middle - 0.5 * span, middle + 0.5 * span)
         getattr(axes, f"set_{name}label")(f"{name} (mm)")
-        getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(max(1, round(6 * share))))
+        getattr(axes, f"{name}axis").set_major_locator(
+            MaxNLocator(max(1, round(6 * share)))
+        )
     axes.set_box_aspect(shares)
     drawn.colorbar(lines, ax=axes, shrink=0.7, pad=0.1, label="size of the error (mm)")
     return drawn
@@ -220,14 +299,22 @@ def _draw_error(state: Along, after: Compensated | None) -> Figure:
     some = pick_evenly(len(state.path), _MOST_DRAWN)
     length = 1e3 * state.length[some]
     count, height = (2, 5.2) if after is None else (3, 6.6)
-    drawn = new_figure(8.0, height, f"{state.job.robot.name}: error of the tool over length")
+    drawn = new_figure(
+        8.0, height, f"{state.job.robot.name}: error of the tool over length"
+    )
     rows = drawn.subplots(count, 1, sharex=True)
     low, high = (1e3 * (state.size + sign * state.bound)[some] for sign in (-1, 1))
     rows[0].fill_between(length, low, high, color=BEFORE, alpha=0.2, lw=0)
     rows[0].plot(length, 1e3 * state.size[some], color=BEFORE, lw=1.2)
     rows[0].set_ylabel("size (mm)")
-    for name, colour in (("normal", "#3b7dbf"), ("along", "#d9822b"), ("binormal", "#5b9a68")):
-        rows[1].plot(length, 1e3 * state.parts[name][some], lw=1.2, color=colour, label=name)
+    for name, colour in (
+        ("normal", "#3b7dbf"),
+        ("along", "#d9822b"),
+        ("binormal", "#5b9a68"),
+    ):
+        rows[1].plot(
+            length, 1e3 * state.parts[name][some], lw=1.2, color=colour, label=name
+        )
     rows[1].set_ylabel("component (mm)")
     rows[1].legend(frameon=False, ncol=3, loc="lower right", bbox_to_anchor=(1.0, 0.97))
     if after is not None:
@@ -245,20 +332,34 @@ def _chart_error(state: Along, after: Compensated | None) -> page.Chart:
     """Return an interactive chart of error over length, before and after compensation."""
     some = pick_evenly(len(state.path), _MOST_DRAWN)
     series = []
-    drawn = [("as commanded", BEFORE, state)] + ([("compensated", AFTER, after.after)] if after else [])
+    drawn = [("as commanded", BEFORE, state)] + (
+        [("compensated", AFTER, after.after)] if after else []
+    )
     for name, colour, each in drawn:
         errors = {"size": each.size, **each.parts}
-        columns: dict[str, Any] = {"line": np.asarray(state.path.lines)[some].astype(str)}
+        columns: dict[str, Any] = {
+            "line": np.asarray(state.path.lines)[some].astype(str)
+        }
         columns |= {"length, mm": 1e3 * state.length[some]}
-        columns |= {f"{word}, mm": 1e3 * values[some] for word, values in errors.items()}
-        columns |= {f"{axis}, mm": 1e3 * state.tool[some, k] for k, axis in enumerate("xyz")}
+        columns |= {
+            f"{word}, mm": 1e3 * values[some] for word, values in errors.items()
+        }
+        columns |= {
+            f"{axis}, mm": 1e3 * state.tool[some, k] for k, axis in enumerate("xyz")
+        }
         series.append(page.Series(name, colour, columns, size=3))
     _, length, *y = series[0].columns
-    return page.Chart(series, [length, *y[4:]], y[:4], "Error at every point.", joined=True)
+    return page.Chart(
+        series, [length, *y[4:]], y[:4], "Error at every point.", joined=True
+    )
 
 
 def write_path_page(
-    report: Draft, state: Along, after: Compensated | None, found: Configurations, cases: list[list[Case]]
+    report: Draft,
+    state: Along,
+    after: Compensated | None,
+    found: Configurations,
+    cases: list[list[Case]],
 ) -> None:
     """Write report.html: the path, error over length, and the robot at the greatest error.
 
@@ -275,15 +376,25 @@ def write_path_page(
     still = report.figure("deflection_1.png", f"{here}.", "the robot deformed")
     said = "Von Mises stress of the part where it is greatest, at the greatest error."
     hot = report.figures({"stress.png": (said, "stress of a part")})
-    drawn = report.figures({
-        "path.png": ("The path, coloured by the tool's error.", "path in three dimensions"),
-        "error.svg": ("Error of the tool over the length of the path.", "error over length"),
-    })  # fmt: skip
+    drawn = report.figures(
+        {
+            "path.png": (
+                "The path, coloured by the tool's error.",
+                "path in three dimensions",
+            ),
+            "error.svg": (
+                "Error of the tool over the length of the path.",
+                "error over length",
+            ),
+        }
+    )
     caption = f"{here}, under all its loads, components coloured by their {ENERGY}."
     view = report.turn_robot(found, ["greatest error"], cases, caption, still)
     charts = [_chart_error(state, after)]
     sections = [
-        page.Section("The path", report.shown, drawn, charts=charts, files=("path.csv",)),
+        page.Section(
+            "The path", report.shown, drawn, charts=charts, files=("path.csv",)
+        ),
         page.Section(here, figures=hot, view=view),
     ]
     job = state.job

@@ -76,9 +76,13 @@ def _draw(executor: Processes, picture: str, target: Path, **arguments: Any) -> 
     asked = json.loads(json.dumps(arguments, default=_to_plain))
     given = picture, (target.absolute(),), asked
     try:
-        executor.submit(_draw_now, *given, name="no pictures", limit=TIME_LIMIT).result()
+        executor.submit(
+            _draw_now, *given, name="no pictures", limit=TIME_LIMIT
+        ).result()
     except LateError as error:
-        raise PictureError(f"no pictures: drawing took more than {TIME_LIMIT:.0f} s") from error
+        raise PictureError(
+            f"no pictures: drawing took more than {TIME_LIMIT:.0f} s"
+        ) from error
     except InputError as error:
         raise PictureError(f"no pictures: {error}") from error
     except WorkerError as error:
@@ -90,12 +94,16 @@ def _to_plain(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else str(value.absolute())
 
 
-def _draw_now(picture: str, targets: tuple[Path, ...], arguments: dict[str, Any]) -> None:
+def _draw_now(
+    picture: str, targets: tuple[Path, ...], arguments: dict[str, Any]
+) -> None:
     """Draw in this process, or only load the libraries for it ("warm_up")."""
     from stiffscope.report.drawing.part import part_pictures, stressed_part
     from stiffscope.report.drawing.robot import robot, warm_up
 
-    known: dict[str, Any] = {f.__name__: f for f in (part_pictures, stressed_part, robot, warm_up)}
+    known: dict[str, Any] = {
+        f.__name__: f for f in (part_pictures, stressed_part, robot, warm_up)
+    }
     known[picture](*targets, **arguments)
 
 

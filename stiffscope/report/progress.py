@@ -6,7 +6,13 @@ import contextlib
 from collections.abc import Callable, Iterator
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 
 from stiffscope.runtime.progress import silence
 
@@ -21,7 +27,10 @@ def progress(*, quiet: bool) -> Iterator[Reporter]:
     if quiet or not console.is_terminal:
         yield lambda _name: silence
         return
-    name, stage = TextColumn("{task.description:<9}"), TextColumn("{task.fields[stage]:<26}")
+    name, stage = (
+        TextColumn("{task.description:<9}"),
+        TextColumn("{task.fields[stage]:<26}"),
+    )
     times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
     columns = (name, BarColumn(bar_width=28), stage, *times)
     with Progress(*columns, console=console, transient=True) as bars:

@@ -30,26 +30,33 @@ def robots_json(found: RobotComparison) -> dict[str, Any]:
     """Return stiffness and sag of both robots, and the ratio of the diagonals, for JSON output."""
     diagonal = np.diagonal(found.stiffness, axis1=2, axis2=3)
     return {
-        "robots": list(found.names), "poses": list(found.poses), "stiffness": found.stiffness,
-        "sag": found.sag, "ratio": diagonal[1] / diagonal[0],
-    }  # fmt: skip
+        "robots": list(found.names),
+        "poses": list(found.poses),
+        "stiffness": found.stiffness,
+        "sag": found.sag,
+        "ratio": diagonal[1] / diagonal[0],
+    }
 
 
 def show_robots(found: RobotComparison) -> None:
     """Print the stiffness diagonal and the sag of both robots, and the change of stiffness."""
     first, second = found.names
     diagonal = np.diagonal(found.stiffness, axis1=2, axis2=3)
-    rows, sags = [], []
+    rows = []
+    sags = []
     sag = _round_alike(1e6 * found.sag.reshape(2, -1, 2, 3)).reshape(found.sag.shape)
     for p, pose in enumerate(found.poses):
         for k, entry in enumerate(DIAGONAL):
-            name, (before, after) = "" if k else pose, diagonal[:, p, k]
+            name = "" if k else pose
+            (before, after) = diagonal[:, p, k]
             known = np.isfinite(before) and np.isfinite(after) and before
             change = f"{100 * (after / before - 1):+.2f} %" if known else ""
             both = (f"{_FACTORS[k] * each:.5g}" for each in (before, after))
             rows.append([name, entry, _UNITS[k], *both, change])
             unit = "µm" if k < 3 else "µrad"
-            sags.append([name, COORDINATES[k], unit, *(f"{each:.4g}" for each in sag[:, p, k])])
+            sags.append(
+                [name, COORDINATES[k], unit, *(f"{each:.4g}" for each in sag[:, p, k])]
+            )
     groups = [["pose"], ["entry", "unit", first, second, "change"]]
     show_table("Stiffness at M, no gravity", groups, rows, prose=_WORDS)
     groups = [["pose"], ["component", "unit", first, second]]
@@ -73,9 +80,14 @@ def draw_both(found: RobotComparison, folder: Path) -> None:
     Write change.png and change.svg: change in stiffness over the first robot's map, in percent.
     """
     drawn = [scene_of(made) for made in found.made.values()]
-    places = [configure(made.mechanism, found.places[:1]) for made in found.made.values()]
+    places = [
+        configure(made.mechanism, found.places[:1]) for made in found.made.values()
+    ]
     former, now = (place_robot(place).moves for place in places)
-    ghost = {**{key: drawn[0][key] for key in ("bodies", "joints", "tool")}, "moves": former}
+    ghost = {
+        **{key: drawn[0][key] for key in ("bodies", "joints", "tool")},
+        "moves": former,
+    }
     shown = {"file": "both.png", "moves": now, "ghost": ghost}
     title = f"{found.names[1]} at {found.poses[0]}; in light outlines {found.names[0]}"
     with optional_pictures():
@@ -84,7 +96,9 @@ def draw_both(found: RobotComparison, folder: Path) -> None:
         title = f"{found.names[1]} against {found.names[0]}: change of the stiffness"
         files = folder / "change.png", folder / "change.svg"
         panels = maps.difference_panels(found.change, "change (%)", 100.0)
-        maps.draw_map(found.change, panels, found.made["first"].robot.poses, title, *files)
+        maps.draw_map(
+            found.change, panels, found.made["first"].robot.poses, title, *files
+        )
 
 
 def write_robots_page(found: RobotComparison, report: Draft) -> None:
@@ -93,7 +107,10 @@ def write_robots_page(found: RobotComparison, report: Draft) -> None:
     words = "over the workspace"
     change = f"Change of the stiffness at M from {first} to {second} {words}."
     captions = {
-        "both.png": (f"{second}, and {first} in light outlines.", "both robots at one pose"),
+        "both.png": (
+            f"{second}, and {first} in light outlines.",
+            "both robots at one pose",
+        ),
         "change.png": (change, f"change of the stiffness {words}"),
     }
     facts = [f"robots: {first}, {second}", AT_M]

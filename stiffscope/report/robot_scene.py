@@ -56,17 +56,26 @@ class PlacedRobot:
         """
         out = {}
         for node, (rotation, position) in self.moves.items():
-            v, w = np.split(factor * np.asarray(twists.get(node, np.zeros(6)), dtype=float), 2)
+            v, w = np.split(
+                factor * np.asarray(twists.get(node, np.zeros(6)), dtype=float), 2
+            )
             shift = v + np.cross(w, position - self.at)
             out[node] = (np.eye(3) + skew(w)) @ rotation, position + shift
         return out
 
     def exaggeration(self, twists: Mapping[str, Array]) -> float:
         """Return a factor, 1, 2 or 5 times 10ⁿ, for a visible displacement of joints and tool."""
-        joints, tool = self.mechanism.joints, self.mechanism.tool
-        ends = [(node, joint.at) for joint in joints for node in (joint.first, joint.second)]
-        points = [(node, at) for node, at in ends if node in self.moves] + [(tool.body, tool.at)]
-        now = np.array([self.moves[node][0] @ home + self.moves[node][1] for node, home in points])
+        joints = self.mechanism.joints
+        tool = self.mechanism.tool
+        ends = [
+            (node, joint.at) for joint in joints for node in (joint.first, joint.second)
+        ]
+        points = [(node, at) for node, at in ends if node in self.moves] + [
+            (tool.body, tool.at)
+        ]
+        now = np.array(
+            [self.moves[node][0] @ home + self.moves[node][1] for node, home in points]
+        )
         motion = np.array([twists.get(node, np.zeros(6)) for node, _ in points])
         shift = motion[:, :3] + np.cross(motion[:, 3:], now - self.at)
         greatest = float(np.linalg.norm(shift, axis=1).max())
@@ -74,12 +83,15 @@ class PlacedRobot:
             return 1.0
         wanted = DEFORMATION * float(np.ptp(now, axis=0).max()) / greatest
         power = 10.0 ** np.floor(np.log10(wanted))
-        return float(max(s for s in (1.0, 2.0, 5.0) if s * power <= wanted * (1 + 1e-9)) * power)
+        return float(
+            max(s for s in (1.0, 2.0, 5.0) if s * power <= wanted * (1 + 1e-9)) * power
+        )
 
 
 def place_robot(found: Configurations, index: int = 0) -> PlacedRobot:
     """Return the robot at one of the configurations."""
-    where, moves = place_nodes(found), {}
+    where = place_nodes(found)
+    moves = {}
     for node in (node for body in found.mechanism.bodies for node in body.nodes):
         each = where.rotation[node], where.position[node]
         turn, position = (values[index if len(values) > 1 else 0] for values in each)
@@ -88,7 +100,9 @@ def place_robot(found: Configurations, index: int = 0) -> PlacedRobot:
 
 
 def scene(
-    robot: RobotFile | None, mechanism: Mechanism, results: Mapping[str, PartResult] | None = None
+    robot: RobotFile | None,
+    mechanism: Mechanism,
+    results: Mapping[str, PartResult] | None = None,
 ) -> dict[str, Any]:
     """Return `bodies, joints, tool, up` of `drawing.robot`, common to all pictures.
 
@@ -115,7 +129,8 @@ def scene_of(assembled: Assembled) -> dict[str, Any]:
 
 def pose_text(mechanism: Mechanism, pose: Sequence[float]) -> str:
     """Commanded coordinates in mm and degrees; rotations of zero are left out beside others."""
-    shown, still = [], []
+    shown = []
+    still = []
     for name, value in zip(mechanism.tool.pose, pose, strict=True):
         factor, unit = shown_unit(name)
         text = f"{name} = {factor * value:.{4 if unit == 'deg' else 5}g} {unit}"
@@ -123,19 +138,38 @@ def pose_text(mechanism: Mechanism, pose: Sequence[float]) -> str:
     return ", ".join(shown or still)
 
 
-def _body(robot: RobotFile | None, body: Body, results: Mapping[str, PartResult]) -> dict[str, Any]:
+def _body(
+    robot: RobotFile | None, body: Body, results: Mapping[str, PartResult]
+) -> dict[str, Any]:
     section = robot.bodies[body.name] if robot else None
-    out: dict[str, Any] = {"name": body.name, "nodes": body.nodes, "centre": body.centre}
+    out: dict[str, Any] = {
+        "name": body.name,
+        "nodes": body.nodes,
+        "centre": body.centre,
+    }
     if body.elastic is None:
         mesh = getattr(section, "mesh", None)
-        return out if mesh is None or robot is None else out | {"mesh": robot.path.parent / mesh}
-    e, name = body.elastic, getattr(section, "part", body.name)
-    length = 0.0 if isinstance(section, InterfaceBody) else float(np.linalg.norm(e.tip - e.base))
+        return (
+            out
+            if mesh is None or robot is None
+            else out | {"mesh": robot.path.parent / mesh}
+        )
+    e = body.elastic
+    name = getattr(section, "part", body.name)
+    length = (
+        0.0
+        if isinstance(section, InterfaceBody)
+        else float(np.linalg.norm(e.tip - e.base))
+    )
     return out | {
-        "part": name, "experiment": results[name].folder / EXPERIMENT if name in results else None,
-        "shape": _shape(robot, name) if robot else {}, "axes": e.axes, "base": e.base,
-        "length": length, "places": e.places,
-    }  # fmt: skip
+        "part": name,
+        "experiment": results[name].folder / EXPERIMENT if name in results else None,
+        "shape": _shape(robot, name) if robot else {},
+        "axes": e.axes,
+        "base": e.base,
+        "length": length,
+        "places": e.places,
+    }
 
 
 def _shape(robot: RobotFile, name: str) -> dict[str, Any]:
@@ -144,23 +178,41 @@ def _shape(robot: RobotFile, name: str) -> dict[str, Any]:
     if not isinstance(part, ParametricPart):
         return {}
     size = part.lengths()
-    if isinstance(solid := part.parameters(), BeamParameters) and part.shape != "tube":
+    solid = part.parameters()
+    if isinstance(solid, BeamParameters) and part.shape != "tube":
         return {"outline": solid.outline()}
-    return {key: size[key] for key in ("radius", "width", "thickness", "depth") if key in size}
+    return {
+        key: size[key]
+        for key in ("radius", "width", "thickness", "depth")
+        if key in size
+    }
 
 
 def _joint(joint: Joint) -> dict[str, Any]:
-    low, high = (joint.drive.low, joint.drive.high) if joint.drive else (-np.inf, np.inf)
+    low, high = (
+        (joint.drive.low, joint.drive.high) if joint.drive else (-np.inf, np.inf)
+    )
     return {
-        "name": joint.name, "kind": joint.kind, "first": joint.first, "second": joint.second,
-        "at": joint.at, "axis": joint.axis, "axis2": joint.axis2, "driven": joint.drive is not None,
-        "low": low if np.isfinite(low) else None, "high": high if np.isfinite(high) else None,
-    }  # fmt: skip
+        "name": joint.name,
+        "kind": joint.kind,
+        "first": joint.first,
+        "second": joint.second,
+        "at": joint.at,
+        "axis": joint.axis,
+        "axis2": joint.axis2,
+        "driven": joint.drive is not None,
+        "low": low if np.isfinite(low) else None,
+        "high": high if np.isfinite(high) else None,
+    }
 
 
-def add_solids(bodies: Iterable[dict[str, Any]], robot: RobotFile, parts: Mapping[str, Part]) -> None:
+def add_solids(
+    bodies: Iterable[dict[str, Any]], robot: RobotFile, parts: Mapping[str, Part]
+) -> None:
     """Add the surfaces of the parts' solids, m, and their origins to the bodies of a scene."""
-    surfaces = {name: tessellate(part.solid, *_COARSE)[:2] for name, part in parts.items()}
+    surfaces = {
+        name: tessellate(part.solid, *_COARSE)[:2] for name, part in parts.items()
+    }
     for body in bodies:
         section = robot.bodies[body["name"]]
         if isinstance(section, InterfaceBody) and section.part in surfaces:
@@ -168,21 +220,34 @@ def add_solids(bodies: Iterable[dict[str, Any]], robot: RobotFile, parts: Mappin
             body |= {"points": points, "triangles": triangles, "origin": section.at}
 
 
-def mark_doubts(joints: Sequence[dict[str, Any]], found: Inspection) -> list[dict[str, Any]]:
+def mark_doubts(
+    joints: Sequence[dict[str, Any]], found: Inspection
+) -> list[dict[str, Any]]:
     """Mark doubtful joints of a scene, and add marks for possible further joints."""
     bodies = {body.name: body.nodes[0] for body in found.mechanism.bodies}
     marked = [dict(joint) for joint in joints]
     for doubt in found.doubts:
         here = [
-            joint for joint in marked
-            if doubt.at is not None and np.linalg.norm(np.subtract(joint["at"], doubt.at)) < _HERE
-        ]  # fmt: skip
+            joint
+            for joint in marked
+            if doubt.at is not None
+            and np.linalg.norm(np.subtract(joint["at"], doubt.at)) < _HERE
+        ]
         for joint in here:
             joint["doubted"] = True
         if doubt.at is not None and not here:
-            node = next((bodies[name] for name in doubt.solids if name in bodies), "ground")
-            marked.append({
-                "name": ", ".join(doubt.solids), "kind": "doubt", "first": node, "second": node,
-                "at": doubt.at, "driven": False, "doubted": True,
-            })  # fmt: skip
+            node = next(
+                (bodies[name] for name in doubt.solids if name in bodies), "ground"
+            )
+            marked.append(
+                {
+                    "name": ", ".join(doubt.solids),
+                    "kind": "doubt",
+                    "first": node,
+                    "second": node,
+                    "at": doubt.at,
+                    "driven": False,
+                    "doubted": True,
+                }
+            )
     return marked

@@ -40,10 +40,14 @@ class Case:
 
 
 def robot_view(
-    geometry: Mapping[str, Any], found: Configurations, names: Sequence[str],
-    cases: Sequence[Sequence[Case]], *, choice: str = "load",
+    geometry: Mapping[str, Any],
+    found: Configurations,
+    names: Sequence[str],
+    cases: Sequence[Sequence[Case]],
+    *,
+    choice: str = "load",
     quantity: str = "share of the strain energy",
-) -> dict[str, Any]:  # fmt: skip
+) -> dict[str, Any]:
     """Return the data of a page's viewer, JSON-compatible.
 
     Parameters
@@ -67,19 +71,32 @@ def robot_view(
         here = place_robot(found, k)
         placed[k] = [np.append(*here.moves[node]) for node in nodes]
         listed = [
-            {"label": c.label, "note": c.note, "factor": here.exaggeration(c.twists),
-             "coloured": bool(c.shares), "load": c.load}
+            {
+                "label": c.label,
+                "note": c.note,
+                "factor": here.exaggeration(c.twists),
+                "coloured": bool(c.shares),
+                "load": c.load,
+            }
             for c in each
-        ]  # fmt: skip
-        place, at = pose_text(mechanism, found.poses[k]), np.round(here.at, 7).tolist()
+        ]
+        place = pose_text(mechanism, found.poses[k])
+        at = np.round(here.at, 7).tolist()
         poses.append({"name": name, "place": place, "at": at, "cases": listed})
     twists = [[case.twists.get(node, np.zeros(6)) for node in nodes] for case in flat]
     shares = [[case.shares.get(element, 0.0) for element in elements] for case in flat]
     return {
-        **geometry, "nodes": nodes, "elements": elements, "poses": poses, "choice": choice,
-        "quantity": quantity, "moving": choice == "mode", "moves": base64_of(placed),
-        "twists": base64_of(twists), "shares": base64_of(shares),
-    }  # fmt: skip
+        **geometry,
+        "nodes": nodes,
+        "elements": elements,
+        "poses": poses,
+        "choice": choice,
+        "quantity": quantity,
+        "moving": choice == "mode",
+        "moves": base64_of(placed),
+        "twists": base64_of(twists),
+        "shares": base64_of(shares),
+    }
 
 
 def unit_wrenches(mechanism: Mechanism, found: Configurations) -> list[list[Case]]:
@@ -92,11 +109,15 @@ def unit_wrenches(mechanism: Mechanism, found: Configurations) -> list[list[Case
         for k, each in enumerate(cases):
             for label, load in units.items():
                 with contextlib.suppress(InputError):
-                    each.extend(wrench_cases(mechanism, found[np.array([k])], {label: load})[0])
+                    each.extend(
+                        wrench_cases(mechanism, found[np.array([k])], {label: load})[0]
+                    )
         return cases
 
 
-def wrench_cases(mechanism: Mechanism, found: Configurations, loads: Mapping[str, np.ndarray]) -> list[list[Case]]:
+def wrench_cases(
+    mechanism: Mechanism, found: Configurations, loads: Mapping[str, np.ndarray]
+) -> list[list[Case]]:
     """Return the cases of wrenches at M. Raise InputError if the tool moves freely under one.
 
     Parameters
@@ -106,14 +127,21 @@ def wrench_cases(mechanism: Mechanism, found: Configurations, loads: Mapping[str
     loads
         Wrenches (6,) at M, N and N·m, by label on the page.
     """
-    return read_cases(respond(mechanism, found, np.column_stack(list(loads.values()))), loads)
+    return read_cases(
+        respond(mechanism, found, np.column_stack(list(loads.values()))), loads
+    )
 
 
 def read_cases(done: Response, loads: Mapping[str, np.ndarray]) -> list[list[Case]]:
     """Return the cases of a response to wrenches (6,) at M, including all other loads in it."""
-    n, m = len(done.twist), len(loads)
-    energies = {name: np.broadcast_to(each, (n, m)) for name, each in done.energies.items()}
-    moved = {node: np.broadcast_to(twist, (n, 6, m)) for node, twist in done.nodes.items()}
+    n = len(done.twist)
+    m = len(loads)
+    energies = {
+        name: np.broadcast_to(each, (n, m)) for name, each in done.energies.items()
+    }
+    moved = {
+        node: np.broadcast_to(twist, (n, 6, m)) for node, twist in done.nodes.items()
+    }
     cases: list[list[Case]] = []
     for k in range(n):
         cases.append([])
@@ -122,10 +150,16 @@ def read_cases(done: Response, loads: Mapping[str, np.ndarray]) -> list[list[Cas
             energy = {name: float(e[k, column]) for name, e in energies.items()}
             total = sum(energy.values())
             sizes = np.array([np.linalg.norm(tool[:3]), np.linalg.norm(tool[3:])])
-            sizes[sizes < UNSEEN * sizes.max()] = 0.0  # rounding, and asymmetry of the mesh
-            note = f"tool moves {1e6 * sizes[0]:.4g} µm, turns {1e6 * sizes[1]:.4g} µrad"
+            sizes[sizes < UNSEEN * sizes.max()] = (
+                0.0  # rounding, and asymmetry of the mesh
+            )
+            note = (
+                f"tool moves {1e6 * sizes[0]:.4g} µm, turns {1e6 * sizes[1]:.4g} µrad"
+            )
             twists = {node: twist[k, :, column] for node, twist in moved.items()}
-            shares = {name: e / total for name, e in energy.items()} if total > 0.0 else {}
+            shares = (
+                {name: e / total for name, e in energy.items()} if total > 0.0 else {}
+            )
             cases[-1].append(Case(label, note, twists, shares, loads[label].tolist()))
     return cases
 
@@ -137,7 +171,11 @@ def mode_cases(found: Modes) -> list[list[Case]]:
         cases.append([])
         for i, hertz in enumerate(found.frequencies[k]):
             if np.isfinite(hertz):
-                bound = f" Hz, mesh error ± {found.error[k, i]:.2g}" if found.error[k, i] else ""
+                bound = (
+                    f" Hz, mesh error ± {found.error[k, i]:.2g}"
+                    if found.error[k, i]
+                    else ""
+                )
                 note = f"{hertz:.5g}{bound} Hz" if hertz else "moves freely"
                 twists = {node: shape[k, :, i] for node, shape in found.shapes.items()}
                 energies = found.energy.items() if hertz else ()

@@ -29,8 +29,10 @@ if TYPE_CHECKING:
     from stiffscope.vjm.kinematics import Configurations
     from stiffscope.vjm.modes import Modes
 
-REPORT, GEOMETRY = "report.html", "geometry.json"
-ENERGY, SHARE = "share of the strain energy", "share of the gap"
+REPORT = "report.html"
+GEOMETRY = "geometry.json"
+ENERGY = "share of the strain energy"
+SHARE = "share of the gap"
 AT_M = "SI units at the tool point M in base axes {O}"
 STILLS = 6  # embedded pictures of modes; the viewer has all of them
 
@@ -51,9 +53,16 @@ class Draft:
         return next(iter(self.figures({name: (caption, words)})), None)
 
     def turn_robot(
-        self, found: Configurations, names: Sequence[str], cases: Sequence[Sequence[Case]],
-        caption: str, still: Figure | None = None, *, start: int = 100, **more: str,
-    ) -> RobotView | None:  # fmt: skip
+        self,
+        found: Configurations,
+        names: Sequence[str],
+        cases: Sequence[Sequence[Case]],
+        caption: str,
+        still: Figure | None = None,
+        *,
+        start: int = 100,
+        **more: str,
+    ) -> RobotView | None:
         """Return a rotatable robot from the solids drawn to the folder; None if nothing was drawn.
 
         Parameters
@@ -71,12 +80,23 @@ class Draft:
         data = robot_view(json.loads(source.read_text()), found, names, cases, **more)
         source.unlink()
         words = "the robot in three dimensions: arrow keys rotate it; choose pose, "
-        return RobotView(data, caption, f"{words}{data['choice']} and deformation below", still, start)
+        return RobotView(
+            data,
+            caption,
+            f"{words}{data['choice']} and deformation below",
+            still,
+            start,
+        )
 
     def write(
-        self, title: str, facts: Sequence[str], sections: Sequence[Section],
-        lead: Lead | None = None, *, watched: str = "",
-    ) -> None:  # fmt: skip
+        self,
+        title: str,
+        facts: Sequence[str],
+        sections: Sequence[Section],
+        lead: Lead | None = None,
+        *,
+        watched: str = "",
+    ) -> None:
         """Write ``report.html``: the sections, and the provenance of the folder.
 
         Parameters
@@ -89,9 +109,17 @@ class Draft:
             files = [name for name in section.files if (self.folder / name).is_file()]
             there.append(replace(section, files=files))
         there.append(origin(self.folder))
-        page.write_page(self.folder / REPORT, title, facts, there, lead, watched=watched)
+        page.write_page(
+            self.folder / REPORT, title, facts, there, lead, watched=watched
+        )
 
-    def write_robot(self, assembled: Assembled, what: str, sections: Sequence[Section], watched: str = "") -> None:
+    def write_robot(
+        self,
+        assembled: Assembled,
+        what: str,
+        sections: Sequence[Section],
+        watched: str = "",
+    ) -> None:
         """Write the page of an assembled robot, with the facts common to all of them.
 
         Parameters
@@ -106,7 +134,9 @@ class Draft:
         self.write(f"{assembled.robot.name}: {what}", facts, sections, watched=watched)
 
 
-def write_run_report(report: Draft, assembled: Assembled, parts: Sequence[Shown], *, watched: str = "") -> None:
+def write_run_report(
+    report: Draft, assembled: Assembled, parts: Sequence[Shown], *, watched: str = ""
+) -> None:
     """Write the report of a run: tables of the robot and its parts, and pictures from the folder.
 
     Parameters
@@ -119,7 +149,9 @@ def write_run_report(report: Draft, assembled: Assembled, parts: Sequence[Shown]
         Name of this state of a reloading page; empty for a static page.
     """
     kinds = "compliance.json", "experiment.npz", "fields.vtu", "{}.step", "{}.stl"
-    of_parts = [f"{name}/{kind.format(name)}" for name in assembled.results for kind in kinds]
+    of_parts = [
+        f"{name}/{kind.format(name)}" for name in assembled.results for kind in kinds
+    ]
     numbers = "stiffness.json", "matrices.npz"
     pictures = report.figures(_caption_parts(assembled)) if parts else ()
     drawn = report.figures(_caption_robot(assembled))
@@ -131,7 +163,9 @@ def write_run_report(report: Draft, assembled: Assembled, parts: Sequence[Shown]
     report.write_robot(assembled, "stiffness", sections, watched)
 
 
-def write_modes_report(report: Draft, assembled: Assembled, names: Sequence[str], found: Modes) -> None:
+def write_modes_report(
+    report: Draft, assembled: Assembled, names: Sequence[str], found: Modes
+) -> None:
     """Write the report of natural frequencies: the shown table and animated mode shapes.
 
     Parameters
@@ -144,12 +178,17 @@ def write_modes_report(report: Draft, assembled: Assembled, names: Sequence[str]
     captions = {}
     for file in sorted(report.folder.glob("mode_*.png"))[:STILLS]:
         pose, number = file.stem.removeprefix("mode_").rsplit("_", 1)
-        words = f"the robot deformed in mode {number} at {pose}, coloured by the {ENERGY}"
+        words = (
+            f"the robot deformed in mode {number} at {pose}, coloured by the {ENERGY}"
+        )
         captions[file.name] = f"Mode {number} at {pose}", words
     stills = report.figures(captions)
     caption = f"The robot in its mode shapes, components coloured by their {ENERGY}."
-    cases, still = mode_cases(found), stills[0] if stills else None
-    view = report.turn_robot(found.configurations, names, cases, caption, still, choice="mode")
+    cases = mode_cases(found)
+    still = stills[0] if stills else None
+    view = report.turn_robot(
+        found.configurations, names, cases, caption, still, choice="mode"
+    )
     sections = [
         Section("Mode shapes", view=view),
         Section("Natural frequencies", report.shown, stills, files=("modes.json",)),
@@ -157,7 +196,9 @@ def write_modes_report(report: Draft, assembled: Assembled, names: Sequence[str]
     report.write_robot(assembled, "natural frequencies", sections)
 
 
-def write_map_report(report: Draft, assembled: Assembled, titles: Mapping[str, str]) -> None:
+def write_map_report(
+    report: Draft, assembled: Assembled, titles: Mapping[str, str]
+) -> None:
     """Write the report of a map: its figures, and the robot at its poses.
 
     Parameters
@@ -177,9 +218,12 @@ def write_map_report(report: Draft, assembled: Assembled, titles: Mapping[str, s
 
 
 def write_deflection_report(
-    report: Draft, assembled: Assembled, names: Sequence[str], found: Configurations,
+    report: Draft,
+    assembled: Assembled,
+    names: Sequence[str],
+    found: Configurations,
     cases: list[list[Case]],
-) -> None:  # fmt: skip
+) -> None:
     """Write the report of a deflection: the shown table and the robot under one wrench per pose.
 
     Parameters
@@ -191,16 +235,23 @@ def write_deflection_report(
     """
     words = "the robot deformed, coloured by the " + ENERGY
     captions = {
-        f"deflection_{k}.png": (f"The robot at {name} under {case.label}", f"{words}, at {name}")
+        f"deflection_{k}.png": (
+            f"The robot at {name} under {case.label}",
+            f"{words}, at {name}",
+        )
         for k, (name, (case,)) in enumerate(zip(names, cases, strict=True), 1)
     }
     said = "force over deflection; loading and unloading coincide"
     captions["force_over_deflection.png"] = "Force over deflection", said
     stills = report.figures(captions)
     caption = f"The robot under the wrench at M, components coloured by their {ENERGY}."
-    view = report.turn_robot(found, names, cases, caption, stills[0] if stills else None)
+    view = report.turn_robot(
+        found, names, cases, caption, stills[0] if stills else None
+    )
     loaded = Section("The robot under load", view=view)
-    report.write_robot(assembled, "deflection", [loaded, Section("Deflection", report.shown, stills)])
+    report.write_robot(
+        assembled, "deflection", [loaded, Section("Deflection", report.shown, stills)]
+    )
 
 
 def write_check_report(report: Draft, found: Inspection) -> None:
@@ -213,7 +264,9 @@ def write_check_report(report: Draft, found: Inspection) -> None:
     if found.configurations is None or still is None:
         (report.folder / GEOMETRY).unlink(missing_ok=True)
     else:
-        caption = "The robot at home and at the poses of its file; no stiffness computed."
+        caption = (
+            "The robot at home and at the poses of its file; no stiffness computed."
+        )
         there = found.configurations[np.array(reached)]
         view = report.turn_robot(there, names, [[] for _ in reached], caption, still)
     sections = [
@@ -224,12 +277,18 @@ def write_check_report(report: Draft, found: Inspection) -> None:
     report.write(f"{found.robot.name}: contents of its file", facts, sections)
 
 
-def _show_loaded(report: Draft, assembled: Assembled, poses: Mapping[str, Any]) -> Section:
+def _show_loaded(
+    report: Draft, assembled: Assembled, poses: Mapping[str, Any]
+) -> Section:
     """Return the section of the robot at poses under unit wrenches."""
     found = configure(assembled.mechanism, list(poses.values()))
-    captions = {f"robot_{n}.png": (f"The robot at {n}.", f"the robot at {n}") for n in poses}
+    captions = {
+        f"robot_{n}.png": (f"The robot at {n}.", f"the robot at {n}") for n in poses
+    }
     still = next(iter(report.figures(captions)), None)
-    caption = f"The robot under unit wrenches at M, components coloured by their {ENERGY}."
+    caption = (
+        f"The robot under unit wrenches at M, components coloured by their {ENERGY}."
+    )
     cases = unit_wrenches(assembled.mechanism, found)
     view = report.turn_robot(found, list(poses), cases, caption, still)
     return Section("The robot under load", view=view)
@@ -267,14 +326,23 @@ def origin(folder: Path) -> Section:
     held = json.loads((folder / output.MANIFEST).read_text(encoding="utf-8"))
     robot: dict[str, Any] = held.get("robot", {})
     facts = {
-        "command": shlex.join(["stiffscope", *held["command"]]), "started": held["started"],
-        "seconds": ", ".join(f"{name} {value:g}" for name, value in held["seconds"].items()),
-        "robot file": robot.get("file", ""), "SHA-256": robot.get("sha256", ""),
+        "command": shlex.join(["stiffscope", *held["command"]]),
+        "started": held["started"],
+        "seconds": ", ".join(
+            f"{name} {value:g}" for name, value in held["seconds"].items()
+        ),
+        "robot file": robot.get("file", ""),
+        "SHA-256": robot.get("sha256", ""),
         "changed by --set": ", ".join(robot.get("set", [])),
         "machine": " ".join(held["machine"].values()),
-    }  # fmt: skip
+    }
     results = [
-        (name, "reused" if each["reused"] else "computed", f"{each['seconds']:.1f}", each["key"])
+        (
+            name,
+            "reused" if each["reused"] else "computed",
+            f"{each['seconds']:.1f}",
+            each["key"],
+        )
         for name, each in held["results"].items()
     ]
     versions = {held["made_by"]: held["version"], **held["versions"]}

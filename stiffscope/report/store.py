@@ -17,7 +17,9 @@ if TYPE_CHECKING:
 def show_totals(root: Path, totals: Mapping[str, tuple[int, int]]) -> None:
     """Show the cache folder, and number and size of its entries by kind."""
     show_line(str(root))
-    rows = [(kind, f"{count:,}", megabytes(size)) for kind, (count, size) in totals.items()]
+    rows = [
+        (kind, f"{count:,}", megabytes(size)) for kind, (count, size) in totals.items()
+    ]
     count, size = (sum(column) for column in zip((0, 0), *totals.values(), strict=True))
     rows.append(("all", f"{count:,}", megabytes(size)))
     show_table("Kept results", (("kind",), ("results", "size")), rows)
@@ -28,7 +30,14 @@ def show_entries(entries: Sequence[Entry]) -> None:
     rows = []
     for entry in entries:
         made = datetime.fromtimestamp(entry.made, UTC)
-        rows.append((entry.kind, entry.key[:12], megabytes(entry.bytes), f"{made:%Y-%m-%d %H:%M}"))
+        rows.append(
+            (
+                entry.kind,
+                entry.key[:12],
+                megabytes(entry.bytes),
+                f"{made:%Y-%m-%d %H:%M}",
+            )
+        )
     show_table("Kept results", (("kind",), ("key", "size", "made (UTC)")), rows)
 
 

@@ -9,7 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.design.verdicts import find_bounds, find_nearest, judge_convergence
-from stiffscope.report.figures import AFTER, BEFORE, EFFECT, NOISE, new_figure, save_figures
+from stiffscope.report.figures import (
+    AFTER,
+    BEFORE,
+    EFFECT,
+    NOISE,
+    new_figure,
+    save_figures,
+)
 from stiffscope.report.numbers import choose_unit
 from stiffscope.report.page import Chart, Section, Series
 from stiffscope.report.sensitivities import quantity
@@ -50,45 +57,72 @@ def write_study(study: Study, folder: Path) -> None:
 def write_study_page(study: Study, report: Draft) -> None:
     """Write the page with the shown tables, the folder's pictures and the manifest."""
     stem = "pareto" if len(study.file.goals) > 1 else "progress"
-    words = {each: {f"{each}.png": (CAPTIONS[each], CAPTIONS[each])} for each in (stem, "parallel")}
+    words = {
+        each: {f"{each}.png": (CAPTIONS[each], CAPTIONS[each])}
+        for each in (stem, "parallel")
+    }
     still, parallel = map(report.figures, words.values())
-    facts = [f"method {study.file.method}", f"{len(study.designs)} designs", "files in SI units"]
+    facts = [
+        f"method {study.file.method}",
+        f"{len(study.designs)} designs",
+        "files in SI units",
+    ]
     sections = [
         Section("Designs", report.shown, files=(f"{TABLE}.csv", f"{TABLE}.parquet")),
-        Section("Every design", [_list_designs(study)], charts=[_chart_designs(study, *still)]),
+        Section(
+            "Every design",
+            [_list_designs(study)],
+            charts=[_chart_designs(study, *still)],
+        ),
         Section("Parameters and responses", (), parallel),
     ]
-    report.write(f"{study.file.path.stem}: a study of {study.file.robot.name}", facts, sections)
+    report.write(
+        f"{study.file.path.stem}: a study of {study.file.robot.name}", facts, sections
+    )
 
 
 def _list_designs(study: Study) -> Shown:
     """Return a table with one design per row, at most `MOST_LISTED`, the best first."""
-    file, states = study.file, study.outcomes.states.astype(object)
-    names = "design", *(v.name for v in file.variables), *(r.name for r in file.responses), "state"
+    file = study.file
+    states = study.outcomes.states.astype(object)
+    names = (
+        "design",
+        *(v.name for v in file.variables),
+        *(r.name for r in file.responses),
+        "state",
+    )
     states[list(study.best)] = "best"
     order = list(dict.fromkeys([*study.best, *range(len(study.designs))]))[:MOST_LISTED]
     more = len(study.designs) - len(order)
     ends = f"the best first; {TABLE}.csv has {more} more"
     title = f"The first {len(order)} designs, {ends}" if more else "All designs"
-    return Shown(title, names, tuple((*_row(study, k), states[k]) for k in order), folded=True)
+    return Shown(
+        title, names, tuple((*_row(study, k), states[k]) for k in order), folded=True
+    )
 
 
 def _chart_designs(study: Study, still: PageFigure | None = None) -> Chart:
     """Return a chart of all responses and parameters; a click on a point finds its row."""
     table = study.table
     goals = [_column(study, goal.response) for goal in study.file.goals]
-    order = [*goals, *(each.column for each in (*study.file.responses, *study.file.variables))]
+    order = [
+        *goals,
+        *(each.column for each in (*study.file.responses, *study.file.variables)),
+    ]
     columns: dict[str, Any] = {"design": table["design"].astype(str).to_numpy()}
     axes = {"design, number": table["design"].to_numpy()} if len(goals) < 2 else {}
     for name in dict.fromkeys(order):
-        values, (title, _, unit) = table[name].to_numpy(), name.rstrip("]").partition(" [")
+        values = table[name].to_numpy()
+        (title, _, unit) = name.rstrip("]").partition(" [")
         if values.dtype.kind not in "fi":
             columns[name] = values
             continue
         factor, shown = choose_unit(unit, values[np.isfinite(values)])
         axes[title if shown in {"", "1"} else f"{title}, {shown}"] = values / factor
     columns |= axes
-    groups = [(word, np.setdiff1d(some, study.best)) for word, some in _group_by_state(study)]
+    groups = [
+        (word, np.setdiff1d(some, study.best)) for word, some in _group_by_state(study)
+    ]
     groups.append(("best", np.array(study.best[:MOST_DRAWN], dtype=int)))
     series = []
     for word, some in groups:
@@ -103,17 +137,29 @@ def _chart_designs(study: Study, still: PageFigure | None = None) -> Chart:
 
 def study_json(study: Study) -> dict[str, Any]:
     """Return a study for JSON output: one row per design, SI; missing values are null."""
-    table, nearest, (converged, how) = study.table, find_nearest(study), judge_convergence(study)
+    table = study.table
+    nearest = find_nearest(study)
+    (converged, how) = judge_convergence(study)
     found = find_bounds(study)
-    bounds = [{"parameter": b.variable.name, "end": b.end, "designs": b.count} for b in found]
+    bounds = [
+        {"parameter": b.variable.name, "end": b.end, "designs": b.count} for b in found
+    ]
     return {
-        "study": study.file.path, "method": study.file.method,
-        "columns": list(table.columns), "rows": table.astype(object).to_numpy().tolist(),
-        "best": [k + 1 for k in study.best], "converged": converged, "search": list(how),
-        "bounds": bounds, "nearest": nearest and {
-            "design": nearest.design + 1, "constraint": nearest.limit.text, "value": nearest.found,
+        "study": study.file.path,
+        "method": study.file.method,
+        "columns": list(table.columns),
+        "rows": table.astype(object).to_numpy().tolist(),
+        "best": [k + 1 for k in study.best],
+        "converged": converged,
+        "search": list(how),
+        "bounds": bounds,
+        "nearest": nearest
+        and {
+            "design": nearest.design + 1,
+            "constraint": nearest.limit.text,
+            "value": nearest.found,
         },
-    }  # fmt: skip
+    }
 
 
 def show_study(study: Study) -> None:
@@ -124,12 +170,20 @@ def show_study(study: Study) -> None:
     nearest = find_nearest(study)
     chosen = study.best or ([nearest.design] if nearest else range(len(study.designs)))
     rows = [_row(study, k) for k in chosen[:MOST_ROWS]]
-    groups = [("design",), [v.name for v in file.variables], [r.name for r in file.responses]]
-    goals = ", ".join(f"{'least' if g.sign > 0 else 'greatest'} {g.response}" for g in file.goals)
+    groups = [
+        ("design",),
+        [v.name for v in file.variables],
+        [r.name for r in file.responses],
+    ]
+    goals = ", ".join(
+        f"{'least' if g.sign > 0 else 'greatest'} {g.response}" for g in file.goals
+    )
     what = "Nearest design" if nearest else "Designs"
     if study.best and goals:
         what = f"Best designs ({goals})"
-    limits = f" with {', '.join(limit.text for limit in file.limits)}" if file.limits else ""
+    limits = (
+        f" with {', '.join(limit.text for limit in file.limits)}" if file.limits else ""
+    )
     show_table(f"{what}{limits}", groups, rows)
     more = len(chosen) - MOST_ROWS
     if more > 0:
@@ -144,10 +198,14 @@ def show_study(study: Study) -> None:
 def _describe_search(study: Study) -> list[str]:
     """Return lines on infeasibility, convergence of the search and parameters at their bounds."""
     lines: list[str] = []
-    nearest, (converged, how) = find_nearest(study), judge_convergence(study)
+    nearest = find_nearest(study)
+    (converged, how) = judge_convergence(study)
     if nearest is not None:
-        unit = next(r.unit for r in study.file.responses if r.name == nearest.limit.response)
-        limit, found = nearest.limit, quantity(nearest.found, unit, 4)
+        unit = next(
+            r.unit for r in study.file.responses if r.name == nearest.limit.response
+        )
+        limit = nearest.limit
+        found = quantity(nearest.found, unit, 4)
         has = f"design {nearest.design + 1}, has {limit.response} {found}, wanted {limit.text}"
         lines.append(f"No design is feasible: the nearest, {has}")
         made = int((~study.outcomes.failed).sum())
@@ -164,20 +222,31 @@ def _describe_search(study: Study) -> list[str]:
         value = each.variable.low if each.end == "lower" else each.variable.high
         shown = quantity(value, each.variable.unit) if value is not None else ""
         many = len(study.best) > 1
-        which = f"{each.count} of {len(study.best)} best designs" if many else "the best design"
+        which = (
+            f"{each.count} of {len(study.best)} best designs"
+            if many
+            else "the best design"
+        )
         bound = f"{each.end} bound, {shown}"
-        lines.append(f"{each.variable.name} of {which} is at its {bound}: widen the range")
+        lines.append(
+            f"{each.variable.name} of {which} is at its {bound}: widen the range"
+        )
     return lines
 
 
 def _row(study: Study, index: int) -> list[str]:
-    design, file = study.designs[index], study.file
+    design = study.designs[index]
+    file = study.file
     values = [
         value if isinstance(value, str) else quantity(value, v.unit)
         for v, value in zip(file.variables, design.values, strict=True)
     ]
     found = zip(design.responses, file.responses, strict=True)
-    return [str(index + 1), *values, *(quantity(value, r.unit, 5) for value, r in found)]
+    return [
+        str(index + 1),
+        *values,
+        *(quantity(value, r.unit, 5) for value, r in found),
+    ]
 
 
 def _choose_drawn(study: Study) -> np.ndarray:
@@ -209,8 +278,11 @@ def _front(study: Study) -> Figure | None:
 
 def _group_by_state(study: Study) -> list[tuple[str, np.ndarray]]:
     """Return the indices of the designs to draw by state."""
-    drawn, states = _choose_drawn(study), study.outcomes.states
-    groups = [(word, drawn[states[drawn] == word]) for word in ("infeasible", "feasible")]
+    drawn = _choose_drawn(study)
+    states = study.outcomes.states
+    groups = [
+        (word, drawn[states[drawn] == word]) for word in ("infeasible", "feasible")
+    ]
     return [(word, some) for word, some in groups if len(some)]
 
 
@@ -239,12 +311,20 @@ def _column(study: Study, response: str) -> str:
 
 def _parallel(study: Study) -> Figure | None:
     """Draw parallel coordinates: parameters and responses, each scaled from minimum to maximum."""
-    done, states = _choose_drawn(study).tolist(), study.outcomes.states
+    done = _choose_drawn(study).tolist()
+    states = study.outcomes.states
     if not done:
         return None
     shown: list[Any] = [*study.file.variables, *study.file.responses]
-    columns = [*zip(*(study.designs.values[k] for k in done), strict=True), *study.designs.responses[done].T.tolist()]
-    drawn = new_figure(max(7.5, 1.5 * len(columns)), 5.0, f"{study.file.path.stem}: parameters and responses")
+    columns = [
+        *zip(*(study.designs.values[k] for k in done), strict=True),
+        *study.designs.responses[done].T.tolist(),
+    ]
+    drawn = new_figure(
+        max(7.5, 1.5 * len(columns)),
+        5.0,
+        f"{study.file.path.stem}: parameters and responses",
+    )
     axes = drawn.subplots()
     heights = np.array([_heights(values) for values in columns])
     best = set(study.best)
@@ -257,10 +337,16 @@ def _parallel(study: Study) -> Figure | None:
         axes.axvline(place, color=BEFORE, lw=0.8)
         marked = [(-0.06, min(values)), (1.03, max(values))]
         if isinstance(values[0], str):
-            marked = {(at + 0.02, word) for at, word in zip(heights[place], values, strict=True)}
+            marked = {
+                (at + 0.02, word)
+                for at, word in zip(heights[place], values, strict=True)
+            }
         for height, value in marked:
             text = value if isinstance(value, str) else quantity(value, each.unit, 4)
-            style = {"bbox": {"facecolor": "white", "edgecolor": "none", "pad": 1.0}, "parse_math": False}
+            style = {
+                "bbox": {"facecolor": "white", "edgecolor": "none", "pad": 1.0},
+                "parse_math": False,
+            }
             axes.text(place, height, text, ha="center", fontsize=7, **style)
     names = [each.name for each in shown]
     axes.set_xticks(range(len(shown)), names, fontsize=8, rotation=20, parse_math=False)
@@ -273,7 +359,11 @@ def _parallel(study: Study) -> Figure | None:
 def _heights(values: Sequence[Any]) -> np.ndarray:
     """Return numbers, or indices of words, scaled from 0 to 1."""
     words = any(isinstance(value, str) for value in values)
-    numbers = np.unique([*map(str, values)], return_inverse=True)[1] if words else np.array(values)
+    numbers = (
+        np.unique([*map(str, values)], return_inverse=True)[1]
+        if words
+        else np.array(values)
+    )
     spread = np.ptp(numbers)
     return (numbers - numbers.min()) / spread if spread else np.full(len(numbers), 0.5)
 

@@ -6,7 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.report.numbers import NEGLIGIBLE, TWIST, WRENCH, ZERO, coordinates, find_resolved, pose_values
+from stiffscope.report.numbers import (
+    NEGLIGIBLE,
+    TWIST,
+    WRENCH,
+    ZERO,
+    coordinates,
+    find_resolved,
+    pose_values,
+)
 from stiffscope.report.part_tables import explain_zeros, format_cells
 from stiffscope.report.terminal import show_line, show_table
 from stiffscope.vjm.mechanism import DIAGONAL
@@ -30,7 +38,11 @@ def sources(assembled: Assembled) -> str:
 
 
 def show_stiffness(
-    names: Sequence[str], state: Stiffness, bars: Any | None = None, *, title: str = "Stiffness at M"
+    names: Sequence[str],
+    state: Stiffness,
+    bars: Any | None = None,
+    *,
+    title: str = "Stiffness at M",
 ) -> None:
     """Show the diagonal of K, two couplings and the sag at each pose.
 
@@ -49,29 +61,42 @@ def show_stiffness(
     bounds = np.zeros_like(state.matrix) if bars is None else bars
     rows: list[Sequence[str]] = []
     for i, name in enumerate(names):
-        matrix, bound, sag = state.matrix[i], bounds[i], 1e6 * state.sag[i, :3]
+        matrix = state.matrix[i]
+        bound = bounds[i]
+        sag = 1e6 * state.sag[i, :3]
         shown = np.where(find_resolved(matrix, bound), matrix, np.nan) / factor
         sunk = [f"{np.linalg.norm(sag):.2f}", f"{sag[2]:z.2f}"] if sags else ["", ""]
         place = pose_values(state.poses[i], pose)
-        if len(state.rigid[i]):  # stiffness with all other directions free, if the tool yields
+        if len(
+            state.rigid[i]
+        ):  # stiffness with all other directions free, if the tool yields
             alone = np.diag(state.finite[i] / factor)
             cells = [*("rigid" if np.isnan(v) else f"{v:.4f}" for v in alone), "", ""]
             rows.append((name, place, *cells, *sunk))
             continue
-        rows.append((name, place, *format_cells(_diagonal_and_couplings(shown), ".4f"), *sunk))
+        rows.append(
+            (name, place, *format_cells(_diagonal_and_couplings(shown), ".4f"), *sunk)
+        )
         if bars is not None:
             spread = (f"{v:.2g}" for v in _diagonal_and_couplings(bound / factor))
             rows.append(("", "± 95 %", *spread, "", ""))
     where = coordinates(pose)
     groups = (("pose", where), *SIX, (*COUPLINGS, *SAG))
-    show_table(f"{title} ({units})", groups, rows, prose=(where,) if len(pose) > 3 else ())
+    show_table(
+        f"{title} ({units})", groups, rows, prose=(where,) if len(pose) > 3 else ()
+    )
     if any(len(each) for each in state.rigid):
-        show_line("  rigid: K is infinite; the other entries are 1/C_ii, all other directions free\n")
+        show_line(
+            "  rigid: K is infinite; the other entries are 1/C_ii, all other directions free\n"
+        )
     explain_zeros(rows)
 
 
 def show_full_matrices(
-    names: Sequence[str], state: Stiffness, bars: Any | None = None, soft_bars: Any | None = None
+    names: Sequence[str],
+    state: Stiffness,
+    bars: Any | None = None,
+    soft_bars: Any | None = None,
 ) -> None:
     """Show K and C (6, 6) at each pose with 95 % bounds; only C if a direction is rigid.
 
@@ -84,7 +109,10 @@ def show_full_matrices(
     """
     scale = np.full((6, 6), 1e-3)
     scale[:3, :3] = 1e-6
-    bounds, soft = (np.zeros_like(state.matrix) if each is None else each for each in (bars, soft_bars))
+    bounds, soft = (
+        np.zeros_like(state.matrix) if each is None else each
+        for each in (bars, soft_bars)
+    )
     for i, name in enumerate(names):
         if not len(state.rigid[i]):
             rows = _with_bounds(state.matrix[i], bounds[i], scale, WRENCH)
@@ -96,12 +124,19 @@ def show_full_matrices(
 
 
 def _with_bounds(
-    matrix: np.ndarray, bound: np.ndarray, scale: np.ndarray | np.float64, names: Sequence[str]
-) -> list[Sequence[str]]:  # fmt: skip
-    clear, value, spread = find_resolved(matrix, bound), matrix * scale, bound * scale
+    matrix: np.ndarray,
+    bound: np.ndarray,
+    scale: np.ndarray | np.float64,
+    names: Sequence[str],
+) -> list[Sequence[str]]:
+    clear = find_resolved(matrix, bound)
+    value = matrix * scale
+    spread = bound * scale
 
     def cell(at: tuple[int, int]) -> str:
-        words = f"{value[at]:.5g} ± {spread[at]:.2g}" if spread[at] else f"{value[at]:.5g}"
+        words = (
+            f"{value[at]:.5g} ± {spread[at]:.2g}" if spread[at] else f"{value[at]:.5g}"
+        )
         return words if clear[at] else ZERO
 
     return [(name, *(cell((i, j)) for j in range(6))) for i, name in enumerate(names)]
@@ -111,7 +146,8 @@ def _scale(stiffness: Any) -> tuple[float, str]:
     """Return a power of 1000 that suits the smallest diagonal stiffness, and its units."""
     diagonals = np.abs(np.diagonal(stiffness, axis1=1, axis2=2))
     notable = diagonals > NEGLIGIBLE * np.nanmax(diagonals, initial=0.0)
-    least, powers = np.min(diagonals, where=notable, initial=np.inf), ((1e6, "10⁶ "), (1e3, "10³ "))
+    least = np.min(diagonals, where=notable, initial=np.inf)
+    powers = ((1e6, "10⁶ "), (1e3, "10³ "))
     factor, power = next((each for each in powers if least >= 0.1 * each[0]), (1.0, ""))
     return factor, f"{power}N/m, {power}N·m/rad, {power}N"
 
@@ -121,7 +157,11 @@ def _diagonal_and_couplings(matrix: np.ndarray) -> list[float]:
 
 
 def show_deflection(
-    names: Sequence[str], twist: Any, shares: Mapping[str, Any], wrench: str = "", error: Any = 0.0
+    names: Sequence[str],
+    twist: Any,
+    shares: Mapping[str, Any],
+    wrench: str = "",
+    error: Any = 0.0,
 ) -> None:
     """Show tool deflections (n, 6), m and rad, with bounds, and energy shares (n,) by component.
 
@@ -158,14 +198,26 @@ def show_modes(names: Sequence[str], found: Modes, title: str) -> None:
     """
     rows: list[Sequence[str]] = []
     for i, name in enumerate(names):
-        for k, (hertz, bound) in enumerate(zip(found.frequencies[i], found.error[i], strict=True)):
+        for k, (hertz, bound) in enumerate(
+            zip(found.frequencies[i], found.error[i], strict=True)
+        ):
             if not np.isfinite(hertz):
                 continue
             shares = ((share[i, k], element) for element, share in found.energy.items())
             most = sorted(shares, key=lambda each: -each[0])[:3]
-            said = ", ".join(f"{element} {100 * s:.0f} %" for s, element in most if s > 0.005)
+            said = ", ".join(
+                f"{element} {100 * s:.0f} %" for s, element in most if s > 0.005
+            )
             spread = f"{bound:.2g}" if bound else ""
-            rows.append(("" if k else name, str(k + 1), f"{hertz:.5g}", spread, said or "moves freely"))
+            rows.append(
+                (
+                    "" if k else name,
+                    str(k + 1),
+                    f"{hertz:.5g}",
+                    spread,
+                    said or "moves freely",
+                )
+            )
     groups = (("pose",), ("mode", "Hz", "± mesh error"), ("strain energy",))
     show_table(title, groups, rows, prose=("strain energy",))
     for remark in found.remarks:
@@ -173,7 +225,11 @@ def show_modes(names: Sequence[str], found: Modes, title: str) -> None:
 
 
 def show_change(
-    names: Sequence[str], old: Any, new: Any, overrides: Sequence[str], bars: Sequence[Any | None] = (None, None)
+    names: Sequence[str],
+    old: Any,
+    new: Any,
+    overrides: Sequence[str],
+    bars: Sequence[Any | None] = (None, None),
 ) -> None:
     """Show the diagonals of stiffness before and after `--set`.
 
@@ -189,22 +245,41 @@ def show_change(
     factor, units = _scale(old)
     rows = []
     for i, name in enumerate(names):
-        before, after = np.diag(old[i]), np.diag(new[i])
-        for label, each, bar in zip(("before", "now"), (before, after), bars, strict=True):
-            rows.append((name if label == "before" else "", label, *(f"{v / factor:z.4f}" for v in each)))
+        before = np.diag(old[i])
+        after = np.diag(new[i])
+        for label, each, bar in zip(
+            ("before", "now"), (before, after), bars, strict=True
+        ):
+            rows.append(
+                (
+                    name if label == "before" else "",
+                    label,
+                    *(f"{v / factor:z.4f}" for v in each),
+                )
+            )
             if bar is not None:
-                rows.append(("", "± 95 %", *(f"{v / factor:.2g}" for v in np.diag(bar[i]))))
-        rows.append(("", "change", *(f"{100 * share:+z.2f} %" for share in after / before - 1)))
+                rows.append(
+                    ("", "± 95 %", *(f"{v / factor:.2g}" for v in np.diag(bar[i])))
+                )
+        rows.append(
+            ("", "change", *(f"{100 * share:+z.2f} %" for share in after / before - 1))
+        )
     title = f"Changed: {', '.join(overrides)} ({units.rpartition(',')[0]})"
     show_table(title, (("pose", ""), *SIX), rows)
 
 
 def show_findings(title: str, findings: Sequence[Finding]) -> None:
     """Show published and correct numbers with a verdict on each."""
-    groups = (("entry",), ("published", "as published (R1)", "correct", "bound"), ("verdict",))
+    groups = (
+        ("entry",),
+        ("published", "as published (R1)", "correct", "bound"),
+        ("verdict",),
+    )
     rows = []
     for each in findings:
-        numbers = map(_number, (each.published, each.as_published, each.correct, each.bound))
+        numbers = map(
+            _number, (each.published, each.as_published, each.correct, each.bound)
+        )
         rows.append((each.entry, *numbers, each.verdict))
     show_table(title, groups, rows, prose=("verdict",))
 

@@ -24,9 +24,21 @@ FOLDED = 16  # minimum width of a prose column, characters
 ASCII_BOX = "    \n    \n -- \n    \n    \n    \n    \n    \n"  # rich's SIMPLE_HEAD with a dashed line
 SUPERSCRIPTS = re.compile("[⁰¹²³⁴-⁹⁻]+")
 ASCII = str.maketrans(
-    {"µ": "u", "±": "+/-", "·": "*", "×": "x", "−": "-", "√": "sqrt", "≤": "<=", "≥": ">=",
-     "°": "deg", "χ": "chi", "σ": "sigma", "ω": "w"}
-)  # fmt: skip
+    {
+        "µ": "u",
+        "±": "+/-",
+        "·": "*",
+        "×": "x",
+        "−": "-",
+        "√": "sqrt",
+        "≤": "<=",
+        "≥": ">=",
+        "°": "deg",
+        "χ": "chi",
+        "σ": "sigma",
+        "ω": "w",
+    }
+)
 
 
 @dataclass(frozen=True)
@@ -62,7 +74,9 @@ def show_line(text: str, style: str | None = None) -> None:
         recorder.append(Shown(text.strip()))
         return
     out = _console()
-    out.print(in_encoding(text, out.encoding), style=style, soft_wrap=not out.is_terminal)
+    out.print(
+        in_encoding(text, out.encoding), style=style, soft_wrap=not out.is_terminal
+    )
 
 
 def show_facts(title: str, facts: Sequence[tuple[str, str]]) -> None:
@@ -73,7 +87,9 @@ def show_facts(title: str, facts: Sequence[tuple[str, str]]) -> None:
 
 def show_list(title: str, items: Sequence[str]) -> None:
     """Print items, one per line; in a page as a paragraph."""
-    _show_block(Shown(f"{title}: {'; '.join(items)}"), title, [f"  - {item}" for item in items])
+    _show_block(
+        Shown(f"{title}: {'; '.join(items)}"), title, [f"  - {item}" for item in items]
+    )
 
 
 def _show_block(shown: Shown, title: str, lines: Sequence[str]) -> None:
@@ -88,7 +104,11 @@ def _show_block(shown: Shown, title: str, lines: Sequence[str]) -> None:
 
 
 def show_table(
-    title: str, groups: Sequence[Sequence[str]], rows: Sequence[Sequence[str]], *, prose: Collection[str] = ()
+    title: str,
+    groups: Sequence[Sequence[str]],
+    rows: Sequence[Sequence[str]],
+    *,
+    prose: Collection[str] = (),
 ) -> None:
     """Print a table, split into several with repeated first columns if wider than the terminal.
 
@@ -105,13 +125,17 @@ def show_table(
     """
     count = sum(map(len, groups))
     kept = [k == 0 or not rows or any(row[k] for row in rows) for k in range(count)]
-    rows = [[cell for cell, keep in zip(row, kept, strict=True) if keep] for row in rows]
+    rows = [
+        [cell for cell, keep in zip(row, kept, strict=True) if keep] for row in rows
+    ]
     flags = iter(kept)
     groups = [[name for name in group if next(flags)] for group in groups]
     columns = tuple(name for group in groups for name in group)
     recorder = _recorder.get()
     if recorder is not None:
-        recorder.append(Shown(title, columns, tuple(map(tuple, rows)), frozenset(prose)))
+        recorder.append(
+            Shown(title, columns, tuple(map(tuple, rows)), frozenset(prose))
+        )
         return
     out = _console()
     names = [in_encoding(name, out.encoding) for name in columns]
@@ -122,7 +146,9 @@ def show_table(
 
     def table(columns: list[int]) -> Table:
         filled = [row for row in cells if any(row[k] for k in columns)]
-        return _table(names, filled, first + columns, folded, ascii_only=out.options.ascii_only)
+        return _table(
+            names, filled, first + columns, folded, ascii_only=out.options.ascii_only
+        )
 
     show_line(title, "bold")
     shown: list[int] = []
@@ -141,7 +167,9 @@ def in_encoding(text: str, encoding: str) -> str:
     try:
         text.encode(encoding)
     except UnicodeEncodeError:
-        raised = SUPERSCRIPTS.sub(lambda found: "^" + unicodedata.normalize("NFKC", found[0]), text)
+        raised = SUPERSCRIPTS.sub(
+            lambda found: "^" + unicodedata.normalize("NFKC", found[0]), text
+        )
         return raised.translate(ASCII).encode(encoding, "replace").decode(encoding)
     return text
 
@@ -156,7 +184,12 @@ def _least_width(out: Console, table: Table) -> int:
 
 
 def _table(
-    names: Sequence[str], rows: Sequence[Sequence[str]], columns: Sequence[int], folded: set[int], *, ascii_only: bool
+    names: Sequence[str],
+    rows: Sequence[Sequence[str]],
+    columns: Sequence[int],
+    folded: set[int],
+    *,
+    ascii_only: bool,
 ) -> Table:
     """Return a table with the first column and prose aligned left, other columns right."""
     lines = box.Box(ASCII_BOX, ascii=True) if ascii_only else box.SIMPLE_HEAD

@@ -11,11 +11,20 @@ from stiffscope.report.numbers import WRENCH, name_pose, percent, point, vector
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.gap.inference.diagnosis import Diagnosis, Effect, Gap, NextMeasurement, Parameter, Where
+    from stiffscope.gap.inference.diagnosis import (
+        Diagnosis,
+        Effect,
+        Gap,
+        NextMeasurement,
+        Parameter,
+        Where,
+    )
     from stiffscope.robot.file.description import RobotFile
 
 DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
-NOTABLE = 3.0  # difference from the model's value, in σ, above which a parameter is marked
+NOTABLE = (
+    3.0  # difference from the model's value, in σ, above which a parameter is marked
+)
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
@@ -43,7 +52,9 @@ def sentence(diagnosis: Diagnosis) -> str:
         return f"Ambiguous: {named} fits, but {rivals}; with it {shrinks}.{_proposal(diagnosis)}"
     if diagnosis.verdict == "partly":
         rest = _largest(diagnosis.where.left or diagnosis.where.direction)
-        size = f"{percent(gap.left)} rms beyond" if gap.left > 0.0 else "something within"
+        size = (
+            f"{percent(gap.left)} rms beyond" if gap.left > 0.0 else "something within"
+        )
         left = f"{size} the noise remains unexplained, mostly in {rest}"
         return f"Partly: {named}; {shrinks}; {left}.{_group(diagnosis)}"
     return f"Identified: {named}; {shrinks}.{_group(diagnosis)}"
@@ -54,7 +65,9 @@ def gap_sizes(gap: Gap) -> tuple[str, ...]:
     known = absolute_sizes(gap)
     if len(known) == len(gap.absolute) == 1:
         return next(iter(known.values()))
-    return tuple(percent(v) for v in (gap.nominal, gap.explained, gap.held_out, gap.noise))
+    return tuple(
+        percent(v) for v in (gap.nominal, gap.explained, gap.held_out, gap.noise)
+    )
 
 
 def absolute_sizes(gap: Gap) -> dict[str, tuple[str, ...]]:
@@ -72,17 +85,22 @@ def _group(diagnosis: Diagnosis) -> str:
     said = ""
     for each in diagnosis.effects:
         if each.confused_with:
-            pair = f"{name(each.effect, each.place)} from {_list_keys(each.confused_with)}"
+            pair = (
+                f"{name(each.effect, each.place)} from {_list_keys(each.confused_with)}"
+            )
             said += f" These readings cannot distinguish {pair}."
     return said and said + _proposal(diagnosis)
 
 
 def _proposal(diagnosis: Diagnosis) -> str:
-    return f" Next: {words}." if (words := next_step(diagnosis)) else ""
+    words = next_step(diagnosis)
+    return f" Next: {words}." if words else ""
 
 
 def _list_keys(keys: Sequence[str], most: int = 4) -> str:
-    return ", ".join(map(label, keys[:most])) + (" and others" if len(keys) > most else "")
+    return ", ".join(map(label, keys[:most])) + (
+        " and others" if len(keys) > most else ""
+    )
 
 
 def name(effect: str, place: str) -> str:
@@ -96,20 +114,33 @@ def name(effect: str, place: str) -> str:
 def label(key: str) -> str:
     """Return "actuator-stiffness @ limb1" or a nuisance pattern in words; other text unchanged."""
     effect, _, place = key.partition(" @ ")
-    return place if effect == UNNAMED else name(effect, place) if key.count(" @ ") == 1 else key
+    return (
+        place
+        if effect == UNNAMED
+        else name(effect, place)
+        if key.count(" @ ") == 1
+        else key
+    )
 
 
 def _rivals(diagnosis: Diagnosis) -> str:
     named = {f"{e.effect} @ {e.place}" for e in diagnosis.effects}
     confused = [other for effect in diagnosis.effects for other in effect.confused_with]
-    near = [f"{a.effect} @ {a.place}" for a in diagnosis.alternatives if a.probability > 0.02]
+    near = [
+        f"{a.effect} @ {a.place}"
+        for a in diagnosis.alternatives
+        if a.probability > 0.02
+    ]
     others = [other for other in dict.fromkeys(confused or near) if other not in named]
     return _list_keys(others) or "no effect at all"
 
 
 def _largest(share: dict[str, float]) -> str:
     largest = sorted(share.items(), key=lambda each: -each[1])[:2]
-    return " and ".join(f"{axis} ({100 * s:.0f} %)" for axis, s in largest) or "no single direction"
+    return (
+        " and ".join(f"{axis} ({100 * s:.0f} %)" for axis, s in largest)
+        or "no single direction"
+    )
 
 
 def parameters(effect: Effect) -> list[tuple[str, ...]]:
@@ -120,26 +151,30 @@ def parameters(effect: Effect) -> list[tuple[str, ...]]:
     """
     rows: list[tuple[str, ...]] = []
     for key, p in effect.parameters.items():
-        nominal, (factor, unit) = p.nominal, _multiple(p)
+        nominal = p.nominal
+        (factor, unit) = _multiple(p)
         deviation = (p.value - (nominal or 0.0)) / p.sigma if p.sigma > 0 else math.nan
         low, high = (end / factor for end in p.interval)
         differs = nominal is not None and abs(deviation) > NOTABLE
-        rows.append((
-            key,
-            quantity(p) + ("" if p.plausible else " (not plausible)"),
-            "" if nominal is None else f"{nominal / factor:.4g}{unit}",
-            f"{low:.4g} to {high:.4g}{unit}" if math.isfinite(high - low) else "",
-            f"{p.value / nominal:.4g}" if nominal else "",
-            f"{deviation:+.1f}" if math.isfinite(deviation) else "",
-            "differs from the model" if differs else "",
-        ))  # fmt: skip
+        rows.append(
+            (
+                key,
+                quantity(p) + ("" if p.plausible else " (not plausible)"),
+                "" if nominal is None else f"{nominal / factor:.4g}{unit}",
+                f"{low:.4g} to {high:.4g}{unit}" if math.isfinite(high - low) else "",
+                f"{p.value / nominal:.4g}" if nominal else "",
+                f"{deviation:+.1f}" if math.isfinite(deviation) else "",
+                "differs from the model" if differs else "",
+            )
+        )
     return rows
 
 
 def quantity(parameter: Parameter) -> str:
     """Return value ± σ with two digits of σ in a suitable unit: "5.00 ± 0.12 nm/N"."""
     factor, unit = _multiple(parameter)
-    value, sigma = parameter.value / factor, parameter.sigma / factor
+    value = parameter.value / factor
+    sigma = parameter.sigma / factor
     if not (math.isfinite(sigma) and sigma > 0):
         return f"{value:.4g}{unit}"
     digits = max(1 - math.floor(math.log10(sigma)), 0)
@@ -155,7 +190,9 @@ def _multiple(parameter: Parameter) -> tuple[float, str]:
         return 1.0, ""
     if unit.split("/")[0] not in {"m", "rad"}:
         return 1.0, f" {unit}"
-    greatest = max(abs(parameter.value), parameter.sigma if math.isfinite(parameter.sigma) else 0.0)
+    greatest = max(
+        abs(parameter.value), parameter.sigma if math.isfinite(parameter.sigma) else 0.0
+    )
     least = _PREFIXES[-1 if greatest else 0]
     factor, prefix = next((each for each in _PREFIXES if greatest >= each[0]), least)
     return factor, f" {prefix}{unit}"
@@ -168,20 +205,28 @@ def probability(value: float) -> str:
 
 def possible(diagnosis: Diagnosis) -> list[str]:
     """Return the merely possible effects with their probabilities."""
-    return [f"{name(p.effect, p.place)}: {probability(p.probability)}" for p in diagnosis.possible]
+    return [
+        f"{name(p.effect, p.place)}: {probability(p.probability)}"
+        for p in diagnosis.possible
+    ]
 
 
 def checks(diagnosis: Diagnosis) -> list[str]:
     """Return checks of the diagnosis: sensitivity to the prior, prediction of held-out poses."""
     lines = [
         f"{s.prior}: {s.verdict}"
-        + "".join(f", {label(effect)} {probability(p)}" for effect, p in s.probability.items())
+        + "".join(
+            f", {label(effect)} {probability(p)}" for effect, p in s.probability.items()
+        )
         for s in diagnosis.sensitivity
     ]
-    held, unknown = diagnosis.held_out_check, diagnosis.gap.discrepancy
+    held = diagnosis.held_out_check
+    unknown = diagnosis.gap.discrepancy
     if held is not None:
         share = f"{100 * held.inside_95:.1f} % of the readings within their 95 % predictive interval"
-        lines.append(f"poses held out: {share}, χ² per reading {held.chi2_per_reading:.3g}")
+        lines.append(
+            f"poses held out: {share}, χ² per reading {held.chi2_per_reading:.3g}"
+        )
     if unknown > 0.01:
         lines.append(f"inferred unknown cause: {percent(unknown)} of the readings")
     return lines
@@ -195,7 +240,12 @@ def steps(diagnosis: Diagnosis) -> Sequence[tuple[str, float]]:
     effects = [(f"{e.effect} @ {e.place}", e.gap_after) for e in diagnosis.effects]
     if len(effects) > 1:
         effects.append(("together", gap.explained))
-    return [("nominal", gap.nominal), *effects, ("held out", gap.held_out), ("noise", gap.noise)]
+    return [
+        ("nominal", gap.nominal),
+        *effects,
+        ("held out", gap.held_out),
+        ("noise", gap.noise),
+    ]
 
 
 def next_step(diagnosis: Diagnosis) -> str:
@@ -214,13 +264,19 @@ def what_next(step: NextMeasurement) -> str:
         action = f"read {', '.join(step.sensors)} ({step.quantity}) {place}"
     if step.wrench is not None and any(step.wrench):
         components = zip(WRENCH, step.wrench, ("N",) * 3 + ("N·m",) * 3, strict=True)
-        words = (f"{axis} = {value:.4g} {unit}" for axis, value, unit in components if value)
-        action += f" under {', '.join(words)}" + (f" at {step.load}" if step.load else "")
+        words = (
+            f"{axis} = {value:.4g} {unit}" for axis, value, unit in components if value
+        )
+        action += f" under {', '.join(words)}" + (
+            f" at {step.load}" if step.load else ""
+        )
     elif step.wrench is not None:
         action += " without load, against the commanded pose"
     pair = " from ".join(step.separates)
     action += f": distinguishes {pair} (expected ln-odds {step.expected_gain:.3g})"
-    placed = ", ".join(f"{key} on {new['body']}{_place(new)}" for key, new in (step.new or {}).items())
+    placed = ", ".join(
+        f"{key} on {new['body']}{_place(new)}" for key, new in (step.new or {}).items()
+    )
     return f"{action}; new here: {placed}" if placed else action
 
 
@@ -243,13 +299,23 @@ def shares(robot: RobotFile, diagnosis: Diagnosis) -> dict[str, float]:
 def describe_location(where: Where) -> list[str]:
     """Return where the gap lies: by direction, by component, and the worst poses."""
     largest = sorted(where.component.items(), key=lambda item: -item[1])[:6]
-    shares = {"by direction": where.direction, "by component": dict(largest), "left": where.left}
+    shares = {
+        "by direction": where.direction,
+        "by component": dict(largest),
+        "left": where.left,
+    }
     lines = []
     for words, each in shares.items():
         if each or words == "by direction":
-            listed = (f"{name} {100 * share:.0f} %" for name, share in each.items() if share > 5e-3)
+            listed = (
+                f"{name} {100 * share:.0f} %"
+                for name, share in each.items()
+                if share > 5e-3
+            )
             lines.append(f"{words}: {', '.join(listed)}")
-    sizes = [math.sqrt(sum(v * v for v in row if math.isfinite(v))) for row in where.pose]
+    sizes = [
+        math.sqrt(sum(v * v for v in row if math.isfinite(v))) for row in where.pose
+    ]
     worst = sorted(range(len(sizes)), key=lambda k: -sizes[k])[:3]
     if len(sizes) > 1:
         lines.append("worst poses: " + ", ".join(where.pose_names[k] for k in worst))

@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from stiffscope.fea.beam import Section
 
 MODES = 6
-_PIECES = 24  # approximate number of elements; the sixth clamped frequency is within 0.05 %
+_PIECES = (
+    24  # approximate number of elements; the sixth clamped frequency is within 0.05 %
+)
 
 
 def beam_dynamics(
@@ -55,7 +57,8 @@ def beam_dynamics(
         for _ in range(count)
     ]
     size = 6 * (len(pieces) + 1)
-    k, m = np.zeros((size, size)), np.zeros((size, size))
+    k = np.zeros((size, size))
+    m = np.zeros((size, size))
     for i, (length, section) in enumerate(pieces):
         at = slice(6 * i, 6 * i + 12)
         relative = np.hstack([-shift([length, 0.0, 0.0]), np.eye(6)])
@@ -84,19 +87,26 @@ def _consistent(length: float, section: Section) -> np.ndarray:
     s = -length
     for across, turn, second in ((1, 5, section.bending_z), (2, 4, section.bending_y)):
         s = -s
-        translation = np.array([
-            [156.0, 22.0 * s, 54.0, -13.0 * s],
-            [22.0 * s, 4.0 * s * s, 13.0 * s, -3.0 * s * s],
-            [54.0, 13.0 * s, 156.0, -22.0 * s],
-            [-13.0 * s, -3.0 * s * s, -22.0 * s, 4.0 * s * s],
-        ])  # fmt: skip
-        rotary = np.array([
-            [36.0, 3.0 * s, -36.0, 3.0 * s],
-            [3.0 * s, 4.0 * s * s, -3.0 * s, -s * s],
-            [-36.0, -3.0 * s, 36.0, -3.0 * s],
-            [3.0 * s, -s * s, -3.0 * s, 4.0 * s * s],
-        ])  # fmt: skip
+        translation = np.array(
+            [
+                [156.0, 22.0 * s, 54.0, -13.0 * s],
+                [22.0 * s, 4.0 * s * s, 13.0 * s, -3.0 * s * s],
+                [54.0, 13.0 * s, 156.0, -22.0 * s],
+                [-13.0 * s, -3.0 * s * s, -22.0 * s, 4.0 * s * s],
+            ]
+        )
+        rotary = np.array(
+            [
+                [36.0, 3.0 * s, -36.0, 3.0 * s],
+                [3.0 * s, 4.0 * s * s, -3.0 * s, -s * s],
+                [-36.0, -3.0 * s, 36.0, -3.0 * s],
+                [3.0 * s, -s * s, -3.0 * s, 4.0 * s * s],
+            ]
+        )
         place = [across, turn, across + 6, turn + 6]
-        whole = section.area * length / 420.0 * translation + second / (30.0 * length) * rotary
+        whole = (
+            section.area * length / 420.0 * translation
+            + second / (30.0 * length) * rotary
+        )
         out[np.ix_(place, place)] = whole
     return out

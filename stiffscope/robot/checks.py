@@ -61,7 +61,9 @@ def check_robot(robot: RobotFile) -> RobotFile:
     _check_node(("tool", "body"), robot.tool.body, moving, robot)
     try:
         mechanism = rigid_mechanism(robot)
-    except InputError as error:  # such as a name used twice, or a body that nothing holds
+    except (
+        InputError
+    ) as error:  # such as a name used twice, or a body that nothing holds
         place, message = split_place(str(error))
         if not place:
             raise
@@ -83,7 +85,9 @@ def _check_part(robot: RobotFile, name: str) -> None:
 
 def _check_file_name(key: Key, name: str) -> None:
     if name in {"", ".", ".."} or not _FILE_NAME.fullmatch(name):
-        raise FieldError(key, q.expected("a name that a file of results can have", name))
+        raise FieldError(
+            key, q.expected("a name that a file of results can have", name)
+        )
 
 
 def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
@@ -91,10 +95,13 @@ def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
     with blame(*key, "part"):
         one_of(body.part, robot.parts, "a part")
     part = robot.parts[body.part]
-    along, size = np.subtract(body.tip, body.base), body.length
+    along = np.subtract(body.tip, body.base)
+    size = body.length
     if size < 1e-9:
         got = f"the same, {list(body.tip)} m"
-        raise FieldError((*key, "tip"), f"expected a point away from the base, got {got}")
+        raise FieldError(
+            (*key, "tip"), f"expected a point away from the base, got {got}"
+        )
     length = solid_length(part)
     if length is not None and abs(length - size) > SAME_LENGTH * length:
         what = f"a tip {mm(length)} from the base, as part {body.part} is long, to {SAME_LENGTH:.2%}"
@@ -103,9 +110,13 @@ def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
         if part.shape not in {"rod", "tube"}:
             what = f"a direction across a {part.shape} part, such as [0, 1, 0]"
             raise FieldError((*key, "y"), f"expected {what}, got nothing")
-    elif np.linalg.norm(np.cross(along / size, body.y)) < _PARALLEL * np.linalg.norm(body.y):
+    elif np.linalg.norm(np.cross(along / size, body.y)) < _PARALLEL * np.linalg.norm(
+        body.y
+    ):
         what = "a direction across the line from base to tip"
-        raise FieldError((*key, "y"), f"expected {what}, got one along it, {list(body.y)}")
+        raise FieldError(
+            (*key, "y"), f"expected {what}, got one along it, {list(body.y)}"
+        )
 
 
 def _check_rigid(robot: RobotFile, name: str, body: RigidBody) -> None:
@@ -120,13 +131,17 @@ def _check_rigid(robot: RobotFile, name: str, body: RigidBody) -> None:
             what = f"a file for pictures ({', '.join(MESHES)})"
             raise FieldError((*key, "mesh"), q.expected(what, body.mesh))
         if not file.is_file():
-            raise FieldError((*key, "mesh"), f"expected a file for pictures, got none at {file}")
+            raise FieldError(
+                (*key, "mesh"), f"expected a file for pictures, got none at {file}"
+            )
     if body.mass and body.centre is None:
         what = f"a point where the mass of {body.mass:g} kg acts"
         raise FieldError((*key, "centre"), f"expected {what}, got nothing")
     if body.inertia is not None:
         if not body.mass:
-            raise FieldError((*key, "mass"), "expected a mass above 0 kg beside an inertia, got 0")
+            raise FieldError(
+                (*key, "mass"), "expected a mass above 0 kg beside an inertia, got 0"
+            )
         with blame(*key, "inertia"):
             _check_inertia(body.inertia)
 
@@ -134,7 +149,9 @@ def _check_rigid(robot: RobotFile, name: str, body: RigidBody) -> None:
 def _check_inertia(inertia: tuple[float, ...]) -> None:
     least, middle, most = map(float, np.linalg.eigvalsh(tensor(inertia)))
     if least < -_ROUNDED * max(map(abs, inertia)):
-        raise ValueError(f"expected no negative principal moment, got {least:.6g} kg·m²")
+        raise ValueError(
+            f"expected no negative principal moment, got {least:.6g} kg·m²"
+        )
     if most > (least + middle) * (1.0 + 1e-3):  # tolerates rounded numbers
         got = f"{least:.6g}, {middle:.6g}, {most:.6g} kg·m²"
         what = "principal moments of which none exceeds the sum of the others"
@@ -142,15 +159,23 @@ def _check_inertia(inertia: tuple[float, ...]) -> None:
 
 
 def _check_joint(robot: RobotFile, name: str, known: Mapping[str, str]) -> None:
-    joint, key = robot.joints[name], ("joints", name)
+    joint = robot.joints[name]
+    key = ("joints", name)
     for number, each in enumerate(joint.between):
         _check_node((*key, "between", number), each, known, robot)
     first, second = joint.between
     if known[first] == known[second]:
-        raise FieldError((*key, "between"), f"expected two bodies, got {first} and {second}")
-    axis, axis2 = getattr(joint, "axis", None), getattr(joint, "axis2", None)
+        raise FieldError(
+            (*key, "between"), f"expected two bodies, got {first} and {second}"
+        )
+    axis = getattr(joint, "axis", None)
+    axis2 = getattr(joint, "axis2", None)
     if axis is not None and axis2 is not None:
-        sine = np.linalg.norm(np.cross(axis, axis2)) / np.linalg.norm(axis) / np.linalg.norm(axis2)
+        sine = (
+            np.linalg.norm(np.cross(axis, axis2))
+            / np.linalg.norm(axis)
+            / np.linalg.norm(axis2)
+        )
         if sine < _PARALLEL:
             message = f"expected a direction other than axis, got {list(axis2)}"
             raise FieldError((*key, "axis2"), message)
@@ -159,7 +184,8 @@ def _check_joint(robot: RobotFile, name: str, known: Mapping[str, str]) -> None:
 
 def _check_bearing(robot: RobotFile, name: str) -> None:
     """Refuse a joint's compliance beside a bearing or along the direction of its drive."""
-    joint, key = robot.joints[name], ("joints", name)
+    joint = robot.joints[name]
+    key = ("joints", name)
     if joint.bearing is not None:
         if joint.compliance is not None:
             message = "expected none beside a bearing, whose data give it, got one"
@@ -170,23 +196,34 @@ def _check_bearing(robot: RobotFile, name: str) -> None:
         return
     along = DRIVEN[joint.type]
     given = joint.compliance
-    free = (given.axial if along == 0 else 0.0) if isinstance(given, Bearing) else given[along]
+    free = (
+        (given.axial if along == 0 else 0.0)
+        if isinstance(given, Bearing)
+        else given[along]
+    )
     if free:
         inner = "axial" if isinstance(given, Bearing) else along
         what = "0 along what the drive moves, which has the drive's stiffness"
         raise FieldError((*key, "compliance", inner), f"expected {what}, got {free:g}")
 
 
-def _check_node(key: Key, name: str, known: Mapping[str, str], robot: RobotFile) -> None:
+def _check_node(
+    key: Key, name: str, known: Mapping[str, str], robot: RobotFile
+) -> None:
     """Raise FieldError unless a name is a rigid body or an end of an elastic one."""
     if name in known:
         return
-    if ends := robot.ends(name):
+    ends = robot.ends(name)
+    if ends:
         listed = " or ".join(f'"{name}.{end}"' for end in ends)
-        raise FieldError(key, f'expected an end of the elastic body, {listed}, got "{name}"')
+        raise FieldError(
+            key, f'expected an end of the elastic body, {listed}, got "{name}"'
+        )
     for end in ENDS:
         body = name.removesuffix(f".{end}")
         if body != name and isinstance(robot.bodies.get(body), RigidBody):
-            raise FieldError(key, q.expected(f'"{body}", which is rigid and has no ends', name))
+            raise FieldError(
+                key, q.expected(f'"{body}", which is rigid and has no ends', name)
+            )
     with blame(*key):
         one_of(name, known, "a body or an end of one")

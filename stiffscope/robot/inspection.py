@@ -38,9 +38,13 @@ ILL_CONDITIONED = 1e-2  # a pose is nearly singular below this inverse condition
 RANK_GAP = 1e-12  # singular values below this are rounding errors of double precision
 _NEARBY = 0.01  # relative to the mechanism's characteristic length, and rad
 _REVERSED = 0.5  # of a beam's coupling, with the other sign
-_CONTRADICTED = 1.5, 5.0  # how many times a part may be longer, shorter than by its bending
+_CONTRADICTED = (
+    1.5,
+    5.0,
+)  # how many times a part may be longer, shorter than by its bending
 _APART = 1e-5  # m
-_TURNS, _SIZES = 12.6, 20.0  # rad (two turns) and robot sizes beyond which a drive's range is doubted
+_TURNS = 12.6
+_SIZES = 20.0  # rad (two turns) and robot sizes beyond which a drive's range is doubted
 _GRID = 9  # points along each coordinate of the map
 _SOLIDS = {
     "youngs_modulus": ("Young's modulus", 1e5, 1.3e12, " Pa"),
@@ -130,7 +134,9 @@ def inspect_robot(robot: RobotFile) -> Inspection:
         ways = reach(mechanism)
     except InputError as error:
         return replace(inspection, remarks=tuple(_of_mobility(found)), error=str(error))
-    poses = tuple(_pose(configurations, k, *each) for k, each in enumerate(named.items()))
+    poses = tuple(
+        _pose(configurations, k, *each) for k, each in enumerate(named.items())
+    )
     mapped = None if robot.map is None else _map_reach(robot.map, mechanism)
     missed = mapped is not None and mapped < 1.0
     remarks = (
@@ -138,7 +144,11 @@ def inspect_robot(robot: RobotFile) -> Inspection:
         *_of_choice(found, mechanism),
         *_of_home(found, mechanism),
         *_of_poses(poses),
-        *([f"{100 * (mapped or 0.0):.0f} % of the map's points are reached"] if missed else []),
+        *(
+            [f"{100 * (mapped or 0.0):.0f} % of the map's points are reached"]
+            if missed
+            else []
+        ),
         *doubt_parts(robot),
         *_of_ranges(robot, mechanism),
         *_of_places(robot, mechanism),
@@ -148,26 +158,41 @@ def inspect_robot(robot: RobotFile) -> Inspection:
     return replace(inspection, reach=ways, poses=poses, **made)
 
 
-def _named_poses(robot: RobotFile, mechanism: Mechanism) -> dict[str, tuple[float, ...]]:
+def _named_poses(
+    robot: RobotFile, mechanism: Mechanism
+) -> dict[str, tuple[float, ...]]:
     """Return home, under its name in the file if it has one, and the file's poses."""
-    home, poses = mechanism.tool.home, dict(robot.poses)
-    same = (name for name, pose in poses.items() if np.allclose(pose, home, rtol=0.0, atol=1e-9))
+    home = mechanism.tool.home
+    poses = dict(robot.poses)
+    same = (
+        name
+        for name, pose in poses.items()
+        if np.allclose(pose, home, rtol=0.0, atol=1e-9)
+    )
     named = next(same, f"{HOME} of the mechanism" if HOME in poses else HOME)
     poses.pop(named, None)
     return {named: tuple(home), **poses}
 
 
 def _part(robot: RobotFile, name: str) -> Part:
-    part, bodies = robot.parts[name], robot.bodies_of(name)
+    part = robot.parts[name]
+    bodies = robot.bodies_of(name)
     one = robot.bodies[bodies[0]]
     length = solid_length(part) or getattr(one, "length", None)
-    return Part(name, part.shape, source_of(part), length, known_mass(robot, name), bodies)
+    return Part(
+        name, part.shape, source_of(part), length, known_mass(robot, name), bodies
+    )
 
 
-def _pose(configurations: Configurations, k: int, name: str, tool: tuple[float, ...]) -> Pose:
-    drives, reason = tuple(configurations.drives[k].tolist()), configurations.reason(k)
+def _pose(
+    configurations: Configurations, k: int, name: str, tool: tuple[float, ...]
+) -> Pose:
+    drives = tuple(configurations.drives[k].tolist())
+    reason = configurations.reason(k)
     found = None if reason else mobility(configurations.mechanism, configurations, k)
-    return Pose(name, tuple(map(float, tool)), reason, drives, found and found.conditioning)
+    return Pose(
+        name, tuple(map(float, tool)), reason, drives, found and found.conditioning
+    )
 
 
 def _map_reach(swept: MapSection, mechanism: Mechanism) -> float:
@@ -183,7 +208,9 @@ def _map_reach(swept: MapSection, mechanism: Mechanism) -> float:
 def _of_mobility(found: Mobility, start: str | None = None) -> Iterator[str]:
     """Yield remarks on drives and coordinates; ``start``: where poses start, unless at home."""
     of = found.coordinates.items()
-    locked, free = (", ".join(k for k, state in of if state == word) for word in ("locked", "free"))
+    locked, free = (
+        ", ".join(k for k, state in of if state == word) for word in ("locked", "free")
+    )
     if start:
         yield start
     elif locked:
@@ -192,7 +219,8 @@ def _of_mobility(found: Mobility, start: str | None = None) -> Iterator[str]:
     if free:
         yield f"the tool also moves in {free}, which [tool] pose does not command"
     if found.loose:
-        left, more = ", ".join(map(str, found.loose)), len(found.loose)
+        left = ", ".join(map(str, found.loose))
+        more = len(found.loose)
         yield f"too few drives: with all held the tool still moves ({left}); {more} more needed"
     if found.redundant_drives:
         names = list_names(found.dependent_drives)
@@ -212,7 +240,9 @@ def _of_choice(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
     joints, coordinates = find_still(mechanism)
     still = [*joints, *(f"{name} of the tool" for name in coordinates)]
     if ways > 0 and still:
-        stay = f"{list_names(still)} {'stays' if len(still) == 1 else 'stay'} as at home"
+        stay = (
+            f"{list_names(still)} {'stays' if len(still) == 1 else 'stay'} as at home"
+        )
         yield f"[tool] pose leaves {ways} of {motions} motions open: {stay}"
 
 
@@ -220,7 +250,9 @@ def _of_home(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
     """Yield a remark if home is singular: its mobility differs from that nearby."""
     size = Linkage(mechanism, "tool").length
     rng = np.random.default_rng(0)
-    unit = np.array([1.0 if name.startswith("r") else size for name in mechanism.tool.pose])
+    unit = np.array(
+        [1.0 if name.startswith("r") else size for name in mechanism.tool.pose]
+    )
     away = _NEARBY * unit * rng.uniform(-1.0, 1.0, (6, len(unit)))
     near = configure(mechanism, mechanism.tool.home + away)
     for k in np.flatnonzero(near.valid)[:2]:
@@ -253,7 +285,8 @@ def doubt_parts(robot: RobotFile) -> Iterator[str]:
 def _of_materials(robot: RobotFile) -> Iterator[str]:
     """Yield remarks on the file's materials that nothing uses, or that lie outside what solids have."""
     used = {getattr(part, "material", None) for part in robot.parts.values()}
-    if idle := [f"materials.{name}" for name in robot.materials if name not in used]:
+    idle = [f"materials.{name}" for name in robot.materials if name not in used]
+    if idle:
         yield f"nothing is made of {list_names(idle)}"
     for name, material in robot.materials.items():
         for key, (word, low, high, unit) in _SOLIDS.items():
@@ -272,14 +305,17 @@ def _of_matrices(robot: RobotFile) -> Iterator[str]:
         given = np.array(part.matrix)
         length = robot.elastic_bodies()[robot.bodies_of(name)[0]].length
         doubt = "are its numbers SI, and of a compliance rather than a stiffness?"
-        if (most := np.diag(given)[:3].max()) > length:
+        most = np.diag(given)[:3].max()
+        if most > length:
             moved = f"one newton moves its tip by {most:.3g} m, more than its length {length:.3g} m"
             yield f"part {name}: {moved}; {doubt}"
             continue
         for lateral, turning, sign in ((1, 5, 1.0), (2, 4, -1.0)):
             if not (given[lateral, lateral] > 0.0 and given[turning, turning] > 0.0):
                 continue
-            slender = float(np.sqrt(3.0 * given[lateral, lateral] / given[turning, turning]))
+            slender = float(
+                np.sqrt(3.0 * given[lateral, lateral] / given[turning, turning])
+            )
             if not length / _CONTRADICTED[0] < slender < length * _CONTRADICTED[1]:
                 entries = f"C{lateral + 1}{lateral + 1}/C{turning + 1}{turning + 1}"
                 yield (
@@ -287,7 +323,8 @@ def _of_matrices(robot: RobotFile) -> Iterator[str]:
                     f"contradicts its length {length:.3g} m; {doubt}"
                 )
                 break
-            both, beam = given[lateral, turning], sign * 1.5 / length * given[lateral, lateral]
+            both = given[lateral, turning]
+            beam = sign * 1.5 / length * given[lateral, lateral]
             if both / beam < -_REVERSED:
                 entry = f"C{lateral + 1}{turning + 1} = {both:.3g} contradicts its length, by which it is {beam:.3g}"
                 yield f"part {name}: {entry}; is it clamped at its base and loaded at its tip, x from base to tip?"
@@ -299,21 +336,33 @@ def _of_ranges(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:
     size = Linkage(mechanism, "tool").length
     for joint in mechanism.drives:
         low, high = (joint.drive.low, joint.drive.high) if joint.drive else (0.0, 0.0)
-        most, unit = (_TURNS, "rad") if joint.kind == "revolute" else (_SIZES * size, "m")
+        most, unit = (
+            (_TURNS, "rad") if joint.kind == "revolute" else (_SIZES * size, "m")
+        )
         if most < max(-low, high) < np.inf and joint.name not in robot.copied:
             yield f"drive {joint.name}: its range is {low:g} to {high:g} {unit}; is its unit right?"
 
 
 def _of_places(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:
     """Yield remarks on rotary joints that are apart from an end that they alone hold."""
-    held = Counter(node for joint in mechanism.joints for node in (joint.first, joint.second))
+    held = Counter(
+        node for joint in mechanism.joints for node in (joint.first, joint.second)
+    )
     ends = dict[str, "Array"]()
     for body in mechanism.bodies:
         part = robot.parts.get(getattr(robot.bodies[body.name], "part", ""))
-        if part is not None and part.interface_names and not isinstance(part, InterfacePart):
+        if (
+            part is not None
+            and part.interface_names
+            and not isinstance(part, InterfacePart)
+        ):
             continue  # whose places only CAD knows
         places = body.elastic.places if body.elastic is not None else ()
-        ends |= {node: at for node, at in zip(body.nodes, places, strict=False) if held[node] == 1}
+        ends |= {
+            node: at
+            for node, at in zip(body.nodes, places, strict=False)
+            if held[node] == 1
+        }
     for joint in mechanism.joints:
         if joint.name in robot.copied or joint.kind not in _ROTARY:
             continue
@@ -322,7 +371,8 @@ def _of_places(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:
             if joint.kind in {"revolute", "cylindrical"} and joint.axis is not None:
                 axis = joint.axis / np.linalg.norm(joint.axis)
                 away = away - (away @ axis) * axis
-            if (distance := float(np.linalg.norm(away))) > _APART:
+            distance = float(np.linalg.norm(away))
+            if distance > _APART:
                 yield f"joint {joint.name} is {mm(distance)} from {node}: a rigid arm is assumed"
 
 
@@ -332,13 +382,17 @@ def _of_masses(robot: RobotFile, masses: Mapping[str, float | None]) -> Iterator
         return
     without = [name for name, mass in masses.items() if mass == 0.0]
     if without:
-        most = without if len(without) <= 4 else [*without[:3], f"{len(without) - 3} more"]
+        most = (
+            without if len(without) <= 4 else [*without[:3], f"{len(without) - 3} more"]
+        )
         yield f"no mass, hence no weight: {list_names(most)}"
 
 
 def inspection_json(found: Inspection) -> dict[str, Any]:
     """Return an inspection as JSON data: m, rad, kg, base axes {O}."""
-    m, mechanism, masses = found.mobility, found.mechanism, found.masses
+    m = found.mobility
+    mechanism = found.mechanism
+    masses = found.masses
     ends = ("low", "high", "at_low", "at_high")
     return {
         "robot": found.robot.name,
@@ -352,23 +406,43 @@ def inspection_json(found: Inspection) -> dict[str, Any]:
             for name, body in found.robot.bodies.items()
         ],
         "joints": [
-            {"name": j.name, "type": j.kind, "between": [j.first, j.second], "at": j.at,
-             "axis": j.axis, "driven": j.drive is not None}
+            {
+                "name": j.name,
+                "type": j.kind,
+                "between": [j.first, j.second],
+                "at": j.at,
+                "axis": j.axis,
+                "driven": j.drive is not None,
+            }
             for j in mechanism.joints
         ],
         "drives": [
-            {"name": j.name, "stiffness": j.drive.stiffness,
-             "unit": "rad" if j.kind == "revolute" else "m", "range": [j.drive.low, j.drive.high]}
-            for j in mechanism.drives if j.drive is not None
+            {
+                "name": j.name,
+                "stiffness": j.drive.stiffness,
+                "unit": "rad" if j.kind == "revolute" else "m",
+                "range": [j.drive.low, j.drive.high],
+            }
+            for j in mechanism.drives
+            if j.drive is not None
         ],
         "degrees_of_freedom": {
-            "mechanism": m.dof, "tool": len(m.tool), "tool_motions": [str(each) for each in m.tool],
-            "coordinates": dict(m.coordinates), "joint_freedoms": m.freedoms,
-            "loops": len(m.loops), "formula": m.count,
+            "mechanism": m.dof,
+            "tool": len(m.tool),
+            "tool_motions": [str(each) for each in m.tool],
+            "coordinates": dict(m.coordinates),
+            "joint_freedoms": m.freedoms,
+            "loops": len(m.loops),
+            "formula": m.count,
         },
         "redundant_constraints": [
-            {"count": r.count, "loops": r.loops, "bodies": r.bodies, "joints": r.joints,
-             "directions": [str(each) for each in r.directions]}
+            {
+                "count": r.count,
+                "loops": r.loops,
+                "bodies": r.bodies,
+                "joints": r.joints,
+                "directions": [str(each) for each in r.directions],
+            }
             for r in m.redundancies
         ],
         "idle_motions": [
@@ -380,13 +454,25 @@ def inspection_json(found: Inspection) -> dict[str, Any]:
         "conditioning": m.conditioning,
         "constraint_margin": m.constraint_margin,
         "residual": found.residual,
-        "mass": None if None in masses.values() else sum(mass or 0.0 for mass in masses.values()),
-        "parts": {p.name: {k: v for k, v in asdict(p).items() if k != "name"} for p in found.parts},
-        "reach": {w.coordinate: {key: getattr(w, key) for key in ends} for w in found.reach},
+        "mass": None
+        if None in masses.values()
+        else sum(mass or 0.0 for mass in masses.values()),
+        "parts": {
+            p.name: {k: v for k, v in asdict(p).items() if k != "name"}
+            for p in found.parts
+        },
+        "reach": {
+            w.coordinate: {key: getattr(w, key) for key in ends} for w in found.reach
+        },
         "poses": {
-            p.name: {"pose": p.tool, "reached": p.is_reached, "reason": p.reason, "drives": p.drives,
-                     "conditioning": p.conditioning}
+            p.name: {
+                "pose": p.tool,
+                "reached": p.is_reached,
+                "reason": p.reason,
+                "drives": p.drives,
+                "conditioning": p.conditioning,
+            }
             for p in found.poses
         },
         "map_reached": found.mapped,
-    }  # fmt: skip
+    }

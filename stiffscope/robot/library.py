@@ -17,18 +17,27 @@ ROBOTS = FOLDER / "robots"
 
 def robot_names() -> dict[str, str]:
     """Return the robots in `data/robots`: their names, and the first lines of their files."""
-    texts = {path.stem: path.read_text(encoding="utf-8") for path in sorted(ROBOTS.glob("*.toml"))}
-    return {name: text.partition("\n")[0].removeprefix("#").strip() for name, text in texts.items()}
+    texts = {
+        path.stem: path.read_text(encoding="utf-8")
+        for path in sorted(ROBOTS.glob("*.toml"))
+    }
+    return {
+        name: text.partition("\n")[0].removeprefix("#").strip()
+        for name, text in texts.items()
+    }
 
 
 def find_robot(name_or_path: str | Path) -> Path:
     """Return the path of a robot file, given as a path or as a name in `data/robots`."""
-    path, names = Path(name_or_path), list(robot_names())
+    path = Path(name_or_path)
+    names = list(robot_names())
     # Path.is_file raises on some names
     if str(name_or_path) in names and not os.path.isfile(path):  # noqa: PTH113
         return ROBOTS / f"{name_or_path}.toml"
     try:
-        reading.open_file(name_or_path, f"a robot file or one of {', '.join(names)}").close()
+        reading.open_file(
+            name_or_path, f"a robot file or one of {', '.join(names)}"
+        ).close()
     except InputError as error:
         with contextlib.suppress(OSError, ValueError):
             names += [str(each) for each in islice(path.parent.glob("*.toml"), 1000)]
@@ -38,7 +47,8 @@ def find_robot(name_or_path: str | Path) -> Path:
 
 def copy_robot(name: str, target: str | Path) -> Path:
     """Copy a robot of `data/robots` to a new file; raise InputError if the file exists."""
-    source, goal = find_robot(name), Path(target)
+    source = find_robot(name)
+    goal = Path(target)
     if str(target) and goal.is_dir():
         goal = goal / f"{source.stem}.toml"
     write_new(goal, reading.read_bytes(source))

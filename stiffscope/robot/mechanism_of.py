@@ -57,7 +57,9 @@ def rigid_mechanism(robot: RobotFile) -> Mechanism:
     return mechanism_of(robot, {name: rigid_part(robot, name) for name in robot.parts})
 
 
-def configured_poses(robot: RobotFile, mechanism: Mechanism, poses: ArrayLike) -> Configurations:
+def configured_poses(
+    robot: RobotFile, mechanism: Mechanism, poses: ArrayLike
+) -> Configurations:
     """Return configurations at poses (n, k); InputError at `[tool] pose` if it cannot be commanded.
 
     Parameters
@@ -82,8 +84,14 @@ def _body(robot: RobotFile, name: str, matrices: Mapping[str, PartMatrix]) -> Bo
     body = robot.bodies[name]
     if isinstance(body, RigidBody):
         centre = None if body.centre is None else np.array(body.centre)
-        return Body(name, body.mass, centre, None if body.inertia is None else tensor(body.inertia))
-    made_of, here = matrices[body.part], spell_name("bodies", name)
+        return Body(
+            name,
+            body.mass,
+            centre,
+            None if body.inertia is None else tensor(body.inertia),
+        )
+    made_of = matrices[body.part]
+    here = spell_name("bodies", name)
     dynamics = made_of.dynamics
     if isinstance(body, ElasticBody):
         places = np.array([body.base, body.tip])
@@ -94,24 +102,35 @@ def _body(robot: RobotFile, name: str, matrices: Mapping[str, PartMatrix]) -> Bo
     if dynamics is not None and made_of.places is not None:
         ways = (places - places[-1]) @ axes - (made_of.places - made_of.places[-1])
         dynamics = dynamics.move_ends(*ways)
-    soft, error, ends = made_of.compliance, made_of.error, robot.ends(name)
+    soft = made_of.compliance
+    error = made_of.error
+    ends = robot.ends(name)
     elastic = Elastic(soft, places, axes, error, dynamics=dynamics, ends=ends)
     return Body(name, made_of.mass, elastic=elastic)
 
 
 def _joint(robot: RobotFile, name: str, joint: JointSection) -> Joint:
-    given, driven, law = getattr(joint, "drive", None), None, None
+    given = getattr(joint, "drive", None)
+    driven = None
+    law = None
     if given is not None:
         if given.points is not None or given.backlash:
-            law = Law.from_curve(given.points or ((1.0, given.stiffness),), given.backlash)
+            law = Law.from_curve(
+                given.points or ((1.0, given.stiffness),), given.backlash
+            )
         stiffness = given.stiffness if law is None else float(law.slopes[0])
         low, high = given.range or (-np.inf, np.inf)
         driven = Drive(stiffness, low, high, law)
     axes = (getattr(joint, key, None) for key in ("axis", "axis2"))
     axis, axis2 = (each if each is None else np.array(each) for each in axes)
-    flexure = {key: getattr(joint, key) for key in ("spring", "rest") if hasattr(joint, key)}
-    bearing, at = _bearing(robot, name, joint), np.array(joint.at)
-    return Joint(name, *joint.between, joint.type, at, axis, axis2, driven, bearing, **flexure)
+    flexure = {
+        key: getattr(joint, key) for key in ("spring", "rest") if hasattr(joint, key)
+    }
+    bearing = _bearing(robot, name, joint)
+    at = np.array(joint.at)
+    return Joint(
+        name, *joint.between, joint.type, at, axis, axis2, driven, bearing, **flexure
+    )
 
 
 def _bearing(robot: RobotFile, name: str, joint: JointSection) -> np.ndarray | None:
@@ -138,7 +157,8 @@ def written_axes(robot: RobotFile, name: str) -> np.ndarray:
 
 def _axes(joint: JointSection, rotation: np.ndarray) -> np.ndarray:
     """Return the axes (3, 3) of a joint after rotating its directions."""
-    axis, axis2 = getattr(joint, "axis", None), getattr(joint, "axis2", None)
+    axis = getattr(joint, "axis", None)
+    axis2 = getattr(joint, "axis2", None)
     if axis is None:
         return np.eye(3)
     return axes_along(rotation @ axis, None if axis2 is None else rotation @ axis2)

@@ -24,7 +24,9 @@ if TYPE_CHECKING:
     from stiffscope.vjm.mechanism import Mechanism
 
 
-_ALONG = 1e-9  # permitted offset of a body's end from its x axis, relative to its length
+_ALONG = (
+    1e-9  # permitted offset of a body's end from its x axis, relative to its length
+)
 
 
 @dataclass(frozen=True)
@@ -47,16 +49,23 @@ class NominalRobot:
 
     mechanism: Mechanism
     robot: RobotFile
-    tested: Mapping[str, Callable[[], tuple[PartDimension, ...]]] = field(default_factory=dict)
+    tested: Mapping[str, Callable[[], tuple[PartDimension, ...]]] = field(
+        default_factory=dict
+    )
     """By part, what gives its parameters by virtual experiments: made where they are asked for."""
 
     @cached_property
     def beams(self) -> tuple[str, ...]:
         """Parts whose matrix equals that of beam theory."""
-        two = (name for name, part in self.robot.parts.items() if not part.interface_names)
-        robot, own = self.robot, self.elastic_sources
+        two = (
+            name for name, part in self.robot.parts.items() if not part.interface_names
+        )
+        robot = self.robot
+        own = self.elastic_sources
         used = ((part, body) for part in two for body in robot.bodies_of(part)[:1])
-        return tuple(part for part, body in used if is_beam(robot, part, own[body].compliance))
+        return tuple(
+            part for part, body in used if is_beam(robot, part, own[body].compliance)
+        )
 
     @property
     def acceleration(self) -> float:
@@ -66,18 +75,28 @@ class NominalRobot:
     @cached_property
     def compliances(self) -> Mapping[str, Array]:
         """Compliance (6, 6) of each element, own axes and point; (6m, 6m) with m + 1 ends."""
-        found = {e.name: e.compliance for e in list_elements(without_laws(self.mechanism))}
-        return found | {name: elastic.compliance for name, elastic in self.elastic_sources.items()}
+        found = {
+            e.name: e.compliance for e in list_elements(without_laws(self.mechanism))
+        }
+        return found | {
+            name: elastic.compliance for name, elastic in self.elastic_sources.items()
+        }
 
     @cached_property
     def elastic_sources(self) -> Mapping[str, Elastic]:
         """Elastic properties of each elastic body."""
-        return {b.name: b.elastic for b in self.mechanism.bodies if b.elastic is not None}
+        return {
+            b.name: b.elastic for b in self.mechanism.bodies if b.elastic is not None
+        }
 
     @cached_property
     def links(self) -> tuple[str, ...]:
         """Elastic bodies that have a length: two ends, on the x axis."""
-        two = (name for name, elastic in self.elastic_sources.items() if len(elastic.ends) == 2)
+        two = (
+            name
+            for name, elastic in self.elastic_sources.items()
+            if len(elastic.ends) == 2
+        )
         off = ((name, np.abs(self.growth(name)[1:]).max()) for name in two)
         return tuple(name for name, most in off if most <= _ALONG * self.length(name))
 
@@ -107,7 +126,9 @@ class NominalRobot:
         """Return the factor within which a drive's stiffness is known; 1 without a tolerance."""
         joint = self.driven[drive]
         stiffness = np.inf if joint.drive is None else joint.drive.stiffness
-        return float(np.exp(self._tolerance("joints", drive, "drive", "stiffness") / stiffness))
+        return float(
+            np.exp(self._tolerance("joints", drive, "drive", "stiffness") / stiffness)
+        )
 
     def mass_sigma(self, body: str) -> float:
         """Return the standard uncertainty of a body's mass, kg; infinite without a tolerance."""
@@ -130,14 +151,26 @@ class NominalRobot:
         `drives` and `joints` are reduced to members in ``fit``. Names of the same elements give one
         place, named by group, part or element; a single drive or joint of several by element.
         """
-        able, robot = dict.fromkeys(fit), self.robot
+        able = dict.fromkeys(fit)
+        robot = self.robot
         sets = ((name, robot.members(name)) for name in (*robot.groups, *robot.parts))
         named = [(name, members) for name, members in sets if able.keys() >= {*members}]
         whole = {name: robot.members(name) for name in ("drives", "joints")}
-        whole = {name: members for name, members in whole.items() if name not in robot.groups}
-        fitting = {name: tuple(m for m in members if m in able) for name, members in whole.items()}
-        lone = [name for name, members in fitting.items() if len(members) == 1 < len(whole[name])]
-        named += [(name, members) for name, members in fitting.items() if name not in lone]
+        whole = {
+            name: members for name, members in whole.items() if name not in robot.groups
+        }
+        fitting = {
+            name: tuple(m for m in members if m in able)
+            for name, members in whole.items()
+        }
+        lone = [
+            name
+            for name, members in fitting.items()
+            if len(members) == 1 < len(whole[name])
+        ]
+        named += [
+            (name, members) for name, members in fitting.items() if name not in lone
+        ]
         named += [(name, (name,)) for name in able]
         named += [(name, fitting[name]) for name in lone]
         alike: dict[frozenset[str], dict[str, tuple[str, ...]]] = {}
@@ -145,10 +178,21 @@ class NominalRobot:
             if members:
                 alike.setdefault(frozenset(members), {}).setdefault(name, members)
         first = ((*names, next(iter(names.values()))) for names in alike.values())
-        return tuple(Place(name, members, tuple(others)) for name, *others, members in first)
+        return tuple(
+            Place(name, members, tuple(others)) for name, *others, members in first
+        )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        given = {each.name: getattr(self.robot, each.name) for each in fields(self.robot)}
-        plain = {name: dict(value) for name, value in given.items() if isinstance(value, Mapping)}
+        given = {
+            each.name: getattr(self.robot, each.name) for each in fields(self.robot)
+        }
+        plain = {
+            name: dict(value)
+            for name, value in given.items()
+            if isinstance(value, Mapping)
+        }
         robot = replace(self.robot, **plain)  # read-only mappings do not pickle
-        return NominalRobot, (self.mechanism, robot)  # experiments belong to this process
+        return NominalRobot, (
+            self.mechanism,
+            robot,
+        )  # experiments belong to this process

@@ -24,7 +24,11 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.sections import JointSection
     from stiffscope.robot.part_matrices import Components
 
-CONSTANTS = {"modulus": "Pa", "poisson": "1", "density": "kg/m^3"}  # unit by the last word
+CONSTANTS = {
+    "modulus": "Pa",
+    "poisson": "1",
+    "density": "kg/m^3",
+}  # unit by the last word
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,9 @@ class Parameter:
     @property
     def name(self) -> str:
         """Name as in `--set`."""
-        return ".".join(map(str, self.key[self.key[0] in {"parts", "joints", "bodies"} :]))
+        return ".".join(
+            map(str, self.key[self.key[0] in {"parts", "joints", "bodies"} :])
+        )
 
     def set_to(self, robot: RobotFile, value: float) -> RobotFile:
         """Return the robot with another value of it; raise InputError if that is invalid."""
@@ -48,7 +54,9 @@ class Parameter:
         return read_robot(source.path, source.text, [*source.overrides, override])
 
 
-def parameters(robot: RobotFile, components: Components = None) -> tuple[Parameter, ...]:
+def parameters(
+    robot: RobotFile, components: Components = None
+) -> tuple[Parameter, ...]:
     """Return the variable numbers in `[parameters]`, parts, materials, drives, bearings and masses.
 
     Expressions follow the numbers in them, and copies follow their originals. Zeros are omitted.
@@ -62,7 +70,9 @@ def parameters(robot: RobotFile, components: Components = None) -> tuple[Paramet
     return tuple(found)
 
 
-def _candidates(robot: RobotFile, written: dict[str, Any], components: Components) -> Iterator[tuple[Key, Any, str]]:
+def _candidates(
+    robot: RobotFile, written: dict[str, Any], components: Components
+) -> Iterator[tuple[Key, Any, str]]:
     for name, value in written.get("parameters", {}).items():
         yield ("parameters", name), robot.parameters[normalize(name)], unit_of(value)
     yield from _of_parts(robot, components)
@@ -75,14 +85,19 @@ def _candidates(robot: RobotFile, written: dict[str, Any], components: Component
             yield ("bodies", name, "mass"), body.mass, "kg"
 
 
-def _of_parts(robot: RobotFile, components: Components) -> Iterator[tuple[Key, Any, str]]:
+def _of_parts(
+    robot: RobotFile, components: Components
+) -> Iterator[tuple[Key, Any, str]]:
     sources = part_sources(robot, components)
     materials: dict[str, AnyMaterial] = {}
     for name, source in sources.items():
-        part, material = robot.parts[name], robot.material(name)
+        part = robot.parts[name]
+        material = robot.material(name)
         if not isinstance(part.mass, str):
             yield ("parts", name, "mass"), part.mass, "kg"
-        computed = source in {"fea", "step", "beam"} if isinstance(source, str) else False
+        computed = (
+            source in {"fea", "step", "beam"} if isinstance(source, str) else False
+        )
         if not computed and not (part.shape == "rod" and isinstance(source, str)):
             continue
         if isinstance(part, ParametricPart):
@@ -98,23 +113,36 @@ def _of_parts(robot: RobotFile, components: Components) -> Iterator[tuple[Key, A
 
 
 def _of_joint(name: str, joint: JointSection) -> Iterator[tuple[Key, Any, str]]:
-    drive, bearing = getattr(joint, "drive", None), joint.compliance
+    drive = getattr(joint, "drive", None)
+    bearing = joint.compliance
     if drive is not None and drive.stiffness:
         unit = "N*m/rad" if joint.type == "revolute" else "N/m"
         yield as_written(("joints", name, "drive", "stiffness")), drive.stiffness, unit
     if getattr(joint, "spring", None) is not None:
         unit = "N/m" if joint.type == "prismatic" else "N*m/rad"
-        yield as_written(("joints", name, "spring")), getattr(joint, "spring", None), unit
-    for key, value in enumerate(bearing) if isinstance(bearing, tuple) else bearing or ():
+        yield (
+            as_written(("joints", name, "spring")),
+            getattr(joint, "spring", None),
+            unit,
+        )
+    for key, value in (
+        enumerate(bearing) if isinstance(bearing, tuple) else bearing or ()
+    ):
         unit = "rad/(N*m)" if key in {"tilting", 3, 4, 5} else "m/N"
         yield as_written(("joints", name, "compliance", key)), value, unit
 
 
-def _of_bearings(robot: RobotFile, written: Any, name: str, joint: JointSection) -> Iterator[tuple[Key, Any, str]]:
+def _of_bearings(
+    robot: RobotFile, written: Any, name: str, joint: JointSection
+) -> Iterator[tuple[Key, Any, str]]:
     """Yield the numbers with a unit of a joint's bearings that the file gives."""
     for number, element in enumerate(joint.bearing or ()):
         place = as_written(("joints", name, "bearing"))
-        place = (*place, number) if isinstance(_find_given(robot, written, place), list) else place
+        place = (
+            (*place, number)
+            if isinstance(_find_given(robot, written, place), list)
+            else place
+        )
         for key, value in element:
             given = _find_given(robot, written, (*place, key))
             if isinstance(value, float) and isinstance(given, str):
@@ -124,8 +152,13 @@ def _of_bearings(robot: RobotFile, written: Any, name: str, joint: JointSection)
 def _constants(material: AnyMaterial) -> Iterator[tuple[Key, Any, str]]:
     """Yield the constants of a material."""
     for each in dataclasses.fields(material):
-        if unit := CONSTANTS.get(each.name.rpartition("_")[2]):
-            yield ("materials", material.name, each.name), getattr(material, each.name), unit
+        unit = CONSTANTS.get(each.name.rpartition("_")[2])
+        if unit:
+            yield (
+                ("materials", material.name, each.name),
+                getattr(material, each.name),
+                unit,
+            )
 
 
 def _find_given(robot: RobotFile, written: Any, key: Key) -> Any:

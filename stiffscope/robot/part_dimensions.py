@@ -21,7 +21,11 @@ if TYPE_CHECKING:
 FOUNDATION = "foundation"
 _FAR = 4.0  # validity of a polynomial through three values, times the distance of the outermost
 _NEAR = 1.5  # the same with more values: higher orders diverge sooner
-_ALONG = {"length", "depth", "pad_height"}  # along base to tip; coupled to the bodies' coordinates
+_ALONG = {
+    "length",
+    "depth",
+    "pad_height",
+}  # along base to tip; coupled to the bodies' coordinates
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,9 @@ def find_vanishing(robot: RobotFile, name: str, parameter: str) -> float:
     return outside if parameter == "bore" and size["bore"] > outside / 4.0 else 0.0
 
 
-def with_parameter(robot: RobotFile, name: str, parameter: str, value: float) -> RobotFile:
+def with_parameter(
+    robot: RobotFile, name: str, parameter: str, value: float
+) -> RobotFile:
     """Return the robot with one part parameter changed: dimension, foundation or material constant.
 
     An infinite foundation is rigid. Raises InputError if the value makes the part infeasible.
@@ -110,7 +116,10 @@ def with_parameter(robot: RobotFile, name: str, parameter: str, value: float) ->
     material: Any = robot.material(name)
     own = f"{material.name} of {name}"
     changed = part.model_copy(update={"material": own})
-    materials = {**robot.materials, own: replace(material, name=own, **{parameter: value})}
+    materials = {
+        **robot.materials,
+        own: replace(material, name=own, **{parameter: value}),
+    }
     return replace(robot, parts={**robot.parts, name: changed}, materials=materials)
 
 
@@ -119,7 +128,8 @@ def beam_dimensions(robot: RobotFile, name: str) -> tuple[PartDimension, ...]:
     out: list[PartDimension] = []
     nominal = beam_compliance(robot, name)
     for key, (value, unit) in part_parameters(robot, name).items():
-        compliance, limit = partial(_beam, robot, name, key), find_vanishing(robot, name, key)
+        compliance = partial(_beam, robot, name, key)
+        limit = find_vanishing(robot, name, key)
         if not np.allclose(compliance(1.01 * value), nominal, rtol=1e-9, atol=0.0):
             out.append(PartDimension(name, key, value, unit, compliance, limit))
     return tuple(out)
@@ -156,16 +166,28 @@ def interpolate_between(
     return partial(_interpolate_near, at, np.array(matrices), limit, legal)
 
 
-def _interpolate_near(values: Array, matrices: Array, limit: float, legal: tuple[float, float], value: float) -> Array:
+def _interpolate_near(
+    values: Array,
+    matrices: Array,
+    limit: float,
+    legal: tuple[float, float],
+    value: float,
+) -> Array:
     if not (value - limit) * (values[0] - limit) > 0.0:
         side = f"to the other side of {limit:g}, where nothing is left"
         raise InputError(f"expected a value {side}, got {value:g}")
     if not legal[0] < value < legal[1]:
-        raise InputError(f"expected a value between {legal[0]:g} and {legal[1]:g}, got {value:g}")
-    return _polynomial(np.log(np.abs(values - limit)), matrices, float(np.log(abs(value - limit))))
+        raise InputError(
+            f"expected a value between {legal[0]:g} and {legal[1]:g}, got {value:g}"
+        )
+    return _polynomial(
+        np.log(np.abs(values - limit)), matrices, float(np.log(abs(value - limit)))
+    )
 
 
-def on_foundation(rigid: Array, values: Sequence[float], matrices: Sequence[Array]) -> Callable[[float], Array]:
+def on_foundation(
+    rigid: Array, values: Sequence[float], matrices: Sequence[Array]
+) -> Callable[[float], Array]:
     """Return the compliance on any foundation (N/m³), interpolated between elastic and rigid ones.
 
     The added compliance is a polynomial in the logarithm of the stiffness, and inversely
@@ -185,11 +207,15 @@ def on_foundation(rigid: Array, values: Sequence[float], matrices: Sequence[Arra
     return partial(_add_foundation, rigid, np.array(values)[softer], added[softer])
 
 
-def _add_foundation(rigid: Array, stiffness: Array, added: Array, value: float) -> Array:
+def _add_foundation(
+    rigid: Array, stiffness: Array, added: Array, value: float
+) -> Array:
     if not len(stiffness):  # practically rigid
         return rigid
     inside = float(np.clip(value, stiffness.min(), stiffness.max()))
-    return rigid + _polynomial(np.log(stiffness), added, float(np.log(inside))) * (inside / value)
+    return rigid + _polynomial(np.log(stiffness), added, float(np.log(inside))) * (
+        inside / value
+    )
 
 
 def _polynomial(at: Array, matrices: Array, x: float) -> Array:
@@ -199,14 +225,19 @@ def _polynomial(at: Array, matrices: Array, x: float) -> Array:
     """
     reach = _FAR if len(at) <= 3 else _NEAR
     low, high = (float(at[0] + reach * (end - at[0])) for end in (at.min(), at.max()))
-    inside, step = min(max(x, low), high), 1e-4 * max(high - low, 1e-12)
+    inside = min(max(x, low), high)
+    step = 1e-4 * max(high - low, 1e-12)
     weights, above, below = (
         np.array([np.prod([(place - b) / (a - b) for b in at if b != a]) for a in at])
         for place in (inside, inside + step, inside - step)
     )
     roots = np.sqrt(np.einsum("kii->ki", matrices))
-    shares = np.einsum("k,kij->ij", weights, matrices / (roots[:, :, None] * roots[:, None, :]))
-    root = np.exp((weights + (x - inside) * (above - below) / (2.0 * step)) @ np.log(roots))
+    shares = np.einsum(
+        "k,kij->ij", weights, matrices / (roots[:, :, None] * roots[:, None, :])
+    )
+    root = np.exp(
+        (weights + (x - inside) * (above - below) / (2.0 * step)) @ np.log(roots)
+    )
     return shares * np.outer(root, root)
 
 
@@ -225,4 +256,6 @@ def is_beam(robot: RobotFile, name: str, compliance: Array) -> bool:
     part = robot.parts.get(name)
     if not isinstance(part, ParametricPart) or robot.material(name) is None:
         return False
-    return bool(np.allclose(beam_compliance(robot, name), compliance, rtol=1e-9, atol=0.0))
+    return bool(
+        np.allclose(beam_compliance(robot, name), compliance, rtol=1e-9, atol=0.0)
+    )

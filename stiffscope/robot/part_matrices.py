@@ -11,10 +11,25 @@ import numpy as np
 
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError, check_kind
-from stiffscope.fea.beam import box, channel, circle, euler_bernoulli, i_section, rectangle, timoshenko
+from stiffscope.fea.beam import (
+    box,
+    channel,
+    circle,
+    euler_bernoulli,
+    i_section,
+    rectangle,
+    timoshenko,
+)
 from stiffscope.robot.beam_dynamics import beam_dynamics
 from stiffscope.robot.file.description import RobotFile
-from stiffscope.robot.file.part_sections import InterfacePart, MatrixPart, ParametricPart, SolidPart, Source, StepPart
+from stiffscope.robot.file.part_sections import (
+    InterfacePart,
+    MatrixPart,
+    ParametricPart,
+    SolidPart,
+    Source,
+    StepPart,
+)
 from stiffscope.vjm.checks import check_compliance
 from stiffscope.vjm.dynamics import Dynamics
 from stiffscope.vjm.screws import shift
@@ -34,7 +49,9 @@ SECTIONS = {  # cross-section from a beam's dimensions
     "tube": lambda radius, wall, poisson: circle(radius, radius - wall, poisson),
     "box": box,
     "i": i_section,
-    "channel": lambda width, height, flange, web, **_: channel(width, height, flange, web),
+    "channel": lambda width, height, flange, web, **_: channel(
+        width, height, flange, web
+    ),
 }
 
 
@@ -104,30 +121,45 @@ def rigid_part(robot: RobotFile, name: str) -> PartMatrix:
     return PartMatrix(none, None, known_mass(robot, name) or 0.0, None, places)
 
 
-def part_sources(robot: RobotFile, components: Components = None) -> dict[str, str | np.ndarray]:
+def part_sources(
+    robot: RobotFile, components: Components = None
+) -> dict[str, str | np.ndarray]:
     """Return the matrix source of each used part: a name as in `source_of`, or the matrix (6, 6).
 
     Raises InputError if `components` has an invalid part, source or matrix.
     """
     check_kind("robot", robot, RobotFile, "load_robot")
     if not isinstance(components, Mapping | str | None):
-        raise InputError(f"components: expected a source, or by part a source or a matrix, got {components!r}")
+        raise InputError(
+            f"components: expected a source, or by part a source or a matrix, got {components!r}"
+        )
     used = used_parts(robot)
     given = components if isinstance(components, Mapping) else {}
     word = components if isinstance(components, str) else None
     for name in given:
         if name not in used:
-            raise InputError(f"components: expected parts among {', '.join(used)}, got {name!r}")
+            raise InputError(
+                f"components: expected parts among {', '.join(used)}, got {name!r}"
+            )
     known = get_args(Source)
     for each in (word, *given.values()):
         if isinstance(each, str) and each not in known:
-            raise InputError(f"components: expected {', '.join(known)} or a matrix, got {each!r}")
+            raise InputError(
+                f"components: expected {', '.join(known)} or a matrix, got {each!r}"
+            )
     sources: dict[str, str | np.ndarray] = {}
     for name in used:
-        part, own = robot.parts[name], given.get(name)
-        able = known if isinstance(part, ParametricPart) else known[:1] * isinstance(part, StepPart)
+        part = robot.parts[name]
+        own = given.get(name)
+        able = (
+            known
+            if isinstance(part, ParametricPart)
+            else known[:1] * isinstance(part, StepPart)
+        )
         if own is not None and not isinstance(own, str):
-            sources[name] = check_compliance(own, f"components: {name}", semidefinite=True)
+            sources[name] = check_compliance(
+                own, f"components: {name}", semidefinite=True
+            )
         elif not own or own in able:
             sources[name] = source_of(part, own or word)
         else:
@@ -136,7 +168,9 @@ def part_sources(robot: RobotFile, components: Components = None) -> dict[str, s
     return sources
 
 
-def needed_experiments(robot: RobotFile, components: Components = None) -> tuple[str, ...]:
+def needed_experiments(
+    robot: RobotFile, components: Components = None
+) -> tuple[str, ...]:
     """Return parts that need a virtual experiment, for the matrix or a mass known only from CAD."""
     return tuple(
         name
@@ -150,7 +184,9 @@ def _is_tested(source: str | np.ndarray) -> bool:
 
 
 def part_matrices(
-    robot: RobotFile, components: Components = None, experiments: Mapping[str, Experiment] | None = None
+    robot: RobotFile,
+    components: Components = None,
+    experiments: Mapping[str, Experiment] | None = None,
 ) -> dict[str, PartMatrix]:
     """Return the matrix and mass of each used part.
 
@@ -171,16 +207,23 @@ def part_matrices(
     """
     experiments = experiments or {}
     sources = part_sources(robot, components)
-    return {part: _matrix(robot, part, each, experiments.get(part)) for part, each in sources.items()}
+    return {
+        part: _matrix(robot, part, each, experiments.get(part))
+        for part, each in sources.items()
+    }
 
 
-def _matrix(robot: RobotFile, name: str, source: str | np.ndarray, tested: Any) -> PartMatrix:
+def _matrix(
+    robot: RobotFile, name: str, source: str | np.ndarray, tested: Any
+) -> PartMatrix:
     """Return a part's matrix from its source; ``tested``: its experiment, or a matrix instead."""
     part = robot.parts[name]
     if isinstance(part, InterfacePart):
         body = part.build("part")
         elastic: Any = body.elastic
-        return PartMatrix(elastic.compliance, None, body.mass, elastic.dynamics, elastic.places)
+        return PartMatrix(
+            elastic.compliance, None, body.mass, elastic.dynamics, elastic.places
+        )
     if _is_tested(source) and isinstance(tested, PartMatrix):
         return tested
     mass = known_mass(robot, name)
@@ -193,14 +236,18 @@ def _matrix(robot: RobotFile, name: str, source: str | np.ndarray, tested: Any) 
     if source == "published":
         return PartMatrix(published_compliance(robot, name), None, mass)
     if source == "beam":
-        compliance, error = beam_compliance(robot, name), None
+        compliance = beam_compliance(robot, name)
+        error = None
         segments = beam_segments(robot, name)
         material: Any = robot.material(name)
-        places = np.array([[-sum(length for length, _ in segments), 0.0, 0.0], np.zeros(3)])
+        places = np.array(
+            [[-sum(length for length, _ in segments), 0.0, 0.0], np.zeros(3)]
+        )
         own = (material.youngs_modulus, material.shear_modulus, material.density)
         dynamics = beam_dynamics(segments, *own) if mass else None
     else:
-        compliance, error = tested.compliance, tested.error
+        compliance = tested.compliance
+        error = tested.error
         made: Any = tested.experiment
         places = np.vstack([made.clamp_point, made.reference_points])
         modes = made.mode_squares, made.mode_squares_error
@@ -216,7 +263,8 @@ def known_mass(robot: RobotFile, name: str) -> float | None:
         return part.build("part").mass
     if not isinstance(part.mass, str):
         return part.mass
-    material, features = robot.material(name), ("rib_count", "hole_count", "pad_height")
+    material = robot.material(name)
+    features = ("rib_count", "hole_count", "pad_height")
     size = part.dimensions() if isinstance(part, ParametricPart) else None
     if size is None or material is None or any(size.get(key) for key in features):
         return None
@@ -242,11 +290,16 @@ def beam_segments(robot: RobotFile, name: str) -> list[tuple[float, Section]]:
     shank = circle(size["radius"], size["bore"] / 2, poisson)
     if not size["fitting_radius"]:
         return [(size["length"], shank)]
-    end = size["fitting_length"], circle(size["fitting_radius"], size["bore"] / 2, poisson)
+    end = (
+        size["fitting_length"],
+        circle(size["fitting_radius"], size["bore"] / 2, poisson),
+    )
     return [end, (size["length"] - 2 * end[0], shank), end]
 
 
-def beam_compliance(robot: RobotFile, name: str, theory: Theory = timoshenko) -> np.ndarray:
+def beam_compliance(
+    robot: RobotFile, name: str, theory: Theory = timoshenko
+) -> np.ndarray:
     """Return the compliance of a parametric part by beam theory.
 
     Parameters
@@ -273,7 +326,8 @@ def beam_compliance(robot: RobotFile, name: str, theory: Theory = timoshenko) ->
     if material is None:
         message = "expected a material for beam theory, got none"
         raise robot.refuse(("parts", name, "material"), message)
-    total, beyond = np.zeros((6, 6)), 0.0
+    total = np.zeros((6, 6))
+    beyond = 0.0
     for length, section in reversed(segments):
         piece = theory(length, section, material.youngs_modulus, material.shear_modulus)
         to_tip = shift([beyond, 0.0, 0.0])
@@ -308,7 +362,9 @@ def read_published(name: str) -> dict[str, Any]:
     path = FOLDER / "published" / f"{name}.toml"
     known = sorted(each.stem for each in path.parent.glob("*.toml"))
     if name not in known:
-        raise InputError(f"data/published: expected one of {', '.join(known)}, got {name!r}")
+        raise InputError(
+            f"data/published: expected one of {', '.join(known)}, got {name!r}"
+        )
     return tomllib.loads(path.read_text(encoding="utf-8"))
 
 

@@ -21,7 +21,11 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
 
 
-def load_robot(name_or_path: str | Path, overrides: Sequence[str] = (), tolerance: str | None = None) -> RobotFile:
+def load_robot(
+    name_or_path: str | Path,
+    overrides: Sequence[str] = (),
+    tolerance: str | None = None,
+) -> RobotFile:
     """Load and check a robot file.
 
     Parameters
@@ -51,10 +55,14 @@ def load_robot(name_or_path: str | Path, overrides: Sequence[str] = (), toleranc
     0.025
     """
     path = find_robot(name_or_path)
-    return read_robot(path, reading.read_text(path, "a robot file in TOML"), overrides, tolerance)
+    return read_robot(
+        path, reading.read_text(path, "a robot file in TOML"), overrides, tolerance
+    )
 
 
-def load_robot_of(file: Path, robot: str, overrides: Sequence[str] = (), tolerance: str | None = None) -> RobotFile:
+def load_robot_of(
+    file: Path, robot: str, overrides: Sequence[str] = (), tolerance: str | None = None
+) -> RobotFile:
     """Load a robot named in another file: a robot file relative to its folder, or a bundled robot.
 
     Parameters
@@ -85,7 +93,9 @@ def load_robot_of(file: Path, robot: str, overrides: Sequence[str] = (), toleran
         raise FieldError((key,), str(error)) from error
 
 
-def read_robot(path: Path, text: str, overrides: Sequence[str] = (), tolerance: str | None = None) -> RobotFile:
+def read_robot(
+    path: Path, text: str, overrides: Sequence[str] = (), tolerance: str | None = None
+) -> RobotFile:
     """Read a robot from text, as `load_robot` does from a file.
 
     Parameters
@@ -100,7 +110,9 @@ def read_robot(path: Path, text: str, overrides: Sequence[str] = (), tolerance: 
         Relative accuracy of the experiments, such as "1 %"; by default as in the file.
     """
     if isinstance(overrides, str):
-        raise InputError(f'overrides: expected a list such as ["slider.thickness=25mm"], got "{overrides}"')
+        raise InputError(
+            f'overrides: expected a list such as ["slider.thickness=25mm"], got "{overrides}"'
+        )
     data = parse_text(path, text)
     source = Source(path, text, tuple(overrides))
     with source.refusing():

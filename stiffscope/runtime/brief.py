@@ -17,18 +17,32 @@ def describe_briefly(self: Any) -> str:
 
     Used as ``__repr__`` of such classes. Empty fields are omitted.
     """
-    shown = {each.name: _describe(getattr(self, each.name)) for each in fields(self) if each.repr}
+    shown = {
+        each.name: _describe(getattr(self, each.name))
+        for each in fields(self)
+        if each.repr
+    }
     words = ", ".join(f"{name}={text}" for name, text in shown.items() if text)
     return f"{type(self).__name__}({words})"
 
 
 def _describe(value: Any) -> str:
     if isinstance(value, np.ndarray):
-        return repr(value) if value.ndim == 1 and value.size <= FEW else f"array{value.shape}"
+        return (
+            repr(value)
+            if value.ndim == 1 and value.size <= FEW
+            else f"array{value.shape}"
+        )
     many = Mapping, tuple, list
     if value is None or (isinstance(value, many) and not value):
         return ""
     if not isinstance(value, (str, int, float, Mapping, tuple, list)):
         return f"<{type(value).__name__}>"
-    names = f"{{{', '.join(map(str, value))}}}" if isinstance(value, Mapping) else repr(value)
-    return f"<{len(value)}>" if len(names) > SHORT and isinstance(value, many) else names
+    names = (
+        f"{{{', '.join(map(str, value))}}}"
+        if isinstance(value, Mapping)
+        else repr(value)
+    )
+    return (
+        f"<{len(value)}>" if len(names) > SHORT and isinstance(value, many) else names
+    )

@@ -34,9 +34,19 @@ log = logging.getLogger(__name__)
 _Result = TypeVar("_Result")
 
 FORMAT = 1
-KINDS = WHOLE, CONDENSED, MOVED, SENSITIVITY, PICTURES = "experiment", "condensed", "moved", "sensitivity", "pictures"
+KINDS = WHOLE, CONDENSED, MOVED, SENSITIVITY, PICTURES = (
+    "experiment",
+    "condensed",
+    "moved",
+    "sensitivity",
+    "pictures",
+)
 _INDEX = "entry.json"
-_ENDS = {".step": b"END-ISO-10303-21;", ".vtu": b"</VTKFile>", ".png": b"IEND\xaeB`\x82"}
+_ENDS = {
+    ".step": b"END-ISO-10303-21;",
+    ".vtu": b"</VTKFile>",
+    ".png": b"IEND\xaeB`\x82",
+}
 
 
 @dataclass(frozen=True)
@@ -69,7 +79,8 @@ class Cache:
         folder = self.root / kind / key
         if not os.path.lexists(folder):
             return None
-        if reason := _flaw(folder, kind, key):
+        reason = _flaw(folder, kind, key)
+        if reason:
             log.info("cache entry %s/%s is not used: %s", kind, key[:12], reason)
             self._discard(folder)
             return None
@@ -77,14 +88,20 @@ class Cache:
 
     def load(
         self, kinds: Iterable[str], key: str, read: Callable[[Path], _Result]
-    ) -> _Result | None:  # fmt: skip
+    ) -> _Result | None:
         """What `read(folder)` makes of the first entry of some kinds; a refused one is absent."""
         for kind in kinds:
             folder = self.get(kind, key)
             try:
                 if folder is not None:
                     return read(folder)
-            except (OSError, ValueError, LookupError, TypeError, AttributeError) as error:
+            except (
+                OSError,
+                ValueError,
+                LookupError,
+                TypeError,
+                AttributeError,
+            ) as error:
                 log.info("cache entry %s/%s is not used: %s", kind, key[:12], error)
                 self._discard(self.root / kind / key)
         return None
@@ -127,7 +144,11 @@ class Cache:
         gone = self.entries(kinds)
         for entry in gone:
             self._discard(self.root / entry.kind / entry.key)
-        return [entry for entry in gone if not os.path.lexists(self.root / entry.kind / entry.key)]
+        return [
+            entry
+            for entry in gone
+            if not os.path.lexists(self.root / entry.kind / entry.key)
+        ]
 
     def _store_result(self, made: Path, kind: str, key: str) -> Path | None:
         """Copy a result aside, add checksums, move it into place; None if this is impossible."""
@@ -136,7 +157,10 @@ class Cache:
             with self._open_aside() as scratch:
                 aside = scratch / key
                 shutil.copytree(made, aside)
-                files = {name: file_digest(aside / name) for name in sorted(kept_files(aside))}
+                files = {
+                    name: file_digest(aside / name)
+                    for name in sorted(kept_files(aside))
+                }
                 index = {"format": FORMAT, "kind": kind, "key": key, "files": files}
                 (aside / _INDEX).write_text(json.dumps(index))
                 folder.parent.mkdir(parents=True, exist_ok=True)
@@ -167,7 +191,9 @@ class Cache:
 def _reason(error: OSError) -> str:
     """Return why something cannot be written; for several files, the reason of the first."""
     if isinstance(error, shutil.Error) and error.args and error.args[0]:
-        said = str(error.args[0][0][2])  # "[Errno 28] No space left on device: 'from' -> 'to'"
+        said = str(
+            error.args[0][0][2]
+        )  # "[Errno 28] No space left on device: 'from' -> 'to'"
         return said.partition("] ")[2].partition(":")[0] or said
     return error.strerror or str(error)
 
@@ -179,14 +205,20 @@ def cache_folder() -> Path:
         place = chosen or platformdirs.user_cache_dir("stiffscope", appauthor=False)
         return Path(place).expanduser().absolute()
     except RuntimeError as error:  # no home folder
-        raise InputError(f'STIFFSCOPE_CACHE: expected a folder for the cache, got "{chosen}" without HOME') from error
+        raise InputError(
+            f'STIFFSCOPE_CACHE: expected a folder for the cache, got "{chosen}" without HOME'
+        ) from error
 
 
 def digest(determined_by: Mapping[str, Any]) -> str:
     """Return the key of a result: SHA-256 of everything that determines it, with exact numbers."""
     canonical = json.dumps(
-        determined_by, sort_keys=True, separators=(",", ":"), allow_nan=False, default=_to_plain,
-    )  # fmt: skip
+        determined_by,
+        sort_keys=True,
+        separators=(",", ":"),
+        allow_nan=False,
+        default=_to_plain,
+    )
     return hashlib.sha256(canonical.encode()).hexdigest()
 
 
@@ -232,7 +264,8 @@ def totals(entries: Iterable[Entry]) -> dict[str, tuple[int, int]]:
 
 def _entry(folder: Path) -> Entry | None:
     """Return the entry described by a folder's index; None for a foreign folder."""
-    kind, key = folder.parent.name, folder.name
+    kind = folder.parent.name
+    key = folder.name
     try:
         index = json.loads(read_bytes(folder / _INDEX))
         linked = folder.is_symlink() or folder.parent.is_symlink()
@@ -253,9 +286,20 @@ def _flaw(folder: Path, kind: str, key: str) -> str | None:
         listed = index["files"]
         if sorted(listed) != sorted(kept_files(folder)):
             return "its files are not those that were written"
-        torn = [name for name, checksum in listed.items() if file_digest(folder / name) != checksum]
+        torn = [
+            name
+            for name, checksum in listed.items()
+            if file_digest(folder / name) != checksum
+        ]
         torn += [name for name in listed if not _is_whole(folder / name)]
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    except (
+        OSError,
+        ValueError,
+        KeyError,
+        TypeError,
+        AttributeError,
+        RecursionError,
+    ) as error:
         return f"it cannot be read ({type(error).__name__})"
     return f"{torn[0]} is damaged" if torn else None
 
@@ -263,7 +307,8 @@ def _flaw(folder: Path, kind: str, key: str) -> str | None:
 def _is_whole(path: Path) -> bool:
     """Return whether a file of a known format ends as it must, whatever its checksum is."""
     with path.open("rb") as file:
-        count, size = int.from_bytes(file.read(84)[80:], "little"), file.seek(0, os.SEEK_END)
+        count = int.from_bytes(file.read(84)[80:], "little")
+        size = file.seek(0, os.SEEK_END)
         file.seek(max(size - 64, 0))
         whole = _ENDS.get(path.suffix, b"") in file.read()
     return whole if path.suffix != ".stl" else size == 84 + 50 * count

@@ -18,7 +18,13 @@ import subprocess
 import sys
 import tempfile
 import threading
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ThreadPoolExecutor, wait
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Executor,
+    Future,
+    ThreadPoolExecutor,
+    wait,
+)
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -38,7 +44,10 @@ if TYPE_CHECKING:
     Job = tuple[Any, tuple[Any, ...]]
 
 AHEAD = 4  # submitted jobs per worker
-KILLED = {-signal.SIGTERM, -getattr(signal, "SIGKILL", signal.SIGTERM)}  # exit codes if killed
+KILLED = {
+    -signal.SIGTERM,
+    -getattr(signal, "SIGKILL", signal.SIGTERM),
+}  # exit codes if killed
 
 
 class WorkerError(StiffscopeError):
@@ -49,7 +58,8 @@ class WorkerError(StiffscopeError):
 
     def __init__(self, message: str, code: int | None = None, output: str = "") -> None:
         super().__init__(message)
-        self.code, self.output = code, output
+        self.code = code
+        self.output = output
 
 
 class LateError(StiffscopeError):
@@ -58,25 +68,35 @@ class LateError(StiffscopeError):
     def __init__(self, job: Any, stage: str, seconds: float) -> None:
         got = f"no further than its stage {stage}"
         super().__init__(f"{job}: expected its end within {seconds:g} s, got {got}")
-        self.job, self.stage, self.seconds = job, stage, seconds
+        self.job = job
+        self.stage = stage
+        self.seconds = seconds
 
 
 class GoneError(StiffscopeError):
     """The connection to the scheduler was lost."""
 
     def __init__(self) -> None:
-        super().__init__("the scheduler has gone; what is finished is kept, run the same command again")
+        super().__init__(
+            "the scheduler has gone; what is finished is kept, run the same command again"
+        )
 
 
 class Here(Executor):
     """Executor that runs each job immediately in this process, without time limits."""
 
-    width, ended = 1, False
+    width = 1
+    ended = False
 
     def submit(  # noqa: D102  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, function: Callable[..., Any], /, *arguments: Any, name: Any = "",
-        report: Progress | None = None, limit: float | None = None,
-    ) -> Future[Any]:  # fmt: skip
+        self,
+        function: Callable[..., Any],
+        /,
+        *arguments: Any,
+        name: Any = "",
+        report: Progress | None = None,
+        limit: float | None = None,
+    ) -> Future[Any]:
         del name, limit
         future: Future[Any] = Future()
         try:
@@ -108,12 +128,19 @@ class Processes(Executor):
         self._children: set[_Child] = set()
         self._stack = contextlib.ExitStack()
         self._folder = self._stack.enter_context(scratch_folder())
-        self._threads = ThreadPoolExecutor(self.width, initializer=block, initargs=STOPS)
+        self._threads = ThreadPoolExecutor(
+            self.width, initializer=block, initargs=STOPS
+        )
 
     def submit(  # pyright: ignore[reportIncompatibleMethodOverride]
-        self, function: Callable[..., Any], /, *arguments: Any, name: Any = "",
-        report: Progress | None = None, limit: float | None = None,
-    ) -> Future[Any]:  # fmt: skip
+        self,
+        function: Callable[..., Any],
+        /,
+        *arguments: Any,
+        name: Any = "",
+        report: Progress | None = None,
+        limit: float | None = None,
+    ) -> Future[Any]:
         """Submit ``function(*arguments)``; function (importable), arguments and result are pickled.
 
         Parameters
@@ -133,7 +160,9 @@ class Processes(Executor):
         job = (function, arguments, report is not None)
         return self._threads.submit(self._work, name, job, report, limit)
 
-    def _work(self, name: Any, job: Any, report: Progress | None, limit: float | None) -> Any:
+    def _work(
+        self, name: Any, job: Any, report: Progress | None, limit: float | None
+    ) -> Any:
         """Run a job; retry it once if its process was killed from outside."""
         for last in (False, True):
             child = getattr(self._mine, "child", None) or self._start()
@@ -149,7 +178,9 @@ class Processes(Executor):
         raise AssertionError
 
     def _start(self) -> _Child:
-        self._mine.child = child = _Child(Path(tempfile.mkdtemp(dir=self._folder)), self._share)
+        self._mine.child = child = _Child(
+            Path(tempfile.mkdtemp(dir=self._folder)), self._share
+        )
         self._children.add(child)
         if self.ended:
             child.end()
@@ -184,10 +215,13 @@ class _Child:
         self._errors: IO[bytes] = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115
         self._late = False
         self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "stiffscope.runtime.worker"], cwd=folder,
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._errors,
+            [sys.executable, "-P", "-m", "stiffscope.runtime.worker"],
+            cwd=folder,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._errors,
             env={**os.environ, "TMPDIR": str(folder)},
-        )  # fmt: skip
+        )
         with contextlib.suppress(BrokenPipeError):
             self._send((os.getpid(), share, [place for place in sys.path if place]))
 
@@ -201,9 +235,12 @@ class _Child:
         """Return whether the process is running."""
         return self._process.poll() is None
 
-    def work(self, name: Any, job: Any, report: Progress | None, limit: float | None) -> Any:
+    def work(
+        self, name: Any, job: Any, report: Progress | None, limit: float | None
+    ) -> Any:
         """Run a job and return its result."""
-        stage, timer = "", threading.Timer(limit or 0.0, self._end_late)
+        stage = ""
+        timer = threading.Timer(limit or 0.0, self._end_late)
         try:
             self._send(job)
             while True:
@@ -239,7 +276,9 @@ class _Child:
             cause = outside if code in KILLED else "in a library that it uses"
             return WorkerError(f"{name}: its process {how}, {cause}", code, output)
         said = (output.strip().splitlines() or [f"exit code {code}"])[-1]
-        return WorkerError(f"{name}: its process ended without an answer ({said})", code, output)
+        return WorkerError(
+            f"{name}: its process ended without an answer ({said})", code, output
+        )
 
     def end(self) -> None:
         """Kill the process and its children; their temporary folders are removed later."""
@@ -277,7 +316,9 @@ def _unpickle(content: bytes) -> Any:
     return pickle.loads(content)  # noqa: S301
 
 
-def do_alone(function: Callable[..., Any], *arguments: Any, name: str, limit: float) -> Any:
+def do_alone(
+    function: Callable[..., Any], *arguments: Any, name: str, limit: float
+) -> Any:
     """Run a job in its own process, isolated from crashes, endless loops and temporary files.
 
     Parameters
@@ -299,9 +340,12 @@ def do_alone(function: Callable[..., Any], *arguments: Any, name: str, limit: fl
 
 
 def work_through(
-    executor: Any, function: Callable[..., Any], jobs: Iterable[Job],
-    report: Callable[[Any], Progress] | None = None, limits: Mapping[Any, float] | None = None,
-) -> Iterator[tuple[Any, Future[Any]]]:  # fmt: skip
+    executor: Any,
+    function: Callable[..., Any],
+    jobs: Iterable[Job],
+    report: Callable[[Any], Progress] | None = None,
+    limits: Mapping[Any, float] | None = None,
+) -> Iterator[tuple[Any, Future[Any]]]:
     """Run jobs, drawn when needed; yield name and future of each as it finishes.
 
     Parameters
@@ -324,8 +368,13 @@ def work_through(
     running: dict[Future[Any], Any] = {}
     try:
         while True:
-            for name, arguments in itertools.islice(left, AHEAD * executor.width - len(running)):
-                more = {"report": report and report(name), "limit": (limits or {}).get(name)}
+            for name, arguments in itertools.islice(
+                left, AHEAD * executor.width - len(running)
+            ):
+                more = {
+                    "report": report and report(name),
+                    "limit": (limits or {}).get(name),
+                }
                 running[executor.submit(function, *arguments, name=name, **more)] = name
             if not running:
                 return

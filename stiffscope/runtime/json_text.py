@@ -44,5 +44,9 @@ def _rows(value: Any, indent: str = "") -> str:
         items = (f"{_rows(key)}: {_rows(item, inner)}" for key, item in value.items())
         return "{\n" + ",\n".join(inner + item for item in items) + f"\n{indent}}}"
     if isinstance(value, list) and any(isinstance(item, list | dict) for item in value):
-        return "[\n" + ",\n".join(inner + _rows(item, inner) for item in value) + f"\n{indent}]"
+        return (
+            "[\n"
+            + ",\n".join(inner + _rows(item, inner) for item in value)
+            + f"\n{indent}]"
+        )
     return json.dumps(value, ensure_ascii=False, allow_nan=False)

@@ -89,12 +89,16 @@ def write_new(path: Path, content: bytes) -> None:
 def check_new(path: str | Path, advice: str = "choose another name") -> None:
     """Raise InputError with advice if a path exists, of any kind, or cannot be written."""
     if not Path(path).name:  # "", "." and "/"
-        raise InputError(f"{show_path(path)}: expected the name of a file to write, got none")
+        raise InputError(
+            f"{show_path(path)}: expected the name of a file to write, got none"
+        )
     _check_absent(path, "file", advice)
     check_file(Path(path))
 
 
-def _check_absent(path: str | Path, kind: str, advice: str = "choose another name") -> None:
+def _check_absent(
+    path: str | Path, kind: str, advice: str = "choose another name"
+) -> None:
     if kind and os.path.lexists(path):
         expected = f"expected a {kind} that is not there yet, got one that is"
         raise InputError(f"{show_path(path)}: {expected}; {advice}")
@@ -109,7 +113,9 @@ def check_json(path: Path) -> None:
             maker = (held[0] if isinstance(held, list) else held)["made_by"]
         if maker != MAKER:
             expected = "expected a new file or JSON that stiffscope wrote"
-            raise InputError(f"{show_path(path)}: {expected}, got another; --force replaces it")
+            raise InputError(
+                f"{show_path(path)}: {expected}, got another; --force replaces it"
+            )
     check_file(path)
 
 
@@ -125,17 +131,27 @@ def refusing(path: str | Path, *, folder: bool = False) -> Iterator[None]:
         yield
     except StiffscopeError:
         raise
-    except (OSError, RuntimeError, ValueError) as error:  # long names, circular links etc.
+    except (
+        OSError,
+        RuntimeError,
+        ValueError,
+    ) as error:  # long names, circular links etc.
         raise _unwritable(path, error, folder=folder) from error
 
 
-def _unwritable(path: str | Path, error: BaseException, *, folder: bool) -> StiffscopeError:
-    what, advice = "cannot be written", "give a file in a folder of yours"
+def _unwritable(
+    path: str | Path, error: BaseException, *, folder: bool
+) -> StiffscopeError:
+    what = "cannot be written"
+    advice = "give a file in a folder of yours"
     if folder:
-        what, advice = f"the output folder {what}", "choose another with --out"
+        what = f"the output folder {what}"
+        advice = "choose another with --out"
     text = f"{show_path(path)}: {what} ({why(error, path)});"
     if getattr(error, "errno", None) in FULL:
-        return StiffscopeError(f"{text} make room on its disk{f', or {advice}' if folder else ''}")
+        return StiffscopeError(
+            f"{text} make room on its disk{f', or {advice}' if folder else ''}"
+        )
     return InputError(f"{text} {advice}")
 
 
@@ -222,7 +238,9 @@ def _open_aside(target: str | Path) -> Iterator[Path]:
         for left in list(goal.parent.iterdir()):
             replaced = _is_abandoned(left, f".{goal.name}.replaced-")
             if replaced and not os.path.lexists(goal):
-                left.rename(goal)  # killed between the renames: restore the former output
+                left.rename(
+                    goal
+                )  # killed between the renames: restore the former output
             elif replaced or _is_abandoned(left, f".{goal.name}.partial-"):
                 shutil.rmtree(left, ignore_errors=True)
         aside.mkdir()
@@ -261,8 +279,11 @@ def check_output(target: str | Path, *others: str | Path | None) -> None:
 def _check_place(target: str | Path, goal: Path, *, there: bool) -> None:
     """Raise InputError for a file, the working folder or a mount point."""
     if there and not goal.is_dir():
-        raise InputError(f"{show_path(target)}: is a file; give a folder for the output")
-    what, better = "", Path(target) / "out"
+        raise InputError(
+            f"{show_path(target)}: is a file; give a folder for the output"
+        )
+    what = ""
+    better = Path(target) / "out"
     if goal in (here := Path.cwd(), *here.parents):
         what = "an output folder is replaced as a whole: not the one you are in"
     elif there and goal.is_mount():
@@ -273,10 +294,13 @@ def _check_place(target: str | Path, goal: Path, *, there: bool) -> None:
 
 def _foreign(folder: Path) -> dict[str, str]:
     """Return reasons for files that differ from the folder's manifest, by name."""
-    ours, found = _digest_written(folder), {}
+    ours = _digest_written(folder)
+    found = {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
-        folder_with_files = path.is_dir() and not path.is_symlink() and any(path.iterdir())
+        folder_with_files = (
+            path.is_dir() and not path.is_symlink() and any(path.iterdir())
+        )
         if folder_with_files or (name == MANIFEST and ours):
             continue
         if name not in ours:
@@ -288,7 +312,9 @@ def _foreign(folder: Path) -> dict[str, str]:
 
 def _digest_written(folder: Path) -> dict[str, str]:
     """Return the SHA-256 of our files in a folder by name; empty without a manifest of ours."""
-    with contextlib.suppress(InputError, ValueError, KeyError, TypeError, RecursionError):
+    with contextlib.suppress(
+        InputError, ValueError, KeyError, TypeError, RecursionError
+    ):
         manifest = json.loads(read_bytes(folder / MANIFEST))
         return dict(manifest["sha256"]) if manifest["made_by"] == MAKER else {}
     return {}
@@ -338,7 +364,9 @@ def _exchange(aside: Path, goal: Path, target: str | Path) -> None:
         kept = next(path for path in beside if not os.path.lexists(path))
         aside.rename(kept)
         reason = next(iter(foreign.values()))
-        raise InputError(f"{target}: {reason}; it stays as it is, and the new results are in {kept}")
+        raise InputError(
+            f"{target}: {reason}; it stays as it is, and the new results are in {kept}"
+        )
     for name in foreign:
         if not os.path.lexists(goal / name):
             (goal / name).parent.mkdir(parents=True, exist_ok=True)

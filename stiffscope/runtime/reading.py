@@ -14,17 +14,24 @@ if TYPE_CHECKING:
     from pathlib import Path
     from typing import BinaryIO
 
-MOST_TEXT = 1 << 20  # bytes of a file written by hand; a thousand bodies need a quarter of it
+MOST_TEXT = (
+    1 << 20
+)  # bytes of a file written by hand; a thousand bodies need a quarter of it
 MOST_BYTES = 1 << 28  # bytes of any other file, e.g. a STEP file or a table of readings
 opened = set[str]()
 """Resolved paths of the files read by this process, or since a command has cleared them."""
 _KINDS = {
-    stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe", stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device", stat.S_IFBLK: "a device",
-}  # fmt: skip
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
 
 
-def open_file(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -> BinaryIO:
+def open_file(
+    path: str | Path, what: str = "a file", most: int = MOST_BYTES
+) -> BinaryIO:
     """Open a regular file for reading, without blocking on pipes.
 
     Parameters
@@ -45,7 +52,9 @@ def open_file(path: str | Path, what: str = "a file", most: int = MOST_BYTES) ->
         flags = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
         handle = os.open(path, os.O_RDONLY | flags)
     except (OSError, ValueError) as error:
-        raise InputError(f"{show_path(path)}: expected {what}, got {why(error, path)}") from error
+        raise InputError(
+            f"{show_path(path)}: expected {what}, got {why(error, path)}"
+        ) from error
     stream = os.fdopen(handle, "rb") if stat.S_ISREG(os.fstat(handle).st_mode) else None
     if stream is None:
         kind = _KINDS.get(stat.S_IFMT(os.fstat(handle).st_mode), "no regular file")
@@ -72,7 +81,9 @@ def read_bytes(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -
         with open_file(path, what, most) as stream:
             content = stream.read(most + 1)
     except OSError as error:
-        raise InputError(f"{show_path(path)}: expected {what}, got {why(error, path)}") from error
+        raise InputError(
+            f"{show_path(path)}: expected {what}, got {why(error, path)}"
+        ) from error
     if len(content) > most:
         what = f"{what} of at most {_size(most)}"
         raise InputError(f"{show_path(path)}: expected {what}, got a larger one")
@@ -91,7 +102,9 @@ def file_digest(path: Path, what: str = "a file", most: int = 1 << 40) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()  # pyright: ignore[reportArgumentType]
 
 
-def read_text(path: str | Path, what: str = "a text file", most: int = MOST_TEXT) -> str:
+def read_text(
+    path: str | Path, what: str = "a text file", most: int = MOST_TEXT
+) -> str:
     """Return a file's UTF-8 text without byte order mark. Raise InputError for invalid text.
 
     Parameters
@@ -105,7 +118,9 @@ def read_text(path: str | Path, what: str = "a text file", most: int = MOST_TEXT
     except UnicodeDecodeError as error:
         line = content[: error.start].count(b"\n") + 1
         got = f"byte {content[error.start]:#04x} (byte {error.start})"
-        raise InputError(f"{path}:{line}: expected {what} in UTF-8, got {got}") from error
+        raise InputError(
+            f"{path}:{line}: expected {what} in UTF-8, got {got}"
+        ) from error
     if "\0" in text:
         line = text[: text.index("\0")].count("\n") + 1
         raise InputError(f"{path}:{line}: expected {what}, got a NUL byte")
@@ -123,14 +138,18 @@ def why(error: BaseException, path: str | Path = "") -> str:
         return os.strerror(errno.ENOSPC)  # libraries' own messages span several lines
     if number == errno.ENOENT:
         return "no file" if str(path) else "no name of a file"
-    return {errno.ELOOP: "a link that leads back to itself", errno.ENXIO: "a socket"}.get(
-        number or 0, getattr(error, "strerror", None) or str(error)
-    )
+    return {
+        errno.ELOOP: "a link that leads back to itself",
+        errno.ENXIO: "a socket",
+    }.get(number or 0, getattr(error, "strerror", None) or str(error))
 
 
 def show_path(path: str | Path) -> str:
     """Return a path for a message: on one line, shortened if long."""
-    text = "".join(each if each.isprintable() else repr(each)[1:-1] for each in str(path)) or '""'
+    text = (
+        "".join(each if each.isprintable() else repr(each)[1:-1] for each in str(path))
+        or '""'
+    )
     return text if len(text) <= 300 else f"{text[:140]}…{text[-140:]}"
 
 

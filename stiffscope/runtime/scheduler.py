@@ -41,29 +41,41 @@ class Scheduler(Executor):
         from distributed import Client
 
         for each in ("distributed", "distributed.client", "tornado.application"):
-            logging.getLogger(each).setLevel(logging.CRITICAL)  # a lost scheduler is reported
+            logging.getLogger(each).setLevel(
+                logging.CRITICAL
+            )  # a lost scheduler is reported
         try:
             self._client = Client(address, timeout=CONNECT)
         except (OSError, ValueError) as error:
             expected = "expected the address of a Dask scheduler that answers"
             raise InputError(f"--scheduler: {expected}, got {address}") from error
         if not self._client.scheduler_info()["workers"]:
-            log.warning("--scheduler: %s has no workers yet; waiting for one: dask worker %s", address, address)
+            log.warning(
+                "--scheduler: %s has no workers yet; waiting for one: dask worker %s",
+                address,
+                address,
+            )
 
-    def submit(self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", **_: Any) -> Future[Any]:
+    def submit(
+        self, function: Callable[..., Any], /, *arguments: Any, name: Any = "", **_: Any
+    ) -> Future[Any]:
         """Submit ``function(*arguments)``; see `Processes.submit`."""
         loop: Any = self._client.loop  # tornado's loop wraps asyncio's
         asked = self._ask(name, function, arguments)
         return asyncio.run_coroutine_threadsafe(asked, loop.asyncio_loop)
 
-    async def _ask(self, name: Any, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    async def _ask(
+        self, name: Any, function: Callable[..., Any], arguments: tuple[Any, ...]
+    ) -> Any:
         """Run a job; retry it if Dask lost its result."""
         from distributed import KilledWorker
 
         lost: Exception | None = None
         for _ in range(ASKED):
             try:
-                kind, content = await self._client.submit(_on_worker, function, *arguments, pure=False)
+                kind, content = await self._client.submit(
+                    _on_worker, function, *arguments, pure=False
+                )
             except KilledWorker as error:
                 died = f"{error.allowed_failures + 1} workers ended at it"
                 raise WorkerError(f"{name}: {died}; is there enough memory?") from error

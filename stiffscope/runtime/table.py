@@ -33,7 +33,9 @@ MOST_CELLS = 20_000_000  # of a sheet, including empty ones; takes two seconds
 _LAST_ROW = 1 << 20  # of a sheet
 _MOST_LINES = 1 << 20  # of a text, including blank ones
 _LONGEST = 1 << 16  # characters searched for the separator, and of an XML tag
-_MOST_TAGS = 1 << 19  # of a row of a sheet, and beside its rows; takes two seconds to ten
+_MOST_TAGS = (
+    1 << 19
+)  # of a row of a sheet, and beside its rows; takes two seconds to ten
 MOST_BYTES = 1 << 26  # of an unpacked table: 200,000 rows of 20 numbers
 
 
@@ -69,15 +71,19 @@ class Table:
     def codes(self, column: str, known: Sequence[str], expected: str) -> Indices:
         """Return indices (n,) of cells in known names; -1 if empty. Raise InputError if unknown."""
         code = {"": -1, **{name: k for k, name in enumerate(known)}}
-        out = np.array([code.get(cell, -2) for cell in self.column(column)], dtype=np.int64)
+        out = np.array(
+            [code.get(cell, -2) for cell in self.column(column)], dtype=np.int64
+        )
         self.refuse_where(out == -2, column, expected)
         return out
 
 
 def read_table(
-    path: Path, check: Callable[[str, list[str]], None], ignore: Collection[str] = (),
+    path: Path,
+    check: Callable[[str, list[str]], None],
+    ignore: Collection[str] = (),
     most: int | None = None,
-) -> Table:  # fmt: skip
+) -> Table:
     """Return a table's columns without surrounding blanks; blank lines are skipped.
 
     The header, or Excel's line "sep=;" above it, determines the separator of text files: comma, semicolon
@@ -101,12 +107,15 @@ def read_table(
         The file cannot be read, is not UTF-8, has no valid header, or has a row with another number
         of cells.
     """
-    told, most = most is not None, most or MOST_ROWS
+    told = most is not None
+    most = most or MOST_ROWS
     read = _sheet if path.suffix.lower() == ".xlsx" else _lines
     rows, lines, decimal_comma, sheets = read(path, most)
     name = f"{path.name} (sheet {sheets[0]})" if sheets[1:] else path.name
     if not rows:
-        raise InputError(f"{name}: expected a header line of column names, got an empty file")
+        raise InputError(
+            f"{name}: expected a header line of column names, got an empty file"
+        )
     _drop_empty_columns(rows)
     header = _header(name, rows[0], lines[0])
     check(name, [column for column in header if column not in ignore])
@@ -115,11 +124,19 @@ def read_table(
         raise InputError(what if told else f"{what}; average repeated readings")
     _check_lengths(name, header, rows, lines)
     if len(rows) == 1:
-        raise InputError(f"{name}:{lines[0] + 1}: expected at least one row under the header")
+        raise InputError(
+            f"{name}:{lines[0] + 1}: expected at least one row under the header"
+        )
     if sheets[1:]:
-        log.warning("%s: sheet %s is read, not %s", path.name, sheets[0], ", ".join(sheets[1:]))
+        log.warning(
+            "%s: sheet %s is read, not %s", path.name, sheets[0], ", ".join(sheets[1:])
+        )
     cells = zip(header, zip(*rows[1:], strict=True), strict=True)
-    columns = {each: tuple(map(str.strip, column)) for each, column in cells if each not in ignore}
+    columns = {
+        each: tuple(map(str.strip, column))
+        for each, column in cells
+        if each not in ignore
+    }
     return Table(name, columns, tuple(lines[1:]), decimal_comma)
 
 
@@ -134,13 +151,20 @@ def _drop_empty_columns(rows: list[list[str]]) -> None:
 
 def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool, list[str]]:
     """Return up to ``most + 1`` data rows, line numbers, whether decimal commas are allowed, no sheets."""
-    what = "a table in CSV" if path.suffix.lower() in {".csv", ".tsv"} else "a table (.csv, .tsv, .xlsx)"
+    what = (
+        "a table in CSV"
+        if path.suffix.lower() in {".csv", ".tsv"}
+        else "a table (.csv, .tsv, .xlsx)"
+    )
     text = read_text(path, what, MOST_BYTES * max(1, most // MOST_ROWS))
-    if said := re.match(r'"?sep=([,;\t])"?(?=\r?\n)', text, re.IGNORECASE):  # Excel's own first line
+    if said := re.match(
+        r'"?sep=([,;\t])"?(?=\r?\n)', text, re.IGNORECASE
+    ):  # Excel's own first line
         text = text[said.end() :]  # its line end stays, so that lines are counted
     start = text.lstrip()[:_LONGEST].partition("\n")[0]
     mark = said[1] if said else "\t" if "\t" in start else ";" if ";" in start else ","
-    stream, blank = io.StringIO(text, newline=""), mark != "\t"
+    stream = io.StringIO(text, newline="")
+    blank = mark != "\t"
     reader = csv.reader(stream, delimiter=mark, strict=True, skipinitialspace=blank)
     rows: list[list[str]] = []
     lines: list[int] = []
@@ -158,7 +182,9 @@ def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool, lis
                 raise InputError(f"{path.name}:{before}: {most_lines}, got more")
     except csv.Error as error:
         got = "a quote that nothing closes" if "end of data" in str(error) else error
-        raise InputError(f"{path.name}:{before + 1}: expected a CSV row, got {got}") from None
+        raise InputError(
+            f"{path.name}:{before + 1}: expected a CSV row, got {got}"
+        ) from None
     return rows, lines, mark != ",", []
 
 
@@ -181,17 +207,25 @@ def _sheet(path: Path, most: int) -> tuple[list[list[str]], list[int], bool, lis
         got = " ".join(str(error).split())
         raise InputError(f"{path}: expected an .xlsx workbook, got {got}") from None
     width = len(rows[0]) if rows else 0
-    return [row + [""] * (width - len(row)) for row in rows], lines, True, [ascii(each.title) for each in shown]
+    return (
+        [row + [""] * (width - len(row)) for row in rows],
+        lines,
+        True,
+        [ascii(each.title) for each in shown],
+    )
 
 
 def _visible(path: Path, book: openpyxl.Workbook) -> list[Any]:
     """Return the sheets that are not hidden; raise InputError if there is none."""
-    if shown := [each for each in book.worksheets if each.sheet_state == "visible"]:
+    shown = [each for each in book.worksheets if each.sheet_state == "visible"]
+    if shown:
         return shown
     raise InputError(f"{path}: expected an .xlsx workbook with a sheet not hidden")
 
 
-def _filled_rows(path: Path, rows: Iterable[Sequence[object]], most: int) -> tuple[list[list[str]], list[int]]:
+def _filled_rows(
+    path: Path, rows: Iterable[Sequence[object]], most: int
+) -> tuple[list[list[str]], list[int]]:
     """Return nonempty rows up to their last value, with row numbers, in bounded time and memory."""
     found: list[list[str]] = []
     lines: list[int] = []
@@ -201,7 +235,9 @@ def _filled_rows(path: Path, rows: Iterable[Sequence[object]], most: int) -> tup
         if cells > MOST_CELLS or line > _LAST_ROW:
             message = f"expected at most {_LAST_ROW:,} rows and {MOST_CELLS:,} cells, got more"
             raise InputError(f"{path.name}:{line}: {message}")
-        last = next((k for k in range(len(row), 0, -1) if row[k - 1] not in {None, ""}), 0)
+        last = next(
+            (k for k in range(len(row), 0, -1) if row[k - 1] not in {None, ""}), 0
+        )
         if last:
             found.append([_cell(value) for value in row[:last]])
             lines.append(line)
@@ -214,7 +250,9 @@ def _check_formulas(path: Path, stream: BinaryIO, known: Any) -> None:
     """Raise InputError for formulas without stored values, never computed by a spreadsheet."""
     written = openpyxl.load_workbook(stream, read_only=True)[known.title]
     written.reset_dimensions()
-    for cells, values in zip(written.iter_rows(), known.iter_rows(values_only=True), strict=False):
+    for cells, values in zip(
+        written.iter_rows(), known.iter_rows(values_only=True), strict=False
+    ):
         for cell, value in zip(cells, values, strict=False):
             if value is None and cell.data_type == "f":
                 where = f"{path.name}:{cell.row}: column {cell.column}"
@@ -228,22 +266,32 @@ def _check_unpacked(path: Path, stream: BinaryIO) -> None:
         size = sum(each.file_size for each in book.infolist())
         if size > MOST_BYTES:
             most = f"at most {MOST_BYTES >> 20} MiB unpacked"
-            raise InputError(f"{path}: expected an .xlsx workbook of {most}, got {size >> 20}")
-        for name in (each for each in book.namelist() if each.endswith((".xml", ".rels"))):
+            raise InputError(
+                f"{path}: expected an .xlsx workbook of {most}, got {size >> 20}"
+            )
+        for name in (
+            each for each in book.namelist() if each.endswith((".xml", ".rels"))
+        ):
             text = book.read(name)
             found = islice(re.finditer(rb"<(?:\w+:)?row\b", text), _LAST_ROW)
             rows = [0, *(each.start() for each in found), len(text)]
             count = max(text.count(b"<", *ends) for ends in pairwise(rows))
             if count > _MOST_TAGS or re.search(rb"<[^<>]{%d}" % _LONGEST, text):
                 most = f"at most {_MOST_TAGS:,} tags in and beside rows, of at most {_LONGEST:,} characters"
-                raise InputError(f"{path}: expected an .xlsx workbook with {most}, got more in {name!a}")
+                raise InputError(
+                    f"{path}: expected an .xlsx workbook with {most}, got more in {name!a}"
+                )
     stream.seek(0)
 
 
 def _cell(value: object) -> str:
     """Return a workbook's cell as text; the number 1.125 as 1.1250, unlike a text with a separator of thousands."""
     text = "" if value is None else str(value).strip()
-    return f"{text}0" if isinstance(value, float) and _DOUBTFUL["."].fullmatch(text) else text
+    return (
+        f"{text}0"
+        if isinstance(value, float) and _DOUBTFUL["."].fullmatch(text)
+        else text
+    )
 
 
 _THOUSANDS = r"[+-]?[1-9]\d{0,2}\%s\d{3}"
@@ -258,35 +306,54 @@ def _header(name: str, row: list[str], line: int) -> list[str]:
         raise InputError(f"{name}:{line}: column {MOST_COLUMNS + 1}: {message}")
     for position, cell in enumerate(header):
         if not cell:
-            raise InputError(f"{name}:{line}: column {position + 1}: expected a name in the header")
+            raise InputError(
+                f"{name}:{line}: column {position + 1}: expected a name in the header"
+            )
         if cell in header[:position]:
-            raise InputError(f"{name}:{line}: {cell}: expected each name once, got it twice")
+            raise InputError(
+                f"{name}:{line}: {cell}: expected each name once, got it twice"
+            )
     return header
 
 
-def _check_lengths(name: str, header: list[str], rows: list[list[str]], lines: list[int]) -> None:
+def _check_lengths(
+    name: str, header: list[str], rows: list[list[str]], lines: list[int]
+) -> None:
     count = len(header)
     for row, line in zip(rows, lines, strict=True):
         if len(row) != count:
             if len(row) < count:
-                at, got = header[len(row)], f"{len(row)}: the row ends early"
+                at = header[len(row)]
+                got = f"{len(row)}: the row ends early"
             else:
-                at, got = f"column {count + 1}", f"{len(row)}"
-                if filled := [k for k in range(count, len(row)) if row[k].strip()]:
-                    at, got = f"column {filled[0] + 1}", f'"{row[filled[0]].strip()}" to the right of them'
+                at = f"column {count + 1}"
+                got = f"{len(row)}"
+                filled = [k for k in range(count, len(row)) if row[k].strip()]
+                if filled:
+                    at = f"column {filled[0] + 1}"
+                    got = f'"{row[filled[0]].strip()}" to the right of them'
             raise InputError(f"{name}:{line}: {at}: expected {count} cells, got {got}")
 
 
-def check_columns(name: str, header: list[str], required: Collection[str], valid: Collection[str]) -> None:
+def check_columns(
+    name: str, header: list[str], required: Collection[str], valid: Collection[str]
+) -> None:
     """Raise InputError for a missing column, or for one that is not in `valid`."""
     unknown = [column for column in header if column not in valid]
     for missing in (column for column in required if column not in header):
         near = (
-            f'"{each}"' for each in header if each.casefold() == missing or (each in unknown and meant(each, [missing]))
+            f'"{each}"'
+            for each in header
+            if each.casefold() == missing
+            or (each in unknown and meant(each, [missing]))
         )
-        raise InputError(f"{name}:1: {missing}: expected this column, got {next(near, 'none')}")
+        raise InputError(
+            f"{name}:1: {missing}: expected this column, got {next(near, 'none')}"
+        )
     if unknown:
-        raise InputError(f"{name}:1: {unknown[0]}: expected one of {', '.join(valid)}{meant(unknown[0], valid)}")
+        raise InputError(
+            f"{name}:1: {unknown[0]}: expected one of {', '.join(valid)}{meant(unknown[0], valid)}"
+        )
 
 
 def check_marks(table: Table, columns: Iterable[str]) -> None:
@@ -296,7 +363,11 @@ def check_marks(table: Table, columns: Iterable[str]) -> None:
     """
     if not table.decimal_comma:
         return
-    texts = {name: "\n".join(table.columns[name]) for name in columns if name in table.columns}
+    texts = {
+        name: "\n".join(table.columns[name])
+        for name in columns
+        if name in table.columns
+    }
 
     def find(pattern: str, text: str) -> re.Match[str] | None:
         return re.search(f"^{pattern}$", text, re.MULTILINE)
@@ -304,18 +375,27 @@ def check_marks(table: Table, columns: Iterable[str]) -> None:
     whole = "\n".join(texts.values())
     if ".xlsx" in table.name.lower():
         sure = find(rf"(?!{_THOUSANDS % ','}$)[+-]?\d*,\d+", whole)
-        expected = {".": f"one decimal mark, as in {sure[0]},"} if sure else {",": "a number"}
+        expected = (
+            {".": f"one decimal mark, as in {sure[0]},"} if sure else {",": "a number"}
+        )
     else:
-        marks = ((mark, find(rf"[+-]?\d*\{other}\d+", whole)) for mark, other in (".,", ",."))
-        expected = {mark: f"one decimal mark, as in {sure[0]}," for mark, sure in marks if sure}
+        marks = (
+            (mark, find(rf"[+-]?\d*\{other}\d+", whole)) for mark, other in (".,", ",.")
+        )
+        expected = {
+            mark: f"one decimal mark, as in {sure[0]}," for mark, sure in marks if sure
+        }
     for mark, what in expected.items():
         for name, text in texts.items():
-            if doubtful := _DOUBTFUL[mark].search(text):
+            doubtful = _DOUBTFUL[mark].search(text)
+            if doubtful:
                 row = text.count("\n", 0, doubtful.start())
                 raise table.fail(row, name, f"{what} and no separator of thousands")
 
 
-def numbers(table: Table, column: str, *, empty: bool = False, expected: str = "a finite number") -> Array:
+def numbers(
+    table: Table, column: str, *, empty: bool = False, expected: str = "a finite number"
+) -> Array:
     """Return a column as floats (n,); `empty` allows NaN for empty cells. Raise InputError.
 
     Parameters
@@ -330,10 +410,16 @@ def numbers(table: Table, column: str, *, empty: bool = False, expected: str = "
     cells = table.columns[column]
     if isinstance(cells, np.ndarray):
         return cells
-    texts = (_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in cells) if table.decimal_comma else cells
+    texts = (
+        (_DECIMAL_COMMA.sub(r"\1.\2", cell) for cell in cells)
+        if table.decimal_comma
+        else cells
+    )
     values = np.array([_number(text) for text in texts], dtype=np.float64)
     bad = ~np.isfinite(values)
-    table.refuse_where(bad & [bool(cell) for cell in cells] if empty else bad, column, expected)
+    table.refuse_where(
+        bad & [bool(cell) for cell in cells] if empty else bad, column, expected
+    )
     return values
 
 

@@ -30,7 +30,9 @@ PERIOD = 0.5  # s between checks of the parent on systems without parent-death s
 def end_with_parent(parent: int) -> None:
     """End this process immediately when its parent with this process id ends."""
     if sys.platform == "linux":
-        ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG, also acts in C code
+        ctypes.CDLL(None).prctl(
+            1, signal.SIGKILL
+        )  # PR_SET_PDEATHSIG, also acts in C code
     else:
         threading.Thread(target=_watch, args=(parent,), daemon=True).start()
     if os.getppid() != parent:  # the parent has already ended
@@ -89,7 +91,11 @@ def _work(channel: _Channel) -> None:
     """Run a job and send its result or its error."""
     function, arguments, heard = pickle.load(sys.stdin.buffer)  # noqa: S301
     channel.send("begun", None)
-    report = [lambda stage, fraction: channel.send("progress", (stage, fraction))] if heard else []
+    report = (
+        [lambda stage, fraction: channel.send("progress", (stage, fraction))]
+        if heard
+        else []
+    )
     channel.send(*answer(function, *arguments, *report))
 
 

@@ -33,9 +33,11 @@ class Workshop:
     open_line: Callable[[str], Progress]
 
     def work(
-        self, function: Callable[..., Any], jobs: Mapping[Any, tuple[Any, ...]],
+        self,
+        function: Callable[..., Any],
+        jobs: Mapping[Any, tuple[Any, ...]],
         limits: Mapping[Any, float] | None = None,
-    ) -> dict[Any, Any]:  # fmt: skip
+    ) -> dict[Any, Any]:
         """Call ``function(*arguments, report)`` once for each job.
 
         Parameters
@@ -54,14 +56,16 @@ class Workshop:
         LateError
             A job exceeded its time limit.
         """
-        done = work_through(self.executor, function, jobs.items(), self.open_line, limits)
+        done = work_through(
+            self.executor, function, jobs.items(), self.open_line, limits
+        )
         return {name: future.result() for name, future in done}
 
 
 @contextmanager
 def workshop(
     open_line: Callable[[str], Progress] | None = None, *, together: bool = False
-) -> Iterator[Workshop]:  # fmt: skip
+) -> Iterator[Workshop]:
     """Open a workshop with the user's cache; uncacheable results are kept until it closes.
 
     Parameters
@@ -72,4 +76,6 @@ def workshop(
         Whether several jobs run in parallel, in separate processes.
     """
     with scratch_folder() as spare, Processes() if together else Here() as executor:
-        yield Workshop(Cache(cache_folder(), spare), executor, open_line or LISTENERS.open_line)
+        yield Workshop(
+            Cache(cache_folder(), spare), executor, open_line or LISTENERS.open_line
+        )

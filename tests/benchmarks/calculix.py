@@ -28,22 +28,38 @@ def model(points, cells, clamped, rigid, youngs_modulus, poisson, density):
     """Model data in m, N and kg; ``rigid``: sets of nodes, each with the point of its reference and rotation nodes."""
     count = len(points)
     lines = ["*NODE, NSET=ALL"]
-    lines += [f"{k + 1},{x:.12e},{y:.12e},{z:.12e}" for k, (x, y, z) in enumerate(points)]
+    lines += [
+        f"{k + 1},{x:.12e},{y:.12e},{z:.12e}" for k, (x, y, z) in enumerate(points)
+    ]
     for k, (_, (x, y, z)) in enumerate(rigid):
         lines += [f"{count + 2 * k + own},{x:.12e},{y:.12e},{z:.12e}" for own in (1, 2)]
-    lines.append("*ELEMENT, TYPE=C3D10, ELSET=SOLID")  # CalculiX's order of the nodes is VTK's
+    lines.append(
+        "*ELEMENT, TYPE=C3D10, ELSET=SOLID"
+    )  # CalculiX's order of the nodes is VTK's
     lines += [",".join(map(str, [k + 1, *(row + 1)])) for k, row in enumerate(cells)]
-    for name, nodes in (("CLAMP", clamped), *((f"FACE{k}", nodes) for k, (nodes, _) in enumerate(rigid))):
-        lines += [f"*NSET, NSET={name}", *(f"{node + 1}," for node in nodes)] if len(nodes) else []
+    for name, nodes in (
+        ("CLAMP", clamped),
+        *((f"FACE{k}", nodes) for k, (nodes, _) in enumerate(rigid)),
+    ):
+        lines += (
+            [f"*NSET, NSET={name}", *(f"{node + 1}," for node in nodes)]
+            if len(nodes)
+            else []
+        )
     lines += [
-        "*BOUNDARY", "CLAMP,1,3",
+        "*BOUNDARY",
+        "CLAMP,1,3",
         *(
             f"*RIGID BODY, NSET=FACE{k}, REF NODE={count + 2 * k + 1}, ROT NODE={count + 2 * k + 2}"
             for k in range(len(rigid))
         ),
-        "*MATERIAL, NAME=M", "*ELASTIC", f"{youngs_modulus:.12e},{poisson:.12e}",
-        "*DENSITY", f"{density:.12e}", "*SOLID SECTION, ELSET=SOLID, MATERIAL=M",
-    ]  # fmt: skip
+        "*MATERIAL, NAME=M",
+        "*ELASTIC",
+        f"{youngs_modulus:.12e},{poisson:.12e}",
+        "*DENSITY",
+        f"{density:.12e}",
+        "*SOLID SECTION, ELSET=SOLID, MATERIAL=M",
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -51,11 +67,16 @@ def unit_loads(count, faces=1):
     """The step of six unit loads on each rigid face of a model of ``count`` nodes: the displacements of these."""
     own = [count + k for k in range(1, 2 * faces + 1)]
     lines = [
-        "*NSET, NSET=OUT", *(f"{node}," for node in own),
-        "*STEP", "*GREEN", "*CLOAD",
+        "*NSET, NSET=OUT",
+        *(f"{node}," for node in own),
+        "*STEP",
+        "*GREEN",
+        "*CLOAD",
         *(f"{node},{axis},1." for node in own for axis in (1, 2, 3)),
-        "*NODE PRINT, NSET=OUT", "U", "*END STEP",
-    ]  # fmt: skip
+        "*NODE PRINT, NSET=OUT",
+        "U",
+        "*END STEP",
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -64,8 +85,20 @@ def combined_loads(count, forces):
     own = [count + k for k in range(1, len(forces) // 3 + 1)]
     lines = ["*NSET, NSET=OUT", *(f"{node}," for node in own)]
     for column in forces.T.reshape(forces.shape[1], -1, 3):
-        acts = [f"{n},{i + 1},{f:.12e}" for n, three in zip(own, column, strict=True) for i, f in enumerate(three)]
-        lines += ["*STEP", "*STATIC", "*CLOAD, OP=NEW", *acts, "*NODE PRINT, NSET=OUT", "U", "*END STEP"]
+        acts = [
+            f"{n},{i + 1},{f:.12e}"
+            for n, three in zip(own, column, strict=True)
+            for i, f in enumerate(three)
+        ]
+        lines += [
+            "*STEP",
+            "*STATIC",
+            "*CLOAD, OP=NEW",
+            *acts,
+            "*NODE PRINT, NSET=OUT",
+            "U",
+            "*END STEP",
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -77,12 +110,24 @@ def run(folder, text, environment=None):
     folder = Path(folder)
     (folder / "part.inp").write_text(text)
     done = subprocess.run(
-        [ccx(), "-i", "part"], cwd=folder, env=environment, capture_output=True, text=True, check=False, timeout=1200
+        [ccx(), "-i", "part"],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=1200,
     )
-    rows = [line.split() for line in (folder / "part.dat").read_text().splitlines() if re.match(ROW, line)]
+    rows = [
+        line.split()
+        for line in (folder / "part.dat").read_text().splitlines()
+        if re.match(ROW, line)
+    ]
     if not rows:
         raise RuntimeError(f"CalculiX printed nothing: {done.stdout[-400:]}")
-    return np.array([[float(value) for value in row] for row in rows if len(row) == len(rows[0])])
+    return np.array(
+        [[float(value) for value in row] for row in rows if len(row) == len(rows[0])]
+    )
 
 
 def compliance(folder, text, environment, faces=1):

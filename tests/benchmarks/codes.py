@@ -18,7 +18,11 @@ import numpy as np
 
 from tests.benchmarks import calculix
 
-PARAMETERS = {"link": {}, "slider": {}, "ribbed slider": {"rib_count": 4, "fillet": 0.003, "hole_count": 3}}
+PARAMETERS = {
+    "link": {},
+    "slider": {},
+    "ribbed slider": {"rib_count": 4, "fillet": 0.003, "hole_count": 3},
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +56,9 @@ class Problem:
         """(6, 6) Pa."""
         from tests.fea.shapes import isotropic
 
-        return isotropic(self.youngs_modulus, self.youngs_modulus / 2 / (1 + self.poisson))
+        return isotropic(
+            self.youngs_modulus, self.youngs_modulus / 2 / (1 + self.poisson)
+        )
 
     def supported(self, kind="rigid"):
         """The constraints and the loads of the clamp and a coupling."""
@@ -81,36 +87,61 @@ def meshed(name, factor=1.0, layers=1):
     from stiffscope.fea.specimen import mesh_specimen
 
     part = build(name)
-    size = factor * default_size(mass_properties(part).volume, sum(face.area for face in part.faces))
-    mesh = mesh_specimen(specimen_of(part, Settings(size=size)), size=size, layers=layers, time_limit=1800)
+    size = factor * default_size(
+        mass_properties(part).volume, sum(face.area for face in part.faces)
+    )
+    mesh = mesh_specimen(
+        specimen_of(part, Settings(size=size)),
+        size=size,
+        layers=layers,
+        time_limit=1800,
+    )
     face = part.loaded[0]
     return Problem(
-        mesh.points, mesh.cells, mesh.facets, mesh.facet_face, np.array(sorted(part.clamped)),
-        np.array(sorted(face.faces)), np.asarray(face.reference_point), part.material.youngs_modulus,
-        part.material.poisson, part.material.density,
-    )  # fmt: skip
+        mesh.points,
+        mesh.cells,
+        mesh.facets,
+        mesh.facet_face,
+        np.array(sorted(part.clamped)),
+        np.array(sorted(face.faces)),
+        np.asarray(face.reference_point),
+        part.material.youngs_modulus,
+        part.material.poisson,
+        part.material.density,
+    )
 
 
 def load(path):
     """A stored Problem."""
     with np.load(path) as held:
-        return Problem(**{name: values if values.ndim else values.item() for name, values in held.items()})
+        return Problem(
+            **{
+                name: values if values.ndim else values.item()
+                for name, values in held.items()
+            }
+        )
 
 
 def for_calculix(problem):
     """The problem as CalculiX's model data."""
     return calculix.model(
-        problem.points, problem.cells, problem.nodes(problem.clamped),
+        problem.points,
+        problem.cells,
+        problem.nodes(problem.clamped),
         ((problem.nodes(problem.loaded), problem.point),),
-        problem.youngs_modulus, problem.poisson, problem.density,
-    )  # fmt: skip
+        problem.youngs_modulus,
+        problem.poisson,
+        problem.density,
+    )
 
 
 def in_calculix(problem, job):
     """CalculiX with SPOOLES on "threads" threads."""
     text = for_calculix(problem) + calculix.unit_loads(len(problem.points))
     with tempfile.TemporaryDirectory() as folder:
-        return calculix.compliance(folder, text, os.environ | {"OMP_NUM_THREADS": str(job.get("threads", 1))})
+        return calculix.compliance(
+            folder, text, os.environ | {"OMP_NUM_THREADS": str(job.get("threads", 1))}
+        )
 
 
 def in_ours(problem, job):
@@ -131,32 +162,43 @@ def in_mfem(problem, job):
     from scipy.spatial import KDTree
 
     with tempfile.NamedTemporaryFile("w", suffix=".vtk") as file:
-        count, cells = len(problem.points), problem.cells
-        file.write(f"# vtk DataFile Version 3.0\npart\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS {count} double\n")
+        count = len(problem.points)
+        cells = problem.cells
+        file.write(
+            f"# vtk DataFile Version 3.0\npart\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS {count} double\n"
+        )
         np.savetxt(file, problem.points, "%.17g")
         file.write(f"CELLS {len(cells)} {11 * len(cells)}\n")
         np.savetxt(file, np.column_stack([np.full(len(cells), 10), cells]), "%d")
         file.write(f"CELL_TYPES {len(cells)}\n" + "24\n" * len(cells))
         file.flush()
         mesh = mfem.Mesh(file.name, 1, 0)
-    where = mesh.GetNodes().GetDataArray().reshape(3, -1).T  # MFEM keeps the components one after the other
+    where = (
+        mesh.GetNodes().GetDataArray().reshape(3, -1).T
+    )  # MFEM keeps the components one after the other
     off, node = KDTree(where).query(problem.points)
     if off.max() > 0 or len(np.unique(node)) != count:
         raise RuntimeError("MFEM's nodes are not the mesh's")
-    space = mfem.FiniteElementSpace(mesh, mfem.H1_FECollection(2, 3), 3, mfem.Ordering.byVDIM)
+    space = mfem.FiniteElementSpace(
+        mesh, mfem.H1_FECollection(2, 3), 3, mfem.Ordering.byVDIM
+    )
     shear = problem.youngs_modulus / 2 / (1 + problem.poisson)
     lame = 2 * shear * problem.poisson / (1 - 2 * problem.poisson)
     coefficients = mfem.ConstantCoefficient(lame), mfem.ConstantCoefficient(shear)
     form = mfem.BilinearForm(space)
     integrator = mfem.ElasticityIntegrator(*coefficients)
     if "order" in job:
-        integrator.SetIntRule(mfem.IntRules.Get(mfem.Geometry.TETRAHEDRON, job["order"]))
+        integrator.SetIntRule(
+            mfem.IntRules.Get(mfem.Geometry.TETRAHEDRON, job["order"])
+        )
     form.AddDomainIntegrator(integrator)
     form.Assemble()
     form.Finalize()
     held = form.SpMat()
     shape = (3 * count, 3 * count)
-    stiffness = csr_array((held.GetDataArray(), held.GetJArray(), held.GetIArray()), shape=shape)
+    stiffness = csr_array(
+        (held.GetDataArray(), held.GetJArray(), held.GetIArray()), shape=shape
+    )
     order = (3 * node[:, None] + np.arange(3)).reshape(-1)
     return tied(problem, stiffness[order][:, order])
 
@@ -184,17 +226,33 @@ def solved(job):
         from stiffscope.fea.settings import Settings
 
         done = run_experiment(build(job["part"]), Settings(**job.get("settings", {})))
-        return {"compliance": done.compliance.tolist(), "dofs": done.unknowns, "bound": done.relative_bound,
-                "note": done.note}  # fmt: skip
+        return {
+            "compliance": done.compliance.tolist(),
+            "dofs": done.unknowns,
+            "bound": done.relative_bound,
+            "note": done.note,
+        }
     if job["code"] == "mesh":
-        np.savez(job["mesh"], **asdict(meshed(job["part"], job.get("size", 1.0), job.get("layers", 1))))
+        np.savez(
+            job["mesh"],
+            **asdict(meshed(job["part"], job.get("size", 1.0), job.get("layers", 1))),
+        )
         return {}
     with tempfile.TemporaryDirectory() as folder:
         path = job.get("mesh") or f"{folder}/mesh.npz"
-        if "mesh" not in job:  # by a process that ends, so that the CAD kernel's memory does not add to the solver's
-            subprocess.run(command(job | {"code": "mesh", "mesh": path}), check=True, stdout=subprocess.DEVNULL)
+        if (
+            "mesh" not in job
+        ):  # by a process that ends, so that the CAD kernel's memory does not add to the solver's
+            subprocess.run(
+                command(job | {"code": "mesh", "mesh": path}),
+                check=True,
+                stdout=subprocess.DEVNULL,
+            )
         problem = load(path)
-    return {"compliance": CODES[job["code"]](problem, job).tolist(), "dofs": 3 * len(problem.points)}
+    return {
+        "compliance": CODES[job["code"]](problem, job).tolist(),
+        "dofs": 3 * len(problem.points),
+    }
 
 
 def measured(**job):
@@ -206,9 +264,13 @@ def measured(**job):
     import psutil
 
     before = os.times()
-    with tempfile.TemporaryFile("w+") as says, tempfile.TemporaryFile("w+") as complains:
+    with (
+        tempfile.TemporaryFile("w+") as says,
+        tempfile.TemporaryFile("w+") as complains,
+    ):
         process = subprocess.Popen(command(job), stdout=says, stderr=complains)
-        root, peak = psutil.Process(process.pid), 0
+        root = psutil.Process(process.pid)
+        peak = 0
         while process.poll() is None:
             held = 0
             for one in (root, *children(root)):
@@ -224,8 +286,17 @@ def measured(**job):
         if process.returncode:
             raise RuntimeError(f"{job}: {complains.read()[-800:]}")
         answer = json.loads(says.read().strip().splitlines()[-1])
-    seconds = after.children_user + after.children_system - before.children_user - before.children_system
-    return answer | {"compliance": np.array(answer["compliance"]), "seconds": seconds, "megabytes": peak / 1e6}
+    seconds = (
+        after.children_user
+        + after.children_system
+        - before.children_user
+        - before.children_system
+    )
+    return answer | {
+        "compliance": np.array(answer["compliance"]),
+        "seconds": seconds,
+        "megabytes": peak / 1e6,
+    }
 
 
 def children(process):

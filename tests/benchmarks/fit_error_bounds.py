@@ -28,7 +28,10 @@ from stiffscope.fea.run import run_experiment, specimen_of
 from stiffscope.fea.settings import Settings
 from tests.benchmarks.random_parts import draw
 
-PARTS, SEED = (int(os.environ.get(f"STIFFSCOPE_{name}", value)) for name, value in (("PARTS", 49), ("SEED", 3)))
+PARTS, SEED = (
+    int(os.environ.get(f"STIFFSCOPE_{name}", value))
+    for name, value in (("PARTS", 49), ("SEED", 3))
+)
 FINER = 8
 COVERED = 0.95
 UPPER = np.triu_indices(6, 1)
@@ -42,30 +45,53 @@ def errors(number):
         try:
             ours = run_experiment(part, Settings(interface=interface))
             wanted = max(ours.relative_bound / FINER, 2e-5)
-            finer = run_experiment(part, Settings(interface=interface, tolerance=wanted)).compliance
-            found = solution.solve_specimen(specimen_of(part, Settings()), ours.mesh, interface, "auto")
+            finer = run_experiment(
+                part, Settings(interface=interface, tolerance=wanted)
+            ).compliance
+            found = solution.solve_specimen(
+                specimen_of(part, Settings()), ours.mesh, interface, "auto"
+            )
         except MeshError:
             continue
         scale = np.sqrt(np.outer(finer.diagonal(), finer.diagonal()))
-        rows = tuple(values / scale for values in (finer - found.cubic, found.at_edges, found.gain))
-        return rows, f"{number:3d} {part.name:7s} {interface:12s} bound {ours.relative_bound:.1e}, finer {wanted:.1e}"
+        rows = tuple(
+            values / scale
+            for values in (finer - found.cubic, found.at_edges, found.gain)
+        )
+        return (
+            rows,
+            f"{number:3d} {part.name:7s} {interface:12s} bound {ours.relative_bound:.1e}, finer {wanted:.1e}",
+        )
 
 
 def fit(true, at_edges, gain):
     """The constants by name, from (n, 6, 6) arrays."""
-    true_own, edge_own, gain_own = (np.diagonal(x, axis1=1, axis2=2).ravel() for x in (true, at_edges, gain))
+    true_own, edge_own, gain_own = (
+        np.diagonal(x, axis1=1, axis2=2).ravel() for x in (true, at_edges, gain)
+    )
     weight = 1 / np.maximum(edge_own + gain_own, 1e-9)
-    (edge, other), _ = nnls(np.stack([edge_own, gain_own], 1) * weight[:, None], true_own * weight)
-    touched = edge_own > 0.05 * gain_own  # else the edges are not what the error is made of
+    (edge, other), _ = nnls(
+        np.stack([edge_own, gain_own], 1) * weight[:, None], true_own * weight
+    )
+    touched = (
+        edge_own > 0.05 * gain_own
+    )  # else the edges are not what the error is made of
     rest = np.abs(true_own - edge * edge_own - other * gain_own) - other * gain_own
-    spread = max(0.0, np.quantile((rest / np.maximum(edge_own, 1e-12))[touched], COVERED))
+    spread = max(
+        0.0, np.quantile((rest / np.maximum(edge_own, 1e-12))[touched], COVERED)
+    )
     remaining = edge * at_edges + other * gain
     roots = np.sqrt(np.maximum(np.diagonal(remaining, axis1=1, axis2=2), 1e-24))
     means = roots[:, :, None] * roots[:, None, :]
     excess = np.abs(true - remaining) - spread * np.abs(at_edges) - other * np.abs(gain)
     cross = max(0.0, np.quantile((excess / means)[:, *UPPER], COVERED))
-    return {"AT_EDGES": edge, "SPREAD_AT_EDGES": spread, "ELSEWHERE": other, "SPREAD_ELSEWHERE": other,
-            "CROSS_TERMS": cross}  # fmt: skip
+    return {
+        "AT_EDGES": edge,
+        "SPREAD_AT_EDGES": spread,
+        "ELSEWHERE": other,
+        "SPREAD_ELSEWHERE": other,
+        "CROSS_TERMS": cross,
+    }
 
 
 def main():

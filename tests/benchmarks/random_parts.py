@@ -16,7 +16,8 @@ def draw(rng):
 
 
 def _link(rng):
-    radius, length = rng.uniform(8e-3, 25e-3), rng.uniform(0.1, 0.5)
+    radius = rng.uniform(8e-3, 25e-3)
+    length = rng.uniform(0.1, 0.5)
     bore = 2 * radius * rng.uniform(0.3, 0.75) if rng.random() < 0.6 else 0.0
     fitted = rng.random() < 0.4
     return build(
@@ -31,7 +32,8 @@ def _link(rng):
 
 
 def _slider(rng):
-    depth, width = rng.uniform(60e-3, 140e-3), rng.uniform(0.12, 0.32)
+    depth = rng.uniform(60e-3, 140e-3)
+    width = rng.uniform(0.12, 0.32)
     ribs, holes, pads = rng.random(3) < 0.5
     return build(
         slider.SliderParameters(

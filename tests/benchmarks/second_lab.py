@@ -32,11 +32,18 @@ POSES = 5
 NOISE = 0.003  # of the rms deflection
 SEEN = 100.0  # χ² that an effect adds at least: less than that no readings name
 CYCLE = (
-    "actuator-stiffness", "joint-compliance", "link-stiffness", "platform-compliance", "joint-compliance",
-    "base-compliance", "",
-)  # fmt: skip
+    "actuator-stiffness",
+    "joint-compliance",
+    "link-stiffness",
+    "platform-compliance",
+    "joint-compliance",
+    "base-compliance",
+    "",
+)
 TOGETHER = 0.2  # of soft bearings, those of all passive joints alike
-DRIVE, LINK, ADDED = (0.1, 0.85), (0.2, 0.85), (0.02, 3.0)
+DRIVE = (0.1, 0.85)
+LINK = (0.2, 0.85)
+ADDED = (0.02, 3.0)
 
 
 @dataclass(frozen=True)
@@ -71,7 +78,8 @@ class Bench:
 def _stiffness(network, added):
     bodies, (nodes, elements, tool) = network
     changed = [(e[0], *e[1:4], e[4] + added.get(e[0], 0.0), *e[5:]) for e in elements]
-    kept, oracle.network = oracle.network, lambda _: (nodes, changed, tool)
+    kept = oracle.network
+    oracle.network = lambda _: (nodes, changed, tool)
     try:
         return oracle.solve(bodies)[0]
     finally:
@@ -82,10 +90,21 @@ def _stiffness(network, added):
 def bench(name):
     """The bench of a robot by its name or file."""
     file = load_robot(name)
-    robot = NominalRobot(mechanism_of(file, part_matrices(file, "published" if name == "biglide" else "beam")), file)
-    rng, spread = np.random.default_rng(11), np.array(SPREAD[name])
-    middle = np.array(list(file.poses.values())).mean(axis=0) if file.poses else robot.mechanism.tool.at
-    poses, networks = [], []
+    robot = NominalRobot(
+        mechanism_of(
+            file, part_matrices(file, "published" if name == "biglide" else "beam")
+        ),
+        file,
+    )
+    rng = np.random.default_rng(11)
+    spread = np.array(SPREAD[name])
+    middle = (
+        np.array(list(file.poses.values())).mean(axis=0)
+        if file.poses
+        else robot.mechanism.tool.at
+    )
+    poses = []
+    networks = []
     while len(poses) < POSES:
         pose = middle + rng.uniform(-1.0, 1.0, len(spread)) * spread
         try:
@@ -103,17 +122,31 @@ def _log_uniform(rng, low, high):
 
 def _bearing(joint, which, translation, rotation):
     """What a joint's bearing yields in the joint's axes: along what it holds, tilts, or both."""
-    free = {d: kind for kind, d in ((kind, int(np.argmax(np.abs(joint.axes.T @ d)))) for kind, d in joint.motions
-                                    if kind != "S")}  # fmt: skip
-    held = np.array([free.get(k) != "P" for k in range(3)] + [free.get(k) != "R" for k in range(3)])
+    free = {
+        d: kind
+        for kind, d in (
+            (kind, int(np.argmax(np.abs(joint.axes.T @ d))))
+            for kind, d in joint.motions
+            if kind != "S"
+        )
+    }
+    held = np.array(
+        [free.get(k) != "P" for k in range(3)] + [free.get(k) != "R" for k in range(3)]
+    )
     if any(kind == "S" for kind, _ in joint.motions):
         held[3:] = False
     which = which if held[3:].any() else "straight"
-    return np.diag(np.repeat([translation * (which != "tilting"), rotation * (which != "straight")], 3) * held)
+    return np.diag(
+        np.repeat(
+            [translation * (which != "tilting"), rotation * (which != "straight")], 3
+        )
+        * held
+    )
 
 
 def _drawn(lab, word, rng):
-    robot, mechanism = lab.robot, lab.robot.mechanism
+    robot = lab.robot
+    mechanism = lab.robot.mechanism
     joints = {j.name: j for j in mechanism.joints}
     elements = {e[0]: e[4] for e in lab.networks[0][1][1]}
     if word == "actuator-stiffness":
@@ -123,57 +156,119 @@ def _drawn(lab, word, rng):
         added = {}
         for name in places[place]:
             axis = np.eye(6)[3 if joints[name].kind == "revolute" else 0]
-            added[name] = np.outer(axis, axis) * (1.0 / factor - 1.0) / joints[name].drive.stiffness
+            added[name] = (
+                np.outer(axis, axis)
+                * (1.0 / factor - 1.0)
+                / joints[name].drive.stiffness
+            )
         return Planted(f"{word} @ {place}", f"{factor:.3g}", added)
     if word == "link-stiffness":
-        names = [b.name for b in mechanism.bodies if b.elastic is not None and elements[b.name].any()]
-        place, factor = names[rng.integers(len(names))], _log_uniform(rng, *LINK)
-        return Planted(f"{word} @ {place}", f"{factor:.3g}", {place: elements[place] * (1.0 / factor - 1.0)})
+        names = [
+            b.name
+            for b in mechanism.bodies
+            if b.elastic is not None and elements[b.name].any()
+        ]
+        place = names[rng.integers(len(names))]
+        factor = _log_uniform(rng, *LINK)
+        return Planted(
+            f"{word} @ {place}",
+            f"{factor:.3g}",
+            {place: elements[place] * (1.0 / factor - 1.0)},
+        )
     if word == "joint-compliance":
-        names = [j.name for j in mechanism.joints if j.kind in ("revolute", "spherical", "universal")]
+        names = [
+            j.name
+            for j in mechanism.joints
+            if j.kind in ("revolute", "spherical", "universal")
+        ]
         places = {name: (name,) for name in names}
         passive = tuple(j.name for j in mechanism.joints if j.drive is None)
         if passive and rng.random() < TOGETHER:
             places = {"joints": passive}
-        place, which = list(places)[rng.integers(len(places))], ["both", "straight", "tilting"][rng.integers(3)]
+        place = list(places)[rng.integers(len(places))]
+        which = ["both", "straight", "tilting"][rng.integers(3)]
         sizes = [_log_uniform(rng, *ADDED) * size for size in lab.own]
         added = {name: _bearing(joints[name], which, *sizes) for name in places[place]}
-        return Planted(f"{word} @ {place}", f"{which} {sizes[0]:.2g} m/N {sizes[1]:.2g} rad/(N m)", added)
+        return Planted(
+            f"{word} @ {place}",
+            f"{which} {sizes[0]:.2g} m/N {sizes[1]:.2g} rad/(N m)",
+            added,
+        )
     place = "tool" if word == "platform-compliance" else "base"
     diagonal = np.repeat([_log_uniform(rng, *ADDED) * size for size in lab.own], 3)
-    kept = [np.ones(6), np.repeat([1.0, 0.0], 3), np.repeat([0.0, 1.0], 3), np.eye(6)[rng.integers(6)]]
+    kept = [
+        np.ones(6),
+        np.repeat([1.0, 0.0], 3),
+        np.repeat([0.0, 1.0], 3),
+        np.eye(6)[rng.integers(6)],
+    ]
     diagonal = diagonal * kept[rng.integers(len(kept))]
-    return Planted(f"{word} @ {place}", np.array2string(diagonal, precision=2), {f"<{place}>": np.diag(diagonal)})
+    return Planted(
+        f"{word} @ {place}",
+        np.array2string(diagonal, precision=2),
+        {f"<{place}>": np.diag(diagonal)},
+    )
 
 
 def campaign_of(name, number, seed=1):
     """A campaign of a robot, what is planted in it, and the nominal robot: every seventh robot is sound."""
     lab, rng = bench(name), np.random.default_rng([seed, number, *name.encode()])
     nominal = lab.compliances({})
-    rms = np.sqrt([np.mean(np.square([c[:3, :3] for c in nominal])), np.mean(np.square([c[3:, 3:] for c in nominal]))])
+    rms = np.sqrt(
+        [
+            np.mean(np.square([c[:3, :3] for c in nominal])),
+            np.mean(np.square([c[3:, 3:] for c in nominal])),
+        ]
+    )
     length = np.sqrt(rms[0] / rms[1])
     sigma = NOISE * 500.0 * rms * np.array([1.0, length])
     sigma = np.tile(np.repeat(sigma, 3), 6 * POSES)
-    force = 500.0 * rng.uniform(0.3, 1.0, (POSES, 6)) * rng.choice([-1.0, 1.0], (POSES, 6))
-    wrenches = force[..., None] * np.diag(np.repeat([1.0, length], 3))  # (pose, load, 6)
+    force = (
+        500.0 * rng.uniform(0.3, 1.0, (POSES, 6)) * rng.choice([-1.0, 1.0], (POSES, 6))
+    )
+    wrenches = force[..., None] * np.diag(
+        np.repeat([1.0, length], 3)
+    )  # (pose, load, 6)
 
     def read(added):
-        return np.concatenate([(w @ c).ravel() for w, c in zip(wrenches, lab.compliances(added), strict=True)])
+        return np.concatenate(
+            [
+                (w @ c).ravel()
+                for w, c in zip(wrenches, lab.compliances(added), strict=True)
+            ]
+        )
 
-    word, base = CYCLE[number % len(CYCLE)], read({})
-    planted, value = Planted("", "", {}), base
+    word = CYCLE[number % len(CYCLE)]
+    base = read({})
+    planted = Planted("", "", {})
+    value = base
     while word:
         planted = _drawn(lab, word, rng)
         value = read(planted.added)
         if np.sum(((value - base) / sigma) ** 2) > SEEN:
             break
-    pose, load, axis = (v.ravel() for v in np.meshgrid(range(POSES), range(6), range(6), indexing="ij"))
+    pose, load, axis = (
+        v.ravel() for v in np.meshgrid(range(POSES), range(6), range(6), indexing="ij")
+    )
     n = len(value)
     made = Campaign(
-        name, ("gravity",), "beam", tuple(str(k) for k in range(POSES)), lab.poses, pose, wrenches[pose, load], axis,
-        value + sigma * rng.standard_normal(n), sigma, ("",), np.zeros(n), ("readings.csv",), np.zeros(n),
-        np.arange(2, n + 2), coordinates=lab.robot.mechanism.tool.pose,
-    )  # fmt: skip
+        name,
+        ("gravity",),
+        "beam",
+        tuple(str(k) for k in range(POSES)),
+        lab.poses,
+        pose,
+        wrenches[pose, load],
+        axis,
+        value + sigma * rng.standard_normal(n),
+        sigma,
+        ("",),
+        np.zeros(n),
+        ("readings.csv",),
+        np.zeros(n),
+        np.arange(2, n + 2),
+        coordinates=lab.robot.mechanism.tool.pose,
+    )
     return made, planted, lab.robot
 
 
@@ -192,8 +287,18 @@ def scored(diagnosis, names):
     groups = [{f"{e.effect} @ {e.place}", *e.confused_with} for e in diagnosis.effects]
     hit = [bool(group & names) for group in groups]
     if not names:
-        return "right" if diagnosis.verdict == "no-gap" else "false" if groups else "missed"
+        return (
+            "right"
+            if diagnosis.verdict == "no-gap"
+            else "false"
+            if groups
+            else "missed"
+        )
     if diagnosis.verdict in ("identified", "partly"):
         return "right" if all(hit) and hit else "false"
     possible = any(f"{p.effect} @ {p.place}" in names for p in diagnosis.possible)
-    return "honest" if diagnosis.verdict == "ambiguous" and (any(hit) or possible) else "missed"
+    return (
+        "honest"
+        if diagnosis.verdict == "ambiguous" and (any(hit) or possible)
+        else "missed"
+    )

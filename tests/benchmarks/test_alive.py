@@ -42,7 +42,9 @@ def coarse():
 
 
 @pytest.mark.parametrize("code", ["CalculiX", "MFEM"])
-@pytest.mark.parametrize("part", ["link", "slider"])  # of curved elements, and of straight ones
+@pytest.mark.parametrize(
+    "part", ["link", "slider"]
+)  # of curved elements, and of straight ones
 def test_other_codes_on_one_mesh(code, part, coarse):
     test_codes.need(code)
     mesh = coarse if part == "link" else meshed(part, 2.0)
@@ -53,8 +55,15 @@ def test_other_codes_on_one_mesh(code, part, coarse):
 
 def test_a_process_of_a_stored_mesh(coarse, tmp_path):
     np.savez(tmp_path / "mesh.npz", **asdict(coarse))
-    found = measured(code="ours", mesh=str(tmp_path / "mesh.npz"), order=2)["compliance"]
-    assert np.allclose(found, CODES["ours"](coarse, {"order": 2}), rtol=1e-9, atol=1e-9 * np.abs(found).max())
+    found = measured(code="ours", mesh=str(tmp_path / "mesh.npz"), order=2)[
+        "compliance"
+    ]
+    assert np.allclose(
+        found,
+        CODES["ours"](coarse, {"order": 2}),
+        rtol=1e-9,
+        atol=1e-9 * np.abs(found).max(),
+    )
 
 
 def test_a_whole_process_from_the_cad(monkeypatch):
@@ -62,7 +71,10 @@ def test_a_whole_process_from_the_cad(monkeypatch):
     assert done["seconds"] > 0
     assert done["megabytes"] > 100
     monkeypatch.setattr(test_codes, "measured", lambda **_: dict(done))
-    assert test_codes.cheapest(done["compliance"], [{"code": "experiment"}], "link")["off"] == 0.0
+    assert (
+        test_codes.cheapest(done["compliance"], [{"code": "experiment"}], "link")["off"]
+        == 0.0
+    )
 
 
 def test_two_levels_and_a_large_mesh(monkeypatch, coarse, capsys):
@@ -77,7 +89,9 @@ def test_two_levels_and_a_large_mesh(monkeypatch, coarse, capsys):
 def test_bounds_of_a_random_part(monkeypatch):
     monkeypatch.setattr(test_fea_coverage, "FINER", 1.2)
     (true, bound, size), said = test_fea_coverage.compare(4)
-    assert np.mean((true <= bound)[size > test_fea_coverage.SIGNIFICANT]) >= 0.9, said  # they are 95 % bounds
+    assert np.mean((true <= bound)[size > test_fea_coverage.SIGNIFICANT]) >= 0.9, (
+        said
+    )  # they are 95 % bounds
 
 
 def test_poses_modes_and_a_map(rng, capsys, monkeypatch):
@@ -85,7 +99,9 @@ def test_poses_modes_and_a_map(rng, capsys, monkeypatch):
     assert all(np.isfinite(stiffness(robot, robot.tool.home)).all() for robot in robots)
     exec(test_vjm_speed.TEN_MILLION.replace("10_000_000", "1_000"), {})  # noqa: S102
     assert float(capsys.readouterr().out.split()[1]) > 0
-    monkeypatch.setattr(test_modes_speed, "random_poses", lambda rng, _: random_poses(rng, 30))
+    monkeypatch.setattr(
+        test_modes_speed, "random_poses", lambda rng, _: random_poses(rng, 30)
+    )
     test_modes_speed.test_first_six_frequencies_of_many_poses(rng, capsys)
 
 
@@ -98,15 +114,22 @@ def test_campaigns_of_a_hexapod_and_of_a_template(tmp_path, monkeypatch, capsys)
     monkeypatch.setattr(test_gap_speed, "STANCES", 8)
     for folder in (tmp_path / "hexapod", tmp_path / "template"):
         folder.mkdir()
-    test_gap_speed.test_eight_thousand_readings_of_a_hexapod(test_gap_speed.FAULTS[:1], tmp_path / "hexapod")
-    test_gap_speed.test_a_template_filled_in("delta", tmp_path / "template", monkeypatch)
+    test_gap_speed.test_eight_thousand_readings_of_a_hexapod(
+        test_gap_speed.FAULTS[:1], tmp_path / "hexapod"
+    )
+    test_gap_speed.test_a_template_filled_in(
+        "delta", tmp_path / "template", monkeypatch
+    )
     assert "delta, 128 readings, run 2" in capsys.readouterr().out
 
 
 def test_a_campaign_of_the_second_laboratory():
     campaign, planted, nominal = campaign_of("five-bar", 0)
     model = RobotModel(campaign, nominal)
-    assert scored(conclude(find(model)), names_of(model, planted.name)) in {"right", "honest"}
+    assert scored(conclude(find(model)), names_of(model, planted.name)) in {
+        "right",
+        "honest",
+    }
 
 
 def test_a_humanoid_with_nothing_wrong(tmp_path, monkeypatch):
@@ -119,7 +142,9 @@ def test_a_dimension_of_a_part(tmp_path, monkeypatch):
     one_part(tmp_path, ROD)
     with workshop() as shop:
         lab = test_part_dimensions._lab(str(tmp_path / "robot.toml"), (), shop)
-        answer, said = test_part_dimensions.answered("robot.toml", 1, lab, tmp_path / "campaign", shop)
+        answer, said = test_part_dimensions.answered(
+            "robot.toml", 1, lab, tmp_path / "campaign", shop
+        )
     assert answer.right, said
 
 
@@ -130,7 +155,10 @@ def test_derivatives_of_a_part():
 
 def test_what_a_watched_run_changes_is_in_the_file():
     text = find_robot("biglide").read_text()
-    assert all(re.search(pattern, text) for pattern, _ in (test_rerun_speed.DRIVE, test_rerun_speed.THICKNESS))
+    assert all(
+        re.search(pattern, text)
+        for pattern, _ in (test_rerun_speed.DRIVE, test_rerun_speed.THICKNESS)
+    )
     assert test_rerun_speed.timed("-c", "pass")[0] > 0
 
 
@@ -141,7 +169,10 @@ def test_four_interfaces_beside_two(monkeypatch):
 
 
 def test_every_benchmark_that_the_documentation_names_is_here():
-    pages = [path.read_text() for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]]
+    pages = [
+        path.read_text()
+        for path in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]
+    ]
     named = set(re.findall(r"benchmarks/(\w+)\.py", " ".join(pages)))
     assert named
     assert named <= set(re.findall(r"\w+", Path(__file__).read_text()))

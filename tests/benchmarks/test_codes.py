@@ -24,19 +24,37 @@ import pytest
 from stiffscope.cli.main import _guarded
 from stiffscope.fea.multigrid import prepare
 from tests.benchmarks import calculix
-from tests.benchmarks.codes import PARAMETERS, build, for_calculix, load, measured, meshed
+from tests.benchmarks.codes import (
+    PARAMETERS,
+    build,
+    for_calculix,
+    load,
+    measured,
+    meshed,
+)
 
 pytest.importorskip("psutil", reason="psutil is missing (pip install psutil)")
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(1800)]
 TARGET = 1e-3
 PORTAL = Path(__file__).with_name("portal.toml")
-HINTS = {"CalculiX": "Debian: calculix-ccx", "MFEM": "pip install mfem", "EXUDYN": "pip install exudyn"}
-PRESENT = {"CalculiX": calculix.ccx(), "MFEM": find_spec("mfem"), "EXUDYN": find_spec("exudyn")}
+HINTS = {
+    "CalculiX": "Debian: calculix-ccx",
+    "MFEM": "pip install mfem",
+    "EXUDYN": "pip install exudyn",
+}
+PRESENT = {
+    "CalculiX": calculix.ccx(),
+    "MFEM": find_spec("mfem"),
+    "EXUDYN": find_spec("exudyn"),
+}
 OURS = ({}, {"tolerance": 3e-3}, {"tolerance": TARGET})
 SWEEP = {  # times the default size, layers at singular edges; what was measured not to suffice is left out but for one
     "link": ((1, 1), (0.7, 2)),
     "slider": ((0.5, 3), (0.3, 2), (0.25, 2)),
-    "ribbed slider": ((0.5, 3), (0.3, 3)),  # does not suffice; 0.25 takes more than seven minutes
+    "ribbed slider": (
+        (0.5, 3),
+        (0.3, 3),
+    ),  # does not suffice; 0.25 takes more than seven minutes
 }
 
 
@@ -60,15 +78,33 @@ def test_same_mesh_same_answer(stored, code, order):
     name, path = stored
     mine = measured(code="ours", mesh=path, order=order)
     theirs = measured(code=code, mesh=path, order=order)
-    ours, other = mine["compliance"], theirs["compliance"]
-    worst = (np.abs(ours - other) / np.sqrt(np.outer(ours.diagonal(), ours.diagonal()))).max()
-    print(f"\n| {name}: ours / {code} | " + " | ".join("123456") + " |\n" + "|---" * 7 + "|")
+    ours = mine["compliance"]
+    other = theirs["compliance"]
+    worst = (
+        np.abs(ours - other) / np.sqrt(np.outer(ours.diagonal(), ours.diagonal()))
+    ).max()
+    print(
+        f"\n| {name}: ours / {code} | "
+        + " | ".join("123456")
+        + " |\n"
+        + "|---" * 7
+        + "|"
+    )
     for i in range(6):
         cells = (f"{ours[i, j]:.6e} / {other[i, j]:.6e}" for j in range(6))
         print(f"| {i + 1} | {' | '.join(cells)} |")
-    print("\n| part | dofs | other code | ours | other | largest difference of 36 |\n" + "|---" * 6 + "|")
-    print(f"| {name} | {mine['dofs']} | {code} | {cost(mine)} | {cost(theirs)} | {worst:.0e} |", flush=True)
-    assert worst < 1e-5  # of CalculiX on the link, where it bends 5e-6 more than MFEM and ours; elsewhere 5e-7
+    print(
+        "\n| part | dofs | other code | ours | other | largest difference of 36 |\n"
+        + "|---" * 6
+        + "|"
+    )
+    print(
+        f"| {name} | {mine['dofs']} | {code} | {cost(mine)} | {cost(theirs)} | {worst:.0e} |",
+        flush=True,
+    )
+    assert (
+        worst < 1e-5
+    )  # of CalculiX on the link, where it bends 5e-6 more than MFEM and ours; elsewhere 5e-7
 
 
 def test_a_bracket_of_three_interfaces_on_the_same_mesh(tmp_path, monkeypatch):
@@ -87,27 +123,48 @@ def test_a_bracket_of_three_interfaces_on_the_same_mesh(tmp_path, monkeypatch):
     part = bracket("left", "right", "motor")
     specimen = specimen_of(part, Settings())
     mesh = mesh_specimen(specimen)
-    clamped, points = mesh.nodes_of(part.clamped), np.array([face.reference_point for face in part.loaded])
-    couplings = tuple(Coupling(face.faces, point, "rigid") for face, point in zip(part.loaded, points, strict=True))
+    clamped = mesh.nodes_of(part.clamped)
+    points = np.array([face.reference_point for face in part.loaded])
+    couplings = tuple(
+        Coupling(face.faces, point, "rigid")
+        for face, point in zip(part.loaded, points, strict=True)
+    )
     supports = support(mesh, clamped, couplings)
     loads = unit_loads(mesh, supports, couplings)
     matrix = elasticity.assemble(mesh, specimen.elasticity)
     ours = loads.T @ prepare(mesh, matrix, supports).solve(loads)
-    rigid = [(mesh.nodes_of(face.faces), point) for face, point in zip(part.loaded, points, strict=True)]
+    rigid = [
+        (mesh.nodes_of(face.faces), point)
+        for face, point in zip(part.loaded, points, strict=True)
+    ]
     deck = calculix.model(
-        mesh.points, mesh.cells, clamped, rigid, STEEL.youngs_modulus, STEEL.poisson, STEEL.density
+        mesh.points,
+        mesh.cells,
+        clamped,
+        rigid,
+        STEEL.youngs_modulus,
+        STEEL.poisson,
+        STEEL.density,
     ) + calculix.unit_loads(len(mesh.points), 2)
     theirs = calculix.compliance(tmp_path, deck, None, 2)
     scale = np.sqrt(np.outer(ours.diagonal(), ours.diagonal()))
     off = np.abs(ours - theirs) / scale
     held = np.linalg.inv(ours)
-    loads = calculix.combined_loads(len(mesh.points), held)  # which move one coordinate alone: printed to seven digits
-    moved = calculix.run(tmp_path, deck[: deck.index("*NSET, NSET=OUT")] + loads)[:, 1:].reshape(len(held), -1).T
+    loads = calculix.combined_loads(
+        len(mesh.points), held
+    )  # which move one coordinate alone: printed to seven digits
+    moved = (
+        calculix.run(tmp_path, deck[: deck.index("*NSET, NSET=OUT")] + loads)[:, 1:]
+        .reshape(len(held), -1)
+        .T
+    )
     free = relative_twists(points, mesh.points[clamped].mean(axis=0))
     k, other = (free.T @ each @ free for each in (held, held @ np.linalg.inv(moved)))
     size = np.sqrt(np.outer(k.diagonal(), k.diagonal()))
     stiff = np.abs((k - other) / size).max()
-    print(f"\nbracket of three interfaces: compliance {off.max():.1e}, stiffness {stiff:.1e}")
+    print(
+        f"\nbracket of three interfaces: compliance {off.max():.1e}, stiffness {stiff:.1e}"
+    )
     assert max(off.max(), stiff) < 1e-6
 
 
@@ -118,7 +175,11 @@ def test_same_mesh_same_frequencies(stored, tmp_path, monkeypatch):
     from stiffscope.fea.modes import lowest_modes
 
     name, path = stored
-    for module, order in ((elasticity, "CURVED_ORDER"), (mass, "CURVED_ORDER"), (mass, "STRAIGHT_ORDER")):
+    for module, order in (
+        (elasticity, "CURVED_ORDER"),
+        (mass, "CURVED_ORDER"),
+        (mass, "STRAIGHT_ORDER"),
+    ):
         monkeypatch.setattr(module, order, 2)
     problem = load(path)
     supports, loads = problem.supported()
@@ -158,18 +219,38 @@ def test_robot_beside_one_solid(tmp_path):
     target = tmp_path / "modes.json"
     assert _guarded(["modes", str(PORTAL), "--json", str(target), "--quiet"]) == 0
     found = json.loads(target.read_text())
-    robot, error = np.array(found["frequencies"][0]), np.array(found["error"][0])
+    robot = np.array(found["frequencies"][0])
+    error = np.array(found["error"][0])
     rods = [Pos(150, y, 0) * Rot(0, 90, 0) * Cylinder(3, 300) for y in (-60, 60)]
-    export_step(rods[0] + rods[1] + Pos(325, 0, 0) * Box(50, 160, 50), str(tmp_path / "portal.step"))
+    export_step(
+        rods[0] + rods[1] + Pos(325, 0, 0) * Box(50, 160, 50),
+        str(tmp_path / "portal.step"),
+    )
     part = read_step(tmp_path / "portal.step")
     mesh = mesh_specimen(specimen_of(part, Settings(size=0.015)), size=0.015, layers=2)
     clamped = mesh.nodes_of(part.clamped)
-    deck = calculix.model(mesh.points, mesh.cells, clamped, (), STEEL.youngs_modulus, STEEL.poisson, STEEL.density)
+    deck = calculix.model(
+        mesh.points,
+        mesh.cells,
+        clamped,
+        (),
+        STEEL.youngs_modulus,
+        STEEL.poisson,
+        STEEL.density,
+    )
     solid = calculix.frequencies(tmp_path, deck)
     print("\n| portal, Hz | " + " | ".join("123456") + " |\n" + "|---" * 7 + "|")
-    rows = {"as a robot": robot, "its 95 % bound": error, "one solid, CalculiX": solid, "ratio": robot / solid}
+    rows = {
+        "as a robot": robot,
+        "its 95 % bound": error,
+        "one solid, CalculiX": solid,
+        "ratio": robot / solid,
+    }
     for label, values in rows.items():
-        print(f"| {label} | " + " | ".join(f"{value:.5g}" for value in values) + " |", flush=True)
+        print(
+            f"| {label} | " + " | ".join(f"{value:.5g}" for value in values) + " |",
+            flush=True,
+        )
     assert robot == pytest.approx(solid, rel=0.01)
 
 
@@ -239,16 +320,25 @@ def test_a_platform_on_three_legs_beside_one_solid(tmp_path):
     from stiffscope.vjm.statics import compliance
 
     low = (Align.CENTER, Align.CENTER, Align.MIN)
-    plate = Pos(0, 0, 15) * Box(240, 200, 20, align=low) + Pos(0, 0, 35) * Cylinder(20, 15, align=low)
+    plate = Pos(0, 0, 15) * Box(240, 200, 20, align=low) + Pos(0, 0, 35) * Cylinder(
+        20, 15, align=low
+    )
     for name, start, length in (("plate", 0, 15), ("whole", -200, 215)):
         solid = plate
         for x, y in LEGS.values():
             solid += Pos(x, y, start) * Cylinder(12, length, align=low)
         export_step(solid, str(tmp_path / f"{name}.step"))
-    feet = "".join(f'interfaces.{n} = {{ position = ["{x} mm", "{y} mm", 0] }}\n' for n, (x, y) in LEGS.items())
+    feet = "".join(
+        f'interfaces.{n} = {{ position = ["{x} mm", "{y} mm", 0] }}\n'
+        for n, (x, y) in LEGS.items()
+    )
     text = PLATFORM.replace("interfaces.tool", f"{feet}interfaces.tool")
     for name, (x, y) in LEGS.items():
-        text += LEG.replace("NAME", name).replace("X mm", f"{x} mm").replace("Y mm", f"{y} mm")
+        text += (
+            LEG.replace("NAME", name)
+            .replace("X mm", f"{x} mm")
+            .replace("Y mm", f"{y} mm")
+        )
     (tmp_path / "platform.toml").write_text(text)
     robot = compliance(assemble(load_robot(tmp_path / "platform.toml")), [[0.25]])[0]
 
@@ -260,16 +350,38 @@ def test_a_platform_on_three_legs_beside_one_solid(tmp_path):
     ours = solve_specimen(specimen, mesh, "rigid", "auto")
     rigid = [(mesh.nodes_of(face.faces), face.reference_point) for face in part.loaded]
     deck = calculix.model(
-        mesh.points, mesh.cells, mesh.nodes_of(part.clamped), rigid, STEEL.youngs_modulus, STEEL.poisson, STEEL.density
+        mesh.points,
+        mesh.cells,
+        mesh.nodes_of(part.clamped),
+        rigid,
+        STEEL.youngs_modulus,
+        STEEL.poisson,
+        STEEL.density,
     ) + calculix.unit_loads(len(mesh.points))
-    solid, quadratic = calculix.compliance(tmp_path, deck, None), ours.cubic - ours.gain
-    print(f"\n| platform on three legs, {3 * len(mesh.points)} dofs | x | y | z | rx | ry | rz |\n" + "|---" * 7 + "|")
-    rows = {"as a robot": robot, "one solid, CalculiX": solid, "one solid, extrapolated": ours.compliance}
+    solid = calculix.compliance(tmp_path, deck, None)
+    quadratic = ours.cubic - ours.gain
+    print(
+        f"\n| platform on three legs, {3 * len(mesh.points)} dofs | x | y | z | rx | ry | rz |\n"
+        + "|---" * 7
+        + "|"
+    )
+    rows = {
+        "as a robot": robot,
+        "one solid, CalculiX": solid,
+        "one solid, extrapolated": ours.compliance,
+    }
     for label, values in (*rows.items(), ("bound of that", ours.error)):
-        print(f"| C {label} | " + " | ".join(f"{value:.5g}" for value in values.diagonal()) + " |", flush=True)
+        print(
+            f"| C {label} | "
+            + " | ".join(f"{value:.5g}" for value in values.diagonal())
+            + " |",
+            flush=True,
+        )
     same = compare(quadratic, solid)
     whole = compare(robot, ours.compliance)
-    print(f"CalculiX on this mesh: {same:.1e}; robot beside the solid extrapolated, of sqrt(K_ii K_jj): {whole:.2%}")
+    print(
+        f"CalculiX on this mesh: {same:.1e}; robot beside the solid extrapolated, of sqrt(K_ii K_jj): {whole:.2%}"
+    )
     assert same < 1e-3
     assert whole < 0.01
     assert np.abs(robot / ours.compliance - 1).diagonal().max() < 0.01
@@ -277,8 +389,11 @@ def test_a_platform_on_three_legs_beside_one_solid(tmp_path):
 
 def compare(one, other):
     """Return the largest difference of two compliances' stiffnesses, in parts of sqrt(K_ii K_jj)."""
-    k, reference = np.linalg.inv(one), np.linalg.inv(other)
-    return np.abs((k - reference) / np.sqrt(np.outer(reference.diagonal(), reference.diagonal()))).max()
+    k = np.linalg.inv(one)
+    reference = np.linalg.inv(other)
+    return np.abs(
+        (k - reference) / np.sqrt(np.outer(reference.diagonal(), reference.diagonal()))
+    ).max()
 
 
 @pytest.mark.parametrize("name", PARAMETERS)
@@ -295,7 +410,8 @@ def test_exudyn_takes_the_superelement(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # EXUDYN writes its solution into the working folder
     write_superelement(experiment, tmp_path / "part")
     with np.load(tmp_path / "part.npz") as part:
-        stiffness, mass = part["stiffness"], part["mass"]
+        stiffness = part["stiffness"]
+        mass = part["mass"]
     fall = np.zeros(len(mass))
     fall[[2, 8]] = -9.81  # z of both nodes
     count = len(mass) - 6
@@ -303,16 +419,20 @@ def test_exudyn_takes_the_superelement(name, tmp_path, monkeypatch):
     zeros = [0.0] * count
     node = system.AddNode(
         NodeGenericODE2(
-            referenceCoordinates=zeros, initialCoordinates=zeros, initialCoordinates_t=zeros,
+            referenceCoordinates=zeros,
+            initialCoordinates=zeros,
+            initialCoordinates_t=zeros,
             numberOfODE2Coordinates=count,
         )
-    )  # fmt: skip
+    )
     system.AddObject(
         ObjectGenericODE2(
-            nodeNumbers=[node], massMatrix=mass[6:, 6:], stiffnessMatrix=stiffness[6:, 6:],
+            nodeNumbers=[node],
+            massMatrix=mass[6:, 6:],
+            stiffnessMatrix=stiffness[6:, 6:],
             forceVector=(mass @ fall)[6:],
         )
-    )  # fmt: skip
+    )
     system.Assemble()
     values, _ = system.ComputeODE2Eigenvalues()
     theirs = np.sqrt(np.sort(values)[:6]) / (2 * np.pi)
@@ -321,7 +441,10 @@ def test_exudyn_takes_the_superelement(name, tmp_path, monkeypatch):
     print(f"\n| {name}, Hz | " + " | ".join("123456") + " |\n" + "|---" * 7 + "|")
     for label, found in (("ours", experiment.frequencies), ("EXUDYN", theirs)):
         print(f"| {label} | " + " | ".join(f"{value:.3f}" for value in found) + " |")
-    print(f"sag of the tip: ours {-9.81 * experiment.self_weight[2, 2]:.6e} m, EXUDYN {moved[2]:.6e} m", flush=True)
+    print(
+        f"sag of the tip: ours {-9.81 * experiment.self_weight[2, 2]:.6e} m, EXUDYN {moved[2]:.6e} m",
+        flush=True,
+    )
     assert theirs == pytest.approx(experiment.frequencies, rel=5e-3)
     assert moved[2] == pytest.approx(-9.81 * experiment.self_weight[2, 2], rel=1e-3)
 
@@ -334,7 +457,11 @@ def test_whole_process_from_the_cad(name):
     for code in ("experiment", "CalculiX", "MFEM"):
         if code == "experiment" or PRESENT[code]:
             done = measured(code=code, part=name)
-            label = "ours, cubic with a bound" if code == "experiment" else f"{code}, quadratic"
+            label = (
+                "ours, cubic with a bound"
+                if code == "experiment"
+                else f"{code}, quadratic"
+            )
             print(f"| {name} | {label} | {done['dofs']} | {cost(done)} |", flush=True)
 
 
@@ -344,12 +471,27 @@ def test_time_to_a_tenth_of_a_percent(name, pytestconfig):
     need("CalculiX")
     finer, bound = reference(name, pytestconfig)
     print(f"\n{name}: the reference's own bound is {bound:.1e}")
-    mine = cheapest(finer, ({"code": "experiment", "settings": settings} for settings in OURS), name)
-    theirs = cheapest(finer, ({"code": "CalculiX", "size": size, "layers": n} for size, n in SWEEP[name]), name)
-    print("\n| to 0.1 % true error | ours | CalculiX | seconds, times | memory, times |\n" + "|---" * 5 + "|")
+    mine = cheapest(
+        finer, ({"code": "experiment", "settings": settings} for settings in OURS), name
+    )
+    theirs = cheapest(
+        finer,
+        ({"code": "CalculiX", "size": size, "layers": n} for size, n in SWEEP[name]),
+        name,
+    )
+    print(
+        "\n| to 0.1 % true error | ours | CalculiX | seconds, times | memory, times |\n"
+        + "|---" * 5
+        + "|"
+    )
     ratios = "| not reached |  |"
     if mine and theirs:
-        ratios = "".join(f"| {theirs[key] / mine[key]:.1f} " for key in ("seconds", "megabytes")) + "|"
+        ratios = (
+            "".join(
+                f"| {theirs[key] / mine[key]:.1f} " for key in ("seconds", "megabytes")
+            )
+            + "|"
+        )
     print(f"| {name} | {row(mine)} | {row(theirs)} {ratios}", flush=True)
 
 
@@ -369,10 +511,16 @@ def cheapest(finer, jobs, name):
 
 def reference(name, config):
     """(6, 6) compliance of a much finer cubic solution, and its relative bound; worked out once."""
-    folder = os.environ.get("STIFFSCOPE_BENCHMARKS") or config.cache.mkdir("stiffscope-benchmarks")
+    folder = os.environ.get("STIFFSCOPE_BENCHMARKS") or config.cache.mkdir(
+        "stiffscope-benchmarks"
+    )
     path = Path(folder) / f"{name.replace(' ', '-')}.npz"
     if not path.exists():
-        settings = {"tolerance": TARGET / 4, "time_limit": 900, "most_unknowns": 5_000_000}
+        settings = {
+            "tolerance": TARGET / 4,
+            "time_limit": 900,
+            "most_unknowns": 5_000_000,
+        }
         found = measured(code="experiment", part=name, settings=settings)
         path.parent.mkdir(parents=True, exist_ok=True)
         np.savez(path, compliance=found["compliance"], bound=found["bound"])
@@ -385,4 +533,8 @@ def cost(done):
 
 
 def row(done):
-    return f"{cost(done)}, {done['dofs']} dofs, {done['off']:.1e} off" if done else "not reached"
+    return (
+        f"{cost(done)}, {done['dofs']} dofs, {done['off']:.1e} off"
+        if done
+        else "not reached"
+    )

@@ -24,25 +24,35 @@ from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 from tests.benchmarks.random_parts import draw
 
-PARTS, SEED = (int(os.environ.get(f"STIFFSCOPE_{name}", value)) for name, value in (("PARTS", 12), ("SEED", 6)))
+PARTS, SEED = (
+    int(os.environ.get(f"STIFFSCOPE_{name}", value))
+    for name, value in (("PARTS", 12), ("SEED", 6))
+)
 FINER = 5
 UPPER = np.triu_indices(6)
 
 
 def compare(number):
     """Errors, bounds and sizes (21,) of a random part's entries i <= j by sqrt(C_ii C_jj); a line a solution."""
-    rng, said = np.random.default_rng([SEED, number]), []
+    rng = np.random.default_rng([SEED, number])
+    said = []
     while True:
         part, interface = draw(rng)
         try:
             ours = run_experiment(part, Settings(interface=interface))
             wanted = max(ours.relative_bound / FINER, 3e-5)
-            finer = run_experiment(part, Settings(interface=interface, tolerance=wanted))
+            finer = run_experiment(
+                part, Settings(interface=interface, tolerance=wanted)
+            )
         except MeshError as refused:
             said.append(f"{part.name} {interface}: {refused}")
             continue
-        scale = np.sqrt(np.outer(finer.compliance.diagonal(), finer.compliance.diagonal()))
-        differ, bound, large = np.abs(ours.compliance - finer.compliance), ours.error, np.abs(finer.compliance)
+        scale = np.sqrt(
+            np.outer(finer.compliance.diagonal(), finer.compliance.diagonal())
+        )
+        differ = np.abs(ours.compliance - finer.compliance)
+        bound = ours.error
+        large = np.abs(finer.compliance)
         row = [(values / scale)[UPPER] for values in (differ, bound, large)]
         finest = _largest(np.abs(finer.error)[UPPER], large[UPPER], row[2])
         said.append(
@@ -53,7 +63,9 @@ def compare(number):
 
 
 def _spent(experiment):
-    return f"{experiment.unknowns:7d} unknowns {sum(experiment.seconds.values()):5.1f} s"
+    return (
+        f"{experiment.unknowns:7d} unknowns {sum(experiment.seconds.values()):5.1f} s"
+    )
 
 
 def _largest(values, sizes, share):
@@ -63,7 +75,11 @@ def _largest(values, sizes, share):
 def _line(true, bound, size):
     """What one part's entries show."""
     large = size > SIGNIFICANT
-    missed = [f"C{i + 1}{j + 1}" for i, j, out in zip(*UPPER, (true > bound) & large, strict=True) if out]
+    missed = [
+        f"C{i + 1}{j + 1}"
+        for i, j, out in zip(*UPPER, (true > bound) & large, strict=True)
+        if out
+    ]
     return (
         f"worst true {_largest(true, size, size)} bound {_largest(bound, size, size)} | covered "
         f"{(true <= bound)[large].sum()}/{large.sum()}, small {(true <= bound)[~large].sum()}/{(~large).sum()}, "
@@ -75,14 +91,16 @@ def _line(true, bound, size):
 @pytest.mark.timeout(3600)
 def test_bounds_cover_the_true_error_and_are_not_far_above_it(monkeypatch):
     monkeypatch.setenv("OMP_NUM_THREADS", "1")  # two parts at once
-    begun, rows = time.perf_counter(), []
+    begun = time.perf_counter()
+    rows = []
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
         for row, said in pool.map(compare, range(1, PARTS + 1)):
             rows.append(row)
             print(said, flush=True)
     true, bound, size = np.transpose(rows, (1, 0, 2)).reshape(3, -1)
     large = size > SIGNIFICANT
-    covered, small = (true <= bound)[large].mean(), (true <= bound)[~large].mean()
+    covered = (true <= bound)[large].mean()
+    small = (true <= bound)[~large].mean()
     ratio = np.median((bound / np.maximum(true, 1e-15))[large])
     print(
         f"{PARTS} parts in {time.perf_counter() - begun:.0f} s: {covered:.1%} of {large.sum()} entries covered "

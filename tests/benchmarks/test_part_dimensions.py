@@ -39,7 +39,10 @@ from stiffscope.robot.part_dimensions import FOUNDATION, part_parameters, with_p
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
 
-CAMPAIGNS, SEED = (int(os.environ.get(f"STIFFSCOPE_{name}", value)) for name, value in (("CAMPAIGNS", 18), ("SEED", 1)))
+CAMPAIGNS, SEED = (
+    int(os.environ.get(f"STIFFSCOPE_{name}", value))
+    for name, value in (("CAMPAIGNS", 18), ("SEED", 1))
+)
 KEPT = os.environ.get("STIFFSCOPE_KEPT")
 ROBOTS = {"biglide": (), "five-bar": ("inner.bore=12mm", "outer.bore=0mm")}
 STYLES = ("tool", "gauges")
@@ -62,7 +65,11 @@ class Answer:
 
 def planted(number, robot):
     """Part, parameter and value of a campaign, and whether a drive is soft besides."""
-    places = [(part, key) for part in robot.parts for key in (*part_parameters(robot, part), FOUNDATION)]
+    places = [
+        (part, key)
+        for part in robot.parts
+        for key in (*part_parameters(robot, part), FOUNDATION)
+    ]
     part, key = places[number % len(places)]
     rng = np.random.default_rng([SEED, number])
     if key == FOUNDATION:
@@ -79,21 +86,34 @@ def planted(number, robot):
 
 def answered(name, number, lab, folder, shop):
     """The answer to one campaign, and a line about it."""
-    robot, style = lab.robot.nominal.robot, STYLES[number % 2]
+    robot = lab.robot.nominal.robot
+    style = STYLES[number % 2]
     part, key, value, rng = planted(number, robot)
     label = f"{part}.{key}"
-    (tested,) = solve_parts([order_part(with_parameter(robot, part, key, value), part, label=label)], shop, whole=False)
+    (tested,) = solve_parts(
+        [order_part(with_parameter(robot, part, key, value), part, label=label)],
+        shop,
+        whole=False,
+    )
     compliance = tested.experiment.compliance
-    entries = {entry: float(compliance[int(entry[1]) - 1, int(entry[2]) - 1]) for entry in ENTRIES}
+    entries = {
+        entry: float(compliance[int(entry[1]) - 1, int(entry[2]) - 1])
+        for entry in ENTRIES
+    }
     machine = inject(lab.sound, "part-dimension", label, entries)
     truth = {f"part-dimension @ {label}": {"value": value}}
     if number // 2 % 2:
-        drive, factor = str(rng.choice(lab.places("actuator-stiffness"))), float(rng.uniform(*SOFTER))
+        drive = str(rng.choice(lab.places("actuator-stiffness")))
+        factor = float(rng.uniform(*SOFTER))
         machine = inject(machine, "actuator-stiffness", drive, {"factor": factor})
         truth[f"actuator-stiffness @ {drive}"] = {"factor": factor}
     plan, located = draw_plan(lab.workspace, rng, style)
     write_readings(
-        measure(machine, plan, Noise(), rng, located), folder, robot=name, pose=machine.pose, components="fea"
+        measure(machine, plan, Noise(), rng, located),
+        folder,
+        robot=name,
+        pose=machine.pose,
+        components="fea",
     )
     model = RobotModel(load_campaign(folder), lab.robot.nominal)
     begun = time.perf_counter()
@@ -104,7 +124,10 @@ def answered(name, number, lab, folder, shop):
     own, *rest = truth
     names = {f"{e.effect} @ {e.place}": e for e in diagnosis.effects}
     right = any(own in (effect, *e.confused_with) for effect, e in names.items())
-    inside = [tuple(_covered(names[each], truth[each])) if each in names else () for each in truth]
+    inside = [
+        tuple(_covered(names[each], truth[each])) if each in names else ()
+        for each in truth
+    ]
     said = "; ".join(
         f"{effect} ({', '.join(e.confused_with)}) {' '.join(_fitted(p) for p in e.parameters.values())}"
         for effect, e in names.items()
@@ -119,10 +142,20 @@ def answered(name, number, lab, folder, shop):
 def _odds(found, nominal, truth):
     """Ln-odds of the planted parameter against its absence, beside what else was planted."""
     own, *rest = truth
-    candidates = [c for c in found.model.library if c.name in rest or set(rest) & {*c.aliases, *c.signature_of[1:]}]
+    candidates = [
+        c
+        for c in found.model.library
+        if c.name in rest or set(rest) & {*c.aliases, *c.signature_of[1:]}
+    ]
     part = own.split(" @ ")[1].split(".")[0]
     new = next(c for c in find_dimensions(nominal, part) if c.name == own)
-    start = np.array([v for c in candidates for v in c.internal(np.array(list(truth[rest[0]].values())))])
+    start = np.array(
+        [
+            v
+            for c in candidates
+            for v in c.internal(np.array(list(truth[rest[0]].values())))
+        ]
+    )
     without = found.problem.fit(candidates, start)
     both = np.concatenate([start, new.internal(np.array([truth[own]["value"]]))])
     return found.problem.fit([*candidates, new], both).evidence - without.evidence
@@ -140,7 +173,9 @@ def _fitted(fit):
 
 @pytest.mark.benchmark
 @pytest.mark.timeout(7200)
-def test_planted_parameters_of_parts_are_found_with_honest_intervals(tmp_path, monkeypatch):
+def test_planted_parameters_of_parts_are_found_with_honest_intervals(
+    tmp_path, monkeypatch
+):
     if KEPT:
         monkeypatch.setenv("STIFFSCOPE_CACHE", KEPT)
     answers = {}
@@ -148,13 +183,20 @@ def test_planted_parameters_of_parts_are_found_with_honest_intervals(tmp_path, m
         labs = {name: _lab(name, overrides, shop) for name, overrides in ROBOTS.items()}
         for number in range(CAMPAIGNS):
             name = list(ROBOTS)[number % len(ROBOTS)]
-            answer, line = answered(name, number // len(ROBOTS), labs[name], tmp_path / str(number), shop)
+            answer, line = answered(
+                name, number // len(ROBOTS), labs[name], tmp_path / str(number), shop
+            )
             answers.setdefault(name, []).append(answer)
             print(line, flush=True)
     print("robot     ln-odds > 10   right            interval holds it    of the drive")
-    for name, some in {**answers, "all": [a for each in answers.values() for a in each]}.items():
+    for name, some in {
+        **answers,
+        "all": [a for each in answers.values() for a in each],
+    }.items():
         right, covered, beside = scores(some)
-        print(f"{name:8s} {len(right):4d} of {len(some):4d}   {_share(right)}   {_share(covered)}   {_share(beside)}")
+        print(
+            f"{name:8s} {len(right):4d} of {len(some):4d}   {_share(right)}   {_share(covered)}   {_share(beside)}"
+        )
     assert np.mean(right) >= 0.9
     assert np.mean(covered) >= 0.9
 
@@ -162,13 +204,19 @@ def test_planted_parameters_of_parts_are_found_with_honest_intervals(tmp_path, m
 def scores(answers):
     """Flags of what is evident: right; intervals of parameters that hold; those of drives."""
     evident = [a for a in answers if a.odds > EVIDENT]
-    return [a.right for a in evident], [c for a in evident for c in a.covered], [c for a in evident for c in a.beside]
+    return (
+        [a.right for a in evident],
+        [c for a in evident for c in a.covered],
+        [c for a in evident for c in a.beside],
+    )
 
 
 def _lab(name, overrides, shop):
     robot = load_robot(name, overrides)
     nominal = assemble_robots({name: robot}, "fea", shop)[name]
-    carrying = NominalRobot(nominal.mechanism, robot, part_dimensions.tested_dimensions(nominal, shop))
+    carrying = NominalRobot(
+        nominal.mechanism, robot, part_dimensions.tested_dimensions(nominal, shop)
+    )
     return Lab(BlindRobot(carrying, nominal.matrices, "fea"), 36)
 
 

@@ -15,17 +15,27 @@ import pytest
 
 from stiffscope.robot.library import find_robot
 
-pytestmark = [pytest.mark.benchmark, pytest.mark.skipif(sys.platform == "win32", reason="processor time of children")]
+pytestmark = [
+    pytest.mark.benchmark,
+    pytest.mark.skipif(sys.platform == "win32", reason="processor time of children"),
+]
 SIZE = "slider.thickness=21.3mm"
-DRIVE, THICKNESS = (r'"12\.7 N/um"', '"13 N/um"'), (r'"20 mm"      # z', '"22 mm"      # z')  # as in the robot's file
+DRIVE = (r'"12\.7 N/um"', '"13 N/um"')
+THICKNESS = (r'"20 mm"      # z', '"22 mm"      # z')  # as in the robot's file
 
 
 def timed(*words):
     """Wall and processor seconds of a Python process and its children."""
-    before, begun = os.times(), time.perf_counter()
+    before = os.times()
+    begun = time.perf_counter()
     subprocess.run([sys.executable, *words], check=True, capture_output=True)
     after = os.times()
-    spent = after.children_user + after.children_system - before.children_user - before.children_system
+    spent = (
+        after.children_user
+        + after.children_system
+        - before.children_user
+        - before.children_system
+    )
     return time.perf_counter() - begun, spent
 
 
@@ -34,12 +44,25 @@ def test_cold_compliance_beside_the_import_of_build123d(tmp_path, monkeypatch):
     timed("-c", "import build123d")  # once for the disk's sake
     alone = timed("-c", "import build123d")
     answer = tmp_path / "slider.json"
-    cold = timed("-m", "stiffscope", "compliance", "biglide", "--part", "slider", "--set", SIZE, "--json", str(answer))
+    cold = timed(
+        "-m",
+        "stiffscope",
+        "compliance",
+        "biglide",
+        "--part",
+        "slider",
+        "--set",
+        SIZE,
+        "--json",
+        str(answer),
+    )
     seconds = json.loads(answer.read_text())["seconds"]
     solution = seconds["mesh"] + seconds["solve"]
     share = (cold[0] - solution) / alone[0]
     print(f"\nimport build123d {alone[0]:.2f} s ({alone[1]:.2f} s of processor)")
-    print(f"cold compliance {cold[0]:.2f} s ({cold[1]:.2f} s of processor), mesh and solution {solution:.2f} s of it")
+    print(
+        f"cold compliance {cold[0]:.2f} s ({cold[1]:.2f} s of processor), mesh and solution {solution:.2f} s of it"
+    )
     print(f"the rest is {share:.2f} of the import")
 
 
@@ -62,7 +85,9 @@ class Watch:
         ]
         self.process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True)
         self.lines = []
-        threading.Thread(target=lambda: self.lines.extend(self.process.stdout), daemon=True).start()
+        threading.Thread(
+            target=lambda: self.lines.extend(self.process.stdout), daemon=True
+        ).start()
 
     def until_shown(self, count):
         """Wait until the stiffness has been shown so many times."""
@@ -92,5 +117,16 @@ def test_watched_changes(tmp_path, monkeypatch):
         slider = watch.save(*THICKNESS, 3)
     finally:
         watch.process.kill()
-    cold = timed("-m", "stiffscope", "compliance", "biglide", "--part", "slider", "--set", "slider.thickness=22.5mm")
-    print(f"\nsaved to shown: drive {drive:.2f} s, slider {slider:.2f} s; cold compliance {cold[0]:.2f} s")
+    cold = timed(
+        "-m",
+        "stiffscope",
+        "compliance",
+        "biglide",
+        "--part",
+        "slider",
+        "--set",
+        "slider.thickness=22.5mm",
+    )
+    print(
+        f"\nsaved to shown: drive {drive:.2f} s, slider {slider:.2f} s; cold compliance {cold[0]:.2f} s"
+    )

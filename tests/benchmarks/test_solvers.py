@@ -22,7 +22,8 @@ from stiffscope.fea.settings import Settings
 from tests.benchmarks.codes import meshed
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(3600)]
-RUNS, MOST = 4, 1.6  # times that two interfaces take
+RUNS = 4
+MOST = 1.6  # times that two interfaces take
 LARGE = """
 import json, resource, sys, time
 from stiffscope.fea.run import run_experiment
@@ -37,7 +38,12 @@ print(json.dumps({"dofs": 3 * len(e.mesh.points), "unknowns": e.unknowns, "secon
 @pytest.mark.parametrize(("what", "most"), [("compliance", 8), ("whole", 10)])
 def test_a_million_degrees_of_freedom_within_8_gb(what, most):
     """The compliance alone within 8 GB; masses, modes and own weight, which are solved after it, take more."""
-    done = subprocess.run([sys.executable, "-c", LARGE, "0.0029", what], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", LARGE, "0.0029", what],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     found = json.loads(done.stdout.strip().splitlines()[-1])
     print(
         f"\n| slider, {what} | {found['dofs']:,} | {found['unknowns']:,} | mesh {found['seconds']['mesh']:.0f} s | "
@@ -55,9 +61,16 @@ def test_four_interfaces_take_less_than_1_6_times_as_long_as_two_on_the_same_mes
     solid = Box(80, 60, 10)
     for x, y in pads.values():
         solid += Pos(x, y, 7) * Cylinder(8, 4)
-    tops = {name: [FaceSelector(position=(x / 1e3, y / 1e3, 0.009))] for name, (x, y) in pads.items()}
+    tops = {
+        name: [FaceSelector(position=(x / 1e3, y / 1e3, 0.009))]
+        for name, (x, y) in pads.items()
+    }
     four = part_of(solid, name="bracket", interfaces=tops)
-    two = part_of(solid, name="bracket", interfaces={name: tops[name] for name in ("left", "right")})
+    two = part_of(
+        solid,
+        name="bracket",
+        interfaces={name: tops[name] for name in ("left", "right")},
+    )
     specimens = {2: specimen_of(two, Settings()), 4: specimen_of(four, Settings())}
     former = run_experiment(specimens[4], whole=False)
     least: dict[tuple[int, bool], float] = {}
@@ -87,15 +100,23 @@ def factorized_by_pardiso(stiffness, supports, loads):
     return solver.solve(upper, np.asfortranarray(loads))
 
 
-@pytest.mark.parametrize(("name", "factor"), [("link", 1.0), ("slider", 1.0), ("slider", 0.45)])
+@pytest.mark.parametrize(
+    ("name", "factor"), [("link", 1.0), ("slider", 1.0), ("slider", 0.45)]
+)
 def test_two_levels_beside_a_factorization(name, factor):
     problem = meshed(name, factor)
     stiffness = assemble(problem.mesh, problem.elasticity)
     supports, loads = problem.supported("distributed")
-    ways = {"two levels": lambda: prepare(problem.mesh, stiffness, supports, "multigrid").solve(loads)}
+    ways = {
+        "two levels": lambda: prepare(
+            problem.mesh, stiffness, supports, "multigrid"
+        ).solve(loads)
+    }
     if find_spec("pypardiso"):
         ways["PARDISO"] = lambda: factorized_by_pardiso(stiffness, supports, loads)
-    ways["SuperLU"] = lambda: prepare(problem.mesh, stiffness, supports, "direct").solve(loads)
+    ways["SuperLU"] = lambda: prepare(
+        problem.mesh, stiffness, supports, "direct"
+    ).solve(loads)
     answers = {}
     for way, solve in ways.items():
         began = time.perf_counter()
@@ -105,6 +126,8 @@ def test_two_levels_beside_a_factorization(name, factor):
             end="",
             flush=True,
         )
-    scale = np.sqrt(np.outer(answers["SuperLU"].diagonal(), answers["SuperLU"].diagonal()))
+    scale = np.sqrt(
+        np.outer(answers["SuperLU"].diagonal(), answers["SuperLU"].diagonal())
+    )
     for answer in answers.values():
         assert np.abs((answer - answers["SuperLU"]) / scale).max() < 1e-5

@@ -27,7 +27,9 @@ def timed(work, repeats=3):
     """Best CPU time of a few runs, s."""
     best = np.inf
     for _ in range(repeats):
-        with threadpool_limits(1):  # BLAS's own threads only spin on matrices this small
+        with threadpool_limits(
+            1
+        ):  # BLAS's own threads only spin on matrices this small
             start = time.process_time()
             work()
             best = min(best, time.process_time() - start)
@@ -37,42 +39,91 @@ def timed(work, repeats=3):
 def elastic_hexapod():
     """The checked platform with an elastic body in either half of every strut."""
     m = read("stewart")
-    bodies, joints = [b for b in m.bodies if "." not in b.name], []
+    bodies = [b for b in m.bodies if "." not in b.name]
+    joints = []
     for k in range(1, 7):
-        foot, drive, head = (m.joint(f"strut{k}.{end}") for end in ("foot", "drive", "head"))
+        foot, drive, head = (
+            m.joint(f"strut{k}.{end}") for end in ("foot", "drive", "head")
+        )
         middle = 0.5 * (foot.at + head.at)
         for half, ends in (("lower", (foot.at, middle)), ("upper", (middle, head.at))):
-            bodies.append(member(f"strut{k}.{half}", *ends, euler_bernoulli(0.05, 0.004), mass=0.05))
+            bodies.append(
+                member(
+                    f"strut{k}.{half}", *ends, euler_bernoulli(0.05, 0.004), mass=0.05
+                )
+            )
         joints += [
-            Joint(foot.name, "ground", f"strut{k}.lower.base", "universal", foot.at, foot.axis, foot.axis2),
-            Joint(drive.name, f"strut{k}.lower.tip", f"strut{k}.upper.base", "prismatic", middle, drive.axis,
-                  drive=drive.drive),
+            Joint(
+                foot.name,
+                "ground",
+                f"strut{k}.lower.base",
+                "universal",
+                foot.at,
+                foot.axis,
+                foot.axis2,
+            ),
+            Joint(
+                drive.name,
+                f"strut{k}.lower.tip",
+                f"strut{k}.upper.base",
+                "prismatic",
+                middle,
+                drive.axis,
+                drive=drive.drive,
+            ),
             Joint(head.name, f"strut{k}.upper.tip", "platform", "spherical", head.at),
-        ]  # fmt: skip
+        ]
     return Mechanism(tuple(bodies), tuple(joints), m.tool, m.gravity)
 
 
 def thirty_bodies():
     """The elastic hexapod on a plate that stands on elastic columns and braces, with an elastic arm on its platform."""
-    m, rng = elastic_hexapod(), np.random.default_rng(3)
-    bodies, joints = list(m.bodies), [
-        Joint(j.name, "plate" if j.first == "ground" else j.first, j.second, j.kind, j.at, j.axis, j.axis2, j.drive)
+    m = elastic_hexapod()
+    rng = np.random.default_rng(3)
+    bodies = list(m.bodies)
+    joints = [
+        Joint(
+            j.name,
+            "plate" if j.first == "ground" else j.first,
+            j.second,
+            j.kind,
+            j.at,
+            j.axis,
+            j.axis2,
+            j.drive,
+        )
         for j in m.joints
-    ]  # fmt: skip
+    ]
     bodies.append(Body("plate", 5.0, [0, 0, 0]))
     for k in range(12):
-        foot, top = np.append(rng.uniform(-0.2, 0.2, 2), -0.5), np.append(rng.uniform(-0.2, 0.2, 2), 0.0)
-        bodies.append(member(f"column{k}", foot, top, euler_bernoulli(float(np.linalg.norm(top - foot)), 0.01)))
+        foot = np.append(rng.uniform(-0.2, 0.2, 2), -0.5)
+        top = np.append(rng.uniform(-0.2, 0.2, 2), 0.0)
+        bodies.append(
+            member(
+                f"column{k}",
+                foot,
+                top,
+                euler_bernoulli(float(np.linalg.norm(top - foot)), 0.01),
+            )
+        )
         kinds = ("spherical", "spherical") if k > 5 else ("fixed", "fixed")
-        joints.append(Joint(f"column{k}.foot", "ground", f"column{k}.base", kinds[0], foot))
+        joints.append(
+            Joint(f"column{k}.foot", "ground", f"column{k}.base", kinds[0], foot)
+        )
         joints.append(Joint(f"column{k}.top", f"column{k}.tip", "plate", kinds[1], top))
-    before, at = "platform", m.tool.at
+    before = "platform"
+    at = m.tool.at
     for k in range(4):
         end = at + np.array([0.02, 0.01, 0.05])
-        bodies.append(member(f"arm{k}", at, end, euler_bernoulli(0.055, 0.005), mass=0.02))
+        bodies.append(
+            member(f"arm{k}", at, end, euler_bernoulli(0.055, 0.005), mass=0.02)
+        )
         joints.append(Joint(f"arm{k}.bolts", before, f"arm{k}.base", "fixed", at))
-        before, at = f"arm{k}.tip", end
-    return Mechanism(tuple(bodies), tuple(joints), Tool(before, at, m.tool.pose), m.gravity)
+        before = f"arm{k}.tip"
+        at = end
+    return Mechanism(
+        tuple(bodies), tuple(joints), Tool(before, at, m.tool.pose), m.gravity
+    )
 
 
 def test_poses_per_second(rng, capsys):
@@ -80,7 +131,12 @@ def test_poses_per_second(rng, capsys):
         "Biglide": (biglide(), random_poses(rng, 100_000), 20_000, 6.0),
         "hexapod, elastic struts": (elastic_hexapod(), None, 5_000, 6.0),
         "serial arm": (serial_arm(), None, 0, 6.0),
-        f"{len(thirty_bodies().bodies)} bodies, braced": (thirty_bodies(), None, 1_000, np.inf),
+        f"{len(thirty_bodies().bodies)} bodies, braced": (
+            thirty_bodies(),
+            None,
+            1_000,
+            np.inf,
+        ),
         "linear Delta": (read("linear-delta"), None, 0, np.inf),
         "braced gantry": (read("braced-gantry"), None, 0, np.inf),
     }
@@ -93,10 +149,18 @@ def test_poses_per_second(rng, capsys):
             poses = m.tool.home + rng.uniform(-1.0, 1.0, (20_000, k)) * span  # noqa: PLW2901
         found = configure(m, poses[:2000])
         seconds = timed(lambda m=m, poses=poses: stiffness(m, poses))
-        loop = timed(lambda m=m, poses=poses: [stiffness(m, p) for p in poses[:20]], 1) / 20
+        loop = (
+            timed(lambda m=m, poses=poses: [stiffness(m, p) for p in poses[:20]], 1)
+            / 20
+        )
         rate = len(poses) / seconds
-        exact = 2000 / timed(lambda m=m, found=found: stiffness(m, found, gravity="exact"), 1)
-        both = [timed(lambda m=m, p=poses[:4096], g=g: stiffness(m, p, gravity=g)) for g in ("none", "exact")]
+        exact = 2000 / timed(
+            lambda m=m, found=found: stiffness(m, found, gravity="exact"), 1
+        )
+        both = [
+            timed(lambda m=m, p=poses[:4096], g=g: stiffness(m, p, gravity=g))
+            for g in ("none", "exact")
+        ]
         with capsys.disabled():
             print(
                 f"{name:26s} {rate:10,.0f} poses a CPU second; {1 / loop:6,.0f} one by one; exact gravity "
@@ -116,8 +180,10 @@ def test_map(capsys):
     start = time.perf_counter()
     loaded = analyse(m, poses, gravity="exact")
     with capsys.disabled():
-        print(f"\nmap 200 x 200: {seconds:.2f} s, with exact gravity {time.perf_counter() - start:.1f} s, "
-              f"{loaded.valid.mean():.0%} within reach")  # fmt: skip
+        print(
+            f"\nmap 200 x 200: {seconds:.2f} s, with exact gravity {time.perf_counter() - start:.1f} s, "
+            f"{loaded.valid.mean():.0%} within reach"
+        )
     assert seconds < 5.0
 
 
@@ -136,33 +202,47 @@ print(len(poses), worst, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 10
 
 def test_ten_million_poses_fit_in_two_gigabytes(capsys):
     start = time.perf_counter()
-    done = subprocess.run([sys.executable, "-c", TEN_MILLION], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", TEN_MILLION], capture_output=True, text=True, check=True
+    )
     count, worst, peak = (float(word) for word in done.stdout.split())
     with capsys.disabled():
         seconds = time.perf_counter() - start
-        print(f"\n{count:,.0f} poses in {seconds:.0f} s, peak {peak / 1e9:.2f} GB, least K_tz {worst:.3g} N/m")
+        print(
+            f"\n{count:,.0f} poses in {seconds:.0f} s, peak {peak / 1e9:.2f} GB, least K_tz {worst:.3g} N/m"
+        )
     assert peak < 2e9
 
 
 def test_against_a_loop_of_a_frame_analysis_library(rng, capsys):
     pynite = pytest.importorskip("Pynite", reason="PyNiteFEA is not installed")
     angles = np.radians(np.linspace(25, 65, 5))
-    slow = timed(lambda: [frame_stiffness(pynite, q) for q in angles], repeats=1) / len(angles)
+    slow = timed(lambda: [frame_stiffness(pynite, q) for q in angles], repeats=1) / len(
+        angles
+    )
     m, poses = biglide(slider=np.zeros((6, 6))), random_poses(rng, 50_000)
     fast = timed(lambda: stiffness(m, poses)) / len(poses)
     reference = frame_stiffness(pynite, np.radians(36))
     ours = stiffness(m, pose_at(GEOMETRY, np.radians(36)))[0]
     with capsys.disabled():
-        print(f"\nPyNite {1 / slow:.1f} poses/s, ours {1 / fast:,.0f} poses/s, ratio {slow / fast:,.0f}")
-        print(f"largest difference on the diagonal {np.abs(np.diagonal(reference) / np.diagonal(ours) - 1).max():.1e}")
-    assert np.allclose(np.diagonal(reference), np.diagonal(ours), rtol=2e-3)  # its bodies are stiff, not rigid
+        print(
+            f"\nPyNite {1 / slow:.1f} poses/s, ours {1 / fast:,.0f} poses/s, ratio {slow / fast:,.0f}"
+        )
+        print(
+            f"largest difference on the diagonal {np.abs(np.diagonal(reference) / np.diagonal(ours) - 1).max():.1e}"
+        )
+    assert np.allclose(
+        np.diagonal(reference), np.diagonal(ours), rtol=2e-3
+    )  # its bodies are stiff, not rigid
 
 
 def frame_stiffness(pynite, q):
     """Stiffness at M with rigid sliders: links as released members, bodies as stiff ones, springs for drives."""
-    g, model = GEOMETRY, pynite.FEModel3D()
+    g = GEOMETRY
+    model = pynite.FEModel3D()
     c = euler_bernoulli()
-    area, inertia = g.L / (211e9 * c[0, 0]), g.L / (211e9 * c[4, 4])
+    area = g.L / (211e9 * c[0, 0])
+    inertia = g.L / (211e9 * c[4, 4])
     model.add_material("steel", 211e9, 81e9, 0.3, 0.0)
     model.add_section("rod", area, inertia, inertia, 2 * inertia)
     model.add_section("body", 1e3 * area, 1e4 * inertia, 1e4 * inertia, 1e4 * inertia)
@@ -173,7 +253,9 @@ def frame_stiffness(pynite, q):
         model.add_node(f"A{i}", *(corner - g.L * along))
         model.def_support(f"A{i}", False, True, True, True, True, True)
         model.def_support_spring(f"A{i}", "DX", DRIVE)
-        for j, foot in enumerate(([-side * g.h, 0, 0], [side * g.h, g.d, 0], [side * g.h, -g.d, 0])):
+        for j, foot in enumerate(
+            ([-side * g.h, 0, 0], [side * g.h, g.d, 0], [side * g.h, -g.d, 0])
+        ):
             model.add_node(f"A{i}{j}", *(corner + foot - g.L * along))
             model.add_node(f"B{i}{j}", *(corner + foot))
             model.add_member(f"C{i}{j}", f"A{i}", f"A{i}{j}", "steel", "body")
@@ -186,6 +268,8 @@ def frame_stiffness(pynite, q):
     model.analyze_linear(log=False, check_stability=False)
     node = model.nodes["M"]
     moved = (node.DX, node.DY, node.DZ, node.RX, node.RY, node.RZ)
-    compliance = np.array([[component[name] for name in UNIT_LOADS] for component in moved])
+    compliance = np.array(
+        [[component[name] for name in UNIT_LOADS] for component in moved]
+    )
     compliance[1, 1] += 1.0 / DRIVE  # the stage, in series
     return np.linalg.inv(compliance)

@@ -39,7 +39,9 @@ def step(holed: Part, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_round_trip_keeps_the_part(holed: Part, step: Path) -> None:
     part = read_step(step)
     assert part.name == "holed"
-    assert mass_properties(part).volume == pytest.approx(mass_properties(holed).volume, rel=1e-9)
+    assert mass_properties(part).volume == pytest.approx(
+        mass_properties(holed).volume, rel=1e-9
+    )
     assert part.loaded[0].reference_point == pytest.approx([0.085, 0, 0], abs=1e-9)
     assert [face.kind for face in part.faces].count("torus") == 2
     again = read_step(step, name="again")
@@ -47,20 +49,33 @@ def test_round_trip_keeps_the_part(holed: Part, step: Path) -> None:
 
 
 def test_units_of_the_file_count(holed: Part, step: Path, tmp_path: Path) -> None:
-    metres, centimetres = tmp_path / "m.step", tmp_path / "cm.step"
-    centimetres.write_text(step.read_text().replace("SI_UNIT(.MILLI.,.METRE.)", "SI_UNIT(.CENTI.,.METRE.)"))
+    metres = tmp_path / "m.step"
+    centimetres = tmp_path / "cm.step"
+    centimetres.write_text(
+        step.read_text().replace("SI_UNIT(.MILLI.,.METRE.)", "SI_UNIT(.CENTI.,.METRE.)")
+    )
     volume = kernel.volume_properties(kernel_files.read_step(centimetres)).Mass()
-    assert volume == pytest.approx(1e3 * kernel.volume_properties(holed.solid).Mass(), rel=1e-6)
-    metres.write_text(step.read_text().replace("SI_UNIT(.MILLI.,.METRE.)", "SI_UNIT($,.METRE.)"))
-    with pytest.raises(InputError, match=r"m.step: expected a solid 1 to 40000 mm large"):
+    assert volume == pytest.approx(
+        1e3 * kernel.volume_properties(holed.solid).Mass(), rel=1e-6
+    )
+    metres.write_text(
+        step.read_text().replace("SI_UNIT(.MILLI.,.METRE.)", "SI_UNIT($,.METRE.)")
+    )
+    with pytest.raises(
+        InputError, match=r"m.step: expected a solid 1 to 40000 mm large"
+    ):
         read_solid(metres)
 
 
 def test_placement_gives_the_axes(holed: Part) -> None:
-    turned = part_of(holed.solid, placement=Placement(origin=(0, 0, 0.01), x=(0, 1, 0), z=(0, 0, 1)))  # its y is -x
+    turned = part_of(
+        holed.solid, placement=Placement(origin=(0, 0, 0.01), x=(0, 1, 0), z=(0, 0, 1))
+    )  # its y is -x
     x, y, z = mass_properties(holed).centre
     assert mass_properties(turned).centre == pytest.approx([y, -x, z - 0.01], abs=1e-12)
-    assert turned.loaded[0].reference_point == pytest.approx([0, -0.085, -0.01], abs=1e-9)
+    assert turned.loaded[0].reference_point == pytest.approx(
+        [0, -0.085, -0.01], abs=1e-9
+    )
     (held,) = turned.clamped
     assert turned.faces[held].axis == pytest.approx([0, 1, 0])
     with pytest.raises(InputError, match="right angles"):
@@ -82,12 +97,16 @@ def test_selectors_choose_by_geometry(holed: Part) -> None:
     assert chosen(index=(0, 1)) == [holed.faces[0].kind, holed.faces[1].kind]
     rows = describe(holed.solid)
     assert sorted({row["radius_mm"] for row in rows if row["kind"] == "torus"}) == [3.0]
-    assert sum(row["area_mm2"] for row in rows) == pytest.approx(kernel.area_properties(holed.solid).Mass())
+    assert sum(row["area_mm2"] for row in rows) == pytest.approx(
+        kernel.area_properties(holed.solid).Mass()
+    )
 
 
 def test_a_point_on_a_face_does_not_choose_the_face_around_it() -> None:
     """Disc and rim of a grooved cylinder lie in one plane, about one centroid, which is on the disc alone."""
-    solid = (Cylinder(20, 10) - Pos(0, 0, 5) * (Cylinder(12, 4) - Cylinder(8, 4))).wrapped
+    solid = (
+        Cylinder(20, 10) - Pos(0, 0, 5) * (Cylinder(12, 4) - Cylinder(8, 4))
+    ).wrapped
     (disc,) = select(solid, [FaceSelector(position=(0, 0, 0.005))])
     assert face_geometries(solid)[disc].area == pytest.approx(np.pi * 0.008**2)
     (side,) = select(solid, [FaceSelector(position=(0, 0, 0), kind="cylinder")])
@@ -95,18 +114,34 @@ def test_a_point_on_a_face_does_not_choose_the_face_around_it() -> None:
 
 
 def test_a_reference_point_is_near_the_solid(holed: Part) -> None:
-    assert part_of(holed.solid, reference_point=(30, 0, 0)).loaded[0].reference_point == pytest.approx([30, 0, 0])
+    assert part_of(holed.solid, reference_point=(30, 0, 0)).loaded[
+        0
+    ].reference_point == pytest.approx([30, 0, 0])
     for far in ((40, 0, 0), (1e300, 0, 0), (np.nan, 0, 0), (1, 2), "here"):
-        with pytest.raises(InputError, match=r"slider.reference_point: expected a point .*within (3|1000)"):
+        with pytest.raises(
+            InputError,
+            match=r"slider.reference_point: expected a point .*within (3|1000)",
+        ):
             part_of(holed.solid, name="slider", reference_point=far)
 
 
-def test_selectors_that_choose_nothing_or_everything_say_what_exists(holed: Part) -> None:
-    with pytest.raises(InputError, match=r"slider.clamped: no face has radius = 7 mm; there are .*3, 4.5, 5 mm"):
+def test_selectors_that_choose_nothing_or_everything_say_what_exists(
+    holed: Part,
+) -> None:
+    with pytest.raises(
+        InputError,
+        match=r"slider.clamped: no face has radius = 7 mm; there are .*3, 4.5, 5 mm",
+    ):
         select(holed.solid, [FaceSelector(radius=0.007)], "slider.clamped")
     with pytest.raises(InputError, match=r"expected some of the faces, got all"):
         select(holed.solid, [FaceSelector(index=range(len(holed.faces)))])
-    nonsense = ({"kind": "flat"}, {"position": "left"}, {"normal": (0, 0, 0)}, {"radius": -1.0}, {"radius": "7 mm"})
+    nonsense = (
+        {"kind": "flat"},
+        {"position": "left"},
+        {"normal": (0, 0, 0)},
+        {"radius": -1.0},
+        {"radius": "7 mm"},
+    )
     for bad in ({}, *nonsense):
         with pytest.raises(InputError, match=r"^selector"):
             FaceSelector(**bad)  # type: ignore[arg-type]
@@ -126,7 +161,9 @@ def crossing() -> kernel.Shape:
     from OCP.BRep import BRep_Builder
     from OCP.TopoDS import TopoDS_Shell, TopoDS_Solid
 
-    builder, shell, solid = BRep_Builder(), TopoDS_Shell(), TopoDS_Solid()
+    builder = BRep_Builder()
+    shell = TopoDS_Shell()
+    solid = TopoDS_Solid()
     builder.MakeShell(shell)
     builder.MakeSolid(solid)
     for face in kernel.faces(box(0, 10)) + kernel.faces(box(5, 15)):
@@ -136,9 +173,15 @@ def crossing() -> kernel.Shape:
 
 
 BAD = {
-    "assembly": (lambda: kernel.compound(box(0, 1), box(2, 3)), "an assembly of 2 solids"),
+    "assembly": (
+        lambda: kernel.compound(box(0, 1), box(2, 3)),
+        "an assembly of 2 solids",
+    ),
     "sheet": (lambda: kernel.faces(box(0, 10))[0], "a surface without volume"),
-    "loose": (lambda: kernel.compound(box(0, 10), kernel.faces(box(20, 30))[0]), r"1 loose face\(s\)"),
+    "loose": (
+        lambda: kernel.compound(box(0, 10), kernel.faces(box(20, 30))[0]),
+        r"1 loose face\(s\)",
+    ),
     "far": (lambda: box(1e9, 1e9 + 10), "1e.09 mm"),
     "not a number": (lambda: box(0, float("nan")), "nan mm"),
     "crossing": (crossing, "a self-intersecting solid"),
@@ -159,7 +202,9 @@ def test_what_is_no_solid_is_refused_in_a_file(tmp_path: Path) -> None:
     kernel_files.write_step(crossing(), path)
     with pytest.raises(InputError) as refused:
         read_solid(path)
-    assert str(refused.value).startswith(f"{path}: expected a solid whose faces meet only at their edges, found")
+    assert str(refused.value).startswith(
+        f"{path}: expected a solid whose faces meet only at their edges, found"
+    )
 
 
 def test_rubbish_is_refused(step: Path, tmp_path: Path) -> None:
@@ -167,11 +212,20 @@ def test_rubbish_is_refused(step: Path, tmp_path: Path) -> None:
     bodies = {
         "empty": ("", "a truncated one (0 bytes, no END-ISO-10303-21; at its end)"),
         "begun": (text[:6], "a truncated one (6 bytes"),
-        "marked": ("\ufeff" + text, "begins with ISO-10303-21; found a byte order mark"),
+        "marked": (
+            "\ufeff" + text,
+            "begins with ISO-10303-21; found a byte order mark",
+        ),
         "other": ("solid cube\nendsolid", "another format"),
         "torn": (text[: len(text) // 2], "a truncated one"),
-        "hollow": ("ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n", "no solid and no face"),
-        "scrambled": (text.replace("CARTESIAN_POINT('',(", "CARTESIAN_POINT('',(1E400,#7,"), "expected"),
+        "hollow": (
+            "ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n",
+            "no solid and no face",
+        ),
+        "scrambled": (
+            text.replace("CARTESIAN_POINT('',(", "CARTESIAN_POINT('',(1E400,#7,"),
+            "expected",
+        ),
     }
     for name, (body, found) in bodies.items():
         path = tmp_path / f"{name}.step"
@@ -189,17 +243,31 @@ def test_rubbish_is_refused(step: Path, tmp_path: Path) -> None:
         read_solid(step, time_limit=0.01)
 
 
-@pytest.mark.parametrize("said", [("failed (exit code 1)", "MemoryError"), ("cannot allocate memory for thread", "")])
-def test_a_lack_of_memory_is_no_fault_of_the_file(step: Path, monkeypatch: pytest.MonkeyPatch, said) -> None:
-    monkeypatch.setattr(cad_step, "do_alone", Mock(side_effect=WorkerError(said[0], 1, said[1])))
+@pytest.mark.parametrize(
+    "said",
+    [
+        ("failed (exit code 1)", "MemoryError"),
+        ("cannot allocate memory for thread", ""),
+    ],
+)
+def test_a_lack_of_memory_is_no_fault_of_the_file(
+    step: Path, monkeypatch: pytest.MonkeyPatch, said
+) -> None:
+    monkeypatch.setattr(
+        cad_step, "do_alone", Mock(side_effect=WorkerError(said[0], 1, said[1]))
+    )
     with pytest.raises(WorkerError):
         read_solid(step)
 
 
 def test_stl_is_closed_and_has_the_volume(tmp_path: Path) -> None:
-    part, path = build(LinkParameters()), tmp_path / "link.stl"
+    part = build(LinkParameters())
+    path = tmp_path / "link.stl"
     write_stl(part, path)
-    facets = np.frombuffer(path.read_bytes()[84:], dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("end", "<u2")])
+    facets = np.frombuffer(
+        path.read_bytes()[84:],
+        dtype=[("n", "<f4", 3), ("v", "<f4", (3, 3)), ("end", "<u2")],
+    )
     a, b, c = np.moveaxis(facets["v"].astype(float), 1, 0)
     volume = np.einsum("ij,ij", a, np.cross(b, c)) / 6 * 1e-9
     assert volume == pytest.approx(mass_properties(part).volume, rel=0.01)
@@ -211,7 +279,9 @@ def test_a_build123d_solid_is_a_part() -> None:
     part = part_of(solid, name="block")
     assert part.loaded[0].reference_point == pytest.approx([0.025, 0, 0], abs=1e-12)
     again = build123d.Solid(part.solid)
-    assert [face.area for face in again.faces()] == pytest.approx([face.area * 1e6 for face in part.faces])
+    assert [face.area for face in again.faces()] == pytest.approx(
+        [face.area * 1e6 for face in part.faces]
+    )
     bent = build123d.Spline([(0, 0, 0), (0, 0, 20), (2, 0, 22), (4, 0, 20), (4, 0, 0)])
     with pytest.raises(InputError, match="a self-intersecting solid"):
         part_of(build123d.sweep((bent ^ 0) * build123d.Circle(3), bent).solid())
@@ -222,7 +292,9 @@ def test_building_writes_nothing_to_standard_output() -> None:
         "from stiffscope.cad.slider import SliderParameters as P\nfrom stiffscope.cad.solid import build\n"
         "build(P(rib_count=2, fillet=0.003))"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     assert not done.stdout
 
 
@@ -232,5 +304,8 @@ def test_a_file_without_a_unit_of_length_is_refused(tmp_path, gone):
     write_step(part_of(Box(20, 10, 5), name="box"), path)
     text = path.read_text()
     path.write_text(text.replace(gone, "X" * len(gone)))
-    with pytest.raises(InputError, match=r"box\.step: expected a STEP file with a unit of length, found no"):
+    with pytest.raises(
+        InputError,
+        match=r"box\.step: expected a STEP file with a unit of length, found no",
+    ):
         read_solid(path)

@@ -16,7 +16,10 @@ def test_the_template_of_every_robot_is_a_plan_within_reach(tmp_path, name):
     folder = tmp_path / "mine"
     assert _guarded(["campaign", "new", name, "--out", str(folder), "--quiet"]) == 0
     report = tmp_path / "check.json"
-    assert _guarded(["campaign", "check", str(folder), "--quiet", "--json", str(report)]) == 0
+    assert (
+        _guarded(["campaign", "check", str(folder), "--quiet", "--json", str(report)])
+        == 0
+    )
     said = json.loads(report.read_text())
     robot = load_robot(name)
     assert load_campaign(folder, robot, planned=True).components is None
@@ -33,8 +36,14 @@ def test_a_filled_template_is_read(tmp_path, capsys):
     capsys.readouterr()
     assert _guarded(["campaign", "new", "delta", "--out", str(folder)]) == 2
     assert "expected a folder that is not there yet" in capsys.readouterr().err
-    assert _guarded(["diagnose", str(folder), "--out", str(tmp_path / "none"), "--quiet"]) == 2
-    assert "readings.csv:2: value: expected a finite reading in SI, got an empty cell" in capsys.readouterr().err
+    assert (
+        _guarded(["diagnose", str(folder), "--out", str(tmp_path / "none"), "--quiet"])
+        == 2
+    )
+    assert (
+        "readings.csv:2: value: expected a finite reading in SI, got an empty cell"
+        in capsys.readouterr().err
+    )
     lines = (folder / "readings.csv").read_text().splitlines()
     value = lines[0].split(",").index("value")
     for k, line in enumerate(lines[1:], start=1):

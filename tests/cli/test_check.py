@@ -19,12 +19,27 @@ def test_tables_fit_80_columns_and_say_what_matters(capsys):
     assert max(map(len, said.splitlines()[1:])) <= 80  # the first line has the path
     assert "leg1.rod1 spins between leg1.rod1.top and leg1.rod1.end" in said
     assert "9 (39 joint freedoms - 6 × 5), 6 of them idle" in said
-    for words in ("beam theory", "leg1.motor", "-45 deg", "commanded: x, y, z; held: rx, ry, rz"):
+    for words in (
+        "beam theory",
+        "leg1.motor",
+        "-45 deg",
+        "commanded: x, y, z; held: rx, ry, rz",
+    ):
         assert words in said
 
 
 def test_json_alone_on_standard_output(capsys):
-    assert run("check", "five-bar", "--set", "left.motor.drive.stiffness=9 kN*m/rad", "--json", "-") == 0
+    assert (
+        run(
+            "check",
+            "five-bar",
+            "--set",
+            "left.motor.drive.stiffness=9 kN*m/rad",
+            "--json",
+            "-",
+        )
+        == 0
+    )
     written = json.loads(capsys.readouterr().out)
     assert written["usable"] is True
     assert [drive["stiffness"] for drive in written["drives"]] == [9000.0, 5000.0]
@@ -35,12 +50,21 @@ def test_folder_with_pictures(tmp_path, capsys):
     out = tmp_path / "out"
     assert run("check", "five-bar", "--out", out, "--quiet") == 0
     pictures = {"robot_home.png", "robot_side.png"}
-    assert {path.name for path in out.iterdir()} == {"check.json", "manifest.json", "report.html", *pictures}
+    assert {path.name for path in out.iterdir()} == {
+        "check.json",
+        "manifest.json",
+        "report.html",
+        *pictures,
+    }
     page = (out / "report.html").read_text()
     assert "independent loops" in page
     assert "closed at home to" in page
-    assert page.count('"name": "home"') == page.count('"name": "side"') == 1  # poses of the robot that turns
-    assert run("check", "five-bar", "--out", out, "--json", out / "x.json", "--quiet") == 2
+    assert (
+        page.count('"name": "home"') == page.count('"name": "side"') == 1
+    )  # poses of the robot that turns
+    assert (
+        run("check", "five-bar", "--out", out, "--json", out / "x.json", "--quiet") == 2
+    )
     assert "is replaced as a whole" in capsys.readouterr().err
 
 
@@ -60,7 +84,10 @@ def test_unusable_robot_is_shown_and_refused(tmp_path, capsys):
     ("effect", "message"),
     [
         ('effect = "nonsense"', "effects[0]: effect: expected one of"),
-        ('effect = "link-stiffness"\nparameters = { factor = -2 }', "factor: expected more than 0, got -2"),
+        (
+            'effect = "link-stiffness"\nparameters = { factor = -2 }',
+            "factor: expected more than 0, got -2",
+        ),
     ],
 )
 def test_an_effect_that_no_robot_can_have_is_refused(tmp_path, capsys, effect, message):
@@ -88,7 +115,9 @@ def test_list_and_copy(tmp_path, capsys):
     assert "not there yet" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("part", "words"), [(STEP, "on a STEP file"), (MATRIX, "the file"), (ROD, "FEA")])
+@pytest.mark.parametrize(
+    ("part", "words"), [(STEP, "on a STEP file"), (MATRIX, "the file"), (ROD, "FEA")]
+)
 def test_every_kind_of_part_is_told(tmp_path, capsys, part, words):
     one_part(tmp_path, part)
     write_bar(tmp_path / "bar.step")
@@ -100,7 +129,17 @@ def test_a_step_file_that_does_not_fit_is_refused_as_a_run_refuses_it(tmp_path, 
     one_part(tmp_path, STEP)
     assert run("check", tmp_path / "robot.toml") == 2
     write_bar(tmp_path / "bar.step")
-    assert run("check", tmp_path / "robot.toml", "--set", 'arm.tip=["61 mm", 0, 0]', "--json", "-") == 2
+    assert (
+        run(
+            "check",
+            tmp_path / "robot.toml",
+            "--set",
+            'arm.tip=["61 mm", 0, 0]',
+            "--json",
+            "-",
+        )
+        == 2
+    )
     told, said = capsys.readouterr()
     assert "file: expected a STEP file, got no file" in said
     assert "expected a tip 60 mm from the base" in said.splitlines()[-1]

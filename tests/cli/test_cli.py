@@ -25,7 +25,14 @@ COMMAND = [sys.executable, "-c", "from stiffscope.cli.main import main; main()"]
 
 def stiffscope(*arguments, **more) -> subprocess.CompletedProcess:
     environment = {**os.environ, **more.pop("env", {})}
-    return subprocess.run([*COMMAND, *arguments], capture_output=True, text=True, check=False, env=environment, **more)
+    return subprocess.run(
+        [*COMMAND, *arguments],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=environment,
+        **more,
+    )
 
 
 def answer(capsys, *arguments) -> dict:
@@ -35,10 +42,21 @@ def answer(capsys, *arguments) -> dict:
 
 
 def test_help_loads_nothing_heavy():
-    heavy = ["numpy", "scipy", "pydantic", "pint", "rich", "pyvista", "OCP", "matplotlib"]
+    heavy = [
+        "numpy",
+        "scipy",
+        "pydantic",
+        "pint",
+        "rich",
+        "pyvista",
+        "OCP",
+        "matplotlib",
+    ]
     code = "import sys; from stiffscope.cli.main import _guarded; _guarded(['--help'])"
     code += "; print(set(sys.argv) & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code, *heavy], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code, *heavy], capture_output=True, text=True, check=True
+    )
     assert done.stdout.splitlines()[-1] == "set()"
 
 
@@ -49,8 +67,14 @@ def test_version():
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["stiffness", "nosuch"], "nosuch: expected a robot file or one of biglide, delta, "),
-        (["stiffness", "biglide", "--at", "0,0,3", "--components", "published"], "out of reach"),
+        (
+            ["stiffness", "nosuch"],
+            "nosuch: expected a robot file or one of biglide, delta, ",
+        ),
+        (
+            ["stiffness", "biglide", "--at", "0,0,3", "--components", "published"],
+            "out of reach",
+        ),
         (
             ["stiffness", "biglide", "--set", "poses.Q1=[0, 0, 9]"],
             "Q1: expected a pose that the robot reaches, got another: out of reach: the loop through joints.",
@@ -60,22 +84,59 @@ def test_version():
             ["stiffness", "biglide", "--set", "parameters.a_min=0.7"],
             'joints."limb1.actuator".drive.range: expected a lo',
         ),
-        (["stiffness", "delta", "--joints", "leg1.moto=1"], 'got "leg1.moto"; did you mean "leg1.motor"?'),
-        (["stiffness", "delta", "--joints", "leg1.motor=1 mm"], 'expected an angle such as "25 deg", got "1 mm"'),
-        (["stiffness", "delta", "--joints", "leg1.motor"], 'DRIVE=POSITION,… such as "leg1.motor=10 mm", got "leg1.mo'),
-        (["stiffness", "delta", "--joints", "leg1.motor=80 deg"], "80 deg is outside its range -45 to 75 deg"),
-        (["stiffness", "delta", "--joints", "leg1.motor=0", "--at", "home"], "either poses with --at or drives"),
-        (["stiffness", "stewart", "--at", "0,0,0.3"], "expected X,Y,Z,RX,RY,RZ such as"),
-        (["stiffness", "delta", "--gravity", "literal"], "--gravity literal: expected the Biglide"),
-        (["map", "biglide", "--gravity", "literal", "--out", "out"], "--gravity literal: expected none or exact"),
-        (["compliance", "delta", "--part", "link"], "part: expected one of arm, rod, got 'link'"),
+        (
+            ["stiffness", "delta", "--joints", "leg1.moto=1"],
+            'got "leg1.moto"; did you mean "leg1.motor"?',
+        ),
+        (
+            ["stiffness", "delta", "--joints", "leg1.motor=1 mm"],
+            'expected an angle such as "25 deg", got "1 mm"',
+        ),
+        (
+            ["stiffness", "delta", "--joints", "leg1.motor"],
+            'DRIVE=POSITION,… such as "leg1.motor=10 mm", got "leg1.mo',
+        ),
+        (
+            ["stiffness", "delta", "--joints", "leg1.motor=80 deg"],
+            "80 deg is outside its range -45 to 75 deg",
+        ),
+        (
+            ["stiffness", "delta", "--joints", "leg1.motor=0", "--at", "home"],
+            "either poses with --at or drives",
+        ),
+        (
+            ["stiffness", "stewart", "--at", "0,0,0.3"],
+            "expected X,Y,Z,RX,RY,RZ such as",
+        ),
+        (
+            ["stiffness", "delta", "--gravity", "literal"],
+            "--gravity literal: expected the Biglide",
+        ),
+        (
+            ["map", "biglide", "--gravity", "literal", "--out", "out"],
+            "--gravity literal: expected none or exact",
+        ),
+        (
+            ["compliance", "delta", "--part", "link"],
+            "part: expected one of arm, rod, got 'link'",
+        ),
         (["new", "dleta", "mine.toml"], 'did you mean "delta"?'),
         (["import", "nosuch.urdf", "--out", "mine.toml"], "nosuch.urdf"),
         (
-            ["deflection", "biglide", "--components", "beam", "--wrench", "1e200,0,0,0,0,0"],
+            [
+                "deflection",
+                "biglide",
+                "--components",
+                "beam",
+                "--wrench",
+                "1e200,0,0,0,0,0",
+            ],
             "got 1e+200, which is beyond 1e+12 N",
         ),
-        (["deflection", "biglide", "--wrench", "1 N,0,0,0,0"], "--wrench 1 N,0,0,0,0: expected 6 values"),
+        (
+            ["deflection", "biglide", "--wrench", "1 N,0,0,0,0"],
+            "--wrench 1 N,0,0,0,0: expected 6 values",
+        ),
         (
             ["deflection", "biglide", "--wrench", "1 m,0,0,0,0,0"],
             'a force such as "100 N", got "1 m", which is a length',
@@ -84,20 +145,49 @@ def test_version():
             ["deflection", "biglide", "--wrench", "1,0,0,0,0,5 N"],
             'a moment such as "5 N*m", got "5 N", which is a force',
         ),
-        (["stiffness", "biglide", "--set", "effects=3"], "--set effects=3: expected NAME.KEY=VALUE such as"),
+        (
+            ["stiffness", "biglide", "--set", "effects=3"],
+            "--set effects=3: expected NAME.KEY=VALUE such as",
+        ),
         (["stiffness", "biglide", "--at", "0,0"], "expected X,Y,Z"),
         (["stiffness", "biglide", "--at", "0,0,nan"], "--at 0,0,nan"),
         (["stiffness", "biglide", "--at", "0,0,3 kg"], "which is a mass"),
         (["stiffness", "biglide", "--components", "guess"], "--components"),
-        (["stiffness", "biglide", "--set", "slider.thickness=12kg"], "--set slider.thickness"),
+        (
+            ["stiffness", "biglide", "--set", "slider.thickness=12kg"],
+            "--set slider.thickness",
+        ),
         (
             ["stiffness", "biglide", "--set", "link.mesh=3"],
             "--set link.mesh=3: parts.link.mesh: expected a table of size, ",
         ),
-        (["stiffness", "biglide", "--set", "slider.pads=apart", "--set", "slider.pad_height=9mm"], 'got "apart"'),
+        (
+            [
+                "stiffness",
+                "biglide",
+                "--set",
+                "slider.pads=apart",
+                "--set",
+                "slider.pad_height=9mm",
+            ],
+            'got "apart"',
+        ),
         (["audit", "--json", ""], "give a file"),
-        (["deflection", "nosuch/x.toml", "--wrench", "1,0,0,0,0,0", "--json", "/none/x"], "cannot be written"),
-        (["import", "x.urdf", "--out", "x.toml", "--json", "./x.toml"], "x.toml: expected a file for the JSON alone"),
+        (
+            [
+                "deflection",
+                "nosuch/x.toml",
+                "--wrench",
+                "1,0,0,0,0,0",
+                "--json",
+                "/none/x",
+            ],
+            "cannot be written",
+        ),
+        (
+            ["import", "x.urdf", "--out", "x.toml", "--json", "./x.toml"],
+            "x.toml: expected a file for the JSON alone",
+        ),
         (
             ["diagnose", "gauges", "--out", "out", "--adopt", "x", "--json", "x"],
             "x: expected a file for the JSON alone",
@@ -110,16 +200,33 @@ def test_version():
         (["run", "biglide"], "--out"),
         (["run", "biglide", "--out", "/proc/stiffscope"], "cannot be written"),
         (["run", "biglide", "--out", "."], "the one you are in"),
-        (["import", "nosuch.step", "--out", "."], ".: expected the name of a file to write, got none"),
-        (["import", "nosuch.urdf", "--out", "/"], "/: expected the name of a file to write, got none"),
-        (["new", "delta", "a.toml", "--json", "./a.toml"], "a.toml: expected a file for the JSON alone, got one that"),
+        (
+            ["import", "nosuch.step", "--out", "."],
+            ".: expected the name of a file to write, got none",
+        ),
+        (
+            ["import", "nosuch.urdf", "--out", "/"],
+            "/: expected the name of a file to write, got none",
+        ),
+        (
+            ["new", "delta", "a.toml", "--json", "./a.toml"],
+            "a.toml: expected a file for the JSON alone, got one that",
+        ),
         (["nosuch"], "No such command"),
-        (["stiffnes", "delta"], "No such command 'stiffnes'; did you mean \"stiffness\"?"),
+        (
+            ["stiffnes", "delta"],
+            "No such command 'stiffnes'; did you mean \"stiffness\"?",
+        ),
         (["campaign", "chek", "x"], 'did you mean "check"?'),
-        (["stiffness", "delta", "--at", "0,0,-1000"], "numbers without a unit are m and rad"),
+        (
+            ["stiffness", "delta", "--at", "0,0,-1000"],
+            "numbers without a unit are m and rad",
+        ),
     ],
 )
-def test_bad_input_is_one_line_and_exit_code_2(arguments, message, tmp_path, monkeypatch, capsys):
+def test_bad_input_is_one_line_and_exit_code_2(
+    arguments, message, tmp_path, monkeypatch, capsys
+):
     monkeypatch.chdir(tmp_path)
     assert _guarded(list(arguments)) == 2
     out, err = capsys.readouterr()
@@ -130,7 +237,8 @@ def test_bad_input_is_one_line_and_exit_code_2(arguments, message, tmp_path, mon
 
 
 def test_without_arguments_the_help_is_printed_as_it_is():
-    bare, asked = stiffscope(), stiffscope("--help")
+    bare = stiffscope()
+    asked = stiffscope("--help")
     assert (bare.returncode, bare.stdout) == (2, "")
     assert bare.stderr.strip() == asked.stdout.strip()
     assert len(bare.stderr.splitlines()) > 15
@@ -145,20 +253,48 @@ def test_help_names_a_default_without_brackets(capsys):
 
 
 def test_poses_and_wrenches_take_units(capsys):
-    same = (("0,0,0.35", "100,0,-2000,0,0,0.005"), ("0 mm,0 mm,350 mm", "100 N, 0,-2 kN,0 N*m,0,5 N*mm"))
+    same = (
+        ("0,0,0.35", "100,0,-2000,0,0,0.005"),
+        ("0 mm,0 mm,350 mm", "100 N, 0,-2 kN,0 N*m,0,5 N*mm"),
+    )
     one, other = (
-        answer(capsys, "deflection", "biglide", "--at", at, "--wrench", wrench, "--components", "published")
+        answer(
+            capsys,
+            "deflection",
+            "biglide",
+            "--at",
+            at,
+            "--wrench",
+            wrench,
+            "--components",
+            "published",
+        )
         for at, wrench in same
     )
-    assert np.array(one["twist"]) == pytest.approx(np.array(other["twist"]), rel=1e-12, abs=1e-18)
+    assert np.array(one["twist"]) == pytest.approx(
+        np.array(other["twist"]), rel=1e-12, abs=1e-18
+    )
     assert one["wrench"] == [100, 0, -2000, 0, 0, 0.005]
 
 
 @pytest.fixture
 def foreign(tmp_path):
     """A working folder with a user's own modules, named as ours, as those of libraries and as Python's."""
-    for name in ("app", "cad", "fea", "vjm", "data", "numpy", "random", "click", "skfem", "multiprocessing"):
-        (tmp_path / f"{name}.py").write_text(f"raise RuntimeError('{name}.py of the working folder was imported')")
+    for name in (
+        "app",
+        "cad",
+        "fea",
+        "vjm",
+        "data",
+        "numpy",
+        "random",
+        "click",
+        "skfem",
+        "multiprocessing",
+    ):
+        (tmp_path / f"{name}.py").write_text(
+            f"raise RuntimeError('{name}.py of the working folder was imported')"
+        )
     (tmp_path / "gap").mkdir()
     (tmp_path / "gap" / "__init__.py").write_text("raise RuntimeError('gap/')")
     return tmp_path
@@ -168,11 +304,34 @@ def foreign(tmp_path):
     "arguments",
     [
         ["faces", "part.step", "--json", "-"],
-        ["compliance", "biglide", "--part", "link", "--set", "link.mesh.size=60mm", "--json", "-"],
+        [
+            "compliance",
+            "biglide",
+            "--part",
+            "link",
+            "--set",
+            "link.mesh.size=60mm",
+            "--json",
+            "-",
+        ],
         ["stiffness", "biglide", "--components", "published", "--json", "-"],
-        pytest.param(["diagnose", "published", "--out", "out", "--json", "-"], marks=pytest.mark.long),
         pytest.param(
-            ["blind", "five-bar", "--components", "beam", "--campaigns", "1", "--out", "out", "--json", "-"],
+            ["diagnose", "published", "--out", "out", "--json", "-"],
+            marks=pytest.mark.long,
+        ),
+        pytest.param(
+            [
+                "blind",
+                "five-bar",
+                "--components",
+                "beam",
+                "--campaigns",
+                "1",
+                "--out",
+                "out",
+                "--json",
+                "-",
+            ],
             marks=pytest.mark.long,
         ),
     ],
@@ -180,10 +339,20 @@ def foreign(tmp_path):
 def test_modules_of_the_working_folder_change_nothing(foreign, arguments):
     if "part.step" in arguments:
         robot = load_robot("biglide")
-        write_step(build(robot.parts["slider"].parameters(), robot.material("slider")), foreign / "part.step")
+        write_step(
+            build(robot.parts["slider"].parameters(), robot.material("slider")),
+            foreign / "part.step",
+        )
     environment = {**os.environ, "STIFFSCOPE_CACHE": str(foreign / "cache")}
     command = [sys.executable, "-m", "stiffscope", *arguments]
-    done = subprocess.run(command, cwd=foreign, env=environment, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        command,
+        cwd=foreign,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
     assert (done.returncode, done.stderr) == (0, "")
     json.loads(done.stdout)
 
@@ -197,7 +366,9 @@ def test_stiffness_of_the_published_robot_as_json(capsys):
         [23.82111, 1.96743, 12.574307, 1.464912, 0.141031, 2.819319],
         [17.883256, 1.96691, 90.215325, 3.442252, 0.699246, 0.759309],
     ]
-    assert np.diagonal(found["stiffness"], axis1=1, axis2=2) / 1e6 == pytest.approx(np.array(expected), rel=2e-5)
+    assert np.diagonal(found["stiffness"], axis1=1, axis2=2) / 1e6 == pytest.approx(
+        np.array(expected), rel=2e-5
+    )
     assert found["mobility"] == [0, 0]
     assert np.array(found["sag"]).tolist() == np.zeros((2, 6)).tolist()
 
@@ -213,44 +384,80 @@ def test_no_command_writes_over_its_input(tmp_path, monkeypatch, capsys):
     Path("link.json").symlink_to("robot.toml")
     Path("round").symlink_to("round")
     assert _guarded(["check", "robot.toml", "--out", "round"]) == 2
-    assert "round: the output folder cannot be written (a link that leads back to itself)" in capsys.readouterr().err
+    assert (
+        "round: the output folder cannot be written (a link that leads back to itself)"
+        in capsys.readouterr().err
+    )
     for name in ("robot.toml", "link.json", "./out/../robot.toml"):
         assert _guarded(["stiffness", "robot.toml", "--json", name, "--force"]) == 2
-        assert f"{name}: expected a file for the JSON alone, got one that the command also" in capsys.readouterr().err
+        assert (
+            f"{name}: expected a file for the JSON alone, got one that the command also"
+            in capsys.readouterr().err
+        )
     assert _guarded(["map", "out/robot.toml", "--out", "out", "--force"]) == 2
-    assert "out/robot.toml: is in out, which is replaced as a whole" in capsys.readouterr().err
+    assert (
+        "out/robot.toml: is in out, which is replaced as a whole"
+        in capsys.readouterr().err
+    )
     for _ in range(2):
         assert _guarded(["stiffness", "robot.toml", "--json", "k.json", "--quiet"]) == 0
     assert Path("robot.toml").read_text() == Path("out/robot.toml").read_text() == text
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="limits of address space are Linux's")
+@pytest.mark.skipif(
+    sys.platform != "linux", reason="limits of address space are Linux's"
+)
 def test_little_address_space_is_refused_at_once():
     """At 200 MB a library hung as it was loaded, deaf to SIGTERM."""
     shell = 'ulimit -v 200000; exec "$@"'
     told = subprocess.run(
-        ["bash", "-c", shell, "-", *COMMAND, "stiffness", "five-bar"], check=False, capture_output=True, timeout=60
+        ["bash", "-c", shell, "-", *COMMAND, "stiffness", "five-bar"],
+        check=False,
+        capture_output=True,
+        timeout=60,
     )
     assert told.returncode == 2
-    assert told.stderr == b"stiffscope: memory: expected at least 256 MiB of address space (ulimit -v), got 195 MiB\n"
+    assert (
+        told.stderr
+        == b"stiffscope: memory: expected at least 256 MiB of address space (ulimit -v), got 195 MiB\n"
+    )
 
 
 def test_sag_under_its_own_weight(capsys):
-    words = ("stiffness", "biglide", "--at", "0,0,0.35", "--components", "published", "--gravity", "exact")
+    words = (
+        "stiffness",
+        "biglide",
+        "--at",
+        "0,0,0.35",
+        "--components",
+        "published",
+        "--gravity",
+        "exact",
+    )
     assert answer(capsys, *words)["sag"][0][2] == pytest.approx(10.8e-6, rel=1e-2)
 
 
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
 def test_a_stopped_run_leaves_nothing(tmp_path, how):
     environment = {**os.environ, "STIFFSCOPE_CACHE": str(tmp_path / "cache")}
-    heeding = (
-        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"  # shells' background jobs do not
-    )
+    # shells' background jobs do not
+    heeding = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
     running = subprocess.Popen(
-        [*COMMAND[:2], f"{heeding}; {COMMAND[2]}", "run", "biglide", "--out", str(tmp_path / "out"),
-         "--set", "link.length=505mm"],
-        stderr=subprocess.PIPE, text=True, env=environment, start_new_session=True,
-    )  # fmt: skip
+        [
+            *COMMAND[:2],
+            f"{heeding}; {COMMAND[2]}",
+            "run",
+            "biglide",
+            "--out",
+            str(tmp_path / "out"),
+            "--set",
+            "link.length=505mm",
+        ],
+        stderr=subprocess.PIPE,
+        text=True,
+        env=environment,
+        start_new_session=True,
+    )
     time.sleep(2.5)
     running.send_signal(how)
     _, errors = running.communicate(timeout=20)
@@ -269,8 +476,11 @@ def test_poses_by_the_drives(capsys):
         for words in (("--at", "side"), ("--joints", joints))
     )
     for key in ("poses", "tool", "stiffness"):
-        found, expected = np.array(other[key]), np.array(one[key])
-        assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * np.abs(expected).max())
+        found = np.array(other[key])
+        expected = np.array(one[key])
+        assert found == pytest.approx(
+            expected, rel=1e-9, abs=1e-9 * np.abs(expected).max()
+        )
 
 
 def test_a_robot_of_ones_own(tmp_path, capsys):
@@ -293,7 +503,14 @@ def test_a_simulators_model_becomes_a_robot(tmp_path, capsys):
         <joint name="j" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 1 0"/>
         <limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
     )
-    words = ["import", str(tmp_path / "arm.urdf"), "--out", str(tmp_path / "arm.toml"), "--drive", "j=5 kN*m/rad"]
+    words = [
+        "import",
+        str(tmp_path / "arm.urdf"),
+        "--out",
+        str(tmp_path / "arm.toml"),
+        "--drive",
+        "j=5 kN*m/rad",
+    ]
     assert _guarded(words) == 0
     assert "driven: j" in capsys.readouterr().out
     robot = load_robot(tmp_path / "arm.toml")
@@ -306,7 +523,15 @@ def test_a_load_path_of_drives_with_backlash(tmp_path, capsys):
     robot = tmp_path / "loose.toml"
     robot.write_text(text.replace("drive = { stiffness = 20000000.0 }", law))
     found = answer(
-        capsys, "deflection", str(robot), "--at", "0,0,0.135,0,0,0", "--wrench", "0,0,300,0,0,0", "--steps", "2"
+        capsys,
+        "deflection",
+        str(robot),
+        "--at",
+        "0,0,0.135,0,0,0",
+        "--wrench",
+        "0,0,300,0,0,0",
+        "--steps",
+        "2",
     )
     path = found["path"]
     assert path["load"] == [0.0, 0.5, 1.0, 0.5, 0.0, -0.5, -1.0, -0.5, 0.0]
@@ -318,24 +543,37 @@ def test_a_load_path_of_drives_with_backlash(tmp_path, capsys):
 
 def test_what_a_published_matrix_does_not_follow_is_said(caplog):
     words = ["stiffness", "biglide", "--at", "0,0,0.35", "--components", "published"]
-    assert _guarded([*words, "--set", "link.radius=30mm"]) == 0  # its formula follows the radius
+    assert (
+        _guarded([*words, "--set", "link.radius=30mm"]) == 0
+    )  # its formula follows the radius
     assert not caplog.messages
     assert _guarded([*words, "--set", "slider.thickness=25mm"]) == 0
     said = "--set slider.thickness=25mm: changes nothing of the compliance of slider, which is as published"
     assert caplog.messages == [said]
 
 
-@pytest.mark.parametrize("command", [["stiffness"], ["modes"], ["run", "--out", "{}/out"]])
-def test_a_robot_without_a_drive_is_refused_by_the_name_of_its_file(tmp_path, capsys, command):
+@pytest.mark.parametrize(
+    "command", [["stiffness"], ["modes"], ["run", "--out", "{}/out"]]
+)
+def test_a_robot_without_a_drive_is_refused_by_the_name_of_its_file(
+    tmp_path, capsys, command
+):
     file = tmp_path / "loose.toml"
     joint = '[joints.j]\nbetween = ["ground", "a"]\ntype = "revolute"\nat = [0, 0, 0]\naxis = [0, 0, 1]\n'
     tool = '[tool]\nbody = "a"\nat = ["30 cm", 0, 0]\npose = ["y"]\n'
     file.write_text(f'name = "loose"\n[bodies.a]\n{joint}{tool}')
-    assert _guarded([command[0], str(file), *(word.format(tmp_path) for word in command[1:])]) == 2
+    assert (
+        _guarded(
+            [command[0], str(file), *(word.format(tmp_path) for word in command[1:])]
+        )
+        == 2
+    )
     assert capsys.readouterr().err.startswith(f"stiffscope: {file}: ")
 
 
-def test_a_matrix_that_contradicts_its_length_is_doubted_once_by_each_command(tmp_path, caplog):
+def test_a_matrix_that_contradicts_its_length_is_doubted_once_by_each_command(
+    tmp_path, caplog
+):
     one_part(tmp_path, MATRIX)
     assert _guarded(["stiffness", str(tmp_path / "robot.toml")]) == 0
     (said,) = caplog.messages
@@ -343,12 +581,19 @@ def test_a_matrix_that_contradicts_its_length_is_doubted_once_by_each_command(tm
 
 
 @pytest.mark.parametrize(
-    "error", [MemoryError(), ImportError("a.so: failed to map segment"), OSError(12, os.strerror(12))]
+    "error",
+    [
+        MemoryError(),
+        ImportError("a.so: failed to map segment"),
+        OSError(12, os.strerror(12)),
+    ],
 )
 def test_a_lack_of_memory_is_told_by_that_name(error, monkeypatch, capsys):
     monkeypatch.setattr(cli, "main", Mock(side_effect=error))
     assert _guarded(["robots"]) == 1
-    assert capsys.readouterr().err.startswith("stiffscope: not enough memory; use a machine with more or, where")
+    assert capsys.readouterr().err.startswith(
+        "stiffscope: not enough memory; use a machine with more or, where"
+    )
 
 
 def test_a_stop_that_a_library_turns_into_its_own_error_is_a_stop(monkeypatch, capsys):
@@ -360,11 +605,16 @@ def test_a_stop_that_a_library_turns_into_its_own_error_is_a_stop(monkeypatch, c
         except BaseException as stop:
             raise ImportError("initialization failed") from stop
 
-    former = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}
+    former = {
+        number: signal.getsignal(number)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    }
     monkeypatch.setattr("stiffscope.cli.main.import_module", load)
     try:
         assert _guarded(["check", "delta"]) == 1
     finally:
         for number, handler in former.items():
             signal.signal(number, handler)
-    assert capsys.readouterr().err == "stiffscope: stopped; nothing half-written is left\n"
+    assert (
+        capsys.readouterr().err == "stiffscope: stopped; nothing half-written is left\n"
+    )

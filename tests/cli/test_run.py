@@ -23,8 +23,19 @@ RUN = "import sys; from stiffscope.cli.main import _guarded; code = _guarded(sys
 
 def run(cache, out, *arguments):
     environment = {**os.environ, "STIFFSCOPE_CACHE": str(cache)}
-    command = [sys.executable, "-c", RUN, "run", "biglide", "--out", str(out), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+    command = [
+        sys.executable,
+        "-c",
+        RUN,
+        "run",
+        "biglide",
+        "--out",
+        str(out),
+        *arguments,
+    ]
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, env=environment
+    )
 
 
 def manifest(out):
@@ -32,25 +43,45 @@ def manifest(out):
 
 
 def test_published_robot_needs_no_experiment(tmp_path):
-    done = run(os.environ["STIFFSCOPE_CACHE"], tmp_path / "out", "--components", "published", "--quiet")
+    done = run(
+        os.environ["STIFFSCOPE_CACHE"],
+        tmp_path / "out",
+        "--components",
+        "published",
+        "--quiet",
+    )
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "[]"
     out = tmp_path / "out"
     assert sorted(os.listdir(out)) == sorted([*manifest(out)["files"], "manifest.json"])
     stiffness = np.array(json.loads((out / "stiffness.json").read_text())["stiffness"])
-    assert np.diagonal(stiffness[0]) / 1e6 == pytest.approx([23.835, 1.9674, 12.40, 1.451, 0.139, 2.833], rel=3e-3)
+    assert np.diagonal(stiffness[0]) / 1e6 == pytest.approx(
+        [23.835, 1.9674, 12.40, 1.451, 0.139, 2.833], rel=3e-3
+    )
     with np.load(out / "matrices.npz", allow_pickle=False) as held:
         assert np.array_equal(held["stiffness"], stiffness)
 
 
 @pytest.mark.usefixtures("drawn_anew")
-def test_without_graphics_the_run_is_done_and_says_what_to_install(tmp_path, monkeypatch, caplog):
+def test_without_graphics_the_run_is_done_and_says_what_to_install(
+    tmp_path, monkeypatch, caplog
+):
     broken = tmp_path / "broken" / "pyvista.py"
     broken.parent.mkdir()
-    broken.write_text("raise ImportError('libGL.so.1: cannot open shared object file: No such file or directory')")
+    broken.write_text(
+        "raise ImportError('libGL.so.1: cannot open shared object file: No such file or directory')"
+    )
     monkeypatch.setenv("STIFFSCOPE_CACHE", str(tmp_path / "cache"))
     monkeypatch.syspath_prepend(broken.parent)
-    words = ["run", "biglide", "--components", "published", "--quiet", "--out", str(tmp_path / "out")]
+    words = [
+        "run",
+        "biglide",
+        "--components",
+        "published",
+        "--quiet",
+        "--out",
+        str(tmp_path / "out"),
+    ]
     assert _guarded(words) == 0
     assert len(caplog.messages) == 1
     assert "libegl1" in caplog.text
@@ -59,18 +90,40 @@ def test_without_graphics_the_run_is_done_and_says_what_to_install(tmp_path, mon
 
 @pytest.mark.long
 def test_a_change_of_the_slider_reruns_the_slider_alone(tmp_path):
-    coarse = [word for name in ("link", "slider") for word in ("--set", f"{name}.mesh.size=20mm")]
+    coarse = [
+        word
+        for name in ("link", "slider")
+        for word in ("--set", f"{name}.mesh.size=20mm")
+    ]
     cold = run(tmp_path / "cache", tmp_path / "cold", *coarse, "--quiet")
     assert cold.returncode == 0, cold.stderr
     warm = run(tmp_path / "cache", tmp_path / "warm", *coarse)
     assert warm.stdout.splitlines()[-1] == "[]"
-    assert all(result["reused"] for result in manifest(tmp_path / "warm")["results"].values())
-    changed = run(tmp_path / "cache", tmp_path / "changed", *coarse, "--set", "slider.thickness=25mm")
-    reused = {name: result["reused"] for name, result in manifest(tmp_path / "changed")["results"].items()}
+    assert all(
+        result["reused"] for result in manifest(tmp_path / "warm")["results"].values()
+    )
+    changed = run(
+        tmp_path / "cache",
+        tmp_path / "changed",
+        *coarse,
+        "--set",
+        "slider.thickness=25mm",
+    )
+    reused = {
+        name: result["reused"]
+        for name, result in manifest(tmp_path / "changed")["results"].items()
+    }
     assert (reused["link"], reused["slider"]) == (True, False)
     assert "before" in changed.stdout
     names = os.listdir(tmp_path / "cold" / "slider")
-    assert {"slider.step", "slider.stl", "fields.vtu", "loads.png", "mesh.png", "compliance.json"} <= set(names)
+    assert {
+        "slider.step",
+        "slider.stl",
+        "fields.vtu",
+        "loads.png",
+        "mesh.png",
+        "compliance.json",
+    } <= set(names)
 
 
 @pytest.mark.parametrize("solid", ["parametric", "part.step"])
@@ -82,12 +135,19 @@ def test_beam_theory_is_beside_the_own_shape_alone(tmp_path, capsys, solid):
     order = order_part(robot, "slider", None if own else tmp_path / solid)
     empty = np.zeros((0, 3))
     made = {field.name: empty for field in fields(Experiment)} | {
-        "part": "slider", "interface": "rigid", "full_compliance": beam, "full_error": 0.01 * abs(beam),
-        "reference_points": np.zeros((1, 3)), "mesh": SimpleNamespace(points=empty, cells=empty), "note": "",
-    }  # fmt: skip
+        "part": "slider",
+        "interface": "rigid",
+        "full_compliance": beam,
+        "full_error": 0.01 * abs(beam),
+        "reference_points": np.zeros((1, 3)),
+        "mesh": SimpleNamespace(points=empty, cells=empty),
+        "note": "",
+    }
     experiment = Experiment(**made)
     facts = {"mass": 1.0, "mass_centre": [0, 0, 0], "inertia": np.eye(3)}
-    result = PartResult(order, "", tmp_path, experiment, facts, reused=True, seconds=0.0)
+    result = PartResult(
+        order, "", tmp_path, experiment, facts, reused=True, seconds=0.0
+    )
     written = compliance_json(robot, result)
     assert written["solid"] == solid
     assert (written["beam"] is None) != own

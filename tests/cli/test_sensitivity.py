@@ -33,7 +33,9 @@ def file(tmp_path, monkeypatch):
 
 def answer(file, *words):
     out = file.parent / "answer.json"
-    assert _guarded(["sensitivity", str(file), *words, "--quiet", "--json", str(out)]) == 0
+    assert (
+        _guarded(["sensitivity", str(file), *words, "--quiet", "--json", str(out)]) == 0
+    )
     return json.loads(out.read_text())
 
 
@@ -47,17 +49,27 @@ def test_a_step_part_has_derivatives_by_the_constants_of_its_material_only(file)
     with workshop() as shop:
         for name, value in CONSTANTS.items():
             for sign in (1, -1):
-                changed = load_robot(file, [f"materials.iron.{name}={value * (1 + sign * CHANGE)!r}"])
+                changed = load_robot(
+                    file, [f"materials.iron.{name}={value * (1 + sign * CHANGE)!r}"]
+                )
                 made = assemble_robots({"now": changed}, None, shop, whole=False)["now"]
-                states[name, sign] = made.results["bar 1"], at_named_poses(made, changed.poses)
+                states[name, sign] = (
+                    made.results["bar 1"],
+                    at_named_poses(made, changed.poses),
+                )
     for name, value in CONSTANTS.items():
-        (up, above), (down, below) = states[name, 1], states[name, -1]
+        (up, above) = states[name, 1]
+        (down, below) = states[name, -1]
         assert part[name]["value"] == pytest.approx(value)
         size = np.sqrt(np.outer(up.compliance.diagonal(), up.compliance.diagonal()))
-        got, bound = (value * np.array(part[name][key]) / size for key in ("compliance", "error"))
+        got, bound = (
+            value * np.array(part[name][key]) / size for key in ("compliance", "error")
+        )
         expected = (up.compliance - down.compliance) / (2 * CHANGE) / size
         noise = 2e-4 / CHANGE  # of a compliance from mesh to mesh
-        assert (np.abs(got - expected) < bound + 0.01 * np.abs(expected) + noise).all(), name
+        assert (
+            np.abs(got - expected) < bound + 0.01 * np.abs(expected) + noise
+        ).all(), name
         assert part[name]["mass"] == 0
         row = robot[f"materials.iron.{name}"]
         stiffer = (above.matrix - below.matrix)[0] / (2 * CHANGE)

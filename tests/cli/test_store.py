@@ -19,11 +19,17 @@ def root(tmp_path, monkeypatch):
     folder = tmp_path / "cache"
     monkeypatch.setenv("STIFFSCOPE_CACHE", str(folder))
     for kind, name in (("experiment", "a"), ("experiment", "b"), ("pictures", "c")):
-        Cache(folder).put(kind, digest({"is": name}), lambda aside: (aside / "data").write_bytes(bytes(1_000_000)))
+        Cache(folder).put(
+            kind,
+            digest({"is": name}),
+            lambda aside: (aside / "data").write_bytes(bytes(1_000_000)),
+        )
     (folder / "mine.txt").write_text("notes")
     stranger = folder / "pictures" / "holiday"
     stranger.mkdir()
-    (stranger / "entry.json").write_text('{"kind": "pictures", "key": "another", "files": {}}')
+    (stranger / "entry.json").write_text(
+        '{"kind": "pictures", "key": "another", "files": {}}'
+    )
     (folder / "pictures" / "link").symlink_to(stranger, target_is_directory=True)
     return folder
 
@@ -45,8 +51,13 @@ def test_it_says_where_and_how_large(root, capsys):
     assert "3 MB" in said
     found = answer(capsys, "cache")
     assert found["folder"] == str(root)
-    assert {kind: each["entries"] for kind, each in found["kinds"].items()} == {"experiment": 2, "pictures": 1}
-    assert all(each["bytes"] >= 1e6 * each["entries"] for each in found["kinds"].values())
+    assert {kind: each["entries"] for kind, each in found["kinds"].items()} == {
+        "experiment": 2,
+        "pictures": 1,
+    }
+    assert all(
+        each["bytes"] >= 1e6 * each["entries"] for each in found["kinds"].values()
+    )
     listed = answer(capsys, "cache", "list")
     assert [each["made"] for each in listed] == sorted(each["made"] for each in listed)
     assert {each["key"] for each in listed} == {digest({"is": name}) for name in "abc"}
@@ -55,7 +66,10 @@ def test_it_says_where_and_how_large(root, capsys):
 def test_it_removes_what_is_ours_and_nothing_else(root, capsys):
     for command in ("list", "clear"):
         assert _guarded(["cache", command, "--kind", "picture"]) == 2
-        assert re.search("--kind.*picture.* is not one of .*experiment.*pictures", capsys.readouterr().err)
+        assert re.search(
+            "--kind.*picture.* is not one of .*experiment.*pictures",
+            capsys.readouterr().err,
+        )
     assert answer(capsys, "cache", "clear", "--kind", "pictures")["entries"] == 1
     assert Cache(root).get("pictures", digest({"is": "c"})) is None
     assert Cache(root).get("experiment", digest({"is": "a"})) is not None
@@ -96,28 +110,69 @@ def commands(group=cli, words=()):
 
 
 def test_the_help_of_all_commands_is_that_of_each():
-    said = {name: words for group in COMMANDS.values() for name, (_, words) in group.items()}
-    assert {name: cli.get_command(None, name).help.partition("\n\n")[0] for name in said} == said
+    said = {
+        name: words for group in COMMANDS.values() for name, (_, words) in group.items()
+    }
+    assert {
+        name: cli.get_command(None, name).help.partition("\n\n")[0] for name in said
+    } == said
 
 
 def test_every_command_has_json():
     listed = list(commands())
     assert len(listed) > 20
-    without = [words for words, command in listed if not any("--json" in each.opts for each in command.params)]
+    without = [
+        words
+        for words, command in listed
+        if not any("--json" in each.opts for each in command.params)
+    ]
     assert without == [("live",)]  # whose answers go to its page
 
 
 @pytest.mark.parametrize(
     ("words", "keys"),
     [
-        (["run", "biglide", "--components", "published", "--out", "OUT"], {"parts", "stiffness", "convention"}),
-        (["frf", "biglide", "--components", "published", "--at", "Q1", "--from", "tool:M:z", "--to", "tool:M:z",
-          "--points", "9", "--out", "OUT"], {"coords", "data_vars"}),
+        (
+            ["run", "biglide", "--components", "published", "--out", "OUT"],
+            {"parts", "stiffness", "convention"},
+        ),
+        (
+            [
+                "frf",
+                "biglide",
+                "--components",
+                "published",
+                "--at",
+                "Q1",
+                "--from",
+                "tool:M:z",
+                "--to",
+                "tool:M:z",
+                "--points",
+                "9",
+                "--out",
+                "OUT",
+            ],
+            {"coords", "data_vars"},
+        ),
         (["new", "delta", "OUT"], {"file"}),
-        (["campaign", "new", "biglide", "--out", "OUT"], {"folder", "readings", "poses"}),
-        (["deflection", "biglide", "--components", "published", "--wrench", "1,0,0,0,0,0"], {"twist", "convention"}),
+        (
+            ["campaign", "new", "biglide", "--out", "OUT"],
+            {"folder", "readings", "poses"},
+        ),
+        (
+            [
+                "deflection",
+                "biglide",
+                "--components",
+                "published",
+                "--wrench",
+                "1,0,0,0,0,0",
+            ],
+            {"twist", "convention"},
+        ),
     ],
-)  # fmt: skip
+)
 def test_json_alone_is_on_standard_output(words, keys, tmp_path, capsys):
     words = [str(tmp_path / "out") if word == "OUT" else word for word in words]
     assert keys <= set(answer(capsys, *words))
@@ -137,11 +192,19 @@ NARROW = [
 
 def test_eighty_columns_of_ascii(tmp_path):
     """In a terminal of 80 columns that knows ASCII alone: nothing wider, no colour, no letter beyond."""
-    surroundings = {**os.environ, "COLUMNS": "80", "PYTHONIOENCODING": "ascii", "NO_COLOR": "1", "LC_ALL": "C"}
+    surroundings = {
+        **os.environ,
+        "COLUMNS": "80",
+        "PYTHONIOENCODING": "ascii",
+        "NO_COLOR": "1",
+        "LC_ALL": "C",
+    }
     surroundings["STIFFSCOPE_CACHE"] = str(tmp_path)
     code = "from stiffscope.cli.main import _guarded\n"
     code += f"for words in {NARROW}: print('##'); assert _guarded(words) == 0"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, env=surroundings, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, env=surroundings, check=True
+    )
     answers = done.stdout.decode("ascii").split("##\n")[1:]
     for words, said in zip(NARROW, answers, strict=True):
         assert len(said) > 80, words
@@ -153,7 +216,17 @@ def test_eighty_columns_of_ascii(tmp_path):
 
 
 def test_words_are_completed():
-    surroundings = {**os.environ, "_STIFFSCOPE_COMPLETE": "bash_complete", "COMP_WORDS": "stiffscope ca"}
+    surroundings = {
+        **os.environ,
+        "_STIFFSCOPE_COMPLETE": "bash_complete",
+        "COMP_WORDS": "stiffscope ca",
+    }
     command = [sys.executable, "-c", "from stiffscope.cli.main import main; main()"]
-    done = subprocess.run(command, capture_output=True, text=True, env={**surroundings, "COMP_CWORD": "1"}, check=True)
+    done = subprocess.run(
+        command,
+        capture_output=True,
+        text=True,
+        env={**surroundings, "COMP_CWORD": "1"},
+        check=True,
+    )
     assert done.stdout.split() == ["plain,cache", "plain,campaign"]

@@ -10,12 +10,18 @@ import numpy as np
 import pytest
 
 from stiffscope.cli.main import _guarded
-from stiffscope.experiments.watching import changes, differences, digest_sources, sources
+from stiffscope.experiments.watching import (
+    changes,
+    differences,
+    digest_sources,
+    sources,
+)
 from tests.experiments.one_part import MATRIX, ROD, STEP, one_part
 
 
 def test_content_decides_what_has_changed(tmp_path):
-    one, two = tmp_path / "one", tmp_path / "two"
+    one = tmp_path / "one"
+    two = tmp_path / "two"
     one.write_text("a")
     two.write_text("b")
     watch = changes([one, two])
@@ -40,13 +46,18 @@ def test_content_decides_what_has_changed(tmp_path):
     assert found == [None]
 
 
-def test_a_file_that_stays_away_has_changed_and_so_has_it_when_it_is_back(tmp_path, monkeypatch):
+def test_a_file_that_stays_away_has_changed_and_so_has_it_when_it_is_back(
+    tmp_path, monkeypatch
+):
     monkeypatch.setattr("stiffscope.experiments.watching.GONE", 0.2)
     solid = tmp_path / "bar.step"
     solid.write_text("a solid")
-    watch, seen = changes([solid]), []
+    watch = changes([solid])
+    seen = []
     next(watch)
-    thread = threading.Thread(target=lambda: seen.extend(solid.exists() for _ in itertools.islice(watch, 2)))
+    thread = threading.Thread(
+        target=lambda: seen.extend(solid.exists() for _ in itertools.islice(watch, 2))
+    )
     thread.start()
     solid.unlink()
     time.sleep(1.0)
@@ -65,9 +76,14 @@ def test_sources_and_differences(tmp_path):
     (tmp_path / "bar.step").write_text("a solid")
     held = digest_sources(robot)
     (tmp_path / "bar.step").write_text("another solid")
-    assert differences(robot, robot, held, digest_sources(robot)) == ["content of bar.step"]
+    assert differences(robot, robot, held, digest_sources(robot)) == [
+        "content of bar.step"
+    ]
     assert differences(robot, robot, held, held) == []
-    assert differences(before, after) == ["bar 1.radius 6 mm → 7 mm", "bar 1.mesh.size 8 mm → 9 mm"]
+    assert differences(before, after) == [
+        "bar 1.radius 6 mm → 7 mm",
+        "bar 1.mesh.size 8 mm → 9 mm",
+    ]
 
 
 @pytest.fixture
@@ -77,12 +93,21 @@ def undrawn(monkeypatch):
     monkeypatch.setattr("stiffscope.cli.running.keep_warm", lambda: None)
 
 
-def test_each_saved_file_is_run_and_a_bad_one_is_told(tmp_path, monkeypatch, capsys, undrawn):
+def test_each_saved_file_is_run_and_a_bad_one_is_told(
+    tmp_path, monkeypatch, capsys, undrawn
+):
     one_part(tmp_path, MATRIX)
-    monkeypatch.setattr("stiffscope.cli.running.stiffness_bars", lambda *_: np.full((1, 6, 6), 1.5e4))
-    file, out = tmp_path / "robot.toml", tmp_path / "out"
+    monkeypatch.setattr(
+        "stiffscope.cli.running.stiffness_bars", lambda *_: np.full((1, 6, 6), 1.5e4)
+    )
+    file = tmp_path / "robot.toml"
+    out = tmp_path / "out"
     text = file.read_text()
-    saved = [text.replace("stiffness = 1e7", "stiffness = 2e7"), text.replace("prismatic", "prismatik"), text]
+    saved = [
+        text.replace("stiffness = 1e7", "stiffness = 2e7"),
+        text.replace("prismatic", "prismatik"),
+        text,
+    ]
     states = []
 
     def edited(_files):
@@ -111,7 +136,18 @@ def test_each_saved_file_is_run_and_a_bad_one_is_told(tmp_path, monkeypatch, cap
 
 def test_a_run_that_is_not_watched_has_no_script_that_reloads(tmp_path, undrawn):
     one_part(tmp_path, MATRIX)
-    assert _guarded(["run", str(tmp_path / "robot.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
+    assert (
+        _guarded(
+            [
+                "run",
+                str(tmp_path / "robot.toml"),
+                "--out",
+                str(tmp_path / "out"),
+                "--quiet",
+            ]
+        )
+        == 0
+    )
     page = (tmp_path / "out" / "report.html").read_text()
     assert "default-src 'none'" in page
     assert "location.reload" not in page

@@ -37,13 +37,17 @@ def test_gcode_written_and_read_again_is_the_same_path(tmp_path):
     ends = {int(line): point for line, point in zip(one.line, one.points, strict=True)}
     assert ends[7] == pytest.approx([0.020, 0.010, -0.001])
     arc = one.points[one.line == 7]
-    np.testing.assert_allclose(np.linalg.norm(arc[:, :2] - [0.010, 0.010], axis=1), 0.010, rtol=1e-9)
+    np.testing.assert_allclose(
+        np.linalg.norm(arc[:, :2] - [0.010, 0.010], axis=1), 0.010, rtol=1e-9
+    )
 
 
 @pytest.mark.parametrize("plane", ["G17", "G18", "G19"])
 @pytest.mark.parametrize("sense", ["G2", "G3"])
 @pytest.mark.parametrize(("modes", "unit"), [("G21 G90", 1e-3), ("G20 G91", 25.4e-3)])
-def test_arcs_run_round_their_centre_in_every_plane(plane, sense, modes, unit, tmp_path):
+def test_arcs_run_round_their_centre_in_every_plane(
+    plane, sense, modes, unit, tmp_path
+):
     """A quarter by I J K, the same by R, the other three quarters by a negative R, and a full circle."""
     first, second = {"G17": "XY", "G18": "ZX", "G19": "YZ"}[plane]
     a, b = ("XYZ".index(axis) for axis in (first, second))
@@ -52,16 +56,22 @@ def test_arcs_run_round_their_centre_in_every_plane(plane, sense, modes, unit, t
     end = f"{first}{0 if 'G90' in modes else -3} {second}{3.0 * turn}"  # from (3, 0) round 0 to (0, ± 3)
 
     def points(arc):
-        (tmp_path / "a.nc").write_text(f"N1 {modes} F600 (start)\nn2 g1 {first}3.\nN30{plane}{sense}{arc};end\n")
+        (tmp_path / "a.nc").write_text(
+            f"N1 {modes} F600 (start)\nn2 g1 {first}3.\nN30{plane}{sense}{arc};end\n"
+        )
         program = read_program(tmp_path / "a.nc", 0.2 * unit)
         (tmp_path / "b.nc").write_text(program_text(program, program.points))
         again = read_program(tmp_path / "b.nc", np.inf)
         np.testing.assert_allclose(again.points, program.points, atol=1e-9)
         found = program.points[program.line == program.line[-1]] / unit
-        found = np.vstack((program.points[program.line != program.line[-1]][-1:] / unit, found))
+        found = np.vstack(
+            (program.points[program.line != program.line[-1]][-1:] / unit, found)
+        )
         assert np.ptp(np.delete(found, [a, b], axis=1)) < 1e-12
         flat = found[:, [a, b]]
-        np.testing.assert_allclose(np.linalg.norm(np.diff(flat, axis=0), axis=1).max(), 0.2, rtol=0.05)
+        np.testing.assert_allclose(
+            np.linalg.norm(np.diff(flat, axis=0), axis=1).max(), 0.2, rtol=0.05
+        )
         return flat, turn * np.unwrap(np.arctan2(flat[:, 1], flat[:, 0]))
 
     for arc in (f"{end}{offset}-3", f"{end}R3"):
@@ -74,12 +84,16 @@ def test_arcs_run_round_their_centre_in_every_plane(plane, sense, modes, unit, t
     assert angle[-1] - angle[0] == pytest.approx(2 * np.pi)
     flat, _ = points(f"{end}R-3")
     np.testing.assert_allclose(np.hypot(*(flat - [3.0, 3.0 * turn]).T), 3.0, rtol=1e-9)
-    assert np.linalg.norm(np.diff(flat, axis=0), axis=1).sum() == pytest.approx(3.0 * 1.5 * np.pi, rel=1e-3)
+    assert np.linalg.norm(np.diff(flat, axis=0), axis=1).sum() == pytest.approx(
+        3.0 * 1.5 * np.pi, rel=1e-3
+    )
 
 
 def test_a_dwell_moves_nothing(tmp_path):
     (tmp_path / "a.nc").write_text("G21\nG1 X10 F600\nG4 X2.5\nG1 X20\n")
-    assert read_program(tmp_path / "a.nc", np.inf).points[:, 0] == pytest.approx([0.010, 0.020])
+    assert read_program(tmp_path / "a.nc", np.inf).points[:, 0] == pytest.approx(
+        [0.010, 0.020]
+    )
 
 
 @pytest.mark.parametrize(
@@ -94,7 +108,10 @@ def test_a_dwell_moves_nothing(tmp_path):
         ("G90.1", "a.nc:2: G90.1"),
         ("M98 P1000", "a.nc:2: M98"),
         ("G1 X1e1", "a.nc:2: X: expected a number without an exponent, got X1E1"),
-        ("G1 Y-2.5E+1 F200", r"a.nc:2: Y: expected a number without an exponent, got Y-2.5E\+1"),
+        (
+            "G1 Y-2.5E+1 F200",
+            r"a.nc:2: Y: expected a number without an exponent, got Y-2.5E\+1",
+        ),
         ("G1 X1 Y2 X9", "a.nc:2: X: expected one word of a letter, got X1 and X9"),
         ("G1 X1 F0", "a.nc:2: F: expected a feed above 0, got F0"),
         ("F-10", "a.nc:2: F: expected a feed above 0, got F-10"),
@@ -108,13 +125,21 @@ def test_what_no_path_is_read_from_is_refused(line, message, tmp_path):
 
 def test_an_extruder_s_word_is_no_exponent(tmp_path):
     (tmp_path / "a.nc").write_text("G21 G90\nG1X10Y5E0.5F600\nG1 X20 E2\n")
-    assert read_program(tmp_path / "a.nc", np.inf).points[:, 0] == pytest.approx([0.010, 0.020])
+    assert read_program(tmp_path / "a.nc", np.inf).points[:, 0] == pytest.approx(
+        [0.010, 0.020]
+    )
 
 
 @pytest.mark.parametrize("climb", [True, False])
 @pytest.mark.parametrize("width", [2e-3, 7e-3, 10e-3])
 def test_mean_milling_forces_are_those_of_the_teeth_over_a_turn(climb, width):
-    kc1, mc, radial, teeth, depth, feed, speed = 2.22e9, 0.14, 0.3, 3, 2e-3, 0.012, 50.0
+    kc1 = 2.22e9
+    mc = 0.14
+    radial = 0.3
+    teeth = 3
+    depth = 2e-3
+    feed = 0.012
+    speed = 50.0
     found = mill(
         kc1,
         mc,
@@ -128,14 +153,19 @@ def test_mean_milling_forces_are_those_of_the_teeth_over_a_turn(climb, width):
         radial=radial,
     )
     per_tooth = feed / (teeth * speed)
-    angle = (np.arange(400_000) + 0.5) * (2 * np.pi / 400_000)  # of one tooth, clockwise from the left of the feed
+    angle = (np.arange(400_000) + 0.5) * (
+        2 * np.pi / 400_000
+    )  # of one tooth, clockwise from the left of the feed
     left = 5e-3 * np.cos(angle)
-    cutting = (angle < np.pi) & ((left < -5e-3 + width) if climb else (left > 5e-3 - width))
+    cutting = (angle < np.pi) & (
+        (left < -5e-3 + width) if climb else (left > 5e-3 - width)
+    )
     chip = np.where(cutting, per_tooth * np.sin(angle), 0.0)
     mean_chip = chip[cutting].mean()
     assert found.chip == pytest.approx(mean_chip, rel=1e-4)
     kt = specific_force(kc1, mc, mean_chip)
-    tangential, inward = kt * depth * chip, radial * kt * depth * chip
+    tangential = kt * depth * chip
+    inward = radial * kt * depth * chip
     along_feed = -tangential * np.cos(angle) - inward * np.sin(angle)
     across = tangential * np.sin(angle) - inward * np.cos(angle)
     assert found.feed == pytest.approx(teeth * along_feed.mean(), rel=1e-3, abs=1e-3)
@@ -152,7 +182,14 @@ def test_power_of_face_milling_is_that_of_a_published_example():
     """
     speed = 80.0 / 60.0 / (np.pi * 0.25)
     assert 60.0 * speed == pytest.approx(101.91, rel=1e-3)
-    cut = {"diameter": 0.25, "teeth": 12, "speed": speed, "feed": 0.28 / 60.0, "depth": 2e-3, "width": 80e-3}
+    cut = {
+        "diameter": 0.25,
+        "teeth": 12,
+        "speed": speed,
+        "feed": 0.28 / 60.0,
+        "depth": 2e-3,
+        "width": 80e-3,
+    }
     assert cut["feed"] / (12 * speed) == pytest.approx(0.228e-3, rel=5e-3)
     assert mill(1800e6, 0.0, **cut).power / 0.8 == pytest.approx(1680.0, rel=3e-3)
     mc = np.log(2030.0 / 1580.0) / np.log(6.0)
@@ -171,5 +208,14 @@ def test_power_is_that_of_the_teeth_in_the_cut_with_the_mean_chip():
     power = 3.0 * chip * 1780.0 * chip**-0.17 * (200.0 / 60.0) * 2 * arc / 360.0
     speed = 200.0 / 60.0 / (np.pi * 3e-3)
     feed = 2 * 0.1e-3 * speed
-    found = mill(1780e6, 0.17, diameter=3e-3, teeth=2, speed=speed, feed=feed, depth=3e-3, width=0.25e-3)
+    found = mill(
+        1780e6,
+        0.17,
+        diameter=3e-3,
+        teeth=2,
+        speed=speed,
+        feed=feed,
+        depth=3e-3,
+        width=0.25e-3,
+    )
     assert (1e3 * found.chip, found.power) == pytest.approx((chip, power), rel=1e-9)

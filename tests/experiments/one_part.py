@@ -3,7 +3,9 @@
 from stiffscope.robot.reader import read_robot
 
 DRIVE = 1e7  # N/m
-LENGTH, DEPTH, WIDTH = 0.060, 0.010, 0.020  # m, of the bar in `bar.step`
+LENGTH = 0.060
+DEPTH = 0.010
+WIDTH = 0.020  # m, of the bar in `bar.step`
 
 ROBOT = """
 name = "one"
@@ -35,7 +37,9 @@ direction = [0, 0, -1]
 [poses]
 home = ["{length} mm"]
 """
-STEP = 'shape = "step"\nfile = "bar.step"\nmaterial = "steel"\nmesh = { size = "10 mm" }'
+STEP = (
+    'shape = "step"\nfile = "bar.step"\nmaterial = "steel"\nmesh = { size = "10 mm" }'
+)
 ROD = 'shape = "rod"\nlength = "60 mm"\nradius = "6 mm"\nmaterial = "steel"\nmesh = { size = "8 mm" }'
 PLATE = 'shape = "plate"\ndepth = "60 mm"\nwidth = "90 mm"\nthickness = "10 mm"\nmaterial = "steel"'
 MATRIX = f'shape = "matrix"\nmatrix = {[[1e-8 * (i == j) for j in range(6)] for i in range(6)]}\nmass = "80 g"'
@@ -52,6 +56,9 @@ def write_bar(path, shift=0.0):
     from build123d import Align, Box, Pos, export_step
 
     bar = Pos(1e3 * shift, 0, 0) * Box(
-        1e3 * LENGTH, 1e3 * WIDTH, 1e3 * DEPTH, align=(Align.MIN, Align.CENTER, Align.CENTER)
+        1e3 * LENGTH,
+        1e3 * WIDTH,
+        1e3 * DEPTH,
+        align=(Align.MIN, Align.CENTER, Align.CENTER),
     )
     export_step(bar, str(path))

@@ -72,10 +72,19 @@ def test_every_interface_is_a_node_of_the_robot(folder):
     assert not [line for line in inspect_robot(robot).remarks if "stands" in line]
     with workshop() as shop:
         made = assemble_robots({"robot": robot}, None, shop)["robot"]
-    experiment, solid = made.results["bracket"].experiment, made.results["bracket"].solid
-    planes = {name: experiment.mesh.nodes_of(frozenset(faces)) for name, faces in solid["faces"].items()}
-    middles = {name: 1e3 * experiment.mesh.points[nodes].mean(axis=0) for name, nodes in planes.items()}
-    assert middles == {name: pytest.approx((*place, 9.0), abs=0.5) for name, place in PADS.items()}
+    experiment = made.results["bracket"].experiment
+    solid = made.results["bracket"].solid
+    planes = {
+        name: experiment.mesh.nodes_of(frozenset(faces))
+        for name, faces in solid["faces"].items()
+    }
+    middles = {
+        name: 1e3 * experiment.mesh.points[nodes].mean(axis=0)
+        for name, nodes in planes.items()
+    }
+    assert middles == {
+        name: pytest.approx((*place, 9.0), abs=0.5) for name, place in PADS.items()
+    }
     assert experiment.interfaces == tuple(PADS)
     free = np.r_[11, 12:18]  # the right end's rz, then the motor's twist
     held = np.linalg.inv(experiment.stiffness[np.ix_(free, free)])[1:, 1:]
@@ -87,17 +96,36 @@ def test_every_interface_is_a_node_of_the_robot(folder):
     assert np.abs((found - expected) / scale).max() < 1e-6
     assert (stiffness_bars(made, [[0.0]]) > 0.0).all()
     assert made.mechanism.body("frame").mass == pytest.approx(experiment.mass, rel=1e-3)
-    load = np.concatenate([experiment.mass_matrix[6 * k : 6 * k + 6, 2::6].sum(axis=1) for k in range(3)]) * -9.81
+    load = (
+        np.concatenate(
+            [
+                experiment.mass_matrix[6 * k : 6 * k + 6, 2::6].sum(axis=1)
+                for k in range(3)
+            ]
+        )
+        * -9.81
+    )
     moved = np.linalg.inv(experiment.stiffness[np.ix_(free, free)]) @ load[free]
-    assert sag(made.mechanism, [[0.0]])[0, 2] == pytest.approx((shift([0, 0, 0.041]) @ moved[1:])[2], rel=1e-6)
+    assert sag(made.mechanism, [[0.0]])[0, 2] == pytest.approx(
+        (shift([0, 0, 0.041]) @ moved[1:])[2], rel=1e-6
+    )
 
 
 REFUSED = {
-    ("interfaces.motor = {", 'clamped = [{ index = 0 }]\ninterfaces.motor = {'): "parts.bracket.clamped: expected none",
-    ('"9 mm"] }\ninterfaces.right', '"9 mm"], colour = 3 }\ninterfaces.right'): "parts.bracket.interfaces.left.*colour",
+    (
+        "interfaces.motor = {",
+        "clamped = [{ index = 0 }]\ninterfaces.motor = {",
+    ): "parts.bracket.clamped: expected none",
+    (
+        '"9 mm"] }\ninterfaces.right',
+        '"9 mm"], colour = 3 }\ninterfaces.right',
+    ): "parts.bracket.interfaces.left.*colour",
     ("frame.motor", "frame.tip"): "expected a body or an end of one",
-    ("at = [0, 0, \"100 mm\"]\ny", "base = [0, 0, 0]\ny"): "bodies.frame.base: expected a known key",
-}  # fmt: skip
+    (
+        'at = [0, 0, "100 mm"]\ny',
+        "base = [0, 0, 0]\ny",
+    ): "bodies.frame.base: expected a known key",
+}
 
 
 @pytest.mark.parametrize("change", REFUSED)
@@ -109,5 +137,7 @@ def test_what_cannot_be_is_refused_by_line(folder, change):
 
 def test_faces_that_are_not_there_are_refused_by_interface(folder):
     text = TEXT.replace('"15 mm", "9 mm"] }]', '"15 mm", "30 mm"] }]')
-    with pytest.raises(InputError, match=r"robot.toml:9: parts.bracket.interfaces.right: "):
+    with pytest.raises(
+        InputError, match=r"robot.toml:9: parts.bracket.interfaces.right: "
+    ):
         build_part(read_robot(folder / "robot.toml", text), "bracket")

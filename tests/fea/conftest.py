@@ -25,7 +25,9 @@ def stub():
     """A short thick bar with curved sides, and its mesh: small enough for everything, no element nearly flat."""
     specimen = cylinder(0.04, 0.0125)
     meshes = (mesh_specimen(specimen, size=0.012, layers=0) for _ in range(20))
-    return specimen, next(mesh for mesh in meshes if jacobian_range(mesh.points[mesh.cells]).min() > 0.1)
+    return specimen, next(
+        mesh for mesh in meshes if jacobian_range(mesh.points[mesh.cells]).min() > 0.1
+    )
 
 
 @pytest.fixture

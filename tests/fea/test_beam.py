@@ -2,9 +2,17 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.fea.beam import circle, euler_bernoulli, polar, rectangle, saint_venant_torsion, timoshenko
+from stiffscope.fea.beam import (
+    circle,
+    euler_bernoulli,
+    polar,
+    rectangle,
+    saint_venant_torsion,
+    timoshenko,
+)
 
-E, G = 211e9, 81e9
+E = 211e9
+G = 81e9
 
 
 def test_torsion_of_rectangles_is_timoshenko_and_goodiers_table():
@@ -29,18 +37,24 @@ def test_a_beam_in_two_pieces_is_the_beam():
     section = circle(0.0125, 0.004)
     whole, half = (timoshenko(length, section, E, G) for length in (0.5, 0.25))
     shift = np.eye(6)
-    shift[1, 5], shift[2, 4] = 0.25, -0.25  # the first half's end twist, carried to the tip
+    shift[1, 5] = 0.25
+    shift[2, 4] = -0.25  # the first half's end twist, carried to the tip
     assert half + shift @ half @ shift.T == pytest.approx(whole, rel=1e-12)
 
 
 def test_a_tube_is_a_circle_less_a_circle():
-    outer, inner, tube = circle(0.02), circle(0.015), circle(0.02, 0.015)
+    outer = circle(0.02)
+    inner = circle(0.015)
+    tube = circle(0.02, 0.015)
     assert tube.area == pytest.approx(outer.area - inner.area)
     assert tube.torsion == pytest.approx(outer.torsion - inner.torsion)
     assert tube.shear_y < outer.shear_y
 
 
-@pytest.mark.parametrize("bad", [lambda: circle(0.01, 0.01), lambda: rectangle(0, 1), lambda: circle(float("nan"))])
+@pytest.mark.parametrize(
+    "bad",
+    [lambda: circle(0.01, 0.01), lambda: rectangle(0, 1), lambda: circle(float("nan"))],
+)
 def test_impossible_sections_are_refused(bad):
     with pytest.raises(InputError):
         bad()
@@ -49,4 +63,6 @@ def test_impossible_sections_are_refused(bad):
 def test_links_compliance_is_near_beam_theory(link):
     beam = timoshenko(0.5, circle(0.0125, poisson=E / (2 * G) - 1), E, G)
     diagonal = link.compliance.diagonal() / beam.diagonal()
-    assert ((diagonal > 0.996) & (diagonal < 1.0005)).all()  # the clamp restrains contraction: 0.1 to 0.3 % stiffer
+    assert (
+        (diagonal > 0.996) & (diagonal < 1.0005)
+    ).all()  # the clamp restrains contraction: 0.1 to 0.3 % stiffer

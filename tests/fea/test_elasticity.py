@@ -8,7 +8,14 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 
 from stiffscope.errors import InputError
 from stiffscope.fea.couplings import Coupling, support, unit_loads
-from stiffscope.fea.cubic import cubic_loads, cubic_problem, element_energies, solve_cubic, weigh_energies, work
+from stiffscope.fea.cubic import (
+    cubic_loads,
+    cubic_problem,
+    element_energies,
+    solve_cubic,
+    weigh_energies,
+    work,
+)
 from stiffscope.fea.cubic_products import element_forces
 from stiffscope.fea.cubic_space import enrich
 from stiffscope.fea.elasticity import assemble, nodal_stresses
@@ -37,7 +44,9 @@ def test_the_mesh_is_numbered_as_scikit_fem_numbers_it(stub):
     assert np.array_equal(mesh.grid.dofs.element_dofs.T, mesh.cells)
     for face in range(3):
         facets = mesh.grid.facets[:, mesh.grid.boundaries[str(face)]]
-        assert np.array_equal(np.unique(facets), np.unique(mesh.facets_of(frozenset({face}))[:, :3]))
+        assert np.array_equal(
+            np.unique(facets), np.unique(mesh.facets_of(frozenset({face}))[:, :3])
+        )
 
 
 def test_the_stiffness_is_that_of_scikit_fems_vector_form(stub):
@@ -51,10 +60,16 @@ def test_the_stiffness_is_that_of_scikit_fems_vector_form(stub):
 def test_the_cubic_forces_are_those_of_scikit_fems_vector_form(stub, rng):
     """The kernel of the cubic product beside the form, on all functions at once."""
     _, mesh = stub
-    space, expected = enrich(mesh, STEEL), 0
-    pairs = (cell_bases(mesh, ElementVector(element), 4, 6) for element in (ElementTetP2(), ElementTetCubic()))
+    space = enrich(mesh, STEEL)
+    expected = 0
+    pairs = (
+        cell_bases(mesh, ElementVector(element), 4, 6)
+        for element in (ElementTetP2(), ElementTetCubic())
+    )
     for bases in zip(*pairs, strict=True):
-        expected = expected + block_array([[linear_elasticity(*LAME).assemble(u, v) for u in bases] for v in bases])
+        expected = expected + block_array(
+            [[linear_elasticity(*LAME).assemble(u, v) for u in bases] for v in bases]
+        )
     motion = rng.normal(size=(space.count, 3, 2))
     forces = np.zeros_like(motion)
     for batch in space.batches():
@@ -70,33 +85,55 @@ def test_rigid_motion_costs_nothing_and_constant_strain_is_exact(stub, rng):
     elasticity = 1e11 * (root @ root.T + 6 * np.eye(6))  # fully anisotropic
     stiffness = assemble(mesh, elasticity)
     modes = rigid_modes(mesh.points, np.zeros(3)).reshape(-1, 6)
-    assert np.abs(stiffness @ modes).max() < 1e-8 * np.abs(stiffness.data).max() * np.abs(modes).max()
+    assert (
+        np.abs(stiffness @ modes).max()
+        < 1e-8 * np.abs(stiffness.data).max() * np.abs(modes).max()
+    )
     gradient = rng.normal(size=(3, 3))
     motion = (mesh.points @ gradient.T).reshape(-1)
     e = (gradient + gradient.T) / 2
-    strain = np.array([e[0, 0], e[1, 1], e[2, 2], 2 * e[1, 2], 2 * e[0, 2], 2 * e[0, 1]])
+    strain = np.array(
+        [e[0, 0], e[1, 1], e[2, 2], 2 * e[1, 2], 2 * e[0, 2], 2 * e[0, 1]]
+    )
     energy = strain @ elasticity @ strain * volume(mesh.points, mesh.cells)
     assert motion @ (stiffness @ motion) == pytest.approx(energy, rel=1e-6)
     stress = nodal_stresses(mesh, motion[:, None], elasticity)
-    assert np.abs(stress[:, 0] - elasticity @ strain).max() < 1e-6 * np.abs(elasticity @ strain).max()
+    assert (
+        np.abs(stress[:, 0] - elasticity @ strain).max()
+        < 1e-6 * np.abs(elasticity @ strain).max()
+    )
 
 
-def test_cubic_functions_are_continuous_vanish_at_nodes_and_have_their_derivatives(stub):
-    element, at, step = ElementTetCubic(), quadrature(4)[0], 1e-6
+def test_cubic_functions_are_continuous_vanish_at_nodes_and_have_their_derivatives(
+    stub,
+):
+    element = ElementTetCubic()
+    at = quadrature(4)[0]
+    step = 1e-6
     for i in range(10):
-        assert element.lbasis(ElementTetP2.doflocs.T, i)[0] == pytest.approx(0, abs=1e-15)
+        assert element.lbasis(ElementTetP2.doflocs.T, i)[0] == pytest.approx(
+            0, abs=1e-15
+        )
         for k in range(3):
             shift = step * np.eye(3)[k][:, None]
-            numeric = (element.lbasis(at + shift, i)[0] - element.lbasis(at - shift, i)[0]) / (2 * step)
+            numeric = (
+                element.lbasis(at + shift, i)[0] - element.lbasis(at - shift, i)[0]
+            ) / (2 * step)
             assert element.lbasis(at, i)[1][k] == pytest.approx(numeric, abs=1e-8)
     _, mesh = stub
-    grid, basis = mesh.grid, Basis(mesh.grid, element, intorder=2)
+    grid = mesh.grid
+    basis = Basis(mesh.grid, element, intorder=2)
     field = np.random.default_rng(1).normal(size=basis.N)
     volumes = basis.dx / basis.W
-    straight = np.ptp(volumes, axis=1) < 1e-9 * volumes[:, 0]  # scikit-fem's inverse map may fail on curved elements
+    straight = (
+        np.ptp(volumes, axis=1) < 1e-9 * volumes[:, 0]
+    )  # scikit-fem's inverse map may fail on curved elements
     inner = np.flatnonzero((grid.f2t[1] >= 0) & straight[grid.f2t].all(axis=0))[:200]
     assert len(inner) > 50
-    sides = [InteriorFacetBasis(grid, element, facets=inner, side=side, intorder=3) for side in (0, 1)]
+    sides = [
+        InteriorFacetBasis(grid, element, facets=inner, side=side, intorder=3)
+        for side in (0, 1)
+    ]
     left, right = (np.asarray(side.interpolate(field).value) for side in sides)
     assert left == pytest.approx(right, abs=1e-9)
 
@@ -113,23 +150,33 @@ def test_the_cubic_solution_is_softer_in_every_direction(stub, kind):
     gained = solve_cubic(problem, force, quadratic, 1e-10)
     cubic = work(problem.apply, force, gained)
     scale = np.sqrt(np.outer(lower.diagonal(), lower.diagonal()))
-    approximate = Solver(solver.solve, partial(solver.solve))  # so taken, and nothing is eliminated
+    approximate = Solver(
+        solver.solve, partial(solver.solve)
+    )  # so taken, and nothing is eliminated
     other = cubic_problem(mesh, space, supports, approximate, assemble(mesh, STEEL))
     assert other.eliminated is None
     assert problem.eliminated is not None
     gain = np.abs((cubic - lower) / scale).max()
     left = work(other.apply, force, solve_cubic(other, force, quadratic, 1e-6)) - cubic
-    assert np.abs(left / scale).max() < 1e-3 * gain  # quadratures of curved elements of other order
+    assert (
+        np.abs(left / scale).max() < 1e-3 * gain
+    )  # quadratures of curved elements of other order
     assert np.linalg.eigvalsh((cubic - lower) / scale).min() > -1e-9
     assert gain < 0.05
     gained[: len(loads)] -= quadratic
     energy = gained.T @ problem.apply(gained)
-    assert np.abs((energy - (cubic - lower)) / scale).max() < 1e-4 * gain  # sqrt(tolerance), and a reserve
-    energies, whole = element_energies(problem, gained), weigh_energies(problem, gained, np.ones(len(mesh.cells)))
+    assert (
+        np.abs((energy - (cubic - lower)) / scale).max() < 1e-4 * gain
+    )  # sqrt(tolerance), and a reserve
+    energies = element_energies(problem, gained)
+    whole = weigh_energies(problem, gained, np.ones(len(mesh.cells)))
     assert energies.sum(axis=0) == pytest.approx(whole.diagonal(), rel=1e-9)
     assert np.abs((whole - gained.T @ other.apply(gained)) / scale).max() < 1e-9 * gain
     quick = work(problem.apply, force, solve_cubic(problem, force, quadratic))
-    assert np.abs((quick - cubic) / scale).max() < 0.02 * np.abs((cubic - lower) / scale).max()
+    assert (
+        np.abs((quick - cubic) / scale).max()
+        < 0.02 * np.abs((cubic - lower) / scale).max()
+    )
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -141,14 +188,18 @@ def test_multigrid_agrees_with_a_factorization(stub, kind, poisson, caplog):
     *_, other = respond(specimen, mesh, kind, "multigrid", elasticity)
     expected = loads.T @ motion
     scale = np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
-    assert np.abs((loads.T @ other - expected) / scale).max() < 1e-5  # first order in the error of the motion
+    assert (
+        np.abs((loads.T @ other - expected) / scale).max() < 1e-5
+    )  # first order in the error of the motion
     assert not caplog.records
 
 
 def test_one_eigenvalue_far_above_the_others_is_seen():
     """So nearly flat elements have them; conjugate gradients then failed on what power steps had made of it."""
     spectrum = np.append(np.linspace(0, 2.6, 70_000), 3.6)
-    seen = largest_eigenvalue(lambda motion: (spectrum * motion)[:, None], len(spectrum))
+    seen = largest_eigenvalue(
+        lambda motion: (spectrum * motion)[:, None], len(spectrum)
+    )
     assert seen == pytest.approx(3.6, rel=0.01)
 
 
@@ -160,5 +211,7 @@ def test_interfaces_that_overlap_are_refused(stub):
 
 
 def test_an_unknown_solver_is_refused(stub):
-    with pytest.raises(InputError, match="solver: expected auto, direct or multigrid, got 'splu'"):
+    with pytest.raises(
+        InputError, match="solver: expected auto, direct or multigrid, got 'splu'"
+    ):
         respond(*stub, solver="splu")

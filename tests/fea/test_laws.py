@@ -30,29 +30,48 @@ def plain(stub):
 
 def close(ours, expected):
     scale = np.sqrt(np.outer(expected.diagonal(), expected.diagonal()))
-    assert (np.abs(ours - expected) <= 2e-5 * scale).all()  # conjugate gradients stop at 1 % of a gain of 0.1 %
+    assert (
+        np.abs(ours - expected) <= 2e-5 * scale
+    ).all()  # conjugate gradients stop at 1 % of a gain of 0.1 %
 
 
 def scaled(specimen, mesh, factor):
     faces = tuple(
-        type(face)(**(vars(face) | {"area": face.area * factor**2, "origin": face.origin * factor}))
+        type(face)(
+            **(
+                vars(face)
+                | {"area": face.area * factor**2, "origin": face.origin * factor}
+            )
+        )
         for face in specimen.surface.faces
     )
     surface = type(specimen.surface)(**(vars(specimen.surface) | {"faces": faces}))
     loaded = tuple((chosen, point * factor) for chosen, point in specimen.loaded)
-    bigger = replace(specimen, surface=surface, loaded=loaded, volume=specimen.volume * factor**3)
+    bigger = replace(
+        specimen, surface=surface, loaded=loaded, volume=specimen.volume * factor**3
+    )
     return bigger, replace(mesh, points=mesh.points * factor)
 
 
-KINDS = pytest.param("rigid", marks=pytest.mark.long), "distributed"  # whose constraints depend on the place too
+KINDS = (
+    pytest.param("rigid", marks=pytest.mark.long),
+    "distributed",
+)  # whose constraints depend on the place too
 
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("factor", [3.7])
-def test_lengths_scale_stretch_by_one_and_rotations_by_three_powers(stub, plain, kind, factor):
+def test_lengths_scale_stretch_by_one_and_rotations_by_three_powers(
+    stub, plain, kind, factor
+):
     s = np.array([1.0] * 3 + [factor] * 3)
     expected = plain[kind] / np.outer(s, s) / factor
-    assert np.allclose(respond(*scaled(*stub, factor), kind), expected, rtol=1e-6, atol=1e-8 * expected.max())
+    assert np.allclose(
+        respond(*scaled(*stub, factor), kind),
+        expected,
+        rtol=1e-6,
+        atol=1e-8 * expected.max(),
+    )
 
 
 @pytest.mark.parametrize("factor", [2.5])
@@ -78,7 +97,10 @@ def test_a_shifted_reference_point_carries_twist_and_wrench(stub, plain, kind, r
     """v at p + d is v + ω x d: C' = T C Tᵀ."""
     specimen, mesh = stub
     shift = rng.normal(scale=0.05, size=3)
-    moved = replace(specimen, loaded=tuple((chosen, point + shift) for chosen, point in specimen.loaded))
+    moved = replace(
+        specimen,
+        loaded=tuple((chosen, point + shift) for chosen, point in specimen.loaded),
+    )
     carry = np.eye(6)
     carry[:3] = rigid_modes(shift[None], np.zeros(3))[0]
     close(respond(moved, mesh, kind), carry @ plain[kind] @ carry.T)
@@ -93,13 +115,23 @@ def test_areas_are_the_cads(stub):
 
 # Axial compliance of a block 10 x 40 x 40 mm between rigid faces, E = 211 GPa, by 27-node hexahedra (6 x 6 x 6 on a
 # quarter, graded to the edges, two-point integration of the change of volume), and how far that is from its limit, 1/N.
-BONDED = {0.3: (2.4236e-11, 1e-14), 0.45: (1.458e-11, 3e-14), 0.499: (8.99e-12, 3e-14), 0.4999: (8.87e-12, 4e-14)}
+BONDED = {
+    0.3: (2.4236e-11, 1e-14),
+    0.45: (1.458e-11, 3e-14),
+    0.499: (8.99e-12, 3e-14),
+    0.4999: (8.87e-12, 4e-14),
+}
 
 
-@pytest.mark.parametrize("poisson", [0.45, *(pytest.param(p, marks=pytest.mark.long) for p in (0.3, 0.499, 0.4999))])
+@pytest.mark.parametrize(
+    "poisson",
+    [0.45, *(pytest.param(p, marks=pytest.mark.long) for p in (0.3, 0.499, 0.4999))],
+)
 def test_a_nearly_incompressible_block_is_within_its_bound(poisson):
     steel = Material("rubberlike", 211e9, 211e9 / 2 / (1 + poisson), 7850.0)
-    found = run_experiment(part_of(Box(10, 40, 40), material=steel), Settings(), whole=False)
+    found = run_experiment(
+        part_of(Box(10, 40, 40), material=steel), Settings(), whole=False
+    )
     expected, unsure = BONDED[poisson]
     assert abs(found.compliance[0, 0] - expected) <= found.error[0, 0] + unsure
     assert found.error[0, 0] < 0.05 * expected

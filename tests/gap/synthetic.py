@@ -34,15 +34,25 @@ class LinearModel:
         return len({c.name for c in candidates}) == len(candidates)
 
     def predict(self, parameters=()):
-        changes = (self.signatures[c.name][:, : len(values)] @ np.array(values) for c, values in parameters)
-        return LinearPrediction(self.nominal + sum(changes, np.zeros(len(self.nominal))), self.signatures)
+        changes = (
+            self.signatures[c.name][:, : len(values)] @ np.array(values)
+            for c, values in parameters
+        )
+        return LinearPrediction(
+            self.nominal + sum(changes, np.zeros(len(self.nominal))), self.signatures
+        )
 
     def doubt_again(self, parameters):
         del parameters
 
     def noise(self):
         n = len(self.nominal)
-        return Noise(np.array(self.campaign.sigma), np.ones(n, bool), np.zeros(n, bool), np.ones(1))
+        return Noise(
+            np.array(self.campaign.sigma),
+            np.ones(n, bool),
+            np.zeros(n, bool),
+            np.ones(1),
+        )
 
     def trial(self, sigma):
         return Trial(self, sigma, np.arange(len(self.campaign)))
@@ -51,26 +61,47 @@ class LinearModel:
         return ()
 
 
-def linear_model(rng, poses=10, loads=8, effects=20, parameters=(1, 2, 3), sigma=1e-6, rough=0.05):
+def linear_model(
+    rng, poses=10, loads=8, effects=20, parameters=(1, 2, 3), sigma=1e-6, rough=0.05
+):
     """Deflections of about 20 sigma under loads at poses, and effects that change each of them smoothly over the poses.
 
     Nothing is planted yet: the readings are the nominal ones with noise.
     """
     n = poses * loads * 6
-    pose, load, axis = (v.ravel() for v in np.meshgrid(np.arange(poses), np.arange(loads), np.arange(6), indexing="ij"))
-    nominal = 20.0 * sigma * rng.standard_normal((loads, 6))[load, axis] * (1.0 + 0.3 * np.sin(pose + axis))
-    library, signatures = [], {}
+    pose, load, axis = (
+        v.ravel()
+        for v in np.meshgrid(
+            np.arange(poses), np.arange(loads), np.arange(6), indexing="ij"
+        )
+    )
+    nominal = (
+        20.0
+        * sigma
+        * rng.standard_normal((loads, 6))[load, axis]
+        * (1.0 + 0.3 * np.sin(pose + axis))
+    )
+    library = []
+    signatures = {}
     for k in range(effects):
         count = parameters[k % len(parameters)]
         name = f"effect-{k} @ place"
         smooth = rng.standard_normal((3, loads, 6, count))
         angle = 2.0 * np.pi * pose / poses
         shape = smooth[0, load, axis] + np.sin(angle)[:, None] * smooth[1, load, axis]
-        shape = shape + np.cos(angle)[:, None] * smooth[2, load, axis] + rough * rng.standard_normal((n, count))
+        shape = (
+            shape
+            + np.cos(angle)[:, None] * smooth[2, load, axis]
+            + rough * rng.standard_normal((n, count))
+        )
         signatures[name] = 10.0 * sigma * shape
         names = tuple(f"p{i}" for i in range(count))
         wide = ((-100.0, 100.0),) * count
-        library.append(Candidate(f"effect-{k}", "place", names, ("1",) * count, (1.0,) * count, wide))
+        library.append(
+            Candidate(
+                f"effect-{k}", "place", names, ("1",) * count, (1.0,) * count, wide
+            )
+        )
     campaign = Campaign(
         robot="synthetic",
         modelled=(),

@@ -16,12 +16,22 @@ from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.statics import stiffness
 from tests.experiments.one_part import STEP, one_part
 
-SOFT = Effect("actuator-stiffness", "limb1", 0.98765, 0.1, {"factor": Parameter(0.8, 0.0123456, "1")})
-SCALE = Effect("force-scale", "instrument", 0.9, 0.1, {"factor": Parameter(1.1, 0.01, "1")})
+SOFT = Effect(
+    "actuator-stiffness",
+    "limb1",
+    0.98765,
+    0.1,
+    {"factor": Parameter(0.8, 0.0123456, "1")},
+)
+SCALE = Effect(
+    "force-scale", "instrument", 0.9, 0.1, {"factor": Parameter(1.1, 0.01, "1")}
+)
 
 
 def diagnosis(*effects, verdict="identified"):
-    return Diagnosis(verdict, Gap(5.0, 1.0, 1.1, 0.9, (30.0, 1.0)), effects, (), Where({"x": 1.0}))
+    return Diagnosis(
+        verdict, Gap(5.0, 1.0, 1.1, 0.9, (30.0, 1.0)), effects, (), Where({"x": 1.0})
+    )
 
 
 @pytest.fixture
@@ -35,22 +45,40 @@ def adopted(target, robot, found):
 
 
 def test_the_file_carries_the_effect_its_source_and_the_parts_matrices(tmp_path, robot):
-    with pytest.raises(InputError, match="nothing is adopted: force-scale @ instrument: no part of the robot"):
+    with pytest.raises(
+        InputError,
+        match="nothing is adopted: force-scale @ instrument: no part of the robot",
+    ):
         adopted(tmp_path / "a.toml", robot, diagnosis(SOFT, SCALE))
     rival = "joint-compliance @ limb1.link1.joint_a"
-    adopted(tmp_path / "a.toml", robot, diagnosis(replace(SOFT, confused_with=(rival,))))
+    adopted(
+        tmp_path / "a.toml", robot, diagnosis(replace(SOFT, confused_with=(rival,)))
+    )
     now = load_robot(tmp_path / "a.toml")
     (effect,) = now.effects
-    assert (effect.effect, effect.place, effect.parameters) == ("actuator-stiffness", "limb1", {"factor": 0.8})
+    assert (effect.effect, effect.place, effect.parameters) == (
+        "actuator-stiffness",
+        "limb1",
+        {"factor": 0.8},
+    )
     assert effect.provenance["gap_before"] == 5.0
     assert effect.provenance["confused_with"] == [rival]
     assert effect.provenance["sigma"] == {"factor": 0.01235}
-    assert [now.part(name).compliance for name in ("link", "slider")] == ["published"] * 2
+    assert [now.part(name).compliance for name in ("link", "slider")] == [
+        "published"
+    ] * 2
     text = (tmp_path / "a.toml").read_text()
-    kept = [line for line in find_robot("biglide").read_text().splitlines() if not line.startswith("compliance")]
+    kept = [
+        line
+        for line in find_robot("biglide").read_text().splitlines()
+        if not line.startswith("compliance")
+    ]
     assert set(kept) <= set(text.splitlines())
     pose = [[0.05, 0.02, 0.4]]
-    before, after = (np.linalg.inv(stiffness(assemble(each, "published"), pose)[0])[0, 0] for each in (robot, now))
+    before, after = (
+        np.linalg.inv(stiffness(assemble(each, "published"), pose)[0])[0, 0]
+        for each in (robot, now)
+    )
     assert 0 < after - before < 0.25 / 12.7e6  # the two limbs share the force along x
     adopted(tmp_path / "b.toml", now, diagnosis(SOFT))
     assert len(load_robot(tmp_path / "b.toml").effects) == 2
@@ -60,14 +88,26 @@ def test_files_that_a_robot_names_are_named_from_the_new_place(tmp_path):
     (tmp_path / "deep").mkdir()
     one_part(tmp_path, STEP)
     text = (tmp_path / "robot.toml").read_text() + '\n[bodies.cap]\nmesh = "cap.stl"\n'
-    joint = '[joints.bolt]\nbetween = ["arm.tip", "cap"]\ntype = "fixed"\nat = [0, 0, 0]\n'
+    joint = (
+        '[joints.bolt]\nbetween = ["arm.tip", "cap"]\ntype = "fixed"\nat = [0, 0, 0]\n'
+    )
     (tmp_path / "robot.toml").write_text(text + joint)
     (tmp_path / "cap.stl").touch()
     robot = load_robot(tmp_path / "robot.toml")
     gravity = Effect("gravity", "robot", 0.9, 0.1)
-    adopt(tmp_path / "deep" / "new.toml", robot, None, diagnosis(gravity), campaign="c", components="fea")
+    adopt(
+        tmp_path / "deep" / "new.toml",
+        robot,
+        None,
+        diagnosis(gravity),
+        campaign="c",
+        components="fea",
+    )
     now = load_robot(tmp_path / "deep" / "new.toml")
-    assert (now.part("bar 1").file, now.bodies["cap"].mesh) == ("../bar.step", "../cap.stl")
+    assert (now.part("bar 1").file, now.bodies["cap"].mesh) == (
+        "../bar.step",
+        "../cap.stl",
+    )
     assert now.carries("gravity")
 
 
@@ -84,7 +124,10 @@ def test_nothing_is_adopted_without_an_identified_mechanical_effect(tmp_path, ro
 def test_what_must_not_be_overwritten(tmp_path, robot):
     (tmp_path / "text.toml").write_text("nothing")
     for target, message in (
-        (tmp_path, "--adopt .*: expected a file that is not there yet, got one that is"),
+        (
+            tmp_path,
+            "--adopt .*: expected a file that is not there yet, got one that is",
+        ),
         (tmp_path / "no" / "a.toml", "--adopt .*no/a.toml: cannot be written"),
         (Path(robot.path), "expected a file that is not there yet"),
         (tmp_path / "text.toml", "expected a file that is not there yet"),

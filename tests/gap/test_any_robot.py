@@ -42,30 +42,45 @@ def resized(robot, length, stiffness):
 
     def drive(joint):
         turns = length**2 if joint.kind == "revolute" else 1.0
-        return joint.drive and replace(joint.drive, stiffness=joint.drive.stiffness * stiffness * turns)
+        return joint.drive and replace(
+            joint.drive, stiffness=joint.drive.stiffness * stiffness * turns
+        )
 
     weight = length * stiffness  # weighs as much more as it deflects in proportion
 
     def move(dynamics):
-        twists = np.sqrt(weight) * np.tile(np.repeat([1.0, length], 3), len(dynamics.mass) // 6)
+        twists = np.sqrt(weight) * np.tile(
+            np.repeat([1.0, length], 3), len(dynamics.mass) // 6
+        )
         twists[12:] = 1.0  # of own modes, of a modal mass of one
-        mass, squares = dynamics.mass * np.outer(twists, twists), dynamics.squares * stiffness / weight
+        mass = dynamics.mass * np.outer(twists, twists)
+        squares = dynamics.squares * stiffness / weight
         return replace(dynamics, mass=mass, squares=squares)
 
     def yielding(e):
-        more = {"dynamics": e.dynamics and move(e.dynamics), "compliance": soft(e.compliance)}
+        more = {
+            "dynamics": e.dynamics and move(e.dynamics),
+            "compliance": soft(e.compliance),
+        }
         return replace(e, places=length * e.places, **more)
 
     bodies = tuple(
         replace(
-            b, mass=weight * b.mass, centre=None if b.centre is None else length * b.centre,
+            b,
+            mass=weight * b.mass,
+            centre=None if b.centre is None else length * b.centre,
             inertia=None if b.inertia is None else weight * length**2 * b.inertia,
             elastic=b.elastic and yielding(b.elastic),
         )
         for b in m.bodies
-    )  # fmt: skip
-    joints = tuple(replace(j, at=length * j.at, compliance=soft(j.compliance), drive=drive(j)) for j in m.joints)
-    mechanism = replace(m, bodies=bodies, joints=joints, tool=replace(m.tool, at=length * m.tool.at))
+    )
+    joints = tuple(
+        replace(j, at=length * j.at, compliance=soft(j.compliance), drive=drive(j))
+        for j in m.joints
+    )
+    mechanism = replace(
+        m, bodies=bodies, joints=joints, tool=replace(m.tool, at=length * m.tool.at)
+    )
     return replace(robot, mechanism=mechanism)
 
 
@@ -82,27 +97,56 @@ def test_a_robot_of_another_size_and_stiffness_gets_the_same_answer(number, seed
             value=campaign.value * np.where(campaign.direction < 3, length, 1.0),
             sigma=campaign.sigma * np.where(campaign.direction < 3, length, 1.0),
         )
-        model = RobotModel(c, resized(robot, length, stiffness), without="part-dimension")  # the file has its own size
+        model = RobotModel(
+            c, resized(robot, length, stiffness), without="part-dimension"
+        )  # the file has its own size
         found = conclude(find(model))
-        answers.append((found.verdict, {f"{e.effect} @ {e.place}": e.probability for e in found.effects}))
+        answers.append(
+            (
+                found.verdict,
+                {f"{e.effect} @ {e.place}": e.probability for e in found.effects},
+            )
+        )
     for verdict, named in answers[1:]:
-        assert (verdict, named) == (answers[0][0], pytest.approx(answers[0][1], abs=0.1))
+        assert (verdict, named) == (
+            answers[0][0],
+            pytest.approx(answers[0][1], abs=0.1),
+        )
     assert answers[0][0] == ("identified" if planted.name else "no-gap")
 
 
 def sagged(robot, true, noise=5e-6, middle=None, spread=(0.1, 0.4)):
     """Deviations of a robot under its own weight at some postures, with noise in m and rad."""
     rng = np.random.default_rng(5)
-    middle = np.array(list(robot.robot.poses.values())).mean(axis=0) if middle is None else middle
+    middle = (
+        np.array(list(robot.robot.poses.values())).mean(axis=0)
+        if middle is None
+        else middle
+    )
     poses = middle + rng.uniform(-1, 1, (16, 6)) * np.repeat(spread, 3)
     pose, direction = np.divmod(np.arange(6 * len(poses)), 6)
     n = len(pose)
     c = Campaign(
-        robot.robot.name, ("gravity",), "beam", tuple(map(str, range(len(poses)))), poses, pose, np.zeros((n, 6)),
-        6 * DEVIATION + direction, np.zeros(n), np.full(n, noise), ("",), np.zeros(n), ("readings.csv",), np.zeros(n),
-        np.arange(2, n + 2), coordinates=robot.mechanism.tool.pose,
-    )  # fmt: skip
-    return replace(c, value=RobotModel(c, true).predict().values + noise * rng.standard_normal(n))
+        robot.robot.name,
+        ("gravity",),
+        "beam",
+        tuple(map(str, range(len(poses)))),
+        poses,
+        pose,
+        np.zeros((n, 6)),
+        6 * DEVIATION + direction,
+        np.zeros(n),
+        np.full(n, noise),
+        ("",),
+        np.zeros(n),
+        ("readings.csv",),
+        np.zeros(n),
+        np.arange(2, n + 2),
+        coordinates=robot.mechanism.tool.pose,
+    )
+    return replace(
+        c, value=RobotModel(c, true).predict().values + noise * rng.standard_normal(n)
+    )
 
 
 @pytest.mark.parametrize(
@@ -111,7 +155,14 @@ def sagged(robot, true, noise=5e-6, middle=None, spread=(0.1, 0.4)):
         (
             "geometry",
             "robot",
-            {"J1.zero": 2e-3, "J2.ry": -3e-3, "J3.z": 1e-3, "J5.rz": 4e-3, "J4.y": -8e-4, "J6.ry": 2e-3},
+            {
+                "J1.zero": 2e-3,
+                "J2.ry": -3e-3,
+                "J3.z": 1e-3,
+                "J5.rz": 4e-3,
+                "J4.y": -8e-4,
+                "J6.ry": 2e-3,
+            },
         ),
         ("joint-axis", "J2", {"y": 6e-4, "z": -4e-4, "ry": 2e-3, "rz": 1e-3}),
         ("mass", "wrist2", {"factor": 2.5}),
@@ -126,10 +177,18 @@ def test_geometry_and_masses_have_no_favourite_size(effect, place, parameters):
     for length, stiffness in ((1.0, 1.0), (6.0, 300.0), (0.2, 1e-2)):
         scale = np.where(c.direction < 3, length, 1.0)
         poses = c.poses * np.repeat([length, 1.0], 3)
-        model = RobotModel(replace(c, poses=poses, value=scale * c.value, sigma=scale * c.sigma),
-                           resized(robot, length, stiffness), without="part-dimension")  # fmt: skip
+        model = RobotModel(
+            replace(c, poses=poses, value=scale * c.value, sigma=scale * c.sigma),
+            resized(robot, length, stiffness),
+            without="part-dimension",
+        )
         found = conclude(find(model))
-        answers.append((found.verdict, {f"{e.effect} @ {e.place}": e.probability for e in found.effects}))
+        answers.append(
+            (
+                found.verdict,
+                {f"{e.effect} @ {e.place}": e.probability for e in found.effects},
+            )
+        )
     assert answers[0][0] in {"identified", "ambiguous"}
     for answer in answers[1:]:
         assert answer == (answers[0][0], pytest.approx(answers[0][1], abs=0.1))
@@ -143,9 +202,14 @@ def test_a_mass_that_no_reading_shows_leaves_its_effect_named():
     c = sagged(robot, loaded, 1e-6, robot.mechanism.tool.home, (0.03, 0.1))
     found = diagnose_campaign(c, robot)
     (effect,) = found.effects
-    assert (found.verdict, effect.effect, effect.place) == ("identified", "payload", "strut6.lower")
+    assert (found.verdict, effect.effect, effect.place) == (
+        "identified",
+        "payload",
+        "strut6.lower",
+    )
     for name, value in true.items():
-        (low, high), fitted = effect.parameters[name].interval, effect.parameters[name].value
+        (low, high) = effect.parameters[name].interval
+        fitted = effect.parameters[name].value
         assert low < value < high
         assert low < fitted < high
     assert all(abs(effect.parameters[name].value) < 0.11 for name in "xyz")
@@ -153,9 +217,15 @@ def test_a_mass_that_no_reading_shows_leaves_its_effect_named():
 
 def measured(robot, true, quantities, spread, seed=1):
     rng = np.random.default_rng(seed)
-    poses = np.array(list(robot.robot.poses.values())).mean(axis=0) + rng.uniform(-1, 1, (8, len(spread))) * spread
+    poses = (
+        np.array(list(robot.robot.poses.values())).mean(axis=0)
+        + rng.uniform(-1, 1, (8, len(spread))) * spread
+    )
     c = readings(robot, quantities, poses)
-    return replace(c, value=RobotModel(c, true).predict().values + 1e-6 * rng.standard_normal(len(c)))
+    return replace(
+        c,
+        value=RobotModel(c, true).predict().values + 1e-6 * rng.standard_normal(len(c)),
+    )
 
 
 ARTICULATED = """
@@ -193,15 +263,33 @@ def test_a_cause_is_reported_in_the_form_that_explains_alone(tmp_path):
     (tmp_path / "arm.toml").write_text(ARTICULATED)
     robot = nominal(tmp_path / "arm.toml")
     true = apply_effect(robot, "base-compliance", "base", {"rx": 2e-5, "ry": 2e-5})
-    poses = [[0.346410161514, 0, -0.2], [0.45, 0.1, 0.0], [0.3, -0.2, 0.05], [0.5, 0.0, 0.2]]
-    rng, lines = np.random.default_rng(1), ["x,y,z,fx,fy,fz,quantity,value,sigma"]
+    poses = [
+        [0.346410161514, 0, -0.2],
+        [0.45, 0.1, 0.0],
+        [0.3, -0.2, 0.05],
+        [0.5, 0.0, 0.2],
+    ]
+    rng = np.random.default_rng(1)
+    lines = ["x,y,z,fx,fy,fz,quantity,value,sigma"]
     for pose, c in zip(poses, compliance(true.mechanism, poses), strict=True):
         for k, axis in product(range(3), range(3)):
             force = ["200" if i == k else "0" for i in range(3)]
             value = 200.0 * c[axis, k] + 2e-6 * rng.standard_normal()
-            lines.append(",".join([*map(str, pose), *force, "d" + "xyz"[axis], repr(float(value)), "2e-6"]))
+            lines.append(
+                ",".join(
+                    [
+                        *map(str, pose),
+                        *force,
+                        "d" + "xyz"[axis],
+                        repr(float(value)),
+                        "2e-6",
+                    ]
+                )
+            )
     (tmp_path / "readings.csv").write_text("\n".join(lines))
-    (tmp_path / "campaign.toml").write_text('robot = "arm.toml"\nreadings = "readings.csv"\n')
+    (tmp_path / "campaign.toml").write_text(
+        'robot = "arm.toml"\nreadings = "readings.csv"\n'
+    )
     found = diagnose(tmp_path)
     assert (found.verdict, [(e.effect, e.place) for e in found.effects]) == (
         "identified",
@@ -214,22 +302,38 @@ def test_a_cause_is_reported_in_the_form_that_explains_alone(tmp_path):
 @pytest.mark.parametrize(
     ("name", "effect", "place", "size", "spread"),
     [
-        ("delta", "actuator-stiffness", "leg2.motor", {"factor": 0.75}, [0.25, 0.25, 0.12]),
+        (
+            "delta",
+            "actuator-stiffness",
+            "leg2.motor",
+            {"factor": 0.75},
+            [0.25, 0.25, 0.12],
+        ),
         ("five-bar", "link-stiffness", "right.outer", {"factor": 0.6}, [0.05, 0.03]),
     ],
 )
 def test_gauges_and_a_hook_name_a_soft_element(name, effect, place, size, spread):
     robot = nominal(name)
-    c = measured(robot, apply_effect(robot, effect, place, size), ("dx", "dy", "dz", "ex"), spread)
+    c = measured(
+        robot,
+        apply_effect(robot, effect, place, size),
+        ("dx", "dy", "dz", "ex"),
+        spread,
+    )
     found = diagnose_campaign(c, robot)
     assert found.verdict == "identified"
     (named,) = found.effects
-    assert f"{effect} @ {place}" in {f"{named.effect} @ {named.place}", *named.confused_with}
+    assert f"{effect} @ {place}" in {
+        f"{named.effect} @ {named.place}",
+        *named.confused_with,
+    }
     (factor,) = named.parameters.values()
     assert abs(factor.value - size["factor"]) < 4.0 * factor.sigma
     assert max(found.where.component, key=found.where.component.get) == place
     shares = found.where.sensor
-    assert shares == by_sensor(c, (c.value - RobotModel(c, robot).predict().values) / c.sigma)
+    assert shares == by_sensor(
+        c, (c.value - RobotModel(c, robot).predict().values) / c.sigma
+    )
     assert set(shares) == {"gauge", "level", "x", "y", "z"}
     assert found.where.left_by_sensor == {}
     assert sum(shares.values()) == pytest.approx(1.0)
@@ -243,24 +347,51 @@ def test_the_gap_lies_where_its_cause_is_named():
     found = diagnose_campaign(c.select(np.flatnonzero(c.sensor < 0)), robot)
     (named,) = found.effects
     assert "base-compliance @ base" in named.confused_with
-    assert max(found.where.component, key=found.where.component.get) == named.place == "J1"
+    assert (
+        max(found.where.component, key=found.where.component.get) == named.place == "J1"
+    )
 
 
 @pytest.mark.parametrize(
     ("name", "effect", "place", "size", "spread", "said"),
     [
-        ("stewart", "encoder-offset", "strut1.drive", {"offset": 2e-4}, [0.05] * 3 + [0.1] * 3,
-         r"Next: read (gauge_strut1_lower_tip_\w) .*; new here: \1 on strut1\.lower\.tip at .* mm\) along"),
-        ("delta", "thermal", "leg1.rod1", {"temperature": 30.0}, [0.25, 0.25, 0.12],
-         "Next: none of this campaign's instruments .* nor are gauges on platform, leg1"),
-        ("five-bar", "link-stiffness", "right.outer", {"factor": 0.6}, [0.05, 0.03],
-         r"Next: no reading distinguishes link-stiffness @ \S+ and .*: names of the same change"),
+        (
+            "stewart",
+            "encoder-offset",
+            "strut1.drive",
+            {"offset": 2e-4},
+            [0.05] * 3 + [0.1] * 3,
+            r"Next: read (gauge_strut1_lower_tip_\w) .*; new here: \1 on strut1\.lower\.tip at .* mm\) along",
+        ),
+        (
+            "delta",
+            "thermal",
+            "leg1.rod1",
+            {"temperature": 30.0},
+            [0.25, 0.25, 0.12],
+            "Next: none of this campaign's instruments .* nor are gauges on platform, leg1",
+        ),
+        (
+            "five-bar",
+            "link-stiffness",
+            "right.outer",
+            {"factor": 0.6},
+            [0.05, 0.03],
+            r"Next: no reading distinguishes link-stiffness @ \S+ and .*: names of the same change",
+        ),
     ],
-)  # fmt: skip
-def test_the_headline_of_a_group_says_which_reading_would_tell_it_apart_if_any(name, effect, place, size, spread, said):
+)
+def test_the_headline_of_a_group_says_which_reading_would_tell_it_apart_if_any(
+    name, effect, place, size, spread, said
+):
     """Readings at the tool alone: where none of them helps, a gauge on another body may."""
     robot = nominal(name)
-    c = measured(robot, apply_effect(robot, effect, place, size), ("dx", "ex", "ey", "ez", "erx", "ery"), spread)
+    c = measured(
+        robot,
+        apply_effect(robot, effect, place, size),
+        ("dx", "ex", "ey", "ez", "erx", "ery"),
+        spread,
+    )
     found = diagnose_campaign(c.select(np.flatnonzero(c.sensor < 0)), robot)
     assert any(e.confused_with for e in found.effects)
     assert re.search(said, sentence(found))
@@ -270,17 +401,37 @@ def test_the_headline_of_a_group_says_which_reading_would_tell_it_apart_if_any(n
 
 def test_the_campaign_that_the_documentation_works_through_is_the_lab_s():
     """Three gauges and weights on a hook, on a Delta whose second motor is soft."""
-    true = inject(machine("delta"), "actuator-stiffness", "leg2.motor", {"factor": 0.72})
-    points = {"x": [0.06, 0.02, -1.054], "y": [-0.02, 0.06, -1.054], "z": [0.05, -0.03, -1.069]}
+    true = inject(
+        machine("delta"), "actuator-stiffness", "leg2.motor", {"factor": 0.72}
+    )
+    points = {
+        "x": [0.06, 0.02, -1.054],
+        "y": [-0.02, 0.06, -1.054],
+        "z": [0.05, -0.03, -1.069],
+    }
     gauges = (
-        Sensor(f"gauge_{a}", "displacement", "platform", np.array(at), np.eye(3)["xyz".index(a)])
+        Sensor(
+            f"gauge_{a}",
+            "displacement",
+            "platform",
+            np.array(at),
+            np.eye(3)["xyz".index(a)],
+        )
         for a, at in points.items()
     )
     weights = [[0.0, 0.0, -49.0], [29.4, 0.0, 0.0], [0.0, 29.4, 0.0]]
     c = load_campaign(FOLDER / "campaigns" / "gauges")
     loads = tuple(("hook", np.array([*weight, 0.0, 0.0, 0.0])) for weight in weights)
-    plan = Plan(c.poses, loads, {"hook": Spot("platform", np.array([0.0, 0.0, -1.124]))}, tuple(gauges), False)
+    plan = Plan(
+        c.poses,
+        loads,
+        {"hook": Spot("platform", np.array([0.0, 0.0, -1.124]))},
+        tuple(gauges),
+        False,
+    )
     made = taken(true, plan, Noise(displacement=1e-6), np.random.default_rng(17))
     assert len(c) == len(made.value) == 108
-    assert np.abs(c.value - made.value).max() < 0.0501e-6  # as read, to a tenth of a micrometre
+    assert (
+        np.abs(c.value - made.value).max() < 0.0501e-6
+    )  # as read, to a tenth of a micrometre
     assert (c.sigma == 1e-6).all()

@@ -23,13 +23,18 @@ SOFT = Fault("actuator-stiffness", "left.motor", {"factor": 0.8})
 def lab():
     robot = load_robot("five-bar")
     parts = part_matrices(robot, "beam")
-    return Lab(BlindRobot(NominalRobot(mechanism_of(robot, parts), robot), parts, "beam"), 12)
+    return Lab(
+        BlindRobot(NominalRobot(mechanism_of(robot, parts), robot), parts, "beam"), 12
+    )
 
 
 def diagnose(lab, faults, style, folder):
     write_case(folder, 5, BlindCase("pair", 8, tuple(faults), style), lab)
     found = diagnose_campaign(load_campaign(folder), lab.robot.nominal)
-    return found, {(e.effect, e.place): {n: p.value for n, p in e.parameters.items()} for e in found.effects}
+    return found, {
+        (e.effect, e.place): {n: p.value for n, p in e.parameters.items()}
+        for e in found.effects
+    }
 
 
 @pytest.mark.parametrize(
@@ -48,22 +53,32 @@ def test_an_instrument_at_fault_is_named(fault, style, beside, lab, tmp_path):
     assert found.verdict == "identified"
     assert set(effects) == {(f.effect, f.place) for f in (fault, *beside)}
     for name, value in effects[fault.effect, fault.place].items():
-        assert value == pytest.approx(fault.parameters[name], rel=0.02, abs=6.0 if name == "row" else 0.0)
+        assert value == pytest.approx(
+            fault.parameters[name], rel=0.02, abs=6.0 if name == "row" else 0.0
+        )
     if beside:
-        assert effects[SOFT.effect, SOFT.place]["factor"] == pytest.approx(0.8, rel=0.02)
+        assert effects[SOFT.effect, SOFT.place]["factor"] == pytest.approx(
+            0.8, rel=0.02
+        )
 
 
 @pytest.mark.parametrize(
     "other",
     [
-        pytest.param(Fault("link-length", "left.inner", {"error": 3e-5}), marks=pytest.mark.long),
+        pytest.param(
+            Fault("link-length", "left.inner", {"error": 3e-5}), marks=pytest.mark.long
+        ),
         Fault("force-scale", "instrument", {"factor": 1.05}),
     ],
     ids=["length", "scale"],
 )
 def test_a_unit_is_no_gain_that_differs_by_direction(other, lab, tmp_path):
     """Beside two causes: such gains explain all but one of them at once, and a unit changes what the others do."""
-    faults = Fault("unit", "gauge3", {"factor": 1e-3}), other, Fault("link-stiffness", "right.outer", {"factor": 0.8})
+    faults = (
+        Fault("unit", "gauge3", {"factor": 1e-3}),
+        other,
+        Fault("link-stiffness", "right.outer", {"factor": 0.8}),
+    )
     found, effects = diagnose(lab, faults, "gauges", tmp_path)
     assert found.verdict == "identified"
     assert set(effects) == {(f.effect, f.place) for f in faults}
@@ -71,11 +86,18 @@ def test_a_unit_is_no_gain_that_differs_by_direction(other, lab, tmp_path):
 
 def test_a_slip_that_other_causes_hide_is_found_beside_them(lab, tmp_path):
     """They move the tool ten times as far as the sensor slips, which shows only once they are fitted."""
-    base, slip = Fault("base-compliance", "base", {"rz": 1e-5}), Fault("sensor-step", "y", {"jump": 2e-5, "row": 200})
+    base = Fault("base-compliance", "base", {"rz": 1e-5})
+    slip = Fault("sensor-step", "y", {"jump": 2e-5, "row": 200})
     write_case(tmp_path, 5, BlindCase("triple", 8, (slip, SOFT, base), "tool"), lab)
     model = RobotModel(load_campaign(tmp_path), lab.robot.nominal)
-    yielding = next(c for c in model.library if c.name == "base-compliance @ base" and len(c.scale) == 6)
-    drive = next(c for c in model.library if c.name == "actuator-stiffness @ left.motor")
+    yielding = next(
+        c
+        for c in model.library
+        if c.name == "base-compliance @ base" and len(c.scale) == 6
+    )
+    drive = next(
+        c for c in model.library if c.name == "actuator-stiffness @ left.motor"
+    )
     known = (yielding, (0.0, 0.0, 0.0, 0.0, 0.0, 1e-5)), (drive, (1 / 0.8 - 1,))
     again = model.doubt_again(known)
     assert "y" not in model.setting.doubts.steps
@@ -92,8 +114,22 @@ def test_few_readings_without_sigma_name_their_cause(every, lab, tmp_path):
     whole = load_campaign(tmp_path)
     rows = np.flatnonzero(whole.pose % 4 == 0)
     rows = rows[np.arange(len(rows)) // 5 % every < 2]
-    columns = ("pose", "wrench", "quantity", "value", "session", "file", "line", "sensor", "load")
-    few = replace(whole, **{k: getattr(whole, k)[rows] for k in columns}, sigma=np.full(len(rows), np.nan))
+    columns = (
+        "pose",
+        "wrench",
+        "quantity",
+        "value",
+        "session",
+        "file",
+        "line",
+        "sensor",
+        "load",
+    )
+    few = replace(
+        whole,
+        **{k: getattr(whole, k)[rows] for k in columns},
+        sigma=np.full(len(rows), np.nan),
+    )
     found = diagnose_campaign(few, lab.robot.nominal)
     assert found.verdict == "identified"
     assert [(e.effect, e.place) for e in found.effects] == [(SOFT.effect, SOFT.place)]

@@ -23,20 +23,40 @@ def changed(folder, file, old, new):
 
 def remarks(folder):
     case = open_case(folder, planned=True)
-    return {remark.doubt: remark.text for remark in inspect_case(case, configure_case(case))}
+    return {
+        remark.doubt: remark.text for remark in inspect_case(case, configure_case(case))
+    }
 
 
 @pytest.mark.parametrize(
     ("file", "old", "new", "doubt", "text"),
     [
-        ("campaign.toml", '"60 mm", "20 mm", "-1054 mm"', "60, 20, -1054", "place",
-         r"campaign.toml:\d+: sensors.gauge_x.at: expected a place near the robot, got one \d+ m away, \d+ times"),
-        ("campaign.toml", '[0, 0, "-1124 mm"]', "[0, 0, -1124]", "place", r"campaign.toml:\d+: loads.hook.at:"),
-        ("readings.csv", ";-49;", ";-1e12;", "wrench",
-         r"readings.csv:2: fz: expected a load of the size of the others, got -1e\+12 N, \S+ times as large: wrong"),
+        (
+            "campaign.toml",
+            '"60 mm", "20 mm", "-1054 mm"',
+            "60, 20, -1054",
+            "place",
+            r"campaign.toml:\d+: sensors.gauge_x.at: expected a place near the robot, got one \d+ m away, \d+ times",
+        ),
+        (
+            "campaign.toml",
+            '[0, 0, "-1124 mm"]',
+            "[0, 0, -1124]",
+            "place",
+            r"campaign.toml:\d+: loads.hook.at:",
+        ),
+        (
+            "readings.csv",
+            ";-49;",
+            ";-1e12;",
+            "wrench",
+            r"readings.csv:2: fz: expected a load of the size of the others, got -1e\+12 N, \S+ times as large: wrong",
+        ),
     ],
-)  # fmt: skip
-def test_what_is_far_too_large_is_doubted_and_refused(tmp_path, file, old, new, doubt, text):
+)
+def test_what_is_far_too_large_is_doubted_and_refused(
+    tmp_path, file, old, new, doubt, text
+):
     folder = changed(tmp_path, file, old, new)
     assert re.match(text, remarks(folder)[doubt])
     with pytest.raises(InputError, match=text):
@@ -82,11 +102,24 @@ def written(folder, columns, rows):
 
 def test_a_deflection_under_no_load_is_named_and_left_out(tmp_path):
     """Unless it is zero within its noise, or its zero is unknown."""
-    loaded = [f"0,{k}e-2,-1.064,hook,{f},{s},deflection,{-f}e-6,1" for k in range(4) for f in (20, 40)
-              for s in ("gauge", "level")]  # fmt: skip
-    still = [f"0,{k}e-2,-1.064,hook,0,{s},deflection,{v}e-6,1e-7" for k, s, v in
-             ((0, "gauge", -30), (1, "gauge", 0.3), (2, "level", 50), (3, "gauge", 20))]  # fmt: skip
-    folder = written(tmp_path, "x,y,z,load,fx,sensor,kind,value,sigma", [*still, *loaded])
+    loaded = [
+        f"0,{k}e-2,-1.064,hook,{f},{s},deflection,{-f}e-6,1"
+        for k in range(4)
+        for f in (20, 40)
+        for s in ("gauge", "level")
+    ]
+    still = [
+        f"0,{k}e-2,-1.064,hook,0,{s},deflection,{v}e-6,1e-7"
+        for k, s, v in (
+            (0, "gauge", -30),
+            (1, "gauge", 0.3),
+            (2, "level", 50),
+            (3, "gauge", 20),
+        )
+    ]
+    folder = written(
+        tmp_path, "x,y,z,load,fx,sensor,kind,value,sigma", [*still, *loaded]
+    )
     text = "gauge is deflected by no force or moment at readings.csv:2, readings.csv:5: is a load missing?"
     assert remarks(folder)["no-load"] == f"{text} A diagnosis leaves these out"
     found = diagnose(folder)
@@ -96,10 +129,17 @@ def test_a_deflection_under_no_load_is_named_and_left_out(tmp_path):
 
 def test_a_stiffness_below_that_of_a_push_is_a_contradiction(tmp_path):
     """K_ii is at least 1/C_ii: holding other motions cannot soften."""
-    rows = ["0,0,-1.064,kx,1e5,1e3", "0,0,-1.064,px,5e6,5e4", "0,0,-1.064,ky,1e6,1e3", "0,0,-1.064,py,1.002e6,1e3",
-            "0.1,0,-1.064,px,5e6,5e4"]  # fmt: skip
+    rows = [
+        "0,0,-1.064,kx,1e5,1e3",
+        "0,0,-1.064,px,5e6,5e4",
+        "0,0,-1.064,ky,1e6,1e3",
+        "0,0,-1.064,py,1.002e6,1e3",
+        "0.1,0,-1.064,px,5e6,5e4",
+    ]
     folder = written(tmp_path, "x,y,z,quantity,value,sigma", rows)
     text = r"kx is 1e\+05 at readings.csv:2, below px of 5e\+06 at readings.csv:3 and one pose: .* exchanged\?"
     assert re.fullmatch(text, remarks(folder)["contradiction"])
     twice = ["0,0,-1.064,kx,1e5,1e3", "0,0,-1.064,kx,5e6,5e4"]
-    assert "contradiction" in remarks(written(tmp_path, "x,y,z,quantity,value,sigma", [*rows[2:], *twice]))
+    assert "contradiction" in remarks(
+        written(tmp_path, "x,y,z,quantity,value,sigma", [*rows[2:], *twice])
+    )

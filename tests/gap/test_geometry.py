@@ -17,7 +17,11 @@ from tests.benchmarks.humanoid import draw, hands, links, write_campaign
 @pytest.fixture(scope="module")
 def humanoid(tmp_path_factory):
     """The humanoid and its campaign of a few postures, with the deviations that its true tree has without weight."""
-    case = open_case(write_campaign(tmp_path_factory.mktemp("humanoid"), 3, soft=False, camera=False, poses=5))
+    case = open_case(
+        write_campaign(
+            tmp_path_factory.mktemp("humanoid"), 3, soft=False, camera=False, poses=5
+        )
+    )
     robot = NominalRobot(mechanism_of(case.robot, {}), case.robot)
     return replace(case.campaign, modelled=()), robot
 
@@ -26,13 +30,19 @@ def true_values(campaign, tree, zeros):
     """Deviations (n,) of the hands of a true tree, by products of rotations."""
     names = [name.removeprefix("q:") for name in campaign.coordinates]
     commanded = dict(zip(names, campaign.poses.T, strict=True))
-    there = hands(tree, {name: q + zeros[name] for name, q in commanded.items()}, heavy=False)
+    there = hands(
+        tree, {name: q + zeros[name] for name, q in commanded.items()}, heavy=False
+    )
     drawn = hands(links(), commanded, heavy=False)
     sensors = [(s.name[0], s.axis) for s in campaign.sensors]
-    return np.array([
-        (there[side] - drawn[side])[pose, axis]
-        for pose, (side, axis) in zip(campaign.pose, (sensors[k] for k in campaign.sensor), strict=True)
-    ])  # fmt: skip
+    return np.array(
+        [
+            (there[side] - drawn[side])[pose, axis]
+            for pose, (side, axis) in zip(
+                campaign.pose, (sensors[k] for k in campaign.sensor), strict=True
+            )
+        ]
+    )
 
 
 def test_geometry_moves_hands_as_products_of_rotations_say(humanoid):
@@ -48,8 +58,16 @@ def test_geometry_moves_hands_as_products_of_rotations_say(humanoid):
         angle = np.arccos(true[0])
         tilt = angle / np.sin(angle) * np.cross([1.0, 0.0, 0.0], true)
         away = axes.T @ (link.at - drawn.at)
-        away = away - true * away[0] / true[0]  # the same axis where it passes beside the drawn point
-        for name, value in {"y": away[1], "z": away[2], "ry": tilt[1], "rz": tilt[2], "zero": zeros[link.name]}.items():
+        away = (
+            away - true * away[0] / true[0]
+        )  # the same axis where it passes beside the drawn point
+        for name, value in {
+            "y": away[1],
+            "z": away[2],
+            "ry": tilt[1],
+            "rz": tilt[2],
+            "zero": zeros[link.name],
+        }.items():
             values[f"{link.name}.{name}"] = value
     predicted = model.predict(((geometry, tuple(values.values())),)).plain_readings
     exact = true_values(campaign, tree, zeros)
@@ -64,8 +82,13 @@ def test_derivatives_of_an_axis_are_those_of_its_exact_errors(humanoid):
         columns = model.predict().columns(candidate)
         for k, size in enumerate(candidate.scale):
             step = 0.1 * size * np.eye(len(candidate.scale))[k]
-            ahead, behind = (model.predict(((candidate, tuple(u)),)).plain_readings for u in (step, -step))
-            assert columns[:, k] == pytest.approx((ahead - behind) / (0.2 * size), abs=1e-6)
+            ahead, behind = (
+                model.predict(((candidate, tuple(u)),)).plain_readings
+                for u in (step, -step)
+            )
+            assert columns[:, k] == pytest.approx(
+                (ahead - behind) / (0.2 * size), abs=1e-6
+            )
 
 
 def test_an_adopted_geometry_leaves_the_gap_that_it_explains(tmp_path):
@@ -77,7 +100,15 @@ def test_an_adopted_geometry_leaves_the_gap_that_it_explains(tmp_path):
     assert [f"{e.effect} @ {e.place}" for e in found.effects] == ["geometry @ robot"]
     assert found.effects[0].parameters["offset"].value == pytest.approx(1e-3, rel=0.5)
     adopted = tmp_path / "adopted.toml"
-    adopt(adopted, case.robot, robot, found, campaign="c", components="fea", modelled=["gravity"])
+    adopt(
+        adopted,
+        case.robot,
+        robot,
+        found,
+        campaign="c",
+        components="fea",
+        modelled=["gravity"],
+    )
     again = diagnose(folder, str(adopted))
     assert again.gap.nominal == pytest.approx(found.gap.explained, rel=0.01)
     assert again.verdict == "no-gap"

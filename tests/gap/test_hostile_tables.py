@@ -74,9 +74,15 @@ def rewritten(folder, sheet):
 @pytest.mark.parametrize(
     ("place", "expected"),
     [
-        ("XFD1048576", r"r.xlsx:1048576: column 16384: expected 6 cells, got .1. to the right of them"),
+        (
+            "XFD1048576",
+            r"r.xlsx:1048576: column 16384: expected 6 cells, got .1. to the right of them",
+        ),
         ("XFD1", r"r.xlsx:1: column 1001: expected at most 1,000 columns"),
-        ("XFD3", r"r.xlsx:3: column 16384: expected 6 cells, got .1. to the right of them"),
+        (
+            "XFD3",
+            r"r.xlsx:3: column 16384: expected 6 cells, got .1. to the right of them",
+        ),
         ("A1048576", r"r.xlsx:1048576: quantity: expected"),
         ("G3", r"r.xlsx:3: column 7: expected 6 cells, got .1. to"),
     ],
@@ -89,7 +95,9 @@ def test_a_far_off_cell_is_named(tmp_path, place, expected):
 
 def test_a_hidden_sheet_is_not_read(tmp_path):
     old = [*ROW[:4], 7e-5, 1e-6]
-    workbook(tmp_path, ("old", "hidden", [COLUMNS, old]), ("new", "visible", [COLUMNS, ROW]))
+    workbook(
+        tmp_path, ("old", "hidden", [COLUMNS, old]), ("new", "visible", [COLUMNS, ROW])
+    )
     assert load(tmp_path, "r.xlsx").value.tolist() == [1e-5]
     (tmp_path / "r.xlsx").unlink()
     workbook(tmp_path, ("a", "visible", []), ("b", "veryHidden", [COLUMNS, ROW]))
@@ -99,19 +107,29 @@ def test_a_hidden_sheet_is_not_read(tmp_path):
 
 def test_a_second_sheet_is_told(tmp_path, caplog):
     old = [*ROW[:4], 7e-5, 1e-6]
-    workbook(tmp_path, ("old", "visible", [COLUMNS, old]), ("new", "visible", [COLUMNS, ROW]))
+    workbook(
+        tmp_path, ("old", "visible", [COLUMNS, old]), ("new", "visible", [COLUMNS, ROW])
+    )
     assert load(tmp_path, "r.xlsx").value.tolist() == [7e-5]
     assert "r.xlsx: sheet 'old' is read, not 'new'" in caplog.text
     caplog.clear()
     workbook(tmp_path, ("empty", "visible", []), ("new", "visible", [COLUMNS, ROW]))
-    with pytest.raises(InputError, match=r"^r\.xlsx \(sheet 'empty'\): expected a header line"):
+    with pytest.raises(
+        InputError, match=r"^r\.xlsx \(sheet 'empty'\): expected a header line"
+    ):
         load(tmp_path, "r.xlsx")
     assert not caplog.text  # a refusal is one line
 
 
 def test_a_formula_without_its_value_is_refused(tmp_path):
-    workbook(tmp_path, ("one", "visible", [COLUMNS, ROW, [*ROW[:4], 2e-5, None], {"F3": "=E3/10"}]))
-    with pytest.raises(InputError, match=r"^r.xlsx:3: column 6: expected a formula with its value, got none; open the"):
+    workbook(
+        tmp_path,
+        ("one", "visible", [COLUMNS, ROW, [*ROW[:4], 2e-5, None], {"F3": "=E3/10"}]),
+    )
+    with pytest.raises(
+        InputError,
+        match=r"^r.xlsx:3: column 6: expected a formula with its value, got none; open the",
+    ):
         load(tmp_path, "r.xlsx")
     with zipfile.ZipFile(tmp_path / "r.xlsx") as book:
         sheet = book.read("xl/worksheets/sheet1.xml").decode()
@@ -125,15 +143,24 @@ def _sheet_of(rows, dimension="A1:F2"):
 
 WIDE = '<row r="{0}"><c r="XFD{0}"/></row>'
 SHEETS = {
-    "a lying dimension": _sheet_of('<row r="1"><c r="A1" t="inlineStr"><is><t>x</t></is></c></row>', "A1:XFD1048576"),
-    "a row without end": _sheet_of('<row r="999999999999"><c r="A9"><v>1</v></c></row>'),
+    "a lying dimension": _sheet_of(
+        '<row r="1"><c r="A1" t="inlineStr"><is><t>x</t></is></c></row>',
+        "A1:XFD1048576",
+    ),
+    "a row without end": _sheet_of(
+        '<row r="999999999999"><c r="A9"><v>1</v></c></row>'
+    ),
     "a negative row": _sheet_of('<row r="-5"><c r="A1"><v>1</v></c></row>'),
-    "rows backwards": _sheet_of('<row r="5"><c r="A5"><v>1</v></c></row><row r="1"><c r="A1"><v>1</v></c></row>'),
+    "rows backwards": _sheet_of(
+        '<row r="5"><c r="A5"><v>1</v></c></row><row r="1"><c r="A1"><v>1</v></c></row>'
+    ),
     "a column beyond the last": _sheet_of('<row r="1"><c r="ZZZZ1"><v>1</v></c></row>'),
     "wide empty rows": _sheet_of("".join(WIDE.format(k) for k in range(1, 100_000))),
     "no rows": _sheet_of(""),
     "no such string": _sheet_of('<row r="1"><c r="A1" t="s"><v>99</v></c></row>'),
-    "an error in a cell": _sheet_of('<row r="1"><c r="A1" t="e"><v>#REF!</v></c></row>'),
+    "an error in a cell": _sheet_of(
+        '<row r="1"><c r="A1" t="e"><v>#REF!</v></c></row>'
+    ),
     "an entity": f'<!DOCTYPE w [<!ENTITY a "b">]>{_sheet_of("<row>&a;</row>")}',
     "no XML": "nothing",
     "an end too early": _sheet_of("")[:-30],
@@ -151,11 +178,20 @@ def test_a_malformed_sheet_is_refused(tmp_path, name):
         load(tmp_path, "r.xlsx")
 
 
-@pytest.mark.parametrize("row", ["<row>" + "<c/>" * 10_000_000, "<row" + "".join(f" a{k}=''" for k in range(99_999))])
+@pytest.mark.parametrize(
+    "row",
+    [
+        "<row>" + "<c/>" * 10_000_000,
+        "<row" + "".join(f" a{k}=''" for k in range(99_999)),
+    ],
+)
 def test_a_row_that_takes_minutes_to_read_is_refused(tmp_path, row):
     workbook(tmp_path, ("one", "visible", [COLUMNS, ROW]))
     rewritten(tmp_path, _sheet_of(row))
-    with pytest.raises(InputError, match=r"r\.xlsx: expected .* 524,288 tags .*, got more in 'xl/worksheets"):
+    with pytest.raises(
+        InputError,
+        match=r"r\.xlsx: expected .* 524,288 tags .*, got more in 'xl/worksheets",
+    ):
         load(tmp_path, "r.xlsx")
 
 
@@ -207,7 +243,21 @@ CELLS = {
         "=A1",
         "'0",
     ],
-    "quantity": ["", "EZ", "e z", "ezz", "f0", "f31", "f", "f1.0", "f-1", "d", "dx;", "smr.x", "=1"],
+    "quantity": [
+        "",
+        "EZ",
+        "e z",
+        "ezz",
+        "f0",
+        "f31",
+        "f",
+        "f1.0",
+        "f-1",
+        "d",
+        "dx;",
+        "smr.x",
+        "=1",
+    ],
     "value": [
         "",
         "nan",
@@ -225,13 +275,32 @@ CELLS = {
         "#REF!",
         "-",
     ],
-    "sigma": ["0", "-1e-6", "nan", "inf", "1e-400", "1e-15", "11", "1e-6 m", "±1e-6", "?", "1E", "e-6", "0.0"],
+    "sigma": [
+        "0",
+        "-1e-6",
+        "nan",
+        "inf",
+        "1e-400",
+        "1e-15",
+        "11",
+        "1e-6 m",
+        "±1e-6",
+        "?",
+        "1E",
+        "e-6",
+        "0.0",
+    ],
 }
 
 
-@pytest.mark.parametrize(("column", "cell"), [(c, cell) for c, cells in CELLS.items() for cell in cells])
+@pytest.mark.parametrize(
+    ("column", "cell"), [(c, cell) for c, cells in CELLS.items() for cell in cells]
+)
 def test_a_malformed_cell_is_named(tmp_path, column, cell):
-    row = [cell if name == column else str(value) for name, value in zip(COLUMNS, ROW, strict=True)]
+    row = [
+        cell if name == column else str(value)
+        for name, value in zip(COLUMNS, ROW, strict=True)
+    ]
     (tmp_path / "r.csv").write_text("\t".join(COLUMNS) + "\n" + "\t".join(row) + "\n")
     with pytest.raises(InputError, match=rf"^r\.csv:2: {column}: expected "):
         load(tmp_path, "r.csv")
@@ -248,23 +317,36 @@ def test_a_malformed_cell_is_named(tmp_path, column, cell):
     ],
 )
 def test_a_separator_of_thousands_is_not_a_decimal_mark(tmp_path, rows, place):
-    lines = ["x;y;z;quantity;sigma;fx;value;session", *(f"0;0;0;dx;;{row}" for row in rows)]
+    lines = [
+        "x;y;z;quantity;sigma;fx;value;session",
+        *(f"0;0;0;dx;;{row}" for row in rows),
+    ]
     (tmp_path / "r.csv").write_text("\n".join(lines))
     if not place:
         assert len(load(tmp_path, "r.csv")) == 2
         return
-    with pytest.raises(InputError, match=rf"^r\.csv:{place}: expected one decimal mark, as in .*, and no separator of"):
+    with pytest.raises(
+        InputError,
+        match=rf"^r\.csv:{place}: expected one decimal mark, as in .*, and no separator of",
+    ):
         load(tmp_path, "r.csv")
 
 
 @pytest.mark.parametrize(
     ("text", "other", "taken"),
     [
-        *(("1,000", "4,25", True), ("1,000", "0,125", True), ("1,000", "1,234", False), ("1,000", 4.25, False)),
+        *(
+            ("1,000", "4,25", True),
+            ("1,000", "0,125", True),
+            ("1,000", "1,234", False),
+            ("1,000", 4.25, False),
+        ),
         *(("1.000", "4,25", False), ("1.000", 4.25, True), (1.125, "4,25", True)),
     ],
 )
-def test_a_text_of_a_workbook_has_no_separator_of_thousands(tmp_path, text, other, taken):
+def test_a_text_of_a_workbook_has_no_separator_of_thousands(
+    tmp_path, text, other, taken
+):
     """A comma in three digits is decimal only beside one that cannot be anything else, a point beside none."""
     book = openpyxl.Workbook()
     for row in (
@@ -277,14 +359,19 @@ def test_a_text_of_a_workbook_has_no_separator_of_thousands(tmp_path, text, othe
     if taken:
         assert load(tmp_path, "r.xlsx").value[0] == float(str(text).replace(",", "."))
         return
-    with pytest.raises(InputError, match=r"^r\.xlsx:2: value: expected .* and no separator of thousands, got"):
+    with pytest.raises(
+        InputError,
+        match=r"^r\.xlsx:2: value: expected .* and no separator of thousands, got",
+    ):
         load(tmp_path, "r.xlsx")
 
 
 def test_rows_of_separators_are_skipped_and_labels_keep_their_commas(tmp_path):
     (tmp_path / "r.csv").write_text(f"{HEADER}\n{LINE}\n,,,,,\n,,,,,\n")
     assert len(load(tmp_path, "r.csv")) == 1
-    (tmp_path / "r.csv").write_text("x;y;z;quantity;value;sigma;session\n0;0;0,35;ez;1e-5;1e-6;1,5\n")
+    (tmp_path / "r.csv").write_text(
+        "x;y;z;quantity;value;sigma;session\n0;0;0,35;ez;1e-5;1e-6;1,5\n"
+    )
     assert load(tmp_path, "r.csv").session_names == ("1,5",)
 
 
@@ -292,7 +379,9 @@ def test_as_many_sessions_as_readings_are_counted_in_time(tmp_path):
     (tmp_path / "r.csv").write_text(f"{HEADER}\n{LINE}\n")
     count = 120_000
     many = load(tmp_path, "r.csv").select(np.zeros(count, dtype=int))
-    many = replace(many, session=np.arange(count), session_names=tuple(map(str, range(count))))
+    many = replace(
+        many, session=np.arange(count), session_names=tuple(map(str, range(count)))
+    )
     assert set(campaign_json(many)["sessions"].values()) == {1}
 
 
@@ -303,9 +392,14 @@ def test_more_unknown_zeros_than_ten_seconds_can_fit_are_refused(tmp_path, count
     )
     (tmp_path / "r.csv").write_text(text)
     sensor = '[sensors.gauge]\nmeasures = "displacement"\nbody = "platform"\nat = [0, 0, 0.3]\ndirection = [0, 0, 1]\n'
-    (tmp_path / "campaign.toml").write_text(f'robot = "delta"\nreadings = "r.csv"\n{sensor}zero = "session"\n')
+    (tmp_path / "campaign.toml").write_text(
+        f'robot = "delta"\nreadings = "r.csv"\n{sensor}zero = "session"\n'
+    )
     if count == 1000:
         assert len(load_campaign(tmp_path, load_robot("delta"))) == 20_000
         return
-    with pytest.raises(InputError, match=r"^r\.csv:1002: session: expected at most 1,000 sessions, each"):
+    with pytest.raises(
+        InputError,
+        match=r"^r\.csv:1002: session: expected at most 1,000 sessions, each",
+    ):
         load_campaign(tmp_path, load_robot("delta"))

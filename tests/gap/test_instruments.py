@@ -15,20 +15,38 @@ from stiffscope.vjm.kinematics import configure, configure_drives
 from stiffscope.vjm.screws import rotation_of
 from tests.gap.test_robot_model import nominal
 
-SIGMA, POSES = 2e-5, 40
+SIGMA = 2e-5
+POSES = 40
 TURN, ORIGIN = rotation_of(np.array([1.1, -2.0, 0.7])), np.array([2.0, -3.0, 1.0])
 
 
 def targets(robot, *, measures="position", frame=None, at_sigma=0.0, count=2):
     """Targets about M on the tool's body, as channels."""
-    tool, frame = robot.mechanism.tool, frame or InstrumentFrame("tracker")
-    places = np.array(tool.at) + 0.15 * np.array([[1, 0, 0.5], [-0.4, 1, 0], [0, -0.6, 1.0], [0.7, 0.3, -1.0]])[:count]
+    tool = robot.mechanism.tool
+    frame = frame or InstrumentFrame("tracker")
+    places = (
+        np.array(tool.at)
+        + 0.15
+        * np.array([[1, 0, 0.5], [-0.4, 1, 0], [0, -0.6, 1.0], [0.7, 0.3, -1.0]])[
+            :count
+        ]
+    )
     axes = [(f".{n}", tuple(e)) for n, e in zip("xyz", np.eye(3), strict=True)]
     axes = [("", (1.0, 0.0, 0.0))] if measures == "distance" else axes
     return (frame,), tuple(
-        Sensor(f"t{k}{name}", tool.body, axis, tuple(at), measures, frame=frame.name, target=f"t{k}", at_sigma=at_sigma)
-        for k, at in enumerate(places.tolist()) for name, axis in axes
-    )  # fmt: skip
+        Sensor(
+            f"t{k}{name}",
+            tool.body,
+            axis,
+            tuple(at),
+            measures,
+            frame=frame.name,
+            target=f"t{k}",
+            at_sigma=at_sigma,
+        )
+        for k, at in enumerate(places.tolist())
+        for name, axis in axes
+    )
 
 
 def campaign(robot, instruments, drives, seed=0, sigma=SIGMA):
@@ -44,20 +62,43 @@ def campaign(robot, instruments, drives, seed=0, sigma=SIGMA):
     for s in sensors:
         point = np.einsum("pij,j->pi", turn, np.array(s.at)) + position
         seen = (point - ORIGIN) @ TURN
-        value.append(np.linalg.norm(seen, axis=1) if s.measures == "distance" else seen @ np.array(s.direction))
-    n, each = POSES * len(sensors), np.tile(np.arange(len(sensors)), POSES)
+        value.append(
+            np.linalg.norm(seen, axis=1)
+            if s.measures == "distance"
+            else seen @ np.array(s.direction)
+        )
+    n = POSES * len(sensors)
+    each = np.tile(np.arange(len(sensors)), POSES)
     axis = np.array([s.axis for s in sensors])
     return Campaign(
-        None, (), "published", tuple(f"p{k}" for k in range(POSES)), commanded,
+        None,
+        (),
+        "published",
+        tuple(f"p{k}" for k in range(POSES)),
+        commanded,
         np.repeat(np.arange(POSES), len(sensors)),
-        np.zeros((n, 6)), FIRST_POSITION + axis[each], np.array(value).T.ravel() + sigma * rng.standard_normal(n),
-        np.full(n, max(sigma, 1e-9)), ("",), np.zeros(n), ("r.csv",), np.zeros(n), np.arange(n),
-        coordinates=tuple(f"q:{j.name}" for j in robot.mechanism.drives), sensors=sensors, sensor=each, frames=frames,
-    )  # fmt: skip
+        np.zeros((n, 6)),
+        FIRST_POSITION + axis[each],
+        np.array(value).T.ravel() + sigma * rng.standard_normal(n),
+        np.full(n, max(sigma, 1e-9)),
+        ("",),
+        np.zeros(n),
+        ("r.csv",),
+        np.zeros(n),
+        np.arange(n),
+        coordinates=tuple(f"q:{j.name}" for j in robot.mechanism.drives),
+        sensors=sensors,
+        sensor=each,
+        frames=frames,
+    )
 
 
 def offset_of(model, drive):
-    return next(c for c in model.library if any(w == f"encoder-offset @ {drive}" for w in c.signature_of))
+    return next(
+        c
+        for c in model.library
+        if any(w == f"encoder-offset @ {drive}" for w in c.signature_of)
+    )
 
 
 @pytest.mark.parametrize("measures", ["position", "distance"])
@@ -73,18 +114,22 @@ def test_where_an_instrument_stands_changes_nothing():
     """Law: turned, shifted, with known or unknown pose, it shows the same effects."""
     robot = nominal("serial-arm")
     c = campaign(robot, targets(robot), 2e-3 * np.eye(6)[2])
-    turn, shift = rotation_of(np.array([-2.0, 0.4, 2.2])), np.array([10.0, 4.0, -7.0])
+    turn = rotation_of(np.array([-2.0, 0.4, 2.2]))
+    shift = np.array([10.0, 4.0, -7.0])
     elsewhere = replace(c, value=(c.value.reshape(-1, 3) @ turn + shift).ravel())
     drive = robot.mechanism.drives[2].name
-    residuals, columns = [], []
+    residuals = []
+    columns = []
     for each in (c, elsewhere):
         model = RobotModel(each, robot)
         found = model.predict(((offset_of(model, drive), (2e-3,)),))
         residuals.append(
-            (model.campaign.value - found.values).reshape(-1, 3) @ found.placed_instruments.setup.rotation[0].T
+            (model.campaign.value - found.values).reshape(-1, 3)
+            @ found.placed_instruments.setup.rotation[0].T
         )
         columns.append(
-            found.columns(offset_of(model, drive)).reshape(-1, 3) @ found.placed_instruments.setup.rotation[0].T
+            found.columns(offset_of(model, drive)).reshape(-1, 3)
+            @ found.placed_instruments.setup.rotation[0].T
         )
     assert residuals[0] == pytest.approx(residuals[1], abs=1e-10)
     assert columns[0] == pytest.approx(columns[1], abs=1e-8)
@@ -93,25 +138,42 @@ def test_where_an_instrument_stands_changes_nothing():
 
 def test_large_offsets_are_found_where_they_lead():
     """Second derivation: scipy's least squares of drives, axes and origin, by kinematics alone."""
-    robot, true = nominal("serial-arm"), np.array([0.0, 0.016, -0.012, 0.009, -0.014, 0.0])
+    robot, true = (
+        nominal("serial-arm"),
+        np.array([0.0, 0.016, -0.012, 0.009, -0.014, 0.0]),
+    )
     c = campaign(robot, targets(robot), true)
-    model, drives = RobotModel(c, robot), [j.name for j in robot.mechanism.drives]
+    model = RobotModel(c, robot)
+    drives = [j.name for j in robot.mechanism.drives]
     here = tuple(offset_of(model, drives[k]) for k in (1, 2, 3, 4))
     places = np.array([s.at for s in c.sensors[::3]])
 
     def left(x):
-        turn, at = configure_drives(robot.mechanism, c.poses + np.array([0, *x[:4], 0])).frame(
-            robot.mechanism.tool.body
-        )
+        turn, at = configure_drives(
+            robot.mechanism, c.poses + np.array([0, *x[:4], 0])
+        ).frame(robot.mechanism.tool.body)
         points = np.einsum("pij,kj->pki", turn, places) + at[:, None]
         return ((points - x[7:10]) @ rotation_of(x[4:7])).ravel() - c.value
 
-    found = least_squares(left, [0, 0, 0, 0, 1.1, -2.0, 0.7, *ORIGIN], x_scale="jac", xtol=1e-15, ftol=1e-15)
+    found = least_squares(
+        left,
+        [0, 0, 0, 0, 1.1, -2.0, 0.7, *ORIGIN],
+        x_scale="jac",
+        xtol=1e-15,
+        ftol=1e-15,
+    )
     u = np.zeros(4)
     for _ in range(6):  # Gauss-Newton on the model's own derivatives
-        prediction = model.predict(tuple((k, (v,)) for k, v in zip(here, u, strict=True)))
+        prediction = model.predict(
+            tuple((k, (v,)) for k, v in zip(here, u, strict=True))
+        )
         slopes = np.hstack([prediction.columns(k) for k in here])
-        u = u + np.linalg.lstsq(slopes, model.campaign.value - prediction.values, rcond=None)[0]
+        u = (
+            u
+            + np.linalg.lstsq(
+                slopes, model.campaign.value - prediction.values, rcond=None
+            )[0]
+        )
     assert u == pytest.approx(found.x[:4], abs=2e-7)
     assert u == pytest.approx(true[1:5], abs=1e-4)
 
@@ -119,17 +181,32 @@ def test_large_offsets_are_found_where_they_lead():
 def test_a_stated_uncertainty_is_summed_over():
     """The squared residual is that of the readings' covariance with targets and frame as uncertain as is said."""
     robot = nominal("serial-arm")
-    pose, spread = (*ORIGIN, 1.1, -2.0, 0.7), (1e-4,) * 3 + (5e-5,) * 3
-    c = campaign(robot, targets(robot, frame=InstrumentFrame("tracker", pose, spread), at_sigma=3e-4), 0.0)
+    pose = (*ORIGIN, 1.1, -2.0, 0.7)
+    spread = (1e-4,) * 3 + (5e-5,) * 3
+    c = campaign(
+        robot,
+        targets(robot, frame=InstrumentFrame("tracker", pose, spread), at_sigma=3e-4),
+        0.0,
+    )
     c = replace(c, value=c.value + 1e-4)  # beyond the noise
-    exact = replace(c, frames=(InstrumentFrame("tracker", pose),), sensors=targets(robot)[1])
-    model, rigid = RobotModel(c, robot), RobotModel(exact, robot)
+    exact = replace(
+        c, frames=(InstrumentFrame("tracker", pose),), sensors=targets(robot)[1]
+    )
+    model = RobotModel(c, robot)
+    rigid = RobotModel(exact, robot)
     r = (rigid.campaign.value - rigid.predict().values) / SIGMA
     covariance = np.eye(len(r))
-    turn, at = configure_drives(robot.mechanism, c.poses).frame(robot.mechanism.tool.body)
-    points = np.einsum("pij,sj->psi", turn, np.array([s.at for s in c.sensors[::3]])) + at[:, None]
+    turn, at = configure_drives(robot.mechanism, c.poses).frame(
+        robot.mechanism.tool.body
+    )
+    points = (
+        np.einsum("pij,sj->psi", turn, np.array([s.at for s in c.sensors[::3]]))
+        + at[:, None]
+    )
     by_origin = -np.broadcast_to(TURN.T, (*points.shape[:2], 3, 3))
-    by_turn = np.stack([-np.cross(e, points - ORIGIN) @ TURN for e in np.eye(3)], axis=-1)
+    by_turn = np.stack(
+        [-np.cross(e, points - ORIGIN) @ TURN for e in np.eye(3)], axis=-1
+    )
     columns = [1e-4 * by_origin.reshape(-1, 3), 5e-5 * by_turn.reshape(-1, 3)]
     for k in range(2):
         own = np.zeros((POSES, 2, 3, 3))
@@ -145,7 +222,9 @@ def test_an_outlier_does_not_move_the_instrument():
     robot = nominal("serial-arm")
     c = campaign(robot, targets(robot), 0.0)
     wild = replace(c, value=c.value + np.where(np.arange(len(c)) == 17, 0.8, 0.0))
-    one, other = (RobotModel(each, robot).predict().placed_instruments.setup for each in (c, wild))
+    one, other = (
+        RobotModel(each, robot).predict().placed_instruments.setup for each in (c, wild)
+    )
     assert other.origin == pytest.approx(one.origin, abs=2e-5)
 
 
@@ -166,11 +245,18 @@ def test_a_diagnosis_by_an_unknown_tracker(size):
     diagnosis = diagnose_campaign(c, robot)
     drive = robot.mechanism.drives[2].name
     assert diagnosis.verdict == ("identified" if size else "no-gap")
-    assert [(e.effect, e.place) for e in diagnosis.effects] == ([("encoder-offset", drive)] if size else [])
+    assert [(e.effect, e.place) for e in diagnosis.effects] == (
+        [("encoder-offset", drive)] if size else []
+    )
     left = diagnosis.gap.absolute["position"]
     assert list(diagnosis.gap.absolute) == ["position"]
-    assert (left.after, left.noise) == (pytest.approx(SIGMA, rel=0.15), pytest.approx(SIGMA))
+    assert (left.after, left.noise) == (
+        pytest.approx(SIGMA, rel=0.15),
+        pytest.approx(SIGMA),
+    )
     assert "mm rms" in sentence(diagnosis)
     if size:
         assert left.before > 5 * SIGMA
-        assert diagnosis.effects[0].parameters["offset"].value == pytest.approx(size, abs=1e-4)
+        assert diagnosis.effects[0].parameters["offset"].value == pytest.approx(
+            size, abs=1e-4
+        )

@@ -18,13 +18,20 @@ from stiffscope.vjm.screws import rotation_of
 @pytest.mark.parametrize("side", ["left", "right"])
 def test_a_dataset_is_converted(side, tmp_path):
     """Twelve postures, each named twice; one is not seen, one is not a number."""
-    rng, arm = np.random.default_rng(4), ARMS[side]
-    angles = np.array([-0.2, 0.8, -0.6, 1.7, 0.3, 1.5]) + rng.uniform(-0.3, 0.3, (12, 6))
-    turn, origin = rotation_of(np.array([0.2, -2.0, 1.5])), np.array([-3.0, 2.0, 1.0])
+    rng = np.random.default_rng(4)
+    arm = ARMS[side]
+    angles = np.array([-0.2, 0.8, -0.6, 1.7, 0.3, 1.5]) + rng.uniform(
+        -0.3, 0.3, (12, 6)
+    )
+    turn = rotation_of(np.array([0.2, -2.0, 1.5]))
+    origin = np.array([-3.0, 2.0, 1.0])
     seen = (np.array([arm.target_at(each) for each in angles]) - origin) @ turn
     table = np.zeros((12, 26))
-    table[:, 0], table[:, JOINTS[side]], table[:, 19:22] = np.arange(12), angles, seen
-    table[3, 19:22], table[7, 19:22] = 0.0, np.nan
+    table[:, 0] = np.arange(12)
+    table[:, JOINTS[side]] = angles
+    table[:, 19:22] = seen
+    table[3, 19:22] = 0.0
+    table[7, 19:22] = np.nan
     savemat(tmp_path / "d.mat", {"dataset": np.repeat(table, 2, axis=0)})
     found = convert(tmp_path / "d.mat", side, tmp_path / "out")
     assert found["postures"] == 10
@@ -34,15 +41,20 @@ def test_a_dataset_is_converted(side, tmp_path):
     assert (len(campaign), len(campaign.poses)) == (24, 8)
     assert len(load_campaign(tmp_path / "out" / "held-out", robot)) == 6
     kept = [k for k in range(12) if k not in (3, 7)]
-    assert campaign.value.reshape(-1, 3) == pytest.approx(seen[[kept[k] for k in (0, 1, 2, 3, 5, 6, 7, 8)]])
+    assert campaign.value.reshape(-1, 3) == pytest.approx(
+        seen[[kept[k] for k in (0, 1, 2, 3, 5, 6, 7, 8)]]
+    )
     tool = configure_drives(rigid_mechanism(robot), campaign.poses).tool[:, :3]
     flange = [arm.frames(angles[kept[k]])[-1, :3, 3] for k in (0, 1, 2, 3, 5, 6, 7, 8)]
-    assert tool == pytest.approx(np.array(flange), abs=1e-8)  # the file has nine decimals
+    assert tool == pytest.approx(
+        np.array(flange), abs=1e-8
+    )  # the file has nine decimals
 
 
 def test_an_instrument_is_placed_at_any_rotation():
     rng = np.random.default_rng(1)
-    nominal, turn = rng.standard_normal((9, 3)), rotation_of(np.array([1.0, 2.5, -1.5]))
+    nominal = rng.standard_normal((9, 3))
+    turn = rotation_of(np.array([1.0, 2.5, -1.5]))
     found, origin = align_points((nominal - [1.0, 2.0, 3.0]) @ turn, nominal)
     assert found == pytest.approx(turn)
     assert origin == pytest.approx([1.0, 2.0, 3.0])
@@ -50,35 +62,67 @@ def test_an_instrument_is_placed_at_any_rotation():
 
 def _urdf():
     """A chain of three slides, as the authors' file has them, six hinges and a prism; every link weighs 2 kg."""
-    names = ["base_link", "column_middle", "column_top", *(f"dsr_link{k}" for k in range(1, 7)), "prism"]
-    rows = [*(("prismatic", f"column_{n}_joint", "0 0 1") for n in ("middle", "top")),
-            *(("revolute", f"dsr_joint{k}", "0 1 0" if k % 2 else "1 0 0") for k in range(1, 7)),
-            ("fixed", "prism_calib", "1 0 0")]  # fmt: skip
+    names = [
+        "base_link",
+        "column_middle",
+        "column_top",
+        *(f"dsr_link{k}" for k in range(1, 7)),
+        "prism",
+    ]
+    rows = [
+        *(("prismatic", f"column_{n}_joint", "0 0 1") for n in ("middle", "top")),
+        *(
+            ("revolute", f"dsr_joint{k}", "0 1 0" if k % 2 else "1 0 0")
+            for k in range(1, 7)
+        ),
+        ("fixed", "prism_calib", "1 0 0"),
+    ]
     inertia = '<mass value="2"/><inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/>'
-    links = [f'<link name="{n}"><inertial>{inertia}</inertial></link>' for n in [*names[:-1], "column_pseudo_tip"]]
-    chain = zip(["column_prismatic_joint", *(r[1] for r in rows)], ["prismatic", *(r[0] for r in rows)],
-                ["0 0 1", *(r[2] for r in rows)], ["base_link", *names[:-1]],
-                ["column_pseudo_tip", *names[1:]], strict=True)  # fmt: skip
+    links = [
+        f'<link name="{n}"><inertial>{inertia}</inertial></link>'
+        for n in [*names[:-1], "column_pseudo_tip"]
+    ]
+    chain = zip(
+        ["column_prismatic_joint", *(r[1] for r in rows)],
+        ["prismatic", *(r[0] for r in rows)],
+        ["0 0 1", *(r[2] for r in rows)],
+        ["base_link", *names[:-1]],
+        ["column_pseudo_tip", *names[1:]],
+        strict=True,
+    )
     joints = [
         f'<joint name="{n}" type="{kind}"><origin xyz="0 0 0.2"/><parent link="{a}"/><child link="{b}"/>'
         f'<axis xyz="{axis}"/><limit lower="-4" upper="4" effort="1" velocity="1"/></joint>'
         for n, kind, axis, a, b in chain
     ]
-    return f'<robot name="r">{"".join(links)}<link name="prism"/>{"".join(joints)}</robot>'
+    return (
+        f'<robot name="r">{"".join(links)}<link name="prism"/>{"".join(joints)}</robot>'
+    )
 
 
 def test_tilts_and_prisms_are_converted(tmp_path):
     """Six postures at one height; an accelerometer that turned with its body reads up in that body's axes."""
     (tmp_path / "datasets").mkdir()
     (tmp_path / "trailblazer.urdf").write_text(_urdf())
-    rng, turns = np.random.default_rng(2), 1e-4 * np.arange(24.0).reshape(6, 2, 2)  # posture, body, about x and y
-    up = np.array([[9.81 * rotation_of(np.array([*each, 0.0])).T[:, 2] for each in both] for both in turns])
-    arms, prisms = rng.uniform(-0.5, 0.5, (6, 6)), rng.uniform(-1.0, 1.0, (6, 3))
+    rng = np.random.default_rng(2)
+    turns = 1e-4 * np.arange(24.0).reshape(6, 2, 2)  # posture, body, about x and y
+    up = np.array(
+        [
+            [9.81 * rotation_of(np.array([*each, 0.0])).T[:, 2] for each in both]
+            for both in turns
+        ]
+    )
+    arms = rng.uniform(-0.5, 0.5, (6, 6))
+    prisms = rng.uniform(-1.0, 1.0, (6, 3))
     rows = [
-        {"joint_states": [2.0, *arms[k].tolist()], "tilt_sensor_base_accel": up[k, 0].tolist(),
-         "tilt_sensor_column_accel": up[k, 1].tolist(), "prism_position": prisms[k].tolist()}
+        {
+            "joint_states": [2.0, *arms[k].tolist()],
+            "tilt_sensor_base_accel": up[k, 0].tolist(),
+            "tilt_sensor_column_accel": up[k, 1].tolist(),
+            "prism_position": prisms[k].tolist(),
+        }
         for k in range(6)
-    ]  # fmt: skip
+    ]
     station = {"stationing_measurements": rows[:2], "evaluation_measurements": rows[2:]}
     heights = {"column_heights": {2.0: {"solution_spaces": {"a": station}}}}
     (tmp_path / "datasets" / "flat.yaml").write_text(yaml.safe_dump(heights))
@@ -87,8 +131,12 @@ def test_tilts_and_prisms_are_converted(tmp_path):
     campaign = load_campaign(tmp_path / "out" / "fit", robot)
     kept = [0, 1, 2, 3, 5]
     read = campaign.value.reshape(5, 7)
-    assert read[:, :4] == pytest.approx(turns[kept].reshape(5, 4), abs=1e-7)  # up to cubes of 2.3 mrad
+    assert read[:, :4] == pytest.approx(
+        turns[kept].reshape(5, 4), abs=1e-7
+    )  # up to cubes of 2.3 mrad
     assert read[:, 4:] == pytest.approx(prisms[kept])
-    assert campaign.poses == pytest.approx(np.hstack([np.zeros((5, 2)), arms[kept] - arms[0]]))
+    assert campaign.poses == pytest.approx(
+        np.hstack([np.zeros((5, 2)), arms[kept] - arms[0]])
+    )
     assert robot.tolerances[("bodies", "dsr_link3", "mass")] == pytest.approx(0.04)
     assert len(load_campaign(tmp_path / "out" / "held-out", robot)) == 7

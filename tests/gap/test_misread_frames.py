@@ -13,7 +13,9 @@ from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
 from tests.gap.test_instruments import ORIGIN, campaign, targets
 from tests.gap.test_robot_model import nominal
 
-STATED = InstrumentFrame("tracker", (*ORIGIN, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 3.0, 3.0, 3.0))
+STATED = InstrumentFrame(
+    "tracker", (*ORIGIN, 0.0, 0.0, 0.0), (1.0, 1.0, 1.0, 3.0, 3.0, 3.0)
+)
 ROBOT = nominal("serial-arm")
 
 
@@ -26,7 +28,11 @@ def swap(c):
 @pytest.mark.parametrize(
     ("measures", "change", "cause"),
     [
-        ("position", lambda c: np.where(c.direction == 0, -c.value, c.value), "if mirrored: mirrored axes?"),
+        (
+            "position",
+            lambda c: np.where(c.direction == 0, -c.value, c.value),
+            "if mirrored: mirrored axes?",
+        ),
         ("position", swap, "if mirrored: mirrored axes?"),
         ("position", lambda c: 1e3 * c.value, "if divided by 1000: mm?"),
         ("position", lambda c: 1e-3 * c.value, "if multiplied by 1000: mm?"),
@@ -36,7 +42,10 @@ def swap(c):
 )
 def test_mirrored_axes_and_other_units_are_refused(measures, change, cause):
     c = campaign(ROBOT, targets(ROBOT, measures=measures), 5e-3 * np.eye(6)[2])
-    with pytest.raises(InputError, match=r"^campaign: frames.tracker: expected positions of the robot, got ") as error:
+    with pytest.raises(
+        InputError,
+        match=r"^campaign: frames.tracker: expected positions of the robot, got ",
+    ) as error:
         diagnose_campaign(replace(c, value=change(c)), ROBOT)
     assert str(error.value).endswith(cause)
 

@@ -20,15 +20,22 @@ from stiffscope.gap.inference.findings import find
 from stiffscope.gap.inference.fitting import Problem
 from stiffscope.gap.inference.priors import Spreads
 
-PUBLISHED = load_campaign(Path(__file__).parents[2] / "data" / "campaigns" / "published")
+PUBLISHED = load_campaign(
+    Path(__file__).parents[2] / "data" / "campaigns" / "published"
+)
 
 
-def campaign(factors=(1, 1, 1, 1, 1, 1), rival=None, noise=0.01, seed=0, poses=6, stated=True):
+def campaign(
+    factors=(1, 1, 1, 1, 1, 1), rival=None, noise=0.01, seed=0, poses=6, stated=True
+):
     """Stiffness readings: the model, or its rival, times factors by direction, with relative noise."""
     rng = np.random.default_rng(seed)
     n = 6 * poses
     value = rng.uniform(1e6, 3e7, n)
-    models = {"value": value, "softer": value * np.tile([0.9, 1, 0.8, 1, 0.95, 1.1], poses)}
+    models = {
+        "value": value,
+        "softer": value * np.tile([0.9, 1, 0.8, 1, 0.95, 1.1], poses),
+    }
     true = models[rival or "value"] * np.tile(factors, poses)
     read = true * (1 + noise * rng.standard_normal(n))
     return Campaign(
@@ -81,13 +88,21 @@ def test_published_experiment_is_one_scale_not_gravity():
         ({"factors": (1, 1, 1.15, 1, 1, 1)}, {("scale", "z")}),
         ({"factors": (1, 1.2, 1, 1, 1, 0.9)}, {("scale", "y"), ("scale", "rz")}),
         ({"rival": "softer"}, {("rival", "softer")}),
-        ({"rival": "softer", "factors": (1.1,) * 6}, {("rival", "softer"), ("scale", "all")}),
+        (
+            {"rival": "softer", "factors": (1.1,) * 6},
+            {("rival", "softer"), ("scale", "all")},
+        ),
     ],
 )
 def test_finds_what_was_put_in(options, truth, stated):
-    hits = [diagnose_campaign(campaign(**options, seed=seed, stated=stated)) for seed in range(5)]
+    hits = [
+        diagnose_campaign(campaign(**options, seed=seed, stated=stated))
+        for seed in range(5)
+    ]
     assert sum(found(d) == truth for d in hits) >= 4
-    assert {d.verdict for d in hits} <= ({"identified", "ambiguous"} if truth else {"no-gap", "ambiguous"})
+    assert {d.verdict for d in hits} <= (
+        {"identified", "ambiguous"} if truth else {"no-gap", "ambiguous"}
+    )
     assert np.mean([d.gap.explained for d in hits]) == pytest.approx(1.0, abs=0.25)
     assert np.mean([d.gap.held_out for d in hits]) < 1.2
     assert np.mean([d.gap.noise for d in hits]) == pytest.approx(1.0, abs=0.2)
@@ -104,9 +119,13 @@ def test_answer_does_not_depend_on_the_order_of_rows_or_on_an_outlier():
     order = np.random.default_rng(0).permutation(len(c))
     names = ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line")
     models = {name: values[order] for name, values in c.predictions.items()}
-    mixed = replace(c, predictions=models, **{name: getattr(c, name)[order] for name in names})
+    mixed = replace(
+        c, predictions=models, **{name: getattr(c, name)[order] for name in names}
+    )
     plain, shuffled = (diagnose_campaign(x) for x in (c, mixed))
-    assert shuffled.effects[0].parameters["factor"].value == pytest.approx(plain.effects[0].parameters["factor"].value)
+    assert shuffled.effects[0].parameters["factor"].value == pytest.approx(
+        plain.effects[0].parameters["factor"].value
+    )
     spoiled = c.value.copy()
     spoiled[7] *= 5
     robust = diagnose_campaign(replace(c, value=spoiled))
@@ -118,8 +137,14 @@ def test_one_direction_only_leaves_its_names_confused():
     c = campaign(factors=(1.1,) * 6, seed=1)
     only = c.direction == 0
     names = ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line")
-    models = {name: values[only] for name, values in c.predictions.items() if name == "value"}
-    d = diagnose_campaign(replace(c, predictions=models, **{name: getattr(c, name)[only] for name in names}))
+    models = {
+        name: values[only] for name, values in c.predictions.items() if name == "value"
+    }
+    d = diagnose_campaign(
+        replace(
+            c, predictions=models, **{name: getattr(c, name)[only] for name in names}
+        )
+    )
     assert d.effects[0].place == "all"
     assert set(d.effects[0].confused_with) == {"scale @ translation", "scale @ x"}
 
@@ -132,7 +157,11 @@ def test_six_directions_of_their_own_are_six_scales():
 
 def test_rivals_exclude_each_other():
     c = campaign(rival="softer")
-    model = ColumnModel(replace(c, predictions={**c.predictions, "other": 1.05 * c.predictions["value"]}))
+    model = ColumnModel(
+        replace(
+            c, predictions={**c.predictions, "other": 1.05 * c.predictions["value"]}
+        )
+    )
     sets = [h.names for h in find(model).hypotheses]
     assert frozenset(["rival @ softer"]) in sets
     assert not any({"rival @ softer", "rival @ other"} <= names for names in sets)
@@ -143,7 +172,8 @@ def test_no_measurement_is_suggested_where_the_robot_cannot_be_assembled_with_wh
     model = ColumnModel(campaign(factors=(1.1,) * 6))
     problem = Problem(model, model.noise())
     scale = next(c for c in model.library if c.name == "scale @ all")
-    none, scaled = problem.fit((), np.zeros(0)), problem.fit([scale], np.array([0.1]))
+    none = problem.fit((), np.zeros(0))
+    scaled = problem.fit([scale], np.array([0.1]))
 
     class Assembled(ColumnModel):
         def predict(self, parameters=()):
@@ -157,21 +187,36 @@ def test_no_measurement_is_suggested_where_the_robot_cannot_be_assembled_with_wh
     assert next_measurement(replace(trial, model=model), none, [scaled]) is not None
 
 
-@pytest.mark.parametrize(("odds", "worthwhile"), [(0.15, False), (0.9, False), (1.2, True), (24.0, True)])
+@pytest.mark.parametrize(
+    ("odds", "worthwhile"), [(0.15, False), (0.9, False), (1.2, True), (24.0, True)]
+)
 def test_a_measurement_is_suggested_only_where_it_helps(odds, worthwhile):
     """Ln-odds of at least 1 are expected of it: the mean of ln p1/p2 over readings drawn from the first explanation."""
-    problem = Problem(ColumnModel(campaign(factors=(1.1,) * 6)), ColumnModel(campaign(factors=(1.1,) * 6)).noise())
+    problem = Problem(
+        ColumnModel(campaign(factors=(1.1,) * 6)),
+        ColumnModel(campaign(factors=(1.1,) * 6)).noise(),
+    )
     scale = next(c for c in problem.model.library if c.name == "scale @ all")
-    none, scaled = problem.fit((), np.zeros(0)), problem.fit([scale], np.array([0.1]))
+    none = problem.fit((), np.zeros(0))
+    scaled = problem.fit([scale], np.array([0.1]))
     values = problem.model.campaign.predictions["value"]
-    sigma = np.abs(scaled.values[0]) * values / np.sqrt(2.0 * odds) * np.linspace(1.0, 2.0, 36)
-    spread = np.hypot(sigma[0], values[0] * np.sqrt(scaled.covariance[0, 0]))  # of the second's prediction
+    sigma = (
+        np.abs(scaled.values[0])
+        * values
+        / np.sqrt(2.0 * odds)
+        * np.linspace(1.0, 2.0, 36)
+    )
+    spread = np.hypot(
+        sigma[0], values[0] * np.sqrt(scaled.covariance[0, 0])
+    )  # of the second's prediction
     step = next_measurement(problem.model.trial(sigma), none, [scaled])
     if worthwhile:
         y = values[0] + sigma[0] * np.sqrt(2.0) * np.polynomial.hermite.hermgauss(20)[0]
         weight = np.polynomial.hermite.hermgauss(20)[1] / np.sqrt(np.pi)
         first = -0.5 * ((y - values[0]) / sigma[0]) ** 2 - np.log(sigma[0])
-        second = -0.5 * ((y - values[0] * (1.0 + scaled.values[0])) / spread) ** 2 - np.log(spread)
+        second = -0.5 * (
+            (y - values[0] * (1.0 + scaled.values[0])) / spread
+        ) ** 2 - np.log(spread)
         assert step.expected_gain == pytest.approx(weight @ (first - second))
         assert step.expected_gain == pytest.approx(odds, rel=0.05)
         assert (step.pose, step.quantity) == ("P0", "kx")
@@ -186,18 +231,30 @@ def test_answer_is_json():
 
 def test_evidence_is_that_of_the_joint_gaussian():
     rng = np.random.default_rng(2)
-    X, y = rng.standard_normal((9, 2)), rng.standard_normal(9)
+    X = rng.standard_normal((9, 2))
+    y = rng.standard_normal(9)
     prior = np.array([0.5, 2.0])
     covariance = np.eye(9) + X @ np.diag(prior**2) @ X.T
     _, volume = np.linalg.slogdet(2 * np.pi * covariance)
     exact = -0.5 * (volume + y @ np.linalg.solve(covariance, y))
-    none, all_of_it = np.zeros(9, dtype=bool), np.ones(9, dtype=bool)
-    exact += 0.5 * 9 * np.log(2 * np.pi)  # which is the same for all hypotheses and left out
+    none = np.zeros(9, dtype=bool)
+    all_of_it = np.ones(9, dtype=bool)
+    exact += (
+        0.5 * 9 * np.log(2 * np.pi)
+    )  # which is the same for all hypotheses and left out
     for scaled in (none, all_of_it):
         noise = Noise(np.ones(9), all_of_it, scaled, np.ones(3))
-        found = posterior(plain(noise), y, X, [known(prior[:1]), known(prior[1:])], np.zeros(2, dtype=bool))
+        found = posterior(
+            plain(noise),
+            y,
+            X,
+            [known(prior[:1]), known(prior[1:])],
+            np.zeros(2, dtype=bool),
+        )
         assert found.log_evidence == pytest.approx(exact)
-        assert found.covariance == pytest.approx(np.linalg.inv(np.diag(prior**-2) + X.T @ X))
+        assert found.covariance == pytest.approx(
+            np.linalg.inv(np.diag(prior**-2) + X.T @ X)
+        )
 
 
 def known(scale):
@@ -207,24 +264,46 @@ def known(scale):
 
 def plain(noise):
     """Errors of a noise without any discrepancy."""
-    n, q = len(noise.sigma), len(noise.factors)
+    n = len(noise.sigma)
+    q = len(noise.factors)
     weight = -(noise.scaled & noise.used).sum() * np.log(noise.factors) - np.log(q)
-    return Errors(noise, np.zeros(n, int), np.zeros((n, 2)), np.zeros(0), noise.factors, np.zeros(q), weight)
+    return Errors(
+        noise,
+        np.zeros(n, int),
+        np.zeros((n, 2)),
+        np.zeros(0),
+        noise.factors,
+        np.zeros(q),
+        weight,
+    )
 
 
 def test_an_unknown_noise_factor_is_integrated_out():
     """Against a sum over the grid of joint Gaussian densities; the posterior is the mixture's."""
     rng = np.random.default_rng(4)
-    X, y, factors = rng.standard_normal((8, 1)), rng.standard_normal(8), np.geomspace(0.3, 3.0, 7)
+    X = rng.standard_normal((8, 1))
+    y = rng.standard_normal(8)
+    factors = np.geomspace(0.3, 3.0, 7)
     scaled = np.arange(8) < 5
-    densities, means = [], []
+    densities = []
+    means = []
     for factor in factors:
         unit = np.diag(np.where(scaled, factor**2, 1.0))
         covariance = unit + 0.25 * X @ X.T
-        densities.append(np.exp(-0.5 * (np.linalg.slogdet(covariance)[1] + y @ np.linalg.solve(covariance, y))))
+        densities.append(
+            np.exp(
+                -0.5
+                * (
+                    np.linalg.slogdet(covariance)[1]
+                    + y @ np.linalg.solve(covariance, y)
+                )
+            )
+        )
         means.append(float(0.25 * X[:, 0] @ np.linalg.solve(covariance, y)))
     noise = Noise(np.ones(8), np.ones(8, dtype=bool), scaled, factors)
     found = posterior(plain(noise), y, X, [known(0.5)], np.zeros(1, dtype=bool))
     assert found.log_evidence == pytest.approx(np.log(np.mean(densities)))
     assert found.mean[0] == pytest.approx(np.average(means, weights=densities))
-    assert np.log(found.noise_factor) == pytest.approx(np.average(np.log(factors), weights=densities))
+    assert np.log(found.noise_factor) == pytest.approx(
+        np.average(np.log(factors), weights=densities)
+    )

@@ -24,7 +24,13 @@ GOOD = [
 ]
 
 
-def folder(path, rows=GOOD, header=HEADER, toml='robot = "biglide"\nreadings = "readings.csv"\n', encoding="utf-8"):
+def folder(
+    path,
+    rows=GOOD,
+    header=HEADER,
+    toml='robot = "biglide"\nreadings = "readings.csv"\n',
+    encoding="utf-8",
+):
     path.mkdir(exist_ok=True)
     (path / "campaign.toml").write_text(toml)
     text = rows if isinstance(rows, str) else header + "\n".join(rows) + "\n"
@@ -55,7 +61,8 @@ def test_reads_all_three_kinds(tmp_path):
     ],
 )
 def test_harmless_spellings_read_alike(tmp_path, text):
-    plain, spelled = load_campaign(folder(tmp_path / "a")), load_campaign(folder(tmp_path / "b", text))
+    plain = load_campaign(folder(tmp_path / "a"))
+    spelled = load_campaign(folder(tmp_path / "b", text))
     assert np.array_equal(plain.value, spelled.value)
     assert plain.poses.tolist() == spelled.poses.tolist()
 
@@ -87,10 +94,19 @@ def test_names_the_malformed_cell(tmp_path, row, column, cell, expected):
 
 
 def test_empty_columns_to_the_right_of_a_table_are_skipped(tmp_path):
-    wide = folder(tmp_path / "wide", [f"{row},," for row in GOOD], HEADER.replace("\n", ",,\n"))
-    assert load_campaign(wide).value.tolist() == load_campaign(folder(tmp_path / "plain")).value.tolist()
-    comma = GOOD[0].replace("4.2e-6,1e-6,a", "4,2e-6,1e-6,,,")  # one cell more than the header has
-    with pytest.raises(InputError, match=r"readings.csv:2: column 14: expected 13 cells, got 16"):
+    wide = folder(
+        tmp_path / "wide", [f"{row},," for row in GOOD], HEADER.replace("\n", ",,\n")
+    )
+    assert (
+        load_campaign(wide).value.tolist()
+        == load_campaign(folder(tmp_path / "plain")).value.tolist()
+    )
+    comma = GOOD[0].replace(
+        "4.2e-6,1e-6,a", "4,2e-6,1e-6,,,"
+    )  # one cell more than the header has
+    with pytest.raises(
+        InputError, match=r"readings.csv:2: column 14: expected 13 cells, got 16"
+    ):
         load_campaign(folder(tmp_path / "comma", [comma], HEADER.replace("\n", ",,\n")))
 
 
@@ -99,19 +115,37 @@ def test_empty_columns_to_the_right_of_a_table_are_skipped(tmp_path):
     [
         ("", "expected a header line .* empty file"),
         (HEADER, "2: expected at least one row"),
-        (HEADER + "\n".join(GOOD)[:-20], "5: .*: expected 13 cells, got 3: the row ends early"),
-        (HEADER.replace(",sigma", "") + GOOD[0], "1: sigma: expected this column, got none"),
-        (HEADER.replace(",value", ",Value") + GOOD[0], '1: value: expected this column, got "Value"'),
+        (
+            HEADER + "\n".join(GOOD)[:-20],
+            "5: .*: expected 13 cells, got 3: the row ends early",
+        ),
+        (
+            HEADER.replace(",sigma", "") + GOOD[0],
+            "1: sigma: expected this column, got none",
+        ),
+        (
+            HEADER.replace(",value", ",Value") + GOOD[0],
+            '1: value: expected this column, got "Value"',
+        ),
         (HEADER.replace("fz,", "") + GOOD[0], "2: column 13: expected 12 cells, got "),
         (
             HEADER.replace("session", "Session") + GOOD[0],
             '1: Session: expected one of x, y, z.*; did you mean "session"',
         ),
-        (HEADER.replace("session", "pose") + GOOD[0], "1: pose: expected one of x, y, z"),
+        (
+            HEADER.replace("session", "pose") + GOOD[0],
+            "1: pose: expected one of x, y, z",
+        ),
         (HEADER.replace("session", "x") + GOOD[0], "1: x: expected each name once"),
-        (HEADER.replace(",", ";") + GOOD[0], "2: y: expected 13 cells, got 1: the row ends early"),
+        (
+            HEADER.replace(",", ";") + GOOD[0],
+            "2: y: expected 13 cells, got 1: the row ends early",
+        ),
         (HEADER + GOOD[0] + "\n\0", "3: expected a table in CSV, got a NUL byte"),
-        (HEADER + GOOD[0] + '\n"0,0\n' + GOOD[0], "3: expected a CSV row, got a quote that nothing closes"),
+        (
+            HEADER + GOOD[0] + '\n"0,0\n' + GOOD[0],
+            "3: expected a CSV row, got a quote that nothing closes",
+        ),
     ],
 )
 def test_names_the_malformed_file(tmp_path, text, expected):
@@ -122,9 +156,15 @@ def test_names_the_malformed_file(tmp_path, text, expected):
 def test_refuses_other_encodings(tmp_path):
     named = folder(tmp_path / "old", toml='robot = "biglide"\nreadings = "old.xls"\n')
     (named / "old.xls").write_bytes(b"\xd0\xcf\x11\xe0")
-    with pytest.raises(InputError, match=r"old.xls:1: expected a table \(.csv, .tsv, .xlsx\) in UTF-8, got byte 0xd0"):
+    with pytest.raises(
+        InputError,
+        match=r"old.xls:1: expected a table \(.csv, .tsv, .xlsx\) in UTF-8, got byte 0xd0",
+    ):
         load_campaign(named)
-    with pytest.raises(InputError, match=r"readings.csv:2: expected a table in CSV in UTF-8, got byte 0xb5"):
+    with pytest.raises(
+        InputError,
+        match=r"readings.csv:2: expected a table in CSV in UTF-8, got byte 0xb5",
+    ):
         load_campaign(folder(tmp_path, [GOOD[0] + "µ"], encoding="latin-1"))
 
 
@@ -134,9 +174,18 @@ def test_refuses_other_encodings(tmp_path):
         ("robot = biglide", r"expected valid TOML, got \"robot = biglide"),
         ('robot = "biglide"', "readings: expected a list of texts"),
         ('readings = "readings.csv"', "either robot or predictions"),
-        ('robot = "biglide"\nreadings = "r.csv"\nrobbot = 1', "robbot: expected one of robot, modelled"),
-        ('robot = "biglide"\nreadings = "r.csv"\nmodelled = ["weight"]', "modelled: expected effects among gravity"),
-        ('robot = "biglide"\nreadings = "r.csv"\ncomponents = "cad"', "components: expected one of fea, beam"),
+        (
+            'robot = "biglide"\nreadings = "r.csv"\nrobbot = 1',
+            "robbot: expected one of robot, modelled",
+        ),
+        (
+            'robot = "biglide"\nreadings = "r.csv"\nmodelled = ["weight"]',
+            "modelled: expected effects among gravity",
+        ),
+        (
+            'robot = "biglide"\nreadings = "r.csv"\ncomponents = "cad"',
+            "components: expected one of fea, beam",
+        ),
         ('robot = "biglide"\nreadings = []', "readings: expected one file name"),
         ('robot = 3\nreadings = "r.csv"', "robot: expected a text"),
     ],
@@ -150,7 +199,8 @@ def test_names_absent_files(tmp_path):
     with pytest.raises(InputError, match="expected a campaign folder"):
         load_campaign(tmp_path / "none")
     with pytest.raises(
-        InputError, match=r"^campaign.toml:2: readings: expected a table \(.*\), got no file \(r\.csv\)"
+        InputError,
+        match=r"^campaign.toml:2: readings: expected a table \(.*\), got no file \(r\.csv\)",
     ):
         load_campaign(folder(tmp_path, toml='robot = "biglide"\nreadings = ["r.csv"]'))
 
@@ -163,26 +213,39 @@ def test_names_absent_files(tmp_path):
         (("q:J1", "q:J2"), (0.1, -2.5), "(0.1, -2.5)"),
     ],
 )
-def test_a_pose_without_a_name_is_shown_in_millimetres_and_degrees(coordinates, pose, label):
+def test_a_pose_without_a_name_is_shown_in_millimetres_and_degrees(
+    coordinates, pose, label
+):
     assert label_pose(coordinates, pose) == label
 
 
 @pytest.mark.parametrize(
     ("names", "expected"),
     [
-        ('["readings.csv", "./readings.csv"]', r'different ones, got "readings.csv" and "./readings.csv", the same'),
-        ('["readings.csv", "other.csv"]', 'different ones, got "readings.csv" and "other.csv", the same'),
+        (
+            '["readings.csv", "./readings.csv"]',
+            r'different ones, got "readings.csv" and "./readings.csv", the same',
+        ),
+        (
+            '["readings.csv", "other.csv"]',
+            'different ones, got "readings.csv" and "other.csv", the same',
+        ),
         ('"readings.csv/"', 'a table .*, got a name that ends with "/"'),
     ],
 )
 def test_a_table_is_read_once(tmp_path, names, expected):
     (tmp_path / "other.csv").symlink_to("readings.csv")
-    with pytest.raises(InputError, match=rf"^campaign.toml:2: readings: expected .*{expected}"):
+    with pytest.raises(
+        InputError, match=rf"^campaign.toml:2: readings: expected .*{expected}"
+    ):
         load_campaign(folder(tmp_path, toml=f'robot = "biglide"\nreadings = {names}\n'))
 
 
 def test_several_files_share_poses_and_sessions(tmp_path):
-    folder(tmp_path, toml='robot = "biglide"\nmodelled = ["gravity"]\nreadings = ["readings.csv", "more.csv"]')
+    folder(
+        tmp_path,
+        toml='robot = "biglide"\nmodelled = ["gravity"]\nreadings = ["readings.csv", "more.csv"]',
+    )
     (tmp_path / "more.csv").write_text(HEADER + GOOD[0] + "\n" + GOOD[2][:-1] + "c\n")
     c = load_campaign(tmp_path)
     assert c.pose.tolist() == [0, 0, 1, 1, 0, 1]
@@ -196,7 +259,9 @@ def test_published_campaign_reproduces_the_corrected_rms():
     assert c.robot is None
     assert c.pose_names == ("Q1", "Q2")
     rms = {
-        name: [100 * np.sqrt(np.mean((p / c.value - 1)[c.pose == k] ** 2)) for k in (0, 1)]
+        name: [
+            100 * np.sqrt(np.mean((p / c.value - 1)[c.pose == k] ** 2)) for k in (0, 1)
+        ]
         for name, p in c.predictions.items()
     }
     assert rms["value"] == pytest.approx([9.04, 9.35], abs=0.02)
@@ -206,13 +271,31 @@ def test_published_campaign_reproduces_the_corrected_rms():
 @pytest.mark.parametrize(
     ("model", "expected"),
     [
-        ("pose,quantity,value\nA,kx,1\n", r"readings.csv:3: pose: expected a reading that model.csv"),
-        ("pose,quantity,value\nA,kx,1\nB,ky,x\n", "model.csv:3: value: expected a finite predicted"),
-        ("pose,quantity,value\nA,kx,1\nB,ky,2\nA,kx,3\n", "model.csv:4: value: .* on line 2"),
+        (
+            "pose,quantity,value\nA,kx,1\n",
+            r"readings.csv:3: pose: expected a reading that model.csv",
+        ),
+        (
+            "pose,quantity,value\nA,kx,1\nB,ky,x\n",
+            "model.csv:3: value: expected a finite predicted",
+        ),
+        (
+            "pose,quantity,value\nA,kx,1\nB,ky,2\nA,kx,3\n",
+            "model.csv:4: value: .* on line 2",
+        ),
         ("pose,quantity,value,sigma\nA,kx,1,1\n", "model.csv:1: sigma"),
-        ("pose,quantity,rival\nA,kx,1\n", "model.csv:1: value: expected this column, got none"),
-        ("pose,quantity,VALUE\nA,kx,1\n", 'model.csv:1: value: expected this column, got "VALUE"'),
-        ("x,y,z,quantity,value\n0,0,0,kx,1\n", r"model.csv:1: expected the readings' own key columns"),
+        (
+            "pose,quantity,rival\nA,kx,1\n",
+            "model.csv:1: value: expected this column, got none",
+        ),
+        (
+            "pose,quantity,VALUE\nA,kx,1\n",
+            'model.csv:1: value: expected this column, got "VALUE"',
+        ),
+        (
+            "x,y,z,quantity,value\n0,0,0,kx,1\n",
+            r"model.csv:1: expected the readings' own key columns",
+        ),
     ],
 )
 def test_predictions_answer_every_reading(tmp_path, model, expected):
@@ -226,15 +309,33 @@ def test_predictions_answer_every_reading(tmp_path, model, expected):
 def test_what_is_written_is_read_to_the_last_digit(tmp_path):
     """Eight thousand rows, and a header with sections and names that TOML quotes."""
     value = np.random.default_rng(1).standard_normal(8000) * 1e-5
-    columns = {"x": ["0"] * 8000, "y": ["0"] * 8000, "z": ["0.35"] * 8000, "fz": ["-10"] * 8000}
-    columns |= {"sensor": ["gauge 1"] * 8000, "value": number_cells(value), "sigma": [""] * 8000}
-    gauge = {"measures": "displacement", "body": "platform", "at": [0.1, 0.0, 1 / 3], "direction": [0, 0, 1]}
+    columns = {
+        "x": ["0"] * 8000,
+        "y": ["0"] * 8000,
+        "z": ["0.35"] * 8000,
+        "fz": ["-10"] * 8000,
+    }
+    columns |= {
+        "sensor": ["gauge 1"] * 8000,
+        "value": number_cells(value),
+        "sigma": [""] * 8000,
+    }
+    gauge = {
+        "measures": "displacement",
+        "body": "platform",
+        "at": [0.1, 0.0, 1 / 3],
+        "direction": [0, 0, 1],
+    }
     header = {"robot": 'a "robot"', "sensors": {"gauge 1": gauge}, "loads": {}}
     write_campaign(tmp_path, header, columns, comment="two\nlines")
     c = load_campaign(tmp_path)
     assert np.array_equal(c.value, value)
     assert np.isnan(c.sigma).all()
-    assert (c.robot, c.sensors[0].name, c.sensors[0].at) == ('a "robot"', "gauge 1", (0.1, 0.0, 1 / 3))
+    assert (c.robot, c.sensors[0].name, c.sensors[0].at) == (
+        'a "robot"',
+        "gauge 1",
+        (0.1, 0.0, 1 / 3),
+    )
 
 
 SENSORS = """
@@ -318,7 +419,10 @@ def test_reads_targets_in_the_frames_of_their_instruments(tmp_path):
     assert c.value == pytest.approx([-2.0, 0.0, 2.2])
     assert c.wrench[:, 2].tolist() == [0.0, -10.0, 0.0]
     assert [s.name for s in c.sensors] == ["smr.x", "smr.y", "smr.z", "wire"]
-    assert {(s.target, s.frame, s.at_sigma) for s in c.sensors} == {("smr", "tracker", 0.02), ("wire", "arm", 0.0)}
+    assert {(s.target, s.frame, s.at_sigma) for s in c.sensors} == {
+        ("smr", "tracker", 0.02),
+        ("wire", "arm", 0.0),
+    }
     tracker, arm = c.frames
     assert (tracker.pose, tracker.per) == (None, "session")
     assert arm.pose == pytest.approx((2, 0, 1, 0, 0, np.pi / 2))
@@ -327,23 +431,57 @@ def test_reads_targets_in_the_frames_of_their_instruments(tmp_path):
 
 
 def test_a_distance_is_negative_only_beside_an_unknown_zero(tmp_path):
-    rows, free = "x,y,z,sensor,value,sigma\n0,0,0.35,wire,-2.2,1e-5\n", 'measures = "distance"\nzero = "session"'
-    with pytest.raises(InputError, match=r"readings.csv:2: value: expected a distance of at least 0, got '-2.2'"):
+    rows = "x,y,z,sensor,value,sigma\n0,0,0.35,wire,-2.2,1e-5\n"
+    free = 'measures = "distance"\nzero = "session"'
+    with pytest.raises(
+        InputError,
+        match=r"readings.csv:2: value: expected a distance of at least 0, got '-2.2'",
+    ):
         load_campaign(folder(tmp_path, rows, toml=BIGLIDE + FRAMES))
     toml = (BIGLIDE + FRAMES).replace('measures = "distance"', free)
-    assert load_campaign(folder(tmp_path, rows, toml=toml)).value == pytest.approx([-2.2])
+    assert load_campaign(folder(tmp_path, rows, toml=toml)).value == pytest.approx(
+        [-2.2]
+    )
 
 
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ('pose = "unknown"', 'pose = "somewhere"', 'frames.tracker.pose: expected "unknown" or six values'),
-        ('pose = "unknown"', 'pose = "unknown"\nsigma = 1', "frames.tracker.sigma: expected none for a pose that"),
-        ('frame = "tracker"', 'frame = "camera"', "sensors.smr.frame: expected one of tracker, arm, got"),
-        ('frame = "tracker"', "", "sensors.smr.frame: expected one of tracker, arm, got nothing"),
-        ('"20 mm"', '"-20 mm"', "sensors.smr.at_sigma: expected a length .* must not be negative"),
-        ('at_sigma = "20 mm"', "direction = [0, 0, 1]", "sensors.smr.direction: expected none for a position"),
-        ("[sensors.wire]", '[sensors."smr.x"]', "sensors.smr: expected another name than those of other sensors, got"),
+        (
+            'pose = "unknown"',
+            'pose = "somewhere"',
+            'frames.tracker.pose: expected "unknown" or six values',
+        ),
+        (
+            'pose = "unknown"',
+            'pose = "unknown"\nsigma = 1',
+            "frames.tracker.sigma: expected none for a pose that",
+        ),
+        (
+            'frame = "tracker"',
+            'frame = "camera"',
+            "sensors.smr.frame: expected one of tracker, arm, got",
+        ),
+        (
+            'frame = "tracker"',
+            "",
+            "sensors.smr.frame: expected one of tracker, arm, got nothing",
+        ),
+        (
+            '"20 mm"',
+            '"-20 mm"',
+            "sensors.smr.at_sigma: expected a length .* must not be negative",
+        ),
+        (
+            'at_sigma = "20 mm"',
+            "direction = [0, 0, 1]",
+            "sensors.smr.direction: expected none for a position",
+        ),
+        (
+            "[sensors.wire]",
+            '[sensors."smr.x"]',
+            "sensors.smr: expected another name than those of other sensors, got",
+        ),
     ],
 )
 def test_names_what_is_wrong_with_a_target(tmp_path, old, new, expected):
@@ -363,25 +501,54 @@ def test_reads_other_tables(tmp_path, suffix):
     else:
         book = openpyxl.Workbook()
         for row in rows:
-            book.active.append([float(cell) if cell[:1].isdigit() else cell or None for cell in row])
+            book.active.append(
+                [float(cell) if cell[:1].isdigit() else cell or None for cell in row]
+            )
         book.save(tmp_path / "readings.xlsx")
-    other, plain = load_campaign(tmp_path), load_campaign(folder(tmp_path / "csv"))
+    other = load_campaign(tmp_path)
+    plain = load_campaign(folder(tmp_path / "csv"))
     for name in ("poses", "wrench", "quantity", "value", "sigma"):
-        assert np.array_equal(getattr(other, name), getattr(plain, name), equal_nan=True), name
+        assert np.array_equal(
+            getattr(other, name), getattr(plain, name), equal_nan=True
+        ), name
     assert other.where(3) == f"readings{suffix}:5"
 
 
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("level;;11", "levels;;11", r"readings.csv:3: sensor: expected one of campaign.toml's \[sensors\] gauge level"),
-        ("level;;11", "level;both;11", "readings.csv:3: kind: expected deflection or deviation, got 'both'"),
-        ("hook;-100", "rope;-100", r"readings.csv:2: load: expected one of campaign.toml's \[loads\] hook"),
+        (
+            "level;;11",
+            "levels;;11",
+            r"readings.csv:3: sensor: expected one of campaign.toml's \[sensors\] gauge level",
+        ),
+        (
+            "level;;11",
+            "level;both;11",
+            "readings.csv:3: kind: expected deflection or deviation, got 'both'",
+        ),
+        (
+            "hook;-100",
+            "rope;-100",
+            r"readings.csv:2: load: expected one of campaign.toml's \[loads\] hook",
+        ),
         ("level;;11", ";;11", "readings.csv:3: sensor: expected one of"),
-        ("level;;11", "gauge;deflection;1,1,1", "readings.csv:3: value: expected a finite reading"),
-        ("0;0;0,35;;-100;gauge;deflection", "0;0;0,35;;-100;gauge;deviation", "4: fz: expected 0: a deviation is read"),
+        (
+            "level;;11",
+            "gauge;deflection;1,1,1",
+            "readings.csv:3: value: expected a finite reading",
+        ),
+        (
+            "0;0;0,35;;-100;gauge;deflection",
+            "0;0;0,35;;-100;gauge;deviation",
+            "4: fz: expected 0: a deviation is read",
+        ),
         ("x;y;z", "x;y;zz", "readings.csv:1: zz: expected one of x, y, fx"),
-        ("", "", "readings.csv:3: sensor: expected a reading that is measured in um.* not a rotation, got 'level'"),
+        (
+            "",
+            "",
+            "readings.csv:3: sensor: expected a reading that is measured in um.* not a rotation, got 'level'",
+        ),
     ],
 )
 def test_names_what_is_wrong_with_sensors(tmp_path, old, new, expected):
@@ -400,19 +567,55 @@ def test_names_what_is_wrong_with_sensors(tmp_path, old, new, expected):
             '"force"',
             'sensors.gauge.measures: expected one of displacement, rotation, position, distance, got "force"',
         ),
-        ("direction = [0, 0, 2]", "direction = [0, 0, 0]", "sensors.gauge.direction: expected a direction"),
-        ('at = ["75 mm", 0, 0.33]', 'at = ["75 N", 0, 0]', "sensors.gauge.at: expected a displacement|a length"),
+        (
+            "direction = [0, 0, 2]",
+            "direction = [0, 0, 0]",
+            "sensors.gauge.direction: expected a direction",
+        ),
+        (
+            'at = ["75 mm", 0, 0.33]',
+            'at = ["75 N", 0, 0]',
+            "sensors.gauge.at: expected a displacement|a length",
+        ),
         ("zero =", "nought =", "sensors.level.nought: expected one of measures"),
-        ("[sensors.level]", '[sensors."a\\u001b[31m"]', 'sensors.".*": expected a name of printable characters'),
-        ("[sensors.level]", '[sensors." level"]', 'sensors." level": expected a name of printable characters without'),
-        ("[sensors.level]", '[sensors.""]', 'sensors."": expected a name of printable characters'),
-        ('zero = "session"', 'zero = "daily"', "sensors.level.zero: expected one of none, session"),
+        (
+            "[sensors.level]",
+            '[sensors."a\\u001b[31m"]',
+            'sensors.".*": expected a name of printable characters',
+        ),
+        (
+            "[sensors.level]",
+            '[sensors." level"]',
+            'sensors." level": expected a name of printable characters without',
+        ),
+        (
+            "[sensors.level]",
+            '[sensors.""]',
+            'sensors."": expected a name of printable characters',
+        ),
+        (
+            'zero = "session"',
+            'zero = "daily"',
+            "sensors.level.zero: expected one of none, session",
+        ),
         ('value = "um"', 'value = "furl"', "units.value: expected a unit such as"),
         ('value = "um"', 'fz = "mm"', "units.fz: expected a unit of a force"),
         ('value = "um"', 'weight = "kg"', "units.weight: expected a column among"),
-        ('value = "um"', '"q:" = "deg"', "units.*q:.*: expected a column among x, y, z"),
-        ('value = "um"', '"q:leg" = "deg"', "units.*q:leg.*: expected a column of readings.csv, which has none such"),
-        ('robot = "biglide"', 'robot = "biglide"\nmodelled = ["payload", "payload"]', "modelled: .* each once"),
+        (
+            'value = "um"',
+            '"q:" = "deg"',
+            "units.*q:.*: expected a column among x, y, z",
+        ),
+        (
+            'value = "um"',
+            '"q:leg" = "deg"',
+            "units.*q:leg.*: expected a column of readings.csv, which has none such",
+        ),
+        (
+            'robot = "biglide"',
+            'robot = "biglide"\nmodelled = ["payload", "payload"]',
+            "modelled: .* each once",
+        ),
         (
             'ignore = ["note"]',
             'ignore = ["note", "value"]',
@@ -423,24 +626,36 @@ def test_names_what_is_wrong_with_sensors(tmp_path, old, new, expected):
 def test_names_what_is_wrong_with_the_header(tmp_path, old, new, expected):
     toml = (BIGLIDE + UNITS + SENSORS).replace(old, new)
     with pytest.raises(InputError, match=rf"^campaign.toml:\d+: .*({expected})"):
-        load_campaign(folder(tmp_path, GAUGED.replace("level;;11;2", "gauge;;11;2"), toml=toml))
+        load_campaign(
+            folder(tmp_path, GAUGED.replace("level;;11;2", "gauge;;11;2"), toml=toml)
+        )
 
 
 @pytest.mark.parametrize(
     ("text", "units", "expected"),
     [
-        (GAUGED, UNITS.replace(', sigma = "um"', ""), r"sigma: .* in SI below 30 times .* sigma = \"um\" .*, got '1'"),
-        (GAUGED.replace("fz;sensor", "quantity;sensor").replace("-100;gauge;", ";;"), UNITS,
-         r"quantity: expected one of dx .* f30, or a sensor, one of .*\[sensors\] gauge level, got an empty cell"),
+        (
+            GAUGED,
+            UNITS.replace(', sigma = "um"', ""),
+            r"sigma: .* in SI below 30 times .* sigma = \"um\" .*, got '1'",
+        ),
+        (
+            GAUGED.replace("fz;sensor", "quantity;sensor").replace("-100;gauge;", ";;"),
+            UNITS,
+            r"quantity: expected one of dx .* f30, or a sensor, one of .*\[sensors\] gauge level, got an empty cell",
+        ),
     ],
-)  # fmt: skip
+)
 def test_names_what_a_row_lacks(tmp_path, text, units, expected):
     text = text.replace("level;;11;2", "gauge;;11;2")
     with pytest.raises(InputError, match=rf"^readings.csv:2: {expected}"):
         load_campaign(folder(tmp_path, text, toml=BIGLIDE + units + SENSORS))
 
 
-@pytest.mark.parametrize("name", ["instrument", "translation", "rotation", "x", "rz", "dx", "erz", "kx", "px", "f1"])
+@pytest.mark.parametrize(
+    "name",
+    ["instrument", "translation", "rotation", "x", "rz", "dx", "erz", "kx", "px", "f1"],
+)
 def test_names_that_mean_something_else_are_no_sensors(tmp_path, name):
     toml = BIGLIDE + SENSORS.replace("sensors.level", f"sensors.{name}")
     expected = rf"sensors.{name}: expected another name than instrument, translation, .*, got \"{name}"
@@ -450,27 +665,53 @@ def test_names_that_mean_something_else_are_no_sensors(tmp_path, name):
 
 def test_poses_by_name_or_by_joints_are_those_of_the_robot(tmp_path):
     delta = load_robot("delta")
-    toml = 'robot = "delta"\nreadings = "readings.csv"\nunits = { "q:leg2.motor" = "deg" }'
+    toml = (
+        'robot = "delta"\nreadings = "readings.csv"\nunits = { "q:leg2.motor" = "deg" }'
+    )
     rows = "pose,quantity,value,sigma\nhome,ez,1e-5,\nside,ez,1e-5,\n"
-    c = load_campaign(folder(tmp_path / "a", rows, toml=toml.split("\nunits", maxsplit=1)[0]), delta)
+    c = load_campaign(
+        folder(tmp_path / "a", rows, toml=toml.split("\nunits", maxsplit=1)[0]), delta
+    )
     assert c.poses[1] == pytest.approx(delta.poses["side"])
     with pytest.raises(
-        InputError, match=r"readings.csv:3: pose: expected one of delta's \[poses\] home, side, got 'no"
+        InputError,
+        match=r"readings.csv:3: pose: expected one of delta's \[poses\] home, side, got 'no",
     ):
         load_campaign(
-            folder(tmp_path / "b", rows.replace("side", "nowhere"), toml=toml.split("\nunits", maxsplit=1)[0]), delta
+            folder(
+                tmp_path / "b",
+                rows.replace("side", "nowhere"),
+                toml=toml.split("\nunits", maxsplit=1)[0],
+            ),
+            delta,
         )
     joints = "q:leg1.motor,q:leg2.motor,q:leg3.motor,quantity,value,sigma\n0.1,10,0,ez,1e-5,\n"
     c = load_campaign(folder(tmp_path / "c", joints, toml=toml), delta)
     assert c.poses[0] == pytest.approx([0.1, np.radians(10.0), 0.0])
-    with pytest.raises(InputError, match=r"readings.csv:1: q:leg3.motor: expected the coordinates that command delta"):
-        load_campaign(folder(tmp_path / "d", joints.replace(",q:leg3.motor", "").replace(",0,", ","), toml=toml), delta)
     with pytest.raises(
-        InputError, match=r"^campaign.toml:3: units.*leg2.motor.*: expected a unit of an angle, got .mm"
+        InputError,
+        match=r"readings.csv:1: q:leg3.motor: expected the coordinates that command delta",
     ):
-        load_campaign(folder(tmp_path / "e", joints, toml=toml.replace("deg", "mm")), delta)
+        load_campaign(
+            folder(
+                tmp_path / "d",
+                joints.replace(",q:leg3.motor", "").replace(",0,", ","),
+                toml=toml,
+            ),
+            delta,
+        )
+    with pytest.raises(
+        InputError,
+        match=r"^campaign.toml:3: units.*leg2.motor.*: expected a unit of an angle, got .mm",
+    ):
+        load_campaign(
+            folder(tmp_path / "e", joints, toml=toml.replace("deg", "mm")), delta
+        )
     both = "x,y,z," + joints.replace("0.1,10,", "0,0,-0.4,0.1,10,")
-    with pytest.raises(InputError, match=r"readings.csv:1: q:leg1.motor: expected the coordinates .* got x y z q:leg1"):
+    with pytest.raises(
+        InputError,
+        match=r"readings.csv:1: q:leg1.motor: expected the coordinates .* got x y z q:leg1",
+    ):
         load_campaign(folder(tmp_path / "f", both, toml=toml), delta)
 
 
@@ -494,8 +735,16 @@ def test_refuses_what_no_robot_shows(tmp_path, cell, expected):
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        (",1e-6,a", ",1e-6,\x1b[31ma", "2: session: expected a label of printable characters"),
-        (",1e-6,a", ",1e-300,a", "2: sigma: expected an uncertainty of at least 1e-14 m, got '1e-300'"),
+        (
+            ",1e-6,a",
+            ",1e-6,\x1b[31ma",
+            "2: session: expected a label of printable characters",
+        ),
+        (
+            ",1e-6,a",
+            ",1e-300,a",
+            "2: sigma: expected an uncertainty of at least 1e-14 m, got '1e-300'",
+        ),
         (",1e-6,a", ",1e300,a", "2: sigma: expected a displacement of at most 10 m"),
         ("0,0,0.35,100", "0,0,1e9,100", "2: z: expected a length of at most 10000 m"),
         ("0.35,100", "0.35,1e300", "2: fx: expected a force of at most 1e\\+12 N"),
@@ -508,14 +757,20 @@ def test_refuses_what_no_lab_has(tmp_path, old, new, expected):
 
 def test_refuses_nothing_but_zeros(tmp_path):
     zeros = [GOOD[0].replace("4.2e-6", "0"), GOOD[2].replace("1.1e-5", "1e-300")]
-    with pytest.raises(InputError, match=r"readings.csv:2: value: expected readings other than zero, got none in 2"):
+    with pytest.raises(
+        InputError,
+        match=r"readings.csv:2: value: expected readings other than zero, got none in 2",
+    ):
         load_campaign(folder(tmp_path, zeros))
     assert len(load_campaign(folder(tmp_path, [*zeros, GOOD[1]]))) == 3
 
 
 def test_refuses_deflections_that_nothing_causes(tmp_path):
     unloaded = [row.replace("100,0", "0,0") for row in GOOD]
-    with pytest.raises(InputError, match=r"readings.csv:2: fx: expected a wrench other than zero, got none in 2 defl"):
+    with pytest.raises(
+        InputError,
+        match=r"readings.csv:2: fx: expected a wrench other than zero, got none in 2 defl",
+    ):
         load_campaign(folder(tmp_path, [unloaded[0], *unloaded]))
     assert len(load_campaign(folder(tmp_path, [unloaded[0], *GOOD]))) == 5
 
@@ -523,7 +778,9 @@ def test_refuses_deflections_that_nothing_causes(tmp_path):
 def test_a_file_that_is_no_robot_is_not_shown(tmp_path):
     (tmp_path / "keys.txt").write_text("secret: of somebody\n")
     folder(tmp_path, toml='robot = "keys.txt"\nreadings = "readings.csv"')
-    with pytest.raises(InputError, match=r"keys\.txt:1: expected valid TOML") as refused:
+    with pytest.raises(
+        InputError, match=r"keys\.txt:1: expected valid TOML"
+    ) as refused:
         open_case(tmp_path)
     assert "secret" not in str(refused.value)
 
@@ -538,7 +795,9 @@ def test_pipes_devices_and_loops_are_no_files(tmp_path, name):
     ):
         file.unlink()
         make(file)
-        where = "campaign.toml:2: readings" if name == "readings.csv" else "campaign.toml"
+        where = (
+            "campaign.toml:2: readings" if name == "readings.csv" else "campaign.toml"
+        )
         with pytest.raises(InputError, match=rf"{where}: expected a .*, got {kind}"):
             load_campaign(tmp_path)
         file.rmdir() if kind == "a folder" else None
@@ -550,19 +809,26 @@ def test_a_packed_workbook_is_bounded(tmp_path, monkeypatch):
     with zipfile.ZipFile(tmp_path / "r.xlsx", "w", zipfile.ZIP_DEFLATED) as book:
         book.writestr("xl/worksheets/sheet1.xml", bytes(5 << 20))
     monkeypatch.setattr("stiffscope.runtime.table.MOST_BYTES", 4 << 20)
-    with pytest.raises(InputError, match=r"r\.xlsx: expected an \.xlsx workbook of at most 4 MiB unpacked, got 5"):
+    with pytest.raises(
+        InputError,
+        match=r"r\.xlsx: expected an \.xlsx workbook of at most 4 MiB unpacked, got 5",
+    ):
         load_campaign(tmp_path)
 
 
 def test_a_campaign_is_bounded_in_poses(tmp_path, monkeypatch):
     monkeypatch.setattr("stiffscope.gap.campaign.readings.MOST_POSES", 1)
     with pytest.raises(
-        InputError, match=r"^readings.csv:4: x: expected at most 1 different poses, got more; leave some"
+        InputError,
+        match=r"^readings.csv:4: x: expected at most 1 different poses, got more; leave some",
     ):
         load_campaign(folder(tmp_path), load_robot("biglide"))
 
 
 def test_a_table_is_bounded_in_rows(tmp_path, monkeypatch):
     monkeypatch.setattr("stiffscope.runtime.table.MOST_ROWS", 3)
-    with pytest.raises(InputError, match=r"readings.csv:5: expected at most 3 rows, got more; average repeated"):
+    with pytest.raises(
+        InputError,
+        match=r"readings.csv:5: expected at most 3 rows, got more; average repeated",
+    ):
         load_campaign(folder(tmp_path))

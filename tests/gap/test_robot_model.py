@@ -58,31 +58,59 @@ def sensed(robot):
     )
 
 
-def readings(robot, quantities=("dx", "drz", "ex", "ery", "kz", "krx", "px", "prz"), poses=None):
+def readings(
+    robot, quantities=("dx", "drz", "ex", "ery", "kz", "krx", "px", "prz"), poses=None
+):
     """Quantities at M under a mixed wrench, a gauge against a moving body, an inclinometer, a hook."""
     body, foot, point = sensed(robot)
     sensors = (
         Sensor("gauge", body, (0.0, 0.6, 0.8), point, against=foot),
         Sensor("level", body, (0.6, 0.0, 0.8), measures="rotation"),
     )
-    loads = (LoadPoint("hook", body, tuple(np.array(point) + np.array([0.0, 0.03, -0.02]))),)
+    loads = (
+        LoadPoint("hook", body, tuple(np.array(point) + np.array([0.0, 0.03, -0.02]))),
+    )
     p = np.array(list(robot.robot.poses.values()) if poses is None else poses)
     rows = []
     for pose in range(len(p)):
         for name in quantities:
-            load = {"d": [20.0, -30.0, 50.0, 1.0, 2.0, -1.5], "e": [0.0] * 6}.get(name[0], [np.nan] * 6)
+            load = {"d": [20.0, -30.0, 50.0, 1.0, 2.0, -1.5], "e": [0.0] * 6}.get(
+                name[0], [np.nan] * 6
+            )
             rows.append((pose, QUANTITIES.index(name), -1, -1, load))
         for sensor, axis in ((0, 2), (1, 5)):
-            for hung, load in ((-1, [10.0, 0.0, -40.0, 0.0, 1.0, 0.0]), (0, [0.0, 15.0, -25.0, 0.0, 0.0, 0.0])):
+            for hung, load in (
+                (-1, [10.0, 0.0, -40.0, 0.0, 1.0, 0.0]),
+                (0, [0.0, 15.0, -25.0, 0.0, 0.0, 0.0]),
+            ):
                 rows.append((pose, axis, sensor, hung, load))
             rows.append((pose, 6 + axis, sensor, -1, [0.0] * 6))
-    pose, quantity, sensor, load, wrench = (np.array(column) for column in zip(*rows, strict=True))
+    pose, quantity, sensor, load, wrench = (
+        np.array(column) for column in zip(*rows, strict=True)
+    )
     n = len(rows)
     return Campaign(
-        robot.robot.name, ("gravity",), "beam", tuple(str(k) for k in range(len(p))), p, pose, wrench, quantity,
-        np.zeros(n), np.full(n, 1e-6), ("",), np.zeros(n), ("readings.csv",), np.zeros(n), np.arange(2, n + 2),
-        coordinates=robot.mechanism.tool.pose, sensors=sensors, sensor=sensor, loads=loads, load=load,
-    )  # fmt: skip
+        robot.robot.name,
+        ("gravity",),
+        "beam",
+        tuple(str(k) for k in range(len(p))),
+        p,
+        pose,
+        wrench,
+        quantity,
+        np.zeros(n),
+        np.full(n, 1e-6),
+        ("",),
+        np.zeros(n),
+        ("readings.csv",),
+        np.zeros(n),
+        np.arange(2, n + 2),
+        coordinates=robot.mechanism.tool.pose,
+        sensors=sensors,
+        sensor=sensor,
+        loads=loads,
+        load=load,
+    )
 
 
 def motion(response, where, node, home, pose):
@@ -101,7 +129,9 @@ def read(robot, mechanism, c):
     matrix = stiffness(mechanism, found)
     out = np.zeros(len(c))
     for i in range(len(c)):
-        pose, kind, axis = c.pose[i], c.kind[i], c.direction[i]
+        pose = c.pose[i]
+        kind = c.kind[i]
+        axis = c.direction[i]
         if kind == 2:
             out[i] = matrix[pose, axis, axis]
             continue
@@ -115,7 +145,9 @@ def read(robot, mechanism, c):
             loads = [Load(load.body, wrench, np.array(load.at))]
             wrench = np.zeros(6)
         dead = 1.0 if kind == 1 else 0.0
-        response = respond(mechanism, found, wrench, loads=loads, gravity=dead, misfit=dead)
+        response = respond(
+            mechanism, found, wrench, loads=loads, gravity=dead, misfit=dead
+        )
         if c.sensor[i] < 0:
             out[i] = response.twist[pose, axis, 0]
             continue
@@ -125,7 +157,9 @@ def read(robot, mechanism, c):
             point = where.point(sensor.body, np.array(sensor.at))[pose]
             foot = response.nodes[sensor.against]
             foot = foot[min(pose, len(foot) - 1), :, 0]
-            across -= np.concatenate([foot[:3] + np.cross(foot[3:], point - where.tool[pose]), foot[3:]])
+            across -= np.concatenate(
+                [foot[:3] + np.cross(foot[3:], point - where.tool[pose]), foot[3:]]
+            )
         half = across[3:] if sensor.rotates else across[:3]
         out[i] = half @ np.array(sensor.direction)
     return out
@@ -149,20 +183,32 @@ def test_derivatives_are_those_of_full_reassembly(name):
     known = {}
     for each in find_candidates(RobotModel(c, robot).setting):
         known.setdefault(each.effect, []).append(each)
-    candidates = [k[i] for k in known.values() for i in {0, len(k) - 1} if isinstance(k[i].action, ElementEffect)]
+    candidates = [
+        k[i]
+        for k in known.values()
+        for i in {0, len(k) - 1}
+        if isinstance(k[i].action, ElementEffect)
+    ]
     seen = 0
     for candidate in candidates:
         column = prediction.columns(candidate)
         k = len(candidate.scale) // 2
         step = np.zeros(len(candidate.scale))
         step[k] = 3e-4 * candidate.scale[k]
-        ahead = read(robot, change_elements(robot.mechanism, candidate.action.changes(step)), c)
+        ahead = read(
+            robot, change_elements(robot.mechanism, candidate.action.changes(step)), c
+        )
         start = np.zeros(len(step)) if candidate.positive else -step
-        behind = read(robot, change_elements(robot.mechanism, candidate.action.changes(start)), c)
+        behind = read(
+            robot, change_elements(robot.mechanism, candidate.action.changes(start)), c
+        )
         change = ahead - behind
         rounding = 1e-8 * np.abs(ahead) + 1e-15
         error = np.abs(column[:, k] * (step[k] - start[k]) - change)
-        if candidate.effect in {"joint-axis", "geometry"}:  # whose weight acts on a compliance that is tilted
+        if candidate.effect in {
+            "joint-axis",
+            "geometry",
+        }:  # whose weight acts on a compliance that is tilted
             error = np.where(c.shows_rest, (error - 2e-11).clip(min=0.0), 0.0)
         assert (error <= 2e-2 * np.abs(change) + rounding).all(), candidate.name
         seen += (np.abs(change) > 10.0 * rounding).any()
@@ -176,9 +222,13 @@ def test_errors_of_the_drives_move_the_tool_as_kinematics_says(name):
     c = replace(readings(robot, ("ex", "ey", "ez", "erx", "ery", "erz")), modelled=())
     drive = robot.mechanism.drives[0]
     candidate = next(
-        k for k in RobotModel(c, robot).library
-        if any(w.startswith("encoder-offset") and (k.members == (drive.name,)) for w in k.signature_of)
-    )  # fmt: skip
+        k
+        for k in RobotModel(c, robot).library
+        if any(
+            w.startswith("encoder-offset") and (k.members == (drive.name,))
+            for w in k.signature_of
+        )
+    )
     values = RobotModel(c, robot).predict(((candidate, (2e-3,)),)).values
     found = configure(robot.mechanism, c.poses)
     moved = found.drives.copy()
@@ -198,12 +248,21 @@ def test_natural_frequencies_are_those_of_the_modes():
     model = RobotModel(c, robot)
     expected = frequencies(robot.mechanism, configure(robot.mechanism, c.poses), 3)
     shaken = c.kind == 4
-    assert model.predict().values[shaken] == pytest.approx(expected[:, [0, 2]].ravel(), rel=1e-12)
+    assert model.predict().values[shaken] == pytest.approx(
+        expected[:, [0, 2]].ravel(), rel=1e-12
+    )
     soft = next(k for k in model.library if k.name == "actuator-stiffness @ drives")
     column = model.predict().columns(soft)[shaken, 0]
-    changes = {j.name: Change(np.diag([1e-4 / j.drive.stiffness, 0, 0, 0, 0, 0])) for j in robot.mechanism.drives}
-    softer = frequencies(robot.mechanism.change_elements(changes), configure(robot.mechanism, c.poses), 3)
-    assert column == pytest.approx(((softer - expected) / 1e-4)[:, [0, 2]].ravel(), rel=5e-3)
+    changes = {
+        j.name: Change(np.diag([1e-4 / j.drive.stiffness, 0, 0, 0, 0, 0]))
+        for j in robot.mechanism.drives
+    }
+    softer = frequencies(
+        robot.mechanism.change_elements(changes), configure(robot.mechanism, c.poses), 3
+    )
+    assert column == pytest.approx(
+        ((softer - expected) / 1e-4)[:, [0, 2]].ravel(), rel=5e-3
+    )
 
 
 def test_a_zero_of_each_session_is_no_information():
@@ -213,25 +272,52 @@ def test_a_zero_of_each_session_is_no_information():
     level = replace(c.sensors[1], zero="session")
     c = replace(c, sensors=(c.sensors[0], level))
     rng = np.random.default_rng(0)
-    c = replace(c, value=RobotModel(c, robot).predict().plain_readings + 1e-6 * rng.standard_normal(len(c)))
+    c = replace(
+        c,
+        value=RobotModel(c, robot).predict().plain_readings
+        + 1e-6 * rng.standard_normal(len(c)),
+    )
     moved = replace(c, value=c.value + 1e-3 * (c.sensor == 1))
     one, other = (RobotModel(each, robot) for each in (c, moved))
-    assert c.value - one.predict().values == pytest.approx(moved.value - other.predict().values, abs=1e-15)
-    assert np.mean((c.value - one.predict().values)[c.sensor == 1]) == pytest.approx(0.0, abs=1e-12)
+    assert c.value - one.predict().values == pytest.approx(
+        moved.value - other.predict().values, abs=1e-15
+    )
+    assert np.mean((c.value - one.predict().values)[c.sensor == 1]) == pytest.approx(
+        0.0, abs=1e-12
+    )
     soft = next(k for k in one.library if k.effect == "actuator-stiffness")
-    assert one.predict().columns(soft)[c.sensor == 1].sum() == pytest.approx(0.0, abs=1e-12)
+    assert one.predict().columns(soft)[c.sensor == 1].sum() == pytest.approx(
+        0.0, abs=1e-12
+    )
 
 
 def test_hysteresis_between_sessions_has_a_name():
     """Unloading readings that stay behind by Rayleigh's loop: none at no load and at the largest, most between."""
     robot = nominal("delta")
     one = replace(readings(robot, ("dz",)), sensors=(), loads=())
-    one = replace(one, **{k: getattr(one, k)[:1] for k in ("pose", "quantity", "sigma", "value", "file")},
-                  session=[0], line=[2], wrench=[[0, 0, -100.0, 0, 0, 0]])  # fmt: skip
+    one = replace(
+        one,
+        **{
+            k: getattr(one, k)[:1]
+            for k in ("pose", "quantity", "sigma", "value", "file")
+        },
+        session=[0],
+        line=[2],
+        wrench=[[0, 0, -100.0, 0, 0, 0]],
+    )
     share = np.tile([0.25, 0.5, 1.0], 2)
-    rows = {k: np.repeat(getattr(one, k), 6, axis=0) for k in ("pose", "quantity", "sigma", "value", "file")}
-    c = replace(one, **rows, wrench=share[:, None] * one.wrench, session=[0, 0, 0, 1, 1, 1], line=np.arange(6),
-                session_names=("loading", "unloading"))  # fmt: skip
+    rows = {
+        k: np.repeat(getattr(one, k), 6, axis=0)
+        for k in ("pose", "quantity", "sigma", "value", "file")
+    }
+    c = replace(
+        one,
+        **rows,
+        wrench=share[:, None] * one.wrench,
+        session=[0, 0, 0, 1, 1, 1],
+        line=np.arange(6),
+        session_names=("loading", "unloading"),
+    )
     model = RobotModel(c, robot)
     pattern = next(k for k in model.library if "hysteresis" in k.place)
     largest = model.predict().plain_readings[2]
@@ -244,7 +330,9 @@ def test_poses_may_be_given_by_joints():
     c = readings(robot)
     found = configure(robot.mechanism, c.poses)
     by_joints = replace(
-        c, poses=found.drives[:, ::-1], coordinates=tuple(f"q:{j.name}" for j in robot.mechanism.drives[::-1])
+        c,
+        poses=found.drives[:, ::-1],
+        coordinates=tuple(f"q:{j.name}" for j in robot.mechanism.drives[::-1]),
     )
     plain, same = (RobotModel(each, robot).predict().values for each in (c, by_joints))
     assert same == pytest.approx(plain, rel=1e-7, abs=1e-13)
@@ -258,12 +346,16 @@ def test_stiffnesses_taken_for_pushes_are_told():
     pushes = model.predict_as(2, 3)
     stiff = c.kind == 2
     taken = replace(
-        c, value=np.where(stiff, pushes, model.predict().plain_readings), sigma=np.where(stiff, 0.01 * pushes, c.sigma)
+        c,
+        value=np.where(stiff, pushes, model.predict().plain_readings),
+        sigma=np.where(stiff, 0.01 * pushes, c.sigma),
     )
     remarks = RobotModel(taken, robot).remarks(_noise(taken), np.zeros(len(taken)))
     assert any("k.. fit far better as p.." in text for text in remarks)
     right = replace(
-        c, value=model.predict().plain_readings, sigma=np.where(stiff, 0.01 * model.predict().plain_readings, c.sigma)
+        c,
+        value=model.predict().plain_readings,
+        sigma=np.where(stiff, 0.01 * model.predict().plain_readings, c.sigma),
     )
     assert not RobotModel(right, robot).remarks(_noise(right), np.zeros(len(right)))
 
@@ -271,7 +363,9 @@ def test_stiffnesses_taken_for_pushes_are_told():
 def _noise(c):
     from stiffscope.gap.forward.forward_model import Noise
 
-    return Noise(c.sigma, np.ones(len(c), dtype=bool), np.zeros(len(c), dtype=bool), np.ones(1))
+    return Noise(
+        c.sigma, np.ones(len(c), dtype=bool), np.zeros(len(c), dtype=bool), np.ones(1)
+    )
 
 
 def test_an_inclinometer_on_the_ground_turns_with_what_the_base_yields():
@@ -280,11 +374,26 @@ def test_an_inclinometer_on_the_ground_turns_with_what_the_base_yields():
     level = Sensor("level", "ground", (0.0, 1.0, 0.0), measures="rotation")
     p = np.array(list(robot.robot.poses.values()))[:1]
     campaign = Campaign(
-        "serial-arm", ("gravity",), "beam", ("p",), p, np.zeros(1, int),
-        np.array([[0, 0, -50.0, 0, 0, 0]]), np.array([4]),
-        np.zeros(1), np.full(1, 1e-6), ("",), np.zeros(1), ("readings.csv",), np.zeros(1), np.array([2]),
-        coordinates=robot.mechanism.tool.pose, sensors=(level,), sensor=np.array([0]), load=np.array([-1]),
-    )  # fmt: skip
+        "serial-arm",
+        ("gravity",),
+        "beam",
+        ("p",),
+        p,
+        np.zeros(1, int),
+        np.array([[0, 0, -50.0, 0, 0, 0]]),
+        np.array([4]),
+        np.zeros(1),
+        np.full(1, 1e-6),
+        ("",),
+        np.zeros(1),
+        ("readings.csv",),
+        np.zeros(1),
+        np.array([2]),
+        coordinates=robot.mechanism.tool.pose,
+        sensors=(level,),
+        sensor=np.array([0]),
+        load=np.array([-1]),
+    )
     model = RobotModel(campaign, robot)
     assert model.predict().values == pytest.approx([0.0], abs=1e-15)
     base = next(c for c in model.library if c.name == "base-compliance @ base")
@@ -296,13 +405,25 @@ def test_an_inclinometer_on_the_ground_turns_with_what_the_base_yields():
 def test_what_is_on_no_body_or_at_no_pose_is_refused():
     robot = nominal("delta")
     c = readings(robot)
-    with pytest.raises(InputError, match=r'sensors.gauge.body: expected a body or an end of one .*got "plate"'):
-        RobotModel(replace(c, sensors=(replace(c.sensors[0], body="plate"), c.sensors[1])), robot)
-    with pytest.raises(InputError, match=r"readings.csv:1: rz: expected the coordinates that command delta: x y z"):
+    with pytest.raises(
+        InputError,
+        match=r'sensors.gauge.body: expected a body or an end of one .*got "plate"',
+    ):
+        RobotModel(
+            replace(c, sensors=(replace(c.sensors[0], body="plate"), c.sensors[1])),
+            robot,
+        )
+    with pytest.raises(
+        InputError,
+        match=r"readings.csv:1: rz: expected the coordinates that command delta: x y z",
+    ):
         RobotModel(replace(c, poses=c.poses[:, :1], coordinates=("rz",)), robot)
     far = c.poses.copy()
     far[1] = [3.0, 0.0, 0.0]
-    with pytest.raises(InputError, match=r"readings.csv:\d+: pose: expected a pose that the robot reaches, got 1: "):
+    with pytest.raises(
+        InputError,
+        match=r"readings.csv:\d+: pose: expected a pose that the robot reaches, got 1: ",
+    ):
         RobotModel(replace(c, poses=far), robot).predict().values  # noqa: B018 (evaluated where asked for)
 
 
@@ -312,14 +433,22 @@ def test_a_softened_robot_is_that_condensed_anew(name, monkeypatch):
     robot = nominal(name)
     c = readings(robot, ("dx", "dz", "ez", "ky"))
     library = RobotModel(c, robot).library
-    soft = [k for k in library if k.effect in {"actuator-stiffness", "joint-compliance", "base-compliance"}]
+    soft = [
+        k
+        for k in library
+        if k.effect in {"actuator-stiffness", "joint-compliance", "base-compliance"}
+    ]
     pair = tuple((k, tuple(2.0 * s for s in k.scale)) for k in (soft[0], soft[-1]))
     quick = RobotModel(c, robot).predict(pair)
     monkeypatch.setattr(robot_at_poses, "FEW", 0)
     slow = RobotModel(c, robot).predict(pair)
     assert not slow.elastic_state._response.cuts
-    assert quick.values == pytest.approx(slow.values, rel=1e-8, abs=1e-9 * np.abs(slow.values).max())
-    assert quick.columns(soft[1]) == pytest.approx(slow.columns(soft[1]), rel=1e-6, abs=1e-12)
+    assert quick.values == pytest.approx(
+        slow.values, rel=1e-8, abs=1e-9 * np.abs(slow.values).max()
+    )
+    assert quick.columns(soft[1]) == pytest.approx(
+        slow.columns(soft[1]), rel=1e-6, abs=1e-12
+    )
 
 
 @pytest.mark.parametrize("counts", [(8, 21), (21, 8)])
@@ -328,7 +457,9 @@ def test_a_matrix_with_fewer_entries_stands_beside_the_one_with_all(counts):
     robot = nominal("five-bar")
     c = readings(robot, ("dx", "ex"))
     forms = {
-        len(k.scale): k for k in find_candidates(RobotModel(c, robot).setting) if k.flexible and k.place == "inner"
+        len(k.scale): k
+        for k in find_candidates(RobotModel(c, robot).setting)
+        if k.flexible and k.place == "inner"
     }
     acting, other = (forms[count] for count in counts)
     assert acting.name == other.name
@@ -336,7 +467,10 @@ def test_a_matrix_with_fewer_entries_stands_beside_the_one_with_all(counts):
     model = RobotModel(c, robot)
     columns = model.predict(at_work).columns(other)
     step = 1e-4 * np.eye(counts[1])
-    sides = [[model.predict((*at_work, (other, tuple(s)))).values for s in sign * step] for sign in (1.0, -1.0)]
+    sides = [
+        [model.predict((*at_work, (other, tuple(s)))).values for s in sign * step]
+        for sign in (1.0, -1.0)
+    ]
     expected = (np.array(sides[0]) - np.array(sides[1])).T / 2e-4
     assert np.abs(columns - expected).max() < 1e-4 * np.abs(expected).max()
 
@@ -344,29 +478,62 @@ def test_a_matrix_with_fewer_entries_stands_beside_the_one_with_all(counts):
 @pytest.mark.parametrize("name", ["biglide", *ROBOTS, LINEAR_DELTA])
 def test_a_robot_is_plausible_as_it_is(name):
     """The soft rods of the linear Delta yield 3 mrad/(N·m): a range in units kept their own matrix from being named."""
-    model = RobotModel(readings(robot := nominal(name), poses=[nominal(name).mechanism.tool.home]), robot)
+    robot = nominal(name)
+    model = RobotModel(
+        readings(robot, poses=[nominal(name).mechanism.tool.home]), robot
+    )
     for candidate in model.library:
         count = len(candidate.scale)
         if candidate.scale and not candidate.is_nuisance:
             values = candidate.physical(np.zeros(count))
-            assert all(plausible(candidate, values, np.zeros(len(values)))), candidate.name
+            assert all(plausible(candidate, values, np.zeros(len(values)))), (
+                candidate.name
+            )
 
 
 def test_no_uncertainty_excuses_a_payload_that_is_nowhere():
     """Its centre is moments over mass, which may be next to zero."""
-    payload = Candidate("payload", "hand", ("mass", "x"), ("kg", "m"), (0.2, 0.02), ((0.0, 3.0), (-0.5, 0.5)))
-    assert plausible(payload, np.array([0.3, 0.7]), np.array([0.1, 0.1])) == [True, True]
-    assert plausible(payload, np.array([0.0, 7e7]), np.array([0.2, 5e9])) == [True, False]
+    payload = Candidate(
+        "payload",
+        "hand",
+        ("mass", "x"),
+        ("kg", "m"),
+        (0.2, 0.02),
+        ((0.0, 3.0), (-0.5, 0.5)),
+    )
+    assert plausible(payload, np.array([0.3, 0.7]), np.array([0.1, 0.1])) == [
+        True,
+        True,
+    ]
+    assert plausible(payload, np.array([0.0, 7e7]), np.array([0.2, 5e9])) == [
+        True,
+        False,
+    ]
 
 
 @pytest.mark.parametrize(("sigma", "expected"), [(4.0, True), (0.3, False)])
-def test_a_fit_without_mass_moves_to_the_nearest_plausible_one_along_its_ridge(sigma, expected):
+def test_a_fit_without_mass_moves_to_the_nearest_plausible_one_along_its_ridge(
+    sigma, expected
+):
     """Readings show m + 2 p = -0.3 kg m of a mass m and its moment p: p/m is above -0.6 m from m = 1.5 kg on."""
-    payload = Candidate("payload", "hand", ("mass", "x"), ("kg", "m"), (0.2, 0.05), ((0.0, 3.0), (-0.6, 0.6)),
-        (0.0, np.inf), lambda u: np.array([u[0], u[1] / max(u[0], 1e-9)]), couplings=1)  # fmt: skip
+    payload = Candidate(
+        "payload",
+        "hand",
+        ("mass", "x"),
+        ("kg", "m"),
+        (0.2, 0.05),
+        ((0.0, 3.0), (-0.6, 0.6)),
+        (0.0, np.inf),
+        lambda u: np.array([u[0], u[1] / max(u[0], 1e-9)]),
+        couplings=1,
+    )
     ridge = np.array([1.0, -0.5])
-    known = SimpleNamespace(covariance=sigma**2 * np.outer(ridge, ridge) + 1e-9 * np.eye(2))
-    fit = Hypothesis(((payload, (0.0, -0.15)),), np.zeros(0), np.zeros((0, 2)), 0.0, known)
+    known = SimpleNamespace(
+        covariance=sigma**2 * np.outer(ridge, ridge) + 1e-9 * np.eye(2)
+    )
+    fit = Hypothesis(
+        ((payload, (0.0, -0.15)),), np.zeros(0), np.zeros((0, 2)), 0.0, known
+    )
     near = find_plausible(fit)
     assert (near is not None) == expected
     if near is not None:
@@ -384,7 +551,11 @@ def test_what_is_tried_for_the_next_reading_is_within_reach_by_itself(monkeypatc
 
     def beside_others(mechanism, coordinates, poses):
         found = robot_at_poses.configure_robot(mechanism, coordinates, poses)
-        return replace(found, valid=found.valid & ((poses[:, 0] < whole[:, 0].max()) | (len(poses) != len(whole))))
+        return replace(
+            found,
+            valid=found.valid
+            & ((poses[:, 0] < whole[:, 0].max()) | (len(poses) != len(whole))),
+        )
 
     monkeypatch.setattr("stiffscope.gap.forward.trial.configure_robot", beside_others)
     poses = model.trial(np.ones(len(model.campaign))).model.campaign.poses
@@ -397,12 +568,30 @@ def test_a_modulus_is_another_name_for_the_plain_factor_of_its_part():
     robot = nominal("stewart")
     c = readings(robot, ("dx", "dy", "dz", "drx", "dry", "drz"))
     rows = np.flatnonzero(c.sensor < 0)
-    kept = {k: getattr(c, k)[rows] for k in ("pose", "wrench", "quantity", "value", "sigma", "session", "file", "line")}
-    library = RobotModel(replace(c, **kept, sensors=(), sensor=(), loads=(), load=()), robot).library
-    known = {each.name: each for k in library for each in (k, *(twin for twin, _ in k.twins))}
+    kept = {
+        k: getattr(c, k)[rows]
+        for k in (
+            "pose",
+            "wrench",
+            "quantity",
+            "value",
+            "sigma",
+            "session",
+            "file",
+            "line",
+        )
+    }
+    library = RobotModel(
+        replace(c, **kept, sensors=(), sensor=(), loads=(), load=()), robot
+    ).library
+    known = {
+        each.name: each for k in library for each in (k, *(twin for twin, _ in k.twins))
+    }
     for part in ("lower", "upper"):  # the upper one's factor is a twin of soft drives
         modulus = f"part-dimension @ {part}.youngs_modulus"
-        assert [name for name, k in known.items() if modulus in k.aliases] == [f"link-stiffness @ {part}"]
+        assert [name for name, k in known.items() if modulus in k.aliases] == [
+            f"link-stiffness @ {part}"
+        ]
         assert modulus not in known
     names = {"part-dimension @ lower.radius", "part-dimension @ lower.bore"}
     assert names <= set(known["link-stiffness @ lower"].signature_of)
@@ -412,7 +601,11 @@ def test_a_former_word_is_no_word_more():
     """Entries of the sliders' matrix, by the first format's word, are as likely as those of the links'."""
     robot = nominal("biglide")
     model = RobotModel(readings(robot, ("kx", "ky", "kz", "krx", "kry", "krz")), robot)
-    odds = {c.name: Problem(model, None).odds_of(c).sum() for c in model.library if c.flexible}
+    odds = {
+        c.name: Problem(model, None).odds_of(c).sum()
+        for c in model.library
+        if c.flexible
+    }
     assert odds["slider-compliance @ sliders"] == odds["part-compliance @ links"]
 
 
@@ -422,14 +615,17 @@ def test_experiments_are_made_on_a_part_at_fault(factor):
     robot = nominal("five-bar")
     made = []
     tested = {
-        part: lambda part=part: made.append(part) or beam_dimensions(robot.robot, part) for part in robot.robot.parts
+        part: lambda part=part: made.append(part) or beam_dimensions(robot.robot, part)
+        for part in robot.robot.parts
     }
     campaign = readings(robot, ("dx", "dy", "dz", "drx", "dry", "ex", "ey", "ez"))
     softer = apply_effect(robot, "actuator-stiffness", "left.motor", {"factor": factor})
     rng = np.random.default_rng(3)
     values = {}
     for share in (1.0, 0.9):
-        other = apply_effect(softer, "part-dimension", "inner.shear_modulus", {"value": share * 26.9e9})
+        other = apply_effect(
+            softer, "part-dimension", "inner.shear_modulus", {"value": share * 26.9e9}
+        )
         values[share] = RobotModel(campaign, other).predict().values
     change = float(np.sqrt(np.sum((values[0.9] - values[1.0]) ** 2)))
     sigma = np.full(len(campaign), change / 12.0)
@@ -447,16 +643,28 @@ def test_patterns_hold_for_readings_to_come(name):
     """At other poses, in directions that were not read: as many derivatives as the pattern has parameters."""
     robot = nominal(name)
     campaign = readings(robot, ("dz", "ez"))
-    campaign = replace(campaign, session=campaign.pose % 2, session_names=("up", "down"))
+    campaign = replace(
+        campaign, session=campaign.pose % 2, session_names=("up", "down")
+    )
     model = RobotModel(campaign, robot)
-    patterns = [candidate for candidate in model.library if isinstance(candidate.action, Pattern)]
+    patterns = [
+        candidate
+        for candidate in model.library
+        if isinstance(candidate.action, Pattern)
+    ]
     assert len(patterns) > 8
     trial = model.trial(np.ones(len(campaign))).model
     assert len(trial.campaign.poses) > len(campaign.poses)
     for pattern in patterns:
-        assert model.predict().columns(pattern).shape == (len(campaign), len(pattern.scale))
+        assert model.predict().columns(pattern).shape == (
+            len(campaign),
+            len(pattern.scale),
+        )
         prediction = trial.predict(((pattern, pattern.scale),))
-        assert prediction.columns(pattern).shape == (len(trial.campaign), len(pattern.scale))
+        assert prediction.columns(pattern).shape == (
+            len(trial.campaign),
+            len(pattern.scale),
+        )
         assert np.isfinite(prediction.values).all()
 
 
@@ -465,13 +673,18 @@ def test_derivatives_grow_with_a_gain_of_the_readings():
     robot = nominal("stewart")
     campaign = readings(robot, ("dz", "dx", "ez"))
     model = RobotModel(campaign, robot)
-    (gain,) = (c for c in model.library if c.place == "a gain of its own in every direction")
+    (gain,) = (
+        c for c in model.library if c.place == "a gain of its own in every direction"
+    )
     drive = next(c for c in model.library if c.effect == "actuator-stiffness")
-    beside, step = (gain, tuple(np.linspace(2.0, 0.5, len(gain.scale)))), 1e-5 * np.array(drive.scale)
+    beside = (gain, tuple(np.linspace(2.0, 0.5, len(gain.scale))))
+    step = 1e-5 * np.array(drive.scale)
     here = model.predict((beside,))
     change = model.predict((beside, (drive, tuple(step)))).values - here.values
     assert np.abs(change).max() > 1e-9 * np.abs(here.values).max()
-    assert here.columns(drive) @ step == pytest.approx(change, rel=1e-3, abs=1e-4 * np.abs(change).max())
+    assert here.columns(drive) @ step == pytest.approx(
+        change, rel=1e-3, abs=1e-4 * np.abs(change).max()
+    )
 
 
 def test_weights_that_hang_beside_their_hook_are_a_pattern():
@@ -480,14 +693,21 @@ def test_weights_that_hang_beside_their_hook_are_a_pattern():
     nominal = NominalRobot(mechanism_of(robot, part_matrices(robot, "beam")), robot)
     campaign = open_case("gauges").campaign
     model = RobotModel(campaign, nominal)
-    (beside,) = (c for c in model.library if c.place == "a wrench that acts beside its point")
-    here, columns = model.predict().values, model.predict().columns(beside)
+    (beside,) = (
+        c for c in model.library if c.place == "a wrench that acts beside its point"
+    )
+    here = model.predict().values
+    columns = model.predict().columns(beside)
     for axis in range(3):
         (hook,) = campaign.loads
-        moved = replace(campaign, loads=(replace(hook, at=tuple(hook.at + 1e-3 * np.eye(3)[axis])),))
+        moved = replace(
+            campaign, loads=(replace(hook, at=tuple(hook.at + 1e-3 * np.eye(3)[axis])),)
+        )
         there = RobotModel(moved, nominal).predict().values
         assert np.abs(there - here).max() > 1e-7
-        assert there - here == pytest.approx(1e-3 * columns[:, axis], rel=1e-6, abs=1e-12)
+        assert there - here == pytest.approx(
+            1e-3 * columns[:, axis], rel=1e-6, abs=1e-12
+        )
 
 
 def test_a_tolerance_of_a_mass_bounds_what_may_be_added(tmp_path):
@@ -510,8 +730,13 @@ direction = [0, 0, -1]
     (tmp_path / "arm.toml").write_text(text)
     file = load_robot(tmp_path / "arm.toml")
     found = find_candidates(Setting(NominalRobot(mechanism_of(file, {}), file)))
-    heavy = {(c.name, len(c.scale)): c for c in found if c.effect in ("mass", "payload")}
-    heaviest = {key: bound_parameters([c], np.full(len(c.scale), 1e3)) for key, c in heavy.items()}
+    heavy = {
+        (c.name, len(c.scale)): c for c in found if c.effect in ("mass", "payload")
+    }
+    heaviest = {
+        key: bound_parameters([c], np.full(len(c.scale), 1e3))
+        for key, c in heavy.items()
+    }
     assert heaviest[("payload @ known", 1)] == pytest.approx(0.12)
     assert [key for key in heavy if key[1] == 4] == [("payload @ guessed", 4)]
     assert heavy[("payload @ guessed", 1)].plausible[0][1] == 3.0 * (2.0 + 2.0)

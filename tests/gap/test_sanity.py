@@ -12,7 +12,13 @@ from stiffscope.gap.blind.laboratory import BlindRobot, Lab
 from stiffscope.gap.campaign.quantities import DEVIATION
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaign.sanity import _find_jump, find_doubts, inspect_readings
-from stiffscope.gap.campaigns import Case, configure_case, inspect_case, open_case, predict_roughly
+from stiffscope.gap.campaigns import (
+    Case,
+    configure_case,
+    inspect_case,
+    open_case,
+    predict_roughly,
+)
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.lab.measuring import Noise, measure, write_readings
 from stiffscope.robot.library import find_robot
@@ -33,7 +39,12 @@ def labs():
         if name not in found:
             robot = load_robot(name)
             parts = part_matrices(robot, "beam")
-            found[name] = Lab(BlindRobot(NominalRobot(mechanism_of(robot, parts), robot), parts, "beam"), 12)
+            found[name] = Lab(
+                BlindRobot(
+                    NominalRobot(mechanism_of(robot, parts), robot), parts, "beam"
+                ),
+                12,
+            )
         return found[name]
 
     return lab
@@ -44,7 +55,13 @@ def read(lab, case, number, folder, noise=None):
     machine, plan, located, rng = prepare_case(case, number, lab)
     readings = measure(machine, plan, noise or Noise(), rng, located)
     robot = lab.robot.nominal.robot
-    write_readings(readings, folder, robot=lab.robot.reference, pose=machine.pose, components="beam")
+    write_readings(
+        readings,
+        folder,
+        robot=lab.robot.reference,
+        pose=machine.pose,
+        components="beam",
+    )
     campaign = load_campaign(folder, robot)
     return campaign, predict_roughly(Case("case", folder, campaign, robot))
 
@@ -54,10 +71,18 @@ def doubts(campaign, predicted):
 
 
 def channel(campaign, name, kind=0):
-    return np.flatnonzero([campaign.what(k) == name and campaign.kind[k] == kind for k in range(len(campaign))])
+    return np.flatnonzero(
+        [
+            campaign.what(k) == name and campaign.kind[k] == kind
+            for k in range(len(campaign))
+        ]
+    )
 
 
-@pytest.mark.parametrize(("robot", "style", "name"), [("five-bar", "tool", "dx"), ("delta", "gauges", "gauge4")])
+@pytest.mark.parametrize(
+    ("robot", "style", "name"),
+    [("five-bar", "tool", "dx"), ("delta", "gauges", "gauge4")],
+)
 def test_what_is_wrong_with_one_instrument_is_named(robot, style, name, labs, tmp_path):
     sound, predicted = read(labs(robot), BlindCase("none", 3, (), style), 0, tmp_path)
     assert doubts(sound, predicted) == set()
@@ -82,23 +107,33 @@ def test_what_is_wrong_with_one_instrument_is_named(robot, style, name, labs, tm
         where = one("sensor-step", lambda v, later=later: v + 3e-4 * later)
         assert where == (sound.where(int(rows[later][0])),)
     first = sound.pose[rows] == sound.pose[rows[0]]
-    assert {r.doubt for r in changed(lambda v: v + 3e-4 * first)} == {"outlier"}  # a fault of the robot there?
+    assert {r.doubt for r in changed(lambda v: v + 3e-4 * first)} == {
+        "outlier"
+    }  # a fault of the robot there?
     slipped = np.array(sound.value)
     slipped[rows] = 3e-4 * (np.arange(len(rows)) >= 20) - slipped[rows]  # and reversed
-    found, instrument = find_doubts(replace(sound, value=slipped), predicted), sound.instruments[sound.channel[rows[0]]]
+    found = find_doubts(replace(sound, value=slipped), predicted)
+    instrument = sound.instruments[sound.channel[rows[0]]]
     assert (list(found.steps), found.signs) == ([instrument], (instrument,))
     bad = [7, 30]
-    where = one("outlier", lambda v: v + np.where(np.isin(np.arange(len(v)), bad), 3e-4, 0.0))
+    where = one(
+        "outlier", lambda v: v + np.where(np.isin(np.arange(len(v)), bad), 3e-4, 0.0)
+    )
     assert set(where) == {sound.where(int(rows[k])) for k in bad}
 
 
 def test_deflections_settle_the_sign_of_an_instrument(labs, tmp_path):
     """Deviations that vary against the model, by errors of the geometry, do not reverse a gauge that yields with it."""
-    sound, predicted = read(labs("five-bar"), BlindCase("none", 3, (), "tool"), 0, tmp_path)
+    sound, predicted = read(
+        labs("five-bar"), BlindCase("none", 3, (), "tool"), 0, tmp_path
+    )
     rows = np.flatnonzero(sound.kind == DEVIATION)
     value = np.array(sound.value)
     value[rows] = -value[rows]
-    assert not {r.doubt for r in inspect_readings(replace(sound, value=value), predicted)} & OF_NUMBERS
+    assert (
+        not {r.doubt for r in inspect_readings(replace(sound, value=value), predicted)}
+        & OF_NUMBERS
+    )
     assert not find_doubts(replace(sound, value=value), predicted).signs
     alone = replace(sound, value=np.where(sound.kind == DEVIATION, value, np.nan))
     assert find_doubts(alone, predicted).signs
@@ -111,10 +146,16 @@ def test_the_end_of_a_long_tail_is_no_outlier():
 
 
 def test_a_copied_channel_is_named(labs, tmp_path):
-    sound, predicted = read(labs("delta"), BlindCase("none", 3, (), "gauges"), 0, tmp_path)
+    sound, predicted = read(
+        labs("delta"), BlindCase("none", 3, (), "gauges"), 0, tmp_path
+    )
     value = np.array(sound.value)
     value[channel(sound, "gauge2")] = value[channel(sound, "gauge1")]
-    copied = [r for r in inspect_readings(replace(sound, value=value), predicted) if r.doubt == "copied"]
+    copied = [
+        r
+        for r in inspect_readings(replace(sound, value=value), predicted)
+        if r.doubt == "copied"
+    ]
     assert ["gauge2 repeats the readings of gauge1" in r.text for r in copied] == [True]
 
 
@@ -130,68 +171,118 @@ direction = [1, 0, 0]
 body = "platform"
 at = [0, 0, "-1124 mm"]
 """
-ROWS = ["0,0,-1.064,hook,1,g,1e-5,1e-6,a", "0.1,0,-1.064,hook,1,g,1.1e-5,1e-6,a", "0,0.1,-1.064,hook,1,g,9e-6,1e-6,a"]
+ROWS = [
+    "0,0,-1.064,hook,1,g,1e-5,1e-6,a",
+    "0.1,0,-1.064,hook,1,g,1.1e-5,1e-6,a",
+    "0,0.1,-1.064,hook,1,g,9e-6,1e-6,a",
+]
 
 
 @pytest.mark.parametrize(
     ("rows", "doubt", "text"),
     [
         ([*ROWS, ROWS[0].replace("1e-5", "1.2e-5")], None, ""),
-        ([*ROWS, "0.1,0.1,-1.064,hook,1,g,5,1e-6,a"], "outlier",
-         "g is an outlier among its readings at readings.csv:5"),
-        ([*ROWS, ROWS[0].replace("1e-5", "-1e-5")], "contradiction",
-         "g reads 1e-05 at readings.csv:2 and -1e-05 at readings.csv:5, at one pose and load"),
-        ([*(row.replace("hook,1", "hook,0") for row in ROWS), ROWS[0].replace("hook", "")], "no-load",
-         "load hook has no force or moment in any of its 3 readings"),
+        (
+            [*ROWS, "0.1,0.1,-1.064,hook,1,g,5,1e-6,a"],
+            "outlier",
+            "g is an outlier among its readings at readings.csv:5",
+        ),
+        (
+            [*ROWS, ROWS[0].replace("1e-5", "-1e-5")],
+            "contradiction",
+            "g reads 1e-05 at readings.csv:2 and -1e-05 at readings.csv:5, at one pose and load",
+        ),
+        (
+            [
+                *(row.replace("hook,1", "hook,0") for row in ROWS),
+                ROWS[0].replace("hook", ""),
+            ],
+            "no-load",
+            "load hook has no force or moment in any of its 3 readings",
+        ),
         (ROWS[:1], "few", "1 reading has a value: too few for a diagnosis"),
     ],
-)  # fmt: skip
+)
 def test_a_small_table_is_doubted(tmp_path, rows, doubt, text):
     (tmp_path / "campaign.toml").write_text(FEW)
-    (tmp_path / "readings.csv").write_text("\n".join(["x,y,z,load,fx,sensor,value,sigma,session", *rows]))
+    (tmp_path / "readings.csv").write_text(
+        "\n".join(["x,y,z,load,fx,sensor,value,sigma,session", *rows])
+    )
     case = open_case(tmp_path)
     found = inspect_readings(case.campaign, predict_roughly(case))
     assert [remark.doubt for remark in found] == ([doubt] if doubt else [])
     assert all(text in remark.text for remark in found)
 
 
-@pytest.mark.parametrize(("angles", "line"), [((0, 0.08727, -0.0872), 0), ((0, 0.2, 0.3), 3), ((-0.1, 0, 0), 2)])
+@pytest.mark.parametrize(
+    ("angles", "line"),
+    [((0, 0.08727, -0.0872), 0), ((0, 0.2, 0.3), 3), ((-0.1, 0, 0), 2)],
+)
 def test_the_first_reading_beyond_the_range_of_a_drive_is_named(angles, line, tmp_path):
     """Of a Delta whose second motor may turn 5 degrees, 0.0873 rad; the columns are the drives' own positions."""
-    text = find_robot("delta").read_text().replace('"-45 deg", "75 deg"', '"-5 deg", "5 deg"')
+    text = (
+        find_robot("delta")
+        .read_text()
+        .replace('"-45 deg", "75 deg"', '"-5 deg", "5 deg"')
+    )
     (tmp_path / "mine.toml").write_text(text)
     (tmp_path / "campaign.toml").write_text(FEW.replace('"delta"', '"mine.toml"'))
     rows = [f"0,{angle},0,hook,1,g,1e-5,1e-6,a" for angle in angles]
     names = ",".join(f"q:leg{k}.motor" for k in (1, 2, 3))
-    (tmp_path / "readings.csv").write_text("\n".join([f"{names},load,fx,sensor,value,sigma,session", *rows]))
+    (tmp_path / "readings.csv").write_text(
+        "\n".join([f"{names},load,fx,sensor,value,sigma,session", *rows])
+    )
     case = open_case(tmp_path)
     found = [r for r in inspect_case(case, configure_case(case)) if r.doubt == "range"]
-    assert [(r.instrument, r.where) for r in found] == ([("leg2.motor", (f"readings.csv:{line}",))] if line else [])
+    assert [(r.instrument, r.where) for r in found] == (
+        [("leg2.motor", (f"readings.csv:{line}",))] if line else []
+    )
     position = np.degrees(angles[line - 2])
     text = f'"leg2.motor": {position:.6g} deg is outside its range -5 to 5 deg: are the poses in m and rad?'
     assert all(text in r.text for r in found)
-    model = RobotModel(case.campaign, NominalRobot(mechanism_of(case.robot, part_matrices(case.robot)), case.robot))
+    model = RobotModel(
+        case.campaign,
+        NominalRobot(mechanism_of(case.robot, part_matrices(case.robot)), case.robot),
+    )
     said = model.remarks(model.noise(), np.zeros(3))
     assert [r for r in said if "range" in r] == [r.text for r in found]
 
 
 def test_a_stuck_or_empty_plan_is_no_doubt(labs, tmp_path):
     sound, predicted = read(labs("five-bar"), BlindCase("none", 3), 0, tmp_path)
-    assert inspect_readings(replace(sound, value=np.full(len(sound), np.nan)), predicted) == ()
+    assert (
+        inspect_readings(replace(sound, value=np.full(len(sound), np.nan)), predicted)
+        == ()
+    )
 
 
 @pytest.mark.parametrize("cases", [5, pytest.param(20, marks=pytest.mark.long)])
 def test_faults_of_the_robot_raise_no_doubts_of_its_instruments(cases, labs, tmp_path):
     """Of drawn cases at most one channel in a hundred is doubted, never for its unit, sign or constancy."""
-    seen, raised = 0, []
+    seen = 0
+    raised = []
     for name in ("five-bar", "delta"):
         for number in range(cases):
             case = draw_case(number, 8, labs(name))
-            campaign, predicted = read(labs(name), case, number, tmp_path / f"{name}{number}")
-            seen += len(np.unique(np.column_stack([campaign.channel, campaign.kind]), axis=0))
-            if case.kind != "outside" and not {fault.effect for fault in case.faults} & OF_NUMBERS:
-                raised += [(name, number, case.faults, r) for r in inspect_readings(campaign, predicted)]
-    assert not [each for each in raised if each[3].doubt in {"unit", "sensor-sign", "constant", "copied"}]
+            campaign, predicted = read(
+                labs(name), case, number, tmp_path / f"{name}{number}"
+            )
+            seen += len(
+                np.unique(np.column_stack([campaign.channel, campaign.kind]), axis=0)
+            )
+            if (
+                case.kind != "outside"
+                and not {fault.effect for fault in case.faults} & OF_NUMBERS
+            ):
+                raised += [
+                    (name, number, case.faults, r)
+                    for r in inspect_readings(campaign, predicted)
+                ]
+    assert not [
+        each
+        for each in raised
+        if each[3].doubt in {"unit", "sensor-sign", "constant", "copied"}
+    ]
     assert len(raised) <= 0.01 * seen, [(each[:3], each[3].text) for each in raised]
 
 
@@ -199,18 +290,25 @@ def test_a_few_readings_that_the_fit_reproduces_leave_no_scatter(tmp_path):
     bundled = Path(__file__).parents[2] / "data" / "campaigns" / "gauges"
     for file in bundled.iterdir():
         lines = file.read_text(encoding="utf-8").splitlines(keepends=True)
-        (tmp_path / file.name).write_text("".join(lines[:13] if file.suffix == ".csv" else lines), encoding="utf-8")
+        (tmp_path / file.name).write_text(
+            "".join(lines[:13] if file.suffix == ".csv" else lines), encoding="utf-8"
+        )
     case = open_case(str(tmp_path))
     predicted = predict_roughly(case)
     values = [case.campaign.value, predicted, 1e-9 * predicted + 1e-6]
-    assert not any(find_doubts(replace(case.campaign, value=value), predicted).steps for value in values)
+    assert not any(
+        find_doubts(replace(case.campaign, value=value), predicted).steps
+        for value in values
+    )
 
 
 def test_a_jump_is_found_beside_what_resembles_it():
     """A prediction that is larger in the second half follows half of a jump there."""
     rng = np.random.default_rng(2)
     late = np.arange(60) >= 30
-    columns = np.linalg.qr(np.column_stack([rng.standard_normal(60) + 2.0 * late, np.ones(60)]))[0]
+    columns = np.linalg.qr(
+        np.column_stack([rng.standard_normal(60) + 2.0 * late, np.ones(60)])
+    )[0]
     value = columns @ [5.0, 1.0] + 0.3 * late + 0.01 * rng.standard_normal(60)
     place, jump = _find_jump(value, columns, np.arange(60))
     assert place == 30

@@ -25,7 +25,10 @@ class Page(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.tags, self.attributes, self.words, self.open = [], [], [], []
+        self.tags = []
+        self.attributes = []
+        self.words = []
+        self.open = []
         self.feed(text)
         assert not self.open
 
@@ -45,17 +48,26 @@ class Page(HTMLParser):
 def write(folder, diagnosis, **more):
     figures = draw_figures(diagnosis, folder)
     manifest_of(None).write(folder)
-    write_diagnosis_report(Draft(folder), diagnosis, **{"title": "T", "facts": ["F"]} | more)
+    write_diagnosis_report(
+        Draft(folder), diagnosis, **{"title": "T", "facts": ["F"]} | more
+    )
     return Page((folder / "report.html").read_text(encoding="utf-8")), figures
 
 
 def test_the_page_is_complete_and_self_contained(tmp_path):
-    page, figures = write(tmp_path, diagnosed(signature_correlation=(("a @ b", "c @ d"), ((1.0, 0.9), (0.9, 1.0)))))
+    page, figures = write(
+        tmp_path,
+        diagnosed(signature_correlation=(("a @ b", "c @ d"), ((1.0, 0.9), (0.9, 1.0)))),
+    )
     assert figures == ["waterfall", "residuals", "signatures"]
     sources = [value for name, value in page.attributes if name in {"src", "href"}]
-    pictures = [source for source in sources if source.startswith("data:image/svg+xml;base64,")]
+    pictures = [
+        source for source in sources if source.startswith("data:image/svg+xml;base64,")
+    ]
     assert len(pictures) == page.tags.count("img") == 3
-    beside = [source for source in sources if not source.startswith(("data:", "#section-"))]
+    beside = [
+        source for source in sources if not source.startswith(("data:", "#section-"))
+    ]
     assert {"waterfall.svg", "residuals.png"} <= set(beside)
     assert all((tmp_path / name).is_file() for name in beside)
     text = " ".join(page.words)
@@ -73,7 +85,9 @@ def test_the_page_is_complete_and_self_contained(tmp_path):
 def test_names_of_many_signatures_are_within_their_figure(count, tmp_path):
     """A square map shrinks within its space, and takes its names along."""
     names = tuple(f"joint-compliance @ strut{k}.head" for k in range(count))
-    figure = signature_correlation(diagnosed(signature_correlation=(names, tuple(map(tuple, np.eye(count))))))
+    figure = signature_correlation(
+        diagnosed(signature_correlation=(names, tuple(map(tuple, np.eye(count)))))
+    )
     save_figure(figure, tmp_path / "signatures.png")
     drawn = FigureCanvasAgg(figure).get_renderer()
     labels = [*figure.axes[0].get_yticklabels(), *figure.axes[0].get_xticklabels()]
@@ -83,15 +97,32 @@ def test_names_of_many_signatures_are_within_their_figure(count, tmp_path):
 
 @pytest.mark.parametrize("text", [HOSTILE, MATHEMATICS])
 def test_a_campaign_cannot_inject_anything(text, tmp_path):
-    plain = diagnosed(signature_correlation=(("a @ b", "c @ d"), ((1.0, 0.9), (0.9, 1.0))))
-    effect = Effect(text, text, 0.9, 1.0, dict.fromkeys([text], plain.effects[0].parameters["factor"]), (text,))
+    plain = diagnosed(
+        signature_correlation=(("a @ b", "c @ d"), ((1.0, 0.9), (0.9, 1.0)))
+    )
+    effect = Effect(
+        text,
+        text,
+        0.9,
+        1.0,
+        dict.fromkeys([text], plain.effects[0].parameters["factor"]),
+        (text,),
+    )
     hostile = replace(
         plain,
         verdict="ambiguous",
         effects=(effect, effect),
         alternatives=(Alternative(text, text, 0.1, 1.0, text),),
-        where=Where({text: 1.0}, {text: 1.0}, (text, text), plain.where.pose, plain.where.unexplained),
-        next_measurement=replace(plain.next_measurement, separates=(text, text), pose=text),
+        where=Where(
+            {text: 1.0},
+            {text: 1.0},
+            (text, text),
+            plain.where.pose,
+            plain.where.unexplained,
+        ),
+        next_measurement=replace(
+            plain.next_measurement, separates=(text, text), pose=text
+        ),
         remarks=(text,),
         steps=((text, 1.0), ("noise", 0.5)),
         signature_correlation=((text, f"{text} @ x"), plain.signature_correlation[1]),

@@ -32,11 +32,16 @@ STILL = {"values": {}, "pose": HOME, "load": [0.0] * 6}
 async def follow(server, *orders):
     """What the socket says after each order, until the key that is waited for."""
     socket = await websocket_connect(
-        HTTPRequest(server.address.replace("http", "ws").replace("/?", "/socket?"), headers={"Origin": origin(server)})
+        HTTPRequest(
+            server.address.replace("http", "ws").replace("/?", "/socket?"),
+            headers={"Origin": origin(server)},
+        )
     )
     said = []
     for order, key in orders:
-        await socket.write_message(order if isinstance(order, str) else json.dumps(order))
+        await socket.write_message(
+            order if isinstance(order, str) else json.dumps(order)
+        )
         while True:
             message = json.loads(await asyncio.wait_for(socket.read_message(), 60))
             if message.get(key) and not message.get("stale"):
@@ -75,8 +80,13 @@ def test_sliders_give_what_the_robot_file_with_their_values_gives(delta):
     motor = "leg1.motor.drive.stiffness"
     slider = next(each for each in find_sliders(delta.robot) if each.name == motor)
     asked = STILL | {"values": {motor: 0.5 * slider.value}}
-    before, now = run(delta, lambda server: follow(server, (STILL, "tables"), (asked, "tables")))
-    for html, values in ((before, []), (now, [f"joints.{motor}={0.5 * slider.value!r}"])):
+    before, now = run(
+        delta, lambda server: follow(server, (STILL, "tables"), (asked, "tables"))
+    )
+    for html, values in (
+        (before, []),
+        (now, [f"joints.{motor}={0.5 * slider.value!r}"]),
+    ):
         machine = ss.assemble(ss.load_robot("delta", values), "beam")
         expected = np.diag(ss.stiffness(machine, [HOME])[0])
         assert np.allclose(1e3 * np.array(shown_stiffness(html)), expected, rtol=1e-3)
@@ -85,7 +95,11 @@ def test_sliders_give_what_the_robot_file_with_their_values_gives(delta):
 
 def test_a_robot_without_masses_has_no_frequencies():
     robot = read_robot(Path("robot.toml"), SLIDE, ["tool.at=[0, 0, 0.1]"])
-    asked = Setting({each.name: each.value for each in find_sliders(robot) if "." in each.name}, (0.0,), (0.0,) * 6)
+    asked = Setting(
+        {each.name: each.value for each in find_sliders(robot) if "." in each.name},
+        (0.0,),
+        (0.0,) * 6,
+    )
     with workshop() as shop:
         made = assemble_robots({"": robot}, None, shop)[""]
     tables = str(answer(made, asked)["tables"])
@@ -96,31 +110,47 @@ def test_a_robot_without_masses_has_no_frequencies():
 def test_load_and_next_words_follow_and_nonsense_is_one_line(delta):
     loaded = STILL | {"load": [0.0, 0.0, -100.0, 0.0, 0.0, 0.0]}
     away = STILL | {"pose": [5.0, 0.0, -1.0]}
-    orders = (STILL, "tables"), (loaded, "view"), (away, "problem"), ("{", "problem"), ("[1]", "problem")
+    orders = (
+        (STILL, "tables"),
+        (loaded, "view"),
+        (away, "problem"),
+        ("{", "problem"),
+        ("[1]", "problem"),
+    )
     _, view, *problems = run(delta, lambda server: follow(server, *orders))
     assert view["poses"][0]["cases"][0]["label"] == "slider load"
     assert "loop" in problems[0]
     assert all("\n" not in problem for problem in problems)
-    for wrong in ({}, STILL | {"pose": [1.0]}, STILL | {"load": [np.nan] * 6}, STILL | {"values": {"x": "a"}}):
+    for wrong in (
+        {},
+        STILL | {"pose": [1.0]},
+        STILL | {"load": [np.nan] * 6},
+        STILL | {"values": {"x": "a"}},
+    ):
         with pytest.raises(InputError):
             read_setting(delta.robot, wrong)
 
 
 def test_only_the_token_opens_page_and_socket(delta):
     async def knock(server):
-        base, client = origin(server), AsyncHTTPClient()
+        base = origin(server)
+        client = AsyncHTTPClient()
         page = (await client.fetch(server.address)).body.decode()
         refused = []
         for address, headers in (
-            (f"{base}/", {}), (f"{base}/?token=wrong", {}), (f"{base}/socket?token=wrong", {}),
+            (f"{base}/", {}),
+            (f"{base}/?token=wrong", {}),
+            (f"{base}/socket?token=wrong", {}),
             (server.address, {"Host": "example.org"}),
-        ):  # fmt: skip
+        ):
             with pytest.raises(HTTPClientError) as error:
                 await client.fetch(address, headers=headers)
             refused.append(error.value.code)
         address = server.address.replace("http", "ws").replace("/?", "/socket?")
         with pytest.raises(HTTPClientError):
-            await websocket_connect(HTTPRequest(address, headers={"Origin": "http://example.org"}))
+            await websocket_connect(
+                HTTPRequest(address, headers={"Origin": "http://example.org"})
+            )
         return page, refused
 
     page, refused = run(delta, knock)
@@ -131,7 +161,11 @@ def test_only_the_token_opens_page_and_socket(delta):
 def test_keep_writes_a_robot_file_once(delta, tmp_path):
     target = tmp_path / "mine.toml"
     asked = STILL | {"values": {"leg1.motor.drive.stiffness": 12345.0}}
-    orders = (asked, "tables"), ({"keep": str(target)}, "kept"), ({"keep": str(target)}, "problem")
+    orders = (
+        (asked, "tables"),
+        ({"keep": str(target)}, "kept"),
+        ({"keep": str(target)}, "problem"),
+    )
     *_, problem = run(delta, lambda server: follow(server, *orders))
     assert ss.load_robot(str(target)).joints["leg1.motor"].drive.stiffness == 12345.0
     assert "new file" in problem
@@ -147,7 +181,8 @@ def test_new_rows_of_a_campaign_appear(delta, tmp_path):
     async def work(server):
         socket = await websocket_connect(
             HTTPRequest(
-                server.address.replace("http", "ws").replace("/?", "/socket?"), headers={"Origin": origin(server)}
+                server.address.replace("http", "ws").replace("/?", "/socket?"),
+                headers={"Origin": origin(server)},
             )
         )
         await socket.write_message(json.dumps(STILL))
@@ -157,15 +192,24 @@ def test_new_rows_of_a_campaign_appear(delta, tmp_path):
             while f"{count} readings" not in said.get("readings", ""):
                 said = json.loads(await asyncio.wait_for(socket.read_message(), 60))
             words = [mark["words"] for mark in said["marks"]]
-            assert sum(int(re.search(r": (\d+) readings", each)[1]) for each in words) == count
+            assert (
+                sum(int(re.search(r": (\d+) readings", each)[1]) for each in words)
+                == count
+            )
         socket.close()
 
     run(delta, work)
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing: apt-get install chromium")
+@pytest.mark.skipif(
+    CHROMIUM is None, reason="Chromium is missing: apt-get install chromium"
+)
 def test_a_page_follows_a_slider_five_times_a_second():
-    robot, ready, over = LiveRobot(ss.load_robot("biglide"), "published"), threading.Event(), threading.Event()
+    robot, ready, over = (
+        LiveRobot(ss.load_robot("biglide"), "published"),
+        threading.Event(),
+        threading.Event(),
+    )
     address = []
 
     async def serve():
@@ -182,17 +226,29 @@ def test_a_page_follows_a_slider_five_times_a_second():
         assert ready.wait(20)
         with browser() as tab:
             tab.call("Page.navigate", url=address[0])
-            tab.wait("!!document.querySelector('#tables table') && !!document.querySelector('.maps img')")
-            with contextlib.suppress(AssertionError):  # where this machine draws no solids
+            tab.wait(
+                "!!document.querySelector('#tables table') && !!document.querySelector('.maps img')"
+            )
+            with contextlib.suppress(
+                AssertionError
+            ):  # where this machine draws no solids
                 tab.wait("!!document.querySelector('.robot-view[data-drawn]')")
             watched = "document.querySelector('#tables'), {childList: true}"
-            tab.run(f"window.t = 0, new MutationObserver(() => window.t++).observe({watched})")
+            tab.run(
+                f"window.t = 0, new MutationObserver(() => window.t++).observe({watched})"
+            )
             for value in range(500, 520):
                 moved = f"i.value = {value}; i.dispatchEvent(new Event('input'))"
-                tab.run(f"(i => {{ {moved} }})(document.querySelector('[data-name=fz]'))")
+                tab.run(
+                    f"(i => {{ {moved} }})(document.querySelector('[data-name=fz]'))"
+                )
                 time.sleep(0.1)
             assert tab.run("window.t") >= 10
-            errors = [event for event in tab.complaints() if event["params"].get("entry", {}).get("level") != "warning"]
+            errors = [
+                event
+                for event in tab.complaints()
+                if event["params"].get("entry", {}).get("level") != "warning"
+            ]
             assert not errors
     finally:
         over.set()

@@ -52,16 +52,35 @@ def test_netcdf_is_what_the_robot_says(tmp_path):
     write_map(found, tmp_path, "the title")
     with xr.open_dataset(tmp_path / "map.nc") as file:
         assert (file.title, set(file.coords)) == ("the title", {"x", "y", "z"})
-        assert all(variable.attrs["units"] and variable.attrs["long_name"] for variable in file.variables.values())
-        units = {name: file[name].units for name in ("x", "K_tz", "K_rz_loaded", "sag_z", "sag_rx")}
-        assert units == {"x": "m", "K_tz": "N m-1", "K_rz_loaded": "N m rad-1", "sag_z": "m", "sag_rx": "rad"}
+        assert all(
+            variable.attrs["units"] and variable.attrs["long_name"]
+            for variable in file.variables.values()
+        )
+        units = {
+            name: file[name].units
+            for name in ("x", "K_tz", "K_rz_loaded", "sag_z", "sag_rx")
+        }
+        assert units == {
+            "x": "m",
+            "K_tz": "N m-1",
+            "K_rz_loaded": "N m rad-1",
+            "sag_z": "m",
+            "sag_rx": "rad",
+        }
         assert file["z"].positive == "down"
         assert np.isnan(file["K_tx"].isel(x=0, z=0))  # out of reach
         here = file.isel(x=4, z=5)
         pose = [[float(here.x), float(here.y), float(here.z)]]
-        for end, matrix in (("", stiffness(mechanism, pose)), ("_loaded", stiffness(mechanism, pose, gravity="exact"))):
-            assert [float(here[name + end]) for name in NAMES] == pytest.approx(np.diag(matrix[0]), rel=1e-9)
-        assert float(here["sag_z"]) == pytest.approx(sag(mechanism, pose)[0, 2], rel=1e-3)
+        for end, matrix in (
+            ("", stiffness(mechanism, pose)),
+            ("_loaded", stiffness(mechanism, pose, gravity="exact")),
+        ):
+            assert [float(here[name + end]) for name in NAMES] == pytest.approx(
+                np.diag(matrix[0]), rel=1e-9
+            )
+        assert float(here["sag_z"]) == pytest.approx(
+            sag(mechanism, pose)[0, 2], rel=1e-3
+        )
         assert xr.Dataset.identical(file.load(), to_dataset(found, "the title"))
 
 
@@ -71,7 +90,11 @@ def test_the_name_of_a_pose_at_the_edge_is_beside_no_colour_bar(stewart):
     found = map_stiffness(mechanism, {"x": (-0.02, 0.02), "z": (z - 0.01, z + 0.01)}, 3)
     axes = new_figure(4.0, 3.0, "").subplots()
     axes.set_xlim(-20.0, 20.0)
-    _mark(axes, found, {"far right": (0.02, 0, z, 0, 0, 0), "far left": (-0.02, 0, z, 0, 0, 0)})
+    _mark(
+        axes,
+        found,
+        {"far right": (0.02, 0, z, 0, 0, 0), "far left": (-0.02, 0, z, 0, 0, 0)},
+    )
     assert [text.get_horizontalalignment() for text in axes.texts] == ["right", "left"]
 
 
@@ -82,12 +105,20 @@ def test_an_angle_against_a_length_at_another_pose(stewart, tmp_path):
     write_map(found, tmp_path)
     assert held_text(found) == ", x = 10 mm, y = 0 mm, rx = 0 deg, rz = 5.7296 deg"
     with xr.open_dataset(tmp_path / "map.nc") as file:
-        assert (file["K_tx"].dims, file["ry"].units, float(file["rz"])) == (("ry", "z"), "rad", 0.1)
+        assert (file["K_tx"].dims, file["ry"].units, float(file["rz"])) == (
+            ("ry", "z"),
+            "rad",
+            0.1,
+        )
         here = file.isel(z=1, ry=3)
         pose = [0.01, 0.0, float(here.z), 0.0, float(here.ry), 0.1]
         matrix = stiffness(mechanism, pose)[0]
-        assert [float(here[name]) for name in NAMES] == pytest.approx(np.diag(matrix), rel=1e-9)
-    assert picture(mechanism, {"z": (0.27, 0.3), "ry": (-0.1, 0.1)}, 3, at).png.startswith(b"\x89PNG")
+        assert [float(here[name]) for name in NAMES] == pytest.approx(
+            np.diag(matrix), rel=1e-9
+        )
+    assert picture(
+        mechanism, {"z": (0.27, 0.3), "ry": (-0.1, 0.1)}, 3, at
+    ).png.startswith(b"\x89PNG")
 
 
 def test_a_map_says_what_stays_where_poses_leave_a_choice():
@@ -98,18 +129,25 @@ def test_a_map_says_what_stays_where_poses_leave_a_choice():
     found = map_stiffness(arm, {"x": (x, x + 0.02), "y": (y, y + 0.02)}, 2)
     away = configure(arm, [x + 0.01, y + 0.02, z]).require_valid()
     moves = zip(
-        [*(each.name for each in arm.drives), "rx", "ry", "rz"], [*away.drives[0], *away.tool[0, 3:]], strict=True
+        [*(each.name for each in arm.drives), "rx", "ry", "rz"],
+        [*away.drives[0], *away.tool[0, 3:]],
+        strict=True,
     )
     still = [name for name, value in moves if abs(value) < 1e-12]
     assert len(still) == 3  # six drives for three coordinates
-    assert held_text(found) == f", z = {1e3 * z:.5g} mm" + "".join(f", {name} as at home" for name in still)
+    assert held_text(found) == f", z = {1e3 * z:.5g} mm" + "".join(
+        f", {name} as at home" for name in still
+    )
 
 
 @pytest.mark.parametrize(
     ("ranges", "message"),
     [
         ({"x": (0.0, 0.1)}, "expected two of x, y, z, rx, ry, rz, got x"),
-        ({"x": (0.0, 0.1), "u": (0.0, 1.0)}, "expected two of x, y, z, rx, ry, rz, got x, u"),
+        (
+            {"x": (0.0, 0.1), "u": (0.0, 1.0)},
+            "expected two of x, y, z, rx, ry, rz, got x, u",
+        ),
         ({"x": (5.0, 6.0), "y": (5.0, 6.0)}, "no pose is within reach"),
     ],
 )
@@ -123,13 +161,28 @@ def test_a_map_says_what_is_rigid(tmp_path):
     """A planar arm yields in its plane only: along x and y, about z, by 1/C_ii."""
     x, y = PLANAR_2R.tool.home
     ranges = {"x": (x - 0.02, x + 0.02), "y": (y - 0.02, y + 0.02)}
-    found = map_volume(PLANAR_2R, ranges, 3, gravity="exact", wanted=Wanted(tuple(PRINCIPAL), (0, 0, 1))).maps[0]
-    assert stiffness_title(found) == "stiffness at M (diagonal of K; 1/C_ii where a direction is rigid)"
+    found = map_volume(
+        PLANAR_2R,
+        ranges,
+        3,
+        gravity="exact",
+        wanted=Wanted(tuple(PRINCIPAL), (0, 0, 1)),
+    ).maps[0]
+    assert (
+        stiffness_title(found)
+        == "stiffness at M (diagonal of K; 1/C_ii where a direction is rigid)"
+    )
     assert pick_slices(StiffnessVolume("", np.zeros(1), (found,))) == [found]
     write_map(found, tmp_path)
     assert len((tmp_path / "map.csv").read_text().splitlines()) == 1 + 9
     assert "1/C_ii" in to_dataset(found)["K_tx_loaded"].long_name
-    draw_map(found, [*stiffness_panels(found), *scalar_panels(found)], {}, "", tmp_path / "map.svg")
+    draw_map(
+        found,
+        [*stiffness_panels(found), *scalar_panels(found)],
+        {},
+        "",
+        tmp_path / "map.svg",
+    )
     drawn = (tmp_path / "map.svg").read_text()
     assert drawn.count(">rigid<") == 6  # z, rx, ry; best, condition, along z
     assert "QuadMesh" not in drawn  # one path each pose, 23 MB of them

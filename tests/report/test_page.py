@@ -32,7 +32,9 @@ SET = """(name, value, event) => {
     control.dispatchEvent(new Event(event, { bubbles: true }));
 }"""
 
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is missing: apt-get install chromium")
+needs_chromium = pytest.mark.skipif(
+    CHROMIUM is None, reason="Chromium is missing: apt-get install chromium"
+)
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +47,20 @@ def tab():
 def report(tmp_path_factory):
     """The report of a run on published matrices."""
     folder = tmp_path_factory.mktemp("report")
-    assert _guarded(["run", "biglide", "--components", "published", "--out", str(folder / "out"), "--quiet"]) == 0
+    assert (
+        _guarded(
+            [
+                "run",
+                "biglide",
+                "--components",
+                "published",
+                "--out",
+                str(folder / "out"),
+                "--quiet",
+            ]
+        )
+        == 0
+    )
     return folder / "out" / "report.html"
 
 
@@ -57,7 +72,11 @@ def opened(tab, report, **more):
 
 
 def put(tab, name, value, event="input"):
-    tab.run(f"({SET})({name!r}, {value!r}, {event!r})".replace("True", "true").replace("False", "false"))
+    tab.run(
+        f"({SET})({name!r}, {value!r}, {event!r})".replace("True", "true").replace(
+            "False", "false"
+        )
+    )
     tab.settled()
 
 
@@ -88,8 +107,14 @@ def test_the_robot_turns_bends_and_is_coloured(tab, report):
     assert red.mean() > 0.002  # drives
     put(tab, "pose", "1", "change")
     assert changed(plain, tab.shot("canvas")) > 0.02
-    assert "505.54 mm" in tab.run("document.querySelector('[data-is=note]').textContent")
-    assert [e for e in tab.complaints() if e["params"].get("entry", {}).get("source") != "rendering"] == []
+    assert "505.54 mm" in tab.run(
+        "document.querySelector('[data-is=note]').textContent"
+    )
+    assert [
+        e
+        for e in tab.complaints()
+        if e["params"].get("entry", {}).get("source") != "rendering"
+    ] == []
     assert tab.requests() == [report.absolute().as_uri()]
 
 
@@ -103,14 +128,29 @@ def pages(tmp_path_factory):
     found = configure(mechanism, [(0.0, 0.0, z) for z in heights]).require_valid()
     plain = scene(robot, mechanism)
     solids = solids_of(plain["bodies"], plain["joints"], plain["tool"], plain["up"])
-    at_tool = {"node": plain["tool"]["node"], "at": np.asarray(plain["tool"]["at"]).tolist()}
-    colours = {"shades": ["#ffffff", "#000000"], "no_share": "#ffffff", "key": {}, "tool": at_tool}
+    at_tool = {
+        "node": plain["tool"]["node"],
+        "at": np.asarray(plain["tool"]["at"]).tolist(),
+    }
+    colours = {
+        "shades": ["#ffffff", "#000000"],
+        "no_share": "#ffffff",
+        "key": {},
+        "tool": at_tool,
+    }
     geometry = {**pack_solids(solids, plain["up"], 0.5), **colours}
     for count in (1, 60):
         some = found[np.arange(count)]
         names = [f"z = {z:.4f}" for z in heights[:count]]
-        data = robot_view(geometry, some, names, unit_wrenches(mechanism, some), choice="load")
-        page.write_page(folder / f"{count}.html", "T", [], [Section("V", view=RobotView(data, "c", "w"))])
+        data = robot_view(
+            geometry, some, names, unit_wrenches(mechanism, some), choice="load"
+        )
+        page.write_page(
+            folder / f"{count}.html",
+            "T",
+            [],
+            [Section("V", view=RobotView(data, "c", "w"))],
+        )
     return folder / "1.html", folder / "60.html"
 
 
@@ -137,18 +177,24 @@ def test_time_to_open(report, pages):
             loaded = time.perf_counter() - begun
             cold.wait(DRAWN)
             drawn = time.perf_counter() - begun
-        print(f"{file.name}: {file.stat().st_size / 1e6:.2f} MB, {loaded:.2f} s to load, {drawn:.2f} s until drawn")  # noqa: T201
+        size = file.stat().st_size / 1e6
+        times = f"{loaded:.2f} s to load, {drawn:.2f} s until drawn"
+        print(f"{file.name}: {size:.2f} MB, {times}")  # noqa: T201
 
 
 @needs_chromium
 def test_drag_keys_and_choice_of_a_load(tab, report):
     opened(tab, report)
     first = tab.shot("canvas")
-    x, y = tab.run("(b => [b.x + b.width / 2, b.y + 40])(document.querySelector('canvas').getBoundingClientRect())")
+    x, y = tab.run(
+        "(b => [b.x + b.width / 2, b.y + 40])(document.querySelector('canvas').getBoundingClientRect())"
+    )
     mouse = {"button": "left", "buttons": 1, "clickCount": 1}
     tab.call("Input.dispatchMouseEvent", type="mousePressed", x=x, y=y, **mouse)
     for k in range(1, 5):
-        tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=x + 25 * k, y=y, **mouse)
+        tab.call(
+            "Input.dispatchMouseEvent", type="mouseMoved", x=x + 25 * k, y=y, **mouse
+        )
     tab.call("Input.dispatchMouseEvent", type="mouseReleased", x=x + 100, y=y, **mouse)
     tab.settled()
     dragged = tab.shot("canvas")
@@ -157,7 +203,9 @@ def test_drag_keys_and_choice_of_a_load(tab, report):
     tab.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowUp")
     tab.settled()
     assert changed(dragged, tab.shot("canvas")) > 0.02
-    tab.call("Input.dispatchKeyEvent", type="keyDown", key="ArrowLeft", modifiers=8)  # Shift
+    tab.call(
+        "Input.dispatchKeyEvent", type="keyDown", key="ArrowLeft", modifiers=8
+    )  # Shift
     tab.settled()
     panned = tab.shot("canvas")
     tab.run("document.querySelector('[data-is=reset]').click()")
@@ -167,7 +215,9 @@ def test_drag_keys_and_choice_of_a_load(tab, report):
     assert changed(first[inside], tab.shot("canvas")[inside]) == 0.0
     put(tab, "case", "2", "change")
     red, green, blue = np.moveaxis(tab.shot("canvas")[..., :3].astype(int), -1, 0)
-    assert ((red > 200) & (abs(green - 115) < 35) & (blue < 40)).sum() > 100  # the arrow of the force
+    assert (
+        (red > 200) & (abs(green - 115) < 35) & (blue < 40)
+    ).sum() > 100  # the arrow of the force
     words = tab.run("document.querySelector('[data-is=note]').textContent")
     assert "tool moves 0.08066 µm" in words  # 1 N over 12.4 N/µm along z at Q1
 
@@ -180,7 +230,9 @@ def test_paper_shows_each_picture_once_and_every_table(tab, report):
     seen = "[...document.querySelectorAll('img')].filter(e => e.offsetParent !== null).map(e => e.src)"
     pictures = tab.run(seen)
     assert len(pictures) == len(set(pictures)) >= 3
-    hidden = tab.run("[...document.querySelectorAll('table')].filter(e => e.offsetHeight < 20).length")
+    hidden = tab.run(
+        "[...document.querySelectorAll('table')].filter(e => e.offsetHeight < 20).length"
+    )
     assert hidden == 0
     tab.call("Emulation.setEmulatedMedia", media="")
 
@@ -194,11 +246,22 @@ def test_the_part_under_the_pointer_is_named(tab, report):
     )
     said = set()
     for x, y in np.random.default_rng(1).uniform(0.2, 0.8, (60, 2)):
-        tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=left + x * wide, y=top + y * high)
-        said.add(tab.run("(t => t.hidden ? '' : t.textContent)(document.querySelector('[data-is=tip]'))"))
+        tab.call(
+            "Input.dispatchMouseEvent",
+            type="mouseMoved",
+            x=left + x * wide,
+            y=top + y * high,
+        )
+        said.add(
+            tab.run(
+                "(t => t.hidden ? '' : t.textContent)(document.querySelector('[data-is=tip]'))"
+            )
+        )
     assert "" in said  # the ground behind the robot
     shares = {
-        words.partition(": ")[0]: float(words.partition(": ")[2].split(" %")[0]) for words in said if ": " in words
+        words.partition(": ")[0]: float(words.partition(": ")[2].split(" %")[0])
+        for words in said
+        if ": " in words
     }
     assert {"limb1.link2", "limb2.link1"} & shares.keys()
     assert all(0.0 <= share <= 100.0 for share in shares.values())
@@ -206,31 +269,53 @@ def test_the_part_under_the_pointer_is_named(tab, report):
 
 @needs_chromium
 def test_a_chart_says_what_a_point_is_and_finds_its_row(tab, tmp_path):
-    columns = {"design": ["1", "2", "3"], "mass, kg": [1.0, 2.0, 3.0], "stiffness, N/µm": [10.0, 40.0, 20.0]}
+    columns = {
+        "design": ["1", "2", "3"],
+        "mass, kg": [1.0, 2.0, 3.0],
+        "stiffness, N/µm": [10.0, 40.0, 20.0],
+    }
     names = list(columns)[1:]
     chart = Chart(
-        [Series("feasible", "#2f7d6b", columns, size=30)], names, names[::-1], "Every design.", joined=True, log=True
+        [Series("feasible", "#2f7d6b", columns, size=30)],
+        names,
+        names[::-1],
+        "Every design.",
+        joined=True,
+        log=True,
     )
-    rows = tuple((str(k), f"{m} kg") for k, m in zip(columns["design"], (1, 2, 3), strict=True))
+    rows = tuple(
+        (str(k), f"{m} kg") for k, m in zip(columns["design"], (1, 2, 3), strict=True)
+    )
     table = Shown("All designs", ("design", "mass"), rows * 3, folded=True)
-    page.write_page(tmp_path / "chart.html", "T", [], [Section("Designs", [table], charts=[chart])])
+    page.write_page(
+        tmp_path / "chart.html", "T", [], [Section("Designs", [table], charts=[chart])]
+    )
     tab.events.clear()
     tab.open(tmp_path / "chart.html")
     tab.wait("document.querySelector('.chart [data-is=plot]').clientHeight > 300")
     tab.settled()
     shot = tab.shot(".chart [data-is=plot]")
-    left, top = tab.run("(b => [b.x, b.y])(document.querySelector('.chart [data-is=plot]').getBoundingClientRect())")
+    left, top = tab.run(
+        "(b => [b.x, b.y])(document.querySelector('.chart [data-is=plot]').getBoundingClientRect())"
+    )
     red, green, blue = np.moveaxis(shot[..., :3].astype(int), -1, 0)
     heights, places = np.nonzero((green - red > 40) & (green > blue))
     third = places > places.max() - 30
-    at = {"x": left + places[third].mean(), "y": top + heights[third].mean(), "button": "left", "clickCount": 1}
+    at = {
+        "x": left + places[third].mean(),
+        "y": top + heights[third].mean(),
+        "button": "left",
+        "clickCount": 1,
+    }
     tab.call("Input.dispatchMouseEvent", type="mouseMoved", x=at["x"], y=at["y"])
     for kind in ("mousePressed", "mouseReleased"):
         tab.call("Input.dispatchMouseEvent", type=kind, **at)
     tab.wait("document.querySelector('tr.found') !== null")
     assert tab.run("document.querySelector('tr.found').textContent") == "33 kg"
     assert tab.run("document.querySelector('details').open")
-    heads = "[...document.querySelectorAll('tbody th')].map(e => e.textContent).join('')"
+    heads = (
+        "[...document.querySelectorAll('tbody th')].map(e => e.textContent).join('')"
+    )
     tab.run("document.querySelector('thead button').click()")
     assert tab.run(heads) == "111222333"
     tab.run("document.querySelector('thead button').click()")
@@ -250,12 +335,16 @@ def test_fits_its_width_and_axe_finds_nothing(tab, report, tmp_path, of, width, 
         write(tmp_path, diagnosed())
         tab.open(tmp_path / "report.html", width=width, prefers_color_scheme=scheme)
     assert tab.run("document.documentElement.scrollWidth") <= width
-    tools = tab.run("[...document.querySelector('.tools').children].map(b => b.textContent)")
+    tools = tab.run(
+        "[...document.querySelector('.tools').children].map(b => b.textContent)"
+    )
     assert tools == ["Copy", "Save CSV"]
     if not AXE.exists():
         pytest.skip("axe-core is missing: npm ci --prefix tests/report/axe")
     tab.run(AXE.read_text() + ";0")
-    found = tab.run("axe.run().then(r => r.violations.map(v => [v.id, v.nodes.map(n => n.html.slice(0, 120))]))")
+    found = tab.run(
+        "axe.run().then(r => r.violations.map(v => [v.id, v.nodes.map(n => n.html.slice(0, 120))]))"
+    )
     assert found == []
 
 
@@ -287,22 +376,45 @@ def test_the_viewer_bends_bodies_as_the_pictures_do(tab, tmp_path):
     bent = {"ground": (np.eye(3), np.zeros(3)), **here.deform(twists, 1.0)}
     plain = scene(robot, mechanism)
     solids = solids_of(plain["bodies"], plain["joints"], plain["tool"], plain["up"])
-    far = pv.PolyData.from_regular_faces(np.array([[-1, -1, -1], [-1, -1, -1], [1, 1, 1]], float), [[0, 1, 2]])
-    frame = Solid("frame", far, "#ffffff", ("ground",))  # no area: it fixes what the camera sees
-    given = [Solid(solid.element, solid.move(bent), solid.colour, ("ground",)) for solid in solids]
-    tool, (turn, shift) = plain["tool"], bent[plain["tool"]["node"]]
+    far = pv.PolyData.from_regular_faces(
+        np.array([[-1, -1, -1], [-1, -1, -1], [1, 1, 1]], float), [[0, 1, 2]]
+    )
+    frame = Solid(
+        "frame", far, "#ffffff", ("ground",)
+    )  # no area: it fixes what the camera sees
+    given = [
+        Solid(solid.element, solid.move(bent), solid.colour, ("ground",))
+        for solid in solids
+    ]
+    tool = plain["tool"]
+    (turn, shift) = bent[plain["tool"]["node"]]
     seen = {}
     for name, shapes, point, case in (
         ("bent", solids, tool, [Case("c", "", twists, {})]),
-        ("given", given, {"node": "ground", "at": (turn @ tool["at"] + shift).tolist()}, []),
+        (
+            "given",
+            given,
+            {"node": "ground", "at": (turn @ tool["at"] + shift).tolist()},
+            [],
+        ),
     ):
         geometry = pack_solids([*shapes, frame], plain["up"], 0.5)
         at_tool = {**point, "at": np.asarray(point["at"]).tolist()}
-        colours = {"shades": ["#ffffff"] * 2, "no_share": "#ffffff", "key": {}, "tool": at_tool}
+        colours = {
+            "shades": ["#ffffff"] * 2,
+            "no_share": "#ffffff",
+            "key": {},
+            "tool": at_tool,
+        }
         data = robot_view({**geometry, **colours}, found, ["Q1"], [case], choice="load")
         for each in data["poses"][0]["cases"]:
             each["factor"] = 1.0
-        page.write_page(tmp_path / f"{name}.html", name, [], [Section("V", view=RobotView(data, "c", "w"))])
+        page.write_page(
+            tmp_path / f"{name}.html",
+            name,
+            [],
+            [Section("V", view=RobotView(data, "c", "w"))],
+        )
         opened(tab, tmp_path / f"{name}.html")
         put(tab, "before", False)
         seen[name] = tab.shot("canvas").min(axis=2) < 225
@@ -324,23 +436,45 @@ def test_unit_wrenches_yield_what_the_deflection_says():
         assert len(cases) == 6
         for i, case in enumerate(cases):
             wanted = deflection(mechanism, found, np.eye(6)[i])
-            assert case.twists[mechanism.tool.body] == pytest.approx(wanted.twist[k], rel=1e-9)
-            assert case.shares == pytest.approx({name: share[k] for name, share in wanted.shares.items()}, abs=1e-12)
+            assert case.twists[mechanism.tool.body] == pytest.approx(
+                wanted.twist[k], rel=1e-9
+            )
+            assert case.shares == pytest.approx(
+                {name: share[k] for name, share in wanted.shares.items()}, abs=1e-12
+            )
 
 
 def test_a_page_shows_what_the_terminal_shows(tmp_path, capsys):
     with record_shown() as shown:
-        show_table("T <b>", (("pose", ""), ("K", "why")), [("Q<1>", "", "1.5", "words")], prose=("why",))
+        show_table(
+            "T <b>",
+            (("pose", ""), ("K", "why")),
+            [("Q<1>", "", "1.5", "words")],
+            prose=("why",),
+        )
         show_line("  a note")
     assert capsys.readouterr().out == ""
     assert shown == [
-        Shown("T <b>", ("pose", "K", "why"), (("Q<1>", "1.5", "words"),), frozenset({"why"})),
+        Shown(
+            "T <b>",
+            ("pose", "K", "why"),
+            (("Q<1>", "1.5", "words"),),
+            frozenset({"why"}),
+        ),
         Shown("a note"),
     ]
-    page.write_page(tmp_path / "page.html", "a <script>", ["f & g"], [Section("H", shown)])
+    page.write_page(
+        tmp_path / "page.html", "a <script>", ["f & g"], [Section("H", shown)]
+    )
     text = (tmp_path / "page.html").read_text()
     assert "a <script>" not in text
-    for words in ("a &lt;script&gt;", "Q&lt;1&gt;", "T &lt;b&gt;", "f &amp; g", "a note"):
+    for words in (
+        "a &lt;script&gt;",
+        "Q&lt;1&gt;",
+        "T &lt;b&gt;",
+        "f &amp; g",
+        "a note",
+    ):
         assert words in text
     show_line("again on the terminal")
     assert capsys.readouterr().out

@@ -38,13 +38,19 @@ def test_nodes_move_as_the_configuration_says(delta):
     moved = place_robot(there).moves
     for body in mechanism.bodies:
         if body.elastic is not None:
-            for node, home in zip(body.nodes, (body.elastic.base, body.elastic.tip), strict=True):
+            for node, home in zip(
+                body.nodes, (body.elastic.base, body.elastic.tip), strict=True
+            ):
                 rotation, position = moved[node]
                 axes, place = (each[0] for each in there.frame(node))
                 assert np.allclose(rotation @ home + position, place, atol=1e-12)
                 assert np.allclose(rotation @ body.elastic.axes, axes, atol=1e-12)
     for joint in mechanism.joints:  # every joint here is held together at its point
-        ends = [moved[n][0] @ joint.at + moved[n][1] for n in (joint.first, joint.second) if n in moved]
+        ends = [
+            moved[n][0] @ joint.at + moved[n][1]
+            for n in (joint.first, joint.second)
+            if n in moved
+        ]
         assert np.ptp(ends, axis=0).max() < 1e-11
 
 
@@ -52,7 +58,9 @@ def test_nodes_move_as_the_configuration_says(delta):
 def test_a_title_is_within_its_picture(length):
     """However many coordinates a pose has."""
     title = ("Share of the gap, rx = 4.257 deg, " * 5)[:length]
-    figure = frame_picture(np.ones((80, 1200, 3)), SimpleNamespace(size=(1200, 80)), title)
+    figure = frame_picture(
+        np.ones((80, 1200, 3)), SimpleNamespace(size=(1200, 80)), title
+    )
     drawn = FigureCanvasAgg(figure).get_renderer()
     assert figure.texts[0].get_window_extent(drawn).x1 < figure.bbox.width
 
@@ -72,7 +80,9 @@ def test_a_robot_made_in_python_stands_upright():
 def test_base_and_tool_have_their_shares(delta):
     """The ground's solids show what the base has of the gap, the tool's body what the tool has."""
     robot, mechanism, _ = delta
-    found = shares(robot, replace(diagnosed(), where=Where({}, {"base": 0.9, "tool": 0.1})))
+    found = shares(
+        robot, replace(diagnosed(), where=Where({}, {"base": 0.9, "tool": 0.1}))
+    )
     assert found == {"ground": 0.9, "platform": 0.1}
     drawn = scene(robot, mechanism)
     solids = solids_of(drawn["bodies"], drawn["joints"], drawn["tool"], drawn["up"])
@@ -83,7 +93,8 @@ def test_deformed_nodes(delta):
     """Twists of one rigid motion keep distances to first order; the tool goes where its own twist says."""
     _, mechanism, there = delta
     here = place_robot(there)
-    moved, at = here.moves, there.tool[0, :3]
+    moved = here.moves
+    at = there.tool[0, :3]
     twist = np.array([1e-3, 2e-3, -1e-3, 4e-3, -2e-3, 1e-3])
     twists = dict.fromkeys(moved, twist)
     factor = here.exaggeration(twists)
@@ -96,7 +107,9 @@ def test_deformed_nodes(delta):
     assert here.deform({}, factor)["platform"][1] == pytest.approx(moved["platform"][1])
 
 
-@pytest.mark.parametrize("name", ["biglide", "delta", "five-bar", "orthoglide", "serial-arm", "stewart"])
+@pytest.mark.parametrize(
+    "name", ["biglide", "delta", "five-bar", "orthoglide", "serial-arm", "stewart"]
+)
 def test_solids_stand_where_their_bodies_are(name):
     """Rods from base to tip, a driven joint in red, one solid at least for each body and joint."""
     robot = load_robot(name)
@@ -109,36 +122,71 @@ def test_solids_stand_where_their_bodies_are(name):
     red = {solid.element for solid in solids if solid.colour == "#c0392b"}
     assert red == {j.name for j in mechanism.drives}
     for solid in solids:
-        body = next((b for b in mechanism.bodies if b.name == solid.element and b.elastic is not None), None)
+        body = next(
+            (
+                b
+                for b in mechanism.bodies
+                if b.name == solid.element and b.elastic is not None
+            ),
+            None,
+        )
         if body is not None:
-            along = (np.asarray(solid.surface.points) - body.elastic.base) @ body.elastic.axes[:, 0]
+            along = (
+                np.asarray(solid.surface.points) - body.elastic.base
+            ) @ body.elastic.axes[:, 0]
             assert along.min() == pytest.approx(0.0, abs=1e-6)
-            assert along.max() == pytest.approx(np.linalg.norm(body.elastic.tip - body.elastic.base), rel=1e-3)
+            assert along.max() == pytest.approx(
+                np.linalg.norm(body.elastic.tip - body.elastic.base), rel=1e-3
+            )
 
 
 def test_rigid_bodies_have_colours_and_names_and_hide_no_other():
     """A frame whose feet stand around the platform and whose drives hang above it is no hull about it."""
     at = [[1, 0, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, 1]]
     joints = [
-        {"name": f"j{k}", "kind": "revolute", "first": "ground" if k < 3 else "frame", "at": np.array(p, float),
-         "second": "frame" if k < 3 else "platform", "axis": np.eye(3)[2], "driven": k == 3, "low": None, "high": None}
+        {
+            "name": f"j{k}",
+            "kind": "revolute",
+            "first": "ground" if k < 3 else "frame",
+            "at": np.array(p, float),
+            "second": "frame" if k < 3 else "platform",
+            "axis": np.eye(3)[2],
+            "driven": k == 3,
+            "low": None,
+            "high": None,
+        }
         for k, p in enumerate(at)
-    ]  # fmt: skip
+    ]
     bodies = [{"name": name, "nodes": (name,)} for name in ("frame", "platform")]
     tool = {"node": "platform", "at": np.array([0, 0, 0.3])}
-    colours = {each.element: each.colour for each in solids_of(bodies, joints, tool, np.eye(3)[2])}
+    colours = {
+        each.element: each.colour
+        for each in solids_of(bodies, joints, tool, np.eye(3)[2])
+    }
     named = key_of(bodies)
-    assert [named[name] for name in ("frame", "platform")] == [colours[name] for name in ("frame", "platform")]
+    assert [named[name] for name in ("frame", "platform")] == [
+        colours[name] for name in ("frame", "platform")
+    ]
     assert colours["frame"] != colours["platform"]
-    frame = pv.merge([s.surface for s in solids_of(bodies, joints, tool, np.eye(3)[2]) if s.element == "frame"])
+    frame = pv.merge(
+        [
+            s.surface
+            for s in solids_of(bodies, joints, tool, np.eye(3)[2])
+            if s.element == "frame"
+        ]
+    )
     assert frame.volume < 0.1  # m³; the pyramid of its joints has 2/3
     assert "rigid" in key_of(bodies[:1])
 
 
 def test_picture_of_a_deformed_robot_with_the_users_own_surface(delta, tmp_path):
     robot = delta[0]
-    pv.Cube(center=(0, 0, -1.06), x_length=0.2, y_length=0.2, z_length=0.02).save(tmp_path / "plate.stl")
-    text = robot.path.read_text().replace("[bodies.platform]", '[bodies.platform]\nmesh = "plate.stl"')
+    pv.Cube(center=(0, 0, -1.06), x_length=0.2, y_length=0.2, z_length=0.02).save(
+        tmp_path / "plate.stl"
+    )
+    text = robot.path.read_text().replace(
+        "[bodies.platform]", '[bodies.platform]\nmesh = "plate.stl"'
+    )
     robot = read_robot(tmp_path / "delta.toml", text)
     mechanism = rigid_mechanism(robot)
     home = place_robot(configure(mechanism, mechanism.tool.home))
@@ -166,7 +214,10 @@ def test_a_process_that_is_ready_ahead_draws_the_same_picture(delta, tmp_path):
 
 @pytest.mark.usefixtures("drawn_anew")
 def test_a_process_that_fails_says_why_and_one_that_is_not_asked_ends(tmp_path):
-    with open_drawing(ahead=True) as draw_now, pytest.raises(PictureError, match="KeyError: 'nothing'"):
+    with (
+        open_drawing(ahead=True) as draw_now,
+        pytest.raises(PictureError, match="KeyError: 'nothing'"),
+    ):
         draw_now("nothing", tmp_path)
     others = psutil.Process().children()
     with open_drawing(ahead=True):
@@ -179,17 +230,27 @@ def test_a_process_that_is_killed_is_not_taken_for_missing_graphics(delta, tmp_p
     robot, mechanism, there = delta
     others = psutil.Process().children()
     with open_drawing(ahead=True) as draw_now:
-        while not (started := [each for each in psutil.Process().children() if each not in others]):
+        while not (
+            started := [
+                each for each in psutil.Process().children() if each not in others
+            ]
+        ):
             time.sleep(0.01)
         started[0].kill()
-        again = {"file": "again.png", "title": "Delta", "moves": place_robot(there).moves}
+        again = {
+            "file": "again.png",
+            "title": "Delta",
+            "moves": place_robot(there).moves,
+        }
         draw_now("robot", tmp_path, pictures=[again], **scene(robot, mechanism))
     assert (tmp_path / "again.png").exists()
 
 
 @pytest.mark.usefixtures("drawn_anew")
 @pytest.mark.long
-def test_a_process_without_a_home_leaves_nothing_when_it_is_killed(tmp_path, monkeypatch):
+def test_a_process_without_a_home_leaves_nothing_when_it_is_killed(
+    tmp_path, monkeypatch
+):
     """Matplotlib then makes a temporary folder for what it keeps."""
     monkeypatch.delenv("MPLCONFIGDIR", raising=False)
     for name in ("HOME", "XDG_CONFIG_HOME", "XDG_CACHE_HOME"):
@@ -208,14 +269,22 @@ def test_labels_of_crowded_joints_stand_beside_each_other_and_near():
     """As in an imported machine: 60 joints on a few centimetres, each of six universal ones twice in one place."""
     points = np.random.default_rng(3).uniform(300, 600, (60, 2))
     view = SimpleNamespace(size=(1200, 960), pixel=lambda point: point)
-    labels = [(point, "cylindrical" if n % 3 else f"rod{n}?", "black") for n, point in enumerate(points)]
-    labels += [(np.array([40.0, 100.0 * n]), "revolute", "black") for n in range(1, 7)] * 2
+    labels = [
+        (point, "cylindrical" if n % 3 else f"rod{n}?", "black")
+        for n, point in enumerate(points)
+    ]
+    labels += [
+        (np.array([40.0, 100.0 * n]), "revolute", "black") for n in range(1, 7)
+    ] * 2
     figure = Figure(figsize=(12, 10.36), dpi=100)
     _put_labels(figure, view, labels, raised=30.0)
     FigureCanvasAgg(figure).draw()
     boxes = [text.get_window_extent() for text in figure.texts]
     assert sum(text.get_text() == "2 x revolute" for text in figure.texts) == 6
     assert not any(one.overlaps(other) for one, other in combinations(boxes, 2))
-    ends = [np.diff(line.get_xydata() * (1200, 1036), axis=0) for line in figure.findobj(Line2D)]
+    ends = [
+        np.diff(line.get_xydata() * (1200, 1036), axis=0)
+        for line in figure.findobj(Line2D)
+    ]
     assert len(ends) >= 60
     assert max(np.linalg.norm(end) for end in ends) < 250

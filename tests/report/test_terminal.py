@@ -11,7 +11,15 @@ import numpy as np
 import pytest
 
 from stiffscope.gap.blind.scores import Outcome, Scores
-from stiffscope.gap.inference.diagnosis import Alternative, Diagnosis, Effect, Gap, NextMeasurement, Parameter, Where
+from stiffscope.gap.inference.diagnosis import (
+    Alternative,
+    Diagnosis,
+    Effect,
+    Gap,
+    NextMeasurement,
+    Parameter,
+    Where,
+)
 from stiffscope.report import part_tables, tables
 from stiffscope.report.blind_scores import show_scores
 from stiffscope.report.compare import Comparison, Entry
@@ -34,33 +42,79 @@ def parts():
         "mass": 14.27,
         "relative_bound": 6.3e-4,
     }
-    part_tables.show_parts([Stub(name="slider", facts=facts, note="", reused=False, seconds=12810.8)])
+    part_tables.show_parts(
+        [Stub(name="slider", facts=facts, note="", reused=False, seconds=12810.8)]
+    )
 
 
 def comparison():
-    entry = Entry("C35", "m/(N·m)", -7.34875e-8, 2.2e-11, -8.0254e-8, -8.0254e-8, -8.0255e-8)
+    entry = Entry(
+        "C35", "m/(N·m)", -7.34875e-8, 2.2e-11, -8.0254e-8, -8.0254e-8, -8.0255e-8
+    )
     part_tables.show_comparison(
-        Comparison("slider", (entry, entry), ("C22 as published is 10.7 times too stiff: no shear",))
+        Comparison(
+            "slider",
+            (entry, entry),
+            ("C22 as published is 10.7 times too stiff: no shear",),
+        )
     )
 
 
 def interfaces():
     choices = [
-        Stub(choice=Stub(name=name, words="the loaded face carries the load evenly", overrides=("slider.pads=apart",)))
-        for name in ("rigid face, rigid clamp", "even traction", "three pads", "bolt holes", "foundation")
+        Stub(
+            choice=Stub(
+                name=name,
+                words="the loaded face carries the load evenly",
+                overrides=("slider.pads=apart",),
+            )
+        )
+        for name in (
+            "rigid face, rigid clamp",
+            "even traction",
+            "three pads",
+            "bolt holes",
+            "foundation",
+        )
     ]
-    entry = Stub(name="C66", unit="rad/(N·m)", own=7.00122e-9, error=2e-12, changes=(3.625,) * 4, bars=(9.3e-3,) * 4)
-    part_tables.show_interfaces(Stub(part="slider", own=choices[0], others=choices[1:], entries=[entry], left_out=()))
+    entry = Stub(
+        name="C66",
+        unit="rad/(N·m)",
+        own=7.00122e-9,
+        error=2e-12,
+        changes=(3.625,) * 4,
+        bars=(9.3e-3,) * 4,
+    )
+    part_tables.show_interfaces(
+        Stub(
+            part="slider",
+            own=choices[0],
+            others=choices[1:],
+            entries=[entry],
+            left_out=(),
+        )
+    )
 
 
 def state(poses, matrix, sag, pose=("x", "y", "z")):
     """What a robot does at tool poses (n, k)."""
     poses = np.asarray(poses, dtype=float)
-    found = Stub(poses=poses, tool=np.zeros((len(poses), 6)), mechanism=Stub(tool=Stub(pose=pose)))
-    n, k = len(poses), np.asarray(matrix)
+    found = Stub(
+        poses=poses,
+        tool=np.zeros((len(poses), 6)),
+        mechanism=Stub(tool=Stub(pose=pose)),
+    )
+    n = len(poses)
+    k = np.asarray(matrix)
     rigid = (np.zeros((0, 6)),) * n
     return Stiffness(
-        found, k, np.asarray(sag), np.zeros(n, dtype=int), np.ones(n), np.linalg.pinv(np.nan_to_num(k)), rigid
+        found,
+        k,
+        np.asarray(sag),
+        np.zeros(n, dtype=int),
+        np.ones(n),
+        np.linalg.pinv(np.nan_to_num(k)),
+        rigid,
     )
 
 
@@ -69,26 +123,49 @@ def stiffness():
     matrix[1, 3] = matrix[3, 1] = -1e-3
     poses = [[0.0, -0.0, 0.3475], [-0.125, 0.1125, 0.5055]]
     names = ["Q1", "-0.125,0.1125,0.5055"]
-    tables.show_stiffness(names, state(poses, [matrix] * 2, np.full((2, 6), 1.098e-5)), [1e-4 * np.abs(matrix)] * 2)
-    soft, turned = 1e-3 * matrix, np.hstack([poses, -0.0 * np.ones((2, 1)), 0.1047 * np.ones((2, 2))])
-    tables.show_stiffness(names, state(turned, [soft] * 2, np.zeros((2, 6)), ("x", "y", "z", "rx", "ry", "rz")))
-    tables.show_change(names, [matrix] * 2, [matrix * (1 - 1e-9)] * 2, ["slider.thickness=25mm"])
+    tables.show_stiffness(
+        names,
+        state(poses, [matrix] * 2, np.full((2, 6), 1.098e-5)),
+        [1e-4 * np.abs(matrix)] * 2,
+    )
+    soft = 1e-3 * matrix
+    turned = np.hstack([poses, -0.0 * np.ones((2, 1)), 0.1047 * np.ones((2, 2))])
+    tables.show_stiffness(
+        names,
+        state(turned, [soft] * 2, np.zeros((2, 6)), ("x", "y", "z", "rx", "ry", "rz")),
+    )
+    tables.show_change(
+        names, [matrix] * 2, [matrix * (1 - 1e-9)] * 2, ["slider.thickness=25mm"]
+    )
 
 
 def matrices():
     matrix = np.diag([5.8e-11, 1.9e-10, 4.3e-9, 1.3e-7, 1.7e-6, 7e-9])
     matrix[1, 5] = matrix[5, 1] = -2.97536e-10
-    part_tables.show_matrices({"Compliance of the slider, SI": (matrix, 1e-4 * np.abs(matrix))})
+    part_tables.show_matrices(
+        {"Compliance of the slider, SI": (matrix, 1e-4 * np.abs(matrix))}
+    )
 
 
 def deflection():
     names = [f"pose {k}" for k in range(12)]
-    tables.show_deflection(names, np.full((12, 6), -1.23456e-5), {"limb1.actuator": [0.4699] * 12}, "0,0,100,0,0,0")
+    tables.show_deflection(
+        names,
+        np.full((12, 6), -1.23456e-5),
+        {"limb1.actuator": [0.4699] * 12},
+        "0,0,100,0,0,0",
+    )
 
 
 def faces():
-    row = {"index": 12, "kind": "cylinder", "area_mm2": 12345.6, "centroid_mm": [-123.456, -123.456, -123.456],
-           "axis": [-0.7071, -0.7071, -0.7071], "radius_mm": 12.25}  # fmt: skip
+    row = {
+        "index": 12,
+        "kind": "cylinder",
+        "area_mm2": 12345.6,
+        "centroid_mm": [-123.456, -123.456, -123.456],
+        "axis": [-0.7071, -0.7071, -0.7071],
+        "radius_mm": 12.25,
+    }
     part_tables.show_faces("part.step", [row])
 
 
@@ -97,27 +174,52 @@ def diagnosed(**more):
         *PAIR,
         0.9979,
         1.25,
-        {"factor": Parameter(-1e-4, 5e-3, "1", nominal=1.0), "c33": Parameter(4.3e-9, 1e-10, "m/N", nominal=1.0)},
+        {
+            "factor": Parameter(-1e-4, 5e-3, "1", nominal=1.0),
+            "c33": Parameter(4.3e-9, 1e-10, "m/N", nominal=1.0),
+        },
     )
-    alternative = Alternative(*PAIR, 1.9e-6, 6.66, "ln-evidence 16.1 below that of the diagnosis, χ² per reading 3.53")
+    alternative = Alternative(
+        *PAIR,
+        1.9e-6,
+        6.66,
+        "ln-evidence 16.1 below that of the diagnosis, χ² per reading 3.53",
+    )
     gap = Gap(9.19, 1.25, 1.18, 1.37, (1044.91, 0.8348))
-    where = Where({"x": 0.5, "y": 0.5}, {}, ("A", "B"), ((1.0,) * 6, (2.0,) * 6), ((1.0,) * 6, (1.0,) * 6))
-    facts = {"next_measurement": NextMeasurement(("a", "b"), 3.2, pose="A"), "remarks": ("12 readings",)} | more
-    return Diagnosis("identified", gap, (effect, effect), (alternative,), where, **facts)
+    where = Where(
+        {"x": 0.5, "y": 0.5},
+        {},
+        ("A", "B"),
+        ((1.0,) * 6, (2.0,) * 6),
+        ((1.0,) * 6, (1.0,) * 6),
+    )
+    facts = {
+        "next_measurement": NextMeasurement(("a", "b"), 3.2, pose="A"),
+        "remarks": ("12 readings",),
+    } | more
+    return Diagnosis(
+        "identified", gap, (effect, effect), (alternative,), where, **facts
+    )
 
 
 def test_where_the_stiffness_is_infinite_the_compliance_is_shown(capsys):
     """A plane arm yields along x and y and about z alone."""
-    found = state([[0.3, 0.2]], np.full((1, 6, 6), np.nan), np.zeros((1, 6)), ("x", "y"))
+    found = state(
+        [[0.3, 0.2]], np.full((1, 6, 6), np.nan), np.zeros((1, 6)), ("x", "y")
+    )
     yields = np.diag([1e-6, 2e-6, 0.0, 0.0, 0.0, 1e-4])
-    tables.show_stiffness(["A"], replace(found, compliance=yields[None], rigid=(np.eye(6)[2:5],)))
+    tables.show_stiffness(
+        ["A"], replace(found, compliance=yields[None], rigid=(np.eye(6)[2:5],))
+    )
     words = capsys.readouterr().out.split()
     assert words.count("rigid") == 3
     assert {"1000.0000", "500.0000", "10.0000"} <= set(words)
 
 
 def test_the_headline_names_the_group_and_the_reading_that_would_tell():
-    found = diagnosed(next_measurement=NextMeasurement(("a", "b"), 3.2, pose="A", quantity="dx"))
+    found = diagnosed(
+        next_measurement=NextMeasurement(("a", "b"), 3.2, pose="A", quantity="dx")
+    )
     alike = replace(found.effects[0], confused_with=("column-compliance @ column",))
     said = sentence(replace(found, effects=(alike,)))
     assert "cannot distinguish" in said
@@ -131,12 +233,31 @@ def diagnosis():
 
 
 def blind():
-    wrong = Outcome(7, "pair", ("actuator-stiffness @ limb1", "slider-compliance @ sliders"), "identified",
-                    ("backlash @ limb2",), ((),), 1030.9, (3.93, 1.68, 1.7, 1.73), (True,) * 60)  # fmt: skip
+    wrong = Outcome(
+        7,
+        "pair",
+        ("actuator-stiffness @ limb1", "slider-compliance @ sliders"),
+        "identified",
+        ("backlash @ limb2",),
+        ((),),
+        1030.9,
+        (3.93, 1.68, 1.7, 1.73),
+        (True,) * 60,
+    )
     show_scores(Scores((wrong,), None, 0.958, 0.861, None, 0.03, 0.0, 1.0, 0.908, 1.07))
 
 
-SHOWN = [parts, comparison, interfaces, stiffness, matrices, deflection, faces, diagnosis, blind]
+SHOWN = [
+    parts,
+    comparison,
+    interfaces,
+    stiffness,
+    matrices,
+    deflection,
+    faces,
+    diagnosis,
+    blind,
+]
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d[\d,.]*(?:e[-+]\d+)?(?![\w.])")
 
 
@@ -165,8 +286,16 @@ def test_no_zero_has_a_sign(show, capsys):
 
 def test_the_first_columns_are_repeated_and_empty_ones_left_out(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "30")
-    show_table("Title", (("pose",), ("one", "two"), ("three", "four")), [("Q1", "1" * 8, "2" * 8, "3" * 8, "")])
-    lines = [line.split() for line in capsys.readouterr().out.splitlines() if line.strip("─ ")]
+    show_table(
+        "Title",
+        (("pose",), ("one", "two"), ("three", "four")),
+        [("Q1", "1" * 8, "2" * 8, "3" * 8, "")],
+    )
+    lines = [
+        line.split()
+        for line in capsys.readouterr().out.splitlines()
+        if line.strip("─ ")
+    ]
     assert lines == [
         ["Title"],
         ["pose", "one", "two"],
@@ -198,18 +327,38 @@ def test_mesh_noise_is_shown_as_zero(capsys):
 
 
 def test_deflection_below_its_bound_is_zero(capsys):
-    tables.show_deflection(["Q"], np.array([[3e-12, 2e-9, 8e-6, 0, 1e-9, 2e-7]]), {}, "w", np.full((1, 6), 1e-8))
-    row = next(line for line in capsys.readouterr().out.splitlines() if line.startswith("Q"))
+    tables.show_deflection(
+        ["Q"],
+        np.array([[3e-12, 2e-9, 8e-6, 0, 1e-9, 2e-7]]),
+        {},
+        "w",
+        np.full((1, 6), 1e-8),
+    )
+    row = next(
+        line for line in capsys.readouterr().out.splitlines() if line.startswith("Q")
+    )
     assert row.split() == ["Q", "0", "0", "8", "0", "0", "0.2"]
 
 
 @pytest.mark.parametrize(
-    "encoding", ["ascii", "utf-8", *(pytest.param(e, marks=pytest.mark.long) for e in ("latin-1", "cp1252"))]
+    "encoding",
+    [
+        "ascii",
+        "utf-8",
+        *(pytest.param(e, marks=pytest.mark.long) for e in ("latin-1", "cp1252")),
+    ],
 )
 def test_every_terminal_can_show_the_tables(encoding):
     code = "from tests.report import test_terminal as t\nfor show in t.SHOWN: show()"
-    environment = os.environ | {"PYTHONIOENCODING": encoding, "NO_COLOR": "1", "COLUMNS": "80", "PYTHONUTF8": "0"}
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, check=False, env=environment)
+    environment = os.environ | {
+        "PYTHONIOENCODING": encoding,
+        "NO_COLOR": "1",
+        "COLUMNS": "80",
+        "PYTHONUTF8": "0",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, check=False, env=environment
+    )
     assert done.returncode == 0, done.stderr.decode()
     said = done.stdout.decode(encoding)
     assert ("10⁶ N·m/rad" in said) == (encoding == "utf-8")
@@ -224,5 +373,8 @@ def test_ascii_spelling():
 
 
 def test_displacements_of_drives_are_in_their_own_units():
-    assert name_pose((0.25, 1.5), ("q:slide", "q:elbow")) == "q:slide, q:elbow (m or rad) = 0.25, 1.5"
+    assert (
+        name_pose((0.25, 1.5), ("q:slide", "q:elbow"))
+        == "q:slide, q:elbow (m or rad) = 0.25, 1.5"
+    )
     assert name_pose((0.25, np.pi / 2), ("x", "rz")) == "x, rz (mm, deg) = 250, 90"

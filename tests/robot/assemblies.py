@@ -40,26 +40,43 @@ class Made:
         self.add(name, solid)
         self.hardware.add(name)
 
-    def join(self, first: str, second: str, kind: str, at: Any = None, axis: Any = None) -> None:
+    def join(
+        self, first: str, second: str, kind: str, at: Any = None, axis: Any = None
+    ) -> None:
         """A joint that is to be found."""
-        self.joints.append((first, second, kind, None if at is None else np.asarray(at, float), axis))
+        self.joints.append(
+            (first, second, kind, None if at is None else np.asarray(at, float), axis)
+        )
 
-    def write(self, path: Path, unit: str = "MM", place: Any = None, named: bool = True) -> None:
+    def write(
+        self, path: Path, unit: str = "MM", place: Any = None, named: bool = True
+    ) -> None:
         """A STEP file of the assembly at a place (a build123d Location), its lengths in MM, INCH or M."""
         children = []
         for name, solid in self.solids.items():
-            child = b.Solid(solid.wrapped) if place is None else place * b.Solid(solid.wrapped)
+            child = (
+                b.Solid(solid.wrapped)
+                if place is None
+                else place * b.Solid(solid.wrapped)
+            )
             child.label = name if named else ""
             children.append(child)
         STEPControl_Controller.Init_s()  # else the first file of a process is in mm, whatever is set
         assert Interface_Static.SetCVal_s("write.step.unit", unit)
-        b.export_step(b.Compound(label="machine" if named else "", children=children), path)
+        b.export_step(
+            b.Compound(label="machine" if named else "", children=children), path
+        )
         Interface_Static.SetCVal_s("write.step.unit", "MM")
 
 
 def at(solid: Any, point: Any, z: Any = Z, x: Any = None) -> Any:
     """A solid with its origin at a point and its z along a direction."""
-    return b.Plane(origin=tuple(point), z_dir=tuple(z), x_dir=None if x is None else tuple(x)).location * solid
+    return (
+        b.Plane(
+            origin=tuple(point), z_dir=tuple(z), x_dir=None if x is None else tuple(x)
+        ).location
+        * solid
+    )
 
 
 def rod(radius: float, length: float) -> Any:
@@ -74,7 +91,9 @@ def ring(bore: float, radius: float, width: float) -> Any:
 
 def screw(diameter: float, length: float) -> Any:
     """A cap screw: its head on the plane z = 0, its shank below."""
-    return rod(0.75 * diameter, diameter) + b.Cylinder(0.5 * diameter, length, align=TOP)
+    return rod(0.75 * diameter, diameter) + b.Cylinder(
+        0.5 * diameter, length, align=TOP
+    )
 
 
 def five_bar() -> Made:
@@ -82,14 +101,18 @@ def five_bar() -> Made:
     made = Made()
     links = {"crank_left", "crank_right", "coupler_left", "coupler_right"}
     for solid in example.build().children:
-        (made.add if solid.label in {"frame", "foot", *links} else made.buy)(solid.label, solid)
+        (made.add if solid.label in {"frame", "foot", *links} else made.buy)(
+            solid.label, solid
+        )
     left, right, top = example.place_pins()
     made.join("frame", "foot", "fixed")
     for first, second, place in (
-        ("frame", "crank_left", example.LEFT), ("frame", "crank_right", example.RIGHT),
-        ("crank_left", "coupler_left", left), ("crank_right", "coupler_right", right),
+        ("frame", "crank_left", example.LEFT),
+        ("frame", "crank_right", example.RIGHT),
+        ("crank_left", "coupler_left", left),
+        ("crank_right", "coupler_right", right),
         ("coupler_left", "coupler_right", top),
-    ):  # fmt: skip
+    ):
         made.join(first, second, "revolute", (*place, 0), Z)
     return made
 
@@ -97,27 +120,51 @@ def five_bar() -> Made:
 def delta() -> Made:
     """Three arms on pins in a base, two rods with balls at both ends from each to a platform."""
     made = Made()
-    base, platform = rod(120, 15), at(rod(50, 12), (0, 0, -300))
+    base = rod(120, 15)
+    platform = at(rod(50, 12), (0, 0, -300))
     for leg, angle in enumerate(np.deg2rad([0.0, 120.0, 240.0]), 1):
-        out, side = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([-np.sin(angle), np.cos(angle), 0.0])
-        hip, elbow, wrist = 100 * out - 20 * Z, 220 * out - 40 * Z, 60 * out - 294 * Z
+        out = np.array([np.cos(angle), np.sin(angle), 0.0])
+        side = np.array([-np.sin(angle), np.cos(angle), 0.0])
+        hip = 100 * out - 20 * Z
+        elbow = 220 * out - 40 * Z
+        wrist = 60 * out - 294 * Z
         for sign in (-1.0, 1.0):
-            base += at(b.Box(20, 8, 40, align=TOP), hip + sign * 14 * side + 20 * Z, Z, out)
+            base += at(
+                b.Box(20, 8, 40, align=TOP), hip + sign * 14 * side + 20 * Z, Z, out
+            )
         hole = at(rod(5, 80), hip - 40 * side, side)
         base -= hole
         along = (elbow - hip) / np.linalg.norm(elbow - hip)
-        arm = at(b.Box(20, 20, float(np.linalg.norm(elbow - hip)), align=LOW), hip, along, side)
+        arm = at(
+            b.Box(20, 20, float(np.linalg.norm(elbow - hip)), align=LOW),
+            hip,
+            along,
+            side,
+        )
         arm += at(rod(10, 90), elbow - 45 * side, side)
         arm -= hole
         platform += at(rod(10, 90), wrist - 45 * side, side)
         platform += at(b.Box(30, 20, 10), wrist - 15 * out, Z, out)
         for sign, rod_name in ((-1.0, "a"), (1.0, "b")):
-            top, low = elbow + sign * 45 * side, wrist + sign * 45 * side
+            top = elbow + sign * 45 * side
+            low = wrist + sign * 45 * side
             down = (low - top) / np.linalg.norm(low - top)
             length = float(np.linalg.norm(low - top))
-            link = at(b.Sphere(6) + at(b.Sphere(6), (0, 0, length)) + rod(3, length), top, down)
-            arm -= at(b.Sphere(6), top) + at(rod(5, 30), top, down) + at(rod(6, 10), top, sign * side)
-            platform -= at(b.Sphere(6), low) + at(rod(5, 30), low, -down) + at(rod(6, 10), low, sign * side)
+            link = at(
+                b.Sphere(6) + at(b.Sphere(6), (0, 0, length)) + rod(3, length),
+                top,
+                down,
+            )
+            arm -= (
+                at(b.Sphere(6), top)
+                + at(rod(5, 30), top, down)
+                + at(rod(6, 10), top, sign * side)
+            )
+            platform -= (
+                at(b.Sphere(6), low)
+                + at(rod(5, 30), low, -down)
+                + at(rod(6, 10), low, sign * side)
+            )
             name = f"rod{leg}{rod_name}"
             made.add(name, link)
             made.join(f"arm{leg}", name, "spherical", top)
@@ -153,7 +200,8 @@ def _cross(made: Made, name: str, centre: Any, one: Any, two: Any) -> None:
 def hexapod() -> Made:
     """Six legs, a rod in a tube each, with crosses between forks at either end."""
     made = Made()
-    base, platform = at(rod(130, 10), (0, 0, -70)), at(rod(110, 10), (0, 0, 260))
+    base = at(rod(130, 10), (0, 0, -70))
+    platform = at(rod(110, 10), (0, 0, 260))
     for leg in range(6):
         turn = np.deg2rad(60 * (leg // 2) * 2 + (-12 if leg % 2 else 12))
         turn2 = np.deg2rad(60 * (leg // 2) * 2 + (-48 if leg % 2 else 48))
@@ -166,7 +214,9 @@ def hexapod() -> Made:
         base += _fork(made, "", low, one, -Z)
         platform += _fork(made, "", high, one, Z)
         tube = _fork(made, "", low, two, up) + at(ring(5, 8, 110), low + 34 * up, up)
-        bar_ = _fork(made, "", high, two, -up) + at(rod(5, length - 100), high - 34 * up, -up)
+        bar_ = _fork(made, "", high, two, -up) + at(
+            rod(5, length - 100), high - 34 * up, -up
+        )
         tube -= at(rod(5, 200), low + 34 * up, up)
         made.add(f"tube{leg}", tube)
         made.add(f"rod{leg}", bar_)
@@ -174,7 +224,13 @@ def hexapod() -> Made:
             cross = f"cross{leg}{end}"
             _cross(made, cross, centre, one, two)
             made.join(part, cross, "revolute", centre, one)
-            made.join(cross, f"{'tube' if end == 'low' else 'rod'}{leg}", "revolute", centre, two)
+            made.join(
+                cross,
+                f"{'tube' if end == 'low' else 'rod'}{leg}",
+                "revolute",
+                centre,
+                two,
+            )
         made.join(f"tube{leg}", f"rod{leg}", "cylindrical", low, up)
     made.add("base", base)
     made.add("platform", platform)
@@ -186,7 +242,17 @@ def _rail(length: float) -> Any:
     with b.BuildPart() as part:
         with b.BuildSketch(b.Plane.YZ.offset(-0.5 * length)):
             b.Polygon(
-                (-8, 0), (8, 0), (8, 6), (5, 9), (8, 12), (8, 15), (-8, 15), (-8, 12), (-5, 9), (-8, 6), align=None
+                (-8, 0),
+                (8, 0),
+                (8, 6),
+                (5, 9),
+                (8, 12),
+                (8, 15),
+                (-8, 15),
+                (-8, 12),
+                (-5, 9),
+                (-8, 6),
+                align=None,
             )
         b.extrude(amount=length)
     return part.part
@@ -251,19 +317,35 @@ def three_prs() -> Made:
     base = rod(160, 15) - rod(60, 15)
     platform = at(rod(70, 12), (0, 0, 260))
     for leg, angle in enumerate(np.deg2rad([0.0, 120.0, 240.0]), 1):
-        out, side = np.array([np.cos(angle), np.sin(angle), 0.0]), np.array([-np.sin(angle), np.cos(angle), 0.0])
+        out = np.array([np.cos(angle), np.sin(angle), 0.0])
+        side = np.array([-np.sin(angle), np.cos(angle), 0.0])
         foot = 140 * out
-        place = b.Plane(origin=tuple(foot + 115 * Z), z_dir=tuple(-out), x_dir=(0, 0, 1)).location
+        place = b.Plane(
+            origin=tuple(foot + 115 * Z), z_dir=tuple(-out), x_dir=(0, 0, 1)
+        ).location
         base += place * _rail(230)
         base += at(b.Box(12, 30, 230, align=LOW), foot + 6 * out, Z, out)
-        carriage = b.Plane(origin=tuple(foot + 90 * Z), z_dir=tuple(-out), x_dir=(0, 0, 1)).location * _carriage()
-        hip, ball = 105 * out + 90 * Z, 50 * out + 256 * Z
+        carriage = (
+            b.Plane(
+                origin=tuple(foot + 90 * Z), z_dir=tuple(-out), x_dir=(0, 0, 1)
+            ).location
+            * _carriage()
+        )
+        hip = 105 * out + 90 * Z
+        ball = 50 * out + 256 * Z
         for sign in (-1.0, 1.0):
             carriage += at(b.Box(24, 6, 20), hip + sign * 9 * side, Z, out)
         hole = at(rod(4, 60), hip - 30 * side, side)
         along = (ball - hip) / np.linalg.norm(ball - hip)
-        link = at(b.Box(12, 12, float(np.linalg.norm(ball - hip)), align=LOW), hip, along, side) + at(b.Sphere(9), ball)
-        platform -= at(b.Sphere(9), ball) + at(b.Box(20, 20, 30, align=LOW), ball, -along)
+        link = at(
+            b.Box(12, 12, float(np.linalg.norm(ball - hip)), align=LOW),
+            hip,
+            along,
+            side,
+        ) + at(b.Sphere(9), ball)
+        platform -= at(b.Sphere(9), ball) + at(
+            b.Box(20, 20, 30, align=LOW), ball, -along
+        )
         made.add(f"carriage{leg}", carriage - hole)
         made.add(f"leg{leg}", link - hole)
         made.buy(f"pin{leg}", at(rod(4, 24), hip - 12 * side, side))
@@ -306,11 +388,21 @@ def hexagon(flats: float, height: float) -> Any:
 def lever() -> Made:
     """An axle bolted on a plate with a lever on it behind a circlip, 0.1 mm of play on either side of the lever."""
     made = Made()
-    axle = rod(6, 20) + rod(9, 4) + b.Cylinder(4, 22, align=TOP) - at(ring(5.5, 8, 1.2), (0, 0, 14.2))
+    axle = (
+        rod(6, 20)
+        + rod(9, 4)
+        + b.Cylinder(4, 22, align=TOP)
+        - at(ring(5.5, 8, 1.2), (0, 0, 14.2))
+    )
     made.add("Platte", b.Box(80, 60, 10, align=TOP) - at(rod(4.2, 30), (0, 0, -20)))
     made.add("Achse", axle)
-    made.add("Hebel", at(b.Box(90, 20, 10, align=LOW), (30, 0, 4.1)) - at(rod(6.05, 40), (0, 0, -5)))
-    made.buy("Ring", at(ring(5.5, 8, 1.2) - at(b.Box(16, 3.3, 4), (8, 0, 0)), (0, 0, 14.2)))
+    made.add(
+        "Hebel",
+        at(b.Box(90, 20, 10, align=LOW), (30, 0, 4.1)) - at(rod(6.05, 40), (0, 0, -5)),
+    )
+    made.buy(
+        "Ring", at(ring(5.5, 8, 1.2) - at(b.Box(16, 3.3, 4), (8, 0, 0)), (0, 0, 14.2))
+    )
     made.buy("Scheibe", at(ring(4.2, 8, 1.6), (0, 0, -11.6)))
     made.buy("Mutter", at(hexagon(13, 6.5) - rod(4, 20), (0, 0, -18.1)))
     made.join("Platte", "Achse", "fixed")
@@ -326,22 +418,46 @@ def dovetail() -> Made:
     made = Made()
     with b.BuildPart() as bed:
         with b.BuildSketch(b.Plane.YZ.offset(-100)):
-            b.Polygon((-60, -20), (60, -20), (60, 0), (15, 0), (22, 12), (-22, 12), (-15, 0), (-60, 0), align=None)
+            b.Polygon(
+                (-60, -20),
+                (60, -20),
+                (60, 0),
+                (15, 0),
+                (22, 12),
+                (-22, 12),
+                (-15, 0),
+                (-60, 0),
+                align=None,
+            )
         b.extrude(amount=200)
     with b.BuildPart() as slide:
         with b.BuildSketch(b.Plane.YZ.offset(-30)):
             b.Polygon(
-                (-50, 0.1), (-15.12, 0.1), (-22.12, 12.1), (22.12, 12.1), (15.12, 0.1), (50, 0.1), (50, 30), (-50, 30),
+                (-50, 0.1),
+                (-15.12, 0.1),
+                (-22.12, 12.1),
+                (22.12, 12.1),
+                (15.12, 0.1),
+                (50, 0.1),
+                (50, 30),
+                (-50, 30),
                 align=None,
-            )  # fmt: skip
+            )
         b.extrude(amount=60)
-    block, plate = slide.part, at(b.Box(60, 140, 8, align=LOW), (0, 0, 30))
-    block -= at(b.Box(60, 24, 20, align=LOW), (0, -40, 0)) + at(b.Box(60, 24, 20, align=LOW), (0, 40, 0))
+    block = slide.part
+    plate = at(b.Box(60, 140, 8, align=LOW), (0, 0, 30))
+    block -= at(b.Box(60, 24, 20, align=LOW), (0, -40, 0)) + at(
+        b.Box(60, 24, 20, align=LOW), (0, 40, 0)
+    )
     for x in (-20.0, 20.0):
         block -= at(rod(3.3, 60), (x, 40, 0)) + at(rod(2.1, 60), (x, -40, 0))
-        plate -= at(rod(3.3, 60), (x, 40, 0)) + at(b.Cone(2.75, 5.5, 2.75, align=TOP), (x, -40, 38))
+        plate -= at(rod(3.3, 60), (x, 40, 0)) + at(
+            b.Cone(2.75, 5.5, 2.75, align=TOP), (x, -40, 38)
+        )
         plate -= at(rod(2.75, 60), (x, -40, 0))
-        made.buy(f"bolt{x:g}", at(hexagon(10, 4) + b.Cylinder(3, 26, align=TOP), (x, 40, 38)))
+        made.buy(
+            f"bolt{x:g}", at(hexagon(10, 4) + b.Cylinder(3, 26, align=TOP), (x, 40, 38))
+        )
         made.buy(f"nut{x:g}", at(hexagon(10, 5) - rod(3, 20), (x, 40, 15)))
         sunk = b.Cone(2.5, 5, 2.5, align=TOP) + b.Cylinder(2.5, 16, align=TOP)
         made.buy(f"sunk{x:g}", at(sunk, (x, -40, 37.75)))
@@ -372,8 +488,16 @@ def gears() -> Made:
 
 def shoulder() -> Made:
     """An arm on a shoulder screw, its thread in a tapped hole."""
-    made, bolt = Made(), rod(9, 6) + b.Cylinder(6, 10.2, align=TOP) + at(b.Cylinder(5, 12, align=TOP), (0, 0, -10.2))
-    made.add("base", b.Box(80, 60, 20, align=TOP) - at(b.Cylinder(4.25, 14, align=TOP), (0, 0, 1)))
+    made = Made()
+    bolt = (
+        rod(9, 6)
+        + b.Cylinder(6, 10.2, align=TOP)
+        + at(b.Cylinder(5, 12, align=TOP), (0, 0, -10.2))
+    )
+    made.add(
+        "base",
+        b.Box(80, 60, 20, align=TOP) - at(b.Cylinder(4.25, 14, align=TOP), (0, 0, 1)),
+    )
     made.add("arm", at(b.Box(120, 30, 10, align=LOW), (40, 0, 0)) - rod(6.01, 40))
     made.buy("bolt", at(bolt, (0, 0, 10.2)))
     made.join("base", "arm", "revolute")
@@ -382,14 +506,29 @@ def shoulder() -> Made:
 
 def case() -> Made:
     """A case of three pieces, whose screws are missing, with a horn on the shaft in its lid."""
-    made, holes = Made(), [at(rod(0.8, 9), (x, y, 0)) for x in (-17.0, 17.0) for y in (-8.5, 8.5)]
+    made = Made()
+    holes = [at(rod(0.8, 9), (x, y, 0)) for x in (-17.0, 17.0) for y in (-8.5, 8.5)]
     made.add("bottom", b.Box(40, 20, 8, align=LOW) - holes)
     made.add(
-        "middle", at(b.Box(40, 20, 20, align=LOW) - b.Box(30, 12, 80), (0, 0, 8)) - [at(h, (0, 0, 8)) for h in holes]
+        "middle",
+        at(b.Box(40, 20, 20, align=LOW) - b.Box(30, 12, 80), (0, 0, 8))
+        - [at(h, (0, 0, 8)) for h in holes],
     )
     made.add("lid", at(b.Box(40, 20, 8, align=LOW) - rod(4, 20), (0, 0, 28)))
-    made.add("horn", at(rod(4, 8) + at(rod(10, 4), (0, 0, 8)) + at(b.Box(30, 8, 4, align=LOW), (0, 0, 8)), (0, 0, 28)))
-    for first, second, kind in (("bottom", "middle", "fixed"), ("middle", "lid", "fixed"), ("lid", "horn", "revolute")):
+    made.add(
+        "horn",
+        at(
+            rod(4, 8)
+            + at(rod(10, 4), (0, 0, 8))
+            + at(b.Box(30, 8, 4, align=LOW), (0, 0, 8)),
+            (0, 0, 28),
+        ),
+    )
+    for first, second, kind in (
+        ("bottom", "middle", "fixed"),
+        ("middle", "lid", "fixed"),
+        ("lid", "horn", "revolute"),
+    ):
         made.join(first, second, kind)
     return made
 
@@ -397,13 +536,29 @@ def case() -> Made:
 def ball_stud() -> Made:
     """A ball stud, its thread in a tapped hole, in the socket of a rod end with a thread in a rod and a lock nut."""
     made = Made()
-    end = b.Sphere(13) + rod(7, 18) - b.Sphere(8) - at(b.Cylinder(10, 30, align=TOP), (0, 0, -3.5))
-    made.add("plate", at(b.Box(60, 60, 15, align=TOP), (0, 0, -16)) - at(b.Cylinder(3.4, 12, align=TOP), (0, 0, -16)))
-    made.add("stud", b.Sphere(8) + b.Cylinder(4, 27, align=TOP) + at(rod(6.5, 4), (0, 0, -16)))
+    end = (
+        b.Sphere(13)
+        + rod(7, 18)
+        - b.Sphere(8)
+        - at(b.Cylinder(10, 30, align=TOP), (0, 0, -3.5))
+    )
+    made.add(
+        "plate",
+        at(b.Box(60, 60, 15, align=TOP), (0, 0, -16))
+        - at(b.Cylinder(3.4, 12, align=TOP), (0, 0, -16)),
+    )
+    made.add(
+        "stud",
+        b.Sphere(8) + b.Cylinder(4, 27, align=TOP) + at(rod(6.5, 4), (0, 0, -16)),
+    )
     made.add("end", end + at(rod(4, 18), (0, 0, 18)))
     made.buy("nut", at(hexagon(13, 5) - rod(4, 9), (0, 0, 19)))
     made.add("rod", at(rod(7.5, 90) - rod(3.4, 60), (0, 0, 24)))
-    for first, second, kind in (("plate", "stud", "fixed"), ("stud", "end", "spherical"), ("end", "rod", "fixed")):
+    for first, second, kind in (
+        ("plate", "stud", "fixed"),
+        ("stud", "end", "spherical"),
+        ("end", "rod", "fixed"),
+    ):
         made.join(first, second, kind)
     return made
 
@@ -425,17 +580,23 @@ def spindle() -> Made:
 
     A washer and a screw hold the lower bearing: with the lid's screws they are no bearing of rings and rollers.
     """
-    made, lid = Made(), at(ring(15, 26, 3.5), (0, 0, 30))
+    made = Made()
+    lid = at(ring(15, 26, 3.5), (0, 0, 30))
     house = b.Box(80, 80, 30, align=LOW) - rod(16, 30)
     for number, turn in enumerate(np.deg2rad([0, 120, 240])):
-        x, y = 21.5 * np.cos(turn), 21.5 * np.sin(turn)
+        x = 21.5 * np.cos(turn)
+        y = 21.5 * np.sin(turn)
         house -= at(rod(0.8, 9), (x, y, 22))
         lid -= at(rod(1.3, 9), (x, y, 28))
         made.buy(f"screw{number}", at(screw(2, 9), (x, y, 33.5)))
     made.add("house", house)
     made.add("lid", lid)
     made.add(
-        "shaft", at(rod(9, 29), (0, 0, 1)) + at(rod(11.5, 5), (0, 0, 30)) + at(rod(30, 8), (0, 0, 35)) - rod(2.1, 14)
+        "shaft",
+        at(rod(9, 29), (0, 0, 1))
+        + at(rod(11.5, 5), (0, 0, 30))
+        + at(rod(30, 8), (0, 0, 35))
+        - rod(2.1, 14),
     )
     for z in (0.0, 21.0):
         made.buy(f"ring{z:g}", at(ring(9, 16, 9), (0, 0, z)))
@@ -451,7 +612,9 @@ def slotted(bore: float, radius: float, width: float) -> Any:
     """A round nut with four slots, its thread drawn with the radius of its bore."""
     slot = b.Box(0.4 * radius, 0.3 * radius, 3 * width)
     ways = ((1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0))
-    return ring(bore, radius, width) - [at(slot, radius * np.array(way), Z, way) for way in ways]
+    return ring(bore, radius, width) - [
+        at(slot, radius * np.array(way), Z, way) for way in ways
+    ]
 
 
 def locked() -> Made:
@@ -476,11 +639,33 @@ def gib() -> Made:
             b.extrude(amount=length)
         return part.part
 
-    bed = (-90, -40), (90, -40), (90, 0), (35, 0), (47, 20), (-47, 20), (-35, 0), (-90, 0)
-    slide = (-85, 0), (-35, 0), (-47, 20), (55, 20), (43, 0), (85, 0), (85, 35), (-85, 35)
+    bed = (
+        (-90, -40),
+        (90, -40),
+        (90, 0),
+        (35, 0),
+        (47, 20),
+        (-47, 20),
+        (-35, 0),
+        (-90, 0),
+    )
+    slide = (
+        (-85, 0),
+        (-35, 0),
+        (-47, 20),
+        (55, 20),
+        (43, 0),
+        (85, 0),
+        (85, 35),
+        (-85, 35),
+    )
     made.add("bed", extrude(400, *bed))
     made.add("slide", extrude(160, *slide) - at(rod(2.5, 60), (0, 40, 10), Y))
-    made.add("strip", extrude(160, (35, 0), (43, 0), (55, 20), (47, 20)) - at(rod(2.6, 30), (0, 45, 10), Y))
+    made.add(
+        "strip",
+        extrude(160, (35, 0), (43, 0), (55, 20), (47, 20))
+        - at(rod(2.6, 30), (0, 45, 10), Y),
+    )
     made.buy("grub", at(rod(3, 22), (0, 55, 10), Y) + at(rod(2.5, 10), (0, 46, 10), Y))
     made.join("bed", "slide", "prismatic", None, X)
     made.join("bed", "strip", "prismatic", None, X)
@@ -491,7 +676,9 @@ def gib() -> Made:
 def column() -> Made:
     """A headed shaft with a hexagon nut in a bearing, which a turned housing and a circlip in its groove hold."""
     made = Made()
-    made.add("house", rod(30, 40) - rod(17, 13) - rod(12, 60) - at(rod(18, 1), (0, 0, 12)))
+    made.add(
+        "house", rod(30, 40) - rod(17, 13) - rod(12, 60) - at(rod(18, 1), (0, 0, 12))
+    )
     made.buy("bearing", ring(8, 17, 12))
     made.buy("clip", at(ring(14, 18, 1) - at(b.Box(16, 6, 4), (16, 0, 0)), (0, 0, 12)))
     made.add("shaft", at(rod(8, 30), (0, 0, -1)) + at(rod(20, 10), (0, 0, -11)))
@@ -502,17 +689,24 @@ def column() -> Made:
 
 def drive() -> Made:
     """A carriage on a rod in a bushing between circlips; a nut of a spindle on it with screws of rounded heads."""
-    made, bores = Made(), [at(rod(12, 60), (0, 50, -9)), at(rod(14, 60), (0, -30, -9))]
+    made = Made()
+    bores = [at(rod(12, 60), (0, 50, -9)), at(rod(14, 60), (0, -30, -9))]
     carriage = b.Box(60, 140, 40, align=LOW) - bores
     nut = rod(14, 40) + at(rod(26, 8), (0, 0, 40)) - at(rod(8, 99), (0, 0, -9))
     for number, (x, y) in enumerate(((20, 0), (0, 20), (-20, 0), (0, -20))):
-        nut, carriage = nut - at(rod(2.7, 9), (x, y, 40)), carriage - at(rod(2.1, 20), (x, y - 30, 25))
+        nut = nut - at(rod(2.7, 9), (x, y, 40))
+        carriage = carriage - at(rod(2.1, 20), (x, y - 30, 25))
         head = at(b.Sphere(6) - at(b.Box(20, 20, 20, align=TOP), (0, 0, 2)), (0, 0, -2))
-        made.buy(f"piece{number}", at(head + b.Cylinder(2.5, 20, align=TOP), (x, y - 30, 48)))
+        made.buy(
+            f"piece{number}", at(head + b.Cylinder(2.5, 20, align=TOP), (x, y - 30, 48))
+        )
     made.buy("bush", at(ring(8, 12, 30), (0, 50, 5)))
     for z in (3.5, 35.0):
         carriage -= at(rod(13, 1.5), (0, 50, z))
-        made.buy(f"clip{z:g}", at(ring(10, 13, 1.5) - at(b.Box(16, 4, 9), (12, 0, 0)), (0, 50, z)))
+        made.buy(
+            f"clip{z:g}",
+            at(ring(10, 13, 1.5) - at(b.Box(16, 4, 9), (12, 0, 0)), (0, 50, z)),
+        )
     made.add("nut", at(nut, (0, -30, 0)))
     made.add("spindle", at(rod(8, 300), (0, -30, -150)))
     made.add("guide", at(rod(8, 300), (0, 50, -150)))
@@ -525,11 +719,15 @@ def drive() -> Made:
 
 def jackshaft() -> Made:
     """A plain shaft in bearings of two housings on a plate, one of rings and balls."""
-    made, plate = Made(), b.Box(240, 100, 12, align=TOP)
+    made = Made()
+    plate = b.Box(240, 100, 12, align=TOP)
     for name, x in (("left", -50), ("right", 50)):
-        house = at(b.Box(12, 60, 70, align=LOW), (x, 0, 0)) - at(rod(14, 30), (x - 15, 0, 40), X)
+        house = at(b.Box(12, 60, 70, align=LOW), (x, 0, 0)) - at(
+            rod(14, 30), (x - 15, 0, 40), X
+        )
         for y in (-22, 22):
-            house, plate = house - at(rod(2.5, 14), (x, y, 0)), plate - at(rod(3.3, 40), (x, y, -30))
+            house = house - at(rod(2.5, 14), (x, y, 0))
+            plate = plate - at(rod(3.3, 40), (x, y, -30))
             made.buy(f"screw {name} {y}", at(screw(6, 24), (x, y, -12), -Z))
         made.add(name, house)
         made.join("plate", name, "fixed")
@@ -539,12 +737,33 @@ def jackshaft() -> Made:
     made.buy("inner", at(ring(6, 8.6, 8), (46, 0, 40), X) - groove)
     made.buy("outer", at(ring(11.4, 14, 8), (46, 0, 40), X) - groove)
     for number, turn in enumerate(np.deg2rad(range(0, 360, 45))):
-        made.buy(f"ball {number}", at(b.Sphere(2), (50, 10 * np.cos(turn), 40 + 10 * np.sin(turn))))
+        made.buy(
+            f"ball {number}",
+            at(b.Sphere(2), (50, 10 * np.cos(turn), 40 + 10 * np.sin(turn))),
+        )
     made.add("shaft", at(rod(6, 130), (-65, 0, 40), X))
     made.add("plate", plate)
     return made
 
 
-SMALL = (shoulder, case, ball_stud, bushed, spindle, gib, locked, column, drive, jackshaft)
-ALL = {"five-bar": five_bar, "delta": delta, "hexapod": hexapod, "slider": slider, "3-prs": three_prs, "finger": finger}
+SMALL = (
+    shoulder,
+    case,
+    ball_stud,
+    bushed,
+    spindle,
+    gib,
+    locked,
+    column,
+    drive,
+    jackshaft,
+)
+ALL = {
+    "five-bar": five_bar,
+    "delta": delta,
+    "hexapod": hexapod,
+    "slider": slider,
+    "3-prs": three_prs,
+    "finger": finger,
+}
 ALL |= {"lever": lever, "dovetail": dovetail, "gears": gears}

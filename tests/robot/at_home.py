@@ -8,9 +8,14 @@ import numpy as np
 from stiffscope.robot.file.description import RobotFile
 
 FREE = {
-    "fixed": [], "revolute": [3], "prismatic": [0], "cylindrical": [0, 3], "universal": [3, 4], "spherical": [3, 4, 5],
+    "fixed": [],
+    "revolute": [3],
+    "prismatic": [0],
+    "cylindrical": [0, 3],
+    "universal": [3, 4],
+    "spherical": [3, 4, 5],
     "planar": [1, 2, 3],
-}  # fmt: skip
+}
 
 
 def to_point(p):
@@ -44,23 +49,35 @@ def connectors(robot: RobotFile, matrices, *, driven=True, rigid=False):
     for name, body in robot.elastic_bodies().items():
         axes = frame(np.subtract(body.tip, body.base), body.y)
         c = np.zeros((6, 6)) if rigid else matrices[body.part]
-        yield Connector(f"{name}.base", f"{name}.tip", double(axes) @ to_point(np.array(body.tip)), c)
+        yield Connector(
+            f"{name}.base",
+            f"{name}.tip",
+            double(axes) @ to_point(np.array(body.tip)),
+            c,
+        )
     for joint in robot.joints.values():
-        axis, axis2 = getattr(joint, "axis", None), getattr(joint, "axis2", None)
+        axis = getattr(joint, "axis", None)
+        axis2 = getattr(joint, "axis2", None)
         drive = getattr(joint, "drive", None) if driven else None
-        rows = double(np.eye(3) if axis is None else frame(axis, axis2)) @ to_point(np.array(joint.at))
+        rows = double(np.eye(3) if axis is None else frame(axis, axis2)) @ to_point(
+            np.array(joint.at)
+        )
         c = joint.yielding(np.eye(3))
         held = [i for i in range(6) if i not in FREE[joint.type]]
         if drive is not None:
             along = FREE[joint.type][0]
-            held, c[along, along] = sorted([*held, along]), 0.0 if rigid else 1 / drive.stiffness
+            held = sorted([*held, along])
+            c[along, along] = 0.0 if rigid else 1 / drive.stiffness
         yield Connector(*joint.between, rows[held], c[np.ix_(held, held)])
 
 
 def system(robot, matrices, **how):
     links = list(connectors(robot, matrices, **how))
-    names = sorted({n for link in links for n in (link.first, link.second)} - {"ground"})
-    blocks, c = [], []
+    names = sorted(
+        {n for link in links for n in (link.first, link.second)} - {"ground"}
+    )
+    blocks = []
+    c = []
     for link in links:
         a = np.zeros((len(link.rows), 6 * len(names)))
         for node, sign in ((link.first, -1), (link.second, 1)):
@@ -73,7 +90,9 @@ def system(robot, matrices, **how):
 
 def tool_rows(robot, names):
     rows = np.zeros((6, 6 * len(names)))
-    rows[:, 6 * names.index(robot.tool.body) :][:, :6] = to_point(np.array(robot.tool.at))
+    rows[:, 6 * names.index(robot.tool.body) :][:, :6] = to_point(
+        np.array(robot.tool.at)
+    )
     return rows
 
 
@@ -83,7 +102,8 @@ def compliance(robot: RobotFile, matrices) -> np.ndarray:
     tool = tool_rows(robot, names)
     m, n = a.shape
     whole = np.zeros((n + m, n + m))
-    whole[:n, n:], whole[n:, :n] = a.T, a
+    whole[:n, n:] = a.T
+    whole[n:, :n] = a
     at = n
     for block in c:
         whole[at : at + len(block), at : at + len(block)] = -block
@@ -92,7 +112,9 @@ def compliance(robot: RobotFile, matrices) -> np.ndarray:
     scaled = whole * np.outer(scale, scale)
     right = np.vstack([tool.T, np.zeros((m, 6))]) * scale[:, None]
     found = np.linalg.lstsq(scaled, right, rcond=1e-13)[0]
-    assert np.abs(scaled @ found - right).max() < 1e-6 * np.abs(right).max(), "the tool moves freely"
+    assert np.abs(scaled @ found - right).max() < 1e-6 * np.abs(right).max(), (
+        "the tool moves freely"
+    )
     return tool @ (found * scale[:, None])[:n]
 
 

@@ -11,7 +11,11 @@ import build123d as b
 import numpy as np
 import pytest
 from OCP.BRep import BRep_Builder
-from OCP.BRepBuilderAPI import BRepBuilderAPI_MakeSolid, BRepBuilderAPI_NurbsConvert, BRepBuilderAPI_Sewing
+from OCP.BRepBuilderAPI import (
+    BRepBuilderAPI_MakeSolid,
+    BRepBuilderAPI_NurbsConvert,
+    BRepBuilderAPI_Sewing,
+)
 from OCP.TopoDS import TopoDS_Shell
 
 from stiffscope import cad
@@ -48,9 +52,11 @@ def test_every_joint_is_found_and_none_invented(machine, tmp_path):
     place = b.Location(where, turns)
     made = assemblies.ALL[machine]()
     made.write(tmp_path / "machine.step", unit, place, named)
-    written = {"MM": "SI_UNIT(.MILLI.,.METRE.)", "INCH": "CONVERSION_BASED_UNIT('INCH'", "M": "SI_UNIT($,.METRE.)"}[
-        unit
-    ]
+    written = {
+        "MM": "SI_UNIT(.MILLI.,.METRE.)",
+        "INCH": "CONVERSION_BASED_UNIT('INCH'",
+        "M": "SI_UNIT($,.METRE.)",
+    }[unit]
     assert written in (tmp_path / "machine.step").read_text()
     solids = read_assembly(tmp_path / "machine.step")
     _check(made, solids, place)
@@ -59,7 +65,8 @@ def test_every_joint_is_found_and_none_invented(machine, tmp_path):
 @pytest.mark.parametrize("machine", assemblies.SMALL)
 def test_details_of_real_machines_make_the_joints_that_they_are(machine):
     """As a STEP file would give them, but without writing it; names only where one is to be no reason."""
-    place, made = b.Location((-31, 7, 120), (23, -140, 61)), machine()
+    place = b.Location((-31, 7, 120), (23, -140, 61))
+    made = machine()
     solids = _place_solids(made, place, named=machine is assemblies.drive)
     doubts = _check(made, solids, place)
     laid = sum("taken as fixed" in doubt.text for doubt in doubts)
@@ -81,7 +88,9 @@ def _check(made, solids, place):
     names = _true_names(made, solids, place)
     assert {names[n] for n in hardware.roles} == made.hardware
     found = {frozenset((names[j.first], names[j.second])): j for j in joints}
-    assert {pair: j.kind for pair, j in found.items()} == {frozenset(t[:2]): t[2] for t in made.joints}
+    assert {pair: j.kind for pair, j in found.items()} == {
+        frozenset(t[:2]): t[2] for t in made.joints
+    }
     turn, origin = _frame(place)
     for first, second, _, at, axis in made.joints:
         joint = found[frozenset((first, second))]
@@ -89,7 +98,10 @@ def _check(made, solids, place):
             assert np.linalg.norm(np.cross(joint.axis, turn @ axis)) < 1e-9
         if at is not None:
             off = joint.at - 1e-3 * (turn @ at + origin)
-            assert np.linalg.norm(off if axis is None else np.cross(joint.axis, off)) < 1e-9
+            assert (
+                np.linalg.norm(off if axis is None else np.cross(joint.axis, off))
+                < 1e-9
+            )
     return doubts
 
 
@@ -103,10 +115,16 @@ def _true_names(made, solids, place):
     """Names of the solids by where their centres are, and their volumes."""
     turn, origin = _frame(place)
     true = {
-        name: (*(turn @ np.array(tuple(solid.center(b.CenterOf.MASS))) + origin), solid.volume ** (1 / 3))
+        name: (
+            *(turn @ np.array(tuple(solid.center(b.CenterOf.MASS))) + origin),
+            solid.volume ** (1 / 3),
+        )
         for name, solid in made.solids.items()
     }
-    seen = [(*(1e3 * solid.centre), 1e3 * solid.product.volume ** (1 / 3)) for solid in solids]
+    seen = [
+        (*(1e3 * solid.centre), 1e3 * solid.product.volume ** (1 / 3))
+        for solid in solids
+    ]
     return [min(true, key=lambda name: math.dist(each, true[name])) for each in seen]
 
 
@@ -114,13 +132,22 @@ def test_a_bearing_of_rings_and_balls_turns(tmp_path):
     made = assemblies.Made()
     shaft = assemblies.rod(10, 60) + assemblies.at(b.Box(40, 40, 8), (0, 0, 64))
     made.add("rotor", shaft)
-    made.add("stator", b.Box(70, 70, 14, align=assemblies.LOW) - assemblies.rod(23.5, 14))
+    made.add(
+        "stator", b.Box(70, 70, 14, align=assemblies.LOW) - assemblies.rod(23.5, 14)
+    )
     groove = b.Torus(16.75, 4)
     made.buy("inner", assemblies.ring(10, 14, 14) - assemblies.at(groove, (0, 0, 7)))
-    made.buy("outer", assemblies.ring(19.5, 23.5, 14) - assemblies.at(groove, (0, 0, 7)))
+    made.buy(
+        "outer", assemblies.ring(19.5, 23.5, 14) - assemblies.at(groove, (0, 0, 7))
+    )
     for number in range(8):
         turn = 2 * math.pi * number / 8
-        made.buy(f"element{number}", assemblies.at(b.Sphere(3.9), (16.75 * math.cos(turn), 16.75 * math.sin(turn), 7)))
+        made.buy(
+            f"element{number}",
+            assemblies.at(
+                b.Sphere(3.9), (16.75 * math.cos(turn), 16.75 * math.sin(turn), 7)
+            ),
+        )
     made.write(tmp_path / "machine.step")
     solids = read_assembly(tmp_path / "machine.step")
     contacts = find_contacts(solids)
@@ -131,20 +158,31 @@ def test_a_bearing_of_rings_and_balls_turns(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("name", "kind", "doubts"), [("", "revolute", 1), ("Bolzen", "revolute", 0), ("M8", "fixed", 0)]
+    ("name", "kind", "doubts"),
+    [("", "revolute", 1), ("Bolzen", "revolute", 0), ("M8", "fixed", 0)],
 )
-def test_a_headed_pin_in_holes_of_its_diameter_is_told_with_both_readings(name, kind, doubts, tmp_path):
+def test_a_headed_pin_in_holes_of_its_diameter_is_told_with_both_readings(
+    name, kind, doubts, tmp_path
+):
     made = assemblies.Made()
     hole = assemblies.at(assemblies.rod(4, 40), (0, 0, -20))
     made.add("lower", b.Box(80, 30, 10, align=assemblies.TOP) - hole)
-    made.add("upper", assemblies.at(b.Box(80, 30, 8, align=assemblies.LOW), (30, 0, 0)) - hole)
+    made.add(
+        "upper",
+        assemblies.at(b.Box(80, 30, 8, align=assemblies.LOW), (30, 0, 0)) - hole,
+    )
     made.buy("piece", assemblies.at(assemblies.screw(8, 18), (0, 0, 8)))
-    made.solids = {name if each == "piece" and name else each: solid for each, solid in made.solids.items()}
+    made.solids = {
+        name if each == "piece" and name else each: solid
+        for each, solid in made.solids.items()
+    }
     made.write(tmp_path / "machine.step")
     solids = read_assembly(tmp_path / "machine.step")
     contacts = find_contacts(solids)
     said = {2: "screw"} if name == "M8" else {}
-    (joint,), told = find_joints(solids, contacts, find_hardware(solids, contacts, said))
+    (joint,), told = find_joints(
+        solids, contacts, find_hardware(solids, contacts, said)
+    )
     assert joint.kind == kind
     assert [each.solids for each in told] == [("piece",)] * doubts
 
@@ -152,15 +190,34 @@ def test_a_headed_pin_in_holes_of_its_diameter_is_told_with_both_readings(name, 
 @pytest.mark.parametrize(
     ("nut", "name", "kind"),
     [
-        (assemblies.ring(6, 11, 6) - assemblies.at(assemblies.rod(1, 6), (8.5, 0, 0)), "piece", "revolute"),
-        (b.Box(18, 18, 6, align=assemblies.LOW) - assemblies.rod(6, 6), "piece", "revolute"),
-        (b.Box(18, 18, 6, align=assemblies.LOW) - assemblies.rod(6, 6), "Vierkantmutter", ""),
+        (
+            assemblies.ring(6, 11, 6)
+            - assemblies.at(assemblies.rod(1, 6), (8.5, 0, 0)),
+            "piece",
+            "revolute",
+        ),
+        (
+            b.Box(18, 18, 6, align=assemblies.LOW) - assemblies.rod(6, 6),
+            "piece",
+            "revolute",
+        ),
+        (
+            b.Box(18, 18, 6, align=assemblies.LOW) - assemblies.rod(6, 6),
+            "Vierkantmutter",
+            "",
+        ),
     ],
 )
-def test_what_may_be_a_nut_on_a_thread_of_its_radius_is_told_with_both_readings(nut, name, kind):
+def test_what_may_be_a_nut_on_a_thread_of_its_radius_is_told_with_both_readings(
+    nut, name, kind
+):
     """Unless its name says so: then it holds the bar, and no part is left that moves."""
     made = assemblies.Made()
-    made.add("plate", b.Box(80, 60, 10, align=assemblies.TOP) - assemblies.at(assemblies.rod(6, 10), (0, 0, -10)))
+    made.add(
+        "plate",
+        b.Box(80, 60, 10, align=assemblies.TOP)
+        - assemblies.at(assemblies.rod(6, 10), (0, 0, -10)),
+    )
     made.add("bar", assemblies.at(assemblies.rod(6, 50), (0, 0, -10)))
     made.add(name, nut)
     solids = _place_solids(made, b.Location())
@@ -174,26 +231,50 @@ def test_what_may_be_a_nut_on_a_thread_of_its_radius_is_told_with_both_readings(
 @pytest.mark.parametrize(
     ("upper", "name", "told"),
     [
-        ("plate", "piece", 'revolute: taken as a screw with a nut; if it is a pin, say --joint "lower/upper='),
-        ("bearing", "piece", 'own between: taken as a screw with a nut; if it is a shaft, say --part "piece"'),
-        ("none", "piece", 'no joint: taken as a shaft with a nut; if it is a screw, say --weld "piece"'),
+        (
+            "plate",
+            "piece",
+            'revolute: taken as a screw with a nut; if it is a pin, say --joint "lower/upper=',
+        ),
+        (
+            "bearing",
+            "piece",
+            'own between: taken as a screw with a nut; if it is a shaft, say --part "piece"',
+        ),
+        (
+            "none",
+            "piece",
+            'no joint: taken as a shaft with a nut; if it is a screw, say --weld "piece"',
+        ),
         ("plate", "Schraube", ""),
     ],
 )
 def test_a_headed_bar_with_a_nut_is_told_with_both_readings(upper, name, told):
     """A screw of its holes' diameter, an axle in a bearing on an arm, or a shaft in a bearing of a housing."""
-    made, hole = assemblies.Made(), assemblies.at(assemblies.rod(8, 80), (0, 0, -40))
+    made = assemblies.Made()
+    hole = assemblies.at(assemblies.rod(8, 80), (0, 0, -40))
     ring = assemblies.at(assemblies.ring(8, 17, 10), (0, 0, -10))
-    lower = b.Box(90, 50, 10, align=assemblies.TOP) - (ring + hole if upper == "none" else hole)
+    lower = b.Box(90, 50, 10, align=assemblies.TOP) - (
+        ring + hole if upper == "none" else hole
+    )
     made.add("lower", lower)
     if upper != "none":
-        plate = assemblies.at(b.Box(120, 50, 10, align=assemblies.LOW), (30, 0, 0)) - hole
-        made.add("upper", plate - assemblies.rod(17, 10) if upper == "bearing" else plate)
+        plate = (
+            assemblies.at(b.Box(120, 50, 10, align=assemblies.LOW), (30, 0, 0)) - hole
+        )
+        made.add(
+            "upper", plate - assemblies.rod(17, 10) if upper == "bearing" else plate
+        )
     if upper != "plate":
         made.buy("bearing", ring if upper == "none" else assemblies.ring(8, 17, 10))
     top = 0.0 if upper == "none" else 10.0
-    made.add(name, assemblies.at(assemblies.rod(8, 60) + assemblies.rod(14, 8), (0, 0, -18)))
-    made.buy("nut", assemblies.at(assemblies.hexagon(24, 10) - assemblies.rod(8, 30), (0, 0, top)))
+    made.add(
+        name, assemblies.at(assemblies.rod(8, 60) + assemblies.rod(14, 8), (0, 0, -18))
+    )
+    made.buy(
+        "nut",
+        assemblies.at(assemblies.hexagon(24, 10) - assemblies.rod(8, 30), (0, 0, top)),
+    )
     solids = _place_solids(made, b.Location())
     contacts = find_contacts(solids)
     _, doubts = find_joints(solids, contacts, find_hardware(solids, contacts, {}))
@@ -203,41 +284,68 @@ def test_a_headed_bar_with_a_nut_is_told_with_both_readings(upper, name, told):
 
 def test_the_tool_is_a_part_that_moves_and_the_settings_are_not_written_over(tmp_path):
     """Whatever is stacked on the ground, and however small what turns at the end is."""
-    made, hole = assemblies.Made(), assemblies.at(assemblies.rod(5, 99), (0, 0, -30))
+    made = assemblies.Made()
+    hole = assemblies.at(assemblies.rod(5, 99), (0, 0, -30))
     made.add("base", b.Box(300, 60, 20, align=assemblies.TOP) - hole)
     for n in range(3):
-        made.add(f"block{n}", assemblies.at(b.Box(40, 40, 20, align=assemblies.LOW), (120, 0, 20 * n)))
+        made.add(
+            f"block{n}",
+            assemblies.at(b.Box(40, 40, 20, align=assemblies.LOW), (120, 0, 20 * n)),
+        )
     eye = assemblies.at(assemblies.rod(1.5, 40), (-60, 0, -5))
-    made.add("arm", assemblies.at(b.Box(120, 20, 16, align=assemblies.LOW), (-50, 0, 0)) - hole - eye)
+    made.add(
+        "arm",
+        assemblies.at(b.Box(120, 20, 16, align=assemblies.LOW), (-50, 0, 0))
+        - hole
+        - eye,
+    )
     made.buy("pin", assemblies.at(assemblies.rod(5, 36), (0, 0, -20)))
     made.add("peg", assemblies.at(assemblies.screw(3, 10), (-60, 0, 16)))
     made.write(tmp_path / "machine.step")
     said = Said(material=("*=steel",))
     found = import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml", said)
     assert found.model.tool_body.partition(".")[0] == "arm"
-    with pytest.raises(InputError, match=r"assembly\.toml: expected another name, as assembly\.toml holds settings"):
+    with pytest.raises(
+        InputError,
+        match=r"assembly\.toml: expected another name, as assembly\.toml holds settings",
+    ):
         import_assembly(tmp_path / "machine.step", tmp_path / "assembly.toml", said)
 
 
 def test_an_import_runs_and_keeps_what_is_said(tmp_path):
     made = assemblies.five_bar()
     made.write(tmp_path / "machine.step")
-    (tmp_path / "assembly.toml").write_text('ground = "foot"\nmaterial = { "*" = "steel" }\n')
-    said = Said(tool="coupler_left", rigid=("frame",), drive=("frame/crank*=9 kN*m/rad",))
+    (tmp_path / "assembly.toml").write_text(
+        'ground = "foot"\nmaterial = { "*" = "steel" }\n'
+    )
+    said = Said(
+        tool="coupler_left", rigid=("frame",), drive=("frame/crank*=9 kN*m/rad",)
+    )
     found = import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml", said)
     robot = load_robot(tmp_path / "robot.toml")
     assert found.model.pose == ("x", "y")
-    assert sorted(robot.parts) == ["coupler_left", "coupler_right", "crank_left", "crank_right"]
+    assert sorted(robot.parts) == [
+        "coupler_left",
+        "coupler_right",
+        "crank_left",
+        "crank_right",
+    ]
     assert not found.doubts
 
 
 @pytest.mark.parametrize("kind", ["Revolute", "Linear", "Cylindrical", "Ball", "Rigid"])
 def test_joints_of_build123d_are_taken_as_they_are(kind, tmp_path):
     """Whatever touches: a block beside a plate, in an assembly of an assembly that is moved and turned."""
-    at, along = (12.0, -7.0, 5.0), (0.0, 0.6, 0.8)
+    at = (12.0, -7.0, 5.0)
+    along = (0.0, 0.6, 0.8)
     line = {} if kind in {"Ball", "Rigid"} else {"axis": b.Axis(at, along)}
-    plate, block, foot = (solid.solid() for solid in (b.Box(80, 60, 10), b.Box(30, 20, 10), b.Box(99, 99, 9)))
-    plate.label, block.label, foot.label = "plate", "block", "foot"
+    plate, block, foot = (
+        solid.solid()
+        for solid in (b.Box(80, 60, 10), b.Box(30, 20, 10), b.Box(99, 99, 9))
+    )
+    plate.label = "plate"
+    block.label = "block"
+    foot.label = "foot"
     point = {} if line else {"joint_location": b.Location(at)}
     joint = getattr(b, f"{kind}Joint")("hinge", plate, **line, **point)
     slid = {"position": 0} if kind in {"Linear", "Cylindrical"} else {}
@@ -245,18 +353,41 @@ def test_joints_of_build123d_are_taken_as_they_are(kind, tmp_path):
     bottom = b.RigidJoint("bottom", plate, b.Location((0, 0, -5)))
     bottom.connect_to(b.RigidJoint("top", foot, b.Location((0, 0, 4.5))))
     place = b.Location((100, -20, 30), (20, 40, 10))
-    machine = b.Compound(label="machine", children=[b.Compound(label="unit", children=[plate, block]), foot])
+    machine = b.Compound(
+        label="machine",
+        children=[b.Compound(label="unit", children=[plate, block]), foot],
+    )
     machine.locate(place)
     if kind == "Rigid":
-        with pytest.raises(InputError, match="expected a tool that joints let move, got plate"):
-            from_assembly(machine, tmp_path / "m.toml", material={"*": "steel"}, ground="foot", tool="plate")
+        with pytest.raises(
+            InputError, match="expected a tool that joints let move, got plate"
+        ):
+            from_assembly(
+                machine,
+                tmp_path / "m.toml",
+                material={"*": "steel"},
+                ground="foot",
+                tool="plate",
+            )
         return
-    found = from_assembly(machine, tmp_path / "m.toml", material={"*": "steel"}, ground="foot", tool="block")
+    found = from_assembly(
+        machine,
+        tmp_path / "m.toml",
+        material={"*": "steel"},
+        ground="foot",
+        tool="block",
+    )
     (joint,) = [each for each in found.model.joints if each.name == "plate/block"]
-    kinds = {"Revolute": "revolute", "Linear": "prismatic", "Cylindrical": "cylindrical", "Ball": "spherical"}
+    kinds = {
+        "Revolute": "revolute",
+        "Linear": "prismatic",
+        "Cylindrical": "cylindrical",
+        "Ball": "spherical",
+    }
     assert joint.kind == kinds[kind]
     turn, origin = _frame(place)
-    point, axis = 1e-3 * (turn @ np.array(at) + origin), turn @ np.array(along)
+    point = 1e-3 * (turn @ np.array(at) + origin)
+    axis = turn @ np.array(along)
     if kind == "Ball":
         assert np.linalg.norm(joint.at - point) < 1e-9
         return
@@ -268,8 +399,10 @@ def test_joints_of_build123d_are_taken_as_they_are(kind, tmp_path):
 
 
 def test_a_joint_of_build123d_that_contacts_contradict_is_told(tmp_path):
-    plate, block = b.Box(80, 60, 10).solid(), b.Box(30, 20, 10).solid()
-    plate.label, block.label = "plate", "block"
+    plate = b.Box(80, 60, 10).solid()
+    block = b.Box(30, 20, 10).solid()
+    plate.label = "plate"
+    block.label = "block"
     hinge = b.RevoluteJoint("hinge", plate, axis=b.Axis((0, 0, 5), (0, 0, 1)))
     hinge.connect_to(b.RigidJoint("hole", block, b.Location((0, 0, -5))))
     machine = b.Compound(label="machine", children=[plate, block])
@@ -277,8 +410,12 @@ def test_a_joint_of_build123d_that_contacts_contradict_is_told(tmp_path):
     found = from_assembly(machine, tmp_path / "m.toml", **said)
     assert [doubt.solids for doubt in found.doubts] == [("plate", "block")]
     assert "makes it revolute, what touches makes it fixed" in found.doubts[0].text
-    assert [doubt.text for doubt in inspect_robot(load_robot(found.file)).doubts] == [found.doubts[0].text]
-    other = from_assembly(machine, tmp_path / "other.toml", **said, joint={"pl*/bl*": "planar"})
+    assert [doubt.text for doubt in inspect_robot(load_robot(found.file)).doubts] == [
+        found.doubts[0].text
+    ]
+    other = from_assembly(
+        machine, tmp_path / "other.toml", **said, joint={"pl*/bl*": "planar"}
+    )
     assert (other.model.joints[0].kind, other.doubts) == ("planar", ())
 
 
@@ -286,9 +423,18 @@ def test_a_joint_of_build123d_that_contacts_contradict_is_told(tmp_path):
     ("given", "message"),
     [
         (("a text", {}), "expected a build123d Compound of solids, got str"),
-        ((b.Compound(children=[b.Face.make_rect(1, 1)]), {}), "expected at least one closed solid, got 1 shapes"),
-        ((b.Pos(1e400, 0, 0) * b.Solid.make_box(1, 1, 1), {}), "expected solids at places, got .* at infinity"),
-        ((assemblies.rod(1, 2), {"floor": "x"}), 'floor: expected one of ground, .*, got "floor"'),
+        (
+            (b.Compound(children=[b.Face.make_rect(1, 1)]), {}),
+            "expected at least one closed solid, got 1 shapes",
+        ),
+        (
+            (b.Pos(1e400, 0, 0) * b.Solid.make_box(1, 1, 1), {}),
+            "expected solids at places, got .* at infinity",
+        ),
+        (
+            (assemblies.rod(1, 2), {"floor": "x"}),
+            'floor: expected one of ground, .*, got "floor"',
+        ),
         ((assemblies.rod(1, 2), {"ground": []}), "ground: expected a name, got .."),
         ((assemblies.rod(1, 2), {"weld": 3}), "weld: expected a list of texts, got 3"),
     ],
@@ -301,15 +447,26 @@ def test_what_is_no_assembly_of_build123d_is_refused(given, message, tmp_path):
 
 
 def test_a_new_export_says_what_changed(tmp_path):
-    made, out, said = assemblies.lever(), tmp_path / "robot.toml", Said(material=("*=steel",), ground="Platte")
+    made = assemblies.lever()
+    out = tmp_path / "robot.toml"
+    said = Said(material=("*=steel",), ground="Platte")
     made.write(tmp_path / "machine.step")
     found = import_assembly(tmp_path / "machine.step", out, said)
     assert found.changes is None
-    files = {path.name: path.read_bytes() for path in (tmp_path / "robot-parts").iterdir()}
+    files = {
+        path.name: path.read_bytes() for path in (tmp_path / "robot-parts").iterdir()
+    }
     assert import_assembly(tmp_path / "machine.step", out, said).changes == ()
-    assert files == {path.name: path.read_bytes() for path in (tmp_path / "robot-parts").iterdir()}
-    made.add("Hebel", made.solids["Hebel"] - assemblies.at(assemblies.rod(6.4, 40), (0, 0, -5)))
-    made.add("Block", assemblies.at(b.Box(10, 10, 10, align=assemblies.LOW), (20, 20, 0)))
+    assert files == {
+        path.name: path.read_bytes() for path in (tmp_path / "robot-parts").iterdir()
+    }
+    made.add(
+        "Hebel",
+        made.solids["Hebel"] - assemblies.at(assemblies.rod(6.4, 40), (0, 0, -5)),
+    )
+    made.add(
+        "Block", assemblies.at(b.Box(10, 10, 10, align=assemblies.LOW), (20, 20, 0))
+    )
     del made.solids["Mutter"]
     made.write(tmp_path / "machine.step")
     found = import_assembly(tmp_path / "machine.step", out, said)
@@ -323,7 +480,9 @@ def test_a_new_export_says_what_changed(tmp_path):
         "the joint Platte/Achse was fixed, is planar",
     ]
     out.write_text(out.read_text() + "# by hand\n")
-    with pytest.raises(InputError, match=r"robot\.toml: expected the file as the last import wrote it"):
+    with pytest.raises(
+        InputError, match=r"robot\.toml: expected the file as the last import wrote it"
+    ):
         import_assembly(tmp_path / "machine.step", out, said)
 
 
@@ -332,10 +491,22 @@ def test_a_new_export_says_what_changed(tmp_path):
     [
         (Said(), r"machine\.step: expected a material for finger, pad, got none"),
         (Said(material=("*=wood",)), r"--material \*=wood: expected PATTERN=NAME"),
-        (Said(material=("*=steel",), joint=("palm/pad=revolute",)), "expected two solids that touch"),
-        (Said(material=("*=steel",), joint=("palm/finger=welded",)), r"expected A/B=KIND"),
-        (Said(material=("*=steel",), ground="bed"), "--ground bed: expected the name of a solid"),
-        (Said(material=("*=steel",), joint=("pa*/arm*=fixed",)), r"--joint pa\*/arm\*=fixed: solid arm\*: expected"),
+        (
+            Said(material=("*=steel",), joint=("palm/pad=revolute",)),
+            "expected two solids that touch",
+        ),
+        (
+            Said(material=("*=steel",), joint=("palm/finger=welded",)),
+            r"expected A/B=KIND",
+        ),
+        (
+            Said(material=("*=steel",), ground="bed"),
+            "--ground bed: expected the name of a solid",
+        ),
+        (
+            Said(material=("*=steel",), joint=("pa*/arm*=fixed",)),
+            r"--joint pa\*/arm\*=fixed: solid arm\*: expected",
+        ),
     ],
 )
 def test_what_is_not_said_well_is_refused(said, message, tmp_path):
@@ -346,17 +517,28 @@ def test_what_is_not_said_well_is_refused(said, message, tmp_path):
 
 
 HOSTILE = {
-    "cut": (lambda text: re.sub(r"(?s)(\n#2\d\d = .*?;)", "", text), "expected a whole STEP file, got one of which"),
+    "cut": (
+        lambda text: re.sub(r"(?s)(\n#2\d\d = .*?;)", "", text),
+        "expected a whole STEP file, got one of which",
+    ),
     "parts elsewhere": (
-        lambda text: text.replace("DATA;", "DATA;\n#9001 = DOCUMENT_FILE('arm.stp','',$,$,'',$);", 1),
+        lambda text: text.replace(
+            "DATA;", "DATA;\n#9001 = DOCUMENT_FILE('arm.stp','',$,$,'',$);", 1
+        ),
         'expected the files that it refers to beside it, got none called "arm.stp"',
     ),
     "negative unit": (
-        lambda text: text.replace("DATA;", "DATA;\n#9001 = LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(-25.4),#10);", 1),
+        lambda text: text.replace(
+            "DATA;",
+            "DATA;\n#9001 = LENGTH_MEASURE_WITH_UNIT(LENGTH_MEASURE(-25.4),#10);",
+            1,
+        ),
         r"machine\.step:\d+: LENGTH_MEASURE_WITH_UNIT: expected a number from 1e-09 to 1e\+06 .*, got -25\.4",
     ),
     "within itself": (
-        lambda text: re.sub(r"(USAGE_OCCURRENCE\('\d+','.+?','',)#\d+,(#\d+)", r"\1\2,\2", text, count=1),
+        lambda text: re.sub(
+            r"(USAGE_OCCURRENCE\('\d+','.+?','',)#\d+,(#\d+)", r"\1\2,\2", text, count=1
+        ),
         r"machine\.step: expected a tree of products, got one within itself \(#(\d+) in #\1\)",
     ),
     "a coordinate lost": (
@@ -364,42 +546,79 @@ HOSTILE = {
         r"machine\.step: #\d+: expected three coordinates in space, got \(-14\.,0\.\)",
     ),
     "a coordinate that is none": (
-        lambda text: re.sub(r"(POINT\('',\(-14\.,0\.),8\.\)", r"\1,1.E400)", text, count=1),
+        lambda text: re.sub(
+            r"(POINT\('',\(-14\.,0\.),8\.\)", r"\1,1.E400)", text, count=1
+        ),
         r"machine\.step: #\d+: expected three coordinates in space, got \(-14\.,0\.,1\.E400\)",
     ),
-    "no solid": (lambda text: re.sub(r"(?s)DATA;.*?ENDSEC;", "DATA;\nENDSEC;", text), "at least one closed solid"),
-    "fixed": (lambda text: text, "expected a tool that joints let move, got pad, which they fix to the ground, palm"),
-}  # fmt: skip
+    "no solid": (
+        lambda text: re.sub(r"(?s)DATA;.*?ENDSEC;", "DATA;\nENDSEC;", text),
+        "at least one closed solid",
+    ),
+    "fixed": (
+        lambda text: text,
+        "expected a tool that joints let move, got pad, which they fix to the ground, palm",
+    ),
+}
 
 
 @pytest.mark.parametrize("case", HOSTILE)
 def test_files_that_are_no_whole_machine_are_refused(case, tmp_path):
     change, message = HOSTILE[case]
     assemblies.finger().write(tmp_path / "machine.step")
-    (tmp_path / "machine.step").write_text(change((tmp_path / "machine.step").read_text()))
+    (tmp_path / "machine.step").write_text(
+        change((tmp_path / "machine.step").read_text())
+    )
     with pytest.raises(InputError, match=message) as told:
-        import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml", Said(material=("*=steel",)))
+        import_assembly(
+            tmp_path / "machine.step",
+            tmp_path / "robot.toml",
+            Said(material=("*=steel",)),
+        )
     assert "\n" not in str(told.value)
 
 
 def test_solids_without_names_are_named_after_their_product(tmp_path):
     """As of products with a solid and its sketch, or with several solids; an assembly's name alone names none."""
-    plate, foot, bar, other = b.Box(10, 10, 1), b.Box(2, 2, 2), b.Box(1, 1, 9), b.Box(1, 1, 8)
+    plate = b.Box(10, 10, 1)
+    foot = b.Box(2, 2, 2)
+    bar = b.Box(1, 1, 9)
+    other = b.Box(1, 1, 8)
     sketch = b.Pos(0, 0, 5) * b.Face.make_rect(1, 1)
-    plates = [b.Compound(label="plate", children=[b.Pos(0, 0, 40 * n) * plate.solid(), sketch]) for n in range(2)]
+    plates = [
+        b.Compound(
+            label="plate", children=[b.Pos(0, 0, 40 * n) * plate.solid(), sketch]
+        )
+        for n in range(2)
+    ]
     plates[1].children[0].label = ""
-    bars = b.Compound(label="bars", children=[b.Pos(30, 0, 0) * bar.solid(), b.Pos(60, 0, 0) * other.solid()])
-    b.export_step(b.Compound(label="machine", children=[*plates, bars, foot.solid()]), tmp_path / "machine.step")
+    bars = b.Compound(
+        label="bars",
+        children=[b.Pos(30, 0, 0) * bar.solid(), b.Pos(60, 0, 0) * other.solid()],
+    )
+    b.export_step(
+        b.Compound(label="machine", children=[*plates, bars, foot.solid()]),
+        tmp_path / "machine.step",
+    )
     left_out = []
     solids = read_assembly(tmp_path / "machine.step", left_out)
-    assert [solid.name for solid in solids] == ["plate1", "plate2", "bars1", "bars2", "solid1"]
+    assert [solid.name for solid in solids] == [
+        "plate1",
+        "plate2",
+        "bars1",
+        "bars2",
+        "solid1",
+    ]
     assert left_out == []
 
 
 def test_bores_that_are_splines_guide(tmp_path):
     """As of programs that write all curved faces as B-splines."""
     made = assemblies.lever()
-    splines = {name: b.Solid(BRepBuilderAPI_NurbsConvert(solid.wrapped).Shape()) for name, solid in made.solids.items()}
+    splines = {
+        name: b.Solid(BRepBuilderAPI_NurbsConvert(solid.wrapped).Shape())
+        for name, solid in made.solids.items()
+    }
     solids = _place_solids(assemblies.Made(splines), b.Location())
     assert not {f.kind for solid in solids for f in solid.faces} & {"other"}
     _check(made, solids, b.Location())
@@ -408,53 +627,86 @@ def test_bores_that_are_splines_guide(tmp_path):
 def test_exponents_of_three_digits_are_read(tmp_path):
     """As older programs on Windows write them, 1.E+001."""
     assemblies.finger().write(tmp_path / "machine.step")
-    text = re.sub(r"(?<=[(,])0\.(?=[,)])", "0.E+000", (tmp_path / "machine.step").read_text())
+    text = re.sub(
+        r"(?<=[(,])0\.(?=[,)])", "0.E+000", (tmp_path / "machine.step").read_text()
+    )
     text = text.replace("(-14.,0.E+000,", "(-1.4E+001,0.E+000,")
     assert "(-1.4E+001,0.E+000," in text
     before = read_assembly(tmp_path / "machine.step")
     (tmp_path / "machine.step").write_text(text)
     after = read_assembly(tmp_path / "machine.step")
-    assert all(np.allclose(one.centre, two.centre) for one, two in zip(before, after, strict=True))
+    assert all(
+        np.allclose(one.centre, two.centre)
+        for one, two in zip(before, after, strict=True)
+    )
 
 
 def test_a_solid_that_is_not_manifold_is_refused_by_that_name(tmp_path):
-    sewing, builder, shell = BRepBuilderAPI_Sewing(1e-6, True, True, True, True), BRep_Builder(), TopoDS_Shell()
-    for face in b.Box(10, 10, 10).faces() + b.Box(10, 10, 10, align=(b.Align.MAX,) * 3).move(b.Pos(-5, -5)).faces():
+    sewing = BRepBuilderAPI_Sewing(1e-6, True, True, True, True)
+    builder = BRep_Builder()
+    shell = TopoDS_Shell()
+    for face in (
+        b.Box(10, 10, 10).faces()
+        + b.Box(10, 10, 10, align=(b.Align.MAX,) * 3).move(b.Pos(-5, -5)).faces()
+    ):
         sewing.Add(face.wrapped)
     sewing.Perform()
     builder.MakeShell(shell)
     for face in cad.kernel.faces(sewing.SewedShape()):
         builder.Add(shell, face)
-    cad.kernel_files.write_step(BRepBuilderAPI_MakeSolid(shell).Solid(), tmp_path / "machine.step")
-    with pytest.raises(InputError, match=r"expected manifold solids, got 1 that fall into 2, as edges"):
+    cad.kernel_files.write_step(
+        BRepBuilderAPI_MakeSolid(shell).Solid(), tmp_path / "machine.step"
+    )
+    with pytest.raises(
+        InputError, match=r"expected manifold solids, got 1 that fall into 2, as edges"
+    ):
         read_assembly(tmp_path / "machine.step")
 
 
 def test_a_step_of_one_solid_is_refused_by_its_name(tmp_path):
     write_bar(tmp_path / "bar.step")
-    with pytest.raises(InputError, match=r'bar\.step: expected parts that joints connect, got one solid; .* "step"$'):
+    with pytest.raises(
+        InputError,
+        match=r'bar\.step: expected parts that joints connect, got one solid; .* "step"$',
+    ):
         import_assembly(tmp_path / "bar.step", tmp_path / "robot.toml")
 
 
 def test_what_assembly_toml_says_wrongly_is_refused_with_its_line(tmp_path):
     assemblies.finger().write(tmp_path / "machine.step")
-    (tmp_path / "assembly.toml").write_text('ground = "palm"\n[material]\n"*" = "steel"\n"pad" = "unobtainium"\n')
+    (tmp_path / "assembly.toml").write_text(
+        'ground = "palm"\n[material]\n"*" = "steel"\n"pad" = "unobtainium"\n'
+    )
     message = r"assembly\.toml:4: material: expected PATTERN=NAME with a name of .*, got \"pad=unobtainium\""
     with pytest.raises(InputError, match=message):
         import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml")
-    (tmp_path / "assembly.toml").write_text('ground = "palm"\n[material]\n"*" = "steel"\n"paad" = "titanium"\n')
-    with pytest.raises(InputError, match=r'assembly\.toml:4: material: expected the name of a solid, .*got "paad"'):
+    (tmp_path / "assembly.toml").write_text(
+        'ground = "palm"\n[material]\n"*" = "steel"\n"paad" = "titanium"\n'
+    )
+    with pytest.raises(
+        InputError,
+        match=r'assembly\.toml:4: material: expected the name of a solid, .*got "paad"',
+    ):
         import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml")
     words = 'ground = "palm"\njoint = ["palm/finger=revolute"]\ndrive = ["*=9 kg"]\nmaterial = { "*" = "steel" }\n'
     (tmp_path / "assembly.toml").write_text(words)
-    with pytest.raises(InputError, match=r'assembly\.toml:3: drive: expected a torsional stiffness .*got "9 kg"'):
+    with pytest.raises(
+        InputError,
+        match=r'assembly\.toml:3: drive: expected a torsional stiffness .*got "9 kg"',
+    ):
         import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml")
 
 
 def test_a_name_counts_more_than_a_pattern_wherever_it_stands():
-    solids = [SimpleNamespace(name=name, product=SimpleNamespace(material="")) for name in ("arm", "armrest")]
+    solids = [
+        SimpleNamespace(name=name, product=SimpleNamespace(material=""))
+        for name in ("arm", "armrest")
+    ]
     for said in (["arm=titanium", "arm*=steel"], ["arm*=steel", "arm=TiAl6V4"]):
-        assert choose_materials([0, 1], solids, said, Path("a.step")) == {0: "titanium", 1: "steel"}
+        assert choose_materials([0, 1], solids, said, Path("a.step")) == {
+            0: "titanium",
+            1: "steel",
+        }
 
 
 def test_designations_of_materials_are_known():
@@ -466,10 +718,15 @@ def test_designations_of_materials_are_known():
     ("text", "message"),
     [
         (b'ground = "palm"\ntool = \n', r"assembly\.toml:2: expected valid TOML"),
-        (b'ground = "palm"\n# \xff\n', r"assembly\.toml:2: expected .* in UTF-8, got byte 0xff"),
+        (
+            b'ground = "palm"\n# \xff\n',
+            r"assembly\.toml:2: expected .* in UTF-8, got byte 0xff",
+        ),
     ],
 )
-def test_an_assembly_toml_that_is_no_toml_is_refused_with_its_line(tmp_path, text, message):
+def test_an_assembly_toml_that_is_no_toml_is_refused_with_its_line(
+    tmp_path, text, message
+):
     (tmp_path / "assembly.toml").write_bytes(text)
     with pytest.raises(InputError, match=message):
         said_beside(tmp_path / "machine.step", Said())
@@ -480,6 +737,10 @@ def test_what_an_assembly_has_beside_its_solids_is_told(tmp_path):
     made.add("twin", made.solids["Hebel"])
     made.write(tmp_path / "machine.step")
     found = import_assembly(
-        tmp_path / "machine.step", tmp_path / "robot.toml", Said(material=("*=steel",), ground="Platte")
+        tmp_path / "machine.step",
+        tmp_path / "robot.toml",
+        Said(material=("*=steel",), ground="Platte"),
     )
-    assert any("the same solid twice in one place" in doubt.text for doubt in found.doubts)
+    assert any(
+        "the same solid twice in one place" in doubt.text for doubt in found.doubts
+    )

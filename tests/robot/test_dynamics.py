@@ -18,7 +18,12 @@ def test_an_experiment_is_as_good_as_the_beam_that_it_is():
     """Condensed on points off the body's ends, of another density: the same robot as by beam theory."""
     robot = load_robot("biglide")
     steel = robot.material("link")
-    dynamics = beam_dynamics(beam_segments(robot, "link"), steel.youngs_modulus, steel.shear_modulus, 2 * steel.density)
+    dynamics = beam_dynamics(
+        beam_segments(robot, "link"),
+        steel.youngs_modulus,
+        steel.shear_modulus,
+        2 * steel.density,
+    )
     away = np.array([0.01, 0.02, -0.03])
     experiment = SimpleNamespace(
         condensed_mass=dynamics.move_ends(away, np.zeros(3)).mass,
@@ -28,17 +33,25 @@ def test_an_experiment_is_as_good_as_the_beam_that_it_is():
         reference_points=np.array([[0.6, 0.2, 0.3]]),
     )
     compliance = beam_compliance(robot, "link")
-    results = {"link": SimpleNamespace(compliance=compliance, error=1e-5 * abs(compliance), experiment=experiment)}
+    results = {
+        "link": SimpleNamespace(
+            compliance=compliance, error=1e-5 * abs(compliance), experiment=experiment
+        )
+    }
     components = {"link": "fea", "slider": "beam"}
     tested = mechanism_of(robot, part_matrices(robot, components, results))
     beams = mechanism_of(robot, part_matrices(robot, "beam"))
-    assert frequencies(tested, POSE, 8) == pytest.approx(frequencies(beams, POSE, 8), rel=1e-9)
+    assert frequencies(tested, POSE, 8) == pytest.approx(
+        frequencies(beams, POSE, 8), rel=1e-9
+    )
     assert tested.body("limb1.link1").elastic.dynamics.total == pytest.approx(1.95)
 
 
 def test_a_part_without_a_mass_or_with_a_published_matrix_has_no_condensed_mass():
     robot = load_robot("biglide")
-    assert part_matrices(robot, "beam")["slider"].dynamics is None  # its mass is 0 in the file
+    assert (
+        part_matrices(robot, "beam")["slider"].dynamics is None
+    )  # its mass is 0 in the file
     assert part_matrices(robot, "published")["link"].dynamics is None
     given = mechanism_of(robot, part_matrices(robot, "published"))
     assert given.body("limb1.link1").elastic.dynamics is None

@@ -17,17 +17,23 @@ def test_a_part_with_any_entries_stays_positive_definite():
     """Laws of C = L phi(E) L': no change at zero, the entries round trip, and no parameters make energy."""
     robot = nominal_robot()
     rng = np.random.default_rng(4)
-    matrices = [e for e in find_candidates(Setting(robot)) if e.effect == "part-compliance"]
+    matrices = [
+        e for e in find_candidates(Setting(robot)) if e.effect == "part-compliance"
+    ]
     assert {len(e.names) for e in matrices} == {8, 21}
     for effect in matrices:
         here = robot.compliances[effect.members[0]]
-        assert not effect.action.changes(np.zeros(len(effect.names)))[effect.members[0]].compliance.any()
+        assert not effect.action.changes(np.zeros(len(effect.names)))[
+            effect.members[0]
+        ].compliance.any()
         for size in (0.1, 3.0, 30.0):
             values = size * rng.standard_normal(len(effect.names))
             added = effect.action.changes(values)[effect.members[0]].compliance
             root = np.sqrt(np.diagonal(here))
             assert np.linalg.eigvalsh((here + added) / np.outer(root, root)).min() > 0.0
-            assert effect.internal(effect.physical(values)) == pytest.approx(values, rel=1e-5, abs=1e-6 * size)
+            assert effect.internal(effect.physical(values)) == pytest.approx(
+                values, rel=1e-5, abs=1e-6 * size
+            )
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.5, 3.0, 50.0])
@@ -59,7 +65,10 @@ support = "150 N/um"
     assert along > 1.1 / nominal.driven["slide"].drive.stiffness
     changed = apply_effect(nominal, "actuator-stiffness", "slide", {"factor": factor})
     assert changed.compliances["slide"][0, 0] == pytest.approx(along / factor, rel=1e-9)
-    rest = [np.delete(np.delete(each.compliances["slide"], 0, 0), 0, 1) for each in (nominal, changed)]
+    rest = [
+        np.delete(np.delete(each.compliances["slide"], 0, 0), 0, 1)
+        for each in (nominal, changed)
+    ]
     assert rest[1] == pytest.approx(rest[0], rel=1e-12)
 
 
@@ -79,10 +88,14 @@ type = "revolute"
 at = [0.06, 0, 0]
 axis = [0, 0, 1]
 """
-    robot = read_robot(tmp_path / "robot.toml", ROBOT.format(part=MATRIX, length=60.0) + more)
+    robot = read_robot(
+        tmp_path / "robot.toml", ROBOT.format(part=MATRIX, length=60.0) + more
+    )
     nominal = NominalRobot(mechanism_of(robot, part_matrices(robot, "beam")), robot)
     effects = find_candidates(Setting(nominal))
-    found = {(e.effect, e.place): (e.members, e.names) for e in reversed([*effects])}  # of two forms the shorter
+    found = {
+        (e.effect, e.place): (e.members, e.names) for e in reversed([*effects])
+    }  # of two forms the shorter
     ram = ("ram",)
     assert found["guide-compliance", "ram"] == (ram, ("lateral", "vertical", "angular"))
     assert found["joint-compliance", "ram"] == (ram, ("radial", "tilting"))

@@ -97,11 +97,17 @@ def test_a_four_bar_with_two_connects_on_a_line(imported):
     pin = robot.joints["pin"]
     assert (pin.type, pin.between) == ("revolute", ("coupler", "rocker"))
     assert np.abs(pin.axis) == pytest.approx([0, 1, 0])
-    assert np.cross(np.subtract(pin.at, (0.4, 0, 1.2)), pin.axis) == pytest.approx([0, 0, 0])
-    assert robot.joints["motor"].between == ("ground", "crank")  # a body without joints is part of the ground
-    assert (robot.joints["motor"].drive.stiffness, *robot.joints["motor"].drive.range) == pytest.approx(
-        (5e3, *np.radians([-30, 50]))
+    assert np.cross(np.subtract(pin.at, (0.4, 0, 1.2)), pin.axis) == pytest.approx(
+        [0, 0, 0]
     )
+    assert robot.joints["motor"].between == (
+        "ground",
+        "crank",
+    )  # a body without joints is part of the ground
+    assert (
+        robot.joints["motor"].drive.stiffness,
+        *robot.joints["motor"].drive.range,
+    ) == pytest.approx((5e3, *np.radians([-30, 50])))
     assert robot.tool.at == pytest.approx((0.5, 0, 1.3))
     assert robot.tool.pose == ("x",)
     assert mechanism_of(robot, {}).gravity == pytest.approx([0, -3, -4])
@@ -115,23 +121,32 @@ def test_a_four_bar_with_two_connects_on_a_line(imported):
     assert 'actuator "servo"' in text
     assert "# the source has stiffness 11, damping 7 here (SI), not taken" in text
     for number in ("1234", "11 ", "7 ", "0.02 1"):  # gains, springs, damping, solver
-        assert number not in " ".join(line for line in text.splitlines() if not line.startswith("#"))
+        assert number not in " ".join(
+            line for line in text.splitlines() if not line.startswith("#")
+        )
 
 
 def test_what_is_welded_is_weighed_together(imported):
-    _, robot, _ = imported(FOUR_BAR.replace('-4"/>', '-4"><flag equality="disable"/></option>'), ".xml")
+    _, robot, _ = imported(
+        FOUR_BAR.replace('-4"/>', '-4"><flag equality="disable"/></option>'), ".xml"
+    )
     assert robot.tool.pose == ("x",)  # the loop is closed, whatever a simulation does
     crank = robot.bodies["crank"]
     assert crank.mass == 3.0
-    assert crank.centre == pytest.approx(((0 + 0) / 3, 0.1 / 3, 1 + (2 * 0.1 + 0.2) / 3))
+    assert crank.centre == pytest.approx(
+        ((0 + 0) / 3, 0.1 / 3, 1 + (2 * 0.1 + 0.2) / 3)
+    )
     # about the common centre: 2 kg at (0, 0, 0.1) and 1 kg at (0, 0.1, 0.2), the latter's own x and y exchanged
     r = np.array([[0, 0, 0.1], [0, 0.1, 0.2]]) - np.array([0, 0.1 / 3, 0.4 / 3])
     own = np.diag([0.02, 0.03, 0.01]) + np.diag([0.002, 0.001, 0.003])
     expected = own + sum(
-        m * (each @ each * np.eye(3) - np.outer(each, each)) for m, each in zip((2, 1), r, strict=True)
+        m * (each @ each * np.eye(3) - np.outer(each, each))
+        for m, each in zip((2, 1), r, strict=True)
     )
     xx, yy, zz, xy, xz, yz = crank.inertia
-    np.testing.assert_allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], expected, atol=1e-15)
+    np.testing.assert_allclose(
+        [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], expected, atol=1e-15
+    )
 
 
 def test_a_link_with_shapes_alone_has_no_mass(imported):
@@ -140,7 +155,11 @@ def test_a_link_with_shapes_alone_has_no_mass(imported):
     shape = '<collision><geometry><box size="0.1 0.1 0.1"/></geometry></collision>'
     model, robot, _ = imported(ARM.replace(own, shape), ".urdf")
     assert robot.bodies["upper"].mass == 1.0  # of the plate alone
-    model, robot, _ = imported(ARM.replace(own, shape).replace('"fixed"', '"continuous"'), ".urdf", path="other.toml")
+    model, robot, _ = imported(
+        ARM.replace(own, shape).replace('"fixed"', '"continuous"'),
+        ".urdf",
+        path="other.toml",
+    )
     assert robot.bodies["upper"].mass == 0.0
     assert "the source gives no mass of upper" in model.notes
 
@@ -148,8 +167,12 @@ def test_a_link_with_shapes_alone_has_no_mass(imported):
 def test_an_arm_in_urdf(imported):
     model, robot, text = imported(ARM, ".urdf", drives=["slide=2e7"], tool="carriage")
     assert list(robot.bodies) == ["upper", "carriage"]
-    assert robot.bodies["upper"].mass == 3.0  # with the plate: (0.1, 0, 0) and (0.2, -0.3, 0), turned by 90 degrees
-    assert robot.bodies["upper"].centre == pytest.approx((0.3 / 3, (2 * 0.1 + 0.2) / 3, 0.5))
+    assert (
+        robot.bodies["upper"].mass == 3.0
+    )  # with the plate: (0.1, 0, 0) and (0.2, -0.3, 0), turned by 90 degrees
+    assert robot.bodies["upper"].centre == pytest.approx(
+        (0.3 / 3, (2 * 0.1 + 0.2) / 3, 0.5)
+    )
     assert robot.joints["slide"].axis == pytest.approx((0, -1, 0), abs=1e-12)
     assert robot.joints["slide"].drive.range == pytest.approx((-0.1, 0.2))
     assert robot.joints["shoulder"].drive is None
@@ -161,7 +184,10 @@ def test_an_arm_in_urdf(imported):
 
 
 def test_a_mimic_joint_is_told_and_moves_freely(imported):
-    mimic = ARM.replace('<limit lower="-0.1"', '<mimic joint="shoulder" multiplier="0.5"/><limit lower="-0.1"')
+    mimic = ARM.replace(
+        '<limit lower="-0.1"',
+        '<mimic joint="shoulder" multiplier="0.5"/><limit lower="-0.1"',
+    )
     model, robot, _ = imported(mimic, ".urdf")
     assert any("joints slide and shoulder (mimic)" in note for note in model.notes)
     assert robot.tool.body == "carriage"
@@ -171,26 +197,62 @@ def test_a_mimic_joint_is_told_and_moves_freely(imported):
 @pytest.mark.parametrize(
     ("text", "suffix", "note"),
     [
-        (ARM.replace('lower="-1" upper="2"', 'lower="2" upper="-1"'), ".urdf",
-         "limits of shoulder are left out: the lower is above the upper"),
-        (ARM.replace('lower="-1" upper="2"', 'lower="1" upper="2"'), ".urdf", "home of shoulder is beyond its range"),
-        (ARM.replace('<origin xyz="0.1 0 0"/><axis', '<origin xyz="100 0 0"/><axis'), ".urdf",
-         "m from the origin: check that lengths"),
-        (ARM.replace('rpy="0 0 1.57', 'rpy="0 0 90.0'), ".urdf",
-         'line 16: origin.rpy = "0 0 90.007963267948966" is beyond 2π rad: is it in degrees?'),
-        (ARM.replace('lower="-1" upper="2"', 'lower="-90" upper="2"'), ".urdf",
-         'line 17: limit.lower = "-90" is beyond 2π rad: is it in degrees?'),
-        (ARM.replace('<limit lower="-0.1"', '<mimic joint="slide"/><limit lower="-0.1"'), ".urdf",
-         "line 24: joint slide mimics itself, which is left out"),
-        (ARM.replace('ixx="0.01" iyy="0.02" izz="0.02"', 'ixx="100" iyy="200" izz="200"'), ".urdf",
-         "the inertia of upper is that of a body far larger than the robot (0.167 m): check that it is in kg·m²"),
-        (FOUR_BAR.replace('"crank"', '"crank" gravcomp="1"'), ".xml",
-         "gravity compensation (gravcomp) of crank is left out: the whole weight acts here"),
-        (FOUR_BAR.replace('-4"/>', '-4"><flag gravity="disable"/></option>'), ".xml",
-         "the source disables gravity; it acts here"),
-        (FOUR_BAR.replace('kp="1234"', 'kp="-5"'), ".xml", "position gains (kp) of motor are below zero and left out"),
+        (
+            ARM.replace('lower="-1" upper="2"', 'lower="2" upper="-1"'),
+            ".urdf",
+            "limits of shoulder are left out: the lower is above the upper",
+        ),
+        (
+            ARM.replace('lower="-1" upper="2"', 'lower="1" upper="2"'),
+            ".urdf",
+            "home of shoulder is beyond its range",
+        ),
+        (
+            ARM.replace('<origin xyz="0.1 0 0"/><axis', '<origin xyz="100 0 0"/><axis'),
+            ".urdf",
+            "m from the origin: check that lengths",
+        ),
+        (
+            ARM.replace('rpy="0 0 1.57', 'rpy="0 0 90.0'),
+            ".urdf",
+            'line 16: origin.rpy = "0 0 90.007963267948966" is beyond 2π rad: is it in degrees?',
+        ),
+        (
+            ARM.replace('lower="-1" upper="2"', 'lower="-90" upper="2"'),
+            ".urdf",
+            'line 17: limit.lower = "-90" is beyond 2π rad: is it in degrees?',
+        ),
+        (
+            ARM.replace(
+                '<limit lower="-0.1"', '<mimic joint="slide"/><limit lower="-0.1"'
+            ),
+            ".urdf",
+            "line 24: joint slide mimics itself, which is left out",
+        ),
+        (
+            ARM.replace(
+                'ixx="0.01" iyy="0.02" izz="0.02"', 'ixx="100" iyy="200" izz="200"'
+            ),
+            ".urdf",
+            "the inertia of upper is that of a body far larger than the robot (0.167 m): check that it is in kg·m²",
+        ),
+        (
+            FOUR_BAR.replace('"crank"', '"crank" gravcomp="1"'),
+            ".xml",
+            "gravity compensation (gravcomp) of crank is left out: the whole weight acts here",
+        ),
+        (
+            FOUR_BAR.replace('-4"/>', '-4"><flag gravity="disable"/></option>'),
+            ".xml",
+            "the source disables gravity; it acts here",
+        ),
+        (
+            FOUR_BAR.replace('kp="1234"', 'kp="-5"'),
+            ".xml",
+            "position gains (kp) of motor are below zero and left out",
+        ),
     ],
-)  # fmt: skip
+)
 def test_doubtful_numbers_are_told(imported, text, suffix, note):
     model, robot, _ = imported(text, suffix)
     assert note in " ".join(model.notes)
@@ -198,18 +260,34 @@ def test_doubtful_numbers_are_told(imported, text, suffix, note):
 
 
 def test_usual_numbers_are_not_doubted(imported):
-    endless = ARM.replace('"revolute"', '"continuous"').replace('lower="-1" upper="2" effort="10"', 'effort="inf"')
-    model, *_ = imported(endless.replace('rpy="0 0 1.57', 'rpy="6.2832 0 1.57'), ".urdf")
-    assert not any("2π" in note or "inertia" in note or "gravity" in note for note in model.notes)
+    endless = ARM.replace('"revolute"', '"continuous"').replace(
+        'lower="-1" upper="2" effort="10"', 'effort="inf"'
+    )
+    model, *_ = imported(
+        endless.replace('rpy="0 0 1.57', 'rpy="6.2832 0 1.57'), ".urdf"
+    )
+    assert not any(
+        "2π" in note or "inertia" in note or "gravity" in note for note in model.notes
+    )
 
 
 def test_gains_and_masses_that_are_not_taken_are_told(imported):
-    fixed = '<mass value="7"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    fixed = (
+        '<mass value="7"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
+    )
     model, _, text = imported(
-        ARM.replace('<link name="base_link"/>', f'<link name="base_link"><inertial>{fixed}</inertial></link>'), ".urdf"
+        ARM.replace(
+            '<link name="base_link"/>',
+            f'<link name="base_link"><inertial>{fixed}</inertial></link>',
+        ),
+        ".urdf",
     )
     assert "bodies fixed to the ground have no mass here: base_link 7 kg" in model.notes
-    _, robot, text = imported(FOUR_BAR.replace("<joint name", '<joint armature="0.3" name'), ".xml", path="servo.toml")
+    _, robot, text = imported(
+        FOUR_BAR.replace("<joint name", '<joint armature="0.3" name'),
+        ".xml",
+        path="servo.toml",
+    )
     assert '# drive = { stiffness = "1234 N*m/rad"' in text
     assert "armature 0.3" in text
     assert robot.joints["motor"].drive is None
@@ -217,16 +295,21 @@ def test_gains_and_masses_that_are_not_taken_are_told(imported):
 
 def test_a_name_cannot_write_into_the_robot_file(imported):
     evil = "up&#10;per = 3&#10;[x]&#27;"
-    _, robot, text = imported(ARM.replace('"upper"', f'"{evil}"').replace('"shoulder"', f'"{evil}"'), ".urdf")
+    _, robot, text = imported(
+        ARM.replace('"upper"', f'"{evil}"').replace('"shoulder"', f'"{evil}"'), ".urdf"
+    )
     assert set(robot.bodies) == {"up_per = 3_[x]_", "carriage"}
     assert "\x1b" not in text
 
 
 def test_another_home(imported):
     _, robot, _ = imported(
-        ARM.replace('lower="-1"', 'lower="-2"'), ".urdf", drives=["slide=2e7"], tool="carriage",
+        ARM.replace('lower="-1"', 'lower="-2"'),
+        ".urdf",
+        drives=["slide=2e7"],
+        tool="carriage",
         home=["slide=50 mm", "shoulder=-90 deg"],
-    )  # fmt: skip
+    )
     assert robot.tool.at == pytest.approx((0.05, 0, 0.5), abs=1e-12)
     assert robot.joints["slide"].drive.range == pytest.approx((-0.15, 0.15))
 
@@ -237,7 +320,9 @@ def test_a_platform_that_hangs_on_closures_and_two_hinges_of_one_body(imported):
         '<geom size=".01 .1" type="capsule"/></body>'
         for i, (x, y) in enumerate(((0, 0), (1, 0), (0, 1)))
     )
-    ties = "".join(f'<connect body1="leg{i}" body2="top" anchor="0 0 1"/>' for i in range(3))
+    ties = "".join(
+        f'<connect body1="leg{i}" body2="top" anchor="0 0 1"/>' for i in range(3)
+    )
     text = (
         f'<mujoco><worldbody>{legs}<body name="top" pos="0 0 1"><freejoint/><geom size=".1"/></body></worldbody>'
         f"<equality>{ties}</equality></mujoco>"
@@ -256,12 +341,18 @@ PAN_TILT = """<mujoco><worldbody><body name="head">
 
 def test_hinges_of_one_body_that_cross_are_merged_and_told(imported):
     model, robot, _ = imported(PAN_TILT, ".xml")
-    assert {name: joint.type for name, joint in robot.joints.items()} == {"pan": "universal"}
-    assert "pan and tilt of head are one universal joint here, pan; name one with --drive to have two" in model.notes
+    assert {name: joint.type for name, joint in robot.joints.items()} == {
+        "pan": "universal"
+    }
+    assert (
+        "pan and tilt of head are one universal joint here, pan; name one with --drive to have two"
+        in model.notes
+    )
 
 
 @pytest.mark.parametrize(
-    ("drives", "ranged"), [(["pan=1e4", "tilt=1e4"], ""), (["t*=1e4"], ""), ([], "pan"), ([], "tilt")]
+    ("drives", "ranged"),
+    [(["pan=1e4", "tilt=1e4"], ""), (["t*=1e4"], ""), ([], "pan"), ([], "tilt")],
 )
 def test_hinges_that_a_drive_or_range_names_stay_two(imported, drives, ranged):
     text = PAN_TILT.replace(f'"{ranged}"', f'"{ranged}" range="-30 50"')
@@ -276,38 +367,113 @@ def test_hinges_that_a_drive_or_range_names_stay_two(imported, drives, ranged):
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
-        (FOUR_BAR.replace('mass="2"', 'mass="-2"'), {},
-         'model.xml:8: expected no mass below zero, got -2 kg of body "crank"'),
-        ("\n<mujoco>", {}, "model.xml:2: expected a model in URDF or MJCF, or an assembly in a .step file, got: "),
-        ("", {}, "model.xml: expected a model in URDF or MJCF, or an assembly in a .step file, got: "),
-        (FOUR_BAR, {"drives": ["moter=1"]}, r'--drive moter=1: expected a joint .*did you mean "motor"'),
+        (
+            FOUR_BAR.replace('mass="2"', 'mass="-2"'),
+            {},
+            'model.xml:8: expected no mass below zero, got -2 kg of body "crank"',
+        ),
+        (
+            "\n<mujoco>",
+            {},
+            "model.xml:2: expected a model in URDF or MJCF, or an assembly in a .step file, got: ",
+        ),
+        (
+            "",
+            {},
+            "model.xml: expected a model in URDF or MJCF, or an assembly in a .step file, got: ",
+        ),
+        (
+            FOUR_BAR,
+            {"drives": ["moter=1"]},
+            r'--drive moter=1: expected a joint .*did you mean "motor"',
+        ),
         (FOUR_BAR, {"drives": ["motor"]}, "--drive motor: expected JOINT=STIFFNESS"),
-        (FOUR_BAR, {"drives": ["motor=3 N/um"]}, "--drive motor=3 N/um: expected a torsional stiffness"),
-        (FOUR_BAR, {"tool": "hand"}, r'--tool hand: expected a body or site of .*tcp.*, got "hand"'),
+        (
+            FOUR_BAR,
+            {"drives": ["motor=3 N/um"]},
+            "--drive motor=3 N/um: expected a torsional stiffness",
+        ),
+        (
+            FOUR_BAR,
+            {"tool": "hand"},
+            r'--tool hand: expected a body or site of .*tcp.*, got "hand"',
+        ),
         (FOUR_BAR, {"tool": "frame"}, "expected a tool that moves, got frame"),
         (FOUR_BAR, {"home": ["motor"]}, "--home motor: expected JOINT=POSITION"),
         (FOUR_BAR, {"home": ["moter=1"]}, "--home moter: expected a joint"),
-        (FOUR_BAR, {"home": ["motor=0.1", "motor=0.2"]}, "--home motor=0.2: expected each joint once, got motor twice"),
-        (FOUR_BAR, {"home": ["motor=30 mm"]}, "--home motor: expected an angle such as .*, which is a length"),
-        (FOUR_BAR.replace("</mujoco>", '<keyframe><key name="home" qpos="nan 0 0"/></keyframe></mujoco>'), {},
-         "model.xml: expected .* whose home is finite numbers"),
-        (FOUR_BAR.replace("</equality>", '<connect body1="rocker" anchor="0 0 0.2"/></equality>'), {},
-         "expected a tool that moves, got one that joints and loops hold"),
-        (FOUR_BAR, {"home": ["motor=70 deg"]}, "--home motor: expected a position within its range, -0.5236 to 0.8727"),
-        (FOUR_BAR, {"drives": ["m*=1", "motor=2"]}, "--drive motor=2: expected one stiffness of each joint, got two"),
-        (FOUR_BAR.replace('pos="0.4 0 0">', 'pos="2 0 0">').replace(
-            '<connect name="pin" body1="coupler" body2="rocker" anchor="0.4 0.05 0"/>',
-            '<connect name="pin" site1="tcp" site2="far"/>').replace(
-            '<joint name="pivot"/>', '<joint name="pivot"/><site name="far" pos="3 0 0"/>'),
-         {}, "expected loops that close, got a gap of"),
-        (FOUR_BAR.replace("mass=\"2\"", "mass=\"1e308\""), {},
-         r"model\.xml: expected the model of a robot, got one with bodies\.crank\.mass: expected"),
-        (FOUR_BAR.replace('anchor="0.4 0.05 0"', 'anchor="0.4 nan 0"'), {}, "model.xml: expected .* finite"),
-        (FOUR_BAR.replace("<worldbody>", '<worldbody><replicate count="999999999"><geom size="1"/></replicate>'), {},
-         r"model.xml:6: replicate.count: expected less than 10,000 copies"),
-        (FOUR_BAR.replace('pos="0 0 1"', 'pos="1e308 0 1"'), {}, r"model.xml: expected .* places within 1e\+06 m"),
+        (
+            FOUR_BAR,
+            {"home": ["motor=0.1", "motor=0.2"]},
+            "--home motor=0.2: expected each joint once, got motor twice",
+        ),
+        (
+            FOUR_BAR,
+            {"home": ["motor=30 mm"]},
+            "--home motor: expected an angle such as .*, which is a length",
+        ),
+        (
+            FOUR_BAR.replace(
+                "</mujoco>",
+                '<keyframe><key name="home" qpos="nan 0 0"/></keyframe></mujoco>',
+            ),
+            {},
+            "model.xml: expected .* whose home is finite numbers",
+        ),
+        (
+            FOUR_BAR.replace(
+                "</equality>", '<connect body1="rocker" anchor="0 0 0.2"/></equality>'
+            ),
+            {},
+            "expected a tool that moves, got one that joints and loops hold",
+        ),
+        (
+            FOUR_BAR,
+            {"home": ["motor=70 deg"]},
+            "--home motor: expected a position within its range, -0.5236 to 0.8727",
+        ),
+        (
+            FOUR_BAR,
+            {"drives": ["m*=1", "motor=2"]},
+            "--drive motor=2: expected one stiffness of each joint, got two",
+        ),
+        (
+            FOUR_BAR.replace('pos="0.4 0 0">', 'pos="2 0 0">')
+            .replace(
+                '<connect name="pin" body1="coupler" body2="rocker" anchor="0.4 0.05 0"/>',
+                '<connect name="pin" site1="tcp" site2="far"/>',
+            )
+            .replace(
+                '<joint name="pivot"/>',
+                '<joint name="pivot"/><site name="far" pos="3 0 0"/>',
+            ),
+            {},
+            "expected loops that close, got a gap of",
+        ),
+        (
+            FOUR_BAR.replace('mass="2"', 'mass="1e308"'),
+            {},
+            r"model\.xml: expected the model of a robot, got one with bodies\.crank\.mass: expected",
+        ),
+        (
+            FOUR_BAR.replace('anchor="0.4 0.05 0"', 'anchor="0.4 nan 0"'),
+            {},
+            "model.xml: expected .* finite",
+        ),
+        (
+            FOUR_BAR.replace(
+                "<worldbody>",
+                '<worldbody><replicate count="999999999"><geom size="1"/></replicate>',
+            ),
+            {},
+            r"model.xml:6: replicate.count: expected less than 10,000 copies",
+        ),
+        (
+            FOUR_BAR.replace('pos="0 0 1"', 'pos="1e308 0 1"'),
+            {},
+            r"model.xml: expected .* places within 1e\+06 m",
+        ),
     ],
-)  # fmt: skip
+)
 def test_refusals(imported, tmp_path, text, options, message):
     with pytest.raises(InputError, match=message) as refused:
         imported(text, ".xml", **options)
@@ -318,17 +484,42 @@ def test_refusals(imported, tmp_path, text, options, message):
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('<origin xyz="0.1 0 0"/><axis', '<origin xyzx="0.1 0 0"/><axis', r'23: origin: expected a known .*mean "xyz"'),
+        (
+            '<origin xyz="0.1 0 0"/><axis',
+            '<origin xyzx="0.1 0 0"/><axis',
+            r'23: origin: expected a known .*mean "xyz"',
+        ),
         ('rpy="0 0 1.57', 'ryp="0 0 1.57', "16: origin: expected a known key"),
-        ('<axis xyz="1 0 0"/>', '<axisx xyz="1 0 0"/>', r'23: axisx: expected an element of URDF, got "axisx"'),
-        ('<joint name="weld"', '<xacro:arm prefix="l"/><joint name="weld"', "19: xacro:arm: expected a URDF without"),
-        ('iyz="0"/></inertial>\n  </link>\n  <joint', 'iyz="inf"/></inertial>\n  </link>\n  <joint',
-         r'13: inertia\.iyz: expected finite numbers, got "inf"'),
-        ('lower="-1"', 'lower="-inf"', r'17: limit\.lower: expected finite numbers, got "-inf"'),
-        ('upper="0.2"', 'upper="nan"', r'24: limit\.upper: expected finite numbers, got "nan"'),
+        (
+            '<axis xyz="1 0 0"/>',
+            '<axisx xyz="1 0 0"/>',
+            r'23: axisx: expected an element of URDF, got "axisx"',
+        ),
+        (
+            '<joint name="weld"',
+            '<xacro:arm prefix="l"/><joint name="weld"',
+            "19: xacro:arm: expected a URDF without",
+        ),
+        (
+            'iyz="0"/></inertial>\n  </link>\n  <joint',
+            'iyz="inf"/></inertial>\n  </link>\n  <joint',
+            r'13: inertia\.iyz: expected finite numbers, got "inf"',
+        ),
+        (
+            'lower="-1"',
+            'lower="-inf"',
+            r'17: limit\.lower: expected finite numbers, got "-inf"',
+        ),
+        (
+            'upper="0.2"',
+            'upper="nan"',
+            r'24: limit\.upper: expected finite numbers, got "nan"',
+        ),
     ],
-)  # fmt: skip
-def test_words_of_urdf_that_a_parser_passes_over_are_refused(imported, old, new, message):
+)
+def test_words_of_urdf_that_a_parser_passes_over_are_refused(
+    imported, old, new, message
+):
     assert old in ARM
     for suffix in (".urdf", ".URDF", ".xml"):
         with pytest.raises(InputError, match=rf"model\{suffix}:{message}"):
@@ -338,12 +529,26 @@ def test_words_of_urdf_that_a_parser_passes_over_are_refused(imported, old, new,
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
-        ('name="slide"', 'name="shoulder"', '22: joint.name: expected a name of its own, got another "shoulder"'),
-        ('joint name="slide"', "joint", '22: joint.name: expected a name of its own, got ""'),
-        ('link name="plate"', 'link name="upper"', '8: link.name: expected a name of its own, got another "upper"'),
+        (
+            'name="slide"',
+            'name="shoulder"',
+            '22: joint.name: expected a name of its own, got another "shoulder"',
+        ),
+        (
+            'joint name="slide"',
+            "joint",
+            '22: joint.name: expected a name of its own, got ""',
+        ),
+        (
+            'link name="plate"',
+            'link name="upper"',
+            '8: link.name: expected a name of its own, got another "upper"',
+        ),
     ],
 )
-def test_repeated_and_missing_names_are_refused_with_their_line(imported, old, new, message):
+def test_repeated_and_missing_names_are_refused_with_their_line(
+    imported, old, new, message
+):
     with pytest.raises(InputError, match=rf"model\.urdf:{message}"):
         imported(ARM.replace(old, new), ".urdf")
 
@@ -361,7 +566,9 @@ def test_tendons_their_actuators_and_friction_are_said_to_be_left_out(imported):
 
 def test_a_file_that_is_there_is_kept(imported, tmp_path):
     (tmp_path / "robot.toml").write_text("mine")
-    with pytest.raises(InputError, match="not there yet, got one that is; --force writes over it"):
+    with pytest.raises(
+        InputError, match="not there yet, got one that is; --force writes over it"
+    ):
         imported(ARM, ".urdf")
     assert (tmp_path / "robot.toml").read_text() == "mine"
 
@@ -374,22 +581,43 @@ def test_an_import_is_repeated_with_force(imported, tmp_path, monkeypatch):
 
 def test_a_model_without_a_body_is_refused_in_one_line(tmp_path):
     (tmp_path / "none.urdf").write_text('<robot name="none"/>')
-    assert _guarded(["import", str(tmp_path / "none.urdf"), "--out", str(tmp_path / "new.toml"), "--quiet"]) == 2
+    assert (
+        _guarded(
+            [
+                "import",
+                str(tmp_path / "none.urdf"),
+                "--out",
+                str(tmp_path / "new.toml"),
+                "--quiet",
+            ]
+        )
+        == 2
+    )
     assert not (tmp_path / "new.toml").exists()
 
 
 def test_names_in_another_encoding_are_refused_with_their_line(tmp_path):
-    (tmp_path / "arm.urdf").write_bytes(ARM.replace("carriage", "gr\xf6\xdfe").encode("latin-1"))
-    with pytest.raises(InputError, match=r"arm.urdf:12: expected a model in URDF or MJCF in UTF-8, got byte 0xf6"):
+    (tmp_path / "arm.urdf").write_bytes(
+        ARM.replace("carriage", "gr\xf6\xdfe").encode("latin-1")
+    )
+    with pytest.raises(
+        InputError,
+        match=r"arm.urdf:12: expected a model in URDF or MJCF in UTF-8, got byte 0xf6",
+    ):
         import_model(tmp_path / "arm.urdf", tmp_path / "robot.toml")
 
 
 @pytest.mark.filterwarnings("error::UserWarning")
 @pytest.mark.parametrize(
     ("place", "number"),
-    [*product(["MASS", "CENTRE", "AXIS", "ORIGIN"], ["nan", "inf", "1e300"]), ("MASS", "-2")],
+    [
+        *product(["MASS", "CENTRE", "AXIS", "ORIGIN"], ["nan", "inf", "1e300"]),
+        ("MASS", "-2"),
+    ],
 )
-def test_numbers_that_are_none_are_refused_in_one_line(tmp_path, monkeypatch, capfd, place, number):
+def test_numbers_that_are_none_are_refused_in_one_line(
+    tmp_path, monkeypatch, capfd, place, number
+):
     monkeypatch.chdir(tmp_path)
     values = {"MASS": "2", "CENTRE": "0", "AXIS": "0", "ORIGIN": "0", place: number}
     (tmp_path / "arm.urdf").write_text(
@@ -403,7 +631,9 @@ def test_numbers_that_are_none_are_refused_in_one_line(tmp_path, monkeypatch, ca
     assert _guarded(["import", "arm.urdf", "--out", "new.toml"]) == 2
     said = capfd.readouterr().err.splitlines()
     assert len(said) == 1
-    assert re.match(r"stiffscope: arm\.urdf(:[1-5]: (mass|axis|origin)\.\w+)?: expected ", said[0])
+    assert re.match(
+        r"stiffscope: arm\.urdf(:[1-5]: (mass|axis|origin)\.\w+)?: expected ", said[0]
+    )
     assert [file.name for file in tmp_path.iterdir()] == ["arm.urdf"]
 
 
@@ -414,8 +644,14 @@ def test_numbers_that_are_none_are_refused_in_one_line(tmp_path, monkeypatch, ca
         ('mass="2" diaginertia="5 0.01 0.01"', "inertia"),
     ],
 )
-@pytest.mark.parametrize("mesh", ["", '<mesh name="hull" file="none.stl"/>'], ids=["no mesh", "a missing mesh"])
-def test_masses_that_no_body_has_are_refused_beside_missing_meshes(tmp_path, broken, reason, mesh):
+@pytest.mark.parametrize(
+    "mesh",
+    ["", '<mesh name="hull" file="none.stl"/>'],
+    ids=["no mesh", "a missing mesh"],
+)
+def test_masses_that_no_body_has_are_refused_beside_missing_meshes(
+    tmp_path, broken, reason, mesh
+):
     shape = '<geom type="mesh" mesh="hull"/>' if mesh else ""
     (tmp_path / "arm.xml").write_text(
         f'<mujoco><asset>{mesh}</asset><worldbody><body name="arm"><joint name="j" axis="0 1 0"/>'
@@ -436,7 +672,12 @@ def test_a_link_without_mass_is_taken_and_the_others_keep_theirs(imported):
     assert not any("meshes" in note for note in model.notes)
 
 
-def _solid_arm(folder, origin='<origin xyz="0 0 0.12" rpy="0 -1.5707963267948966 0"/>', file="upper.step", more=""):
+def _solid_arm(
+    folder,
+    origin='<origin xyz="0 0 0.12" rpy="0 -1.5707963267948966 0"/>',
+    file="upper.step",
+    more="",
+):
     """An arm with two joints along its x, whose visual is a bar with holes of 8 and 6 mm, in axes of its own."""
     build123d = pytest.importorskip("build123d")
     bar = build123d.Box(300, 40, 20)
@@ -446,7 +687,10 @@ def _solid_arm(folder, origin='<origin xyz="0 0 0.12" rpy="0 -1.5707963267948966
     build123d.export_step(bar.solid(), folder / "meshes" / "upper.step")
     mass = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
     visual = f'<visual>{origin}<geometry><mesh filename="package://arm/meshes/{file}"/></geometry></visual>'
-    joints = (("shoulder", "base", "upper", "0 0 0.5", "0.2 0 0.7"), ("elbow", "upper", "fore", "0 0 0.24", "0.4 0 0"))
+    joints = (
+        ("shoulder", "base", "upper", "0 0 0.5", "0.2 0 0.7"),
+        ("elbow", "upper", "fore", "0 0 0.24", "0.4 0 0"),
+    )
     return (
         f'<robot name="arm"><link name="base"/><link name="upper">{mass}{visual}</link>'
         f'<link name="fore">{mass}</link>{more}'
@@ -465,12 +709,18 @@ def test_a_body_bends_as_the_solid_of_its_visual(imported, tmp_path):
     body = robot.bodies["upper"]
     frame = np.column_stack((body.x, body.y, np.cross(body.x, body.y)))
     for name, radius in (("shoulder", 0.008), ("elbow", 0.006)):
-        joint, (selector,) = robot.joints[name], robot.parts["upper"].interfaces[name].faces
+        joint = robot.joints[name]
+        (selector,) = robot.parts["upper"].interfaces[name].faces
         lever = frame @ selector.position + body.at - np.array(joint.at)
-        assert np.linalg.norm(np.cross(lever, joint.axis)) == pytest.approx(radius, abs=1e-9)
+        assert np.linalg.norm(np.cross(lever, joint.axis)) == pytest.approx(
+            radius, abs=1e-9
+        )
         assert f"upper.{name}" in joint.between
     volume = 0.3 * 0.04 * 0.02 - np.pi * (0.008**2 + 0.006**2) * 0.02
-    assert f"upper bends, and has its solid's {7850 * volume:.4g} kg, not 1 kg" in model.notes
+    assert (
+        f"upper bends, and has its solid's {7850 * volume:.4g} kg, not 1 kg"
+        in model.notes
+    )
 
 
 @pytest.mark.parametrize(
@@ -478,21 +728,39 @@ def test_a_body_bends_as_the_solid_of_its_visual(imported, tmp_path):
     [
         ({}, 'say --material "upper=NAME" to let it bend'),
         ({"file": "lost.step"}, "expected a STEP file"),
-        ({"origin": '<origin xyz="0 0 0.2"/>'}, "no face of the solid is at shoulder, elbow"),
-        ({"more": '<link name="rack"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" '
-          'iyz="0"/></inertial></link><joint name="weld" type="fixed"><parent link="upper"/><child link="rack"/>'
-          "</joint>"}, "expected one visual and no other link fixed to it, got more"),
+        (
+            {"origin": '<origin xyz="0 0 0.2"/>'},
+            "no face of the solid is at shoulder, elbow",
+        ),
+        (
+            {
+                "more": '<link name="rack"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" '
+                'iyz="0"/></inertial></link><joint name="weld" type="fixed"><parent link="upper"/><child link="rack"/>'
+                "</joint>"
+            },
+            "expected one visual and no other link fixed to it, got more",
+        ),
     ],
-)  # fmt: skip
-def test_a_body_that_stays_rigid_beside_its_solid_says_why(imported, tmp_path, options, why):
-    model, robot, _ = imported(_solid_arm(tmp_path, **options), ".urdf", materials=["u*=steel"] if options else [])
+)
+def test_a_body_that_stays_rigid_beside_its_solid_says_why(
+    imported, tmp_path, options, why
+):
+    model, robot, _ = imported(
+        _solid_arm(tmp_path, **options),
+        ".urdf",
+        materials=["u*=steel"] if options else [],
+    )
     assert not robot.parts
     (note,) = [note for note in model.notes if note.startswith("upper stays rigid")]
     assert why in note
 
 
 def test_a_material_that_is_none_is_refused_for_a_urdf(imported, tmp_path):
-    with pytest.raises(InputError, match="--material upper=wood: expected PATTERN=NAME"):
+    with pytest.raises(
+        InputError, match="--material upper=wood: expected PATTERN=NAME"
+    ):
         imported(_solid_arm(tmp_path), ".urdf", materials=["upper=wood"])
-    with pytest.raises(InputError, match="--material: expected a STEP assembly or a URDF"):
+    with pytest.raises(
+        InputError, match="--material: expected a STEP assembly or a URDF"
+    ):
         imported(FOUR_BAR, ".xml", materials=["*=steel"])

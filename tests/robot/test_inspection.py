@@ -65,38 +65,65 @@ def test_shipped_robot(name):
 @pytest.mark.parametrize(
     ("edits", "remark"),
     [
-        ({'type = "universal"\nat = ["= 0.18': 'type = "universal"\nat = ["= 0.19'},
-         r"joint leg1.elbow is 10 mm from leg1.arm.tip: a rigid arm"),
-        ({"6e-6": "6e-9", "3e-5": "3e-11"},
-         r"part strut: √\(3·C22/C66\) = 447 m, the length of a slender part, contradicts its length 0.52"),
-        ({"2e-6": "1e5", "6e-6": "1e5", "3e-5": "1.1e6"},  # a stiffness of which √(3·K22/K66) is the length too
-         r"part strut: one newton moves its tip by 1e\+05 m, more than its length 0.52"),
-        ({"0, 6e-6]": "0, -6e-6]", "[0, 6e-6,": "[0, -6e-6,"},
-         r"part strut: C26 = -6e-06 contradicts its length, by which it is 5.7.e-06; is it clamped at its base"),
-        ({"-6e-6": "6e-6"},
-         r"part strut: C35 = 6e-06 contradicts its length, by which it is -5.7.e-06; is it clamped at its base"),
-        ({"[parts.arm]": SOFT + "[parts.arm]", '"steel"': '"soft"'},
-         r"material soft: its Poisson's ratio, E/2G - 1, is -0.999, solids have -0.8 to 0.5; is its unit right\?"),
-        ({"[parts.arm]": SOFT + "[parts.arm]", '"steel"': '"soft"'},
-         r"material soft: its density is 7.85 kg/m³, solids have 20 to 23000 kg/m³; is its unit right\?"),
+        (
+            {'type = "universal"\nat = ["= 0.18': 'type = "universal"\nat = ["= 0.19'},
+            r"joint leg1.elbow is 10 mm from leg1.arm.tip: a rigid arm",
+        ),
+        (
+            {"6e-6": "6e-9", "3e-5": "3e-11"},
+            r"part strut: √\(3·C22/C66\) = 447 m, the length of a slender part, contradicts its length 0.52",
+        ),
+        (
+            {
+                "2e-6": "1e5",
+                "6e-6": "1e5",
+                "3e-5": "1.1e6",
+            },  # a stiffness of which √(3·K22/K66) is the length too
+            r"part strut: one newton moves its tip by 1e\+05 m, more than its length 0.52",
+        ),
+        (
+            {"0, 6e-6]": "0, -6e-6]", "[0, 6e-6,": "[0, -6e-6,"},
+            r"part strut: C26 = -6e-06 contradicts its length, by which it is 5.7.e-06; is it clamped at its base",
+        ),
+        (
+            {"-6e-6": "6e-6"},
+            r"part strut: C35 = 6e-06 contradicts its length, by which it is -5.7.e-06; is it clamped at its base",
+        ),
+        (
+            {"[parts.arm]": SOFT + "[parts.arm]", '"steel"': '"soft"'},
+            r"material soft: its Poisson's ratio, E/2G - 1, is -0.999, solids have -0.8 to 0.5; is its unit right\?",
+        ),
+        (
+            {"[parts.arm]": SOFT + "[parts.arm]", '"steel"': '"soft"'},
+            r"material soft: its density is 7.85 kg/m³, solids have 20 to 23000 kg/m³; is its unit right\?",
+        ),
         ({"[parts.arm]": SOFT + "[parts.arm]"}, r"^nothing is made of materials.soft$"),
-        ({'"-60 deg", "80 deg"': "-60, 80"},
-         r"drive leg1.motor: its range is -60 to 80 rad; is its unit right\?"),
+        (
+            {'"-60 deg", "80 deg"': "-60, 80"},
+            r"drive leg1.motor: its range is -60 to 80 rad; is its unit right\?",
+        ),
     ],
-)  # fmt: skip
+)
 def test_what_contradicts_lengths_or_solids_is_remarked(tmp_path, edits, remark):
     text = TEXT
     for old, new in edits.items():
         text = text.replace(old, new)
-    found, before = (inspect_robot(read_robot(tmp_path / "a.toml", each)).remarks for each in (text, TEXT))
+    found, before = (
+        inspect_robot(read_robot(tmp_path / "a.toml", each)).remarks
+        for each in (text, TEXT)
+    )
     assert any(re.search(remark, each) for each in found)
-    assert not any("stands" in each or "contradicts" in each or "unit" in each for each in before)
+    assert not any(
+        "stands" in each or "contradicts" in each or "unit" in each for each in before
+    )
 
 
 def test_biglide_reaches_as_its_carriages_allow():
     """Carriages at 200 to 550 mm, links of 500 mm, x = 0: a = l + L cos q, z = l1 + l2 + L sin q."""
     z = inspect_robot(load_robot("biglide")).reach[2]
-    low, high = (0.055 + 0.5 * np.sqrt(1 - ((a - 0.075) / 0.5) ** 2) for a in (0.55, 0.2))
+    low, high = (
+        0.055 + 0.5 * np.sqrt(1 - ((a - 0.075) / 0.5) ** 2) for a in (0.55, 0.2)
+    )
     assert z.low == pytest.approx(low, abs=1e-3)
     assert z.high == pytest.approx(high, abs=1e-3)
 
@@ -108,7 +135,9 @@ def test_delta_weighs_what_its_rods_do():
     arms = [mass for name, mass in found.masses.items() if name.endswith(".arm")]
     assert (len(rods), len(arms)) == (6, 3)
     written = inspection_json(found)
-    assert written["mass"] == pytest.approx(sum(rods) + sum(arms) + found.masses["platform"])
+    assert written["mass"] == pytest.approx(
+        sum(rods) + sum(arms) + found.masses["platform"]
+    )
 
 
 def test_pose_that_the_mechanism_cannot_do(tmp_path):
@@ -121,9 +150,13 @@ def test_pose_that_the_mechanism_cannot_do(tmp_path):
     )
     found = inspect_robot(robot)
     assert re.search(
-        r":\d+: tool\.pose: expected coordinates that the mechanism can move in at home, got rx", found.error
+        r":\d+: tool\.pose: expected coordinates that the mechanism can move in at home, got rx",
+        found.error,
     )
-    assert any("[tool] pose commands rx, which the mechanism locks" in each for each in found.remarks)
+    assert any(
+        "[tool] pose commands rx, which the mechanism locks" in each
+        for each in found.remarks
+    )
     assert found.configurations is None
     assert inspection_json(found)["usable"] is False
 
@@ -133,14 +166,21 @@ def test_missing_drive_and_pose_out_of_range(tmp_path):
     one = inspect_robot(changed("five-bar", tmp_path, (drive, '\n[joints."right')))
     assert len(one.mobility.loose) == 1
     assert any("1 more needed" in each for each in one.remarks)
-    short = inspect_robot(changed("five-bar", tmp_path, ('"-60 deg", "60 deg"', '"-5 deg", "5 deg"')))
+    short = inspect_robot(
+        changed("five-bar", tmp_path, ('"-60 deg", "60 deg"', '"-5 deg", "5 deg"'))
+    )
     assert [pose.name for pose in short.poses if not pose.is_reached] == ["side"]
-    assert any(each.startswith("pose side is not reached: ") and "range" in each for each in short.remarks)
+    assert any(
+        each.startswith("pose side is not reached: ") and "range" in each
+        for each in short.remarks
+    )
 
 
 def test_wrist_that_loses_a_direction(tmp_path):
     """The serial arm with J5 parallel to J6: no joint turns about x."""
-    robot = changed("serial-arm", tmp_path, ("axis    = [1, 0, 0]", "axis    = [0, 0, 1]"))
+    robot = changed(
+        "serial-arm", tmp_path, ("axis    = [1, 0, 0]", "axis    = [0, 0, 1]")
+    )
     found = inspect_robot(robot)
     assert found.mobility.conditioning == 0.0
     assert found.mobility.coordinates["rx"] == "locked"
@@ -148,9 +188,14 @@ def test_wrist_that_loses_a_direction(tmp_path):
 
 def test_nearly_singular_home(tmp_path):
     """A five-bar whose outer bars are almost in line across: pushing M along y turns no drive."""
-    pairs = (('th = "110 deg" ', 'th = "90 deg" '), ('length     = "320 mm"', 'length     = "120.0006 mm"'))
+    pairs = (
+        ('th = "110 deg" ', 'th = "90 deg" '),
+        ('length     = "320 mm"', 'length     = "120.0006 mm"'),
+    )
     found = inspect_robot(changed("five-bar", tmp_path, *pairs))
-    assert any(each.startswith("pose home is nearly singular: ") for each in found.remarks)
+    assert any(
+        each.startswith("pose home is nearly singular: ") for each in found.remarks
+    )
     # With s = y / x_E of the outer bars, drives turn by dx and s dy over the inner bars' length: condition number 1/s.
     slope = np.sqrt(120.0006**2 - 120.0**2) / 120.0
     assert found.mobility.conditioning == pytest.approx(slope, rel=1e-6)
@@ -159,9 +204,14 @@ def test_nearly_singular_home(tmp_path):
 def test_rounded_coordinates_are_told(tmp_path):
     """A Biglide one of whose hinges is off by 10 nm to a side that its loop does not allow."""
     old = 'axis    = [0, 1, 0]\n\n[joints."limb2.link3.joint_b"]'
-    found = inspect_robot(changed("biglide", tmp_path, (old, old.replace("[0, 1, 0]", "[1e-6, 1, 0]"))))
+    found = inspect_robot(
+        changed("biglide", tmp_path, (old, old.replace("[0, 1, 0]", "[1e-6, 1, 0]")))
+    )
     assert any("are coordinates rounded?" in each for each in found.remarks)
-    assert not any("are coordinates rounded?" in each for each in inspect_robot(load_robot("biglide")).remarks)
+    assert not any(
+        "are coordinates rounded?" in each
+        for each in inspect_robot(load_robot("biglide")).remarks
+    )
 
 
 FLEXURE = """
@@ -191,20 +241,28 @@ turned = ["30 deg"]
 @pytest.mark.parametrize("pose", ["rz", "y"])
 def test_drives_reach_a_pose_before_flexures_bend(pose):
     """A motor and a flexure that both turn the tool: the flexure stays at rest, which is told."""
-    text = FLEXURE.replace('"rz"', f'"{pose}"').replace('"30 deg"', {"rz": '"30 deg"', "y": "0.2"}[pose])
+    text = FLEXURE.replace('"rz"', f'"{pose}"').replace(
+        '"30 deg"', {"rz": '"30 deg"', "y": "0.2"}[pose]
+    )
     robot = read_robot(Path("flexure.toml"), text)
     at = configure(rigid_mechanism(robot), [robot.poses["turned"]])
     assert at.coordinates("hinge") == pytest.approx(0.0, abs=1e-12)
     assert at.valid.all()
     assert abs(at.drives[0, 0]) > 0.2
     remarks = inspect_robot(robot).remarks
-    assert any("leaves 1 of 2 motions open: hinge stays as at home" in each for each in remarks)
+    assert any(
+        "leaves 1 of 2 motions open: hinge stays as at home" in each for each in remarks
+    )
 
 
 def test_a_flexure_bends_where_no_drive_reaches():
     """A motor about z and a flexure about y, with the pose ry: the flexure alone turns the tool so."""
-    across = FLEXURE.replace('"rz"', '"rz", "ry"').replace('["30 deg"]', '["30 deg", "5 deg"]')
-    robot = read_robot(Path("flexure.toml"), across.replace("0, 0, 1]\nspring", "0, 1, 0]\nspring"))
+    across = FLEXURE.replace('"rz"', '"rz", "ry"').replace(
+        '["30 deg"]', '["30 deg", "5 deg"]'
+    )
+    robot = read_robot(
+        Path("flexure.toml"), across.replace("0, 0, 1]\nspring", "0, 1, 0]\nspring")
+    )
     at = configure(rigid_mechanism(robot), [robot.poses["turned"]])
     assert at.valid.all()
     assert abs(at.coordinates("hinge")).max() > 0.05
@@ -221,9 +279,15 @@ def test_drives_that_a_pose_does_not_tell_are_named():
     found = inspect_robot(read_robot(Path("arm.toml"), text))
     told = [each for each in found.remarks if "leaves 1 of 3 motions open" in each]
     assert len(told) == 1
-    still = [name for name, moved in zip(("j0", "j1", "j2"), found.poses[1].drives, strict=True) if moved == 0.0]
+    still = [
+        name
+        for name, moved in zip(("j0", "j1", "j2"), found.poses[1].drives, strict=True)
+        if moved == 0.0
+    ]
     assert told[0].endswith(f": {still[0]} stays as at home")
-    assert not any("motions open" in each for each in inspect_robot(load_robot("stewart")).remarks)
+    assert not any(
+        "motions open" in each for each in inspect_robot(load_robot("stewart")).remarks
+    )
 
 
 def test_a_singular_home_is_said_with_where_tool_poses_start(tmp_path):
@@ -231,15 +295,26 @@ def test_a_singular_home_is_said_with_where_tool_poses_start(tmp_path):
     joints = "".join(
         f'[bodies.b{k}]\n[joints.j{k}]\nbetween = ["{f"b{k - 1}" if k else "ground"}", "b{k}"]\ntype = "revolute"\n'
         f"at = {at}\naxis = {axis}\ndrive = {{ stiffness = 20000 }}\n"
-        for k, (at, axis) in enumerate([
-            ([0, 0, 0], [0, 0, 1]), ([0, 0, 0.4], [0, 1, 0]), ([0.35, 0, 0.6], [0, 1, 0]),
-            ([0.5, 0, 0.6], [1, 0, 0]), ([0.7, 0, 0.6], [0, 1, 0]), ([0.75, 0, 0.6], [1, 0, 0]),
-        ])
-    )  # fmt: skip
+        for k, (at, axis) in enumerate(
+            [
+                ([0, 0, 0], [0, 0, 1]),
+                ([0, 0, 0.4], [0, 1, 0]),
+                ([0.35, 0, 0.6], [0, 1, 0]),
+                ([0.5, 0, 0.6], [1, 0, 0]),
+                ([0.7, 0, 0.6], [0, 1, 0]),
+                ([0.75, 0, 0.6], [1, 0, 0]),
+            ]
+        )
+    )
     tool = '[tool]\nbody = "b5"\nat = [0.85, 0, 0.6]\npose = ["x", "y", "z", "rx", "ry", "rz"]\n'
     path = tmp_path / "wrist.toml"
-    path.write_text(f'name = "wrist"\n{joints}{tool}[poses]\nhome = [0.85, 0, 0.6, 0, 0, 0]\n')
+    path.write_text(
+        f'name = "wrist"\n{joints}{tool}[poses]\nhome = [0.85, 0, 0.6, 0, 0, 0]\n'
+    )
     found = inspect_robot(load_robot(path))
     assert not found.error
-    assert any(r.startswith("home is singular: tool poses start from joints.") for r in found.remarks)
+    assert any(
+        r.startswith("home is singular: tool poses start from joints.")
+        for r in found.remarks
+    )
     assert not any("which the mechanism locks" in r for r in found.remarks)

@@ -42,13 +42,20 @@ def test_a_spring_and_its_rest(tmp_path):
 @pytest.mark.parametrize(
     ("drive", "starts", "slopes"),
     [
-        ('curve = [["0.1 mrad", "1 N*m"], ["0.5 mrad", "9 N*m"]], backlash = "20 urad"', [1e-5, 1.1e-4], [1e4, 2e4]),
+        (
+            'curve = [["0.1 mrad", "1 N*m"], ["0.5 mrad", "9 N*m"]], backlash = "20 urad"',
+            [1e-5, 1.1e-4],
+            [1e4, 2e4],
+        ),
         ('stiffness = "10 kN*m/rad", backlash = "20 urad"', [1e-5], [1e4]),
-        ('gear = { k1 = 8100, k2 = 11000, k3 = 13000, t1 = "14 N*m", t2 = "48 N*m" }',
-         [0.0, 14 / 8100, 14 / 8100 + 34 / 11000], [8100, 11000, 13000]),
+        (
+            'gear = { k1 = 8100, k2 = 11000, k3 = 13000, t1 = "14 N*m", t2 = "48 N*m" }',
+            [0.0, 14 / 8100, 14 / 8100 + 34 / 11000],
+            [8100, 11000, 13000],
+        ),
     ],
     ids=["curve", "backlash", "gear"],
-)  # fmt: skip
+)
 def test_drives_that_are_not_linear(drive, starts, slopes, tmp_path):
     law = read(tmp_path, f"drive = {{ {drive} }}").drive.law
     assert law.starts == pytest.approx(starts)
@@ -58,12 +65,27 @@ def test_drives_that_are_not_linear(drive, starts, slopes, tmp_path):
 @pytest.mark.parametrize(
     ("more", "message"),
     [
-        ('drive = { stiffness = 3, curve = [["1 mrad", "1 N*m"]] }', "expected a stiffness, a curve or a gear"),
-        ('drive = { backlash = "1 mrad" }', "expected a stiffness, a curve or a gear, got none"),
-        ('drive = { curve = [["1 mrad", "2 N*m"], ["2 mrad", "1 N*m"]] }', "rises from point to point"),
+        (
+            'drive = { stiffness = 3, curve = [["1 mrad", "1 N*m"]] }',
+            "expected a stiffness, a curve or a gear",
+        ),
+        (
+            'drive = { backlash = "1 mrad" }',
+            "expected a stiffness, a curve or a gear, got none",
+        ),
+        (
+            'drive = { curve = [["1 mrad", "2 N*m"], ["2 mrad", "1 N*m"]] }',
+            "rises from point to point",
+        ),
         ('drive = { curve = [["1 mm", "2 N*m"]] }', "an angle"),
-        ("drive = { gear = { k1 = 1, k2 = 2, k3 = 3, t1 = 4, t2 = 3 } }", "expected a torque t1 below t2"),
-        ('spring = "3 N*m/rad"\ndrive = { stiffness = 3 }', "spring: expected a passive joint"),
+        (
+            "drive = { gear = { k1 = 1, k2 = 2, k3 = 3, t1 = 4, t2 = 3 } }",
+            "expected a torque t1 below t2",
+        ),
+        (
+            'spring = "3 N*m/rad"\ndrive = { stiffness = 3 }',
+            "spring: expected a passive joint",
+        ),
         ('spring = "-3 N*m/rad"', "spring: expected a torsional stiffness"),
         ('rest = "3 deg"', "rest: expected a spring beside it, got none"),
     ],

@@ -28,7 +28,13 @@ k = [[1, 2],
 def keys(data, key=()):
     if key:
         yield key
-    for name, value in data.items() if isinstance(data, dict) else enumerate(data) if isinstance(data, list) else ():
+    for name, value in (
+        data.items()
+        if isinstance(data, dict)
+        else enumerate(data)
+        if isinstance(data, list)
+        else ()
+    ):
         yield from keys(value, (*key, name))
 
 
@@ -38,7 +44,10 @@ def test_the_scanner_sees_what_the_parser_sees():
         assert set(found) == set(keys(tomllib.loads(text)))
         lines = text.splitlines()
         for key, line in found.items():
-            assert not isinstance(key[-1], str) or key[-1].replace('"', '\\"') in lines[line - 1]
+            assert (
+                not isinstance(key[-1], str)
+                or key[-1].replace('"', '\\"') in lines[line - 1]
+            )
 
 
 def test_lines_of_an_awkward_file():
@@ -51,5 +60,8 @@ def test_lines_of_an_awkward_file():
 
 
 def test_lines_of_a_long_file_are_found():
-    text = "\n".join(f'[bodies."leg{i}.arm"]\npart = "arm"\ntip = ["= 0.18 + a", 0, 0] # c' for i in range(7000))
+    text = "\n".join(
+        f'[bodies."leg{i}.arm"]\npart = "arm"\ntip = ["= 0.18 + a", 0, 0] # c'
+        for i in range(7000)
+    )
     assert positions(text)["bodies", "leg6999.arm", "tip", 2] == 21000

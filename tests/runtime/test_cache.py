@@ -36,10 +36,14 @@ def test_keeps_what_was_put(cache):
     assert result(cache) == "42"
 
 
-@pytest.mark.parametrize("harm", ["tear", "delete", "add", "link", "format", "garbage", "file", "empty", "binary"])
+@pytest.mark.parametrize(
+    "harm",
+    ["tear", "delete", "add", "link", "format", "garbage", "file", "empty", "binary"],
+)
 def test_damaged_entry_is_absent_and_replaced(cache, harm):
     folder = cache.put("experiment", KEY, write("42"))
-    index, content = folder / "entry.json", folder / "deep" / "result.json"
+    index = folder / "entry.json"
+    content = folder / "deep" / "result.json"
     if harm == "tear":
         content.write_text("4")
     elif harm == "delete":
@@ -84,9 +88,19 @@ WHOLE = {
 
 @pytest.mark.parametrize("suffix", WHOLE)
 def test_a_file_that_is_cut_off_is_absent_though_its_checksum_fits(cache, suffix):
-    for content, held in ((WHOLE[suffix], True), (WHOLE[suffix][:-20], False), (b"", False)):
+    for content, held in (
+        (WHOLE[suffix], True),
+        (WHOLE[suffix][:-20], False),
+        (b"", False),
+    ):
         cache.clear()
-        cache.put("experiment", KEY, lambda folder, content=content: (folder / f"a{suffix}").write_bytes(content))
+        cache.put(
+            "experiment",
+            KEY,
+            lambda folder, content=content: (folder / f"a{suffix}").write_bytes(
+                content
+            ),
+        )
         assert (cache.get("experiment", KEY) is not None) == held
 
 
@@ -111,7 +125,9 @@ def _put_many(root: str, content: str) -> None:
 
 def test_two_processes_write_the_same_entry_at_once(cache):
     context = multiprocessing.get_context("spawn")
-    both = [context.Process(target=_put_many, args=(str(cache.root), text)) for text in "12"]
+    both = [
+        context.Process(target=_put_many, args=(str(cache.root), text)) for text in "12"
+    ]
     for process in both:
         process.start()
     for process in both:
@@ -137,8 +153,18 @@ def test_digest_tells_neighbouring_numbers_apart():
 
 
 def test_code_version_covers_source_and_libraries():
-    cad, fea = ("stiffscope.cad",), ("stiffscope.fea",)
-    assert len({code_version(cad, ()), code_version(fea, ()), code_version(cad, ("numpy",))}) == 3
+    cad = ("stiffscope.cad",)
+    fea = ("stiffscope.fea",)
+    assert (
+        len(
+            {
+                code_version(cad, ()),
+                code_version(fea, ()),
+                code_version(cad, ("numpy",)),
+            }
+        )
+        == 3
+    )
 
 
 def test_environment_chooses_the_folder(tmp_path, monkeypatch):

@@ -12,14 +12,27 @@ from pathlib import Path
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.runtime.executor import Here, LateError, Processes, WorkerError, work_through
+from stiffscope.runtime.executor import (
+    Here,
+    LateError,
+    Processes,
+    WorkerError,
+    work_through,
+)
 from stiffscope.runtime.signals import deaf_to
 
 
 def work(executor, function, jobs, reports=None, limits=None):
     with executor:
-        report = (lambda name: reports[name]) if reports else (lambda _name: lambda *_: None)
-        return {name: done.result() for name, done in work_through(executor, function, jobs.items(), report, limits)}
+        report = (
+            (lambda name: reports[name]) if reports else (lambda _name: lambda *_: None)
+        )
+        return {
+            name: done.result()
+            for name, done in work_through(
+                executor, function, jobs.items(), report, limits
+            )
+        }
 
 
 def job(kind, report):
@@ -43,7 +56,10 @@ def wait_long(folder, _report):
 def test_answers_progress_and_warnings_come_back(executor, caplog):
     told = []
     jobs = {"one": ("a",), "two": ("b",)}
-    reports = {name: lambda stage, fraction, name=name: told.append((name, stage, fraction)) for name in jobs}
+    reports = {
+        name: lambda stage, fraction, name=name: told.append((name, stage, fraction))
+        for name in jobs
+    }
     assert work(executor(), job, jobs, reports) == {"one": "A", "two": "B"}
     assert sorted(told) == [("one", "a", 0.5), ("two", "b", 0.5)]
     assert sorted(caplog.messages) == ["a is done", "b is done"]
@@ -65,7 +81,11 @@ def test_many_jobs_share_a_few_processes():
     [
         ("refuse", InputError, "^link.bore: expected a diameter$"),
         ("fail", WorkerError, "^one: ZeroDivisionError: 1 / 0$"),
-        ("crash", WorkerError, r"^one: its process ended without an answer \(exit code 3\)$"),
+        (
+            "crash",
+            WorkerError,
+            r"^one: its process ended without an answer \(exit code 3\)$",
+        ),
     ],
 )
 def test_what_goes_wrong_is_told_in_a_line(kind, error, message):
@@ -82,8 +102,17 @@ def stages(report):
 def test_a_job_that_takes_too_long_is_ended():
     told = []
     begun = time.monotonic()
-    with pytest.raises(LateError, match=r"^one: expected its end within 2\.5 s, got no further than its stage modes$"):
-        work(Processes(), stages, {"one": ()}, {"one": lambda stage, _: told.append(stage)}, {"one": 2.5})
+    with pytest.raises(
+        LateError,
+        match=r"^one: expected its end within 2\.5 s, got no further than its stage modes$",
+    ):
+        work(
+            Processes(),
+            stages,
+            {"one": ()},
+            {"one": lambda stage, _: told.append(stage)},
+            {"one": 2.5},
+        )
     assert told == ["mesh", "solve", "solve", "modes"]
     assert time.monotonic() - begun < 30
 
@@ -91,8 +120,13 @@ def test_a_job_that_takes_too_long_is_ended():
 def test_a_killed_parent_takes_its_children_along(tmp_path):
     code = "from tests.runtime.test_executor import wait_long, work, Processes; "
     code += f"work(Processes(), wait_long, {{'one': ({str(tmp_path)!r},)}})"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
-    parent = subprocess.Popen([sys.executable, "-c", code], env=environment, cwd=Path(__file__).parents[2])
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(p for p in sys.path if p),
+    }
+    parent = subprocess.Popen(
+        [sys.executable, "-c", code], env=environment, cwd=Path(__file__).parents[2]
+    )
     begun = time.monotonic()
     while not os.listdir(tmp_path):
         assert time.monotonic() - begun < 30
@@ -100,7 +134,10 @@ def test_a_killed_parent_takes_its_children_along(tmp_path):
     child = int(os.listdir(tmp_path)[0])
     parent.send_signal(signal.SIGKILL)
     parent.wait()
-    while Path(f"/proc/{child}").exists() and "Z (zombie)" not in Path(f"/proc/{child}/status").read_text():
+    while (
+        Path(f"/proc/{child}").exists()
+        and "Z (zombie)" not in Path(f"/proc/{child}/status").read_text()
+    ):
         assert time.monotonic() - begun < 60
         time.sleep(0.05)
 
@@ -115,10 +152,17 @@ def die_once(mark, how):
 @pytest.mark.skipif(sys.platform == "win32", reason="kills")
 def test_a_job_whose_process_is_killed_is_done_again_once(tmp_path):
     with Processes(1) as executor:
-        again = executor.submit(die_once, str(tmp_path / "one"), signal.SIGKILL, name="one")
-        crashed = executor.submit(die_once, str(tmp_path / "two"), signal.SIGSEGV, name="two")
+        again = executor.submit(
+            die_once, str(tmp_path / "one"), signal.SIGKILL, name="one"
+        )
+        crashed = executor.submit(
+            die_once, str(tmp_path / "two"), signal.SIGSEGV, name="two"
+        )
         assert again.result() == "done"
-        with pytest.raises(WorkerError, match=r"^two: its process was ended by SIGSEGV, in a library that it uses$"):
+        with pytest.raises(
+            WorkerError,
+            match=r"^two: its process was ended by SIGSEGV, in a library that it uses$",
+        ):
             crashed.result()
 
 
@@ -134,7 +178,9 @@ def test_all_processes_can_be_ended_at_once():
         executor.end()
         with pytest.raises(WorkerError):
             held.result()
-    assert time.monotonic() - begun < 60  # far less than the ten minutes that it would sleep
+    assert (
+        time.monotonic() - begun < 60
+    )  # far less than the ten minutes that it would sleep
     assert psutil.Process().children() == others
 
 

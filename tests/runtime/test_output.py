@@ -37,9 +37,13 @@ def test_output_is_replaced_as_a_whole(tmp_path):
     fill(tmp_path / "a" / "out", same="2")
     assert sorted(os.listdir(tmp_path / "a" / "out")) == ["manifest.json", "same"]
     assert os.listdir(tmp_path / "a") == ["out"]
-    assert json.loads((tmp_path / "a" / "out" / "manifest.json").read_text())["files"] == ["same"]
+    assert json.loads((tmp_path / "a" / "out" / "manifest.json").read_text())[
+        "files"
+    ] == ["same"]
     fill(tmp_path / "out", **{"a\udcff": "1"})  # a name that is no UTF-8
-    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["files"] == ["a\udcff"]
+    assert json.loads((tmp_path / "out" / "manifest.json").read_text())["files"] == [
+        "a\udcff"
+    ]
 
 
 def test_failure_leaves_what_was_there(tmp_path):
@@ -73,7 +77,10 @@ def test_a_file_that_is_not_ours_is_not_deleted(tmp_path, foreign):
 
 def test_impossible_targets_are_refused_early(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
-    for target, why in [(tmp_path / "file", "is a file"), (tmp_path / "file" / "out", "is a file")]:
+    for target, why in [
+        (tmp_path / "file", "is a file"),
+        (tmp_path / "file" / "out", "is a file"),
+    ]:
         with pytest.raises(InputError, match=why):
             check_output(target)
     monkeypatch.chdir(tmp_path)
@@ -88,7 +95,9 @@ def test_a_file_of_its_own_is_not_in_an_output_folder(tmp_path):
     fill(tmp_path / "out", result="1")
     (tmp_path / "link").symlink_to(tmp_path / "out")
     for file in (tmp_path / "out" / "a.json", tmp_path / "link" / "deep" / "a.json"):
-        with pytest.raises(InputError, match=r"a\.json: is in .*out, which is replaced as a whole"):
+        with pytest.raises(
+            InputError, match=r"a\.json: is in .*out, which is replaced as a whole"
+        ):
             check_output(tmp_path / "out", None, str(file))
     check_output(tmp_path / "out", None, "-", tmp_path / "a.json")
     (tmp_path / "round.json").symlink_to(tmp_path / "round.json")
@@ -100,7 +109,11 @@ def test_json_is_strict_and_readable(tmp_path, capsys):
     import numpy as np
 
     text = to_json({"matrix": np.eye(2), "bad": float("nan"), "path": tmp_path})
-    assert json.loads(text) == {"matrix": [[1, 0], [0, 1]], "bad": None, "path": str(tmp_path)}
+    assert json.loads(text) == {
+        "matrix": [[1, 0], [0, 1]],
+        "bad": None,
+        "path": str(tmp_path),
+    }
     assert "[1.0, 0.0]" in text
     assert to_json([-0.0, np.array([-0.0, -1.0])]) == "[\n  0.0,\n  [0.0, -1.0]\n]\n"
     write_json("-", {"a": 1})
@@ -129,7 +142,10 @@ def test_a_link_is_followed_and_a_pipe_is_written_to(tmp_path):
     (tmp_path / "link.json").symlink_to(tmp_path / "real.json")
     write_json(tmp_path / "link.json", {"a": 1})
     assert (tmp_path / "link.json").is_symlink()
-    assert json.loads((tmp_path / "real.json").read_text()) == {"made_by": "stiffscope", "a": 1}
+    assert json.loads((tmp_path / "real.json").read_text()) == {
+        "made_by": "stiffscope",
+        "a": 1,
+    }
     ours, theirs = os.pipe()
     write_json(f"/dev/fd/{theirs}", {"a": 2})
     assert json.loads(os.read(ours, 100))["a"] == 2
@@ -139,20 +155,27 @@ def test_a_link_is_followed_and_a_pipe_is_written_to(tmp_path):
 def test_what_the_user_does_while_we_work_is_kept(tmp_path, change):
     out = tmp_path / "out"
     fill(out, page="1", other="1")
-    with pytest.raises(InputError, match=r"out: .*; it stays as it is, and the new results are in .*out\.new"):  # noqa: SIM117
-        with staged_folder(out) as folder:
-            (folder / "page").write_text("2")
-            if change == "saved":
-                (out / "notes.txt").write_text("mine")
-            elif change == "edited":
-                (out / "page").write_text("1 and mine")
-            elif change == "folder":
-                (out / "empty").mkdir()
-            else:
-                (out / "page").rename(tmp_path / "page")
-                (out / "page").symlink_to(tmp_path / "page")
+    with (
+        pytest.raises(
+            InputError,
+            match=r"out: .*; it stays as it is, and the new results are in .*out\.new",
+        ),
+        staged_folder(out) as folder,
+    ):
+        (folder / "page").write_text("2")
+        if change == "saved":
+            (out / "notes.txt").write_text("mine")
+        elif change == "edited":
+            (out / "page").write_text("1 and mine")
+        elif change == "folder":
+            (out / "empty").mkdir()
+        else:
+            (out / "page").rename(tmp_path / "page")
+            (out / "page").symlink_to(tmp_path / "page")
     assert (out / "other").read_text() == "1"
-    kept = {"saved": "notes.txt", "edited": "page", "folder": "empty", "link": "page"}[change]
+    kept = {"saved": "notes.txt", "edited": "page", "folder": "empty", "link": "page"}[
+        change
+    ]
     assert os.path.lexists(out / kept)
     assert change != "edited" or (out / "page").read_text() == "1 and mine"
     assert (tmp_path / "out.new" / "page").read_text() == "2"
@@ -160,7 +183,9 @@ def test_what_the_user_does_while_we_work_is_kept(tmp_path, change):
     assert not [name for name in os.listdir(tmp_path) if name.startswith(".")]
 
 
-def test_a_file_saved_between_the_looks_brings_the_old_folder_back(tmp_path, monkeypatch):
+def test_a_file_saved_between_the_looks_brings_the_old_folder_back(
+    tmp_path, monkeypatch
+):
     out = tmp_path / "out"
     fill(out, page="1")
     rename = Path.rename
@@ -181,7 +206,8 @@ def test_a_file_saved_between_the_looks_brings_the_old_folder_back(tmp_path, mon
 
 
 def test_what_a_run_killed_in_the_exchange_left_is_put_right(tmp_path):
-    out, left = tmp_path / "out", tmp_path / f".out.replaced-{DEAD}"
+    out = tmp_path / "out"
+    left = tmp_path / f".out.replaced-{DEAD}"
     fill(out, page="1")
     out.rename(left)
     fill(out, page="2")
@@ -193,8 +219,11 @@ def test_what_a_run_killed_in_the_exchange_left_is_put_right(tmp_path):
     assert (out / "notes.txt").read_text() == "mine"
 
 
-def test_a_stop_while_a_scratch_folder_is_removed_does_not_keep_it(tmp_path, monkeypatch):
-    remove, stops = shutil.rmtree, [KeyboardInterrupt]
+def test_a_stop_while_a_scratch_folder_is_removed_does_not_keep_it(
+    tmp_path, monkeypatch
+):
+    remove = shutil.rmtree
+    stops = [KeyboardInterrupt]
 
     def stopped(*args, **kwargs):
         if stops:
@@ -208,7 +237,8 @@ def test_a_stop_while_a_scratch_folder_is_removed_does_not_keep_it(tmp_path, mon
 
 
 def test_scratch_folders_of_dead_processes_are_removed_and_no_others(tmp_path):
-    dead, ours = tmp_path / f".stiffscope-scratch-{DEAD}", tmp_path / f".stiffscope-scratch-{owner()}"
+    dead = tmp_path / f".stiffscope-scratch-{DEAD}"
+    ours = tmp_path / f".stiffscope-scratch-{owner()}"
     other = tmp_path / ".stiffscope-scratch-mine"
     for folder in (dead, ours, other):
         folder.mkdir()
@@ -217,42 +247,78 @@ def test_scratch_folders_of_dead_processes_are_removed_and_no_others(tmp_path):
     assert {each.name for each in tmp_path.iterdir()} == {ours.name, other.name}
 
 
-@pytest.mark.skipif(os.name == "nt" or getattr(os, "geteuid", lambda: 1)() != 0, reason="needs to mount a small disk")
+@pytest.mark.skipif(
+    os.name == "nt" or getattr(os, "geteuid", lambda: 1)() != 0,
+    reason="needs to mount a small disk",
+)
 def test_a_full_disk_is_one_line_and_nothing_is_left(tmp_path):
     disk = tmp_path / "disk"
     disk.mkdir()
-    if subprocess.run(["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", disk], check=False).returncode:
+    if subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=64k", "tmpfs", disk], check=False
+    ).returncode:
         pytest.skip("no small disk can be mounted")
     try:
-        with pytest.raises(StiffscopeError, match=r"\(No space left on device\); make room on its disk"):  # noqa: SIM117
-            with staged_folder(disk / "out") as folder:
-                (folder / "large").write_bytes(bytes(1 << 20))
+        with (
+            pytest.raises(
+                StiffscopeError,
+                match=r"\(No space left on device\); make room on its disk",
+            ),
+            staged_folder(disk / "out") as folder,
+        ):
+            (folder / "large").write_bytes(bytes(1 << 20))
         with pytest.raises(StiffscopeError, match="No space left on device"):
             write_json(disk / "a.json", list(range(100_000)))
-        with pytest.raises(StiffscopeError, match=r"disk/out: the output folder cannot be written \(No space"):  # noqa: SIM117
-            with staged_folder(disk / "out") as folder:
-                write_json(folder / "a.json", list(range(100_000)))
-        with pytest.raises(StiffscopeError, match=r"disk/new: the output folder cannot be written \(No space"):  # noqa: SIM117
-            with staged_folder(disk / "new", new=True) as folder:
-                (folder / "large").write_bytes(bytes(1 << 20))
-        with pytest.raises(StiffscopeError, match=r"disk/out: the output folder cannot be written \(No space"):  # noqa: SIM117
-            with staged_folder(disk / "out"):
-                raise OSError(errno.ENOSPC, "Can't write data (time = Mon Nov 23\n, filename = ...)")  # of HDF5
+        with (
+            pytest.raises(
+                StiffscopeError,
+                match=r"disk/out: the output folder cannot be written \(No space",
+            ),
+            staged_folder(disk / "out") as folder,
+        ):
+            write_json(folder / "a.json", list(range(100_000)))
+        with (
+            pytest.raises(
+                StiffscopeError,
+                match=r"disk/new: the output folder cannot be written \(No space",
+            ),
+            staged_folder(disk / "new", new=True) as folder,
+        ):
+            (folder / "large").write_bytes(bytes(1 << 20))
+        with (
+            pytest.raises(
+                StiffscopeError,
+                match=r"disk/out: the output folder cannot be written \(No space",
+            ),
+            staged_folder(disk / "out"),
+        ):
+            raise OSError(
+                errno.ENOSPC,
+                "Can't write data (time = Mon Nov 23\n, filename = ...)",
+            )  # of HDF5
         assert os.listdir(disk) == []
         from build123d import Box
 
         from stiffscope.cad import kernel_files
 
         (disk / "fill").write_bytes(bytes(60 << 10))
-        with pytest.raises(OSError, match="No space left on device"):  # the kernel keeps the reason
+        with pytest.raises(
+            OSError, match="No space left on device"
+        ):  # the kernel keeps the reason
             kernel_files.write_step(Box(1, 1, 1).wrapped, disk / "a.step")
     finally:
         subprocess.run(["umount", disk], check=True)
 
 
 def test_what_is_no_copy_stays(tmp_path):
-    cases, out = tmp_path / "out.cases", tmp_path / "out"
-    for name, text in {"a/case": "1", "a/edited": "1", "notes.txt": "mine", "b/case": "1"}.items():
+    cases = tmp_path / "out.cases"
+    out = tmp_path / "out"
+    for name, text in {
+        "a/case": "1",
+        "a/edited": "1",
+        "notes.txt": "mine",
+        "b/case": "1",
+    }.items():
         (cases / name).parent.mkdir(parents=True, exist_ok=True)
         (cases / name).write_text(text)
     with staged_folder(out) as folder:
@@ -262,7 +328,11 @@ def test_what_is_no_copy_stays(tmp_path):
     assert (cases / "a" / "case").exists()
     (cases / "a" / "edited").write_text("1 and mine")
     assert not remove_copied(cases, out)
-    assert {p.relative_to(cases).as_posix() for p in cases.rglob("*")} == {"a", "a/edited", "notes.txt"}
+    assert {p.relative_to(cases).as_posix() for p in cases.rglob("*")} == {
+        "a",
+        "a/edited",
+        "notes.txt",
+    }
     for name in ("a/edited", "notes.txt"):
         (cases / name).unlink()
     assert remove_copied(cases, out)
@@ -270,10 +340,17 @@ def test_what_is_no_copy_stays(tmp_path):
 
 
 def test_only_json_of_ours_is_replaced_by_json(tmp_path):
-    others = {"readings.csv": "x,y\n1,2\n", "robot.toml": "[tool]\npose = []\n", "package.json": '{"a": 1}'}
+    others = {
+        "readings.csv": "x,y\n1,2\n",
+        "robot.toml": "[tool]\npose = []\n",
+        "package.json": '{"a": 1}',
+    }
     for name, text in others.items():
         (tmp_path / name).write_text(text)
-        with pytest.raises(InputError, match=rf"{name}: expected a new file or JSON that stiffscope wrote"):
+        with pytest.raises(
+            InputError,
+            match=rf"{name}: expected a new file or JSON that stiffscope wrote",
+        ):
             check_json(tmp_path / name)
         assert (tmp_path / name).read_text() == text
     (tmp_path / "a.json").touch()
@@ -296,7 +373,11 @@ def test_what_is_forced_keeps_the_other_files(tmp_path):
     overwrite(True)
     fill(out, page="2")
     overwrite(False)
-    assert {name.name: name.read_text() for name in out.rglob("*") if name.name in ("page", "notes.txt")} == {
+    assert {
+        name.name: name.read_text()
+        for name in out.rglob("*")
+        if name.name in ("page", "notes.txt")
+    } == {
         "page": "2",
         "notes.txt": "mine",
     }
@@ -307,10 +388,16 @@ def test_what_is_forced_keeps_the_other_files(tmp_path):
 def test_a_new_folder_is_never_one_that_is_there(tmp_path):
     with staged_folder(tmp_path / "a" / "new", new=True) as folder:
         (folder / "plan").write_text("1")
-    assert [p.relative_to(tmp_path).as_posix() for p in sorted(tmp_path.rglob("*"))] == ["a", "a/new", "a/new/plan"]
-    with pytest.raises(InputError, match=r"late: expected a folder that is not there yet"):  # noqa: SIM117
-        with staged_folder(tmp_path / "late", new=True) as folder:
-            (folder / "plan").write_text("1")
-            (tmp_path / "late").mkdir()
+    assert [
+        p.relative_to(tmp_path).as_posix() for p in sorted(tmp_path.rglob("*"))
+    ] == ["a", "a/new", "a/new/plan"]
+    with (
+        pytest.raises(
+            InputError, match=r"late: expected a folder that is not there yet"
+        ),
+        staged_folder(tmp_path / "late", new=True) as folder,
+    ):
+        (folder / "plan").write_text("1")
+        (tmp_path / "late").mkdir()
     assert not list((tmp_path / "late").iterdir())
     assert sorted(os.listdir(tmp_path)) == ["a", "late"]

@@ -28,14 +28,22 @@ if __name__ == "__main__":
 def test_a_scheduler_that_goes_is_told_in_one_line(caplog):
     caplog.set_level(logging.WARNING)
     elsewhere = subprocess.Popen(
-        [sys.executable, "-c", SCHEDULER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        [sys.executable, "-c", SCHEDULER],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
     )
     try:
         with (
-            pytest.raises(StiffscopeError, match=r"the scheduler has gone; what is finished is kept"),
+            pytest.raises(
+                StiffscopeError,
+                match=r"the scheduler has gone; what is finished is kept",
+            ),
             Scheduler(elsewhere.stdout.readline().strip()) as executor,
         ):
-            for name, future in work_through(executor, time.sleep, [("one", (0,)), ("two", (60,))]):
+            for name, future in work_through(
+                executor, time.sleep, [("one", (0,)), ("two", (60,))]
+            ):
                 assert (name, future.result()) == ("one", None)
                 threading.Timer(0.2, elsewhere.kill).start()
     finally:
@@ -56,7 +64,9 @@ def test_an_answer_that_is_lost_with_its_worker_is_asked_for_again(monkeypatch):
 
     monkeypatch.setattr(Future, "_result", lose)
     with (
-        LocalCluster(n_workers=1, processes=False, protocol="tcp://", dashboard_address=None) as local,
+        LocalCluster(
+            n_workers=1, processes=False, protocol="tcp://", dashboard_address=None
+        ) as local,
         Scheduler(local.scheduler_address) as executor,
     ):
         assert executor.submit(abs, -3, name="one").result(30) == 3
@@ -70,7 +80,9 @@ def test_an_answer_that_is_lost_with_its_worker_is_asked_for_again(monkeypatch):
 @pytest.mark.skipif(sys.platform == "win32", reason="kills")
 def test_jobs_survive_the_kills_of_their_workers_and_one_that_kills_them_is_named():
     with (
-        LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as local,
+        LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None
+        ) as local,
         Client(local) as client,
         Scheduler(local.scheduler_address) as executor,
     ):
@@ -83,14 +95,21 @@ def test_jobs_survive_the_kills_of_their_workers_and_one_that_kills_them_is_name
         killer = threading.Thread(target=kill)
         killer.start()
         try:
-            done = [future.result(30) for _, future in work_through(executor, square, ((n, (n,)) for n in range(400)))]
+            done = [
+                future.result(30)
+                for _, future in work_through(
+                    executor, square, ((n, (n,)) for n in range(400))
+                )
+            ]
         finally:
             murders.set()
             killer.join()
         assert sorted(done) == [n * n for n in range(400)]
         with pytest.raises(WorkerError, match="mine: 4 workers ended at it"):
             executor.submit(os._exit, 1, name="mine").result(60)
-        client.wait_for_workers(2, timeout=60)  # Dask cannot close a cluster whose worker is being started again
+        client.wait_for_workers(
+            2, timeout=60
+        )  # Dask cannot close a cluster whose worker is being started again
 
 
 def square(number):

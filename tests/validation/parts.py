@@ -34,7 +34,8 @@ def box(low, high):
 def bar(radius=0.0125, bore=0.0, length=0.2, material=NO_POISSON):
     part = build(link.LinkParameters(length, radius, bore), material)
     inner = bore / 2
-    area, second = pi * (radius**2 - inner**2), pi * (radius**4 - inner**4) / 4
+    area = pi * (radius**2 - inner**2)
+    second = pi * (radius**4 - inner**4) / 4
     exact = {(3, 3): length / (material.shear_modulus * 2 * second)}
     if material is NO_POISSON:
         exact |= _straight(length, material.youngs_modulus, area, second, second)
@@ -43,8 +44,11 @@ def bar(radius=0.0125, bore=0.0, length=0.2, material=NO_POISSON):
 
 def plate(depth=0.085, width=0.32, thickness=0.02):
     part = build(slider.SliderParameters(depth, width, thickness), NO_POISSON)
-    about_y, about_z = width * thickness**3 / 12, thickness * width**3 / 12
-    return part, _straight(depth, NO_POISSON.youngs_modulus, width * thickness, about_y, about_z)
+    about_y = width * thickness**3 / 12
+    about_z = thickness * width**3 / 12
+    return part, _straight(
+        depth, NO_POISSON.youngs_modulus, width * thickness, about_y, about_z
+    )
 
 
 def _straight(length, E, area, about_y, about_z):
@@ -59,10 +63,21 @@ def _straight(length, E, area, about_y, about_z):
 
 def stepped(thick=0.020, thin=0.0125, first=0.1, second=0.1, material=STEEL):
     """A shaft with one step: the sums over its halves, which a step makes a little more (see ``test_parts``)."""
-    profile = [(0, 0), (0, thick), (first, thick), (first, thin), (first + second, thin), (first + second, 0)]
+    profile = [
+        (0, 0),
+        (0, thick),
+        (first, thick),
+        (first, thin),
+        (first + second, thin),
+        (first + second, 0),
+    ]
     part = part_of(revolved(profile), name="stepped bar", material=material)
-    E, G = material.youngs_modulus, material.shear_modulus
-    areas, seconds = ([f(r) for r in (thick, thin)] for f in (lambda r: pi * r**2, lambda r: pi * r**4 / 4))
+    E = material.youngs_modulus
+    G = material.shear_modulus
+    areas, seconds = (
+        [f(r) for r in (thick, thin)]
+        for f in (lambda r: pi * r**2, lambda r: pi * r**4 / 4)
+    )
     return part, {
         (0, 0): first / (E * areas[0]) + second / (E * areas[1]),
         (3, 3): first / (2 * G * seconds[0]) + second / (2 * G * seconds[1]),
@@ -73,10 +88,13 @@ def stepped(thick=0.020, thin=0.0125, first=0.1, second=0.1, material=STEEL):
 def elbow(side=0.01, leg=0.15, material=NO_POISSON):
     """An L of two square legs, clamped at the foot of the one along x, loaded at the end of the one along y."""
     h = side / 2
-    solid = (box((0, -h, -h), (leg + h, h, h)) + box((leg - h, -h, -h), (leg + h, leg, h))).solid()
+    solid = (
+        box((0, -h, -h), (leg + h, h, h)) + box((leg - h, -h, -h), (leg + h, leg, h))
+    ).solid()
     end = [FaceSelector(kind="plane", normal=(0, 1, 0), position="max y")]
     part = part_of(solid, name="elbow", material=material, loaded=end)
-    E, second = material.youngs_modulus, side**4 / 12
+    E = material.youngs_modulus
+    second = side**4 / 12
     return part, {(5, 5): 2 * leg / (E * second), (0, 5): -1.5 * leg**2 / (E * second)}
 
 
@@ -88,11 +106,21 @@ def curved(inner=0.09, outer=0.11, width=0.015, angle=pi / 2, material=NO_POISSO
     """
     from build123d import Axis, Plane, Rectangle, revolve
 
-    a, b, centre = inner, outer, (inner + outer) / 2
+    a = inner
+    b = outer
+    centre = (inner + outer) / 2
     axis = Axis((0, 1e3 * centre, 0), (0, 0, 1))
-    solid = revolve(Plane.YZ * Rectangle(1e3 * (b - a), 1e3 * width), axis, np.degrees(angle)).solid()
+    solid = revolve(
+        Plane.YZ * Rectangle(1e3 * (b - a), 1e3 * width), axis, np.degrees(angle)
+    ).solid()
     end = [FaceSelector(kind="plane", normal=(cos(angle), sin(angle), 0))]
-    part = part_of(solid, name="curved beam", material=material, clamped=[FaceSelector(normal=(-1, 0, 0))], loaded=end)
+    part = part_of(
+        solid,
+        name="curved beam",
+        material=material,
+        clamped=[FaceSelector(normal=(-1, 0, 0))],
+        loaded=end,
+    )
     squares = b**2 - a**2
     N = squares**2 - 4 * a**2 * b**2 * log(b / a) ** 2
     return part, {(5, 5): 8 * squares / N * angle / (material.youngs_modulus * width)}
@@ -101,7 +129,8 @@ def curved(inner=0.09, outer=0.11, width=0.015, angle=pi / 2, material=NO_POISSO
 def cfrp_tube(radius=0.02, bore=0.02, length=0.15):
     """Fibres along the tube: torsion L / (G J) is exact; stretch and bending but for the ends' restraint."""
     part, exact = bar(radius, bore, length, CFRP_TUBE)
-    area, second = pi * (radius**2 - bore**2 / 4), pi * (radius**4 - bore**4 / 16) / 4
+    area = pi * (radius**2 - bore**2 / 4)
+    second = pi * (radius**4 - bore**4 / 16) / 4
     return part, exact | {
         (0, 0): length / (CFRP_TUBE.axial_modulus * area),
         (5, 5): length / (CFRP_TUBE.axial_modulus * second),
@@ -110,9 +139,19 @@ def cfrp_tube(radius=0.02, bore=0.02, length=0.15):
 
 def notched(radius=0.0125, notch=0.003, width=0.004, length=0.12):
     """A round steel bar with a square groove around its middle."""
-    x, r = length / 2 - width / 2, radius - notch
-    profile = [(0, 0), (0, radius), (x, radius), (x, r), (x + width, r), (x + width, radius)]
-    return part_of(revolved([*profile, (length, radius), (length, 0)]), name="notched bar")
+    x = length / 2 - width / 2
+    r = radius - notch
+    profile = [
+        (0, 0),
+        (0, radius),
+        (x, radius),
+        (x, r),
+        (x + width, r),
+        (x + width, radius),
+    ]
+    return part_of(
+        revolved([*profile, (length, radius), (length, 0)]), name="notched bar"
+    )
 
 
 def perforated(length=0.1, width=0.04, thickness=0.008, hole=0.016):
@@ -130,20 +169,28 @@ def imprinted(*borders):
     from OCP.BRepFeat import BRepFeat_SplitShape
 
     block = box((0, -0.04, -0.01), (0.06, 0.04, 0.01)).solid()
-    face, cut = block.faces().sort_by(Axis.X)[-1], BRepFeat_SplitShape(block.wrapped)
+    face = block.faces().sort_by(Axis.X)[-1]
+    cut = BRepFeat_SplitShape(block.wrapped)
     for border in borders:
         cut.Add(border.wrapped, face.wrapped)
     cut.Build()
-    far = [kernel.distance(one, np.array([60.0, 0.0, 0.0])) for one in kernel.faces(cut.Shape())]
+    far = [
+        kernel.distance(one, np.array([60.0, 0.0, 0.0]))
+        for one in kernel.faces(cut.Shape())
+    ]
     patch = [FaceSelector(index=int(np.argmin(far)))]
-    return part_of(kernel.solids(cut.Shape())[0], name="block with a patch", loaded=patch)
+    return part_of(
+        kernel.solids(cut.Shape())[0], name="block with a patch", loaded=patch
+    )
 
 
 def strip(half=0.015):
     """The patch is the middle one of three strips."""
     from build123d import Edge
 
-    lines = [Edge.make_line((60, y, -10), (60, y, 10)) for y in (-1e3 * half, 1e3 * half)]
+    lines = [
+        Edge.make_line((60, y, -10), (60, y, 10)) for y in (-1e3 * half, 1e3 * half)
+    ]
     return imprinted(*lines)
 
 

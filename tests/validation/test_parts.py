@@ -21,9 +21,11 @@ ROUNDING = 1e-9  # of the entry; exact solutions that the quadratic elements hol
 
 def table(name, experiment, exact, verdict="theory"):
     """Print the rows, return (entries,) relative errors and bounds; "theory" where exact is not exact enough."""
-    off, bounds = [], []
+    off = []
+    bounds = []
     for (i, j), value in exact.items():
-        ours, bound = experiment.compliance[i, j], experiment.error[i, j] / abs(value)
+        ours = experiment.compliance[i, j]
+        bound = experiment.error[i, j] / abs(value)
         off.append(ours / value - 1)
         bounds.append(bound)
         held = verdict or ("held" if abs(off[-1]) <= bound + ROUNDING else "not held")
@@ -42,7 +44,10 @@ EXACT = {
 
 def all_but(kept, names):
     """All names, as slow ones but for one."""
-    return [name if name == kept else pytest.param(name, marks=pytest.mark.long) for name in names]
+    return [
+        name if name == kept else pytest.param(name, marks=pytest.mark.long)
+        for name in names
+    ]
 
 
 @pytest.mark.parametrize("name", all_but("solid bar, no Poisson effect", EXACT))
@@ -86,15 +91,26 @@ def test_a_part_from_a_step_file_is_the_part(tmp_path):
     off, bounds = table("steel bar from STEP", ours, exact, "")
     assert abs(off[0]) <= bounds[0]
     assert np.allclose(
-        ours.compliance.diagonal(), run_experiment(original, Settings(), whole=False).compliance.diagonal(), rtol=1e-3
+        ours.compliance.diagonal(),
+        run_experiment(original, Settings(), whole=False).compliance.diagonal(),
+        rtol=1e-3,
     )
 
 
-@pytest.mark.parametrize("flange", all_but((0.025, 0.005), [(0.025, 0.005), (0.03, 0.003)]))
+@pytest.mark.parametrize(
+    "flange", all_but((0.025, 0.005), [(0.025, 0.005), (0.03, 0.003)])
+)
 def test_a_flanged_bar_stretches_as_its_half_section(flange):
     part = build(LinkParameters(0.1, 0.0125, 0.0, *flange))
-    exact = {(0, 0): stretch(0.1, 0.0125, *flange, STEEL.youngs_modulus, STEEL.shear_modulus)}
-    off, bounds = table(f"bar with flanges of {flange} m", run_experiment(part, Settings(), whole=False), exact, "")
+    exact = {
+        (0, 0): stretch(0.1, 0.0125, *flange, STEEL.youngs_modulus, STEEL.shear_modulus)
+    }
+    off, bounds = table(
+        f"bar with flanges of {flange} m",
+        run_experiment(part, Settings(), whole=False),
+        exact,
+        "",
+    )
     assert abs(off[0]) <= bounds[0] + 2e-5
     assert bounds[0] < 1e-3
 
@@ -102,23 +118,41 @@ def test_a_flanged_bar_stretches_as_its_half_section(flange):
 def test_a_washer_presses_a_disc_as_its_half_section_says(tmp_path):
     """Of 80 mm diameter and 10 mm thick, held at its rim; a rigid washer of 20 mm around a hole of 10 mm."""
     export_step(Cylinder(40, 10) - Cylinder(5, 20), tmp_path / "disc.step")
-    rim, washer = FaceSelector(kind="cylinder", radius=0.04), FaceSelector(washer=0.02, normal=(0, 0, 1))
+    rim = FaceSelector(kind="cylinder", radius=0.04)
+    washer = FaceSelector(washer=0.02, normal=(0, 0, 1))
     part = read_step(tmp_path / "disc.step", clamped=[rim], loaded=[washer])
-    exact = {(2, 2): press(0.01, 0.005, 0.01, 0.04, STEEL.youngs_modulus, STEEL.shear_modulus)}
-    off, bounds = table("disc under a washer", run_experiment(part, Settings(), whole=False), exact, "")
+    exact = {
+        (2, 2): press(
+            0.01, 0.005, 0.01, 0.04, STEEL.youngs_modulus, STEEL.shear_modulus
+        )
+    }
+    off, bounds = table(
+        "disc under a washer", run_experiment(part, Settings(), whole=False), exact, ""
+    )
     assert abs(off[0]) <= bounds[0] + 2e-5
     assert bounds[0] < 4e-3
 
 
-FINER = {"notched bar": parts.notched, "strip with a hole": parts.perforated, "stepped bar": lambda: parts.stepped()[0]}
+FINER = {
+    "notched bar": parts.notched,
+    "strip with a hole": parts.perforated,
+    "stepped bar": lambda: parts.stepped()[0],
+}
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("name", FINER)
 def test_bounds_hold_against_a_much_finer_solution(name):
     part = FINER[name]()
-    size = 0.5 * default_size(mass_properties(part).volume, sum(face.area for face in part.faces))
-    finer = run_experiment(part, Settings(size=size, layers=3, time_limit=300), whole=False).compliance
-    exact = {(i, i): finer[i, i] for i in range(6)} | {(1, 5): finer[1, 5], (2, 4): finer[2, 4]}
+    size = 0.5 * default_size(
+        mass_properties(part).volume, sum(face.area for face in part.faces)
+    )
+    finer = run_experiment(
+        part, Settings(size=size, layers=3, time_limit=300), whole=False
+    ).compliance
+    exact = {(i, i): finer[i, i] for i in range(6)} | {
+        (1, 5): finer[1, 5],
+        (2, 4): finer[2, 4],
+    }
     off, bounds = table(name, run_experiment(part, Settings(), whole=False), exact, "")
     assert (np.abs(off) <= bounds).mean() >= 0.95

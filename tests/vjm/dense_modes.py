@@ -19,7 +19,13 @@ def at_origin(axes, point):
 def joint_directions(j, r1, r2):
     """Columns of the twists that a joint leaves free, and that of its drive or None, at its point in base axes."""
     x, y, z = (r1 @ j.axes).T
-    turn, slide = (lambda d: np.r_[0.0, 0, 0, d]), (lambda d: np.r_[d, 0.0, 0, 0])
+
+    def turn(d):
+        return np.r_[0.0, 0, 0, d]
+
+    def slide(d):
+        return np.r_[d, 0.0, 0, 0]
+
     free = {
         "fixed": [],
         "revolute": [turn(x)],
@@ -29,7 +35,9 @@ def joint_directions(j, r1, r2):
         "planar": [slide(y), slide(z), turn(x)],
         "universal": [turn(x), turn(r2 @ j.axis2)] if j.kind == "universal" else [],
     }[j.kind]
-    return free, None if j.drive is None else (free[-1] if j.kind == "cylindrical" else free[0])
+    return free, None if j.drive is None else (
+        free[-1] if j.kind == "cylindrical" else free[0]
+    )
 
 
 def matrices(mechanism, pose, *, drives="held", steps=4):
@@ -37,17 +45,25 @@ def matrices(mechanism, pose, *, drives="held", steps=4):
     bodies = Bodies(mechanism).close(pose, steps)
     nodes = [n for b in mechanism.bodies for n in b.nodes]
     place = {n: np.arange(6 * k, 6 * k + 6) for k, n in enumerate(nodes)}
-    modal = [0 if b.elastic is None or b.elastic.dynamics is None else len(b.elastic.dynamics.squares)
-             for b in mechanism.bodies]  # fmt: skip
+    modal = [
+        0
+        if b.elastic is None or b.elastic.dynamics is None
+        else len(b.elastic.dynamics.squares)
+        for b in mechanism.bodies
+    ]
     size = 6 * len(nodes) + sum(modal)
-    k, m, rows = np.zeros((size, size)), np.zeros((size, size)), []
+    k = np.zeros((size, size))
+    m = np.zeros((size, size))
+    rows = []
     after = 6 * len(nodes)
     for b, count in zip(mechanism.bodies, modal, strict=True):
         r, p = bodies.of(b.nodes[0])
         if b.elastic is None:
             inertia = np.zeros((3, 3)) if b.inertia is None else b.inertia
             if b.mass or inertia.any():
-                t = at_origin(r, r @ (np.zeros(3) if b.centre is None else b.centre) + p)
+                t = at_origin(
+                    r, r @ (np.zeros(3) if b.centre is None else b.centre) + p
+                )
                 i = place[b.name]
                 m[np.ix_(i, i)] += t.T @ block_diag(b.mass * np.eye(3), inertia) @ t
             continue
@@ -68,7 +84,8 @@ def matrices(mechanism, pose, *, drives="held", steps=4):
             k[np.ix_(i[12:], i[12:])] += np.diag(e.dynamics.squares)
         after += count
     for j in mechanism.joints:
-        (r1, _), (r2, p2) = bodies.of(j.first), bodies.of(j.second)
+        (r1, _) = bodies.of(j.first)
+        (r2, p2) = bodies.of(j.second)
         at = r2 @ j.at + p2
         free, driven = joint_directions(j, r1, r2)
         across = np.zeros((6, size))
@@ -81,7 +98,12 @@ def matrices(mechanism, pose, *, drives="held", steps=4):
             along = np.linalg.pinv(np.array(free).T) @ across
             k += j.spring * along.T @ along
         if driven is not None and drives == "held":
-            along = np.linalg.pinv(np.array(free).T)[[np.allclose(f, driven) for f in free].index(True)] @ across
+            along = (
+                np.linalg.pinv(np.array(free).T)[
+                    [np.allclose(f, driven) for f in free].index(True)
+                ]
+                @ across
+            )
             k += j.drive.stiffness * np.outer(along, along)
     return k, m, null_space(np.vstack(rows), rcond=1e-10), place, bodies
 
@@ -95,30 +117,45 @@ def receptance(mechanism, pose, source, target, hertz):
         row = np.zeros(len(k))
         row[place[node]] = direction @ at_origin(np.eye(3), r @ at + p)
         ends.append(basis.T @ row)
-    k, m = basis.T @ k @ basis, basis.T @ m @ basis
-    return np.array([ends[1] @ np.linalg.solve(k - (2 * np.pi * f) ** 2 * m, ends[0]) for f in hertz])
+    k = basis.T @ k @ basis
+    m = basis.T @ m @ basis
+    return np.array(
+        [
+            ends[1] @ np.linalg.solve(k - (2 * np.pi * f) ** 2 * m, ends[0])
+            for f in hertz
+        ]
+    )
 
 
 def frequencies(mechanism, pose, *, drives="held", steps=4):
     """All natural frequencies in Hz, those of free motions as zeros."""
     k, m, basis, _, _ = matrices(mechanism, pose, drives=drives, steps=steps)
-    k, m = basis.T @ k @ basis, basis.T @ m @ basis
+    k = basis.T @ k @ basis
+    m = basis.T @ m @ basis
     unit = 1.0 / np.sqrt(np.diagonal(k) + 1e4 * np.diagonal(m))
-    k, m = k * np.outer(unit, unit), m * np.outer(unit, unit)
+    k = k * np.outer(unit, unit)
+    m = m * np.outer(unit, unit)
     values, vectors = np.linalg.eigh(m)
     heavy = values > 1e-12 * values[-1]
-    light, loaded = vectors[:, ~heavy], vectors[:, heavy]
+    light = vectors[:, ~heavy]
+    loaded = vectors[:, heavy]
     across = light.T @ k @ loaded
     inner = light.T @ k @ light
-    k = loaded.T @ k @ loaded - across.T @ np.linalg.pinv(inner, rcond=1e-12, hermitian=True) @ across
+    k = (
+        loaded.T @ k @ loaded
+        - across.T @ np.linalg.pinv(inner, rcond=1e-12, hermitian=True) @ across
+    )
     squares = eigh(k, loaded.T @ m @ loaded, eigvals_only=True)
-    squares[squares < (2 * np.pi * 0.5) ** 2] = 0.0  # rounding: no robot of the tests has modes below 0.5 Hz
+    squares[squares < (2 * np.pi * 0.5) ** 2] = (
+        0.0  # rounding: no robot of the tests has modes below 0.5 Hz
+    )
     return np.sqrt(squares) / (2 * np.pi)
 
 
 def frame_mass(length, area, second, density=7850.0):
     """Consistent mass (12, 12) of a round frame element, x along it: textbook form, no rotary inertia of bending."""
-    out, whole = np.zeros((12, 12)), density * area * length
+    out = np.zeros((12, 12))
+    whole = density * area * length
     out[0, 0] = out[6, 6] = whole / 3
     out[0, 6] = whole / 6
     polar = 2 * density * second * length

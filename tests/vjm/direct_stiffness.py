@@ -16,7 +16,8 @@ def carry(r):
 
 def biglide(geometry, link, slider, drive, pose):
     """Stiffness (6, 6) at M. Freedoms: stage, two drives, A_1, A_2 (6 each), 12 revolutes, platform (6)."""
-    g, n = geometry, 33
+    g = geometry
+    n = 33
     x, y, z = np.eye(3)
     s = (pose[2] - g.l1 - g.l2) / g.L
     q = np.arcsin(s)
@@ -27,21 +28,32 @@ def biglide(geometry, link, slider, drive, pose):
     turn = np.diag([-1.0, -1.0, 1.0, -1.0, -1.0, 1.0])
     for i, side in ((0, 1.0), (1, -1.0)):
         carriage = np.zeros((6, n))
-        carriage[1, 0], carriage[0, 1 + i] = 1.0, 1.0
+        carriage[1, 0] = 1.0
+        carriage[0, 1 + i] = 1.0
         end = np.eye(n)[3 + 6 * i : 9 + 6 * i]
         stretch = end - carriage
-        k += stretch.T @ np.linalg.inv(slider if i == 0 else turn @ slider @ turn) @ stretch
+        k += (
+            stretch.T
+            @ np.linalg.inv(slider if i == 0 else turn @ slider @ turn)
+            @ stretch
+        )
         along = np.array([side * np.cos(q), 0, s])
         axes = np.column_stack([along, y, np.cross(along, y)])
         a_i = -side * g.l * x - g.l2 * z - g.L * along
-        for j, foot in enumerate([-side * g.h * x, side * g.h * x + g.d * y, side * g.h * x - g.d * y]):
+        for j, foot in enumerate(
+            [-side * g.h * x, side * g.h * x + g.d * y, side * g.h * x - g.d * y]
+        ):
             b_ij = -side * g.l * x - g.l2 * z + foot
-            hinge_a, hinge_b = np.zeros((6, n)), np.zeros((6, n))
+            hinge_a = np.zeros((6, n))
+            hinge_b = np.zeros((6, n))
             hinge_a[4, 15 + 6 * i + 2 * j] = hinge_b[4, 16 + 6 * i + 2 * j] = 1.0
             at_a = carry(foot) @ end + hinge_a
             at_b = carry(b_ij) @ platform + hinge_b
             assert np.allclose(a_i + foot, b_ij - g.L * along)
             stretch = np.kron(np.eye(2), axes.T) @ (at_b - carry(g.L * along) @ at_a)
             k += stretch.T @ np.linalg.inv(link) @ stretch
-    inner, tool = slice(0, 27), slice(27, n)
-    return k[tool, tool] - k[tool, inner] @ np.linalg.solve(k[inner, inner], k[inner, tool])
+    inner = slice(0, 27)
+    tool = slice(27, n)
+    return k[tool, tool] - k[tool, inner] @ np.linalg.solve(
+        k[inner, inner], k[inner, tool]
+    )

@@ -45,7 +45,8 @@ class Bodies:
     def errors(self, pose):  # noqa: C901
         """Constraint errors and their derivative by all bodies' twists (about the origin)."""
         n = 6 * (len(self.index) - 1)
-        rows, right = [], []
+        rows = []
+        right = []
 
         def row(error, parts):
             line = np.zeros(n + 6)
@@ -56,10 +57,15 @@ class Bodies:
             right.append(error)
 
         for j in self.m.joints:
-            (r1, p1), (r2, p2) = self.of(j.first), self.of(j.second)
-            x1, x2 = r1 @ j.at + p1, r2 @ j.at + p2
-            axes1, axes2 = r1 @ j.axes, r2 @ j.axes
-            held = {"prismatic": (1, 2), "cylindrical": (1, 2), "planar": (0,)}.get(j.kind, (0, 1, 2))
+            (r1, p1) = self.of(j.first)
+            (r2, p2) = self.of(j.second)
+            x1 = r1 @ j.at + p1
+            x2 = r2 @ j.at + p2
+            axes1 = r1 @ j.axes
+            axes2 = r2 @ j.axes
+            held = {"prismatic": (1, 2), "cylindrical": (1, 2), "planar": (0,)}.get(
+                j.kind, (0, 1, 2)
+            )
             for k in held:
                 d = axes1[:, k]
                 w = np.concatenate([d, np.cross(x2, d)])
@@ -74,7 +80,8 @@ class Bodies:
                     w = np.concatenate([np.zeros(3), d])
                     row(axes2[:, 0] @ axes1[:, k], [(j.second, w), (j.first, -w)])
             elif j.kind == "universal":
-                a, b = r1 @ j.axis, r2 @ j.axis2
+                a = r1 @ j.axis
+                b = r2 @ j.axis2
                 w = np.concatenate([np.zeros(3), np.cross(b, a)])
                 row(a @ b - j.axis @ j.axis2, [(j.second, w), (j.first, -w)])
         tool = self.m.tool
@@ -90,8 +97,14 @@ class Bodies:
                 # derivative of the rotation vector: inverse of the left Jacobian
                 a = np.linalg.norm(turn)
                 s = skew(turn)
-                c = 1 / 12 if a < 1e-4 else (1 / a**2 - (1 + np.cos(a)) / (2 * a * np.sin(a)))
-                w = np.concatenate([np.zeros(3), (np.eye(3) - s / 2 + c * s @ s)[k - 3]])
+                c = (
+                    1 / 12
+                    if a < 1e-4
+                    else (1 / a**2 - (1 + np.cos(a)) / (2 * a * np.sin(a)))
+                )
+                w = np.concatenate(
+                    [np.zeros(3), (np.eye(3) - s / 2 + c * s @ s)[k - 3]]
+                )
                 row(turn[k - 3] - value, [(tool.body, w)])
         return np.array(rows), np.array(right)
 
@@ -108,7 +121,10 @@ class Bodies:
                 step = -np.linalg.lstsq(rows, right, rcond=1e-9)[0].reshape(-1, 6)
                 for k, (v, w) in enumerate(zip(step[:, :3], step[:, 3:], strict=True)):
                     turn = expm(w)
-                    self.rotation[k], self.position[k] = turn @ self.rotation[k], turn @ self.position[k] + v
+                    self.rotation[k], self.position[k] = (
+                        turn @ self.rotation[k],
+                        turn @ self.position[k] + v,
+                    )
             assert np.abs(right).max() < 1e-11, np.abs(right).max()
         return self
 
@@ -125,17 +141,31 @@ def network(bodies):  # noqa: C901
     def none(c):
         return np.zeros((6, 6)) if c is None else c
 
-    elements.append(("<base>", "ground", "<base>", np.eye(6), none(m.base.compliance), np.zeros((6, 0)), m.base.offset))
+    elements.append(
+        (
+            "<base>",
+            "ground",
+            "<base>",
+            np.eye(6),
+            none(m.base.compliance),
+            np.zeros((6, 0)),
+            m.base.offset,
+        )
+    )
     for b in m.bodies:
         if b.elastic is not None:
             r, p = bodies.of(b.nodes[0])
             e = b.elastic
             at = carry(r @ e.axes, r @ e.tip + p)
-            elements.append((b.name, *b.nodes, at, e.compliance, np.zeros((6, 0)), e.offset))
+            elements.append(
+                (b.name, *b.nodes, at, e.compliance, np.zeros((6, 0)), e.offset)
+            )
     for j in m.joints:
-        (r1, _), (r2, p2) = bodies.of(j.first), bodies.of(j.second)
+        (r1, _) = bodies.of(j.first)
+        (r2, p2) = bodies.of(j.second)
         axes = r1 @ j.axes
-        c, free = none(j.compliance).copy(), []
+        c = none(j.compliance).copy()
+        free = []
         for kind, d in j.motions:
             if kind == "S":
                 free += list(np.eye(6)[3:])
@@ -144,7 +174,9 @@ def network(bodies):  # noqa: C901
                 d = axes.T @ (r1 @ j.axis if not free else r2 @ j.axis2)  # noqa: PLW2901
             else:
                 d = j.axes.T @ d  # noqa: PLW2901
-            free.append(np.concatenate([d, np.zeros(3)] if kind == "P" else [np.zeros(3), d]))
+            free.append(
+                np.concatenate([d, np.zeros(3)] if kind == "P" else [np.zeros(3), d])
+            )
         if j.drive is not None:
             c += np.outer(free[-1], free[-1]) / j.drive.stiffness
             free.pop()
@@ -154,25 +186,43 @@ def network(bodies):  # noqa: C901
         first = "<base>" if j.first == "ground" else j.first
         second = "<base>" if j.second == "ground" else j.second
         columns = np.array(free).T if free else np.zeros((6, 0))
-        elements.append((j.name, first, second, carry(axes, r2 @ j.at + p2), c, columns, j.offset))
+        elements.append(
+            (j.name, first, second, carry(axes, r2 @ j.at + p2), c, columns, j.offset)
+        )
     r, p = bodies.of(m.tool.body)
     at = carry(r, r @ m.tool.at + p)
-    elements.append(("<tool>", m.tool.body, "<tool>", at, none(m.grip.compliance), np.zeros((6, 0)), m.grip.offset))
+    elements.append(
+        (
+            "<tool>",
+            m.tool.body,
+            "<tool>",
+            at,
+            none(m.grip.compliance),
+            np.zeros((6, 0)),
+            m.grip.offset,
+        )
+    )
     return nodes, elements, r @ m.tool.at + p
 
 
 def weights(bodies):
     """Wrench at the origin on every node that carries mass."""
-    m, out = bodies.m, {}
+    m = bodies.m
+    out = {}
     for b in m.bodies:
         points = [(b.nodes[0], b.centre, b.mass)]
         if b.elastic is not None:
-            points = [(n, p, b.mass / 2) for n, p in zip(b.nodes, (b.elastic.base, b.elastic.tip), strict=True)]
+            points = [
+                (n, p, b.mass / 2)
+                for n, p in zip(b.nodes, (b.elastic.base, b.elastic.tip), strict=True)
+            ]
         for node, at, mass in points:
             if mass:
                 r, p = bodies.of(node)
                 f = mass * m.gravity
-                out[node] = out.get(node, 0.0) + np.concatenate([f, np.cross(r @ at + p, f)])
+                out[node] = out.get(node, 0.0) + np.concatenate(
+                    [f, np.cross(r @ at + p, f)]
+                )
     return out
 
 
@@ -185,11 +235,13 @@ def solve(bodies, loads=None, *, offsets=False):
     place = {n: 6 * k for k, n in enumerate(nodes)}
     size = 6 * len(nodes)
     total = size + sum(6 + e[5].shape[1] for e in elements)
-    a, b = np.zeros((total, total)), np.zeros(total)
+    a = np.zeros((total, total))
+    b = np.zeros(total)
     at = size
     spots = {}
     for name, first, second, ad, c, free, offset in elements:
-        w, q = slice(at, at + 6), slice(at + 6, at + 6 + free.shape[1])
+        w = slice(at, at + 6)
+        q = slice(at + 6, at + 6 + free.shape[1])
         spots[name] = w
         back = np.linalg.inv(ad)  # twist at the origin to the element's own
         for node, sign in ((second, 1.0), (first, -1.0)):
@@ -198,7 +250,8 @@ def solve(bodies, loads=None, *, offsets=False):
                 a[w, k] = sign * back
                 a[k, w] = sign * back.T
         a[w, w] = -c
-        a[w, q], a[q, w] = -free, -free.T
+        a[w, q] = -free
+        a[q, w] = -free.T
         b[w] = offset if offsets and offset is not None else 0.0
         at += 6 + free.shape[1]
     for node, load in (loads or {}).items():
@@ -206,7 +259,8 @@ def solve(bodies, loads=None, *, offsets=False):
             b[place[node] : place[node] + 6] += load
     t = slice(place["<tool>"], place["<tool>"] + 6)
     inner = np.setdiff1d(np.arange(total), np.arange(t.start, t.stop))
-    force, length = _typical(elements), 0.5
+    force = _typical(elements)
+    length = 0.5
     scale = np.ones(total)
     scale[:size] = np.tile([1.0] * 3 + [1 / length] * 3, len(nodes)) / np.sqrt(force)
     at = size
@@ -217,14 +271,20 @@ def solve(bodies, loads=None, *, offsets=False):
     s = a * np.outer(scale, scale)
     pinv = np.linalg.pinv(s[np.ix_(inner, inner)], rcond=1e-11, hermitian=True)
     k = (s[t, t] - s[t, inner] @ pinv @ s[inner, t]) / np.outer(scale[t], scale[t])
-    to_m = np.block([[np.eye(3), -skew(tool)], [np.zeros((3, 3)), np.eye(3)]])  # twist at the origin to M
+    to_m = np.block(
+        [[np.eye(3), -skew(tool)], [np.zeros((3, 3)), np.eye(3)]]
+    )  # twist at the origin to M
     back = np.linalg.inv(to_m)
     found = np.linalg.pinv(s, rcond=1e-12, hermitian=True) @ (scale * b)
-    moves = np.abs(s @ found - scale * b).max() > 1e-8 * np.abs(scale * b).max()  # no equilibrium
+    moves = (
+        np.abs(s @ found - scale * b).max() > 1e-8 * np.abs(scale * b).max()
+    )  # no equilibrium
     x = np.full(total, np.nan) if moves else scale * found
     return back.T @ k @ back, to_m @ x[t], {n: x[w] for n, w in spots.items()}
 
 
 def _typical(elements):
-    sizes = [np.trace(e[4][:3, :3]) for e in elements if e[4].any()] + [np.trace(e[4]) for e in elements if e[4].any()]
+    sizes = [np.trace(e[4][:3, :3]) for e in elements if e[4].any()] + [
+        np.trace(e[4]) for e in elements if e[4].any()
+    ]
     return 1.0 / np.median([s for s in sizes if s > 0])

@@ -21,34 +21,55 @@ HERTZ = np.array([3.0, 40.0, 91.0, 260.0, 777.0])
 @pytest.mark.parametrize("name", ["biglide", "serial arm"])
 def test_response_is_that_of_a_dense_solution(name, rng):
     if name == "biglide":
-        m, pose, first, second = framed(biglide(), rng, 2), pose_at(GEOMETRY, 0.7, 0.05), "platform", "limb1.link2.tip"
+        m = framed(biglide(), rng, 2)
+        pose = pose_at(GEOMETRY, 0.7, 0.05)
+        first = "platform"
+        second = "limb1.link2.tip"
     else:
-        m, pose = framed(serial_arm(), rng), [0.85, 0.1, 1.1, 0.1, 0.05, -0.1]
-        first, second = "link6.tip", "link3.tip"
+        m = framed(serial_arm(), rng)
+        pose = [0.85, 0.1, 1.1, 0.1, 0.05, -0.1]
+        first = "link6.tip"
+        second = "link3.tip"
     ends = [(node, rng.normal(size=3), rng.normal(size=6)) for node in (first, second)]
     expected = dense_modes.receptance(m, pose, *ends, HERTZ)
-    found = frequency_response(m, configure(m, pose), *(Port(*end) for end in ends), HERTZ, damping=0.0)
+    found = frequency_response(
+        m, configure(m, pose), *(Port(*end) for end in ends), HERTZ, damping=0.0
+    )
     assert found.real == pytest.approx(expected, rel=1e-6)
-    back = frequency_response(m, configure(m, pose), *(Port(*end) for end in reversed(ends)), HERTZ)
-    assert back == pytest.approx(frequency_response(m, configure(m, pose), *(Port(*end) for end in ends), HERTZ))
+    back = frequency_response(
+        m, configure(m, pose), *(Port(*end) for end in reversed(ends)), HERTZ
+    )
+    assert back == pytest.approx(
+        frequency_response(m, configure(m, pose), *(Port(*end) for end in ends), HERTZ)
+    )
 
 
 def test_slow_response_is_the_compliance(rng):
-    m, pose = framed(biglide(), rng, 2), pose_at(GEOMETRY, 0.7, 0.05)
+    m = framed(biglide(), rng, 2)
+    pose = pose_at(GEOMETRY, 0.7, 0.05)
     c = np.linalg.inv(stiffness(m, pose)[0])
     tool = [Port(None, m.tool.at, e) for e in np.eye(6)]
     for i, j in ((0, 0), (2, 4), (5, 5)):
         slow = frequency_response(m, configure(m, pose), tool[i], tool[j], [1e-3])[0]
-        assert slow.real == pytest.approx(c[j, i], rel=1e-6, abs=1e-9 * np.sqrt(c[i, i] * c[j, j]))
+        assert slow.real == pytest.approx(
+            c[j, i], rel=1e-6, abs=1e-9 * np.sqrt(c[i, i] * c[j, j])
+        )
 
 
 def test_a_damped_mass_on_a_spring():
-    slide = Joint("slide", "ground", "car", "prismatic", [0, 0, 0], [1, 0, 0], drive=Drive(4e6))
-    m = Mechanism((Body("car", 2.5, [0.3, 0, 0]),), (slide,), Tool("car", [0.1, 0, 0], ("x",)))
-    found, port = configure(m, [[0.1]]), Port("car", np.zeros(3), np.eye(6)[0])
+    slide = Joint(
+        "slide", "ground", "car", "prismatic", [0, 0, 0], [1, 0, 0], drive=Drive(4e6)
+    )
+    m = Mechanism(
+        (Body("car", 2.5, [0.3, 0, 0]),), (slide,), Tool("car", [0.1, 0, 0], ("x",))
+    )
+    found = configure(m, [[0.1]])
+    port = Port("car", np.zeros(3), np.eye(6)[0])
     w = 2 * np.pi * HERTZ
     expected = 1.0 / (4e6 - 2.5 * w**2 + 2j * 0.03 * w * np.sqrt(4e6 * 2.5))
-    assert frequency_response(m, found, port, port, HERTZ, damping=0.03) == pytest.approx(expected)
+    assert frequency_response(
+        m, found, port, port, HERTZ, damping=0.03
+    ) == pytest.approx(expected)
     free = frequency_response(m, found, port, port, HERTZ, damping=0.03, drives="free")
     assert free == pytest.approx(-1.0 / (2.5 * w**2))
     for wrong, message in (([0.0], "above 0 Hz"), (HERTZ, "damping: expected")):

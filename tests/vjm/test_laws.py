@@ -48,11 +48,14 @@ def dense(m, pose, wrench, points=CURVE, backlash=GAP):
     ``J`` and the springs' stiffness are those of the oracle with all drives linear and at two stiffnesses.
     """
     bodies = oracle.Bodies(m).close(pose, 4)
-    rows, springs = [], np.zeros((6, 6))
+    rows = []
+    springs = np.zeros((6, 6))
     for i in range(1, 7):
-        foot, head = m.joint(f"strut{i}.foot"), m.joint(f"strut{i}.head")
+        foot = m.joint(f"strut{i}.foot")
+        head = m.joint(f"strut{i}.head")
         r, p = bodies.of("platform")
-        tip, tool = r @ head.at + p, r @ m.tool.at + p
+        tip = r @ head.at + p
+        tool = r @ m.tool.at + p
         along = (tip - foot.at) / np.linalg.norm(tip - foot.at)
         rows.append(np.r_[along, np.cross(tip - tool, along)])
     jacobian = np.array(rows)
@@ -64,14 +67,22 @@ def dense(m, pose, wrench, points=CURVE, backlash=GAP):
         left = wrench - springs @ u - jacobian.T @ force
         if np.abs(left).max() < 1e-13 * np.abs(wrench).max():
             break
-        u = u + np.linalg.solve(springs + jacobian.T @ (slope[:, None] * jacobian) + 1e-9 * np.eye(6), left)
+        u = u + np.linalg.solve(
+            springs + jacobian.T @ (slope[:, None] * jacobian) + 1e-9 * np.eye(6), left
+        )
     assert np.abs(left).max() < 1e-10 * np.abs(wrench).max()
-    return u, springs + jacobian.T @ (slope[:, None] * jacobian), lost(jacobian @ u, points, backlash)[0]
+    return (
+        u,
+        springs + jacobian.T @ (slope[:, None] * jacobian),
+        lost(jacobian @ u, points, backlash)[0],
+    )
 
 
 def tied(m, pose):
     """Stiffness of the joints' springs alone, the drives free, by the oracle."""
-    passive = replace(m, joints=tuple(replace(j, drive=None) if j.drive else j for j in m.joints))
+    passive = replace(
+        m, joints=tuple(replace(j, drive=None) if j.drive else j for j in m.joints)
+    )
     return oracle.solve(oracle.Bodies(passive).close(pose, 4))[0]
 
 
@@ -85,7 +96,10 @@ def test_a_hexapod_of_nonlinear_drives_is_that_of_a_dense_newton_method(size):
     for k, pose in enumerate(POSES):
         twist, tangent, force = dense(m, pose, wrench)
         assert np.abs(found.twist[k] - twist).max() < 1e-8 * np.abs(twist).max()
-        assert np.abs(curve.stiffness[k, :, :, 0] - tangent).max() < 1e-8 * np.abs(tangent).max()
+        assert (
+            np.abs(curve.stiffness[k, :, :, 0] - tangent).max()
+            < 1e-8 * np.abs(tangent).max()
+        )
         carried = respond(m, [pose], wrench).elements
         axial = [carried[f"strut{i}.drive"].wrench[0, 0, 0] for i in range(1, 7)]
         assert axial == pytest.approx(force, rel=1e-8, abs=1e-8 * np.abs(force).max())
@@ -101,7 +115,10 @@ def test_equilibrium_under_wrench_weight_and_springs_beside_hanging_drives():
     assert 0 < np.count_nonzero(force) < 6
     assert np.abs(found.twist[0, :, 0] - twist).max() < 1e-8 * np.abs(twist).max()
     assert (
-        np.abs(tangent - find_load_curve(m, [POSES[1]], wrench, [1.0]).stiffness[0, :, :, 0]).max()
+        np.abs(
+            tangent
+            - find_load_curve(m, [POSES[1]], wrench, [1.0]).stiffness[0, :, :, 0]
+        ).max()
         < 1e-7 * np.abs(tangent).max()
     )
     path = np.linspace(0.0, 1.0, 2001)
@@ -112,8 +129,11 @@ def test_equilibrium_under_wrench_weight_and_springs_beside_hanging_drives():
 
 def test_unloading_returns_along_the_way_of_loading():
     there = np.linspace(-1.0, 1.0, 21)
-    curve = find_load_curve(hexapod(), POSES[:1], [0, 0, 300.0, 0, 0, 0], np.r_[there, there[::-1]])
-    z, stiff = curve.twist[0, 2], curve.stiffness[0, 2, 2]
+    curve = find_load_curve(
+        hexapod(), POSES[:1], [0, 0, 300.0, 0, 0, 0], np.r_[there, there[::-1]]
+    )
+    z = curve.twist[0, 2]
+    stiff = curve.stiffness[0, 2, 2]
     assert z[:21] == pytest.approx(z[21:][::-1], rel=1e-12, abs=1e-18)
     assert z[:21] == pytest.approx(-z[:21][::-1], rel=1e-9, abs=1e-15)
     assert (np.diff(z[:21]) > 0.0).all()
@@ -126,9 +146,13 @@ def test_the_load_curve_of_linear_drives_is_a_straight_line():
     wrench = np.array([0, 0, 300.0, 0, 0, 0])
     curve = find_load_curve(m, POSES, wrench, [-1.0, 0.5, 1.0])
     full = deflection(m, POSES, wrench).twist
-    np.testing.assert_allclose(curve.twist, full[..., None] * [-1.0, 0.5, 1.0], atol=1e-15)
+    np.testing.assert_allclose(
+        curve.twist, full[..., None] * [-1.0, 0.5, 1.0], atol=1e-15
+    )
     tangents = np.moveaxis(curve.stiffness, 3, 0)
-    np.testing.assert_allclose(tangents, np.broadcast_to(stiffness(m, POSES), tangents.shape), rtol=1e-9)
+    np.testing.assert_allclose(
+        tangents, np.broadcast_to(stiffness(m, POSES), tangents.shape), rtol=1e-9
+    )
 
 
 def test_weight_takes_up_the_backlash():
@@ -140,31 +164,53 @@ def test_weight_takes_up_the_backlash():
     assert found.mobility[0] == 0
     assert np.isfinite(found.sag).all()
     linear = {
-        k: replace(m, joints=tuple(replace(j, drive=Drive(k)) if j.drive else j for j in m.joints)) for k in (1e7, 2e7)
+        k: replace(
+            m,
+            joints=tuple(
+                replace(j, drive=Drive(k)) if j.drive else j for j in m.joints
+            ),
+        )
+        for k in (1e7, 2e7)
     }
-    bounds = [stiffness(linear[k], POSES[:1], gravity="exact")[0, 2, 2] for k in (1e7, 2e7)]
+    bounds = [
+        stiffness(linear[k], POSES[:1], gravity="exact")[0, 2, 2] for k in (1e7, 2e7)
+    ]
     assert bounds[0] * (1 - 1e-4) <= found.matrix[0, 2, 2] <= bounds[1] * (1 + 1e-4)
     assert found.sag == pytest.approx(sag(m, POSES[:1]), abs=1e-15)
 
 
 def sled(law):
     joint = Joint(
-        "drive", "ground", "sled", "prismatic", np.zeros(3), np.eye(3)[0], drive=Drive(law.slopes[0], law=law)
+        "drive",
+        "ground",
+        "sled",
+        "prismatic",
+        np.zeros(3),
+        np.eye(3)[0],
+        drive=Drive(law.slopes[0], law=law),
     )
-    return Mechanism((Body("sled", 1.0, np.zeros(3)),), (joint,), Tool("sled", np.zeros(3), ("x",)))
+    return Mechanism(
+        (Body("sled", 1.0, np.zeros(3)),), (joint,), Tool("sled", np.zeros(3), ("x",))
+    )
 
 
 @pytest.mark.parametrize("force", [0.0, 1e-9, 5.0, 20.0, 80.0, -300.0])
 def test_one_drive_in_closed_form(force):
     law = Law.from_curve(CURVE, GAP)
     moved = deflection(sled(law), [[0.0]], [force, 0, 0, 0, 0, 0]).twist[0, 0]
-    at = np.interp(abs(force), [0.0, 20.0, 140.0, 1140.0], [0.0, 2e-6, 8e-6, 58e-6]) + GAP / 2
+    at = (
+        np.interp(abs(force), [0.0, 20.0, 140.0, 1140.0], [0.0, 2e-6, 8e-6, 58e-6])
+        + GAP / 2
+    )
     assert moved == pytest.approx(np.sign(force) * at, rel=1e-12)
     assert law.force(np.array([moved]))[0] == pytest.approx(force, rel=1e-9, abs=1e-11)
 
 
 def test_a_force_that_is_hardly_any_has_an_equilibrium():
-    weak = [deflection(sled(Law.from_curve(CURVE)), [[0.0]], [force, 0, 0, 0, 0, 0]).twist for force in (0, 1e-300)]
+    weak = [
+        deflection(sled(Law.from_curve(CURVE)), [[0.0]], [force, 0, 0, 0, 0, 0]).twist
+        for force in (0, 1e-300)
+    ]
     np.testing.assert_allclose(*weak, atol=1e-30)
 
 
@@ -175,7 +221,10 @@ def test_a_compliance_in_series_adds_to_the_deflection_at_every_force():
         f = law.force(np.array([theta]))
         assert softer.force(theta + 3e-8 * f) == pytest.approx(f, rel=1e-12)
         assert law.energy(np.array([theta]))[0] == pytest.approx(
-            np.trapezoid(law.force(np.linspace(0, theta, 4001)), np.linspace(0, theta, 4001)), rel=1e-5
+            np.trapezoid(
+                law.force(np.linspace(0, theta, 4001)), np.linspace(0, theta, 4001)
+            ),
+            rel=1e-5,
         )
     with pytest.raises(InputError, match="expected a drive that yields"):
         law.add_compliance(-1e-6)
@@ -183,10 +232,15 @@ def test_a_compliance_in_series_adds_to_the_deflection_at_every_force():
 
 def test_a_straight_curve_is_a_linear_drive():
     law = Law.from_curve([[1e-6, 20.0], [3e-6, 60.0]])
-    straight, linear = hexapod(curve=[[1e-6, 20.0], [3e-6, 60.0]], backlash=0.0), read("stewart")
+    straight = hexapod(curve=[[1e-6, 20.0], [3e-6, 60.0]], backlash=0.0)
+    linear = read("stewart")
     assert len(law.slopes) == 1
     wrench = [10.0, 20, 30, 1, 2, 3]
-    assert np.allclose(deflection(straight, POSES, wrench).twist, deflection(linear, POSES, wrench).twist, rtol=1e-12)
+    assert np.allclose(
+        deflection(straight, POSES, wrench).twist,
+        deflection(linear, POSES, wrench).twist,
+        rtol=1e-12,
+    )
     for gravity in ("none", "exact"):
         assert np.allclose(
             stiffness(straight, POSES, gravity=gravity),

@@ -22,16 +22,33 @@ def chain(names, joints, tool, pose, at, more=()):
     """A closed chain ground - names… - ground with joints (kind, at, axis), the first one driven, and more joints."""
     nodes = ["ground", *names, "ground"]
     made = [
-        Joint(f"j{k}", a, b, kind, np.array(p, float), np.array(axis, float), drive=Drive(1e6) if k == 0 else None)
-        for k, ((a, b), (kind, p, axis)) in enumerate(zip(pairwise(nodes), joints, strict=True))
+        Joint(
+            f"j{k}",
+            a,
+            b,
+            kind,
+            np.array(p, float),
+            np.array(axis, float),
+            drive=Drive(1e6) if k == 0 else None,
+        )
+        for k, ((a, b), (kind, p, axis)) in enumerate(
+            zip(pairwise(nodes), joints, strict=True)
+        )
     ]
-    return Mechanism(tuple(map(Body, names)), (*made, *more), Tool(tool, np.array(at, float), pose))
+    return Mechanism(
+        tuple(map(Body, names)), (*made, *more), Tool(tool, np.array(at, float), pose)
+    )
 
 
 def four_bar(*more):
     points = ([0, 0, 0], [0.1, 0.3, 0], [0.5, 0.4, 0], [0.6, 0, 0])
     return chain(
-        ["crank", "coupler", "rocker"], [("revolute", p, Z) for p in points], "coupler", ("x",), points[2], more
+        ["crank", "coupler", "rocker"],
+        [("revolute", p, Z) for p in points],
+        "coupler",
+        ("x",),
+        points[2],
+        more,
     )
 
 
@@ -39,14 +56,30 @@ def bennett():
     """A skew quadrilateral with half-turn symmetry; at each corner the hinge is square to both sides."""
     p = np.array([[0.3, 0, 0], [0.1, 0.2, 0.15], [-0.3, 0, 0], [-0.1, -0.2, 0.15]])
     axes = [np.cross(p[k] - p[k - 1], p[(k + 1) % 4] - p[k]) for k in range(4)]
-    return chain(list("abc"), [("revolute", *each) for each in zip(p, axes, strict=True)], "b", ("x",), p[2])
+    return chain(
+        list("abc"),
+        [("revolute", *each) for each in zip(p, axes, strict=True)],
+        "b",
+        ("x",),
+        p[2],
+    )
 
 
 def sarrus():
     """Two hinged pairs of plates, square to each other, guide the top straight up."""
-    x_side = [("revolute", [0.2, 0, 0], Y), ("revolute", [0.35, 0, 0.2], Y), ("revolute", [0.2, 0, 0.4], Y)]
-    y_side = [("revolute", [0, 0.2, 0.4], X), ("revolute", [0, 0.35, 0.2], X), ("revolute", [0, 0.2, 0], X)]
-    return chain(["x1", "x2", "top", "y2", "y1"], x_side + y_side, "top", ("z",), [0, 0, 0.4])
+    x_side = [
+        ("revolute", [0.2, 0, 0], Y),
+        ("revolute", [0.35, 0, 0.2], Y),
+        ("revolute", [0.2, 0, 0.4], Y),
+    ]
+    y_side = [
+        ("revolute", [0, 0.2, 0.4], X),
+        ("revolute", [0, 0.35, 0.2], X),
+        ("revolute", [0, 0.2, 0], X),
+    ]
+    return chain(
+        ["x1", "x2", "top", "y2", "y1"], x_side + y_side, "top", ("z",), [0, 0, 0.4]
+    )
 
 
 def parallelogram(bars):
@@ -65,9 +98,12 @@ def parallelogram(bars):
 
 def hexapod(head="spherical"):
     """Six legs, spherical - prismatic - spherical (or universal) joints."""
-    bodies, joints = [Body("platform")], []
+    bodies = [Body("platform")]
+    joints = []
     for k in range(6):
-        a, b = np.radians([60 * (k // 2 * 2) + 50 * (k % 2), 60 * (k // 2 * 2) - 30 + 110 * (k % 2)])
+        a, b = np.radians(
+            [60 * (k // 2 * 2) + 50 * (k % 2), 60 * (k // 2 * 2) - 30 + 110 * (k % 2)]
+        )
         foot = np.array([0.5 * np.cos(a), 0.5 * np.sin(a), 0])
         top = np.array([0.3 * np.cos(b), 0.3 * np.sin(b), 0.6])
         along = (top - foot) / np.linalg.norm(top - foot)
@@ -87,7 +123,11 @@ def hexapod(head="spherical"):
             ),
             Joint(f"leg{k}.head", f"leg{k}.upper", "platform", head, top, *axes),
         ]
-    return Mechanism(tuple(bodies), tuple(joints), Tool("platform", 0.6 * Z, ("x", "y", "z", "rx", "ry", "rz")))
+    return Mechanism(
+        tuple(bodies),
+        tuple(joints),
+        Tool("platform", 0.6 * Z, ("x", "y", "z", "rx", "ry", "rz")),
+    )
 
 
 @pytest.mark.parametrize(
@@ -110,7 +150,12 @@ def hexapod(head="spherical"):
 )
 def test_textbook_count(mechanism, count, dof, tool, idle):
     found = mobility(mechanism)
-    assert (found.count, found.dof, len(found.tool), found.idle_count) == (count, dof, tool, idle)
+    assert (found.count, found.dof, len(found.tool), found.idle_count) == (
+        count,
+        dof,
+        tool,
+        idle,
+    )
     assert found.redundant == dof - count
     assert not found.loose
     assert found.redundant_drives == 0
@@ -125,16 +170,26 @@ def test_same_count_at_another_pose():
     (one,) = found.redundancies[0].directions
     assert one.kind == "rotation"
     top = mechanism.joint("leg1.rod1.top")
-    turn = there.frame("leg1.rod1.base")[0][0] @ mechanism.body("leg1.rod1").elastic.axes.T
-    square = np.cross(top.axis, turn @ top.axis2)  # its four universal joints turn about two directions only
-    assert abs(one.axis @ square) / np.linalg.norm(square) == pytest.approx(1.0, abs=1e-9)
+    turn = (
+        there.frame("leg1.rod1.base")[0][0] @ mechanism.body("leg1.rod1").elastic.axes.T
+    )
+    square = np.cross(
+        top.axis, turn @ top.axis2
+    )  # its four universal joints turn about two directions only
+    assert abs(one.axis @ square) / np.linalg.norm(square) == pytest.approx(
+        1.0, abs=1e-9
+    )
 
 
 def test_names_of_redundant_constraints():
     (one,) = mobility(four_bar()).redundancies
     assert set(one.bodies) == {"ground", "crank", "coupler", "rocker"}
     assert set(one.joints) == {"j0", "j1", "j2", "j3"}
-    assert {str(each) for each in one.directions} == {"translation along z", "rotation about x", "rotation about y"}
+    assert {str(each) for each in one.directions} == {
+        "translation along z",
+        "rotation about x",
+        "rotation about y",
+    }
     assert str(one).startswith("the loop through ")
     assert " has 3 redundant constraints: " in str(one)
 
@@ -147,16 +202,37 @@ def test_bar_too_many_is_shared_by_loops():
 
 def test_names_of_idle_motions():
     found = mobility(hexapod())
-    assert sorted(map(str, found.idle))[0] == "leg0.lower and leg0.upper spin between leg0.foot and leg0.head"
+    assert (
+        sorted(map(str, found.idle))[0]
+        == "leg0.lower and leg0.upper spin between leg0.foot and leg0.head"
+    )
     gantry = {str(each) for each in mobility(read("braced-gantry")).idle}
-    assert gantry == {"tie spins between tie.a and tie.b", "h3 spins between h3.a and h3.b"}
+    assert gantry == {
+        "tie spins between tie.a and tie.b",
+        "h3 spins between h3.a and h3.b",
+    }
 
 
 def test_coordinates_of_the_tool():
-    assert mobility(sarrus()).coordinates == dict.fromkeys(["x", "y", "rx", "ry", "rz"], "held") | {"z": "commanded"}
+    assert mobility(sarrus()).coordinates == dict.fromkeys(
+        ["x", "y", "rx", "ry", "rz"], "held"
+    ) | {"z": "commanded"}
     four = mobility(four_bar()).coordinates
-    assert four == {"x": "commanded", "y": "follows", "z": "held", "rx": "held", "ry": "held", "rz": "follows"}
-    stuck = chain(["a", "b"], [("revolute", p, Z) for p in ([0, 0, 0], [1, 0, 0], [0, 1, 0])], "a", ("x",), [1, 0, 0])
+    assert four == {
+        "x": "commanded",
+        "y": "follows",
+        "z": "held",
+        "rx": "held",
+        "ry": "held",
+        "rz": "follows",
+    }
+    stuck = chain(
+        ["a", "b"],
+        [("revolute", p, Z) for p in ([0, 0, 0], [1, 0, 0], [0, 1, 0])],
+        "a",
+        ("x",),
+        [1, 0, 0],
+    )
     found = mobility(stuck)
     assert (found.dof, found.coordinates["x"], found.tool) == (0, "locked", ())
     assert (found.redundant_drives, found.dependent_drives) == (1, ("j0",))
@@ -164,13 +240,21 @@ def test_coordinates_of_the_tool():
 
 def test_tool_that_lacks_drives_and_one_that_has_too_many():
     points = ([0, 0, 0], [0.1, 0.3, 0], [0.4, 0.5, 0], [0.7, 0.3, 0], [0.8, 0, 0])
-    five = chain(list("abcd"), [("revolute", p, Z) for p in points], "b", ("x", "y"), points[2])
+    five = chain(
+        list("abcd"), [("revolute", p, Z) for p in points], "b", ("x", "y"), points[2]
+    )
     found = mobility(five)
     assert (found.dof, len(found.loose), found.conditioning) == (2, 1, None)
     bar = four_bar()
-    both = tuple(replace(j, drive=Drive(1e6)) if j.name == "j3" else j for j in bar.joints)
+    both = tuple(
+        replace(j, drive=Drive(1e6)) if j.name == "j3" else j for j in bar.joints
+    )
     twice = mobility(replace(bar, joints=both))
-    assert (twice.dof, twice.redundant_drives, twice.dependent_drives) == (1, 1, ("j0", "j3"))
+    assert (twice.dof, twice.redundant_drives, twice.dependent_drives) == (
+        1,
+        1,
+        ("j0", "j3"),
+    )
 
 
 def arm(elbow):
@@ -178,25 +262,40 @@ def arm(elbow):
     knee = X
     tip = knee + np.cos(elbow) * X + np.sin(elbow) * Y
     joints = (
-        Joint("a", "ground", "upper", "revolute", np.zeros(3), Z, drive=Drive(1e3, -1.0, 1.0)),
+        Joint(
+            "a",
+            "ground",
+            "upper",
+            "revolute",
+            np.zeros(3),
+            Z,
+            drive=Drive(1e3, -1.0, 1.0),
+        ),
         Joint("b", "upper", "fore", "revolute", knee, Z, drive=Drive(1e3)),
     )
-    return Mechanism((Body("upper"), Body("fore")), joints, Tool("fore", tip, ("x", "y")))
+    return Mechanism(
+        (Body("upper"), Body("fore")), joints, Tool("fore", tip, ("x", "y"))
+    )
 
 
 def test_singular_and_nearly_singular():
     """Yoshikawa's two-bar arm: singular where straight; the condition number of its Jacobian by hand elsewhere."""
     assert mobility(arm(0.0)).conditioning == 0.0
     for elbow in (1e-3, 0.7, np.pi / 2):
-        c, s = np.cos(elbow), np.sin(elbow)
+        c = np.cos(elbow)
+        s = np.sin(elbow)
         values = np.linalg.svd(np.array([[-s, -s], [1 + c, c]]), compute_uv=False)
-        assert mobility(arm(elbow)).conditioning == pytest.approx(values[1] / values[0], rel=1e-9)
+        assert mobility(arm(elbow)).conditioning == pytest.approx(
+            values[1] / values[0], rel=1e-9
+        )
 
 
 def test_straight_four_bar_has_a_motion_more():
     """A parallelogram flattened to a line: there it can turn into its crossed branch too."""
     points = ([0, 0, 0], [0.3, 0, 0], [0.8, 0, 0], [0.5, 0, 0])
-    flat = chain(list("abc"), [("revolute", p, Z) for p in points], "b", ("y",), points[1])
+    flat = chain(
+        list("abc"), [("revolute", p, Z) for p in points], "b", ("y",), points[1]
+    )
     assert mobility(flat).dof == 2
 
 
@@ -205,7 +304,9 @@ def test_reach_of_a_two_bar_arm():
     x, y = reach(arm(np.pi / 2))
     assert x.high == pytest.approx(np.sqrt(3), abs=2e-3)
     assert x.at_high == "out of reach or singular"
-    shoulder = brentq(lambda at: np.arctan2(at, 1) - np.arccos(np.hypot(1, at) / 2) + 1, -1.5, 0.9)
+    shoulder = brentq(
+        lambda at: np.arctan2(at, 1) - np.arccos(np.hypot(1, at) / 2) + 1, -1.5, 0.9
+    )
     assert y.low == pytest.approx(shoulder, abs=1e-5)
     assert y.at_low == "a at the end of its range"
 

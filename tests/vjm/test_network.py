@@ -22,7 +22,13 @@ from stiffscope.vjm.prestress import own_loads
 from stiffscope.vjm.singularity import count_freedoms, principal
 from stiffscope.vjm.statics import batches, sag, stiffness, stiffness_error
 from stiffscope.vjm.yielding import Load, respond
-from tests.robots import GEOMETRY, euler_bernoulli, published_slider, random_compliance, random_poses
+from tests.robots import (
+    GEOMETRY,
+    euler_bernoulli,
+    published_slider,
+    random_compliance,
+    random_poses,
+)
 from tests.vjm import direct_stiffness, oracle
 from tests.vjm.files import CHECKED, biglide, read, serial_arm
 
@@ -32,24 +38,34 @@ SIX = ("x", "y", "z", "rx", "ry", "rz")
 def off(a, b):
     """Largest difference over sqrt(K_ii K_jj)."""
     size = np.sqrt(np.abs(np.einsum("...ii->...i", b)))
-    return float(np.abs((a - b) / np.maximum(size[..., :, None] * size[..., None, :], 1e-300)).max())
+    return float(
+        np.abs(
+            (a - b) / np.maximum(size[..., :, None] * size[..., None, :], 1e-300)
+        ).max()
+    )
 
 
 def at_home(m):
-    return tool_stiffness(condense_network(find_order(m, Linkage(m, "drives")), places_at_home(m)))[0]
+    return tool_stiffness(
+        condense_network(find_order(m, Linkage(m, "drives")), places_at_home(m))
+    )[0]
 
 
 @pytest.mark.parametrize("name", CHECKED)
 def test_checked_figures(name):
-    known, m = CHECKED[name], read(name)
+    known = CHECKED[name]
+    m = read(name)
     assert off(stiffness(m, known["poses"]), np.array(known["stiffness"])) < 1e-8
     expected = np.array(known["sag"])
-    assert np.abs(sag(m, known["poses"]) - expected).max() < 1e-3 * np.abs(expected).max()
+    assert (
+        np.abs(sag(m, known["poses"]) - expected).max() < 1e-3 * np.abs(expected).max()
+    )
 
 
 @pytest.mark.parametrize("name", CHECKED)
 def test_the_dense_oracle_agrees_to_rounding(name):
-    m, poses = read(name), CHECKED[name]["poses"]
+    m = read(name)
+    poses = CHECKED[name]["poses"]
     for k, droop, pose in zip(stiffness(m, poses), sag(m, poses), poses, strict=True):
         bodies = oracle.Bodies(m).close(pose)
         expected, twist, _ = oracle.solve(bodies, oracle.weights(bodies))
@@ -61,14 +77,20 @@ def test_stewart_compliance_is_the_published_one():
     """tdehaeze, stewart-simscape, org/dynamics-study.org."""
     m = read("stewart")
     c = np.linalg.inv(stiffness(m, m.tool.home)[0])
-    assert np.diagonal(c) == pytest.approx([4.75e-8, 4.75e-8, 2.099e-8, 5.1863e-6, 5.1863e-6, 1.7073e-6], rel=1e-4)
+    assert np.diagonal(c) == pytest.approx(
+        [4.75e-8, 4.75e-8, 2.099e-8, 5.1863e-6, 5.1863e-6, 1.7073e-6], rel=1e-4
+    )
     assert c[0, 4] == pytest.approx(3.2093e-7, rel=1e-4)
 
 
 def test_biglide_agrees_with_33_explicit_freedoms(rng):
-    link, slider = random_compliance(rng, euler_bernoulli()), random_compliance(rng, published_slider())
-    m, poses = biglide(link, slider), random_poses(rng, 20)
-    expected = [direct_stiffness.biglide(GEOMETRY, link, slider, 1.27e7, p) for p in poses]
+    link = random_compliance(rng, euler_bernoulli())
+    slider = random_compliance(rng, published_slider())
+    m = biglide(link, slider)
+    poses = random_poses(rng, 20)
+    expected = [
+        direct_stiffness.biglide(GEOMETRY, link, slider, 1.27e7, p) for p in poses
+    ]
     assert off(stiffness(m, poses), np.array(expected)) < 1e-8
 
 
@@ -95,8 +117,13 @@ def test_serial_arm_is_its_jacobian():
     found = configure(m, pose).require_valid()
     c = np.zeros((6, 6))
     for joint in m.joints:
-        r, p = (np.eye(3), np.zeros(3)) if joint.first == "ground" else (a[0] for a in found.frame(joint.first))
-        axis, at = r @ joint.axes[:, 0], r @ joint.at + p
+        r, p = (
+            (np.eye(3), np.zeros(3))
+            if joint.first == "ground"
+            else (a[0] for a in found.frame(joint.first))
+        )
+        axis = r @ joint.axes[:, 0]
+        at = r @ joint.at + p
         screw = np.concatenate([np.cross(axis, pose[:3] - at), axis])
         c += np.outer(screw, screw) / joint.drive.stiffness
     assert off(stiffness(m, pose)[0], np.linalg.inv(c)) < 1e-11
@@ -105,7 +132,10 @@ def test_serial_arm_is_its_jacobian():
 def two_links(rng, **kinds):
     points = rng.normal(size=(3, 3))
     parts = [random_compliance(rng, np.diag([1e-8] * 3 + [1e-7] * 3)) for _ in range(2)]
-    bodies = [member("a", points[0], points[1], parts[0]), member("b", points[1], points[2], parts[1])]
+    bodies = [
+        member("a", points[0], points[1], parts[0]),
+        member("b", points[1], points[2], parts[1]),
+    ]
     return points, parts, bodies
 
 
@@ -138,7 +168,10 @@ def test_parallel_adds_stiffnesses(rng):
         Joint("four", "b.tip", "plate", "fixed", points[2]),
     )
     m = Mechanism((*bodies, Body("plate")), joints, Tool("plate", np.zeros(3), ("x",)))
-    expected = sum(np.linalg.inv(placed(b, c, np.zeros(3))) for b, c in zip(bodies, parts, strict=True))
+    expected = sum(
+        np.linalg.inv(placed(b, c, np.zeros(3)))
+        for b, c in zip(bodies, parts, strict=True)
+    )
     assert off(at_home(m), expected) < 1e-9
 
 
@@ -146,24 +179,50 @@ def random_mechanism(seed):
     """A random graph of bodies: tree and loops, all kinds of joints, bearings, drives, offsets, masses."""
     rng = np.random.default_rng(seed)
     count = int(rng.integers(2, 7))
-    bodies, ends = [], ["ground"]
+    bodies = []
+    ends = ["ground"]
     for k in range(count):
         if rng.random() < 0.6:
             a = rng.normal(size=3)
             c = random_compliance(rng, np.diag([1e-8] * 3 + [1e-7] * 3))
-            bodies.append(member(f"b{k}", a, a + rng.normal(size=3), c, mass=float(rng.random())))
+            bodies.append(
+                member(f"b{k}", a, a + rng.normal(size=3), c, mass=float(rng.random()))
+            )
         else:
             bodies.append(Body(f"b{k}", float(rng.random()), rng.normal(size=3)))
-    joints, grown = [], ["ground"]
+    joints = []
+    grown = ["ground"]
 
     def joint(name, first, second):
-        kind = str(rng.choice(["fixed", "revolute", "prismatic", "cylindrical", "universal", "spherical", "planar"]))
-        drive = Drive(float(10 ** rng.uniform(6, 8))) if kind in ("revolute", "prismatic", "cylindrical") else None
+        kind = str(
+            rng.choice(
+                [
+                    "fixed",
+                    "revolute",
+                    "prismatic",
+                    "cylindrical",
+                    "universal",
+                    "spherical",
+                    "planar",
+                ]
+            )
+        )
+        drive = (
+            Drive(float(10 ** rng.uniform(6, 8)))
+            if kind in ("revolute", "prismatic", "cylindrical")
+            else None
+        )
         drive = drive if rng.random() < 0.7 else None
-        bearing = random_compliance(rng, np.diag([1e-9] * 3 + [1e-8] * 3)) if rng.random() < 0.4 else None
+        bearing = (
+            random_compliance(rng, np.diag([1e-9] * 3 + [1e-8] * 3))
+            if rng.random() < 0.4
+            else None
+        )
         offset = 1e-4 * rng.normal(size=6) if rng.random() < 0.3 else None
         axes = (rng.normal(size=3), rng.normal(size=3))
-        return Joint(name, first, second, kind, rng.normal(size=3), *axes, drive, bearing, offset)
+        return Joint(
+            name, first, second, kind, rng.normal(size=3), *axes, drive, bearing, offset
+        )
 
     for k, body in enumerate(bodies):
         nodes = list(body.nodes)
@@ -181,7 +240,9 @@ def random_mechanism(seed):
     return Mechanism(tuple(bodies), tuple(joints), tool, rng.normal(size=3), grip=grip)
 
 
-@pytest.mark.parametrize("block", [0, 1, 2, *(pytest.param(k, marks=pytest.mark.long) for k in (3, 4))])
+@pytest.mark.parametrize(
+    "block", [0, 1, 2, *(pytest.param(k, marks=pytest.mark.long) for k in (3, 4))]
+)
 def test_random_mechanisms_against_the_dense_oracle(block):
     """Stiffness, and the sag where nothing moves freely; unit-free comparison, singular stiffness included."""
     compared = sagged = 0
@@ -194,18 +255,29 @@ def test_random_mechanisms_against_the_dense_oracle(block):
         except InputError:  # infinite stiffness
             continue
         expected, twist, _ = oracle.solve(bodies, oracle.weights(bodies), offsets=True)
-        size = np.sqrt(np.abs(np.diagonal(expected)) + 1e-6 * np.abs(np.diagonal(expected)).max() + 1.0)
+        size = np.sqrt(
+            np.abs(np.diagonal(expected))
+            + 1e-6 * np.abs(np.diagonal(expected)).max()
+            + 1.0
+        )
         assert np.abs((k - expected) / np.outer(size, size)).max() < 1e-6, seed
         compared += 1
         if count_freedoms(expected)[0] > 0:
             continue
         try:
-            weight = replace(own_loads(order, places_at_home(m)), balanced=1e-6)  # friction holds no more
+            weight = replace(
+                own_loads(order, places_at_home(m)), balanced=1e-6
+            )  # friction holds no more
             response = solve_loads(order, places_at_home(m), weight)
         except InputError:  # something moves freely under its weight
             assert np.isnan(twist).all(), seed
             continue
-        assert np.allclose(response.twist[0, :, 0], twist, rtol=0.0, atol=1e-5 * np.abs(twist).max() + 1e-13), seed
+        assert np.allclose(
+            response.twist[0, :, 0],
+            twist,
+            rtol=0.0,
+            atol=1e-5 * np.abs(twist).max() + 1e-13,
+        ), seed
         sagged += 1
     assert compared > 40
     assert sagged > 5
@@ -213,8 +285,10 @@ def test_random_mechanisms_against_the_dense_oracle(block):
 
 def test_where_the_base_stands_does_not_matter(rng):
     """The whole robot turned and moved: the same stiffness in turned axes."""
-    m, pose = read("linear-delta"), np.array(CHECKED["linear-delta"]["poses"][1])
-    turn, move = oracle.expm(rng.normal(size=3)), rng.normal(size=3)
+    m = read("linear-delta")
+    pose = np.array(CHECKED["linear-delta"]["poses"][1])
+    turn = oracle.expm(rng.normal(size=3))
+    move = rng.normal(size=3)
     joints = tuple(
         replace(
             j,
@@ -237,27 +311,44 @@ def test_where_the_base_stands_does_not_matter(rng):
         )
         for b in m.bodies
     )
-    turned = Mechanism(bodies, joints, Tool("platform", turn @ m.tool.at + move, ("x", "y", "z")), turn @ m.gravity)
+    turned = Mechanism(
+        bodies,
+        joints,
+        Tool("platform", turn @ m.tool.at + move, ("x", "y", "z")),
+        turn @ m.gravity,
+    )
     there = turn @ pose + move
     both = np.kron(np.eye(2), turn)
-    assert off(both.T @ stiffness(turned, there)[0] @ both, stiffness(m, pose)[0]) < 1e-10
-    assert np.allclose(both.T @ sag(turned, there)[0], sag(m, pose)[0], rtol=0.0, atol=1e-15)
+    assert (
+        off(both.T @ stiffness(turned, there)[0] @ both, stiffness(m, pose)[0]) < 1e-10
+    )
+    assert np.allclose(
+        both.T @ sag(turned, there)[0], sag(m, pose)[0], rtol=0.0, atol=1e-15
+    )
 
 
 def test_what_is_put_in_comes_out_as_energy(rng):
-    m, poses = biglide(), random_poses(rng, 5)
+    m = biglide()
+    poses = random_poses(rng, 5)
     state = respond(m, poses, np.eye(6))
     stored = sum(e.energy for e in state.elements.values())
     assert np.allclose(stored, 0.5 * np.einsum("nii->ni", state.twist), rtol=1e-9)
-    assert np.allclose(state.twist, np.swapaxes(state.twist, -1, -2), rtol=0.0, atol=1e-18)
+    assert np.allclose(
+        state.twist, np.swapaxes(state.twist, -1, -2), rtol=0.0, atol=1e-18
+    )
 
 
 def test_a_force_anywhere_is_what_the_reciprocal_theorem_says(rng):
     """Betti: the twist of a body under a wrench at the tool, and of the tool under a wrench at the body."""
-    m, pose = read("braced-gantry"), [[0.0]]
-    body, at = "left", m.body("left").centre
+    m = read("braced-gantry")
+    pose = [[0.0]]
+    body = "left"
+    at = m.body("left").centre
     tool = respond(m, pose, np.eye(6))
-    there = [respond(m, pose, np.zeros(6), loads=(Load(body, w, at),)).twist[0, :, 0] for w in np.eye(6)]
+    there = [
+        respond(m, pose, np.zeros(6), loads=(Load(body, w, at),)).twist[0, :, 0]
+        for w in np.eye(6)
+    ]
     lever = at - np.array([0.0, 0.01, 0.9])
     carry = np.block([[np.eye(3), -oracle.skew(lever)], [np.zeros((3, 3)), np.eye(3)]])
     moved = carry @ tool.nodes[body][0]
@@ -266,15 +357,29 @@ def test_a_force_anywhere_is_what_the_reciprocal_theorem_says(rng):
 
 def test_redundant_constraints_and_idle_motions_are_ordinary():
     """A rod between two balls spins idly; a second one beside it adds; a third rigid tie adds no trouble."""
-    tip, rods = np.array([1.0, 0, 0]), []
+    tip = np.array([1.0, 0, 0])
+    rods = []
     for k, y in enumerate((0.1, -0.1)):
-        rods.append(member(f"rod{k}", [0, y, 0], [1, y, 0], np.diag([1e-8, 1e-6, 1e-6, 1e-5, 1e-5, 1e-5])))
+        rods.append(
+            member(
+                f"rod{k}",
+                [0, y, 0],
+                [1, y, 0],
+                np.diag([1e-8, 1e-6, 1e-6, 1e-5, 1e-5, 1e-5]),
+            )
+        )
     joints = [Joint("guide", "ground", "plate", "prismatic", tip, [1, 0, 0])]
     for k, rod in enumerate(rods):
-        joints.append(Joint(f"rod{k}.a", "ground", f"rod{k}.base", "spherical", rod.elastic.base))
-        joints.append(Joint(f"rod{k}.b", f"rod{k}.tip", "plate", "spherical", rod.elastic.tip))
+        joints.append(
+            Joint(f"rod{k}.a", "ground", f"rod{k}.base", "spherical", rod.elastic.base)
+        )
+        joints.append(
+            Joint(f"rod{k}.b", f"rod{k}.tip", "plate", "spherical", rod.elastic.tip)
+        )
     grip = Change(np.diag([1e-9] * 3 + [1e-8] * 3))
-    m = Mechanism((*rods, Body("plate")), tuple(joints), Tool("plate", tip, ("x",)), grip=grip)
+    m = Mechanism(
+        (*rods, Body("plate")), tuple(joints), Tool("plate", tip, ("x",)), grip=grip
+    )
     k = at_home(m)
     assert k[0, 0] == pytest.approx(1 / (1e-9 + 0.5e-8), rel=1e-9)
     assert np.diagonal(k)[1:] == pytest.approx([1e9] * 2 + [1e8] * 3, rel=1e-9)
@@ -282,11 +387,17 @@ def test_redundant_constraints_and_idle_motions_are_ordinary():
 
 def test_rigid_loops_are_constraints():
     """Parallelograms of rigid rods: the limit of ever stiffer ones."""
-    m = read("linear-delta").change_elements({TOOL: Change(np.diag([1e-8] * 3 + [1e-7] * 3))})
+    m = read("linear-delta").change_elements(
+        {TOOL: Change(np.diag([1e-8] * 3 + [1e-7] * 3))}
+    )
 
     def links(factor):
         bodies = tuple(
-            b if b.elastic is None else replace(b, elastic=replace(b.elastic, compliance=factor * b.elastic.compliance))
+            b
+            if b.elastic is None
+            else replace(
+                b, elastic=replace(b.elastic, compliance=factor * b.elastic.compliance)
+            )
             for b in m.bodies
         )
         return stiffness(replace(m, bodies=bodies), CHECKED["linear-delta"]["poses"])
@@ -296,9 +407,13 @@ def test_rigid_loops_are_constraints():
 
 
 def test_infinite_stiffness_is_refused_by_name():
-    guide = Joint("guide", "ground", "sled", "prismatic", [0, 0, 0], [1, 0, 0], drive=Drive(1e6))
+    guide = Joint(
+        "guide", "ground", "sled", "prismatic", [0, 0, 0], [1, 0, 0], drive=Drive(1e6)
+    )
     m = Mechanism((Body("sled"),), (guide,), Tool("sled", [0, 0, 0.1], ("x",)))
-    with pytest.raises(InputError, match="infinite stiffness in a direction, through .*guide"):  # noqa: RUF043
+    with pytest.raises(
+        InputError, match=r"infinite stiffness in a direction, through .*guide"
+    ):
         stiffness(m, [[0.0]])
 
 
@@ -316,12 +431,19 @@ def test_a_free_tool_has_a_mobility_and_no_deflection():
 
 
 def test_error_bars_bound_what_parts_may_be_off(rng):
-    bar = 0.01 * np.sqrt(np.outer(np.diagonal(euler_bernoulli()), np.diagonal(euler_bernoulli())))
+    bar = 0.01 * np.sqrt(
+        np.outer(np.diagonal(euler_bernoulli()), np.diagonal(euler_bernoulli()))
+    )
     m, poses = biglide(), random_poses(rng, 3)
 
     def with_links(change, error):
         bodies = tuple(
-            replace(b, elastic=replace(b.elastic, compliance=b.elastic.compliance + change, error=error))
+            replace(
+                b,
+                elastic=replace(
+                    b.elastic, compliance=b.elastic.compliance + change, error=error
+                ),
+            )
             if "link" in b.name
             else b
             for b in m.bodies
@@ -329,26 +451,35 @@ def test_error_bars_bound_what_parts_may_be_off(rng):
         return replace(m, bodies=bodies)
 
     bound = stiffness_error(with_links(0.0, bar), poses)
-    softer = stiffness(with_links(1e-3 * np.diag(np.diagonal(bar)), None), poses) - stiffness(m, poses)
+    softer = stiffness(
+        with_links(1e-3 * np.diag(np.diagonal(bar)), None), poses
+    ) - stiffness(m, poses)
     assert (np.abs(softer) <= 1.001e-3 * bound + 1e-6).all()
     assert np.abs(softer).max() > 1e-5 * bound.max()
 
 
 def test_batches_are_the_whole(rng):
-    m, poses = biglide(), random_poses(rng, 50)
+    m = biglide()
+    poses = random_poses(rng, 50)
     parts = list(batches(m, poses, size=20))
     assert [s.stop - s.start for s, _ in parts] == [20, 20, 20]
-    assert np.allclose(np.concatenate([k for _, k in parts]), stiffness(m, poses), rtol=1e-9, atol=1e-4)
+    assert np.allclose(
+        np.concatenate([k for _, k in parts]), stiffness(m, poses), rtol=1e-9, atol=1e-4
+    )
 
 
 def test_wrenches_carry_the_offsets_through_indeterminate_loops():
     """Self-stress of a misfit: an overlong link of the Biglide, against the oracle, element by element."""
-    m = biglide().change_elements({"limb1.link2": Change(offset=np.array([1e-4, 0, 0, 0, 0, 0]))})
+    m = biglide().change_elements(
+        {"limb1.link2": Change(offset=np.array([1e-4, 0, 0, 0, 0, 0]))}
+    )
     pose = [0.02, 0.0, 0.38]
     bodies = oracle.Bodies(m).close(pose, 4)
     _, twist, wrenches = oracle.solve(bodies, offsets=True)
     state = respond(m, pose, np.zeros(6), misfit=1.0)
-    assert np.allclose(state.twist[0, :, 0], twist, rtol=0.0, atol=1e-8 * np.abs(twist).max())
+    assert np.allclose(
+        state.twist[0, :, 0], twist, rtol=0.0, atol=1e-8 * np.abs(twist).max()
+    )
     largest = max(np.abs(w).max() for w in wrenches.values())
     for name, wrench in wrenches.items():
         ours = state.elements[name].wrench
@@ -365,7 +496,10 @@ def test_every_run_condenses_in_the_same_order():
     )
     said = {
         subprocess.run(
-            [sys.executable, "-c", code], check=True, capture_output=True, env={**os.environ, "PYTHONHASHSEED": seed}
+            [sys.executable, "-c", code],
+            check=True,
+            capture_output=True,
+            env={**os.environ, "PYTHONHASHSEED": seed},
         ).stdout
         for seed in "12"
     }

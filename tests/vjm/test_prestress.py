@@ -17,7 +17,13 @@ from stiffscope.vjm.mechanism import Change, Mechanism, Tool
 from stiffscope.vjm.screws import rotation
 from stiffscope.vjm.slender import find_thrusts
 from stiffscope.vjm.statics import analyse, sag, stiffness
-from tests.robots import GEOMETRY, euler_bernoulli, pose_at, published_slider, random_compliance
+from tests.robots import (
+    GEOMETRY,
+    euler_bernoulli,
+    pose_at,
+    published_slider,
+    random_compliance,
+)
 from tests.vjm import energy, oracle
 from tests.vjm.dense_modes import frame_mass
 from tests.vjm.files import CHECKED, biglide, read, serial_arm
@@ -26,9 +32,12 @@ from tests.vjm.potential import Potential, by_angular_velocity
 
 def compared(m, hessian, droop, pose):
     """Change of stiffness by the loads, and how far it is from the Hessian's, over sqrt(K_ii K_jj)."""
-    plain, exact = stiffness(m, pose)[0], stiffness(m, pose, gravity="exact")[0]
+    plain = stiffness(m, pose)[0]
+    exact = stiffness(m, pose, gravity="exact")[0]
     size = np.sqrt(np.outer(np.diagonal(plain), np.diagonal(plain)))
-    assert np.allclose(sag(m, pose)[0], droop, rtol=0.0, atol=5e-3 * np.abs(droop).max())
+    assert np.allclose(
+        sag(m, pose)[0], droop, rtol=0.0, atol=5e-3 * np.abs(droop).max()
+    )
     return np.abs((exact - plain) / size).max(), np.abs((exact - hessian) / size).max()
 
 
@@ -39,7 +48,11 @@ def with_frames(m):
         if b.elastic is not None and b.mass:
             length = float(np.linalg.norm(b.elastic.tip - b.elastic.base))
             mass = frame_mass(length, 1e-3, 1e-7, b.mass / (1e-3 * length))
-            bodies.append(replace(b, elastic=replace(b.elastic, dynamics=Dynamics(mass, np.zeros(0)))))
+            bodies.append(
+                replace(
+                    b, elastic=replace(b.elastic, dynamics=Dynamics(mass, np.zeros(0)))
+                )
+            )
         else:
             bodies.append(b)
     return replace(m, bodies=tuple(bodies))
@@ -56,14 +69,29 @@ def shipped_delta():
     [
         (lambda: with_frames(serial_arm()), [0.85, 0.1, 1.1, 0.1, 0.05, -0.1], 10.0),
         pytest.param(
-            lambda: with_frames(read("linear-delta")), CHECKED["linear-delta"]["poses"][1], 3.0, marks=pytest.mark.long
+            lambda: with_frames(read("linear-delta")),
+            CHECKED["linear-delta"]["poses"][1],
+            3.0,
+            marks=pytest.mark.long,
         ),
         (serial_arm, [0.85, 0.1, 1.1, 0.1, 0.05, -0.1], 1.0),
-        pytest.param(lambda: read("linear-delta"), CHECKED["linear-delta"]["poses"][1], 1.0, marks=pytest.mark.long),
+        pytest.param(
+            lambda: read("linear-delta"),
+            CHECKED["linear-delta"]["poses"][1],
+            1.0,
+            marks=pytest.mark.long,
+        ),
         (lambda: read("stewart"), CHECKED["stewart"]["poses"][1], 100.0),
         pytest.param(shipped_delta, [0.0, 0.0, -0.9], 1.0, marks=pytest.mark.long),
     ],
-    ids=["serial arm of frames", "linear-delta of frames", "serial arm", "linear-delta", "stewart", "shipped delta"],
+    ids=[
+        "serial arm of frames",
+        "linear-delta of frames",
+        "serial arm",
+        "linear-delta",
+        "stewart",
+        "shipped delta",
+    ],
 )
 def test_exact_stiffness_is_the_hessian_of_the_potential_energy(robot, pose, weight):
     m = robot()
@@ -76,8 +104,13 @@ def test_exact_stiffness_is_the_hessian_of_the_potential_energy(robot, pose, wei
 
 def test_bearings_of_balls_yield_under_load_as_the_potential_energy_says():
     m = read("stewart")
-    balls = {j.name: Change(np.diag([3e-8, 1e-8, 2e-8, 0, 0, 0])) for j in m.joints if j.kind == "spherical"}
-    m, pose = replace(m.change_elements(balls), gravity=100.0 * m.gravity), CHECKED["stewart"]["poses"][1]
+    balls = {
+        j.name: Change(np.diag([3e-8, 1e-8, 2e-8, 0, 0, 0]))
+        for j in m.joints
+        if j.kind == "spherical"
+    }
+    m = replace(m.change_elements(balls), gravity=100.0 * m.gravity)
+    pose = CHECKED["stewart"]["poses"][1]
     hessian, droop = Potential(oracle.Bodies(m).close(pose, 4)).tangent_stiffness()
     change, left = compared(m, hessian, droop, pose)
     assert change > 1e-5
@@ -104,30 +137,58 @@ def test_spinning_rods_with_coupled_compliances_carry_their_weight(rng, frame):
     bodies = []
     for b in m.bodies:
         if "rod" in b.name:
-            elastic = replace(b.elastic, compliance=random_compliance(rng, b.elastic.compliance))
-            b = replace(b, elastic=elastic if frame else replace(elastic, dynamics=None))  # noqa: PLW2901
-        bodies.append(b)
-    m, poses = replace(m, bodies=tuple(bodies)), [[0.1, 0.05, -0.85], [0.0, 0.0, -0.9]]
-    plain, spinning = stiffness(m, poses), analyse(m, poses, gravity="exact")
+            elastic = replace(
+                b.elastic, compliance=random_compliance(rng, b.elastic.compliance)
+            )
+            held = elastic if frame else replace(elastic, dynamics=None)
+            bodies.append(replace(b, elastic=held))
+        else:
+            bodies.append(b)
+    m = replace(m, bodies=tuple(bodies))
+    poses = [[0.1, 0.05, -0.85], [0.0, 0.0, -0.9]]
+    plain = stiffness(m, poses)
+    spinning = analyse(m, poses, gravity="exact")
     size = np.sqrt(np.einsum("nii,njj->nij", plain, plain))
     change = np.abs((spinning.matrix - plain) / size).max()
     assert change > 1e-4
     for end in (".top", ".end"):
         held = analyse(locked(m, end), poses, gravity="exact")
         assert np.abs((held.matrix - spinning.matrix) / size).max() < 0.2 * change
-        assert np.allclose(held.sag, spinning.sag, rtol=0.0, atol=0.02 * np.abs(held.sag).max())
+        assert np.allclose(
+            held.sag, spinning.sag, rtol=0.0, atol=0.02 * np.abs(held.sag).max()
+        )
 
 
 def test_weight_acts_as_the_part_condenses_it(rng):
     """A cantilever's tip sinks by w L⁴ / 8EI and turns by w L³ / 6EI; half at either end it would be w L⁴ / 6EI."""
-    length, mass = 0.8, 3.0
+    length = 0.8
+    mass = 3.0
     c = euler_bernoulli(length, 0.01)
-    dynamics = Dynamics(frame_mass(length, 1e-3, 1e-7, mass / (1e-3 * length)), np.zeros(0))
-    rod = member("rod", [0, 0, 0], [0, length, 0], c, y=[0, 0, 1], mass=mass, dynamics=dynamics)
-    slide = Joint("slide", "ground", "rod.base", "prismatic", [0, 0, 0], [0, 1, 0], drive=Drive(1e12))
-    m = Mechanism((rod,), (slide,), Tool("rod.tip", [0, length, 0], ("y",)), np.array([0, 0, -9.81]))
+    dynamics = Dynamics(
+        frame_mass(length, 1e-3, 1e-7, mass / (1e-3 * length)), np.zeros(0)
+    )
+    rod = member(
+        "rod", [0, 0, 0], [0, length, 0], c, y=[0, 0, 1], mass=mass, dynamics=dynamics
+    )
+    slide = Joint(
+        "slide",
+        "ground",
+        "rod.base",
+        "prismatic",
+        [0, 0, 0],
+        [0, 1, 0],
+        drive=Drive(1e12),
+    )
+    m = Mechanism(
+        (rod,),
+        (slide,),
+        Tool("rod.tip", [0, length, 0], ("y",)),
+        np.array([0, 0, -9.81]),
+    )
     down = mass / length * 9.81 * c[4, 4] / length  # w / EI
-    assert sag(m, [length])[0, [2, 3]] == pytest.approx([-down * length**4 / 8, -down * length**3 / 6], rel=1e-9)
+    assert sag(m, [length])[0, [2, 3]] == pytest.approx(
+        [-down * length**4 / 8, -down * length**3 / 6], rel=1e-9
+    )
 
 
 def test_moments_that_no_lever_gives_act_in_full(rng):
@@ -136,24 +197,40 @@ def test_moments_that_no_lever_gives_act_in_full(rng):
     pose = [0.85, 0.1, 1.1, 0.1, 0.05, -0.1]
     factor = rng.normal(size=(12, 12))
     link = m.body("link3")
-    heavy = replace(link, elastic=replace(link.elastic, dynamics=Dynamics(0.1 * factor @ factor.T, np.zeros(0))))
-    changed = replace(m, bodies=tuple(heavy if b is link else replace(b, mass=0.0) for b in m.bodies))
+    heavy = replace(
+        link,
+        elastic=replace(
+            link.elastic, dynamics=Dynamics(0.1 * factor @ factor.T, np.zeros(0))
+        ),
+    )
+    changed = replace(
+        m, bodies=tuple(heavy if b is link else replace(b, mass=0.0) for b in m.bodies)
+    )
     bodies = oracle.Bodies(changed).close(pose, 4)
     r, p = bodies.of("link3.base")
-    axes, e = r @ link.elastic.axes, link.elastic
+    axes = r @ link.elastic.axes
+    e = link.elastic
     falling = np.tile(np.concatenate([axes.T @ m.gravity, np.zeros(3)]), 2)
-    wrench, loads = heavy.elastic.dynamics.mass @ falling, {}
-    for node, at, w in zip(link.nodes, (e.base, e.tip), np.split(wrench, 2), strict=True):
-        force, moment = axes @ w[:3], axes @ w[3:]
+    wrench = heavy.elastic.dynamics.mass @ falling
+    loads = {}
+    for node, at, w in zip(
+        link.nodes, (e.base, e.tip), np.split(wrench, 2), strict=True
+    ):
+        force = axes @ w[:3]
+        moment = axes @ w[3:]
         loads[node] = np.concatenate([force, moment + np.cross(r @ at + p, force)])
-    assert sag(changed, pose)[0] == pytest.approx(oracle.solve(bodies, loads)[1], rel=1e-8)
+    assert sag(changed, pose)[0] == pytest.approx(
+        oracle.solve(bodies, loads)[1], rel=1e-8
+    )
 
 
 def test_lack_of_fit_prestresses_as_the_potential_energy_says():
     """A Delta whose rods are long by 5 µm or short: no weight, only the loops against each other."""
     m = read("linear-delta")
     off = {
-        f"leg{k}.rod{j}": Change(offset=np.r_[5e-6 * (-1) ** (k + j), np.zeros(5)]) for k in (1, 2, 3) for j in (1, 2)
+        f"leg{k}.rod{j}": Change(offset=np.r_[5e-6 * (-1) ** (k + j), np.zeros(5)])
+        for k in (1, 2, 3)
+        for j in (1, 2)
     }
     m = replace(m.change_elements(off), gravity=np.zeros(3))
     pose = CHECKED["linear-delta"]["poses"][1]
@@ -166,22 +243,32 @@ def test_lack_of_fit_prestresses_as_the_potential_energy_says():
 @pytest.mark.parametrize("z", [pytest.param(0.30, marks=pytest.mark.long), 0.50])
 def test_biglide_is_the_hessian_of_its_own_potential(z, rng):
     """Weights at the tool alone: the energy of ``tests.vjm.energy`` puts a link's elsewhere."""
-    link, slider = random_compliance(rng, euler_bernoulli()), random_compliance(rng, published_slider())
+    link = random_compliance(rng, euler_bernoulli())
+    slider = random_compliance(rng, published_slider())
     m = biglide(link, slider, link_mass=0.0, platform_mass=7.93)
     q = float(np.arcsin((z - GEOMETRY.l1 - GEOMETRY.l2) / GEOMETRY.L))
-    hessian, droop = energy.tangent_stiffness(energy.Biglide(GEOMETRY, link, slider, 1.27e7, 0.0, 7.93, q, 9.81))
-    change, left = compared(m, by_angular_velocity(hessian, droop), droop, [0.0, 0.0, z])
+    hessian, droop = energy.tangent_stiffness(
+        energy.Biglide(GEOMETRY, link, slider, 1.27e7, 0.0, 7.93, q, 9.81)
+    )
+    change, left = compared(
+        m, by_angular_velocity(hessian, droop), droop, [0.0, 0.0, z]
+    )
     assert change > 1e-5
     assert left < 1e-3 * change
 
 
 @pytest.mark.parametrize(
     ("q", "ppm", "down"),
-    [(35.8, [-4.3, 0.6, 156.8, 69.7, 232.6, -31.5], 11.049), (64.3, [-6.3, 0.5, 33.9, 5.7, 40.5, -15.8], 1.814)],
+    [
+        (35.8, [-4.3, 0.6, 156.8, 69.7, 232.6, -31.5], 11.049),
+        (64.3, [-6.3, 0.5, 33.9, 5.7, 40.5, -15.8], 1.814),
+    ],
 )
 def test_method_figures_with_weights_half_at_either_end(q, ppm, down):
-    m, pose = biglide(), pose_at(GEOMETRY, np.radians(q))
-    loaded, plain = analyse(m, pose, gravity="exact"), stiffness(m, pose)
+    m = biglide()
+    pose = pose_at(GEOMETRY, np.radians(q))
+    loaded = analyse(m, pose, gravity="exact")
+    plain = stiffness(m, pose)
     change = 1e6 * (np.diagonal(loaded.matrix[0]) / np.diagonal(plain[0]) - 1.0)
     assert change == pytest.approx(ppm, abs=0.06)
     assert 1e6 * loaded.sag[0, 2] == pytest.approx(down, abs=1.2e-3)
@@ -190,19 +277,31 @@ def test_method_figures_with_weights_half_at_either_end(q, ppm, down):
 def test_without_loads_nothing_changes():
     m = replace(biglide(), gravity=np.zeros(3))
     pose = [0.03, 0.0, 0.38]
-    assert np.allclose(stiffness(m, pose, gravity="exact"), stiffness(m, pose), rtol=1e-9, atol=0.1)
+    assert np.allclose(
+        stiffness(m, pose, gravity="exact"), stiffness(m, pose), rtol=1e-9, atol=0.1
+    )
 
 
 def test_a_pendulum_that_falls_over_has_the_unloaded_stiffness_and_no_sag():
     def standing(stiffness):
         bearing = np.diag([1e-8, 1e-8, 1e-8, 0.0, 1e-7, 1e-7])
         joint = Joint(
-            "j", "ground", "rod", "revolute", [0, 0, 0], [0, 1, 0], drive=Drive(stiffness), compliance=bearing
+            "j",
+            "ground",
+            "rod",
+            "revolute",
+            [0, 0, 0],
+            [0, 1, 0],
+            drive=Drive(stiffness),
+            compliance=bearing,
         )
-        rod, tool = Body("rod", 100.0, [0.02, 0, 1]), Tool("rod", [0.02, 0, 1], ("x",))
+        rod = Body("rod", 100.0, [0.02, 0, 1])
+        tool = Tool("rod", [0.02, 0, 1], ("x",))
         return Mechanism((rod,), (joint,), tool, np.array([0, 0, -9.81]))
 
-    soft, firm = (analyse(standing(k * 981.0), [[0.02]], gravity="exact") for k in (0.9, 20.0))
+    soft, firm = (
+        analyse(standing(k * 981.0), [[0.02]], gravity="exact") for k in (0.9, 20.0)
+    )
     assert np.isnan(soft.sag).all()
     assert np.allclose(soft.matrix, stiffness(standing(0.9 * 981.0), [[0.02]]))
     assert firm.sag[0, 4] == pytest.approx(0.02 / 20.0)
@@ -210,40 +309,73 @@ def test_a_pendulum_that_falls_over_has_the_unloaded_stiffness_and_no_sag():
 
 def test_a_tight_string_is_stiff_sideways():
     """Two struts in line, each too short by a misfit: together 2 T/l across, without any weight."""
-    length, axial, tension = 0.5, 1e7, 1000.0
-    bodies, joints, off = [Body("knot")], [], {}
+    length = 0.5
+    axial = 1e7
+    tension = 1000.0
+    bodies = [Body("knot")]
+    joints = []
+    off = {}
     for side in (1.0, -1.0):
-        name, foot = f"strut{side:+.0f}", [side * length, 0, 0]
-        bodies.append(member(name, foot, [0, 0, 0], np.diag([1 / axial, 1e-9, 1e-9, 1e-9, 1e-9, 1e-9])))
+        name = f"strut{side:+.0f}"
+        foot = [side * length, 0, 0]
+        bodies.append(
+            member(
+                name,
+                foot,
+                [0, 0, 0],
+                np.diag([1 / axial, 1e-9, 1e-9, 1e-9, 1e-9, 1e-9]),
+            )
+        )
         joints += [
             Joint(f"{name}.foot", "ground", f"{name}.base", "spherical", foot),
             Joint(f"{name}.tip", f"{name}.tip", "knot", "spherical", [0, 0, 0]),
         ]
         off[name] = Change(offset=np.r_[-tension / axial, np.zeros(5)])
-    bodies.append(member("hold", [0, 0, 0], [0, 0, 1], np.diag([1.0, 1, 1, 1e-6, 1e-6, 1e-6])))
+    bodies.append(
+        member("hold", [0, 0, 0], [0, 0, 1], np.diag([1.0, 1, 1, 1e-6, 1e-6, 1e-6]))
+    )
     joints += [
         Joint("hold.foot", "ground", "hold.base", "fixed", [0, 0, 0]),
         Joint("hold.end", "hold.tip", "knot", "fixed", [0, 0, 0]),
     ]
-    bodies[-1] = replace(bodies[-1], elastic=replace(bodies[-1].elastic, places=np.zeros((2, 3))))
-    m = Mechanism(tuple(bodies), tuple(joints), Tool("knot", [0, 0, 0], ("x",))).change_elements(off)
+    bodies[-1] = replace(
+        bodies[-1], elastic=replace(bodies[-1].elastic, places=np.zeros((2, 3)))
+    )
+    m = Mechanism(
+        tuple(bodies), tuple(joints), Tool("knot", [0, 0, 0], ("x",))
+    ).change_elements(off)
     from stiffscope.vjm.linkage import Linkage
     from stiffscope.vjm.order import find_order, places_at_home
     from stiffscope.vjm.prestress import loaded_stiffness
 
-    k = loaded_stiffness(find_order(m, Linkage(m, "drives")), places_at_home(m))[0, :, :6]
+    k = loaded_stiffness(find_order(m, Linkage(m, "drives")), places_at_home(m))[
+        0, :, :6
+    ]
     across = 2 * tension / length
-    assert np.diagonal(k) == pytest.approx([2 * axial + 1, across + 1, across + 1, 1e6, 1e6, 1e6], rel=2e-4)
+    assert np.diagonal(k) == pytest.approx(
+        [2 * axial + 1, across + 1, across + 1, 1e6, 1e6, 1e6], rel=2e-4
+    )
 
 
-@pytest.mark.parametrize("turn", [0.25 * np.pi, 0.5 * np.pi, np.nextafter(0.5 * np.pi, 2.0)])
+@pytest.mark.parametrize(
+    "turn", [0.25 * np.pi, 0.5 * np.pi, np.nextafter(0.5 * np.pi, 2.0)]
+)
 def test_a_base_that_is_turned_turns_the_robot_and_its_weight(turn):
     """Up to a quarter turn, whose cosine may be exactly zero: the same robot with its weight turned back."""
-    m, pose = biglide(), [[0.0, 0.0, 0.35]]
+    m = biglide()
+    pose = [[0.0, 0.0, 0.35]]
     r = rotation([0.0, 1.0, 0.0], turn)
     whole = np.kron(np.eye(2), r)
-    found = stiffness(m.change_elements({"<base>": Change(offset=np.r_[0, 0, 0, 0, turn, 0])}), pose, gravity="exact")
-    expected = whole @ stiffness(replace(m, gravity=r.T @ m.gravity), pose, gravity="exact")[0] @ whole.T
+    found = stiffness(
+        m.change_elements({"<base>": Change(offset=np.r_[0, 0, 0, 0, turn, 0])}),
+        pose,
+        gravity="exact",
+    )
+    expected = (
+        whole
+        @ stiffness(replace(m, gravity=r.T @ m.gravity), pose, gravity="exact")[0]
+        @ whole.T
+    )
     size = np.sqrt(np.outer(np.diagonal(expected), np.diagonal(expected)))
     assert np.abs((found[0] - expected) / size).max() < 1e-8
 
@@ -251,26 +383,37 @@ def test_a_base_that_is_turned_turns_the_robot_and_its_weight(turn):
 def test_a_universal_joint_is_two_revolutes():
     """One joint of two axes, or two of one with a cross between: the same robot, under its weight too."""
     m = replace(read("linear-delta"), gravity=np.array([3.0, -2.0, 300.0]))
-    bodies, joints = list(m.bodies), []
+    bodies = list(m.bodies)
+    joints = []
     for j in m.joints:
         if j.kind != "universal" or not j.name.startswith("leg1"):
             joints.append(j)
             continue
         bodies.append(Body(f"{j.name}.cross"))
-        joints.append(Joint(f"{j.name}.1", j.first, f"{j.name}.cross", "revolute", j.at, j.axis))
-        joints.append(Joint(f"{j.name}.2", f"{j.name}.cross", j.second, "revolute", j.at, j.axis2))
+        joints.append(
+            Joint(f"{j.name}.1", j.first, f"{j.name}.cross", "revolute", j.at, j.axis)
+        )
+        joints.append(
+            Joint(f"{j.name}.2", f"{j.name}.cross", j.second, "revolute", j.at, j.axis2)
+        )
     two = replace(m, bodies=tuple(bodies), joints=tuple(joints))
     pose = CHECKED["linear-delta"]["poses"][1]
-    plain, one = stiffness(m, pose)[0], stiffness(m, pose, gravity="exact")[0]
+    plain = stiffness(m, pose)[0]
+    one = stiffness(m, pose, gravity="exact")[0]
     size = np.sqrt(np.outer(np.diagonal(plain), np.diagonal(plain)))
     change = np.abs((one - plain) / size).max()
     assert change > 1e-5
-    assert np.abs((one - stiffness(two, pose, gravity="exact")[0]) / size).max() < 1e-4 * change
+    assert (
+        np.abs((one - stiffness(two, pose, gravity="exact")[0]) / size).max()
+        < 1e-4 * change
+    )
 
 
 def test_the_literal_reading_is_smaller_still():
-    m, pose = biglide(), [[0.0, 0.0, 0.35]]
-    down, tool = m.gravity, m.tool.at
+    m = biglide()
+    pose = [[0.0, 0.0, 0.35]]
+    down = m.gravity
+    tool = m.tool.at
     behind = {}
     for i in (1, 2):
         carried = [Behind(0.5 * 7.93 * down, "platform", tool)]
@@ -280,7 +423,11 @@ def test_the_literal_reading_is_smaller_still():
             carried.append(Behind(1.95 * down, f"{name}.base", 0.5 * (e.base + e.tip)))
             behind[name] = [Behind(7.93 / 6.0 * down, "platform", tool)]
         behind[f"limb{i}.slider"] = carried
-    change = np.diagonal(literal_stiffness(m, pose, behind)[0]) / np.diagonal(stiffness(m, pose)[0]) - 1.0
+    change = (
+        np.diagonal(literal_stiffness(m, pose, behind)[0])
+        / np.diagonal(stiffness(m, pose)[0])
+        - 1.0
+    )
     assert 1e-7 < np.abs(change).max() < 1e-5
 
 
@@ -294,7 +441,13 @@ def test_load_hessian_is_the_second_derivative_of_the_work():
         return force @ turn @ lever
 
     basis = step * np.eye(3)
-    second = [[(work(a + b) - work(a - b) - work(b - a) + work(-a - b)) / (4 * step**2) for b in basis] for a in basis]
+    second = [
+        [
+            (work(a + b) - work(a - b) - work(b - a) + work(-a - b)) / (4 * step**2)
+            for b in basis
+        ]
+        for a in basis
+    ]
     assert np.allclose(load_hessian(force, lever)[3:, 3:], second, atol=1e-6)
     assert not load_hessian(force, lever)[:3].any()
 
@@ -347,11 +500,20 @@ home = [0.1]
     machine = mechanism_of(robot, part_matrices(robot, "beam"))
     ((name, (force, share)),) = find_thrusts(machine, machine.tool.home[None]).items()
     euler = np.pi**2 * 210e9 * np.pi * 0.003**4 / 4 / (4 * 0.5**2)
-    assert (name, force) == ("rod", pytest.approx(5 * 9.81 if hung else -5 * 9.81, rel=1e-6))
+    assert (name, force) == (
+        "rod",
+        pytest.approx(5 * 9.81 if hung else -5 * 9.81, rel=1e-6),
+    )
     assert share == pytest.approx(5 * 9.81 / euler, rel=0.01)
-    assert _guarded(["stiffness", str(file), "--gravity", "exact", "--components", "beam"]) == 0
+    assert (
+        _guarded(["stiffness", str(file), "--gravity", "exact", "--components", "beam"])
+        == 0
+    )
     kind, effect = ("tension", "straightens") if hung else ("compression", "bends")
-    assert f"rod carries 49.1 N of {kind}, 37 % of its buckling load: that this {effect} it is left out" in caplog.text
+    assert (
+        f"rod carries 49.1 N of {kind}, 37 % of its buckling load: that this {effect} it is left out"
+        in caplog.text
+    )
 
 
 def test_thrust_of_short_bodies_is_far_from_buckling_them():

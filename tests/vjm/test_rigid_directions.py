@@ -20,25 +20,41 @@ SIX = ("x", "y", "z", "rx", "ry", "rz")
 
 def arm(axes, places, tool, pose, gravity=(0, 0, 0), stiff=2e4):
     """A serial arm of revolute drives; each link has its mass halfway to the next joint."""
-    bodies, joints, before = [], [], "ground"
+    bodies = []
+    joints = []
+    before = "ground"
     ends = [*places[1:], tool]
     for k, (axis, at, end) in enumerate(zip(axes, places, ends, strict=True)):
         centre = 0.5 * (np.array(at, dtype=float) + end)
         bodies.append(Body(f"link{k}", 2.0 + k, centre))
-        joints.append(Joint(f"j{k}", before, f"link{k}", "revolute", at, axis, drive=Drive(stiff * (1 + k))))
+        joints.append(
+            Joint(
+                f"j{k}",
+                before,
+                f"link{k}",
+                "revolute",
+                at,
+                axis,
+                drive=Drive(stiff * (1 + k)),
+            )
+        )
         before = f"link{k}"
     return Mechanism(tuple(bodies), tuple(joints), Tool(before, tool, pose), gravity)
 
 
 def moved(m, q):
     """Axes, places and mass centres of the arm's joints at displacements q, and its tool: a product of exponentials."""
-    turn, shift = np.eye(3), np.zeros(3)
-    axes, places, centres = [], [], []
+    turn = np.eye(3)
+    shift = np.zeros(3)
+    axes = []
+    places = []
+    centres = []
     for j, b, angle in zip(m.joints, m.bodies, q, strict=True):
         axes.append(turn @ j.axis)
         places.append(turn @ j.at + shift)
         r = rotation(j.axis, angle)
-        turn, shift = turn @ r, turn @ (j.at - r @ j.at) + shift
+        shift = turn @ (j.at - r @ j.at) + shift
+        turn = turn @ r
         centres.append(turn @ b.centre + shift)
     return np.array(axes), np.array(places), np.array(centres), turn @ m.tool.at + shift
 
@@ -58,20 +74,40 @@ def weight_torques(m, q):
     out = np.zeros(len(q))
     for i, body in enumerate(m.bodies):
         for k in range(i + 1):
-            out[k] += np.cross(axes[k], centres[i] - places[k]) @ (body.mass * m.gravity)
+            out[k] += np.cross(axes[k], centres[i] - places[k]) @ (
+                body.mass * m.gravity
+            )
     return out
 
 
-PLANAR_2R = arm([[0, 0, 1]] * 2, [[0, 0, 0], [0.3, 0, 0]], [0.3, 0.25, 0], ("x", "y"), gravity=(0, -9.81, 0))
+PLANAR_2R = arm(
+    [[0, 0, 1]] * 2,
+    [[0, 0, 0], [0.3, 0, 0]],
+    [0.3, 0.25, 0],
+    ("x", "y"),
+    gravity=(0, -9.81, 0),
+)
 SPATIAL_3R = arm(
-    [[0, 0, 1], [0, 1, 0], [0, 1, 0]], [[0, 0, 0], [0, 0, 0.4], [0.35, 0, 0.6]], [0.6, 0, 0.3], ("x", "y", "z"),
+    [[0, 0, 1], [0, 1, 0], [0, 1, 0]],
+    [[0, 0, 0], [0, 0, 0.4], [0.35, 0, 0.6]],
+    [0.6, 0, 0.3],
+    ("x", "y", "z"),
     gravity=(0, 0, -9.81),
-)  # fmt: skip
+)
 WRISTED = arm(
     [[0, 0, 1], [0, 1, 0], [0, 1, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0]],
-    [[0, 0, 0], [0, 0, 0.4], [0.35, 0, 0.6], [0.5, 0, 0.6], [0.7, 0, 0.6], [0.75, 0, 0.6]],
-    [0.85, 0, 0.6], SIX, gravity=(0, 0, -9.81),
-)  # fmt: skip
+    [
+        [0, 0, 0],
+        [0, 0, 0.4],
+        [0.35, 0, 0.6],
+        [0.5, 0, 0.6],
+        [0.7, 0, 0.6],
+        [0.75, 0, 0.6],
+    ],
+    [0.85, 0, 0.6],
+    SIX,
+    gravity=(0, 0, -9.81),
+)
 
 
 @pytest.mark.parametrize(("m", "rank"), [(PLANAR_2R, 2), (SPATIAL_3R, 3)])
@@ -79,17 +115,25 @@ def test_compliance_of_an_arm_of_drives(m, rank, rng):
     q = rng.uniform(-0.4, 0.4, (4, len(m.joints)))
     found = configure_drives(m, q)
     known = np.array([own_compliance(m, each) for each in q])
-    assert np.allclose(compliance(m, found), known, rtol=1e-9, atol=1e-12 * np.abs(known).max())
+    assert np.allclose(
+        compliance(m, found), known, rtol=1e-9, atol=1e-12 * np.abs(known).max()
+    )
     state = analyse(m, found)
     assert np.isnan(state.matrix).all()
-    assert np.allclose(state.compliance, known, rtol=1e-9, atol=1e-12 * np.abs(known).max())
+    assert np.allclose(
+        state.compliance, known, rtol=1e-9, atol=1e-12 * np.abs(known).max()
+    )
     assert state.mobility.tolist() == [0] * 4
     for each, directions in zip(known, state.rigid, strict=True):
         assert directions.shape == (6 - rank, 6)
         assert np.abs(each @ directions.T).max() < 1e-12 * np.abs(each).max()
         assert np.allclose(np.linalg.norm(directions, axis=1), 1.0)
     wrench = rng.normal(size=6)
-    assert np.allclose(deflection(m, found, wrench).twist, known @ wrench, atol=1e-12 * np.abs(known).max())
+    assert np.allclose(
+        deflection(m, found, wrench).twist,
+        known @ wrench,
+        atol=1e-12 * np.abs(known).max(),
+    )
 
 
 def test_rigid_directions_of_a_planar_arm_are_out_of_its_plane():
@@ -113,12 +157,20 @@ def test_weight_on_an_arm_of_drives(m, rng):
     q = rng.uniform(-0.4, 0.4, len(m.joints))
     k = np.array([j.drive.stiffness for j in m.joints])
     found = configure_drives(m, q)
-    assert np.allclose(sag(m, found)[0], jacobian(m, q) @ (weight_torques(m, q) / k), rtol=1e-9, atol=1e-14)
+    assert np.allclose(
+        sag(m, found)[0],
+        jacobian(m, q) @ (weight_torques(m, q) / k),
+        rtol=1e-9,
+        atol=1e-14,
+    )
     bent = q.copy()
     for _ in range(50):
         bent = q + weight_torques(m, bent) / k
     step = 1e-5
-    slope = [weight_torques(m, bent + step * e) - weight_torques(m, bent - step * e) for e in np.eye(len(q))]
+    slope = [
+        weight_torques(m, bent + step * e) - weight_torques(m, bent - step * e)
+        for e in np.eye(len(q))
+    ]
     hessian = np.diag(k) - np.transpose(slope) / (2 * step)
     j = jacobian(m, bent)
     known = j @ np.linalg.solve(hessian, j.T)
@@ -134,7 +186,9 @@ def test_a_straight_wrist_is_rigid_in_one_direction_and_regular_elsewhere(rng):
     q = np.vstack([np.zeros(6), rng.uniform(0.2, 0.5, (3, 6))])
     found = configure_drives(WRISTED, q)
     state = analyse(WRISTED, found)
-    for each, c, k, rigid in zip(q, state.compliance, state.matrix, state.rigid, strict=True):
+    for each, c, k, rigid in zip(
+        q, state.compliance, state.matrix, state.rigid, strict=True
+    ):
         known = own_compliance(WRISTED, each)
         assert np.allclose(c, known, rtol=1e-9, atol=1e-12 * np.abs(known).max())
         if each.any():
@@ -152,14 +206,25 @@ def test_weight_bends_a_rigid_direction_but_frees_none():
     assert np.abs(loaded.sag).max() > 1e-4
     assert (loaded.mobility[0], len(loaded.rigid[0])) == (0, 1)
     assert np.allclose(loaded.rigid[0], plain.rigid[0])
-    (a,), (b,) = (np.diagonal(each.finite, axis1=1, axis2=2) for each in (plain, loaded))
-    assert np.allclose(a, 1.0 / np.diag(own_compliance(WRISTED, np.zeros(6))), rtol=1e-9)
+    (a,), (b,) = (
+        np.diagonal(each.finite, axis1=1, axis2=2) for each in (plain, loaded)
+    )
+    assert np.allclose(
+        a, 1.0 / np.diag(own_compliance(WRISTED, np.zeros(6))), rtol=1e-9
+    )
     assert np.allclose(b, a, rtol=10 * np.abs(loaded.sag).max())
 
 
 def test_a_direction_that_rigid_parts_hold_stays_rigid_under_weight():
     state = analyse(PLANAR_2R, PLANAR_2R.tool.home[None], gravity="exact")
-    assert np.isnan(np.diagonal(state.finite[0])).tolist() == [False, False, True, True, True, False]
+    assert np.isnan(np.diagonal(state.finite[0])).tolist() == [
+        False,
+        False,
+        True,
+        True,
+        True,
+        False,
+    ]
 
 
 @pytest.mark.parametrize("gravity", ["none", "exact"])
@@ -169,20 +234,37 @@ def test_a_nearly_straight_wrist_is_nearly_rigid_not_free(bend, gravity):
     state = analyse(WRISTED, found, gravity=gravity)
     known = own_compliance(WRISTED, bend * np.eye(6)[4])
     assert state.mobility[0] == 0
-    assert np.allclose(state.compliance[0], known, atol=(1e-6 if gravity == "none" else 0.01) * np.abs(known).max())
+    assert np.allclose(
+        state.compliance[0],
+        known,
+        atol=(1e-6 if gravity == "none" else 0.01) * np.abs(known).max(),
+    )
     note = rigid_note(state.rigid[0]) or singular_note(state.matrix[0])
-    assert "rigid: force along y, its line (-850" in note or "rigid in 1 direction(s): force along y" in note
+    assert (
+        "rigid: force along y, its line (-850" in note
+        or "rigid in 1 direction(s): force along y" in note
+    )
 
 
 def test_a_tool_that_joints_fix_is_rigid_in_all_directions_at_every_pose():
     bodies = Body("upper", 1.0, [0.1, 0, 0]), Body("fore", 0.5, [0.2, 0.1, 0])
-    joints = Joint("j1", "ground", "upper", "fixed", [0, 0, 0]), Joint("j2", "upper", "fore", "fixed", [0.2, 0, 0])
-    m = Mechanism(bodies, joints, Tool("fore", [0.2, 0.2, 0], ("x", "y")), (0, -9.81, 0))
+    joints = (
+        Joint("j1", "ground", "upper", "fixed", [0, 0, 0]),
+        Joint("j2", "upper", "fore", "fixed", [0.2, 0, 0]),
+    )
+    m = Mechanism(
+        bodies, joints, Tool("fore", [0.2, 0.2, 0], ("x", "y")), (0, -9.81, 0)
+    )
     poses = np.array([m.tool.home, m.tool.home])
     for gravity in ("none", "exact"):
-        assert [len(each) for each in analyse(m, poses, gravity=gravity).rigid] == [6, 6]
+        assert [len(each) for each in analyse(m, poses, gravity=gravity).rigid] == [
+            6,
+            6,
+        ]
     assert [len(each) for each in unit_wrenches(m, configure(m, poses))] == [6, 6]
-    with pytest.raises(InputError, match="bodies: expected a mass on a body that can move, got none"):
+    with pytest.raises(
+        InputError, match="bodies: expected a mass on a body that can move, got none"
+    ):
         modes(m, poses)
 
 
@@ -195,7 +277,8 @@ def test_compliance_of_a_regular_robot_is_the_inverse_of_its_stiffness(rng):
     from tests.robots import random_poses
     from tests.vjm.files import biglide
 
-    m, poses = biglide(), random_poses(rng, 3)
+    m = biglide()
+    poses = random_poses(rng, 3)
     state = analyse(m, poses)
     assert np.allclose(state.compliance @ state.matrix, np.eye(6), atol=1e-8)
     assert [len(r) for r in state.rigid] == [0, 0, 0]
@@ -207,18 +290,43 @@ def grow(bodies, joints, name, axes, places, stiff, mass=0.0):
     for k, (axis, at, drive) in enumerate(zip(axes, places, stiff, strict=True)):
         before = f"{name}.{k - 1}" if k else "ground"
         bodies.append(Body(f"{name}.{k}", mass, np.add(at, [0.03, -0.02, 0.05])))
-        joints.append(Joint(f"j{name}.{k}", before, f"{name}.{k}", "revolute", at, axis, drive=Drive(drive)))
+        joints.append(
+            Joint(
+                f"j{name}.{k}",
+                before,
+                f"{name}.{k}",
+                "revolute",
+                at,
+                axis,
+                drive=Drive(drive),
+            )
+        )
 
 
 def drawn(rng, foot, n):
     """Axes, places and drives of a limb as import finds them: along x, y or z, some at one place, some in line."""
-    steps = np.round(rng.uniform(-0.3, 0.3, (n, 3)), 2) * rng.integers(0, 2, (n, 3)) * (rng.random((n, 1)) > 0.35)
-    return np.eye(3)[rng.integers(3, size=n)], foot + np.cumsum(steps, axis=0), 10 ** rng.uniform(3.5, 6.0, n)
+    steps = (
+        np.round(rng.uniform(-0.3, 0.3, (n, 3)), 2)
+        * rng.integers(0, 2, (n, 3))
+        * (rng.random((n, 1)) > 0.35)
+    )
+    return (
+        np.eye(3)[rng.integers(3, size=n)],
+        foot + np.cumsum(steps, axis=0),
+        10 ** rng.uniform(3.5, 6.0, n),
+    )
 
 
 NEARLY_SINGULAR = (
     np.eye(3)[[0, 2, 1, 2, 2, 2]],
-    [[0.2, 0, 0], [0.2, -0.24, 0], [0.2, -0.44, -0.19], [0.2, -0.49, -0.19], [0.2, -0.49, -0.19], [0.19, -0.62, -0.19]],
+    [
+        [0.2, 0, 0],
+        [0.2, -0.24, 0],
+        [0.2, -0.44, -0.19],
+        [0.2, -0.49, -0.19],
+        [0.2, -0.49, -0.19],
+        [0.19, -0.62, -0.19],
+    ],
     [
         28387.074512532316,
         28763.85643927954,
@@ -233,21 +341,37 @@ NEARLY_SINGULAR = (
 def test_limbs_off_the_path_to_the_tool_change_nothing(rng):
     """They hold up their own weight alone; one nearly singular among them, and as the tool's arm."""
     for trial in range(30):
-        limb = NEARLY_SINGULAR if trial < 5 else drawn(rng, np.array([0.0, 0.2, 0.5]), 6)
-        bodies, joints = [], []
+        limb = (
+            NEARLY_SINGULAR if trial < 5 else drawn(rng, np.array([0.0, 0.2, 0.5]), 6)
+        )
+        bodies = []
+        joints = []
         grow(bodies, joints, "arm", *limb, mass=2.0)
         tool = Tool("arm.5", np.add(limb[1][-1], [0.1, 0.0, 0.05]), ("x", "y", "z"))
         chain = Mechanism(tuple(bodies), tuple(joints), tool, (0, 0, -9.81))
         grow(bodies, joints, "leg", *NEARLY_SINGULAR, mass=5.0)
         for side, n in (("left", 6), ("right", 4)):
-            grow(bodies, joints, side, *drawn(rng, np.array([0.3, 0.0, 0.4]), n), mass=1.0)
+            grow(
+                bodies,
+                joints,
+                side,
+                *drawn(rng, np.array([0.3, 0.0, 0.4]), n),
+                mass=1.0,
+            )
         whole = Mechanism(tuple(bodies), tuple(joints), tool, (0, 0, -9.81))
-        q = rng.uniform(-0.3, 0.3, (5, len(joints))) * np.array([[0], [1e-6], [1e-4], [1], [1]])
-        found, own = configure_drives(whole, q), configure_drives(chain, q[:, :6])
+        q = rng.uniform(-0.3, 0.3, (5, len(joints))) * np.array(
+            [[0], [1e-6], [1e-4], [1], [1]]
+        )
+        found = configure_drives(whole, q)
+        own = configure_drives(chain, q[:, :6])
         known = np.array([own_compliance(chain, each) for each in q[:, :6]])
         size = np.abs(known).max(axis=(1, 2), keepdims=True)
-        assert (np.abs(analyse(whole, found).compliance - known) < 1e-6 * size).all(), trial
-        a, b = (analyse(m, f, gravity="exact") for m, f in ((whole, found), (chain, own)))
+        assert (np.abs(analyse(whole, found).compliance - known) < 1e-6 * size).all(), (
+            trial
+        )
+        a, b = (
+            analyse(m, f, gravity="exact") for m, f in ((whole, found), (chain, own))
+        )
         assert (np.abs(a.compliance - b.compliance) < 1e-6 * size).all(), trial
         assert np.allclose(a.sag, b.sag, rtol=1e-9, atol=1e-12), trial
         assert np.isfinite(respond(whole, found, np.eye(6), gravity=1.0).twist).all()

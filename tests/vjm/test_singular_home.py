@@ -13,16 +13,19 @@ from tests.vjm.test_rigid_directions import SIX, WRISTED, arm
 STRETCHED = arm(
     [[0, 0, 1], [0, 1, 0], [0, 1, 0], [0, 0, 1], [0, 1, 0], [0, 0, 1]],
     [[0, 0, 0], [0, 0, 0.4], [0, 0, 0.8], [0, 0, 1.0], [0, 0, 1.2], [0, 0, 1.3]],
-    [0, 0, 1.4], SIX,
-)  # fmt: skip
+    [0, 0, 1.4],
+    SIX,
+)
 
 
 def forward(m, q):
     """Tool's place and rotation vector by a product of exponentials."""
-    turn, shift = np.eye(3), np.zeros(3)
+    turn = np.eye(3)
+    shift = np.zeros(3)
     for j, angle in zip(m.joints, q, strict=True):
         r = rotation(j.axis, angle)
-        turn, shift = turn @ r, turn @ (j.at - r @ j.at) + shift
+        shift = turn @ (j.at - r @ j.at) + shift
+        turn = turn @ r
     return np.r_[turn @ m.tool.at + shift, rotation_vector(turn)]
 
 
@@ -43,7 +46,11 @@ def test_a_singular_home_is_a_pose_itself(m):
     assert found.valid.all()
     assert np.abs(found.drives).max() == 0.0
     assert np.allclose(found.tool, m.tool.home)
-    assert np.allclose(configure_drives(m, np.full((1, 6), 0.3)).tool[0], forward(m, np.full(6, 0.3)), atol=1e-12)
+    assert np.allclose(
+        configure_drives(m, np.full((1, 6), 0.3)).tool[0],
+        forward(m, np.full(6, 0.3)),
+        atol=1e-12,
+    )
 
 
 def test_reach_starts_where_tool_poses_do():
@@ -53,9 +60,17 @@ def test_reach_starts_where_tool_poses_do():
 
 def test_a_coordinate_that_the_mechanism_cannot_move_in_is_still_refused():
     m = arm([[0, 0, 1]] * 2, [[0, 0, 0], [0.3, 0, 0]], [0.3, 0.25, 0], ("x", "z"))
-    with pytest.raises(InputError, match="expected coordinates that the mechanism can move in at home, got z, held"):
+    with pytest.raises(
+        InputError,
+        match="expected coordinates that the mechanism can move in at home, got z, held",
+    ):
         configure(m, m.tool.home)
 
 
 def test_a_regular_home_needs_no_note():
-    assert start_note(arm([[0, 0, 1]] * 2, [[0, 0, 0], [0.3, 0, 0]], [0.3, 0.25, 0], ("x", "y"))) is None
+    assert (
+        start_note(
+            arm([[0, 0, 1]] * 2, [[0, 0, 0], [0.3, 0, 0]], [0.3, 0.25, 0], ("x", "y"))
+        )
+        is None
+    )

@@ -28,12 +28,23 @@ def flexures(spring=35.0, weight=1.0):
     bodies: list[Body] = []
     for b in m.bodies:
         if b.name == "platform":
-            bodies.append(replace(b, mass=8.0, centre=m.tool.at, inertia=np.diag([0.1, 0.12, 0.2])))
+            bodies.append(
+                replace(
+                    b, mass=8.0, centre=m.tool.at, inertia=np.diag([0.1, 0.12, 0.2])
+                )
+            )
         else:
             centre = m.joint(f"{b.name.split('.')[0]}.drive").at
-            bodies.append(replace(b, mass=0.3, centre=centre, inertia=np.diag([2e-3, 2e-3, 1e-4])))
-    joints = [replace(j, spring=spring) if j.kind in {"universal", "spherical"} else j for j in m.joints]
-    return replace(m, bodies=tuple(bodies), joints=tuple(joints), gravity=weight * m.gravity)
+            bodies.append(
+                replace(b, mass=0.3, centre=centre, inertia=np.diag([2e-3, 2e-3, 1e-4]))
+            )
+    joints = [
+        replace(j, spring=spring) if j.kind in {"universal", "spherical"} else j
+        for j in m.joints
+    ]
+    return replace(
+        m, bodies=tuple(bodies), joints=tuple(joints), gravity=weight * m.gravity
+    )
 
 
 def off(a, b):
@@ -49,17 +60,23 @@ def test_stiffness_and_frequencies_of_a_flexure_hexapod_are_those_of_dense_model
         dense = oracle.solve(oracle.Bodies(m).close(pose, 4))[0]
         assert off(k, dense) < 1e-8
         assert off(stiffness(read("stewart"), [pose])[0], dense) > 1e-6
-        assert hertz == pytest.approx(dense_modes.frequencies(m, pose)[: len(hertz)], rel=1e-9)
+        assert hertz == pytest.approx(
+            dense_modes.frequencies(m, pose)[: len(hertz)], rel=1e-9
+        )
     shares = deflection(m, POSES, [1.0, 2, 3, 0.1, 0.2, 0.3]).shares
     assert {name for name in shares if name.endswith((".foot", ".head"))}
     assert sum(shares.values()) == pytest.approx(1.0, abs=1e-9)
 
 
 def test_springs_away_from_rest_load_the_hexapod_as_its_potential_energy_says():
-    m, pose = flexures(2000.0, 100.0), POSES[1]
+    m = flexures(2000.0, 100.0)
+    pose = POSES[1]
     hessian, droop = Potential(oracle.Bodies(m).close(pose, 4)).tangent_stiffness()
-    plain, exact = stiffness(m, [pose])[0], stiffness(m, [pose], gravity="exact")[0]
-    assert sag(m, [pose])[0] == pytest.approx(droop, rel=0.0, abs=2e-2 * np.abs(droop).max())
+    plain = stiffness(m, [pose])[0]
+    exact = stiffness(m, [pose], gravity="exact")[0]
+    assert sag(m, [pose])[0] == pytest.approx(
+        droop, rel=0.0, abs=2e-2 * np.abs(droop).max()
+    )
     assert off(exact, hessian) < 1e-3 * off(plain, hessian)
     assert off(plain, hessian) > 1e-5
 
@@ -68,7 +85,12 @@ def lever(**spring):
     """A lever of 0.5 m about y that a passive hinge carries, a drive at its end that pushes a slide along z."""
     bodies = (Body("lever", 2.0, np.array([0.5, 0.0, 0.0])),)
     joints = (Joint("hinge", "ground", "lever", "revolute", np.zeros(3), Y, **spring),)
-    return Mechanism(bodies, joints, Tool("lever", [0.5, 0.0, 0.0], ("z",)), np.array([0.0, 0, -10.0]))
+    return Mechanism(
+        bodies,
+        joints,
+        Tool("lever", [0.5, 0.0, 0.0], ("z",)),
+        np.array([0.0, 0, -10.0]),
+    )
 
 
 def test_a_sprung_hinge_in_closed_form():
@@ -80,13 +102,18 @@ def test_a_sprung_hinge_in_closed_form():
     assert sag(m, [[0.0]])[0, 4] == pytest.approx(0.1 + 2.0 * 10.0 * 0.5 / 40.0)
     angle = 0.2  # about y, where the tool is at z = -0.5 sin(angle)
     away = sag(m, [[-0.5 * np.sin(angle)]])[0, 4]
-    assert away == pytest.approx((0.1 - angle) + 2.0 * 10.0 * 0.5 * np.cos(angle) / 40.0)
+    assert away == pytest.approx(
+        (0.1 - angle) + 2.0 * 10.0 * 0.5 * np.cos(angle) / 40.0
+    )
     inertia = 2.0 * 0.25
-    assert modes(m, [[0.0]], 1).frequencies[0, 0] == pytest.approx(np.sqrt(40.0 / inertia) / (2 * np.pi))
+    assert modes(m, [[0.0]], 1).frequencies[0, 0] == pytest.approx(
+        np.sqrt(40.0 / inertia) / (2 * np.pi)
+    )
 
 
 def test_a_spring_is_no_constraint_of_the_motion():
-    free, sprung = lever(), lever(spring=40.0)
+    free = lever()
+    sprung = lever(spring=40.0)
     assert mobility(free).dof == mobility(sprung).dof == 1
     assert len(mobility(free).loose) == 1
     assert not mobility(sprung).loose  # though no drive holds it
@@ -104,7 +131,11 @@ def test_a_spring_in_series_with_a_drive_is_the_drive_of_both():
     passive = replace(last, drive=None, spring=last.drive.stiffness)
     other = replace(m, joints=tuple(passive if j is last else j for j in m.joints))
     where = configure_drives(m, np.full((1, len(m.drives)), 0.1))
-    assert np.allclose(stiffness(m, where), stiffness(other, replace(where, mechanism=other)), rtol=1e-10)
+    assert np.allclose(
+        stiffness(m, where),
+        stiffness(other, replace(where, mechanism=other)),
+        rtol=1e-10,
+    )
 
 
 @pytest.mark.parametrize(
@@ -113,7 +144,11 @@ def test_a_spring_in_series_with_a_drive_is_the_drive_of_both():
         ("planar", {"spring": 3.0}, "got a planar one"),
         ("revolute", {"spring": 3.0, "drive": Drive(2.0)}, "expected a passive joint"),
         ("revolute", {"spring": -1.0}, "expected a stiffness above 0"),
-        ("spherical", {"spring": 1.0, "rest": 0.1}, "rest: expected a displacement of a revolute or prismatic joint"),
+        (
+            "spherical",
+            {"spring": 1.0, "rest": 0.1},
+            "rest: expected a displacement of a revolute or prismatic joint",
+        ),
     ],
 )
 def test_springs_that_cannot_be(kind, more, message):

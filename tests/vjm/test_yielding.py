@@ -15,7 +15,9 @@ from tests.vjm.files import biglide
 
 
 def test_deflection_is_compliance_times_load_and_its_shares_are_all(rng):
-    m, poses, wrench = biglide(), random_poses(rng, 6), rng.normal(size=(6, 6))
+    m = biglide()
+    poses = random_poses(rng, 6)
+    wrench = rng.normal(size=(6, 6))
     found = deflection(m, poses, wrench)
     expected = np.linalg.solve(stiffness(m, poses), wrench[..., None])[..., 0]
     assert np.allclose(found.twist, expected, rtol=1e-8)
@@ -27,13 +29,29 @@ def sled(second=None):
     c = np.diag([1e-9, 1e-8, 1e-8, 1e-7, 1e-7, 1e-7])
     bodies = [Body("nut"), member("rod", [0, 0, 0], [1, 0, 0], c)]
     joints = [
-        Joint("drive", "ground", "nut", "prismatic", [0, 0, 0], [1, 0, 0], drive=Drive(1e6)),
+        Joint(
+            "drive",
+            "ground",
+            "nut",
+            "prismatic",
+            [0, 0, 0],
+            [1, 0, 0],
+            drive=Drive(1e6),
+        ),
         Joint("bolt", "nut", "rod.base", "fixed", [0, 0, 0]),
     ]
     if second:
         bodies += [Body("nut2"), member("rod2", [2, 0, 0], [1, 0, 0], c, y=[0, 1, 0])]
         joints += [
-            Joint("drive2", "ground", "nut2", "prismatic", [2, 0, 0], [1, 0, 0], drive=Drive(second)),
+            Joint(
+                "drive2",
+                "ground",
+                "nut2",
+                "prismatic",
+                [2, 0, 0],
+                [1, 0, 0],
+                drive=Drive(second),
+            ),
             Joint("bolt2", "nut2", "rod2.base", "fixed", [2, 0, 0]),
             Joint("bolt3", "rod2.tip", "rod.tip", "fixed", [1, 0, 0]),
         ]
@@ -45,13 +63,17 @@ def push_with_backlash(m, half, forces):
     first, *others = m.joints
     joints = (replace(first, drive=first.drive.add_backlash(2.0 * half)), *others)
     wrenches = np.outer(forces, np.eye(6)[0])
-    return deflection(replace(m, joints=joints), [[1.0]] * len(wrenches), wrenches).twist[:, 0]
+    return deflection(
+        replace(m, joints=joints), [[1.0]] * len(wrenches), wrenches
+    ).twist[:, 0]
 
 
 @pytest.mark.parametrize("force", [-50.0, 50.0])
 def test_one_drive_shifts_by_its_gap_towards_the_load(force):
     (moved,) = push_with_backlash(sled(), 1e-4, [force])
-    assert moved == pytest.approx(force * (1e-6 + 1e-9) + np.sign(force) * 1e-4, rel=1e-9)
+    assert moved == pytest.approx(
+        force * (1e-6 + 1e-9) + np.sign(force) * 1e-4, rel=1e-9
+    )
 
 
 def test_a_drive_in_its_gap_leaves_the_load_to_the_other():

@@ -41,7 +41,9 @@ if TYPE_CHECKING:
 
 ROUNDS = 6  # most steps of a compensation
 _SETTLED = 1e-11  # m, rad
-_MOST_KEPT = 200_000  # most points whose configurations are kept instead of solved twice
+_MOST_KEPT = (
+    200_000  # most points whose configurations are kept instead of solved twice
+)
 _STATIONS = 9  # points of the path at which the first frequency is computed
 
 
@@ -85,7 +87,9 @@ class Along(Course):
     def parts(self) -> dict[str, Array]:
         """Errors (n,) along the path's normal, tangent and binormal, m."""
         off = self.error[:, :3]
-        axes = {name: getattr(self.axes, name) for name in ("normal", "along", "binormal")}
+        axes = {
+            name: getattr(self.axes, name) for name in ("normal", "along", "binormal")
+        }
         return {name: np.einsum("ni,ni->n", off, each) for name, each in axes.items()}
 
     @property
@@ -100,8 +104,10 @@ class Along(Course):
 
 
 def along(
-    job: Job | str | Path, assembled: Assembled | None = None, progress: Progress | None = None
-) -> Along:  # fmt: skip
+    job: Job | str | Path,
+    assembled: Assembled | None = None,
+    progress: Progress | None = None,
+) -> Along:
     """Predict the error of the tool along a path.
 
     Parameters
@@ -126,21 +132,28 @@ def along(
     job = job if isinstance(job, Job) else load_job(job)
     if assembled is None:
         with workshop() as shop:
-            assembled = assemble_robots({"robot": job.robot}, job.section.components, shop)["robot"]
+            assembled = assemble_robots(
+                {"robot": job.robot}, job.section.components, shop
+            )["robot"]
     if job.section.free is None:
         known = None
         if len(job.path) <= _MOST_KEPT:
             known = list(configure_path(job, assembled, job.path))
-        return predict(plan_course(job, assembled, known), assembled, job.path, progress, known)
+        return predict(
+            plan_course(job, assembled, known), assembled, job.path, progress, known
+        )
     course = plan_course(job, assembled)
     freed = choose_free(course, assembled)
     return replace(predict(freed.course, assembled, freed.path, progress), freed=freed)
 
 
 def predict(
-    course: Course, assembled: Assembled, path: ToolPath, progress: Progress | None = None,
+    course: Course,
+    assembled: Assembled,
+    path: ToolPath,
+    progress: Progress | None = None,
     known: Sequence[Configurations] | None = None,
-) -> Along:  # fmt: skip
+) -> Along:
     """Predict the error of the tool on its course for given commands; raises like `along`.
 
     Parameters
@@ -154,9 +167,13 @@ def predict(
     known
         Known configurations along the path, in blocks.
     """
-    job, mechanism, n = course.job, assembled.mechanism, len(path)
+    job = course.job
+    mechanism = assembled.mechanism
+    n = len(path)
     drives = mechanism.drives
-    commanded, error, bound = np.empty((n, 6)), np.empty((n, 6)), np.empty(n)
+    commanded = np.empty((n, 6))
+    error = np.empty((n, 6))
+    bound = np.empty(n)
     forces = np.empty((n, len(drives)))
     shares: dict[str, Array] = {}
     start = 0
@@ -165,9 +182,12 @@ def predict(
         start += len(found)
         state = respond_under(job, assembled, found, course.wrench[some])
         twist = state.twist[..., 0]
-        commanded[some], error[some] = found.tool, tool_error(course.tool[some], found.tool, twist)
+        error[some] = tool_error(course.tool[some], found.tool, twist)
+        commanded[some] = found.tool
         bars = deflection_bars(assembled, found, twist)
-        bound[some] = np.linalg.norm(np.broadcast_to(bars, (len(found), 6))[:, :3], axis=1)
+        bound[some] = np.linalg.norm(
+            np.broadcast_to(bars, (len(found), 6))[:, :3], axis=1
+        )
         for k, joint in enumerate(drives):
             component = 3 if joint.kind == "revolute" else 0
             forces[some, k] = state.elements[joint.name].wrench[:, component, 0]
@@ -182,21 +202,40 @@ def predict(
     stations = pick_evenly(n, _STATIONS)
     first = np.full(len(stations), np.nan)
     with suppress(InputError):  # without masses
-        found = next(configure_path(job, assembled, path.command(path.values[stations])))
+        found = next(
+            configure_path(job, assembled, path.command(path.values[stations]))
+        )
         first = frequencies(mechanism, found, 1)[:, 0]
     return Along(
-        job, course.length, course.time, course.tool, course.axes, course.wrench, course.cutting,
-        path, commanded, error, bound, tuple(j.name for j in drives),
+        job,
+        course.length,
+        course.time,
+        course.tool,
+        course.axes,
+        course.wrench,
+        course.cutting,
+        path,
+        commanded,
+        error,
+        bound,
+        tuple(j.name for j in drives),
         tuple("N·m" if j.kind == "revolute" else "N" for j in drives),
-        forces, shares, stations, first,
-    )  # fmt: skip
+        forces,
+        shares,
+        stations,
+        first,
+    )
 
 
-def respond_at_worst(state: Along, assembled: Assembled) -> tuple[Configurations, Response]:
+def respond_at_worst(
+    state: Along, assembled: Assembled
+) -> tuple[Configurations, Response]:
     """Return configuration and response to process, weight and payload at the greatest error."""
     pose = [COORDINATES.index(name) for name in state.job.robot.tool.pose]
     found = configure(assembled.mechanism, state.commanded[state.worst, pose][None])
-    return found, respond_under(state.job, assembled, found, state.wrench[[state.worst]])
+    return found, respond_under(
+        state.job, assembled, found, state.wrench[[state.worst]]
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +254,7 @@ class Compensated:
 
 def compensate(
     assembled: Assembled, before: Along, progress: Progress | None = None
-) -> Compensated:  # fmt: skip
+) -> Compensated:
     """Find commands that cancel the tool's error by fixed-point steps, compliance updated at each.
 
     Parameters
@@ -232,27 +271,40 @@ def compensate(
         remain uncompensated.
     """
     pose = [COORDINATES.index(name) for name in before.job.robot.tool.pose]
-    refused, state = dict[int, str](), before
+    refused = dict[int, str]()
+    state = before
     for number in range(ROUNDS):
-        off, at = state.error, state.commanded
+        off = state.error
+        at = state.commanded
         back = Rotation.from_rotvec(-off[:, 3:]) * Rotation.from_rotvec(at[:, 3:])
-        wanted = np.concatenate([at[:, :3] - off[:, :3], back.as_rotvec()], axis=1)[:, pose]
+        wanted = np.concatenate([at[:, :3] - off[:, :3], back.as_rotvec()], axis=1)[
+            :, pose
+        ]
         drives = np.empty((len(wanted), len(before.drives)))
         for start in range(0, len(wanted), BLOCK):
             some = slice(start, start + BLOCK)
             found = configure(assembled.mechanism, wanted[some])
-            refused |= {start + int(k): found.reason(int(k)) for k in np.flatnonzero(~found.valid)}
+            refused |= {
+                start + int(k): found.reason(int(k))
+                for k in np.flatnonzero(~found.valid)
+            }
             drives[some] = found.drives
         commands = wanted
         if before.path.by_joints:
-            order = [before.drives.index(name.removeprefix("q:")) for name in before.path.columns]
+            order = [
+                before.drives.index(name.removeprefix("q:"))
+                for name in before.path.columns
+            ]
             commands = drives[:, order]
         commands[list(refused)] = before.path.values[list(refused)]
         new = predict(before, assembled, before.path.command(commands))
         if progress is not None:
             progress("compensation", (number + 1) / ROUNDS)
-        last, state = np.abs(state.error[:, pose]).max(), new
+        last = np.abs(state.error[:, pose]).max()
+        state = new
         if np.abs(new.error[:, pose]).max() < max(_SETTLED, 1e-9 * last):
             break
-    lines = tuple((int(before.path.lines[k]), why) for k, why in sorted(refused.items()))
+    lines = tuple(
+        (int(before.path.lines[k]), why) for k, why in sorted(refused.items())
+    )
     return Compensated(state.path, state, state.error[:, pose], lines)

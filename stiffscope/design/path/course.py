@@ -70,7 +70,7 @@ class Course:
 
 def plan_course(
     job: Job, assembled: Assembled, known: Sequence[Configurations] | None = None
-) -> Course:  # fmt: skip
+) -> Course:
     """Return the course of a job: its wanted poses and process loads. Raise InputError as `along`.
 
     Parameters
@@ -88,15 +88,22 @@ def plan_course(
         raise InputError(f"{job.path_file.name}:1: {expected}, got drives")
     else:  # the wanted poses before the choice of free coordinates
         tool = np.tile([*job.robot.tool.at, 0.0, 0.0, 0.0], (len(job.path), 1))
-        tool[:, [COORDINATES.index(name) for name in job.path.columns]] = job.path.values
+        tool[:, [COORDINATES.index(name) for name in job.path.columns]] = (
+            job.path.values
+        )
     axes = find_axes(job, tool)
     steps = np.linalg.norm(np.diff(tool[:, :3], axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])
     wrench, cutting = process_wrench(job, axes, length)
-    path, time = job.path, None
+    path = job.path
+    time = None
     if path.time is not None:
         time = path.time - path.time[0]
-    elif path.feed is not None and np.isfinite(path.feed[1:]).all() and not path.rapid[1:].any():
+    elif (
+        path.feed is not None
+        and np.isfinite(path.feed[1:]).all()
+        and not path.rapid[1:].any()
+    ):
         time = np.concatenate([[0.0], np.cumsum(np.diff(length) / path.feed[1:])])
     return Course(job, length, time, tool, axes, wrench, cutting)
 
@@ -118,25 +125,39 @@ def tool_error(target: Array, commanded: Array, twist: Array) -> Array:
     """
     turned = Rotation.from_rotvec(twist[:, 3:]) * Rotation.from_rotvec(commanded[:, 3:])
     turn = (turned * Rotation.from_rotvec(target[:, 3:]).inv()).as_rotvec()
-    return np.concatenate([commanded[:, :3] + twist[:, :3] - target[:, :3], turn], axis=1)
+    return np.concatenate(
+        [commanded[:, :3] + twist[:, :3] - target[:, :3], turn], axis=1
+    )
 
 
-def respond_under(job: Job, assembled: Assembled, found: Configurations, wrench: Array) -> Response:
+def respond_under(
+    job: Job, assembled: Assembled, found: Configurations, wrench: Array
+) -> Response:
     """Return the response at n configurations to weight, payload and process wrenches (n, 6)."""
-    payload, mechanism = job.section.payload, assembled.mechanism
+    payload = job.section.payload
+    mechanism = assembled.mechanism
     loads: tuple[Load, ...] = ()
     if payload is not None:
         tool = mechanism.tool
-        at = np.array(tool.at if payload.centre is None else payload.centre, dtype=float)
+        at = np.array(
+            tool.at if payload.centre is None else payload.centre, dtype=float
+        )
         weight = payload.mass * np.asarray(mechanism.gravity, dtype=float)
         loads = (Load(tool.body, np.concatenate([weight, np.zeros(3)]), at),)
     gravity = float(job.section.gravity != "none")
-    return respond(mechanism, found, wrench[:, :, None], loads=loads, gravity=gravity, misfit=1.0)
+    return respond(
+        mechanism, found, wrench[:, :, None], loads=loads, gravity=gravity, misfit=1.0
+    )
 
 
-def configure_path(job: Job, assembled: Assembled, path: ToolPath) -> Iterator[Configurations]:
+def configure_path(
+    job: Job, assembled: Assembled, path: ToolPath
+) -> Iterator[Configurations]:
     """Yield configurations along a path in blocks. Raise InputError for a point out of reach."""
-    mechanism, given, values, start = assembled.mechanism, "tool", path.values, 0
+    mechanism = assembled.mechanism
+    given = "tool"
+    values = path.values
+    start = 0
     if path.by_joints:
         given = "drives"
         names = [name.removeprefix("q:") for name in path.columns]
@@ -149,7 +170,9 @@ def configure_path(job: Job, assembled: Assembled, path: ToolPath) -> Iterator[C
     for found in configure_chunks(mechanism, values, BLOCK, given):
         if not found.valid.all():
             k = int(np.argmin(found.valid))
-            raise InputError(f"{job.path_file.name}:{path.lines[start + k]}: {found.refusal(k)}")
+            raise InputError(
+                f"{job.path_file.name}:{path.lines[start + k]}: {found.refusal(k)}"
+            )
         start += len(found)
         yield found
 
@@ -162,7 +185,9 @@ def find_axes(job: Job, tool: Array) -> Axes:
     if not moving.size:
         expected = "expected a path that moves the tool"
         raise InputError(f"{job.path_file.name}: {expected}, got one point")
-    ahead = np.concatenate([moving, moving[-1:]])[np.searchsorted(moving, np.arange(len(tool)))]
+    ahead = np.concatenate([moving, moving[-1:]])[
+        np.searchsorted(moving, np.arange(len(tool)))
+    ]
     tangent = steps[ahead] / sizes[ahead, None]
     axis = np.array(job.section.axis) / np.linalg.norm(job.section.axis)
     blocks = np.array_split(tool[:, 3:], range(BLOCK, len(tool), BLOCK))
@@ -170,14 +195,18 @@ def find_axes(job: Job, tool: Array) -> Axes:
     across = np.cross(spindle, tangent)
     flat = np.linalg.norm(across, axis=1) < 1e-6
     if flat.any():  # a plunge: use one arbitrary transverse direction for all points
-        size = np.abs(spindle[int(np.argmax(flat))]).round(6)  # the same whatever the last digits
+        size = np.abs(spindle[int(np.argmax(flat))]).round(
+            6
+        )  # the same whatever the last digits
         side = np.eye(3)[int(np.argmin(size))]
         across[flat] = np.cross(spindle[flat], side)
     across /= np.linalg.norm(across, axis=1)[:, None]
     return Axes(tangent, across, np.cross(tangent, across), spindle)
 
 
-def process_wrench(job: Job, axes: Axes, length: Array) -> tuple[Array, CuttingForces | None]:
+def process_wrench(
+    job: Job, axes: Axes, length: Array
+) -> tuple[Array, CuttingForces | None]:
     """Return the process wrench (n, 6) on the tool at M in base axes, and forces at the mean feed.
 
     Parameters
@@ -187,16 +216,23 @@ def process_wrench(job: Job, axes: Axes, length: Array) -> tuple[Array, CuttingF
     axes, length
         Axes of the path, and length (n,) from its start, m.
     """
-    path, process = job.path, job.section.process
+    path = job.path
+    process = job.section.process
     out = np.zeros((len(path), 6)) if path.wrench is None else path.wrench.copy()
     acting = ~path.rapid
-    along_, normal, spindle = axes.along[acting], axes.normal[acting], axes.spindle[acting]
+    along_ = axes.along[acting]
+    normal = axes.normal[acting]
+    spindle = axes.spindle[acting]
     if process.force is not None:
         force = process.force
-        out[acting, :3] += force.feed * along_ + force.across * normal + force.axial * spindle
+        out[acting, :3] += (
+            force.feed * along_ + force.across * normal + force.axial * spindle
+        )
     cutting = None
     if process.cuts and path.rapid.all():
-        raise InputError(f"{job.path_file.name}: expected a move that cuts (G1 to G3), got rapid moves alone")
+        raise InputError(
+            f"{job.path_file.name}: expected a move that cuts (G1 to G3), got rapid moves alone"
+        )
     for cut in process.cuts:
         feeds = _feeds(job, cut.feed, length)[acting]
         cutting = cut.forces(float(np.mean(feeds)))
@@ -220,6 +256,7 @@ def _feeds(job: Job, otherwise: float | None, length: Array) -> Array:
     missing = np.isnan(feeds) & ~path.rapid
     if missing.any():
         line = path.lines[int(np.argmax(missing))]
-        where, expected = f"{job.path_file.name}:{line}: feed", "a feed of the path or of the cut"
+        where = f"{job.path_file.name}:{line}: feed"
+        expected = "a feed of the path or of the cut"
         raise InputError(f"{where}: expected {expected}, got none")
     return feeds

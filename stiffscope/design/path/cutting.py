@@ -36,8 +36,15 @@ class CuttingForces:
 @cache
 def cutting_materials() -> dict[str, tuple[float, float]]:
     """Return the specific cutting force kc1, Pa, and the exponent mc by material."""
-    text = resources.files("stiffscope.data").joinpath("cutting.toml").read_text(encoding="utf-8")
-    return {name: (1e6 * each["kc1"], each["mc"]) for name, each in tomllib.loads(text).items()}
+    text = (
+        resources.files("stiffscope.data")
+        .joinpath("cutting.toml")
+        .read_text(encoding="utf-8")
+    )
+    return {
+        name: (1e6 * each["kc1"], each["mc"])
+        for name, each in tomllib.loads(text).items()
+    }
 
 
 def specific_force(kc1: float, mc: float, chip: float) -> float:
@@ -56,10 +63,20 @@ def specific_force(kc1: float, mc: float, chip: float) -> float:
 
 
 def mill(
-    kc1: float, mc: float, *, diameter: float, teeth: int, speed: float, feed: float, depth: float,
-    width: float, climb: bool = True, lead: float = 0.5 * np.pi, radial: float = 0.3,
+    kc1: float,
+    mc: float,
+    *,
+    diameter: float,
+    teeth: int,
+    speed: float,
+    feed: float,
+    depth: float,
+    width: float,
+    climb: bool = True,
+    lead: float = 0.5 * np.pi,
+    radial: float = 0.3,
     axial: float = 0.0,
-) -> CuttingForces:  # fmt: skip
+) -> CuttingForces:
     """Return the mean forces of a milling cutter that rotates clockwise seen from the spindle.
 
     Parameters
@@ -85,7 +102,9 @@ def mill(
         Forces averaged over one turn.
     """
     per_tooth = feed / (speed * teeth)
-    swept = 2.0 * np.arcsin(np.sqrt(width / diameter))  # also where the engagement is tiny
+    swept = 2.0 * np.arcsin(
+        np.sqrt(width / diameter)
+    )  # also where the engagement is tiny
     chip = per_tooth * np.sin(lead) * (2.0 * width / diameter) / swept
     kt = specific_force(kc1, mc, chip)
     first, last = (np.pi - swept, np.pi) if climb else (0.0, swept)
@@ -98,14 +117,22 @@ def mill(
         across=float(each * (sine + radial * cosine)),
         axial=float(-axial * 4.0 * each * (np.cos(last) - np.cos(first))),
         torque=float(power / (2.0 * np.pi * speed)),
-        power=float(power), speed=speed, tooth_passing=speed * teeth, chip=float(chip),
-    )  # fmt: skip
+        power=float(power),
+        speed=speed,
+        tooth_passing=speed * teeth,
+        chip=float(chip),
+    )
 
 
 def drill(
-    kc1: float, mc: float, *, diameter: float, speed: float, feed: float,
+    kc1: float,
+    mc: float,
+    *,
+    diameter: float,
+    speed: float,
+    feed: float,
     point: float = np.deg2rad(118.0),
-) -> CuttingForces:  # fmt: skip
+) -> CuttingForces:
     """Return thrust and torque of a twist drill with two lips.
 
     Parameters
@@ -125,10 +152,18 @@ def drill(
     per_turn = feed / speed
     chip = 0.5 * per_turn * np.sin(0.5 * point)
     kc = specific_force(kc1, mc, chip)
-    power = 0.25 * np.pi * diameter**2 * feed * kc * 0.5  # mean lip speed: half the rim speed
+    power = (
+        0.25 * np.pi * diameter**2 * feed * kc * 0.5
+    )  # mean lip speed: half the rim speed
     thrust = 0.25 * kc * diameter * per_turn * np.sin(0.5 * point)
     torque = power / (2.0 * np.pi * speed)
     return CuttingForces(
-        feed=0.0, across=0.0, axial=float(thrust), torque=float(torque), power=float(power),
-        speed=speed, tooth_passing=2.0 * speed, chip=float(chip),
-    )  # fmt: skip
+        feed=0.0,
+        across=0.0,
+        axial=float(thrust),
+        torque=float(torque),
+        power=float(power),
+        speed=speed,
+        tooth_passing=2.0 * speed,
+        chip=float(chip),
+    )

@@ -75,7 +75,8 @@ class _Problem:
 
     def place(self, values: Array, some: Indices) -> Course:
         """Return the course at some points (m,) for values (m, c)."""
-        tool, at = self.course.tool[some], self.course.axes
+        tool = self.course.tool[some]
+        at = self.course.axes
         turned = np.broadcast_to(np.eye(3), (len(some), 3, 3))
         for motion, value in zip(self.motions, values.T, strict=True):
             tool, more = motion.place(tool, value)
@@ -83,7 +84,9 @@ class _Problem:
         wrench = self.course.wrench[some].reshape(-1, 2, 3)
         both = np.einsum("nij,nkj->nki", turned, wrench).reshape(-1, 6)
         directions = (at.along, at.normal, at.binormal, at.spindle)
-        axes = Axes(*(np.einsum("nij,nj->ni", turned, each[some]) for each in directions))
+        axes = Axes(
+            *(np.einsum("nij,nj->ni", turned, each[some]) for each in directions)
+        )
         return replace(self.course, tool=tool, axes=axes, wrench=both)
 
     def commands(self, course: Course) -> Array:
@@ -140,25 +143,37 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
     InputError
         No constant value reaches the whole path, or the robot cannot command the free motion.
     """
-    job, section = course.job, course.job.section
+    job = course.job
+    section = course.job.section
     motions = section.free.motions(section.axis) if section.free is not None else ()
     if not motions:
-        raise InputError(f"{job.file.name}: free: expected spindle, table or slide, got none")
-    problem = _Problem(job, assembled, course, motions, partial(configure, assembled.mechanism))
+        raise InputError(
+            f"{job.file.name}: free: expected spindle, table or slide, got none"
+        )
+    problem = _Problem(
+        job, assembled, course, motions, partial(configure, assembled.mechanism)
+    )
     n = len(job.path)
-    stations, acting = pick_evenly(n, STATIONS), job.path.acting
+    stations = pick_evenly(n, STATIONS)
+    acting = job.path.acting
     values = np.tile([motion.start for motion in motions], (len(stations), 1))
     rng = np.random.default_rng(0)
     spread = np.column_stack([rng.uniform(*motion.ends, _LEARNT) for motion in motions])
     poses = problem.commands(problem.place(spread, rng.choice(n, _LEARNT)))
-    problem = replace(problem, configure=learn_configurations(assembled.mechanism, poses))
+    problem = replace(
+        problem, configure=learn_configurations(assembled.mechanism, poses)
+    )
     grids: list[tuple[Array, Array]] = []
     for k in range(len(motions)):  # the best constant values
         error, drives = _scan(problem, values, k, stations)
         counts = acting[stations, None] | ~np.isfinite(error)
-        values[:, k] = _best_single(problem, values[0], k, np.where(counts, error, 0.0), acting)
+        values[:, k] = _best_single(
+            problem, values[0], k, np.where(counts, error, 0.0), acting
+        )
         grids.append((error, drives))
-    fixed = dict(zip((motion.name for motion in motions), values[0].tolist(), strict=True))
+    fixed = dict(
+        zip((motion.name for motion in motions), values[0].tolist(), strict=True)
+    )
     every = np.arange(n)
     single = np.tile(values[0], (n, 1))
     before, _ = problem.evaluate(single, every)
@@ -169,23 +184,31 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
     limit = np.where(acting, np.abs(before), np.inf)
     for k in range(len(motions)):
         found = _scan(problem, values, k, stations) if len(motions) > 1 else grids[k]
-        valley = _follow_valley(problem, k, stations, *found, limit[stations], values[:, k])
+        valley = _follow_valley(
+            problem, k, stations, *found, limit[stations], values[:, k]
+        )
         values[:, k] = valley
     chosen = _settle(problem, values, stations, limit, single)
     error, _ = problem.evaluate(chosen, every)
     placed = problem.place(chosen, every)
     named = {motion.name: chosen[:, k] for k, motion in enumerate(motions)}
     path = replace(
-        job.path, columns=tuple(job.robot.tool.pose), values=problem.commands(placed),
-        program=None, free=named,
-    )  # fmt: skip
+        job.path,
+        columns=tuple(job.robot.tool.pose),
+        values=problem.commands(placed),
+        program=None,
+        free=named,
+    )
     return Freed(placed, path, named, fixed, np.abs(error), np.abs(before))
 
 
-def _scan(problem: _Problem, values: Array, k: int, stations: Indices) -> tuple[Array, Array]:
+def _scan(
+    problem: _Problem, values: Array, k: int, stations: Indices
+) -> tuple[Array, Array]:
     """Return errors (m, g) and drives (m, g, d) on the grid of a coordinate."""
     grid = problem.motions[k].grid(FIXED)
-    m, g = len(stations), len(grid)
+    m = len(stations)
+    g = len(grid)
     tried = np.repeat(values, g, axis=0)
     tried[:, k] = np.tile(grid, m)
     error, drives = problem.evaluate(tried, np.repeat(stations, g))
@@ -194,10 +217,13 @@ def _scan(problem: _Problem, values: Array, k: int, stations: Indices) -> tuple[
 
 def _best_single(
     problem: _Problem, values: Array, k: int, error: Array, acting: Flags
-) -> float:  # fmt: skip
+) -> float:
     """Return the grid value with the smallest maximum error; ``error`` (m, g) is at stations."""
-    grid, every = problem.motions[k].grid(FIXED), np.arange(len(acting))
-    best, found, least = (True, np.inf), float(values[k]), error.max(axis=0)
+    grid = problem.motions[k].grid(FIXED)
+    every = np.arange(len(acting))
+    best = (True, np.inf)
+    found = float(values[k])
+    least = error.max(axis=0)
     for g in np.argsort(least):
         if (False, least[g]) >= best:  # so are all later values
             break
@@ -207,34 +233,51 @@ def _best_single(
         worst = float(np.where(acting | ~np.isfinite(exact), np.abs(exact), 0.0).max())
         jumps = not np.abs(np.diff(drives, axis=0)).max(initial=0.0) <= _JUMP
         if (jumps, worst) < best:
-            best, found = (jumps, worst), float(grid[g])
+            best = (jumps, worst)
+            found = float(grid[g])
     return found
 
 
 def _follow_valley(
-    problem: _Problem, k: int, stations: Indices, error: Array, drives: Array, limit: Array,
+    problem: _Problem,
+    k: int,
+    stations: Indices,
+    error: Array,
+    drives: Array,
+    limit: Array,
     single: Array,
-) -> Array:  # fmt: skip
+) -> Array:
     """Return grid values (m,) with the least sum of squared errors and bounded steps."""
-    motion, course = problem.motions[k], problem.course
+    motion = problem.motions[k]
+    course = problem.course
     grid = motion.grid(FIXED)
-    step, (m, g) = float(grid[1] - grid[0]), error.shape
+    step = float(grid[1] - grid[0])
+    (m, g) = error.shape
     acts = np.isfinite(limit)[:, None]
     allowed = np.where(acts, error <= limit[:, None] * (1.0 + 1e-9), np.isfinite(error))
     scale = max(float(np.mean(limit[acts[:, 0]] ** 2)), 1e-300)
     cost = np.where(allowed, np.where(acts & allowed, error, 0.0) ** 2 / scale, np.inf)
-    total, origin = cost[0], np.zeros((m, g), dtype=int)
-    reach = np.maximum(1, np.diff(course.length[stations]) * motion.rate / step).astype(int)
+    total = cost[0]
+    origin = np.zeros((m, g), dtype=int)
+    reach = np.maximum(1, np.diff(course.length[stations]) * motion.rate / step).astype(
+        int
+    )
     for i in range(1, m):
-        best, source = np.full(g, np.inf), np.zeros(g, dtype=int)
+        best = np.full(g, np.inf)
+        source = np.zeros(g, dtype=int)
         most = min(reach[i - 1], g - 1)
         for shift in range(-most, most + 1):
             to = np.arange(max(0, shift), min(g, g + shift))
-            moved = np.abs(drives[i, to] - drives[i - 1, to - shift]).max(axis=1, initial=0.0)
-            tried = np.where(moved < _JUMP, total[to - shift] + _BEND * shift**2, np.inf)
+            moved = np.abs(drives[i, to] - drives[i - 1, to - shift]).max(
+                axis=1, initial=0.0
+            )
+            tried = np.where(
+                moved < _JUMP, total[to - shift] + _BEND * shift**2, np.inf
+            )
             better = tried < best[to]
             best[to[better]], source[to[better]] = tried[better], (to - shift)[better]
-        total, origin[i] = best + cost[i], source
+        total = best + cost[i]
+        origin[i] = source
     if not np.isfinite(total).any():
         return single.copy()
     which = np.empty(m, dtype=int)
@@ -249,35 +292,47 @@ def _follow_valley(
 
 def _settle(
     problem: _Problem, values: Array, stations: Indices, limit: Array, single: Array
-) -> Array:  # fmt: skip
+) -> Array:
     """Return smooth values (n, c), blended with the constants if they exceed the limit (n,)."""
-    every, acts = np.arange(len(limit)), np.isfinite(limit)
+    every = np.arange(len(limit))
+    acts = np.isfinite(limit)
     scale = max(float(np.mean(limit[acts] ** 2)), 1e-300)
     for k in range(len(problem.motions)):
         values = _descend(problem, values, k, stations, acts[stations], scale)
     spread = values[:1]
     if len(stations) > 1:
         spread = PchipInterpolator(stations, values, axis=0)(every)
-    share, width = np.ones(len(limit)), max(2.0, len(limit) / 50)
+    share = np.ones(len(limit))
+    width = max(2.0, len(limit) / 50)
     for number in range(_ROUNDS):
         tried = single + share[:, None] * (spread - single)
         error, drives = problem.evaluate(tried, every)
-        wrong = ~np.isfinite(error) | (acts & (np.abs(error) > limit * (1.0 + 1e-6) + _TINY))
+        wrong = ~np.isfinite(error) | (
+            acts & (np.abs(error) > limit * (1.0 + 1e-6) + _TINY)
+        )
         wrong[1:] |= np.abs(np.diff(drives, axis=0)).max(axis=1, initial=0.0) > _JUMP
         if not wrong.any():
             return tried
         off = np.abs(every[:, None] - np.flatnonzero(wrong)[None, :]).min(axis=1)
-        share *= 1.0 - (0.5 if number < _ROUNDS // 2 else 1.0) * np.exp(-((off / width) ** 2))
+        share *= 1.0 - (0.5 if number < _ROUNDS // 2 else 1.0) * np.exp(
+            -((off / width) ** 2)
+        )
     return single
 
 
 def _descend(
-    problem: _Problem, values: Array, k: int, stations: Indices, acts: Flags, scale: float
-) -> Array:  # fmt: skip
+    problem: _Problem,
+    values: Array,
+    k: int,
+    stations: Indices,
+    acts: Flags,
+    scale: float,
+) -> Array:
     """Minimize squared errors and second differences of a coordinate by Gauss-Newton steps."""
     motion = problem.motions[k]
     grid = motion.grid(FIXED)
-    step, m = float(grid[1] - grid[0]), len(values)
+    step = float(grid[1] - grid[0])
+    m = len(values)
     small = 1e-3 * step
     if m < 3:
         return values
@@ -289,7 +344,9 @@ def _descend(
     def cost(tried: Array) -> tuple[float, Array]:
         error, _ = problem.evaluate(tried, stations)
         error = np.where(acts | ~np.isfinite(error), error, 0.0)
-        whole = np.sum(error**2) / scale + 10.0 * _BEND * np.sum((bends @ tried[:, k]) ** 2)
+        whole = np.sum(error**2) / scale + 10.0 * _BEND * np.sum(
+            (bends @ tried[:, k]) ** 2
+        )
         return float(whole), error
 
     now, error = cost(values)
@@ -314,7 +371,10 @@ def _descend(
             change *= 0.3
         else:
             break
-        gain, values, now, error = now - new, tried, new, found
+        gain = now - new
+        values = tried
+        now = new
+        error = found
         if gain < 1e-6 * now:
             break
     return values

@@ -28,14 +28,39 @@ _EXPONENT = re.compile(r"[A-Z]\s*[-+]?[\d.]*\dE[-+]?\d+(?![\d.])")
 _COMMENT = re.compile(r"\([^)]*\)|;.*")
 _MODES = re.compile(
     r"(?i)(?<![A-Z(])(G\s*(0?[0-3]|1[789]|2[01]|9[01])(?![\d.])|F\s*[\d.]+)\s*"
-)  # fmt: skip
+)
 """Feeds, units and modes, which the points of a written program set."""
 _PLANES = {17: (0, 1, 2), 18: (2, 0, 1), 19: (1, 2, 0)}
 _MOVES = (0, 1, 2, 3)
-_KNOWN = {*_MOVES, *_PLANES, 4, 20, 21, 28, 30, 40, 43, 49, 53, 54, 61, 64, 80, 90, 91, 94}
-_POINTS = {61.1, 64.1, 91.1}  # decimal codes without effect: arc centres are always relative
+_KNOWN = {
+    *_MOVES,
+    *_PLANES,
+    4,
+    20,
+    21,
+    28,
+    30,
+    40,
+    43,
+    49,
+    53,
+    54,
+    61,
+    64,
+    80,
+    90,
+    91,
+    94,
+}
+_POINTS = {
+    61.1,
+    64.1,
+    91.1,
+}  # decimal codes without effect: arc centres are always relative
 _CALLS = {97, 98}  # M codes that call subprograms
-_REFUSED = "expected G0 to G3, G17 to G21, G90, G91 and others that do not move the tool"
+_REFUSED = (
+    "expected G0 to G3, G17 to G21, G90, G91 and others that do not move the tool"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +127,9 @@ def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Arr
     if not bare or bare.startswith(("%", "/")):
         return
     words = _read_words(bare, here)
-    values = {letter: float(number) for letter, number in words if letter not in "GMNTSOH"}
+    values = {
+        letter: float(number) for letter, number in words if letter not in "GMNTSOH"
+    }
     for letter, number in words:
         _set_mode(state, letter, float(number), here)
     if "F" in values:
@@ -113,7 +140,9 @@ def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Arr
     turned = [letter for letter in "ABCUVW" if values.get(letter)]
     if turned:
         word = f"{turned[0]}{values[turned[0]]:g}"
-        raise InputError(f"{here}: {turned[0]}: expected moves in X, Y and Z alone, got {word}")
+        raise InputError(
+            f"{here}: {turned[0]}: expected moves in X, Y and Z alone, got {word}"
+        )
     if not axes and not (state.move > 1 and {"I", "J", "K"} & set(values)):
         return
     end = state.at.copy()
@@ -132,14 +161,21 @@ def _read_words(bare: str, here: str) -> list[tuple[str, str]]:
     words = _WORD.findall(bare)
     rest = _WORD.sub("", bare).strip()
     if rest:
-        raise InputError(f"{here}: expected words such as G1 X10.5 F200, got {rest[:20]!r}")
-    if raised := _EXPONENT.search(bare):
-        raise InputError(f"{here}: {raised[0][0]}: expected a number without an exponent, got {raised[0]}")
+        raise InputError(
+            f"{here}: expected words such as G1 X10.5 F200, got {rest[:20]!r}"
+        )
+    raised = _EXPONENT.search(bare)
+    if raised:
+        raise InputError(
+            f"{here}: {raised[0][0]}: expected a number without an exponent, got {raised[0]}"
+        )
     known: dict[str, str] = {}
     for letter, number in words:
         if letter in known and letter not in "GM":
             got = f"{letter}{known[letter]} and {letter}{number}"
-            raise InputError(f"{here}: {letter}: expected one word of a letter, got {got}")
+            raise InputError(
+                f"{here}: {letter}: expected one word of a letter, got {got}"
+            )
         known[letter] = number
     if float(known.get("F", 1.0)) <= 0.0:
         raise InputError(f"{here}: F: expected a feed above 0, got F{known['F']}")
@@ -178,7 +214,7 @@ def _divide(start: Array, end: Array, step: float) -> Iterator[Array]:
 
 def _arc(
     state: _State, end: Array, values: dict[str, float], here: str, step: float
-) -> Iterator[Array]:  # fmt: skip
+) -> Iterator[Array]:
     """Yield the points of an arc or helix: G2 clockwise, G3 counter-clockwise about the normal."""
     a, b, c = _PLANES[state.plane]
     start = state.at
@@ -189,7 +225,8 @@ def _arc(
     else:
         offset = np.array([values.get(letter, 0.0) * state.unit for letter in "IJK"])
         centre = (start + offset)[[a, b]]
-    one, two = start[[a, b]] - centre, end[[a, b]] - centre
+    one = start[[a, b]] - centre
+    two = end[[a, b]] - centre
     radius = float(np.linalg.norm(one))
     other = float(np.linalg.norm(two))
     if radius < 1e-9 or abs(radius - other) > max(1e-5, 2e-3 * radius):
@@ -197,13 +234,18 @@ def _arc(
         expected = "expected an arc whose ends are as far from its centre"
         raise InputError(f"{here}: {expected}, got {got}")
     begin = np.arctan2(one[1], one[0])
-    turn = sense * float(np.mod(sense * (np.arctan2(two[1], two[0]) - begin), 2.0 * np.pi))
+    turn = sense * float(
+        np.mod(sense * (np.arctan2(two[1], two[0]) - begin), 2.0 * np.pi)
+    )
     if abs(turn) < 1e-9:
         turn = sense * 2.0 * np.pi
     length = float(np.hypot(radius * turn, end[c] - start[c]))
-    count = max(int(np.ceil(max(length / step - 1e-9, abs(turn) / np.deg2rad(10.0)))), 1)
+    count = max(
+        int(np.ceil(max(length / step - 1e-9, abs(turn) / np.deg2rad(10.0)))), 1
+    )
     for k in range(1, count):
-        point, angle = start + (end - start) * k / count, begin + turn * k / count
+        point = start + (end - start) * k / count
+        angle = begin + turn * k / count
         point[[a, b]] = centre + radius * np.array([np.cos(angle), np.sin(angle)])
         yield point
     yield end
@@ -238,13 +280,15 @@ def program_text(program: Program, points: Array) -> str:
     by_line: dict[int, list[int]] = {}
     for k, line in enumerate(program.line.tolist()):
         by_line.setdefault(line, []).append(k)
-    out, feed = ["G21 G90"], np.nan
+    out = ["G21 G90"]
+    feed = np.nan
     for number, text in enumerate(program.text):
         if number not in by_line:
             out.append(_MODES.sub("", text))
             continue
         words = _WORD.findall(_COMMENT.sub("", text).upper())
-        if other := " ".join(f"{a}{b}" for a, b in words if a in "MST"):
+        other = " ".join(f"{a}{b}" for a, b in words if a in "MST")
+        if other:
             out.append(other)
         for k in by_line[number]:
             place = zip("XYZ", 1e3 * points[k] + 0.0, strict=True)

@@ -19,7 +19,15 @@ from stiffscope.robot.file import values as v
 from stiffscope.robot.file.description import RobotFile
 from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
-from stiffscope.robot.file.values import Direction, Length, Point, Positive, Reads, Says, Section
+from stiffscope.robot.file.values import (
+    Direction,
+    Length,
+    Point,
+    Positive,
+    Reads,
+    Says,
+    Section,
+)
 from stiffscope.robot.reader import load_robot, load_robot_of
 from stiffscope.runtime import reading
 
@@ -39,7 +47,14 @@ _POINT = q.Dimension("a point angle", "rad", "118 deg", most=np.pi)
 _FASTEST = 200.0  # m/s, of a cutting edge: twice what any cutter does
 
 # 1 rev/s in each unit of rotational speed
-_A_SECOND = {"rpm": 60.0, "1/min": 60.0, "rev/min": 60.0, "Hz": 1.0, "1/s": 1.0, "rev/s": 1.0}
+_A_SECOND = {
+    "rpm": 60.0,
+    "1/min": 60.0,
+    "rev/min": 60.0,
+    "Hz": 1.0,
+    "1/s": 1.0,
+    "rev/s": 1.0,
+}
 
 
 def _speed(value: Any) -> float:
@@ -47,12 +62,15 @@ def _speed(value: Any) -> float:
     if not isinstance(value, str):
         return q.to_si(value, _TURNS)
     number, _, unit = value.strip().partition(" ")
-    a_second, turns = _A_SECOND.get(unit.strip()), None
+    a_second = _A_SECOND.get(unit.strip())
+    turns = None
     with suppress(ValueError):
         turns = float(number)
     if a_second is None or turns is None:
         units = ", ".join(_A_SECOND)
-        raise ValueError(f'expected a rotational speed such as "9000 rpm" ({units}), got "{value}"')
+        raise ValueError(
+            f'expected a rotational speed such as "9000 rpm" ({units}), got "{value}"'
+        )
     return q.to_si(turns / a_second, _TURNS)
 
 
@@ -64,7 +82,13 @@ Force = Annotated[float, _reads(_FORCE, 'a force such as "100 N"', "any")]
 Feed = Annotated[float, _reads(_SPEED, 'a speed such as "600 mm/min"')]
 Turns = Annotated[float, Reads(_speed, says='a rotational speed such as "9000 rpm"')]
 Stress = Annotated[float, _reads(_STRESS, 'such as "2220 N/mm^2"')]
-Cut = Annotated[str, Reads(lambda name: one_of(name, cutting_materials(), "a material"), says='a name such as "C45E"')]
+Cut = Annotated[
+    str,
+    Reads(
+        lambda name: one_of(name, cutting_materials(), "a material"),
+        says='a name such as "C45E"',
+    ),
+]
 Strength = Annotated[float, _reads(_STRENGTH, 'a strength such as "355 MPa"')]
 Share = Annotated[float, _reads(q.NUMBER, "a number", "non-negative")]
 Ratio = Annotated[float, _reads(_RATIO, "a ratio of forces", "non-negative")]
@@ -93,12 +117,19 @@ class _Cut(Section):
         own = [name for name in ("kc1", "mc") if getattr(self, name) is not None]
         if self.material is not None and own:
             got = f"a material and {' and '.join(own)}"
-            raise ValueError(f"cut.{own[0]}: expected a material, or kc1 and mc, got {got}")
-        if (edge := np.pi * self.diameter * self.speed) > _FASTEST:
-            raise ValueError(f"expected pi * diameter * speed of at most {_FASTEST:g} m/s, got {edge:.4g} m/s")
+            raise ValueError(
+                f"cut.{own[0]}: expected a material, or kc1 and mc, got {got}"
+            )
+        edge = np.pi * self.diameter * self.speed
+        if edge > _FASTEST:
+            raise ValueError(
+                f"expected pi * diameter * speed of at most {_FASTEST:g} m/s, got {edge:.4g} m/s"
+            )
         if self.kc1 is not None and self.mc is not None:
             if self.mc >= _MOST_EXPONENT:
-                raise ValueError(f"cut.mc: expected less than {_MOST_EXPONENT:g}, got {self.mc:g}")
+                raise ValueError(
+                    f"cut.mc: expected less than {_MOST_EXPONENT:g}, got {self.mc:g}"
+                )
             return self.kc1, self.mc
         if self.material is None:
             got = own[0] if own else "neither"
@@ -128,7 +159,9 @@ class MillingSection(_Cut):
 class DrillingSection(_Cut):
     """A twist drill."""
 
-    point: Annotated[float, _reads(_POINT, 'an angle such as "118 deg"')] = float(np.deg2rad(118.0))
+    point: Annotated[float, _reads(_POINT, 'an angle such as "118 deg"')] = float(
+        np.deg2rad(118.0)
+    )
 
     def forces(self, feed: float) -> CuttingForces:
         """Return thrust and torque at a feed in m/s."""
@@ -188,12 +221,15 @@ class Motion:
         low, high = self.ends
         share = 1.0 if self.name == "slide" else min(1.0, (high - low) / (2.0 * np.pi))
         whole = self.name != "slide" and high - low >= 2.0 * np.pi - 1e-9
-        return np.linspace(low, high, max(2, round(share * turns) + 1))[: -1 if whole else None]
+        return np.linspace(low, high, max(2, round(share * turns) + 1))[
+            : -1 if whole else None
+        ]
 
     def place(self, tool: Array, values: Array) -> tuple[Array, Array]:
         """Return tool poses (n, 6) and workpiece rotations (n, 3, 3) for values (n,)."""
         axis = np.array(self.axis) / np.linalg.norm(self.axis)
-        out, still = tool.copy(), np.broadcast_to(np.eye(3), (len(tool), 3, 3))
+        out = tool.copy()
+        still = np.broadcast_to(np.eye(3), (len(tool), 3, 3))
         if self.name == "slide":
             out[:, :3] += values[:, None] * axis
             return out, still
@@ -227,19 +263,29 @@ class FreeSection(Section):
 
     spindle: Annotated[
         v.Angles | None, Says("turns about the tool's axis that are allowed")
-    ] = None  # fmt: skip
+    ] = None
     table: TableSection | None = None
     slide: SlideSection | None = None
-    least: Annotated[Literal["normal", "along", "binormal", "size"], Says("which error")] = "normal"
-    turn: Annotated[Positive, Says("turns: at most so many degrees a millimetre of path")] = 2
+    least: Annotated[
+        Literal["normal", "along", "binormal", "size"], Says("which error")
+    ] = "normal"
+    turn: Annotated[
+        Positive, Says("turns: at most so many degrees a millimetre of path")
+    ] = 2
 
     def motions(self, axis: tuple[float, ...]) -> tuple[Motion, ...]:
         """Return the free motions; ``axis``: axis of the tool."""
-        rate, origin, found = np.deg2rad(self.turn) * 1e3, (0.0, 0.0, 0.0), list[Motion]()
+        rate = np.deg2rad(self.turn) * 1e3
+        origin = (0.0, 0.0, 0.0)
+        found = list[Motion]()
         if self.table is not None:
-            found.append(Motion("table", self.table.axis, self.table.at, self.table.range, rate))
+            found.append(
+                Motion("table", self.table.axis, self.table.at, self.table.range, rate)
+            )
         if self.slide is not None:
-            found.append(Motion("slide", self.slide.axis, origin, self.slide.range, 1.0))
+            found.append(
+                Motion("slide", self.slide.axis, origin, self.slide.range, 1.0)
+            )
         if self.spindle is not None:
             found.append(Motion("spindle", axis, origin, self.spindle, rate))
         return tuple(found)
@@ -248,20 +294,32 @@ class FreeSection(Section):
 class JobSection(Section):
     """The top level of the file."""
 
-    robot: Annotated[str, Says("a robot file, seen from the job's folder, or the name of a bundled robot")]
+    robot: Annotated[
+        str,
+        Says(
+            "a robot file, seen from the job's folder, or the name of a bundled robot"
+        ),
+    ]
     components: Literal["fea", "beam", "published"] | None = None
     set: tuple[str, ...] = ()
-    path: Annotated[str, Says("a table (.csv, .tsv, .xlsx) or a program in G-code (.nc, .ngc, .gcode)")]
+    path: Annotated[
+        str,
+        Says("a table (.csv, .tsv, .xlsx) or a program in G-code (.nc, .ngc, .gcode)"),
+    ]
     units: dict[str, str] = Field(default_factory=dict)
     step: Annotated[Length, Says("of a program: a point at least so often")] = 1e-3
     at: Annotated[Point, Says("of a program: where its zero is, {O}")] = (0.0, 0.0, 0.0)
     x: Annotated[Direction, Says("of a program: its x axis")] = (1.0, 0.0, 0.0)
     y: Annotated[Direction, Says("of a program: its y axis")] = (0.0, 1.0, 0.0)
-    axis: Annotated[Direction, Says("the tool's axis at home, from the workpiece to the spindle")] = (0.0, 0.0, 1.0)
+    axis: Annotated[
+        Direction, Says("the tool's axis at home, from the workpiece to the spindle")
+    ] = (0.0, 0.0, 1.0)
     gravity: Literal["weight", "none"] = "weight"
     process: ProcessSection = ProcessSection()
     payload: PayloadSection | None = None
-    yield_strength: Annotated[dict[str, Strength], Says("by the name of a material")] = Field(default_factory=dict)
+    yield_strength: Annotated[
+        dict[str, Strength], Says("by the name of a material")
+    ] = Field(default_factory=dict)
     free: FreeSection | None = None
 
 
@@ -311,16 +369,24 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
         file = path.parent / top.path
         with blame("path"):
             reading.open_file(file, "a table in CSV or a program in G-code").close()
-        found = read_toolpath(file, robot, top.units, step=top.step, at=top.at, axes=_axes(top))
-        given = top.model_fields_set & (set() if found.program else {"step", "at", "x", "y"})
+        found = read_toolpath(
+            file, robot, top.units, step=top.step, at=top.at, axes=_axes(top)
+        )
+        given = top.model_fields_set & (
+            set() if found.program else {"step", "at", "x", "y"}
+        )
         if given:
-            raise FieldError((min(given),), f"expected none beside a table ({file.name}), whose poses are in base axes")
+            raise FieldError(
+                (min(given),),
+                f"expected none beside a table ({file.name}), whose poses are in base axes",
+            )
     return Job(path, file, top, robot, found)
 
 
 def _axes(top: JobSection) -> np.ndarray:
     """Return the axes (3, 3) of a program as columns."""
-    x, y = np.array(top.x), np.array(top.y)
+    x = np.array(top.x)
+    y = np.array(top.y)
     x = x / np.linalg.norm(x)
     y = y - x * (x @ y)
     if np.linalg.norm(y) < 1e-9:

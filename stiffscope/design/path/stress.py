@@ -37,7 +37,9 @@ class PartStress:
     stress: Array
 
 
-def find_stresses(state: Along, assembled: Assembled, response: Response) -> tuple[PartStress, ...]:
+def find_stresses(
+    state: Along, assembled: Assembled, response: Response
+) -> tuple[PartStress, ...]:
     """Return stresses at the greatest error for bodies with FEA parts, the greatest first.
 
     Elements touching a clamped or loaded face are excluded, since the stress at its edges diverges
@@ -56,17 +58,22 @@ def find_stresses(state: Along, assembled: Assembled, response: Response) -> tup
         result = assembled.results.get(part) if part is not None else None
         if result is None or not result.experiment.displacement.size:
             continue
-        mesh, material = result.experiment.mesh, result.order.material
+        mesh = result.experiment.mesh
+        material = result.order.material
         wrench = response.find_wrench(assembled.mechanism.rows(body))[0, :, 0]
-        motion = np.tensordot(wrench, result.experiment.displacement, axes=1).reshape(-1, 1)
+        motion = np.tensordot(wrench, result.experiment.displacement, axes=1).reshape(
+            -1, 1
+        )
         stress = von_mises(nodal_stresses(mesh, motion, material.elasticity())[:, 0])
         away = np.ones(len(mesh.points), dtype=bool)
         nodes = mesh.nodes_of(frozenset(chain(*result.solid["faces"].values())))
         away[mesh.cells[np.isin(mesh.cells, nodes).any(axis=1)]] = False
         node = int(np.argmax(np.where(away | ~away.any(), stress, -1.0)))
-        greatest, names = float(stress[node]), (body, result.name, material.name)
+        greatest = float(stress[node])
+        names = (body, result.name, material.name)
         strength = state.job.section.yield_strength.get(material.name)
         factor = None if strength is None or greatest == 0.0 else strength / greatest
-        place, moved = mesh.points[node], motion.reshape(-1, 3)
+        place = mesh.points[node]
+        moved = motion.reshape(-1, 3)
         out.append(PartStress(*names, greatest, place, factor, result, moved, stress))
     return tuple(sorted(out, key=lambda each: -each.von_mises))

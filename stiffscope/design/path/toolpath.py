@@ -7,12 +7,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.design.path.gcode import MOST_POINTS, Program, program_text, read_program
+from stiffscope.design.path.gcode import (
+    MOST_POINTS,
+    Program,
+    program_text,
+    read_program,
+)
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.parse import FieldError, blame
 from stiffscope.robot.file.tables import one_of
-from stiffscope.runtime.table import Table, check_columns, check_marks, numbers, read_table
+from stiffscope.runtime.table import (
+    Table,
+    check_columns,
+    check_marks,
+    numbers,
+    read_table,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -92,7 +103,9 @@ class ToolPath:
             for k, name in enumerate(self.columns):
                 if name in _AXES[:3]:
                     world[:, _AXES.index(name)] = self.values[:, k]
-            path.write_text(program_text(self.program, (world - origin) @ axes), encoding="utf-8")
+            path.write_text(
+                program_text(self.program, (world - origin) @ axes), encoding="utf-8"
+            )
             return
         import pyarrow as pa
         import pyarrow.csv
@@ -103,9 +116,14 @@ class ToolPath:
 
 
 def read_toolpath(
-    path: Path, robot: RobotFile, units: Mapping[str, str], *,
-    step: float, at: Sequence[float], axes: Array,
-) -> ToolPath:  # fmt: skip
+    path: Path,
+    robot: RobotFile,
+    units: Mapping[str, str],
+    *,
+    step: float,
+    at: Sequence[float],
+    axes: Array,
+) -> ToolPath:
     """Read a path.
 
     Parameters
@@ -139,7 +157,9 @@ def read_toolpath(
     def check(name: str, header: list[str]) -> None:
         joints = [column for column in header if column.startswith(JOINT)]
         place = joints or pose
-        check_columns(name, header, place, dict.fromkeys((*place, *WRENCH, "feed", "t")))
+        check_columns(
+            name, header, place, dict.fromkeys((*place, *WRENCH, "feed", "t"))
+        )
         if {"feed", "t"} <= set(header):
             expected = "a column feed or a column t, from which the feed follows"
             raise InputError(f"{name}:1: expected {expected}, got both")
@@ -160,7 +180,8 @@ def read_toolpath(
         if (np.abs(wrench) > MOST_LOAD).any():
             row, k = np.argwhere(np.abs(wrench) > MOST_LOAD)[0].tolist()
             raise table.fail(row, WRENCH[k], f"at most {MOST_LOAD:g} N or N·m")
-    feed, time = found.get("feed"), found.get("t")
+    feed = found.get("feed")
+    time = found.get("t")
     if time is not None:
         late = np.concatenate([[False], np.diff(time) <= 0.0])
         table.refuse_where(late, "t", "a later time than the row above")
@@ -182,12 +203,16 @@ def _read_plain(path: Path, check: Callable[[str, list[str]], None]) -> Table | 
     try:
         with csv.open_csv(path, parse_options=parsing) as opened:
             names = opened.schema.names
-        kinds = csv.ConvertOptions(column_types=dict.fromkeys(names, pa.float64()), null_values=[])
+        kinds = csv.ConvertOptions(
+            column_types=dict.fromkeys(names, pa.float64()), null_values=[]
+        )
         found = csv.read_csv(path, parse_options=parsing, convert_options=kinds)
     except (pa.ArrowInvalid, OSError, UnicodeDecodeError):
         return None
     columns = {name: found[name].to_numpy() for name in dict.fromkeys(names)}
-    plain = len(columns) == found.num_columns and all(name == name.strip() for name in names)
+    plain = len(columns) == found.num_columns and all(
+        name == name.strip() for name in names
+    )
     finite = plain and all(np.isfinite(each).all() for each in columns.values())
     if not finite or not 0 < found.num_rows <= MOST_POINTS:
         return None
@@ -199,15 +224,25 @@ def _factor(column: str, unit: str | None, robot: RobotFile) -> float:
     """Return the factor from a column's unit to SI. Raise FieldError of the job for an unknown unit."""
     if unit is None:
         return 1.0
-    sizes = {"feed": _FEED, "t": _TIME, **dict.fromkeys(WRENCH[:3], q.FORCE), **dict.fromkeys(WRENCH[3:], q.MOMENT)}
+    sizes = {
+        "feed": _FEED,
+        "t": _TIME,
+        **dict.fromkeys(WRENCH[:3], q.FORCE),
+        **dict.fromkeys(WRENCH[3:], q.MOMENT),
+    }
     dimension = sizes.get(column) or robot.dimension_of(column)
     try:
         return q.to_si(f"1 {unit}", dimension)
     except ValueError as error:
-        raise FieldError(("units", column), f"expected a unit of {dimension.noun}, got {q.show_value(unit)}") from error
+        raise FieldError(
+            ("units", column),
+            f"expected a unit of {dimension.noun}, got {q.show_value(unit)}",
+        ) from error
 
 
-def _of_program(path: Path, robot: RobotFile, step: float, at: Array, axes: Array) -> ToolPath:
+def _of_program(
+    path: Path, robot: RobotFile, step: float, at: Array, axes: Array
+) -> ToolPath:
     program = read_program(path, step)
     pose = tuple(robot.tool.pose)
     home = dict(zip(_AXES, (*robot.tool.at, 0.0, 0.0, 0.0), strict=True))
@@ -221,9 +256,21 @@ def _of_program(path: Path, robot: RobotFile, step: float, at: Array, axes: Arra
             row = int(np.argmax(moved))
             expected = f"points that the robot reaches, whose {name} is {1e3 * home[name]:g} mm"
             got = f"{1e3 * world[row, k]:g} mm (at, x and y place the program)"
-            raise InputError(f"{path.name}:{program.line[row] + 1}: expected {expected}, got {got}")
+            raise InputError(
+                f"{path.name}:{program.line[row] + 1}: expected {expected}, got {got}"
+            )
     feed = program.feed if np.isfinite(program.feed[~program.rapid]).any() else None
-    lines, factors = (program.line + 1).tolist(), {str(name): 1.0 for name in pose}
+    lines = (program.line + 1).tolist()
+    factors = {str(name): 1.0 for name in pose}
     return ToolPath(
-        pose, values, feed, None, None, program.rapid, lines, factors, program, (at, axes)
-    )  # fmt: skip
+        pose,
+        values,
+        feed,
+        None,
+        None,
+        program.rapid,
+        lines,
+        factors,
+        program,
+        (at, axes),
+    )

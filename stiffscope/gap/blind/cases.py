@@ -47,11 +47,13 @@ def seal(folder: Path, cases: Sequence[BlindCase]) -> None:
     """Write the withheld faults in an encoded file."""
     content = [
         {
-            "kind": case.kind, "seed": case.seed, "measured": case.style,
+            "kind": case.kind,
+            "seed": case.seed,
+            "measured": case.style,
             "planted": [[p.effect, p.place, p.parameters] for p in case.faults],
         }
         for case in cases
-    ]  # fmt: skip
+    ]
     packed = base64.b85encode(zlib.compress(json.dumps(content).encode()))
     (folder / SEAL).write_bytes(packed + b"\n")
 

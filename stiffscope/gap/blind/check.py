@@ -90,10 +90,17 @@ def run_blind(
     check = _check(robots, seed)
     check_cases(folder)
     file = folder / _RUN
-    if os.path.lexists(file) and read_text(file, "a list of the cases of a check") != check:
+    if (
+        os.path.lexists(file)
+        and read_text(file, "a list of the cases of a check") != check
+    ):
         expected = f"{folder}: expected the cases of this check"
         raise InputError(f"{expected}, got those of another; delete them to start anew")
-    tasks = [Task(robot.name, number, seed) for robot in robots for number in range(campaigns)]
+    tasks = [
+        Task(robot.name, number, seed)
+        for robot in robots
+        for number in range(campaigns)
+    ]
     left = [task for task in tasks if not os.path.lexists(folder / task.folder)]
     for task in set(tasks).difference(left):  # before any work
         _read_stored(folder / task.folder)
@@ -101,8 +108,17 @@ def run_blind(
         _work(folder, robots, left, check, progress, workers, scheduler)
     for robot in robots:
         at = folder / robot.name
-        seal(at, [unseal(folder / task.folder)[0] for task in tasks if task.robot == robot.name])
-    return score([outcome for task in tasks for outcome in _read_stored(folder / task.folder)])
+        seal(
+            at,
+            [
+                unseal(folder / task.folder)[0]
+                for task in tasks
+                if task.robot == robot.name
+            ],
+        )
+    return score(
+        [outcome for task in tasks for outcome in _read_stored(folder / task.folder)]
+    )
 
 
 def _check(robots: Sequence[BlindRobot], seed: int) -> str:
@@ -110,7 +126,9 @@ def _check(robots: Sequence[BlindRobot], seed: int) -> str:
     texts = {robot.name: robot.nominal.robot.source for robot in robots}
     check = {
         "seed": seed,
-        "robots": {name: [source.text, *source.overrides] for name, source in texts.items()},
+        "robots": {
+            name: [source.text, *source.overrides] for name, source in texts.items()
+        },
         "components": {robot.name: robot.components for robot in robots},
     }
     return _text(check)
@@ -128,12 +146,20 @@ def check_cases(folder: Path) -> None:
     elif folder.is_dir() and not (folder / _RUN).is_file() and any(folder.iterdir()):
         got = "one with other files"
     if got:
-        raise InputError(f"{folder}: expected a folder for finished cases, got {got}; move it away")
+        raise InputError(
+            f"{folder}: expected a folder for finished cases, got {got}; move it away"
+        )
 
 
-def case_files(folder: Path, robots: Sequence[BlindRobot], campaigns: int, seed: int) -> list[str]:
+def case_files(
+    folder: Path, robots: Sequence[BlindRobot], campaigns: int, seed: int
+) -> list[str]:
     """Return the names of all files of a finished check, relative to its folder."""
-    tasks = [Task(robot.name, number, seed) for robot in robots for number in range(campaigns)]
+    tasks = [
+        Task(robot.name, number, seed)
+        for robot in robots
+        for number in range(campaigns)
+    ]
     written = ("campaign.toml", "readings.csv", SEAL, *DIAGNOSES, OUTCOME)
     names = [_RUN, *(f"{robot.name}/{SEAL}" for robot in robots)]
     names += [f"{task.folder}/{name}" for task in tasks for name in written]
@@ -141,9 +167,14 @@ def case_files(folder: Path, robots: Sequence[BlindRobot], campaigns: int, seed:
 
 
 def _work(
-    folder: Path, robots: Sequence[BlindRobot], tasks: list[Task], check: str,
-    progress: Progress | None, count: int, scheduler: str | None,
-) -> None:  # fmt: skip
+    folder: Path,
+    robots: Sequence[BlindRobot],
+    tasks: list[Task],
+    check: str,
+    progress: Progress | None,
+    count: int,
+    scheduler: str | None,
+) -> None:
     with workers(scheduler, min(count, len(tasks))) as executor:
         folder.mkdir(parents=True, exist_ok=True)
         try:
@@ -187,7 +218,9 @@ def _read_stored(folder: Path) -> list[Outcome]:
         return TypeAdapter(list[Outcome]).validate_json(text)
     except ValueError as error:
         message = "expected the outcome of a case, got something else"
-        raise InputError(f"{file}: {message}; delete its folder to work it out anew") from error
+        raise InputError(
+            f"{file}: {message}; delete its folder to work it out anew"
+        ) from error
 
 
 def _solve(robot: Shared, task: Task) -> Files:
@@ -209,13 +242,21 @@ def solve(robot: BlindRobot, task: Task) -> Files:
         alike = case.kind == "outside" and is_imitated(case, task.number, lab)
         outcomes = [
             outcome_of(
-                task.number, case, data, lab.canonical,
-                left_out=effect, robot=robot.name, imitated=alike,
+                task.number,
+                case,
+                data,
+                lab.canonical,
+                left_out=effect,
+                robot=robot.name,
+                imitated=alike,
             )
             for effect, data in found.items()
-        ]  # fmt: skip
+        ]
         seal(folder, [case])
-        files = {file.name: file.read_text(encoding="utf-8") for file in sorted(folder.iterdir())}
+        files = {
+            file.name: file.read_text(encoding="utf-8")
+            for file in sorted(folder.iterdir())
+        }
     for effect, data in found.items():
         files[DIAGNOSES[bool(effect)]] = _text(data)
     files[OUTCOME] = _text([asdict(outcome) for outcome in outcomes])
@@ -225,4 +266,6 @@ def solve(robot: BlindRobot, task: Task) -> Files:
 def _diagnose(robot: BlindRobot, folder: Path, left_out: str) -> dict[str, Any]:
     """Diagnose a campaign with an effect excluded from the library; return plain data."""
     found = find(RobotModel(load_campaign(folder), robot.nominal, without=left_out))
-    return to_json(conclude(found)) | {"evidence": found.best.evidence - found.none.evidence}
+    return to_json(conclude(found)) | {
+        "evidence": found.best.evidence - found.none.evidence
+    }

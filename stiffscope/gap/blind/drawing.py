@@ -25,7 +25,15 @@ if TYPE_CHECKING:
 
 KINDS = (*["single"] * 3, *["pair"] * 2, *["triple"] * 2, "none", *["outside"] * 2)
 """Kinds of cases in turn, with a fixed share of each in every ten."""
-STYLES: tuple[Style, ...] = ("tool", "gauges", "tool", "gauges", "tool", "sag", "tracker")
+STYLES: tuple[Style, ...] = (
+    "tool",
+    "gauges",
+    "tool",
+    "gauges",
+    "tool",
+    "sag",
+    "tracker",
+)
 """Styles of measurement in turn, ten campaigns each."""
 _BY_COUNT = ("none", "single", "pair", "triple")
 _ATTEMPTS = 24  # most attempts to add a fault
@@ -50,8 +58,11 @@ def draw_case(number: int, seed: int, lab: Lab) -> BlindCase:
         return BlindCase(kind, seed, (draw_outside(effect, rng, lab, style),), style)
     _, plan, located, _ = prepare_case(BlindCase(kind, seed, (), style), number, lab)
     judge = Judge(lab, plan, located)
-    turn = number // len(KINDS) * 3 + number % len(KINDS)  # single effects are taken in turn
-    wanted, faults = _BY_COUNT.index(kind), ()
+    turn = number // len(KINDS) * 3 + number % len(
+        KINDS
+    )  # single effects are taken in turn
+    wanted = _BY_COUNT.index(kind)
+    faults = ()
     for _ in range(_SERIES):
         faults = max(faults, _draw_faults(wanted, turn, rng, judge), key=len)
         if len(faults) == wanted:
@@ -61,15 +72,26 @@ def draw_case(number: int, seed: int, lab: Lab) -> BlindCase:
 
 def _draw_faults(
     count: int, turn: int, rng: np.random.Generator, judge: Judge
-) -> tuple[Fault, ...]:  # fmt: skip
+) -> tuple[Fault, ...]:
     """Draw up to `count` identifiable faults of different effects; a single one by its turn."""
     lab = judge.lab
     faults: tuple[Fault, ...] = ()
     for _ in range(count):
-        left = [word for word in judge.words if word not in {fault.effect for fault in faults}]
+        left = [
+            word
+            for word in judge.words
+            if word not in {fault.effect for fault in faults}
+        ]
         for attempt in range(_ATTEMPTS if count > 1 else max(_ATTEMPTS, 3 * len(left))):
-            word = left[(turn + attempt // 3) % len(left)] if count == 1 else choose(rng, left)
-            tried = (*faults, draw_known(word, rng, lab, judge.sensors, alone=count == 1))
+            word = (
+                left[(turn + attempt // 3) % len(left)]
+                if count == 1
+                else choose(rng, left)
+            )
+            tried = (
+                *faults,
+                draw_known(word, rng, lab, judge.sensors, alone=count == 1),
+            )
             if judge.can_decide(tried):
                 faults = tried
                 break
@@ -91,7 +113,7 @@ def is_imitated(case: BlindCase, number: int, lab: Lab) -> bool:
 
 def prepare_case(
     case: BlindCase, number: int, lab: Lab
-) -> tuple[Machine, Plan, Located, np.random.Generator]:  # fmt: skip
+) -> tuple[Machine, Plan, Located, np.random.Generator]:
     """Return the true machine of a case, its plan and configuration, and the noise generator."""
     rng = np.random.default_rng([case.seed, number, 1])
     sessions = 3 if any(fault.effect == "bad-session" for fault in case.faults) else 1
@@ -103,5 +125,8 @@ def write_case(folder: Path, number: int, case: BlindCase, lab: Lab) -> None:
     """Write the campaign of a case into a folder, without its faults."""
     machine, plan, located, rng = prepare_case(case, number, lab)
     readings = measure(machine, plan, Noise(), rng, located)
-    robot, components = lab.robot.reference, lab.robot.components
-    write_readings(readings, folder, robot=robot, pose=machine.pose, components=components)
+    robot = lab.robot.reference
+    components = lab.robot.components
+    write_readings(
+        readings, folder, robot=robot, pose=machine.pose, components=components
+    )

@@ -12,7 +12,12 @@ from stiffscope.effects.vocabulary import word_of
 from stiffscope.gap.blind.cases import Fault
 from stiffscope.gap.blind.laboratory import OF_READINGS
 from stiffscope.gap.lab.measuring import Noise, true_readings
-from stiffscope.gap.lab.signatures import Signatures, fit_residual, orthonormal_basis, project_out
+from stiffscope.gap.lab.signatures import (
+    Signatures,
+    fit_residual,
+    orthonormal_basis,
+    project_out,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,8 +27,12 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.measuring import Plan, Readings
     from stiffscope.gap.lab.rotations import Array
 
-VISIBLE = 8.0  # least size of a fault's signature over all readings, standard deviations
-_ALIKE = 4.0  # largest indistinguishable difference over all readings, standard deviations
+VISIBLE = (
+    8.0  # least size of a fault's signature over all readings, standard deviations
+)
+_ALIKE = (
+    4.0  # largest indistinguishable difference over all readings, standard deviations
+)
 _SAME = 1e-4  # relative residual of a signature fitted by an equivalent one
 _TURN = 1e-3  # rad, or relative: step for derivatives
 _IMITATORS = 3  # most known effects that together may mimic an outside one
@@ -32,8 +41,9 @@ _KEPT = {"mass", "row"}  # fixed in signatures: payload mass, row of a slip
 _BY_STEPS = {
     "instrument-misalignment": tuple({axis: _TURN} for axis in ("rx", "ry", "rz")),
     "displacement-scale": ({"factor": 1.0 + _TURN},),
-    "force-scale": ({"factor": 1.0 + _TURN},), "mass": ({"factor": 1.0 + _TURN},),
-}  # fmt: skip
+    "force-scale": ({"factor": 1.0 + _TURN},),
+    "mass": ({"factor": 1.0 + _TURN},),
+}
 """Small steps of parameters."""
 
 
@@ -41,12 +51,18 @@ class Judge:
     """Decides whether noise-free readings distinguish a case's faults from all other effects."""
 
     def __init__(self, lab: Lab, plan: Plan, located: Located) -> None:
-        self.lab, self._plan, self._located = lab, plan, located
+        self.lab = lab
+        self._plan = plan
+        self._located = located
         self._sound = self._read(())
-        self._elements = Signatures(lab.sound, self._plan, self._located, self._sound, Noise())
+        self._elements = Signatures(
+            lab.sound, self._plan, self._located, self._sound, Noise()
+        )
         self._frame = orthonormal_basis(self._elements.frame)
         self.sensors = tuple(sensor.name for sensor in self._plan.sensors)
-        self.words = [w for w in lab.words() if plan.frame is None or w not in OF_READINGS]
+        self.words = [
+            w for w in lab.words() if plan.frame is None or w not in OF_READINGS
+        ]
         self._own: dict[str, Array] = {}
         self._spans: dict[str, Array] = {}
         self._vain: dict[str, bool] = {}
@@ -58,7 +74,9 @@ class Judge:
         """Return the changes of readings (r,) by a fault alone, over their noise."""
         key = repr(fault)
         if key not in self._own:
-            change = (self._read((fault,)).value - self._sound.value) / self._elements.sigma
+            change = (
+                self._read((fault,)).value - self._sound.value
+            ) / self._elements.sigma
             self._own[key] = project_out(change[:, None], self._frame)[:, 0]
         return self._own[key]
 
@@ -70,15 +88,23 @@ class Judge:
         if fault.name not in self._spans:
             given = fault.parameters
             kept = {n: v for n, v in given.items() if n in _KEPT}
-            each = [replace(fault, parameters=kept | {n: given[n]}) for n in given if n != "row"]
-            self._spans[fault.name] = np.stack(list(map(self._signature, each or [fault])), axis=1)
+            each = [
+                replace(fault, parameters=kept | {n: given[n]})
+                for n in given
+                if n != "row"
+            ]
+            self._spans[fault.name] = np.stack(
+                list(map(self._signature, each or [fault])), axis=1
+            )
         return self._spans[fault.name]
 
     def _isolate_fault(self, effect: str, place: str) -> Array | None:
         if effect in _BY_STEPS:
             steps = (Fault(effect, place, step) for step in _BY_STEPS[effect])
             return np.stack([self._signature(step) for step in steps], axis=1)
-        columns = self._elements.find_columns(effect, place, self.lab.softer(effect, place))
+        columns = self._elements.find_columns(
+            effect, place, self.lab.softer(effect, place)
+        )
         return None if columns is None else project_out(columns, self._frame)
 
     @cached_property
@@ -96,7 +122,9 @@ class Judge:
         for fault in reversed(faults):  # the last one is new
             signature = self._signature(fault)
             others = [self._columns(other) for other in faults if other is not fault]
-            beside = orthonormal_basis(np.hstack([np.zeros((len(signature), 0)), *others]))
+            beside = orthonormal_basis(
+                np.hstack([np.zeros((len(signature), 0)), *others])
+            )
             left = project_out(signature[:, None], beside)[:, 0]
             seen = np.linalg.norm(left) >= VISIBLE
             if not seen or len(self._find_alike(fault, left, beside)) > _TWINS:
@@ -106,7 +134,8 @@ class Judge:
     def distance(self, fault: Fault) -> tuple[float, float]:
         """Return norms of a fault's signature, and of its rest after the closest known effects."""
         left = self._signature(fault)
-        size, basis = float(np.linalg.norm(left)), np.zeros((len(left), 0))
+        size = float(np.linalg.norm(left))
+        basis = np.zeros((len(left), 0))
         columns = list(self._all_columns.values())
         for _ in range(_IMITATORS):
             if not columns or not np.linalg.norm(left) >= VISIBLE:
@@ -124,7 +153,10 @@ class Judge:
             vain = columns is not None and not columns.any()
             if columns is not None and not vain and columns.shape[1] == 1:
                 large = columns[:, 0] * (_ALIKE / _SAME / np.linalg.norm(columns))
-                vain = len(self._find_alike(fault, large, np.zeros((len(large), 0)))) > _TWINS
+                vain = (
+                    len(self._find_alike(fault, large, np.zeros((len(large), 0))))
+                    > _TWINS
+                )
             self._vain[fault.name] = vain
         return self._vain[fault.name]
 
@@ -137,7 +169,13 @@ class Judge:
         others = dict(self._all_columns)
         others.pop(self.lab.canonical(fault.name), None)
         if fault.effect != "part-compliance":  # too flexible
-            others = {n: each for n, each in others.items() if word_of(n) != "part-compliance"}
+            others = {
+                n: each for n, each in others.items() if word_of(n) != "part-compliance"
+            }
         most = len(fault.parameters)
         rest = {n: project_out(columns, beside) for n, columns in others.items()}
-        return {n for n, columns in rest.items() if fit_residual(left, columns, most) < _ALIKE}
+        return {
+            n
+            for n, columns in rest.items()
+            if fit_residual(left, columns, most) < _ALIKE
+        }

@@ -19,7 +19,11 @@ from stiffscope.gap.lab.plans import Workspace, workspace
 from stiffscope.robot.library import robot_names
 from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.nominal import NominalRobot
-from stiffscope.robot.part_dimensions import find_vanishing, part_parameters, with_parameter
+from stiffscope.robot.part_dimensions import (
+    find_vanishing,
+    part_parameters,
+    with_parameter,
+)
 from stiffscope.robot.part_matrices import part_matrices, part_sources
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.kinematics import find_still, start_note
@@ -35,7 +39,9 @@ if TYPE_CHECKING:
 
 _POOL = 72  # poses of a robot from which campaigns are drawn
 _SEED = 20  # seed of that pool
-_ALL_DRIVES, _ALL_JOINTS, _ALL_BODIES = "drives", "joints", "robot"
+_ALL_DRIVES = "drives"
+_ALL_JOINTS = "joints"
+_ALL_BODIES = "robot"
 INSTRUMENT = "instrument"
 _OF_SENSORS = {"instrument-misalignment", "displacement-scale"}
 _OF_CHANNELS = {"unit", "sensor-sign"}
@@ -71,7 +77,9 @@ class BlindRobot:
         return path.stem if bundled else str(path.resolve())
 
 
-def blind_robots(robots: Sequence[RobotFile], components: str | None, shop: Workshop) -> list[BlindRobot]:
+def blind_robots(
+    robots: Sequence[RobotFile], components: str | None, shop: Workshop
+) -> list[BlindRobot]:
     """Return the robots with their parts' matrices; raise InputError for one whose home is singular.
 
     Parameters
@@ -86,12 +94,19 @@ def blind_robots(robots: Sequence[RobotFile], components: str | None, shop: Work
     """
     out: list[BlindRobot] = []
     for robot in robots:
-        if note := start_note(rigid_mechanism(robot)):
-            raise InputError(f"{robot.path}: expected a regular home, where the laboratory starts; {note}")
-        published = any(getattr(part, "published", None) for part in robot.parts.values())
+        note = start_note(rigid_mechanism(robot))
+        if note:
+            raise InputError(
+                f"{robot.path}: expected a regular home, where the laboratory starts; {note}"
+            )
+        published = any(
+            getattr(part, "published", None) for part in robot.parts.values()
+        )
         source = components or ("published" if published else "beam")
         made = assemble_robots({robot.name: robot}, source, shop)[robot.name]
-        out.append(BlindRobot(NominalRobot(made.mechanism, robot), made.matrices, source))
+        out.append(
+            BlindRobot(NominalRobot(made.mechanism, robot), made.matrices, source)
+        )
     return out
 
 
@@ -104,15 +119,21 @@ class Lab:
         still, kept = map(tuple, find_still(robot.nominal.mechanism))
         machine = replace(machine_of(file, robot.parts), still=still, kept=kept)
         for effect in file.effects:  # which model and machine have in common
-            machine = inject(machine, word_of(effect.effect), effect.place, effect.parameters)
+            machine = inject(
+                machine, word_of(effect.effect), effect.place, effect.parameters
+            )
         self.sound = machine
         self._steps: dict[str, dict[str, Array]] = {}
         self._words: dict[tuple[str, ...], dict[str, tuple[str, str]]] = {}
-        self.workspace: Workspace = workspace(machine, poses, np.random.default_rng(_SEED), self._is_reached)
+        self.workspace: Workspace = workspace(
+            machine, poses, np.random.default_rng(_SEED), self._is_reached
+        )
 
     def _is_reached(self, poses: Array) -> Flags:
         """Return which poses (n, k) the model reaches from home without passing a singular one."""
-        return configure_robot(self.robot.nominal.mechanism, self.sound.pose, poses).valid
+        return configure_robot(
+            self.robot.nominal.mechanism, self.sound.pose, poses
+        ).valid
 
     def with_faults(self, faults: Sequence[Fault]) -> Machine:
         """Return the machine with faults."""
@@ -121,7 +142,9 @@ class Lab:
             parameters = fault.parameters
             if fault.effect == "part-dimension":
                 part, key = fault.place.rsplit(".", 1)
-                other = with_parameter(self.robot.nominal.robot, part, key, parameters["value"])
+                other = with_parameter(
+                    self.robot.nominal.robot, part, key, parameters["value"]
+                )
                 matrices = part_matrices(other, self.robot.components)
                 parameters = entries_of(matrices[part].compliance)
             machine = inject(machine, fault.effect, fault.place, parameters)
@@ -129,23 +152,41 @@ class Lab:
 
     def places(self, effect: str, sensors: Sequence[str] = ()) -> tuple[str, ...]:
         """Return the places of an effect: elements and distinct sets, or instrument and sensors."""
-        file, machine = self.robot.nominal.robot, self.sound
+        file = self.robot.nominal.robot
+        machine = self.sound
         fixed = {
-            "base-compliance": ("base",), "platform-compliance": ("tool",), "cable-chain": ("tool",),
-            "force-scale": (INSTRUMENT,), **dict.fromkeys(_OF_SENSORS, (INSTRUMENT, *sensors)),
+            "base-compliance": ("base",),
+            "platform-compliance": ("tool",),
+            "cable-chain": ("tool",),
+            "force-scale": (INSTRUMENT,),
+            **dict.fromkeys(_OF_SENSORS, (INSTRUMENT, *sensors)),
             **dict.fromkeys(_OF_CHANNELS, (INSTRUMENT, *(sensors or COORDINATES))),
             "sensor-step": tuple(sensors or COORDINATES),
-        }  # fmt: skip
+        }
         if effect in fixed:
             return fixed[effect]
-        if effect == "part-dimension":  # and material constants of parts computed by beam theory
+        if (
+            effect == "part-dimension"
+        ):  # and material constants of parts computed by beam theory
             sources = part_sources(file, self.robot.components).items()
-            parts = [n for n, source in sources if isinstance(source, str) and source == "beam"]
-            return tuple(f"{part}.{key}" for part in parts for key in part_parameters(file, part))
+            parts = [
+                n
+                for n, source in sources
+                if isinstance(source, str) and source == "beam"
+            ]
+            return tuple(
+                f"{part}.{key}" for part in parts for key in part_parameters(file, part)
+            )
         if effect in {"payload", "larger-body"}:
-            rigid = [name for name, body in machine.bodies.items() if len(body.nodes) == 1]
+            rigid = [
+                name for name, body in machine.bodies.items() if len(body.nodes) == 1
+            ]
             return tuple(name for name in rigid if acts_on(machine, effect, name))
-        sets = [] if effect == "backlash" else [*file.groups, *file.parts, _ALL_DRIVES, _ALL_JOINTS]
+        sets = (
+            []
+            if effect == "backlash"
+            else [*file.groups, *file.parts, _ALL_DRIVES, _ALL_JOINTS]
+        )
         warm = [_ALL_BODIES] if effect == "thermal" else []
         found: dict[frozenset[str], str] = {}
         for place in [*machine.joints, *machine.bodies, *sets, *warm]:
@@ -155,8 +196,14 @@ class Lab:
         places = tuple(found.values())
         if effect != "part-compliance":
             return places
-        bodies = {place: [machine.bodies[n] for n in machine.members(place)] for place in places}
-        parts = {p: {(body.part, len(body.nodes)) for body in each} for p, each in bodies.items()}
+        bodies = {
+            place: [machine.bodies[n] for n in machine.members(place)]
+            for place in places
+        }
+        parts = {
+            p: {(body.part, len(body.nodes)) for body in each}
+            for p, each in bodies.items()
+        }
         one = {place: made.pop() for place, made in parts.items() if len(made) == 1}
         return tuple(place for place, (_, ends) in one.items() if ends == 2)
 
@@ -164,10 +211,17 @@ class Lab:
         """Return whether an effect may act on an element."""
         if not acts_on(self.sound, effect, name):
             return False
-        joint, body = self.sound.joints.get(name), self.sound.bodies.get(name)
-        if joint is not None and effect in {"joint-play", "stiffening-joint", "loose-bolt"}:
+        joint = self.sound.joints.get(name)
+        body = self.sound.bodies.get(name)
+        if joint is not None and effect in {
+            "joint-play",
+            "stiffening-joint",
+            "loose-bolt",
+        }:
             return joint.drive is None
-        if joint is not None and effect == "joint-compliance":  # driven slides have guides
+        if (
+            joint is not None and effect == "joint-compliance"
+        ):  # driven slides have guides
             return joint.drive is None or joint.kind != "prismatic"
         if body is not None and effect == "rigid-ends":
             return is_uniform(body)
@@ -176,18 +230,25 @@ class Lab:
     def words(self) -> tuple[str, ...]:
         """Return the known effects that this robot can have."""
         foreign = {"gravity"} if self.sound.gravity.any() else {"gravity", "payload"}
-        return tuple(effect for effect in KNOWN if effect not in foreign and self.places(effect))
+        return tuple(
+            effect for effect in KNOWN if effect not in foreign and self.places(effect)
+        )
 
     def everywhere(self, sensors: tuple[str, ...] = ()) -> dict[str, tuple[str, str]]:
         """Return all known effects at all their places, by canonical name."""
         if sensors not in self._words:
-            listed = [(e, place) for e in self.words() for place in self.places(e, sensors)]
-            self._words[sensors] = {self.canonical(f"{e} @ {p}"): (e, p) for e, p in listed}
+            listed = [
+                (e, place) for e in self.words() for place in self.places(e, sensors)
+            ]
+            self._words[sensors] = {
+                self.canonical(f"{e} @ {p}"): (e, p) for e, p in listed
+            }
         return self._words[sensors]
 
     def softer(self, effect: str, place: str) -> dict[str, Array]:
         """Return the compliance added to each body at a place by a small parameter step."""
-        name, sound = f"{effect} @ {place}", self.sound.bodies
+        name = f"{effect} @ {place}"
+        sound = self.sound.bodies
         if name not in self._steps:
             members = self.sound.members(place)
             if effect == "part-dimension":
@@ -196,16 +257,21 @@ class Lab:
             elif effect == "link-stiffness":
                 step = {"factor": 0.99}
             elif effect == "rigid-ends":
-                step = {"length": 0.01 * min(sound[member].length for member in members)}
+                step = {
+                    "length": 0.01 * min(sound[member].length for member in members)
+                }
             else:
                 return {}
             changed = self.with_faults([Fault(effect, place, step)]).bodies
-            self._steps[name] = {n: changed[n].compliance - sound[n].compliance for n in members}
+            self._steps[name] = {
+                n: changed[n].compliance - sound[n].compliance for n in members
+            }
         return self._steps[name]
 
     def canonical(self, name: str) -> str:
         """Return the canonical name of an effect at a place; different names may mean one set."""
-        effect, place = word_of(name), name.partition(" @ ")[2]
+        effect = word_of(name)
+        place = name.partition(" @ ")[2]
         if effect == "platform-compliance":
             place = "tool"
         members = self.sound.members(place)
@@ -222,7 +288,9 @@ class Lab:
 
 def entries_of(compliance: Array) -> dict[str, float]:
     """Return a compliance (6, 6) by the names of its entries."""
-    return {name: float(compliance[int(name[1]) - 1, int(name[2]) - 1]) for name in ENTRIES}
+    return {
+        name: float(compliance[int(name[1]) - 1, int(name[2]) - 1]) for name in ENTRIES
+    }
 
 
 def other_dimension(lab: Lab, place: str, size: float) -> float:
@@ -235,7 +303,9 @@ def other_dimension(lab: Lab, place: str, size: float) -> float:
     nominal, unit = part_parameters(robot, part)[key]
     beyond = find_vanishing(robot, part, key)
     usual = 0.04 if unit == "m" and not beyond else 0.12
-    value, other = (round(beyond + (nominal - beyond) * (1 + usual * s), 7) for s in (size, -size))
+    value, other = (
+        round(beyond + (nominal - beyond) * (1 + usual * s), 7) for s in (size, -size)
+    )
     try:
         with_parameter(robot, part, key, value)
     except InputError:

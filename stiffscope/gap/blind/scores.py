@@ -80,9 +80,15 @@ def _match_effects(truth: set[str], named: list[tuple[str, tuple[str, ...]]]) ->
 
 
 def outcome_of(
-    number: int, case: BlindCase, found: dict[str, Any], same: Same, *,
-    left_out: str = "", robot: str = "", imitated: bool = False,
-) -> Outcome:  # fmt: skip
+    number: int,
+    case: BlindCase,
+    found: dict[str, Any],
+    same: Same,
+    *,
+    left_out: str = "",
+    robot: str = "",
+    imitated: bool = False,
+) -> Outcome:
     """Return the outcome of a campaign.
 
     Parameters
@@ -103,22 +109,34 @@ def outcome_of(
     confused = [dict.fromkeys(map(same, e["confused_with"])) for e in found["effects"]]
     sizes = (found["gap"][k] for k in ("nominal", "explained", "held_out", "noise"))
     a, b, c, d = (float("nan") if size is None else size for size in sizes)
-    stated = [(float(e["probability"]), n in truth) for e, n in zip(listed, names, strict=True)]
+    stated = [
+        (float(e["probability"]), n in truth)
+        for e, n in zip(listed, names, strict=True)
+    ]
     return Outcome(
-        number=number, kind=case.kind, truth=tuple(truth), verdict=found["verdict"], named=named,
+        number=number,
+        kind=case.kind,
+        truth=tuple(truth),
+        verdict=found["verdict"],
+        named=named,
         groups=tuple(
-            tuple(n for n in each if n != own) for own, each in zip(named, confused, strict=True)
+            tuple(n for n in each if n != own)
+            for own, each in zip(named, confused, strict=True)
         ),
-        evidence=float(found.get("evidence") or 0.0), gap=(a, b, c, d),
+        evidence=float(found.get("evidence") or 0.0),
+        gap=(a, b, c, d),
         covered=() if left_out else _check_covered(truth, named, found),
-        left_out=left_out, robot=robot, style=case.style,
-        stated=() if left_out or case.kind == "outside" else tuple(stated), imitated=imitated,
-    )  # fmt: skip
+        left_out=left_out,
+        robot=robot,
+        style=case.style,
+        stated=() if left_out or case.kind == "outside" else tuple(stated),
+        imitated=imitated,
+    )
 
 
 def _check_covered(
     truth: dict[str, dict[str, float]], named: Sequence[str], found: dict[str, Any]
-) -> tuple[bool, ...]:  # fmt: skip
+) -> tuple[bool, ...]:
     """Return whether the 95 % interval of each parameter of right effects contains the truth."""
     if found["verdict"] == "unexplained" or sorted(named) != sorted(truth):
         return ()
@@ -129,7 +147,10 @@ def _check_covered(
                 continue
             if fit["sigma"] and parameter in truth[name]:
                 reach = 1.96 * fit["sigma"]
-                ends = fit.get("interval") or (fit["value"] - reach, fit["value"] + reach)
+                ends = fit.get("interval") or (
+                    fit["value"] - reach,
+                    fit["value"] + reach,
+                )
                 out.append(ends[0] <= truth[name][parameter] <= ends[1])
     return tuple(out)
 
@@ -156,7 +177,9 @@ class Scores:
     held_out: float | None
     """Largest ratio of held-out gap to noise floor among correctly identified effects."""
 
-    def confusion(self) -> tuple[tuple[str, ...], tuple[str, ...], tuple[tuple[int, ...], ...]]:
+    def confusion(
+        self,
+    ) -> tuple[tuple[str, ...], tuple[str, ...], tuple[tuple[int, ...], ...]]:
         """Return the confusion matrix of single effects: injected, diagnosed, counts."""
         alone = [o for o in self.outcomes if len(o.truth) <= 1 and not o.left_out]
         rows = sorted({_word(o.truth) for o in alone})
@@ -170,7 +193,11 @@ class Scores:
         pairs = [pair for o in self.outcomes for pair in o.stated]
         out: list[tuple[float, float, int]] = []
         for tenth in range(TENTHS):
-            here = [(p, true) for p, true in pairs if min(int(p * TENTHS), TENTHS - 1) == tenth]
+            here = [
+                (p, true)
+                for p, true in pairs
+                if min(int(p * TENTHS), TENTHS - 1) == tenth
+            ]
             if here:
                 stated, true = np.array(here, dtype=float).T
                 out.append((float(stated.mean()), float(true.mean()), len(here)))
@@ -179,7 +206,10 @@ class Scores:
     def by_robot(self) -> dict[str, Scores]:
         """Return the scores of each robot."""
         robots = dict.fromkeys(o.robot for o in self.outcomes)
-        return {name: score([o for o in self.outcomes if o.robot == name]) for name in robots}
+        return {
+            name: score([o for o in self.outcomes if o.robot == name])
+            for name in robots
+        }
 
 
 def _word(truth: Sequence[str]) -> str:
@@ -196,7 +226,11 @@ def score(outcomes: Sequence[Outcome]) -> Scores:
     """Return the shares of right diagnoses by kind."""
     first = [o for o in outcomes if not o.left_out]
     evident = [o for o in first if o.kind == "single" and o.evidence > EVIDENT]
-    held = [o.gap[2] / o.gap[3] for o in first if o.right and o.confident and o.kind in EFFECTS]
+    held = [
+        o.gap[2] / o.gap[3]
+        for o in first
+        if o.right and o.confident and o.kind in EFFECTS
+    ]
     return Scores(
         tuple(outcomes),
         _share([o.right for o in evident]),

@@ -79,7 +79,9 @@ class Sensor:
     def along(self) -> Array:
         """Direction (6,) of the motion that it measures."""
         none = (0.0, 0.0, 0.0)
-        return np.array((*none, *self.direction) if self.rotates else (*self.direction, *none))
+        return np.array(
+            (*none, *self.direction) if self.rotates else (*self.direction, *none)
+        )
 
     @property
     def axis(self) -> int:
@@ -135,7 +137,9 @@ class Campaign:
     loads: tuple[LoadPoint, ...] = field(default_factory=tuple[LoadPoint, ...])
     load: Indices = field(default_factory=_no_codes)
     """Index (n,) into `loads`; `AT_TOOL` for a wrench at M."""
-    frames: tuple[InstrumentFrame, ...] = field(default_factory=tuple[InstrumentFrame, ...])
+    frames: tuple[InstrumentFrame, ...] = field(
+        default_factory=tuple[InstrumentFrame, ...]
+    )
     """Frames named by the sensors."""
     expected: Array | None = None
     """Offset (n,) subtracted from ``value`` once the robot is known: position or distance of the
@@ -150,8 +154,11 @@ class Campaign:
         for name, known in (("sensor", self.sensors), ("load", self.loads)):
             if not known:
                 object.__setattr__(self, name, np.full(len(self.value), AT_TOOL))
-        numbers, codes = ("poses", "wrench", "value", "sigma"), ("pose", *_CODES)
-        arrays: dict[str, Any] = {n: np.array(getattr(self, n), dtype=float) for n in numbers}
+        numbers = ("poses", "wrench", "value", "sigma")
+        codes = ("pose", *_CODES)
+        arrays: dict[str, Any] = {
+            n: np.array(getattr(self, n), dtype=float) for n in numbers
+        }
         arrays |= {n: np.array(getattr(self, n), dtype=np.int64) for n in codes}
         models = {name: np.array(values) for name, values in self.predictions.items()}
         for array in (*arrays.values(), *models.values()):
@@ -227,5 +234,7 @@ class Campaign:
     @property
     def channel(self) -> Indices:
         """Index (n,) into `instruments`."""
-        at_tool = len(self.sensors) + np.where(self.kind == of.FREQUENCY, len(AXES), self.direction)
+        at_tool = len(self.sensors) + np.where(
+            self.kind == of.FREQUENCY, len(AXES), self.direction
+        )
         return np.where(self.sensor >= 0, self.sensor, at_tool)

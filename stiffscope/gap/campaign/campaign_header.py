@@ -14,7 +14,13 @@ from stiffscope.errors import InputError
 from stiffscope.gap.campaign.campaign import InstrumentFrame, LoadPoint, Sensor
 from stiffscope.gap.campaign.quantities import AXES, QUANTITIES
 from stiffscope.robot.file.parse import Source, parse_text
-from stiffscope.robot.file.quantities import LENGTH, NUMBER, Dimension, show_value, to_si
+from stiffscope.robot.file.quantities import (
+    LENGTH,
+    NUMBER,
+    Dimension,
+    show_value,
+    to_si,
+)
 from stiffscope.runtime.reading import read_text
 
 if TYPE_CHECKING:
@@ -26,11 +32,28 @@ NAME = "campaign.toml"
 COMPONENTS = ("fea", "beam", "published")
 MEASURES = ("displacement", "rotation", "position", "distance")
 KEYS = (
-    "robot", "modelled", "components", "readings", "predictions",
-    "units", "ignore", "frames", "sensors", "loads",
-)  # fmt: skip
+    "robot",
+    "modelled",
+    "components",
+    "readings",
+    "predictions",
+    "units",
+    "ignore",
+    "frames",
+    "sensors",
+    "loads",
+)
 ZEROS = ("none", "session")
-SENSOR_KEYS = ("measures", "body", "at", "at_sigma", "direction", "against", "frame", "zero")
+SENSOR_KEYS = (
+    "measures",
+    "body",
+    "at",
+    "at_sigma",
+    "direction",
+    "against",
+    "frame",
+    "zero",
+)
 FRAME_KEYS = ("pose", "sigma", "per")
 LOAD_KEYS = ("body", "at")
 _RESERVED = {INSTRUMENT, TRANSLATION, ROTATION, "f", *AXES, *QUANTITIES}
@@ -67,22 +90,35 @@ def load_header(folder: Path) -> Header:
     source = Source(Path(NAME), text)
     top = _Table(source, (), parse_text(source.path, text, "a campaign.toml"))
     top.check_keys(KEYS)
-    robot, predictions = top.text("robot"), top.text("predictions")
+    robot = top.text("robot")
+    predictions = top.text("predictions")
     if (robot is None) == (predictions is None):
         key = "predictions" if robot else "robot"
         raise top.refuse(key, "expected either robot or predictions, one of the two")
     modelled = top.texts("modelled", ())
-    if strange := [name for k, name in enumerate(modelled) if name not in EFFECTS or name in modelled[:k]]:
+    strange = [
+        name
+        for k, name in enumerate(modelled)
+        if name not in EFFECTS or name in modelled[:k]
+    ]
+    if strange:
         message = f"expected effects among {', '.join(EFFECTS)}, each once, got {show_value(strange[0])}"
         raise top.refuse("modelled", message)
     readings = top.texts("readings")
     if not readings or len(set(readings)) < len(readings):
-        raise top.refuse("readings", "expected one file name or a list of different ones")
+        raise top.refuse(
+            "readings", "expected one file name or a list of different ones"
+        )
     ignore = top.texts("ignore", ())
-    if needed := [name for name in ("value", "sigma") if name in ignore]:
-        raise top.refuse("ignore", f'expected columns that are not needed, got "{needed[0]}"')
+    needed = [name for name in ("value", "sigma") if name in ignore]
+    if needed:
+        raise top.refuse(
+            "ignore", f'expected columns that are not needed, got "{needed[0]}"'
+        )
     units = top.table("units")
-    frames = tuple(_read_frame(name, section) for name, section in top.sections("frames"))
+    frames = tuple(
+        _read_frame(name, section) for name, section in top.sections("frames")
+    )
     known = tuple(frame.name for frame in frames)
     sensors: list[Sensor] = []
     for name, section in top.sections("sensors"):
@@ -91,18 +127,30 @@ def load_header(folder: Path) -> Header:
     for sensor in sensors:
         if names.count(sensor.name) > 1 or sensor.name in _RESERVED:
             taken = _SHOWN if sensor.name in _RESERVED else "those of other sensors"
-            message = f"expected another name than {taken}, got {show_value(sensor.name)}"
+            message = (
+                f"expected another name than {taken}, got {show_value(sensor.name)}"
+            )
             raise top.table("sensors").refuse(sensor.target or sensor.name, message)
     loads: list[LoadPoint] = []
     for name, section in top.sections("loads"):
         section.check_keys(LOAD_KEYS)
         loads.append(LoadPoint(name, section.body(), section.point("at")))
-    components = top.choice("components", COMPONENTS) if "components" in top.data else None
+    components = (
+        top.choice("components", COMPONENTS) if "components" in top.data else None
+    )
     return Header(
-        robot, modelled, components, readings, predictions, source,
-        {column: unit for column in units.data if (unit := units.text(column))}, ignore, frames,
-        tuple(sensors), tuple(loads),
-    )  # fmt: skip
+        robot,
+        modelled,
+        components,
+        readings,
+        predictions,
+        source,
+        {column: unit for column in units.data if (unit := units.text(column))},
+        ignore,
+        frames,
+        tuple(sensors),
+        tuple(loads),
+    )
 
 
 def _read_frame(name: str, section: _Table) -> InstrumentFrame:
@@ -112,22 +160,28 @@ def _read_frame(name: str, section: _Table) -> InstrumentFrame:
         if "sigma" in section.data:
             raise section.refuse("sigma", "expected none for a pose that is unknown")
         return InstrumentFrame(name, per=per)
-    example = 'expected "unknown" or six values such as ["2 m", 0, "1 m", 0, 0, "90 deg"]'
-    pose, sigma = section.values("pose", _POSE, example), None
+    example = (
+        'expected "unknown" or six values such as ["2 m", 0, "1 m", 0, 0, "90 deg"]'
+    )
+    pose = section.values("pose", _POSE, example)
+    sigma = None
     if "sigma" in section.data:
         example = "expected six standard uncertainties"
         sigma = section.values("sigma", _POSE, example, sign="non-negative")
     return InstrumentFrame(name, pose, sigma, per)
 
 
-def _read_sensor(name: str, section: _Table, frames: tuple[str, ...]) -> tuple[Sensor, ...]:
+def _read_sensor(
+    name: str, section: _Table, frames: tuple[str, ...]
+) -> tuple[Sensor, ...]:
     """Return the channels of an instrument: three for a position, else one."""
     section.check_keys(SENSOR_KEYS)
     measures = section.choice("measures", MEASURES)
     if measures in {"position", "distance"}:
         return _read_target(name, section, frames)
     section.refuse_others(("frame", "at_sigma"), f"expected none for a {measures}")
-    body, direction = section.body(), section.direction("direction")
+    body = section.body()
+    direction = section.direction("direction")
     against = section.text("against") or "ground"
     zero = section.choice("zero", ZEROS, "none")
     at = (0.0, 0.0, 0.0)
@@ -139,7 +193,9 @@ def _read_sensor(name: str, section: _Table, frames: tuple[str, ...]) -> tuple[S
     return (Sensor(name, body, direction, at, measures, against, zero),)
 
 
-def _read_target(name: str, section: _Table, frames: tuple[str, ...]) -> tuple[Sensor, ...]:
+def _read_target(
+    name: str, section: _Table, frames: tuple[str, ...]
+) -> tuple[Sensor, ...]:
     """Return the channels of a target."""
     measures = section.text("measures") or ""
     message = f"expected none for a {measures}, which a frame sees"
@@ -150,16 +206,20 @@ def _read_target(name: str, section: _Table, frames: tuple[str, ...]) -> tuple[S
             sigma = to_si(section.data["at_sigma"], LENGTH, sign="non-negative")
         except ValueError as error:
             raise section.refuse("at_sigma", str(error)) from None
-    body, at, frame = section.body(), section.point("at"), section.choice("frame", frames)
+    body = section.body()
+    at = section.point("at")
+    frame = section.choice("frame", frames)
     zero = section.choice("zero", ZEROS, "none")
-    x, y, z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    x = (1.0, 0.0, 0.0)
+    y = (0.0, 1.0, 0.0)
+    z = (0.0, 0.0, 1.0)
     along = {f"{name}.x": x, f"{name}.y": y, f"{name}.z": z}
     if measures == "distance":
         along = {name: x}
     return tuple(
         Sensor(channel, body, way, at, measures, "ground", zero, frame, name, sigma)
         for channel, way in along.items()
-    )  # fmt: skip
+    )
 
 
 @dataclass(frozen=True)
@@ -190,7 +250,9 @@ class _Table:
             raise self.refuse(key, f"expected a text, got {show_value(value)}")
         return value
 
-    def texts(self, key: str, default: tuple[str, ...] | None = None) -> tuple[str, ...]:
+    def texts(
+        self, key: str, default: tuple[str, ...] | None = None
+    ) -> tuple[str, ...]:
         """Return a list of texts, or a single one."""
         value = self.data.get(key, default)
         if default is not None and key not in self.data:
@@ -200,10 +262,14 @@ class _Table:
             raise self.refuse(key, f"expected a list of texts, got {show_value(value)}")
         return tuple(listed)
 
-    def choice(self, key: str, choices: tuple[str, ...], default: str | None = None) -> str:
+    def choice(
+        self, key: str, choices: tuple[str, ...], default: str | None = None
+    ) -> str:
         value = self.text(key) if key in self.data or default is None else default
         if value is None or value not in choices:
-            listed = ", ".join(choices) or f"a name of [{key}s], of which there are none"
+            listed = (
+                ", ".join(choices) or f"a name of [{key}s], of which there are none"
+            )
             got = "nothing" if value is None else show_value(value)
             raise self.refuse(key, f"expected one of {listed}, got {got}")
         return value
@@ -215,11 +281,18 @@ class _Table:
         return value
 
     def values(
-        self, key: str, dimensions: tuple[Dimension, ...], example: str, *, sign: str = "any"
+        self,
+        key: str,
+        dimensions: tuple[Dimension, ...],
+        example: str,
+        *,
+        sign: str = "any",
     ) -> tuple[float, ...]:
         """Return a list of values in SI, one for each dimension."""
         value: Any = self.data.get(key)
-        if not isinstance(value, list) or len(cast("list[Any]", value)) != len(dimensions):
+        if not isinstance(value, list) or len(cast("list[Any]", value)) != len(
+            dimensions
+        ):
             raise self.refuse(key, f"{example}, got {show_value(value)}")
         try:
             pairs = zip(cast("list[Any]", value), dimensions, strict=True)
@@ -256,7 +329,11 @@ class _Table:
     def sections(self, key: str) -> list[tuple[str, _Table]]:
         found = self.table(key)
         for name in found.data:
-            if not name.isprintable() or not name or name != name.strip():  # a terminal would obey it
-                expected = "expected a name of printable characters without blanks around it"
+            if (
+                not name.isprintable() or not name or name != name.strip()
+            ):  # a terminal would obey it
+                expected = (
+                    "expected a name of printable characters without blanks around it"
+                )
                 raise found.refuse(name, f"{expected}, got {show_value(name)}")
         return [(name, found.table(name)) for name in found.data]

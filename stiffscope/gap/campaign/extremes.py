@@ -25,27 +25,38 @@ _HEAVY = 1000.0  # largest load over the upper quartile of all
 def measure_robot(mechanism: Mechanism) -> tuple[float, Array]:
     """Return the diagonal of the box about joints, centres and tool at home, m, and their middle (3,)."""
     centres = (body.centre for body in mechanism.bodies if body.centre is not None)
-    points = np.array([*(joint.at for joint in mechanism.joints), *centres, mechanism.tool.at])
+    points = np.array(
+        [*(joint.at for joint in mechanism.joints), *centres, mechanism.tool.at]
+    )
     return float(np.linalg.norm(np.ptp(points, axis=0))), points.mean(axis=0)
 
 
-def inspect_extremes(c: Campaign, mechanism: Mechanism, times: float = 1.0) -> Iterator[ReadingRemark]:
+def inspect_extremes(
+    c: Campaign, mechanism: Mechanism, times: float = 1.0
+) -> Iterator[ReadingRemark]:
     """Yield remarks on places far from the robot and on a load far above the others.
 
     ``times``: factor on the limits.
     """
     size, middle = measure_robot(mechanism)
     places = {("sensors", s.target or s.name): s.at for s in c.sensors if not s.rotates}
-    for key, at in (places | {("loads", load.name): load.at for load in c.loads}).items():
+    for key, at in (
+        places | {("loads", load.name): load.at for load in c.loads}
+    ).items():
         away = float(np.linalg.norm(at - middle))
         if away > times * _AWAY * size > 0.0:
             got = f"one {away:.4g} m away, {away / size:.0f} times its size: in mm?"
-            text = str(c.refuse((*key, "at"), f"expected a place near the robot, got {got}"))
+            text = str(
+                c.refuse((*key, "at"), f"expected a place near the robot, got {got}")
+            )
             yield ReadingRemark("place", key[1], (text.partition(": ")[0],), text)
     parts = np.abs(np.nan_to_num(c.wrench)) / np.repeat([1.0, size or 1.0], 3)
     load = parts.max(axis=1, initial=0.0)
     row = int(np.argmax(load))
-    if load.any() and (ratio := load[row] / np.quantile(load[load > 0.0], 0.75)) > times * _HEAVY:
+    if (
+        load.any()
+        and (ratio := load[row] / np.quantile(load[load > 0.0], 0.75)) > times * _HEAVY
+    ):
         k = int(np.argmax(parts[row]))
         got = f"{c.wrench[row, k]:g} {'N·m' if k > 2 else 'N'}, {ratio:.2g} times as large: wrong unit?"
         text = f"{c.where(row)}: {WRENCH[k]}: expected a load of the size of the others, got {got}"
@@ -65,15 +76,27 @@ def inspect_mechanics(c: Campaign) -> Iterator[ReadingRemark]:
     for name in dict.fromkeys(map(c.what, rows.tolist())):
         where = tuple(c.where(row) for row in rows.tolist() if c.what(row) == name)
         text = f"{name} is deflected by no force or moment at {', '.join(where[:SHOWN])}: is a load missing?"
-        yield ReadingRemark("no-load", name, where, f"{text} A diagnosis leaves these out")
+        yield ReadingRemark(
+            "no-load", name, where, f"{text} A diagnosis leaves these out"
+        )
     known: dict[tuple[int, int], int] = {}
     for row in np.flatnonzero((c.kind == STIFFNESS) | (c.kind == PUSH)).tolist():
         key = int(c.pose[row]), int(c.direction[row])
-        held, free = sorted((known.setdefault(key, row), row), key=lambda each: c.kind[each])
+        held, free = sorted(
+            (known.setdefault(key, row), row), key=lambda each: c.kind[each]
+        )
         sigma = np.hypot(*np.nan_to_num(c.sigma[[held, free]]))
-        if c.kind[held] < c.kind[free] and c.value[free] - c.value[held] > max(_SURE * sigma, _SHARE * c.value[free]):
-            one, two = (f"{c.value[each]:.4g} at {c.where(each)}" for each in (held, free))
-            text = f"{c.what(held)} is {one}, below {c.what(free)} of {two} and one pose"
+        if c.kind[held] < c.kind[free] and c.value[free] - c.value[held] > max(
+            _SURE * sigma, _SHARE * c.value[free]
+        ):
+            one, two = (
+                f"{c.value[each]:.4g} at {c.where(each)}" for each in (held, free)
+            )
+            text = (
+                f"{c.what(held)} is {one}, below {c.what(free)} of {two} and one pose"
+            )
             where = c.where(held), c.where(free)
-            yield ReadingRemark("contradiction", c.what(held), where, f"{text}: are the two exchanged?")
+            yield ReadingRemark(
+                "contradiction", c.what(held), where, f"{text}: are the two exchanged?"
+            )
             return

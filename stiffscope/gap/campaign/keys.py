@@ -9,7 +9,14 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign import quantities as of
-from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, DEVIATION, KINDS, WRENCH, kind_of
+from stiffscope.gap.campaign.quantities import (
+    AXES,
+    DEFLECTION,
+    DEVIATION,
+    KINDS,
+    WRENCH,
+    kind_of,
+)
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.quantities import Dimension, show_value, to_si
 from stiffscope.runtime.table import check_columns, numbers
@@ -24,7 +31,9 @@ if TYPE_CHECKING:
 OPTIONAL = ("session", "sensor", "quantity", "load", "kind")
 LABEL = ("pose",)
 """Coordinates of named poses."""
-_SHOWN_QUANTITIES = " ".join((*of.QUANTITIES[: of.FIRST_FREQUENCY + 1], "...", of.FREQUENCIES[-1]))
+_SHOWN_QUANTITIES = " ".join(
+    (*of.QUANTITIES[: of.FIRST_FREQUENCY + 1], "...", of.FREQUENCIES[-1])
+)
 
 
 # `least` is the smallest standard uncertainty of any instrument.
@@ -90,13 +99,20 @@ def check_readings_columns(name: str, columns: list[str], *, bare: bool) -> None
     place = coordinates_of(columns, bare=bare)
     measured = () if "sensor" in columns else ("quantity",)
     valid = (*place, *WRENCH, *OPTIONAL, "value", "sigma")
-    check_columns(name, columns, [*place, *measured, "value", "sigma"], dict.fromkeys(valid))
+    check_columns(
+        name, columns, [*place, *measured, "value", "sigma"], dict.fromkeys(valid)
+    )
 
 
 def check_predictions_columns(name: str, columns: list[str]) -> None:
     """Raise InputError for missing columns of predictions; further ones are rival models."""
     measured = () if "sensor" in columns else ("quantity",)
-    check_columns(name, columns, [*coordinates_of(columns, bare=True), *measured, "value"], columns)
+    check_columns(
+        name,
+        columns,
+        [*coordinates_of(columns, bare=True), *measured, "value"],
+        columns,
+    )
 
 
 def read_keys(table: Table, header: Header, *, bare: bool) -> Keys:
@@ -131,8 +147,19 @@ def read_keys(table: Table, header: Header, *, bare: bool) -> Keys:
         place = tuple(zip(*values, strict=True))
     for name in ("session", *LABEL):
         strange = np.array([not cell.isprintable() for cell in table.column(name)])
-        table.refuse_where(strange, name, "a label of printable characters")  # a terminal would obey it
-    return Keys(table, coordinates, place, wrench, quantity, sensor, load, table.column("session"))
+        table.refuse_where(
+            strange, name, "a label of printable characters"
+        )  # a terminal would obey it
+    return Keys(
+        table,
+        coordinates,
+        place,
+        wrench,
+        quantity,
+        sensor,
+        load,
+        table.column("session"),
+    )
 
 
 def _read_applied(table: Table, header: Header) -> Array:
@@ -145,24 +172,31 @@ def _read_applied(table: Table, header: Header) -> Array:
     return out
 
 
-def _read_measured(table: Table, header: Header, applied: Array) -> tuple[Indices, Indices]:
+def _read_measured(
+    table: Table, header: Header, applied: Array
+) -> tuple[Indices, Indices]:
     """Return quantity and sensor (n,) of each row; ``applied`` (n, 6): wrench, NaN if empty."""
     names = [sensor.name for sensor in header.sensors]
     shown = f"one of {_SHOWN_QUANTITIES}"
     listed = f"one of campaign.toml's [sensors] {' '.join(names) or '(none)'}"
     quantity = table.codes("quantity", of.QUANTITIES, shown)
     sensor = table.codes("sensor", names, listed)
-    at_tool, by_sensor = quantity >= 0, sensor >= 0
+    at_tool = quantity >= 0
+    by_sensor = sensor >= 0
     both = "an empty cell beside a quantity: one of the two a row"
     table.refuse_where(at_tool & by_sensor, "sensor", both)
     column = "quantity" if "quantity" in table.columns else "sensor"
     either = f"{shown}, or a sensor, {listed}" if column == "quantity" else listed
     table.refuse_where(~at_tool & ~by_sensor, column, either if names else shown)
     every = np.maximum(sensor, 0)
-    absolute = np.array([s.absolute for s in header.sensors] or [False])[every] & by_sensor
+    absolute = (
+        np.array([s.absolute for s in header.sensors] or [False])[every] & by_sensor
+    )
     kind = table.codes("kind", KINDS[:2], "deflection or deviation")
     wrong = (kind >= 0) & at_tool & (kind != quantity // 6)
-    table.refuse_where(wrong, "kind", "an empty cell beside a quantity, which says its kind")
+    table.refuse_where(
+        wrong, "kind", "an empty cell beside a quantity, which says its kind"
+    )
     message = "an empty cell beside a position or a distance, which is what it is"
     table.refuse_where((kind >= 0) & absolute, "kind", message)
     loaded = (np.nan_to_num(applied) != 0.0).any(axis=1)
@@ -174,13 +208,15 @@ def _read_measured(table: Table, header: Header, applied: Array) -> tuple[Indice
 
 def _check_wrench(
     table: Table, applied: Array, quantity: Indices, sensor: Indices, load: Indices
-) -> Array:  # fmt: skip
+) -> Array:
     """Return wrenches (n, 6): NaN for stiffnesses and frequencies, zero if nothing is applied."""
     kind = kind_of(quantity)
     nothing = (np.nan_to_num(applied) == 0.0).all(axis=1)
     at_tool = (kind == DEFLECTION) & (sensor < 0)
     if not any(name in table.columns for name in WRENCH):
-        table.refuse_where(at_tool, "fx", "a wrench for a deflection (columns fx fy fz mx my mz)")
+        table.refuse_where(
+            at_tool, "fx", "a wrench for a deflection (columns fx fy fz mx my mz)"
+        )
     stiff = (kind >= of.STIFFNESS) & (kind <= of.FREQUENCY)
     for k, name in enumerate(WRENCH):
         if name in table.columns:
@@ -192,9 +228,15 @@ def _check_wrench(
             message = f"an empty cell: a {which} reading has no wrench"
             table.refuse_where(stiff & ~empty, name, message)
             moved = (kind == DEVIATION) & ~empty & (applied[:, k] != 0)
-            table.refuse_where(moved, name, "0: a deviation is read on the unloaded platform")
-    loaded = (kind == DEFLECTION) | (kind == of.POSITION) | ((kind == DEVIATION) & nothing)
-    table.refuse_where((load >= 0) & ~loaded, "load", "an empty cell: only a deflection has a load")
+            table.refuse_where(
+                moved, name, "0: a deviation is read on the unloaded platform"
+            )
+    loaded = (
+        (kind == DEFLECTION) | (kind == of.POSITION) | ((kind == DEVIATION) & nothing)
+    )
+    table.refuse_where(
+        (load >= 0) & ~loaded, "load", "an empty cell: only a deflection has a load"
+    )
     out = np.nan_to_num(applied)
     out[stiff] = np.nan
     return out
@@ -204,19 +246,32 @@ def check_units(header: Header, table: Table) -> None:
     """Raise InputError for units of unknown or missing columns."""
     known = {*AXES, *WRENCH, "value", "sigma"}
     for column in header.units:
-        if column not in known and not (column.startswith(of.JOINT) and column[len(of.JOINT) :]):
+        if column not in known and not (
+            column.startswith(of.JOINT) and column[len(of.JOINT) :]
+        ):
             valid = ", ".join((*AXES, *WRENCH, "value", "sigma", "q:JOINT"))
-            raise header.source.refuse(("units", column), f"expected a column among {valid}")
+            raise header.source.refuse(
+                ("units", column), f"expected a column among {valid}"
+            )
         if column.startswith(of.JOINT) and column not in table.columns:
-            raise header.source.refuse(("units", column), f"expected a column of {table.name}, which has none such")
+            raise header.source.refuse(
+                ("units", column),
+                f"expected a column of {table.name}, which has none such",
+            )
         if column not in table.columns and column in {"value", "sigma"}:
-            raise InputError(f"{table.name}:1: {column}: expected this column, got none")
+            raise InputError(
+                f"{table.name}:1: {column}: expected this column, got none"
+            )
 
 
 def coordinate(table: Table, header: Header, name: str) -> Array:
     """Return a commanded coordinate (n,) in SI."""
-    dimensions = (_PLACE,) if name in AXES[:3] else (_TURN,) if name in AXES else (_PLACE, _TURN)
-    unit = " or ".join({"m": "metres", "rad": "radians"}[each.unit] for each in dimensions)
+    dimensions = (
+        (_PLACE,) if name in AXES[:3] else (_TURN,) if name in AXES else (_PLACE, _TURN)
+    )
+    unit = " or ".join(
+        {"m": "metres", "rad": "radians"}[each.unit] for each in dimensions
+    )
     values = numbers(table, name, expected=f"a finite number of {unit}")
     values = values * _factor(header, name, *dimensions)
     _check_most(table, name, values, dimensions[0])
@@ -226,7 +281,9 @@ def coordinate(table: Table, header: Header, name: str) -> Array:
 def component(table: Table, header: Header, name: str) -> Array:
     """Return a component of the wrench (n,) in SI; NaN for empty cells."""
     dimension = _WRENCH[WRENCH.index(name) // 3]
-    values = numbers(table, name, empty=True, expected="a finite number or an empty cell")
+    values = numbers(
+        table, name, empty=True, expected="a finite number or an empty cell"
+    )
     values = values * _factor(header, name, dimension)
     _check_most(table, name, values, dimension)
     return values
@@ -248,9 +305,14 @@ def _factor(header: Header, column: str, *dimensions: Dimension) -> float:
 
 
 def readings_in_si(
-    table: Table, header: Header, column: str, values: Array, quantity: Indices, *,
+    table: Table,
+    header: Header,
+    column: str,
+    values: Array,
+    quantity: Indices,
+    *,
     unit_of: str = "",
-) -> Array:  # fmt: skip
+) -> Array:
     """Convert readings to SI.
 
     Parameters
@@ -274,7 +336,8 @@ def readings_in_si(
     unit_of = unit_of or column
     unit = header.units.get(unit_of)
     out = np.array(values)
-    kinds, turns = kind_of(quantity), quantity % 6 // 3
+    kinds = kind_of(quantity)
+    turns = quantity % 6 // 3
     for kind, turn in {(int(k), int(t)) for k, t in zip(kinds, turns, strict=True)}:
         mine = (kinds == kind) & (turns == turn)
         dimension = _MEASURED[kind][turn]
@@ -305,7 +368,10 @@ def _check_most(table: Table, column: str, values: Array, dimension: Dimension) 
 
 
 def _check_unit(header: Header, unit: str, column: str) -> None:
-    for dimension in (*(each for pair in _MEASURED.values() for each in pair), q.NUMBER):
+    for dimension in (
+        *(each for pair in _MEASURED.values() for each in pair),
+        q.NUMBER,
+    ):
         try:
             to_si(f"1 {unit}", dimension)
         except ValueError:

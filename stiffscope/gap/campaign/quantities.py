@@ -35,7 +35,9 @@ FIRST_POSITION = len(QUANTITIES)
 
 def kind_of(quantity: Indices) -> Indices:
     """Return the indices (n,) into `KINDS` for quantity codes (n,)."""
-    return np.where(quantity >= FIRST_POSITION, POSITION, np.minimum(quantity // 6, FREQUENCY))
+    return np.where(
+        quantity >= FIRST_POSITION, POSITION, np.minimum(quantity // 6, FREQUENCY)
+    )
 
 
 def label_pose(coordinates: Sequence[str], pose: Sequence[float]) -> str:

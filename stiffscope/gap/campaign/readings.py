@@ -15,7 +15,13 @@ from stiffscope.gap.campaign import keys as of_rows
 from stiffscope.gap.campaign import quantities as of
 from stiffscope.gap.campaign.campaign import Campaign
 from stiffscope.gap.campaign.campaign_header import load_header
-from stiffscope.gap.campaign.keys import LABEL, MOVED, OPTIONAL, coordinates_of, readings_in_si
+from stiffscope.gap.campaign.keys import (
+    LABEL,
+    MOVED,
+    OPTIONAL,
+    coordinates_of,
+    readings_in_si,
+)
 from stiffscope.gap.campaign.quantities import AXES, WRENCH, kind_of, label_pose
 from stiffscope.robot.file.description import GROUND
 from stiffscope.robot.file.quantities import show_value, to_si
@@ -34,12 +40,14 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 MOST_POSES = 2_000  # a diagnosis needs 0.02 s and 0.1 MB for each
 _BLIND = 30.0  # times the largest reading: an uncertainty in another unit
-_MOST_WORK = 2e10  # readings times the square of their instruments' unknowns: ten seconds
+_MOST_WORK = (
+    2e10  # readings times the square of their instruments' unknowns: ten seconds
+)
 
 
 def load_campaign(
     folder: Path, robot: RobotFile | None = None, *, planned: bool = False
-) -> Campaign:  # fmt: skip
+) -> Campaign:
     """Load the campaign in a folder.
 
     Parameters
@@ -64,10 +72,15 @@ def load_campaign(
     """
     header = load_header(folder)
     _check_files(folder, header)
-    read = [_read_readings(folder / name, header, planned=planned) for name in header.readings]
+    read = [
+        _read_readings(folder / name, header, planned=planned)
+        for name in header.readings
+    ]
     parts = [keys for keys, _, _ in read]
     first = parts[0]
-    other = next((part for part in parts if part.coordinates != first.coordinates), None)
+    other = next(
+        (part for part in parts if part.coordinates != first.coordinates), None
+    )
     if other is not None:
         both = f"{' '.join(first.coordinates)} and {' '.join(other.coordinates)}"
         message = f"expected all files with the same columns of the pose, got {both}"
@@ -111,40 +124,59 @@ def load_campaign(
 def _check_files(folder: Path, header: Header) -> None:
     """Raise InputError, with the key, for a table that is not a file, or is one of the others."""
     named = [("readings", name) for name in header.readings]
-    named += [("predictions", header.predictions)] if header.predictions is not None else []
+    named += (
+        [("predictions", header.predictions)] if header.predictions is not None else []
+    )
     for key, name in named:
         try:
             open_file(folder / name, "a table (.csv, .tsv, .xlsx)").close()
         except InputError as error:
             message = str(error).removeprefix(f"{shown_path(folder / name)}: ")
-            raise header.source.refuse((key,), f"{message} ({shown_path(name)})") from error
+            raise header.source.refuse(
+                (key,), f"{message} ({shown_path(name)})"
+            ) from error
         if name.endswith("/"):
             expected = "expected a table (.csv, .tsv, .xlsx)"
-            raise header.source.refuse((key,), f'{expected}, got a name that ends with "/" ({shown_path(name)})')
+            raise header.source.refuse(
+                (key,),
+                f'{expected}, got a name that ends with "/" ({shown_path(name)})',
+            )
     known: dict[str, str] = {}
     for name in header.readings:
-        if (first := known.setdefault(os.path.realpath(folder / name), name)) != name:
+        first = known.setdefault(os.path.realpath(folder / name), name)
+        if first != name:
             got = f"{show_value(first)} and {show_value(name)}, the same file"
-            raise header.source.refuse(("readings",), f"expected different ones, got {got}")
+            raise header.source.refuse(
+                ("readings",), f"expected different ones, got {got}"
+            )
 
 
 def _check_some(c: Campaign) -> None:
     """Raise InputError if all readings are zero (no gap in percent), or no deflection is loaded."""
     moved = c.kind == of.DEFLECTION
     if c.robot is not None and moved.any() and not c.wrench[moved].any():
-        where, got = c.where(int(np.argmax(moved))), f"none in {int(moved.sum()):,} deflections"
+        where = c.where(int(np.argmax(moved)))
+        got = f"none in {int(moved.sum()):,} deflections"
         raise InputError(f"{where}: fx: expected a wrench other than zero, got {got}")
     none = (np.abs(c.value) < MOVED.least) & ~c.relative
     if len(c) and none.all():
         got = f"none in {len(c):,} rows"
-        raise InputError(f"{c.where(0)}: value: expected readings other than zero, got {got}")
+        raise InputError(
+            f"{c.where(0)}: value: expected readings other than zero, got {got}"
+        )
 
 
-def _read_readings(path: Path, header: Header, *, planned: bool) -> tuple[Keys, Array, Array]:
+def _read_readings(
+    path: Path, header: Header, *, planned: bool
+) -> tuple[Keys, Array, Array]:
     """Return the keys, values and uncertainties (n,) of a table."""
     bare = header.predictions is not None
-    table = read_table(path, partial(of_rows.check_readings_columns, bare=bare), header.ignore)
-    check_marks(table, [name for name in table.columns if name not in {*OPTIONAL, *LABEL}])
+    table = read_table(
+        path, partial(of_rows.check_readings_columns, bare=bare), header.ignore
+    )
+    check_marks(
+        table, [name for name in table.columns if name not in {*OPTIONAL, *LABEL}]
+    )
     of_rows.check_units(header, table)
     keys = of_rows.read_keys(table, header, bare=bare)
     value = numbers(table, "value", empty=planned, expected="a finite reading in SI")
@@ -152,47 +184,76 @@ def _read_readings(path: Path, header: Header, *, planned: bool) -> tuple[Keys, 
     kind = kind_of(keys.quantity)
     stiff = (kind >= of.STIFFNESS) & (kind < of.FREQUENCY)
     table.refuse_where(stiff & (value <= 0), "value", "a positive stiffness")
-    table.refuse_where((kind == of.FREQUENCY) & (value <= 0), "value", "a positive frequency")
-    lengths = np.array([s.measures == "distance" and s.zero == "none" for s in header.sensors] + [False])
-    table.refuse_where(lengths[keys.sensor] & (value < 0), "value", "a distance of at least 0")
+    table.refuse_where(
+        (kind == of.FREQUENCY) & (value <= 0), "value", "a positive frequency"
+    )
+    lengths = np.array(
+        [s.measures == "distance" and s.zero == "none" for s in header.sensors]
+        + [False]
+    )
+    table.refuse_where(
+        lengths[keys.sensor] & (value < 0), "value", "a distance of at least 0"
+    )
     expected = "a positive number, or an empty cell if unknown"
     sigma = numbers(table, "sigma", empty=True, expected=expected)
     table.refuse_where(sigma <= 0, "sigma", expected)
     sigma = readings_in_si(table, header, "sigma", sigma, keys.quantity)
     if "value" in header.units and "sigma" not in header.units:
         in_unit = f'`units = {{ sigma = "{header.units["value"]}" }}` of campaign.toml'
-        expected = f"an uncertainty in SI below {_BLIND:g} times the readings, or {in_unit}"
+        expected = (
+            f"an uncertainty in SI below {_BLIND:g} times the readings, or {in_unit}"
+        )
         for each in np.unique(kind):
             size = np.nan_to_num(np.abs(value[kind == each])).max()
-            table.refuse_where((kind == each) & (sigma > _BLIND * size) & (size > 0.0), "sigma", expected)
+            table.refuse_where(
+                (kind == each) & (sigma > _BLIND * size) & (size > 0.0),
+                "sigma",
+                expected,
+            )
     return keys, value, sigma
 
 
-def _number_poses(parts: list[Keys]) -> tuple[tuple[str, ...], list[int], list[list[float]]]:
+def _number_poses(
+    parts: list[Keys],
+) -> tuple[tuple[str, ...], list[int], list[list[float]]]:
     """Return names of the distinct poses, the pose index of each row, and coordinates."""
     places = [place for part in parts for place in part.place]
     index = {place: i for i, place in enumerate(dict.fromkeys(places))}
     pose = [index[place] for place in places]
     if parts[0].coordinates == LABEL:
-        return tuple(str(place[0]) for place in index), pose, [[np.nan] * 3 for _ in index]
+        return (
+            tuple(str(place[0]) for place in index),
+            pose,
+            [[np.nan] * 3 for _ in index],
+        )
     names = tuple(label_pose(parts[0].coordinates, place) for place in index)
     return names, pose, [list(place) for place in index]
 
 
-def _read_predictions(path: Path, header: Header, parts: list[Keys]) -> dict[str, Array]:
+def _read_predictions(
+    path: Path, header: Header, parts: list[Keys]
+) -> dict[str, Array]:
     """Return the predicted values (n,) of all readings by each model of a table."""
     table = read_table(path, of_rows.check_predictions_columns, header.ignore)
     expected = parts[0].coordinates
     if coordinates_of(table.columns, bare=True) != expected:
         listed = " ".join(expected)
-        raise InputError(f"{table.name}:1: expected the readings' own key columns ({listed})")
+        raise InputError(
+            f"{table.name}:1: expected the readings' own key columns ({listed})"
+        )
     if "sigma" in table.columns:
-        raise InputError(f"{table.name}:1: sigma: expected predictions, which have no sigma")
+        raise InputError(
+            f"{table.name}:1: sigma: expected predictions, which have no sigma"
+        )
     keys = of_rows.read_keys(table, header, bare=True)
-    models = [n for n in table.columns if n not in {*expected, *WRENCH, *OPTIONAL, *AXES}]
+    models = [
+        n for n in table.columns if n not in {*expected, *WRENCH, *OPTIONAL, *AXES}
+    ]
     check_marks(table, [*WRENCH, *AXES, *models])
     read = partial(numbers, table, expected="a finite predicted value in SI")
-    convert = partial(readings_in_si, table, header, quantity=keys.quantity, unit_of="value")
+    convert = partial(
+        readings_in_si, table, header, quantity=keys.quantity, unit_of="value"
+    )
     found = {name: read(name) for name in models}
     values = np.stack([convert(name, each) for name, each in found.items()], axis=1)
     by_session = "session" in table.columns
@@ -201,12 +262,16 @@ def _read_predictions(path: Path, header: Header, parts: list[Keys]) -> dict[str
         first = row_of.setdefault(key, row)
         if np.any(values[first] != values[row]):
             line = table.lines[first]
-            raise table.fail(row, "value", f"the prediction already given on line {line}")
+            raise table.fail(
+                row, "value", f"the prediction already given on line {line}"
+            )
     picked: list[int] = []
     for part in parts:
         for row, key in enumerate(part.identities(sessions=by_session)):
             if key not in row_of:
-                raise part.table.fail(row, expected[0], f"a reading that {table.name} predicts")
+                raise part.table.fail(
+                    row, expected[0], f"a reading that {table.name} predicts"
+                )
             picked.append(row_of[key])
     idle = len(row_of) - len(set(picked))
     if idle:
@@ -229,7 +294,9 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
         most = f"expected at most {MOST_POSES:,} different poses"
         got = "got more; leave some out, a few dozen tell as much"
         raise InputError(f"{where}: {campaign.coordinates[0]}: {most}, {got}")
-    loose = [s.zero == "session" for s in campaign.sensors] + [f.per == "session" for f in campaign.frames] * 6
+    loose = [s.zero == "session" for s in campaign.sensors] + [
+        f.per == "session" for f in campaign.frames
+    ] * 6
     most = int((_MOST_WORK / len(campaign)) ** 0.5) // max(sum(loose), 1)
     if any(loose) and len(campaign.session_names) > most:
         where = campaign.where(int(np.argmax(campaign.session >= most)))
@@ -248,18 +315,24 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
 
 def _order_columns(campaign: Campaign, robot: RobotFile) -> Campaign:
     """Put the coordinates in the robot's order."""
-    given, pose = campaign.coordinates, tuple(robot.tool.pose)
+    given = campaign.coordinates
+    pose = tuple(robot.tool.pose)
     joints = tuple(f"{of.JOINT}{name}" for name in robot.drives())
-    wanted = next((names for names in (pose, joints) if names and set(names) == set(given)), None)
+    wanted = next(
+        (names for names in (pose, joints) if names and set(names) == set(given)), None
+    )
     if wanted is None:
         valid = joints if given[0].startswith(of.JOINT) else pose
-        wrong = next(name for name in (*given, *valid) if (name in given) != (name in valid))
+        wrong = next(
+            name for name in (*given, *valid) if (name in given) != (name in valid)
+        )
         expected = f"{' '.join(pose)}, or {' '.join(joints)}, got {' '.join(given)}"
         where = f"{campaign.files[0]}:1: {wrong}"
         command = f"the coordinates that command {robot.name}"
         raise InputError(f"{where}: expected {command}: {expected}")
     for name in [name for name in wanted if name in campaign.units]:
-        unit, dimension = campaign.units[name], robot.dimension_of(name)
+        unit = campaign.units[name]
+        dimension = robot.dimension_of(name)
         try:
             to_si(f"1 {unit}", dimension)
         except ValueError:
@@ -286,6 +359,8 @@ def _check_bodies(campaign: Campaign, robot: RobotFile) -> None:
         turns = sensor.body == GROUND and sensor.measures == "rotation"
         if sensor.body == sensor.against and not turns:
             key = "sensors", section, "against"
-            raise campaign.refuse(key, f"expected another body than {sensor.body}, got the same")
+            raise campaign.refuse(
+                key, f"expected another body than {sensor.body}, got the same"
+            )
     for load in campaign.loads:
         check(load.body, "loads", load.name, "body", moves=True)

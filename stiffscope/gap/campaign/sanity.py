@@ -82,7 +82,9 @@ def inspect_readings(campaign: Campaign, predicted: Array) -> tuple[ReadingRemar
     return (*found, *_find_copied(campaign, channels))
 
 
-def inspect_ranges(c: Campaign, mechanism: Mechanism, found: Configurations) -> tuple[ReadingRemark, ...]:
+def inspect_ranges(
+    c: Campaign, mechanism: Mechanism, found: Configurations
+) -> tuple[ReadingRemark, ...]:
     """Return a remark on the first reading at a pose beyond the range of a drive, if there is one.
 
     Parameters
@@ -98,10 +100,17 @@ def inspect_ranges(c: Campaign, mechanism: Mechanism, found: Configurations) -> 
     rows = np.flatnonzero(~limited.valid[c.pose])
     if not len(rows):
         return ()
-    pose, where = int(c.pose[rows[0]]), c.where(int(rows[0]))
-    first = f"{where}, the first of {len(rows)} such readings" if len(rows) > 1 else where
+    pose = int(c.pose[rows[0]])
+    where = c.where(int(rows[0]))
+    first = (
+        f"{where}, the first of {len(rows)} such readings" if len(rows) > 1 else where
+    )
     text = f"{first}: {limited.reason(pose)}: are the poses in m and rad?"
-    return (ReadingRemark("range", mechanism.drives[int(limited.culprit[pose])].name, (where,), text),)
+    return (
+        ReadingRemark(
+            "range", mechanism.drives[int(limited.culprit[pose])].name, (where,), text
+        ),
+    )
 
 
 def _channels(c: Campaign, least: int = LEAST) -> Iterator[tuple[str, Indices]]:
@@ -130,8 +139,12 @@ def _inspect_loads(c: Campaign) -> Iterator[ReadingRemark]:
 def _find_far(c: Campaign, predicted: Array) -> Iterator[ReadingRemark]:
     """Yield remarks on rows far beyond the model and half of their channel, however short."""
     for name, rows in _channels(c, 2):
-        size, model = np.abs(c.value[rows]), np.abs(predicted[rows])
-        usual = max(float(np.sort(size)[(len(rows) - 1) // 2]), float(np.nan_to_num(model).max()))
+        size = np.abs(c.value[rows])
+        model = np.abs(predicted[rows])
+        usual = max(
+            float(np.sort(size)[(len(rows) - 1) // 2]),
+            float(np.nan_to_num(model).max()),
+        )
         far = size > _FAR * usual
         if int(c.kind[rows[0]]) in (DEFLECTION, DEVIATION) and usual and far.any():
             yield _name_rows(c, name, rows[far])
@@ -144,28 +157,40 @@ def _find_contradictions(c: Campaign) -> Iterator[ReadingRemark]:
         group = np.unique(key[rows], axis=0, return_inverse=True)[1].ravel()
         order = rows[np.lexsort([c.value[rows], group])]
         group = np.sort(group)
-        first = np.searchsorted(group, group)  # index of the least value of each row's group
-        apart, sigma = c.value[order] - c.value[order[first]], np.nan_to_num(c.sigma[order])
+        first = np.searchsorted(
+            group, group
+        )  # index of the least value of each row's group
+        apart = c.value[order] - c.value[order[first]]
+        sigma = np.nan_to_num(c.sigma[order])
         size = np.maximum(np.abs(c.value[order]), np.abs(c.value[order[first]]))
         known = apart[apart > 0]
-        sound = np.maximum(_JUMP * sigma, _JUMP * np.median(known) if len(known) >= LEAST else 0.0)
+        sound = np.maximum(
+            _JUMP * sigma, _JUMP * np.median(known) if len(known) >= LEAST else 0.0
+        )
         bad = (apart > sound) & (apart > 0.5 * size)
         if bad.any():
-            two = sorted((int(order[first[k := int(np.argmax(apart * bad))]]), int(order[k])))
+            two = sorted(
+                (int(order[first[k := int(np.argmax(apart * bad))]]), int(order[k]))
+            )
             read = " and ".join(f"{c.value[row]:.4g} at {c.where(row)}" for row in two)
             text = f"{name} reads {read}, at one pose and load: is one of them wrong?"
-            yield ReadingRemark("contradiction", name, tuple(c.where(row) for row in two), text)
+            yield ReadingRemark(
+                "contradiction", name, tuple(c.where(row) for row in two), text
+            )
 
 
 def _inspect_channel(
     c: Campaign, predicted: Array, name: str, rows: Indices, look: _Look | None
 ) -> Iterator[ReadingRemark]:
     kind = int(c.kind[rows[0]])
-    value, model = c.value[rows], predicted[rows]
+    value = c.value[rows]
+    model = predicted[rows]
     known = bool(np.isfinite(model).all())
     varies = not known or np.ptp(model) > _SIZED * np.abs(model).max()
     if not np.ptp(value) and varies and kind != FREQUENCY:
-        text = f"{name} reads {value[0]:g} in all {len(rows)} {KINDS[kind]}s: is it stuck?"
+        text = (
+            f"{name} reads {value[0]:g} in all {len(rows)} {KINDS[kind]}s: is it stuck?"
+        )
         yield ReadingRemark("constant", name, (c.where(int(rows[0])),), text)
         return
     if not known or not model.any():
@@ -194,12 +219,14 @@ class _Look:
 
 def _look_at_all(
     c: Campaign, channels: Iterable[tuple[str, Indices]], predicted: Array
-) -> list[_Look | None]:  # fmt: skip
+) -> list[_Look | None]:
     """Return unit and sign of each channel; for the sign, deflections precede deviations."""
     out: list[_Look | None] = []
     signed: set[int] = set()
     for _, rows in channels:  # deflections before deviations
-        value, model, channel = c.value[rows], predicted[rows], int(c.channel[rows[0]])
+        value = c.value[rows]
+        model = predicted[rows]
+        channel = int(c.channel[rows[0]])
         look = _look_at(c, rows, value, model) if _is_comparable(value, model) else None
         if look is not None and look.sign and int(c.kind[rows[0]]) == DEFLECTION:
             signed.add(channel)
@@ -220,7 +247,8 @@ def _look_at(c: Campaign, rows: Indices, value: Array, model: Array) -> _Look | 
     """
     kind = int(c.kind[rows[0]])
     if kind in (DEVIATION, of.POSITION):
-        value, model = value - np.median(value), model - np.median(model)
+        value = value - np.median(value)
+        model = model - np.median(model)
     sized = np.abs(model) > _SIZED * np.abs(model).max()
     if sized.sum() < LEAST:
         return None
@@ -234,19 +262,26 @@ def _look_at(c: Campaign, rows: Indices, value: Array, model: Array) -> _Look | 
     factor = np.nan
     if (kind >= of.STIFFNESS or alike) and ratio > 0.0:
         turns = bool(c.direction[rows[0]] >= 3) and kind <= DEVIATION
-        known = [10.0 ** round(np.log10(ratio)), *([DEGREES, 1.0 / DEGREES] if turns else [])]
+        known = [
+            10.0 ** round(np.log10(ratio)),
+            *([DEGREES, 1.0 / DEGREES] if turns else []),
+        ]
         nearest = min(known, key=lambda each: abs(np.log(ratio / each)))
         factor = 1.0 if within else nearest
     sign = float(np.sign(agree)) if alike and kind <= DEVIATION else 0.0
     return _Look(factor, ratio, sign, float(np.mean(value[sized] * model[sized] < 0)))
 
 
-def _compare(c: Campaign, name: str, rows: Indices, look: _Look) -> Iterator[ReadingRemark]:
+def _compare(
+    c: Campaign, name: str, rows: Indices, look: _Look
+) -> Iterator[ReadingRemark]:
     """Yield remarks on unit and sign."""
     where = (c.where(int(rows[0])),)
     if np.isfinite(look.factor) and look.factor != 1.0:
         ten = round(np.log10(look.factor))
-        size = f"1e{ten}" if np.isclose(look.factor, 10.0**ten) else f"{look.factor:.3g}"
+        size = (
+            f"1e{ten}" if np.isclose(look.factor, 10.0**ten) else f"{look.factor:.3g}"
+        )
         text = f"{name} reads about {size} times the model: wrong unit?"
         yield ReadingRemark("unit", name, where, text)
     if look.sign < 0.0:
@@ -265,35 +300,56 @@ def find_doubts(campaign: Campaign, predicted: Array) -> Doubts:
     predicted
         Nominal prediction (n,) of each.
     """
-    c, value = campaign, np.array(campaign.value)
+    c = campaign
+    value = np.array(campaign.value)
     factors: dict[str, float] = {}
     signs: dict[str, float] = {}
     steps: dict[str, tuple[Row, float, bool]] = {}
     turning: dict[str, bool] = {}
-    channels = [(name, rows) for name, rows in _channels(c) if int(c.kind[rows[0]]) <= DEVIATION]
-    channels = [(name, rows) for name, rows in channels if _is_comparable(c.value[rows], predicted[rows])]
+    channels = [
+        (name, rows) for name, rows in _channels(c) if int(c.kind[rows[0]]) <= DEVIATION
+    ]
+    channels = [
+        (name, rows)
+        for name, rows in channels
+        if _is_comparable(c.value[rows], predicted[rows])
+    ]
     names = [c.instruments[int(c.channel[rows[0]])] for _, rows in channels]
     for name, (_, rows) in zip(names, channels, strict=True):
         turning[name] = bool(c.direction[rows[0]] >= 3)
-        step = _find_jump(c.value[rows], _columns(c, rows, predicted[rows]), c.pose[rows])
+        step = _find_jump(
+            c.value[rows], _columns(c, rows, predicted[rows]), c.pose[rows]
+        )
         if step is not None:
-            row, usual = int(rows[step[0]]), float(np.sqrt(np.mean(predicted[rows] ** 2)))
-            steps.setdefault(name, ((int(c.file[row]), int(c.line[row])), usual, turning[name]))
+            row = int(rows[step[0]])
+            usual = float(np.sqrt(np.mean(predicted[rows] ** 2)))
+            steps.setdefault(
+                name, ((int(c.file[row]), int(c.line[row])), usual, turning[name])
+            )
             value[rows[step[0] :]] -= step[1]  # which may hide a sign
-    for name, look in zip(names, _look_at_all(replace(c, value=value), channels, predicted), strict=True):
+    for name, look in zip(
+        names, _look_at_all(replace(c, value=value), channels, predicted), strict=True
+    ):
         if look is not None and np.isfinite(look.factor):
             factors.setdefault(name, look.factor)
         if look is not None and look.sign:
             signs.setdefault(name, look.sign)
     family = set(turning) - {sensor.name for sensor in c.sensors} or set(turning)
     rotations = {name for name in family if turning[name]}
-    families = {INSTRUMENT: family, TRANSLATION: family - rotations, ROTATION: rotations}
+    families = {
+        INSTRUMENT: family,
+        TRANSLATION: family - rotations,
+        ROTATION: rotations,
+    }
     return Doubts(_gather(factors, families), tuple(_gather(signs, families)), steps)
 
 
-def _gather(seen: Mapping[str, float], families: Mapping[str, set[str]]) -> dict[str, float]:
+def _gather(
+    seen: Mapping[str, float], families: Mapping[str, set[str]]
+) -> dict[str, float]:
     """Return values other than one by instrument, or by family if its members agree."""
-    out, left = dict[str, float](), dict(seen)
+    out = dict[str, float]()
+    left = dict(seen)
     for family, members in families.items():
         values = {left[name] for name in members & set(left)}
         if len(values) == 1 and len(members & set(left)) > 1 and values != {1.0}:
@@ -304,16 +360,21 @@ def _gather(seen: Mapping[str, float], families: Mapping[str, set[str]]) -> dict
 
 def _columns(c: Campaign, rows: Indices, model: Array) -> Array:
     """Return orthonormal columns (r, m) that span prediction, wrench and a constant."""
-    columns = np.column_stack([model, np.nan_to_num(c.wrench[rows]), np.ones(len(rows))])
+    columns = np.column_stack(
+        [model, np.nan_to_num(c.wrench[rows]), np.ones(len(rows))]
+    )
     columns = columns[:, np.abs(columns).max(axis=0) > 0]
-    left, size, _ = np.linalg.svd(columns / np.abs(columns).max(axis=0), full_matrices=False)
+    left, size, _ = np.linalg.svd(
+        columns / np.abs(columns).max(axis=0), full_matrices=False
+    )
     return left[:, size > _ALIKE * size[0]]
 
 
 def _fit_robustly(value: Array, columns: Array) -> tuple[Array, Array]:
     """Return coefficients (m,) of columns (r, m) in a robust fit of values (r,), and residuals (r,)."""
     solve: Any = np.linalg.lstsq
-    weight, left = np.ones(len(value)), np.asarray(value, dtype=float)
+    weight = np.ones(len(value))
+    left = np.asarray(value, dtype=float)
     rounding = max(1e-15 * float(np.abs(value).max()), 1e-300)
     fit = np.zeros(columns.shape[1])
     for _ in range(30):
@@ -332,19 +393,28 @@ def _centre(values: Array) -> Array:
     return values - np.median(values)
 
 
-def _find_breaks(c: Campaign, name: str, rows: Indices, columns: Array) -> Iterator[ReadingRemark]:
+def _find_breaks(
+    c: Campaign, name: str, rows: Indices, columns: Array
+) -> Iterator[ReadingRemark]:
     """Yield remarks on a step from one row on, and on outlying rows besides."""
     step = _find_jump(c.value[rows], columns, c.pose[rows])
     if step is not None:
         place, jump = step
-        where, unit = c.where(int(rows[place])), "rad" if c.direction[rows[0]] >= 3 else "m"
+        where = c.where(int(rows[place]))
+        unit = "rad" if c.direction[rows[0]] >= 3 else "m"
         text = f"{name} jumps by {jump:.2g} {unit} at {where} and stays there: has it slipped?"
         yield ReadingRemark("sensor-step", name, (where,), text)
-        columns = np.column_stack([columns, np.heaviside(np.arange(len(rows)) - place, 1.0)])
-    yield from _name_outliers(c, name, rows, _centre(_fit_robustly(c.value[rows], columns)[1]))
+        columns = np.column_stack(
+            [columns, np.heaviside(np.arange(len(rows)) - place, 1.0)]
+        )
+    yield from _name_outliers(
+        c, name, rows, _centre(_fit_robustly(c.value[rows], columns)[1])
+    )
 
 
-def _find_jump(value: Array, columns: Array, poses: Indices) -> tuple[int, float] | None:
+def _find_jump(
+    value: Array, columns: Array, poses: Indices
+) -> tuple[int, float] | None:
     """Return the index and size of a jump of values (r,) at poses (r,); None if there is none.
 
     It is fitted together with orthonormal columns (r, m). All readings at one pose, before or after
@@ -357,24 +427,47 @@ def _find_jump(value: Array, columns: Array, poses: Indices) -> tuple[int, float
     clipped = np.clip(_centre(left), -10 * _spread(left), 10 * _spread(left))
     clipped = clipped - columns @ (columns.T @ clipped)
     before = np.arange(_SIDE, count - _SIDE + 1)
-    pull, shared = (np.cumsum(each[::-1], axis=0)[::-1][before] for each in (clipped, columns))
-    own = count - before - np.sum(shared**2, axis=1)  # of a step, what the columns do not follow
-    place = int(before[np.argmax(pull**2 / own.clip(min=_OWN * np.minimum(before, count - before)))])
-    fit, rest = _fit_robustly(value, np.column_stack([columns, np.heaviside(np.arange(count) - place, 1.0)]))
+    pull, shared = (
+        np.cumsum(each[::-1], axis=0)[::-1][before] for each in (clipped, columns)
+    )
+    own = (
+        count - before - np.sum(shared**2, axis=1)
+    )  # of a step, what the columns do not follow
+    place = int(
+        before[
+            np.argmax(pull**2 / own.clip(min=_OWN * np.minimum(before, count - before)))
+        ]
+    )
+    fit, rest = _fit_robustly(
+        value, np.column_stack([columns, np.heaviside(np.arange(count) - place, 1.0)])
+    )
     jump = float(fit[-1])
     if abs(jump) <= _JUMP * _spread(rest):
         return None
-    apart = min(np.mean(rest[:place] / jump <= 0.5), np.mean(rest[place:] / jump > -0.5)) >= _BEYOND
+    apart = (
+        min(np.mean(rest[:place] / jump <= 0.5), np.mean(rest[place:] / jump > -0.5))
+        >= _BEYOND
+    )
     visited = min(len(np.unique(poses[:place])), len(np.unique(poses[place:])))
-    return (place, jump) if apart and (visited > 1 or poses[place - 1] == poses[place]) else None
+    return (
+        (place, jump)
+        if apart and (visited > 1 or poses[place - 1] == poses[place])
+        else None
+    )
 
 
-def _name_outliers(c: Campaign, name: str, rows: Indices, left: Array) -> Iterator[ReadingRemark]:
+def _name_outliers(
+    c: Campaign, name: str, rows: Indices, left: Array
+) -> Iterator[ReadingRemark]:
     """Yield a remark on the few outlying rows of a scatter (r,) about zero."""
-    sigma = np.nan_to_num(c.sigma[rows]) / np.where(c.relative[rows], np.abs(c.value[rows]), 1.0)
+    sigma = np.nan_to_num(c.sigma[rows]) / np.where(
+        c.relative[rows], np.abs(c.value[rows]), 1.0
+    )
     size = np.abs(left)
     usual: Flags = size <= _JUMP * np.maximum(_spread(left), sigma)
-    far = ~usual & (size > _APART * size[usual].max(initial=0.0))  # robot faults have long tails
+    far = ~usual & (
+        size > _APART * size[usual].max(initial=0.0)
+    )  # robot faults have long tails
     if not 0 < far.sum() <= max(1, _RARE * len(rows)) or len(rows) < 3 * LEAST:
         return
     yield _name_rows(c, name, rows[np.flatnonzero(far)[np.argsort(-np.abs(left[far]))]])
@@ -384,11 +477,15 @@ def _name_rows(c: Campaign, name: str, rows: Indices) -> ReadingRemark:
     """Return a remark on outlying rows."""
     where = tuple(c.where(int(row)) for row in rows)
     more = f" and {len(where) - SHOWN} more" if len(where) > SHOWN else ""
-    text = f"{name} is an outlier among its readings at {', '.join(where[:SHOWN])}{more}"
+    text = (
+        f"{name} is an outlier among its readings at {', '.join(where[:SHOWN])}{more}"
+    )
     return ReadingRemark("outlier", name, where, text)
 
 
-def _find_copied(c: Campaign, channels: list[tuple[str, Indices]]) -> Iterator[ReadingRemark]:
+def _find_copied(
+    c: Campaign, channels: list[tuple[str, Indices]]
+) -> Iterator[ReadingRemark]:
     """Yield remarks on channels with exactly the readings of another."""
     known: dict[bytes, str] = {}
     for name, rows in channels:

@@ -51,14 +51,22 @@ class Plan:
             self.poses[poses],
             tuple(self.sensors[k] for k in sensors),
             tuple(self.hooks[k] for k in hooks),
-            tuple((places[hook], force) for hook, force in map(self.pulls.__getitem__, pulls)),
-            np.array([[poses.index(p), pulls.index(k), sensors.index(s)] for p, k, s in chosen]),
+            tuple(
+                (places[hook], force)
+                for hook, force in map(self.pulls.__getitem__, pulls)
+            ),
+            np.array(
+                [
+                    [poses.index(p), pulls.index(k), sensors.index(s)]
+                    for p, k, s in chosen
+                ]
+            ),
         )
 
 
 def write_template(
     robot: RobotFile, name: str, folder: Path, plan: Plan | None = None
-) -> tuple[int, int]:  # fmt: skip
+) -> tuple[int, int]:
     """Write a campaign folder to be filled in.
 
     Parameters
@@ -91,15 +99,19 @@ def write_template(
 def write_plan(robot: RobotFile, name: str, folder: Path, plan: Plan) -> None:
     """Write the files of a plan into a folder; see `write_template`."""
     header: dict[str, Any] = {
-        "robot": name, "modelled": ["gravity"] if robot.gravity else [],
+        "robot": name,
+        "modelled": ["gravity"] if robot.gravity else [],
         "ignore": ["remark"],
         "sensors": {
             s.name: describe_sensor(
-                s.measures, s.body, s.at, s.direction, against=s.against, zero=s.zero)
+                s.measures, s.body, s.at, s.direction, against=s.against, zero=s.zero
+            )
             for s in plan.sensors
         },
-        "loads": {hook.name: {"body": hook.body, "at": list(hook.at)} for hook in plan.hooks},
-    }  # fmt: skip
+        "loads": {
+            hook.name: {"body": hook.body, "at": list(hook.at)} for hook in plan.hooks
+        },
+    }
     write_campaign(folder, header, _columns(robot, plan), comment=_advice(robot))
 
 
@@ -111,9 +123,11 @@ def example_plan(robot: RobotFile) -> Plan:
 
 
 def cross_plan(
-    poses: Array, sensors: Sequence[Sensor], hooks: Sequence[LoadPoint],
+    poses: Array,
+    sensors: Sequence[Sensor],
+    hooks: Sequence[LoadPoint],
     pulls: Sequence[tuple[int, Array]],
-) -> Plan:  # fmt: skip
+) -> Plan:
     """Return a plan of every sensor under every pull at every pose.
 
     Parameters
@@ -125,13 +139,17 @@ def cross_plan(
     pulls
         Index of a hook (-1: at M) and wrench (6,), N and N·m, of each load.
     """
-    settings = np.array([*product(range(len(poses)), range(len(pulls)), range(len(sensors)))])
+    settings = np.array(
+        [*product(range(len(poses)), range(len(pulls)), range(len(sensors)))]
+    )
     return Plan(poses, tuple(sensors), tuple(hooks), tuple(pulls), settings)
 
 
 def example_sensors(robot: RobotFile) -> tuple[Sensor, ...]:
     """Return a dial gauge along each axis at the tool, and an inclinometer of unknown zero."""
-    level = Sensor("level", robot.tool.body, (0.0, 1.0, 0.0), measures="rotation", zero="session")
+    level = Sensor(
+        "level", robot.tool.body, (0.0, 1.0, 0.0), measures="rotation", zero="session"
+    )
     return (*place_gauges("gauge", robot.tool.body, robot.tool.at), level)
 
 
@@ -139,18 +157,25 @@ def place_gauges(name: str, body: str, at: object) -> tuple[Sensor, ...]:
     """Return a dial gauge along each axis at a point (3,) of a body."""
     axes = zip("xyz", np.eye(3), strict=True)
     place = _tuple(at)
-    return tuple(Sensor(f"{name}_{axis}", body, _tuple(along), place) for axis, along in axes)
+    return tuple(
+        Sensor(f"{name}_{axis}", body, _tuple(along), place) for axis, along in axes
+    )
 
 
 def planned_poses(robot: RobotFile) -> Array:
     """Return the robot's named poses and other reachable ones throughout its map, (p, k)."""
     from scipy.stats import qmc  # pyright: ignore[reportMissingTypeStubs]
 
-    mechanism = mechanism_of(robot, {name: rigid_part(robot, name) for name in used_parts(robot)})
+    mechanism = mechanism_of(
+        robot, {name: rigid_part(robot, name) for name in used_parts(robot)}
+    )
     home = mechanism.tool.home
     ranges = robot.map.ranges() if robot.map is not None else {}
-    size = float(np.ptp(np.array([joint.at for joint in mechanism.joints]), axis=0).max())
-    low, high = home.copy(), home.copy()
+    size = float(
+        np.ptp(np.array([joint.at for joint in mechanism.joints]), axis=0).max()
+    )
+    low = home.copy()
+    high = home.copy()
     for k, coordinate in enumerate(mechanism.tool.pose):
         reach = _SPREAD if coordinate.startswith("r") else _SPREAD * size
         low[k], high[k] = ranges.get(coordinate, (home[k] - reach, home[k] + reach))
@@ -167,8 +192,13 @@ def _columns(robot: RobotFile, plan: Plan) -> dict[str, list[str]]:
     settings: list[list[int]] = plan.settings.tolist()
     rows: list[list[str]] = []
     for pose, pull, which in settings:
-        (hook, force), sensor = plan.pulls[pull], plan.sensors[which]
-        load = [plan.hooks[hook].name, *(f"{each:g}" for each in force)] if hook >= 0 else [""] * 4
+        (hook, force) = plan.pulls[pull]
+        sensor = plan.sensors[which]
+        load = (
+            [plan.hooks[hook].name, *(f"{each:g}" for each in force)]
+            if hook >= 0
+            else [""] * 4
+        )
         kind = "deflection" if hook >= 0 else "deviation"
         sigma = "5e-06" if sensor.rotates else "1e-06"
         place = (f"{value:.10g}" for value in plan.poses[pose])

@@ -16,9 +16,12 @@ if TYPE_CHECKING:
 
 
 def write_campaign(
-    folder: Path, header: Mapping[str, Any], columns: Mapping[str, Sequence[str]], *,
+    folder: Path,
+    header: Mapping[str, Any],
+    columns: Mapping[str, Sequence[str]],
+    *,
     comment: str = "",
-) -> None:  # fmt: skip
+) -> None:
     """Write a campaign as campaign.toml and readings.csv.
 
     Parameters
@@ -48,8 +51,12 @@ def write_campaign(
 
 
 def describe_sensor(
-    measures: str, body: str, at: Any, direction: Any, **more: str,
-) -> dict[str, Any]:  # fmt: skip
+    measures: str,
+    body: str,
+    at: Any,
+    direction: Any,
+    **more: str,
+) -> dict[str, Any]:
     """Return the section of a sensor in campaign.toml; a rotation has no point.
 
     Parameters

@@ -26,7 +26,12 @@ NOISES = np.geomspace(1e-4, 0.5, 120)  # unknown noise: 0.01 to 50 % of a readin
 OUTLYING = 6.0  # robust standard deviations
 FEW = 0.05  # share of the readings that can be outliers
 _MOST_SCALES = 2
-GROUPS = {"all": AXES, "translation": AXES[:3], "rotation": AXES[3:], **{x: (x,) for x in AXES}}
+GROUPS = {
+    "all": AXES,
+    "translation": AXES[:3],
+    "rotation": AXES[3:],
+    **{x: (x,) for x in AXES},
+}
 
 
 @dataclass(frozen=True)
@@ -74,7 +79,9 @@ class ColumnModel:
         rivals = [Candidate("rival", m, action=v) for m, v in models if m != "value"]
         kept: dict[bytes, tuple[Flags, list[str]]] = {}
         for place, axes in GROUPS.items():
-            chosen: Flags = np.isin(self.campaign.direction, [AXES.index(axis) for axis in axes])
+            chosen: Flags = np.isin(
+                self.campaign.direction, [AXES.index(axis) for axis in axes]
+            )
             if chosen.any():
                 kept.setdefault(chosen.tobytes(), (chosen, []))[1].append(place)
         return (*rivals, *(_scale(chosen, places) for chosen, places in kept.values()))
@@ -84,17 +91,26 @@ class ColumnModel:
         """One scale per direction, combined with each of the models."""
         rivals = [c for c in self.library if c.effect == "rival"]
         axes = tuple(c for c in self.library if c.place in AXES and c.effect == "scale")
-        return ((axes, *((rival, *axes) for rival in rivals))) if len(axes) > _MOST_SCALES else ()
+        return (
+            ((axes, *((rival, *axes) for rival in rivals)))
+            if len(axes) > _MOST_SCALES
+            else ()
+        )
 
     def admits(self, candidates: Sequence[Candidate]) -> bool:
         """Return whether there are at most one rival and two scales; more would be redundant."""
         effects = [c.effect for c in candidates]
         distinct = len({c.name for c in candidates}) == len(effects)
-        return distinct and effects.count("rival") <= 1 and effects.count("scale") <= _MOST_SCALES
+        return (
+            distinct
+            and effects.count("rival") <= 1
+            and effects.count("scale") <= _MOST_SCALES
+        )
 
     def predict(self, parameters: Parameters = ()) -> ColumnPrediction:
         """Return values (n,) of the model under test, or a rival, multiplied by every scale."""
-        base, gain = self.campaign.predictions["value"], np.ones(len(self.campaign))
+        base = self.campaign.predictions["value"]
+        gain = np.ones(len(self.campaign))
         factors: dict[str, float] = {}
         for candidate, values in parameters:
             if candidate.effect == "rival":
@@ -118,10 +134,15 @@ class ColumnModel:
         own = np.where(own > 0, own, max(float(np.abs(c.value).max()), 1e-300))
         sigma = np.where(unknown, own, c.sigma)
         outlier = self._outliers(sigma, unknown)
-        remarks = [f"left out as an outlier: {c.where(int(i))}" for i in np.flatnonzero(outlier)]
+        remarks = [
+            f"left out as an outlier: {c.where(int(i))}"
+            for i in np.flatnonzero(outlier)
+        ]
         if unknown.any():
             count = int(unknown.sum())
-            remarks.insert(0, f"{count} readings lack an uncertainty; estimated from residuals")
+            remarks.insert(
+                0, f"{count} readings lack an uncertainty; estimated from residuals"
+            )
         return Noise(sigma, ~outlier, unknown, NOISES, tuple(remarks))
 
     def _outliers(self, sigma: Array, unknown: Flags) -> Flags:
@@ -129,7 +150,8 @@ class ColumnModel:
         c = self.campaign
         best = np.full(len(c), np.inf)
         for base in c.predictions.values():
-            rest, ratio = (c.value - base) / sigma, base / sigma
+            rest = (c.value - base) / sigma
+            ratio = base / sigma
             for axis in range(6):
                 pick = (c.direction == axis) & (ratio != 0)
                 if pick.any():

@@ -12,7 +12,11 @@ from stiffscope.effects.elements import add_payloads, change_elements
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.quantities import FIRST_FREQUENCY, FREQUENCY
 from stiffscope.gap.forward import robot_at_poses
-from stiffscope.gap.forward.terminals import find_inertial_forces, find_weight, wrenches_at
+from stiffscope.gap.forward.terminals import (
+    find_inertial_forces,
+    find_weight,
+    wrenches_at,
+)
 from stiffscope.vjm.checks import GROUND
 from stiffscope.vjm.equilibrium import solve_loads
 from stiffscope.vjm.linkage import rotation_vector
@@ -36,7 +40,9 @@ if TYPE_CHECKING:
 
 _TOOL = slice(0, 6)
 _NEWTON_STEPS = 13
-_CLOSED = 1e-5  # rad, or relative to the mechanism's length: size of the last Newton step
+_CLOSED = (
+    1e-5  # rad, or relative to the mechanism's length: size of the last Newton step
+)
 
 
 @dataclass(frozen=True)
@@ -67,13 +73,16 @@ class ElasticState:
         if not self._is_displaced:
             return rest
         order = find_order(self.mechanism, self.at.configurations.linkage)
-        there, loads = rest, Loads(1, {}, find_offsets(order, rest))
+        there = rest
+        loads = Loads(1, {}, find_offsets(order, rest))
         for _ in range(_NEWTON_STEPS):
             response = solve_loads(order, there, loads)
             there = bend_places(there, response)
             if _size(response, order.length) < _CLOSED:
                 return there
-            loads = Loads(1, {}, find_remaining_offsets(order, there, rest), balanced=1.0)
+            loads = Loads(
+                1, {}, find_remaining_offsets(order, there, rest), balanced=1.0
+            )
         raise InputError("loop closure: no solution for these geometric errors")
 
     @property
@@ -89,12 +98,18 @@ class ElasticState:
         if not self.changes and not self.payloads and where is self.at.rest:
             return self.at.response
         order = find_order(self.mechanism, self.at.configurations.linkage)
-        return solve_loads(order, where, self.at.unit_loads(where, self.mechanism, self.payloads))
+        return solve_loads(
+            order, where, self.at.unit_loads(where, self.mechanism, self.payloads)
+        )
 
     @cached_property
     def _response(self) -> Softened:
         added = self._added_compliance
-        return Softened(self.response) if added is None else soften_elements(self.at, added)
+        return (
+            Softened(self.response)
+            if added is None
+            else soften_elements(self.at, added)
+        )
 
     @cached_property
     def _added_compliance(self) -> dict[str, Array] | None:
@@ -133,7 +148,8 @@ class ElasticState:
         """Return motions (p, 6, cases) of M (-1), or a sensor's point from its mount; base axes."""
         if number < 0:
             return self.tool
-        where, sensor = self.places, self.at.campaign.sensors[number]
+        where = self.places
+        sensor = self.at.campaign.sensors[number]
 
         def motion(node: str) -> Array:
             back = np.swapaxes(wrenches_at(where, sensor.body, sensor.at), -1, -2)
@@ -146,8 +162,11 @@ class ElasticState:
 
     def weights(self, payloads: Sequence[Payload]) -> Array:
         """Return the wrenches (p or 1, 6, k) of payloads' weights, at M in base axes."""
-        where, gravity = self.places, self.at.mechanism.gravity
-        return np.stack([find_weight(payload, where, gravity) for payload in payloads], axis=2)
+        where = self.places
+        gravity = self.at.mechanism.gravity
+        return np.stack(
+            [find_weight(payload, where, gravity) for payload in payloads], axis=2
+        )
 
     def work_on_node(self, node: str, wrenches: Array) -> Array:
         """Return work (p, cases, k) of wrenches (p or 1, 6, k) on a node for each terminal load."""
@@ -179,17 +198,21 @@ class ElasticState:
         across = self._gone(sensor.body, np.array(sensor.at))
         if sensor.against == GROUND:
             return self._at_every_pose(across)
-        rest, there = self.at.rest, self.places  # the point carried by the sensor's mount
+        rest = self.at.rest
+        there = self.places  # the point carried by the sensor's mount
         point = rest.point(sensor.body, np.array(sensor.at))
         back = np.swapaxes(rest.rotation[sensor.against], -1, -2)
         turn = there.rotation[sensor.against]
         home = back @ (point - rest.position[sensor.against])[..., None]
         carried = (turn @ home)[..., 0] + there.position[sensor.against] - point
-        return self._at_every_pose(across - _join(carried, rotation_vector(turn @ back)))
+        return self._at_every_pose(
+            across - _join(carried, rotation_vector(turn @ back))
+        )
 
     def _gone(self, node: str, home: Array) -> Array:
         """Return a body point's translation and rotation vector (n, 6) from the nominal pose."""
-        rest, there = self.at.rest, self.places
+        rest = self.at.rest
+        there = self.places
         away = there.point(node, home) - rest.point(node, home)
         turn = there.rotation[node] @ np.swapaxes(rest.rotation[node], -1, -2)
         return _join(away, rotation_vector(turn))
@@ -197,13 +220,16 @@ class ElasticState:
     @cached_property
     def _modes(self) -> Modes:
         """Lowest modes at the poses with frequency readings, drives locked."""
-        at, c = self.at, self.at.campaign
+        at = self.at
+        c = self.at.campaign
         count = int((c.quantity[c.kind == FREQUENCY] - FIRST_FREQUENCY).max()) + 1
         found = modes(self._loaded_mechanism, at.configurations[at.shaken], count)
         if found.frequencies.shape[1] < count or np.isnan(found.frequencies).any():
             row = int(np.argmax(c.kind == FREQUENCY))
             where = f"{c.where(row)}: quantity"
-            raise InputError(f"{where}: expected one of the modes that the robot has, got f{count}")
+            raise InputError(
+                f"{where}: expected one of the modes that the robot has, got f{count}"
+            )
         return found
 
     @cached_property
@@ -218,9 +244,12 @@ class ElasticState:
     @cached_property
     def _inertial_equilibrium(self) -> Response:
         """Equilibrium under the inertial loads ``ω² M v`` of each mode v, at maximum deflection."""
-        found, where = self._modes.configurations, place_nodes(self._modes.configurations)
+        found = self._modes.configurations
+        where = place_nodes(self._modes.configurations)
         squares = np.square(2.0 * np.pi * self.frequencies)[:, None]
-        inertia = find_inertial_forces(self._loaded_mechanism, where, self._modes.shapes)
+        inertia = find_inertial_forces(
+            self._loaded_mechanism, where, self._modes.shapes
+        )
         forces = {node: force * squares for node, force in inertia.items()}
         loads = Loads(squares.shape[2], forces, balanced=1.0)
         return solve_loads(find_order(self.mechanism, found.linkage), where, loads)
@@ -233,7 +262,10 @@ class ElasticState:
     def twist_modes(self, node: str, home: Array) -> Array:
         """Return twists (s, 6, c) of a body point, base axes, in each mode of 1 kg modal mass."""
         where = place_nodes(self._modes.configurations)
-        return np.swapaxes(wrenches_at(where, node, home), -1, -2) @ self._modes.shapes[node]
+        return (
+            np.swapaxes(wrenches_at(where, node, home), -1, -2)
+            @ self._modes.shapes[node]
+        )
 
 
 @dataclass(frozen=True)
@@ -274,13 +306,18 @@ def soften_elements(at: RobotAtPoses, added: Mapping[str, Array]) -> Softened:
     The added deformation ΔC w of an element under wrench w acts like an offset between its ends:
     ``w = w₀ + K ΔC w``, with wrenches K per unit twist between the ends (Woodbury identity).
     """
-    sound, names = at.response, list(added)
+    sound = at.response
+    names = list(added)
     if not names:
         return Softened(sound)
     cuts = tuple(at.cut(name) for name in names)
     rows = [row for name in names for row in at.mechanism.rows(name)]
-    gains = [cut.find_wrench(rows) @ added[own] for cut, own in zip(cuts, names, strict=True)]
-    carried = np.linalg.solve(np.eye(6 * len(rows)) - stack_columns(gains), sound.find_wrench(rows))
+    gains = [
+        cut.find_wrench(rows) @ added[own] for cut, own in zip(cuts, names, strict=True)
+    ]
+    carried = np.linalg.solve(
+        np.eye(6 * len(rows)) - stack_columns(gains), sound.find_wrench(rows)
+    )
     ends = np.cumsum([len(added[name]) for name in names])[:-1]
     parts = zip(added.values(), np.split(carried, ends, axis=1), strict=True)
     return Softened(sound, cuts, tuple(compliance @ part for compliance, part in parts))
@@ -294,4 +331,6 @@ def _join(shift: Array, turn: Array) -> Array:
 def _size(response: Response, length: float) -> float:
     """Return the largest rotation, or translation over a length, of any node."""
     unit = np.repeat([1.0 / length, 1.0], 3)
-    return max(float(np.abs(twist[..., 0] * unit).max()) for twist in response.nodes.values())
+    return max(
+        float(np.abs(twist[..., 0] * unit).max()) for twist in response.nodes.values()
+    )

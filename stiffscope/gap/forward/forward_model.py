@@ -19,7 +19,15 @@ if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.runtime.types import Array, Flags, Indices
 
-__all__ = ["UNNAMED", "Candidate", "ForwardModel", "Noise", "Parameters", "Prediction", "Trial"]
+__all__ = [
+    "UNNAMED",
+    "Candidate",
+    "ForwardModel",
+    "Noise",
+    "Parameters",
+    "Prediction",
+    "Trial",
+]
 
 Parameters = tuple[tuple[Candidate, tuple[float, ...]], ...]
 """A set of effects with their internal parameters."""

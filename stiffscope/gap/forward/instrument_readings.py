@@ -30,14 +30,17 @@ class InstrumentReadings:
     @cached_property
     def influences(self) -> tuple[Influence, ...]:
         """Changes by each effect."""
-        return tuple(c.action.influence(np.array(values)) for c, values in self.parameters)
+        return tuple(
+            c.action.influence(np.array(values)) for c, values in self.parameters
+        )
 
     def instrument(self, sensor: int) -> Array:
         """Return the matrix (6, 6) from true to shown motion of a sensor, or (-1) at M."""
         if sensor >= 0 and self.campaign.sensors[sensor].absolute:
             return np.eye(6)
         if sensor not in self._instruments:
-            scale, (x, y, z) = 1.0, np.zeros(3)
+            scale = 1.0
+            (x, y, z) = np.zeros(3)
             for each in self.influences:
                 for name in self._names_of(sensor):
                     scale *= 1.0 + each.gains.get(name, 0.0)
@@ -62,7 +65,9 @@ class InstrumentReadings:
 
     def gain_of(self, name: str) -> float:
         """Return the ratio of shown to true motion of a named instrument."""
-        return float(np.prod([1.0 + each.gains.get(name, 0.0) for each in self.influences]))
+        return float(
+            np.prod([1.0 + each.gains.get(name, 0.0) for each in self.influences])
+        )
 
     @cached_property
     def at_tool(self) -> Flags:
@@ -81,19 +86,33 @@ class InstrumentReadings:
         """Return flags (n,) of an instrument's readings; that at M means all if M is not read."""
         c = self.campaign
         if place in {INSTRUMENT, TRANSLATION, ROTATION}:
-            shown = self.at_tool if self.at_tool.any() else (c.sensor >= 0) & (c.kind <= DEVIATION)
-            part = True if place == INSTRUMENT else (c.direction >= 3) == (place == ROTATION)
+            shown = (
+                self.at_tool
+                if self.at_tool.any()
+                else (c.sensor >= 0) & (c.kind <= DEVIATION)
+            )
+            part = (
+                True
+                if place == INSTRUMENT
+                else (c.direction >= 3) == (place == ROTATION)
+            )
             return shown & part
         if place in AXES:
-            return (c.sensor < 0) & (c.direction == AXES.index(place)) & (c.kind <= DEVIATION)
+            return (
+                (c.sensor < 0)
+                & (c.direction == AXES.index(place))
+                & (c.kind <= DEVIATION)
+            )
         names = [sensor.name for sensor in c.sensors]
         return c.sensor == (names.index(place) if place in names else len(names))
 
     @cached_property
     def display(self) -> tuple[Array, Array]:
         """Factors (n,) on deflections and deviations, and shifts (n,)."""
-        c, moving = self.campaign, self.campaign.kind <= DEVIATION
-        factor, shift = np.ones(len(c)), np.zeros(len(c))
+        c = self.campaign
+        moving = self.campaign.kind <= DEVIATION
+        factor = np.ones(len(c))
+        shift = np.zeros(len(c))
         for influence in self.influences:
             for name, size in influence.factors.items():
                 factor = np.where(moving & self.shown_by(name), size * factor, factor)

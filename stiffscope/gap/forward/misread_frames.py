@@ -19,8 +19,14 @@ if TYPE_CHECKING:
 
 _LARGE = 0.01  # of the sizes of robot and workspace: median residuals beyond are no errors of a robot
 _WILD = 0.05  # of these sizes: median residuals refused whatever their cause
-_RIGHT = 0.1  # largest residual of the right reading over that of the readings as they are
-_MISREAD = {-1.0: "mirrored: mirrored axes", 1e-3: "divided by 1000: mm", 1e3: "multiplied by 1000: mm"}
+_RIGHT = (
+    0.1  # largest residual of the right reading over that of the readings as they are
+)
+_MISREAD = {
+    -1.0: "mirrored: mirrored axes",
+    1e-3: "divided by 1000: mm",
+    1e3: "multiplied by 1000: mm",
+}
 
 
 def find_misread(at: RobotAtPoses) -> Iterator[tuple[str, InputError]]:
@@ -29,24 +35,42 @@ def find_misread(at: RobotAtPoses) -> Iterator[tuple[str, InputError]]:
     read = ~np.isnan(c.value[at.instruments.rows])
     if not read.any():
         return
-    rows, every = at.instruments.rows[read], at.targets(at.rest)
+    rows = at.instruments.rows[read]
+    every = at.targets(at.rest)
     names = np.array([s.frame for s in c.sensors])[c.sensor[rows]]
-    size = measure_robot(at.mechanism)[0] + float(np.linalg.norm(np.ptp(every[0], axis=0)))
+    size = measure_robot(at.mechanism)[0] + float(
+        np.linalg.norm(np.ptp(every[0], axis=0))
+    )
     for name in np.unique(names).tolist():
         part = Instruments(c.select(rows[names == name]))
         targets = [each[read][names == name] for each in every]
-        if (own := _misfit(part, targets, 1.0)) < _LARGE * size:
+        own = _misfit(part, targets, 1.0)
+        if own < _LARGE * size:
             continue
-        right, cause = min((_misfit(part, targets, factor), cause) for factor, cause in _MISREAD.items())
+        right, cause = min(
+            (_misfit(part, targets, factor), cause)
+            for factor, cause in _MISREAD.items()
+        )
         fits = right < min(_RIGHT * own, _LARGE * size)
         if fits or own > _WILD * size:
-            meant = f"and {right:.2g} m if {cause}" if fits else "no error of a robot: wrong poses, rows or frame"
+            meant = (
+                f"and {right:.2g} m if {cause}"
+                if fits
+                else "no error of a robot: wrong poses, rows or frame"
+            )
             got = f"ones {own:.2g} m off it, {meant}?"
-            yield name, c.refuse(("frames", name), f"expected positions of the robot, got {got}")
+            yield (
+                name,
+                c.refuse(
+                    ("frames", name), f"expected positions of the robot, got {got}"
+                ),
+            )
 
 
 def _misfit(part: Instruments, targets: list[Array], factor: float) -> float:
     """Return the median residual, m, of the best fit to readings times a factor."""
     value = factor * part.measured_values
     tried = Instruments(replace(part.campaign, value=value, expected=None))
-    return float(np.median(np.abs(value - tried.look(tried.start(*targets)[0], *targets))))
+    return float(
+        np.median(np.abs(value - tried.look(tried.start(*targets)[0], *targets)))
+    )

@@ -22,15 +22,21 @@ if TYPE_CHECKING:
 OUTLYING = 6.0  # robust standard deviations
 PASSES = 6
 LOOSE = 3.0  # prior size of parameters in the joint fit over their own
-OVERSTATED = 0.8  # ratio of observed to stated noise below which the latter is scaled down
+OVERSTATED = (
+    0.8  # ratio of observed to stated noise below which the latter is scaled down
+)
 LARGEST = 1000  # most readings used for the initial guess of unknown noise
 FRACTIONS = np.geomspace(1e-5, 2.0, 80)  # candidate ratios of noise to gap
 
 
-_DOUBTED = {Unit.word, SensorSign.word}  # if suspected, assumed present for the noise estimate
+_DOUBTED = {
+    Unit.word,
+    SensorSign.word,
+}  # if suspected, assumed present for the noise estimate
 _LEAST_FREE = 1e-6  # least share of a reading's variance that a joint fit leaves
 _ALIKE = 4.0  # readings as which it counts that noise is alike in a unit, and in all
-_USUAL, _WITHIN = 0.01, 2.0  # noise over the gap, and its standard deviation in logarithms
+_USUAL = 0.01
+_WITHIN = 2.0  # noise over the gap, and its standard deviation in logarithms
 _TOLD = 3.0  # least degrees of freedom that tell the noise
 _EFFICIENCY = 0.5  # of the robust scatter: share of the degrees of freedom that it uses
 _MOST = 0.4  # most columns per reading in the joint fit
@@ -67,9 +73,13 @@ def noise_of(model: ForwardModel) -> Noise:
     but never increased, because the excess scatter may be an unknown effect.
     """
     campaign = model.campaign
-    prediction = model.predict(tuple((c, ()) for c in model.library if c.effect in _DOUBTED))
+    prediction = model.predict(
+        tuple((c, ()) for c in model.library if c.effect in _DOUBTED)
+    )
     joint = [c for c in model.library if c.scale and not (c.flexible or c.swarming)]
-    if sum(len(c.scale) for c in joint) > _MOST * len(campaign):  # axes fit almost anything
+    if sum(len(c.scale) for c in joint) > _MOST * len(
+        campaign
+    ):  # axes fit almost anything
         joint = [c for c in joint if c.effect != JointAxis.word]
     x = np.hstack([prediction.columns(c) * np.array(c.scale) for c in joint])
     gap = campaign.value - prediction.values
@@ -79,7 +89,8 @@ def noise_of(model: ForwardModel) -> Noise:
     noise = Noise(sigma, every, ~every, np.ones(1))
     if len(gap) <= 2 * x.shape[1] and not unknown.any():
         return noise
-    fit, columns = _Fit(np.zeros(len(gap)), np.ones(len(gap))), _Columns(LOOSE * x / sigma[:, None])
+    fit = _Fit(np.zeros(len(gap)), np.ones(len(gap)))
+    columns = _Columns(LOOSE * x / sigma[:, None])
     for _ in range(PASSES):
         fit = _joint_fit(columns, gap / noise.sigma, noise.used, fit)
         before = noise.sigma
@@ -96,11 +107,18 @@ def _first_guess(c: Campaign, gap: Array, x: Array) -> Array:
     """Return initial sigmas (n,): the likeliest fraction of their kind's gap, all effects free."""
     like = _number_units(c)
     size = np.where(c.relative, np.abs(c.value), 1.0)
-    mean = np.sqrt(np.bincount(like, (gap / size) ** 2) / np.maximum(np.bincount(like), 1))
+    mean = np.sqrt(
+        np.bincount(like, (gap / size) ** 2) / np.maximum(np.bincount(like), 1)
+    )
     least = 1e-12 * float(np.abs(c.value).max())
-    unit = np.maximum(size * mean[like], np.where(c.relative, 1e-6 * size, max(least, 1e-300)))
-    some = np.unique(np.linspace(0, len(gap) - 1, min(len(gap), LARGEST)).astype(np.int64))
-    a, y = x[some] / unit[some, None], gap[some] / unit[some]
+    unit = np.maximum(
+        size * mean[like], np.where(c.relative, 1e-6 * size, max(least, 1e-300))
+    )
+    some = np.unique(
+        np.linspace(0, len(gap) - 1, min(len(gap), LARGEST)).astype(np.int64)
+    )
+    a = x[some] / unit[some, None]
+    y = gap[some] / unit[some]
     values, vectors = np.linalg.eigh(a @ a.T)
     q = vectors.T @ y
     spread = values.clip(min=0.0)[:, None] + FRACTIONS**2
@@ -111,11 +129,16 @@ def _first_guess(c: Campaign, gap: Array, x: Array) -> Array:
 
 def _joint_fit(columns: _Columns, y: Array, used: Flags, before: _Fit) -> _Fit:
     """Fit all effects jointly, with less weight on readings with large previous residuals."""
-    a, weight = columns.values, used / np.maximum(1.0, np.abs(before.residual) / 2.0)
+    a = columns.values
+    weight = used / np.maximum(1.0, np.abs(before.residual) / 2.0)
     values, vectors = np.linalg.eigh(columns.gram(weight))
-    turned = a @ (vectors / np.sqrt(values.clip(min=0.0) + 1.0))  # their prior has unit size
+    turned = a @ (
+        vectors / np.sqrt(values.clip(min=0.0) + 1.0)
+    )  # their prior has unit size
     residual = y - turned @ (turned.T @ (weight * y))
-    return _Fit(residual, (1.0 - weight * np.sum(turned**2, axis=1)).clip(min=_LEAST_FREE))
+    return _Fit(
+        residual, (1.0 - weight * np.sum(turned**2, axis=1)).clip(min=_LEAST_FREE)
+    )
 
 
 def _judge_noise(c: Campaign, noise: Noise, fit: _Fit) -> tuple[Noise, _Fit]:
@@ -124,25 +147,35 @@ def _judge_noise(c: Campaign, noise: Noise, fit: _Fit) -> tuple[Noise, _Fit]:
     Few readings tell little of an instrument's noise. Relative to the size of readings, it is like
     that of others in its unit, and of all.
     """
-    unknown, like, unit = np.isnan(c.sigma), c.kind_numbers, _number_units(c)
+    unknown = np.isnan(c.sigma)
+    like = c.kind_numbers
+    unit = _number_units(c)
     free = np.where(noise.used, fit.free, 0.0)
-    residual, scatter = fit.residual / np.sqrt(fit.free), np.ones(len(c))
+    residual = fit.residual / np.sqrt(fit.free)
+    scatter = np.ones(len(c))
     for group in np.unique(like):
-        scatter[like == group] = max(_scatter(residual[(like == group) & noise.used]), 1e-6)
+        scatter[like == group] = max(
+            _scatter(residual[(like == group) & noise.used]), 1e-6
+        )
     mean = np.bincount(unit, c.value**2) / np.maximum(np.bincount(unit), 1)
     size = np.where(c.relative, np.abs(c.value), np.sqrt(mean)[unit]) + 1e-300
     few = np.bincount(like, free).clip(min=1.0)[like]
-    share = np.log(scatter * noise.sigma / size) + 0.5 / few  # the mean logarithm of few is less
+    share = (
+        np.log(scatter * noise.sigma / size) + 0.5 / few
+    )  # the mean logarithm of few is less
     usual = np.full(len(c), np.average(share, weights=free + 1e-9))
     for groups in (unit, like):
-        count, total = np.bincount(groups, free), np.bincount(groups, free * share)
+        count = np.bincount(groups, free)
+        total = np.bincount(groups, free * share)
         usual = (total[groups] + _ALIKE * usual) / (count[groups] + _ALIKE)
     scatter = np.where(unknown, np.exp(usual) * size / noise.sigma, scatter)
     residual = np.where(unknown, residual / scatter, fit.residual)
     used = np.abs(residual) < OUTLYING * np.where(unknown, 1.0, scatter)
     sigma = np.where(unknown, noise.sigma * scatter, noise.sigma)
     freedom = _EFFICIENCY * float(free[unknown].sum()) if unknown.any() else np.inf
-    return replace(noise, sigma=sigma, used=used, freedom=freedom), replace(fit, residual=residual)
+    return replace(noise, sigma=sigma, used=used, freedom=freedom), replace(
+        fit, residual=residual
+    )
 
 
 def _number_units(c: Campaign) -> Indices:
@@ -152,7 +185,8 @@ def _number_units(c: Campaign) -> Indices:
 
 def _add_remarks(c: Campaign, noise: Noise, fit: _Fit) -> Noise:
     known = ~np.isnan(c.sigma)
-    sigma, remarks = noise.sigma, list(noise.remarks)
+    sigma = noise.sigma
+    remarks = list(noise.remarks)
     if known.any():
         ratio = _scatter((fit.residual / np.sqrt(fit.free))[known & noise.used])
         if ratio < OVERSTATED:

@@ -21,7 +21,9 @@ def find_outlying(left: Array) -> Flags:
     return np.abs(left) > (_OUTLYING * spread if spread > 0.0 else np.inf)
 
 
-def find_frame(triples: Indices, ranged: Flags, points: Array, read: Array) -> tuple[Array, Array]:
+def find_frame(
+    triples: Indices, ranged: Flags, points: Array, read: Array
+) -> tuple[Array, Array]:
     """Return axes (3, 3) and origin (3,) of an instrument.
 
     Parameters
@@ -48,15 +50,19 @@ def align_points(seen: Array, there: Array) -> tuple[Array, Array]:
     Kabsch, A solution for the best rotation to relate two sets of vectors, Acta Cryst. A 32 (1976).
     """
     used = np.ones(len(seen), dtype=np.bool_)
-    rotation, origin = np.eye(3), np.zeros(3)
+    rotation = np.eye(3)
+    origin = np.zeros(3)
     for _ in range(_PASSES):
         if not used.any():
             break
-        middle, target = seen[used].mean(axis=0), there[used].mean(axis=0)
+        middle = seen[used].mean(axis=0)
+        target = there[used].mean(axis=0)
         u, _, v = np.linalg.svd((there[used] - target).T @ (seen[used] - middle))
         rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
         origin = target - rotation @ middle
-        keep = ~find_outlying(np.linalg.norm(there - seen @ rotation.T - origin, axis=1))
+        keep = ~find_outlying(
+            np.linalg.norm(there - seen @ rotation.T - origin, axis=1)
+        )
         if np.array_equal(keep, used):
             break
         used = keep
@@ -80,5 +86,7 @@ def locate_by_distances(points: Array, lengths: Array) -> Array:
     left = max(float(solution[-1] - x @ x), 0.0)
     if not solid.all():
         away = axes[~solid][0]
-        x = x + np.sqrt(left) * away * (1.0 if away[np.argmax(np.abs(away))] > 0.0 else -1.0)
+        x = x + np.sqrt(left) * away * (
+            1.0 if away[np.argmax(np.abs(away))] > 0.0 else -1.0
+        )
     return middle + x

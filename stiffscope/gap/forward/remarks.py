@@ -59,7 +59,9 @@ def _beyond_bounds(nominal: RobotReadings, noise: Noise) -> list[str]:
     axes = ", ".join(sorted({f"k{AXES[d]}" for d in c.direction[stiff[over]]}))
     worst = float((c.value[stiff] / limit)[over].max())
     times = f"up to {worst:.3g} times"
-    return [f"{axes} exceed the model values {times}; added compliance cannot explain this"]
+    return [
+        f"{axes} exceed the model values {times}; added compliance cannot explain this"
+    ]
 
 
 def _mistaken(nominal: RobotReadings, swap: Swap, noise: Noise) -> list[str]:
@@ -71,10 +73,14 @@ def _mistaken(nominal: RobotReadings, swap: Swap, noise: Noise) -> list[str]:
         if not mine.size:
             continue
         left = (c.value - nominal.plain_readings, c.value - swap(kind, other))
-        now, then = (float(np.sum((each[mine] / noise.sigma[mine]) ** 2)) for each in left)
+        now, then = (
+            float(np.sum((each[mine] / noise.sigma[mine]) ** 2)) for each in left
+        )
         if then < _OVERTAKES * now and now - then > _EVIDENT:
             better = f"fit far better as {meant}.., with all other motions {held}"
-            out.append(f"the stiffnesses {told}.. {better}: χ² {then:.3g} instead of {now:.3g}")
+            out.append(
+                f"the stiffnesses {told}.. {better}: χ² {then:.3g} instead of {now:.3g}"
+            )
     return out
 
 

@@ -16,7 +16,13 @@ import numpy as np
 
 from stiffscope.effects.elements import along_drive, without_ranges
 from stiffscope.errors import InputError
-from stiffscope.gap.campaign.quantities import AXES, DEVIATION, FREQUENCY, JOINT, POSITION
+from stiffscope.gap.campaign.quantities import (
+    AXES,
+    DEVIATION,
+    FREQUENCY,
+    JOINT,
+    POSITION,
+)
 from stiffscope.gap.forward.setup import Instruments
 from stiffscope.gap.forward.terminals import find_weight, unit_wrenches, wrenches_at
 from stiffscope.vjm.checks import GROUND
@@ -60,7 +66,9 @@ class RobotAtPoses:
     def is_displaced(self) -> bool:
         """Whether the nominal model contains geometric errors or springs."""
         elements = list_elements(self.mechanism)
-        return any(e.is_displaced or e.sprung or (e.joint and e.joint.spring) for e in elements)
+        return any(
+            e.is_displaced or e.sprung or (e.joint and e.joint.spring) for e in elements
+        )
 
     @cached_property
     def rest(self) -> Places:
@@ -69,7 +77,9 @@ class RobotAtPoses:
 
     @cached_property
     def _condensed_network(self) -> Condensed:
-        return condense_network(find_order(self.mechanism, self.configurations.linkage), self.rest)
+        return condense_network(
+            find_order(self.mechanism, self.configurations.linkage), self.rest
+        )
 
     @cached_property
     def response(self) -> Response:
@@ -116,7 +126,9 @@ class RobotAtPoses:
         out = np.empty((len(self.campaign.poses), len(rows), len(rows)))
         for i, name in enumerate(rows):
             for j, shifted in enumerate(rows):
-                out[:, i, j] = rows[name] @ self.cut(shifted).elements[name].wrench @ rows[shifted]
+                out[:, i, j] = (
+                    rows[name] @ self.cut(shifted).elements[name].wrench @ rows[shifted]
+                )
         return out
 
     @cached_property
@@ -139,16 +151,24 @@ class RobotAtPoses:
         beyond: dict[str, tuple[float, float, str, str]] = {}
         for name, value in zip(c.coordinates, c.poses[pose].tolist(), strict=True):
             turns = name in AXES[3:] or kinds.get(name) == "revolute"
-            limit, units = (2.0 * np.pi, ("rad", "deg")) if turns else (5.0 * size, ("m", "mm"))
+            limit, units = (
+                (2.0 * np.pi, ("rad", "deg")) if turns else (5.0 * size, ("m", "mm"))
+            )
             beyond[name] = abs(value) / limit, value, *units
         name = max(beyond, key=lambda each: beyond[each][0])
         times, value, unit, other = beyond[name]
         if times > 1.0:
             meant = f'in {other}, as `units = {{ "{name}" = "{other}" }}` of campaign.toml says?'
-            return InputError(f"{where}: {name}: expected {unit}, got {value:g}: {meant}")
-        field = ", ".join(c.coordinates) if c.pose_names[pose].startswith("(") else "pose"
+            return InputError(
+                f"{where}: {name}: expected {unit}, got {value:g}: {meant}"
+            )
+        field = (
+            ", ".join(c.coordinates) if c.pose_names[pose].startswith("(") else "pose"
+        )
         got = f"{c.pose_names[pose]}: {found.reason(pose)}"
-        return InputError(f"{where}: {field}: expected a pose that the robot reaches, got {got}")
+        return InputError(
+            f"{where}: {field}: expected a pose that the robot reaches, got {got}"
+        )
 
     @cached_property
     def instruments(self) -> Instruments:
@@ -162,13 +182,17 @@ class RobotAtPoses:
 
     def targets(self, where: Places) -> tuple[Array, Array]:
         """Return target points (a, 3) of positions and distances, and body rotations (a, 3, 3)."""
-        c, rows = self.campaign, self.instruments.rows
-        points, turns = np.zeros((len(rows), 3)), np.zeros((len(rows), 3, 3))
+        c = self.campaign
+        rows = self.instruments.rows
+        points = np.zeros((len(rows), 3))
+        turns = np.zeros((len(rows), 3, 3))
         for k, sensor in enumerate(c.sensors):
             mine = np.flatnonzero(c.sensor[rows] == k)
             if mine.size:
-                body, count = FOOT if sensor.body == GROUND else sensor.body, len(c.poses)
-                pose, there = c.pose[rows[mine]], where.point(body, np.array(sensor.at))
+                body = FOOT if sensor.body == GROUND else sensor.body
+                count = len(c.poses)
+                pose = c.pose[rows[mine]]
+                there = where.point(body, np.array(sensor.at))
                 points[mine] = np.broadcast_to(there, (count, 3))[pose]
                 turns[mine] = np.broadcast_to(where.rotation[body], (count, 3, 3))[pose]
         return points, turns
@@ -181,7 +205,8 @@ class RobotAtPoses:
     @cached_property
     def _sensor_cases(self) -> list[slice]:
         """Terminals of the loads, then of each sensor: one, or six shared by a target."""
-        out, targets = [slice(6, 6 + 6 * len(self.campaign.loads))], dict[str, slice]()
+        out = [slice(6, 6 + 6 * len(self.campaign.loads))]
+        targets = dict[str, slice]()
         for sensor in self.campaign.sensors:
             end = max(each.stop for each in out)
             own = slice(end, end + (6 if sensor.absolute else 1))
@@ -199,14 +224,20 @@ class RobotAtPoses:
         c = self.campaign
         moving = c.is_motion
         large = np.where(moving, 0, 1 + c.quantity)
-        apart = np.where(c.kind == POSITION, c.session, 0)  # instruments that are set up again
+        apart = np.where(
+            c.kind == POSITION, c.session, 0
+        )  # instruments that are set up again
         axis = np.where(moving, c.direction, 0)
         senses = np.stack([c.pose, apart, c.channel, axis, large], axis=1)
-        wrench = np.unique(np.nan_to_num(c.wrench), axis=0, return_inverse=True)[1].ravel()
+        wrench = np.unique(np.nan_to_num(c.wrench), axis=0, return_inverse=True)[
+            1
+        ].ravel()
         drives = np.stack([c.pose, c.kind, c.load, wrench, large], axis=1)
         out: list[tuple[Indices, Indices]] = []
         for key in (senses, drives):
-            _, first, which = np.unique(key, axis=0, return_index=True, return_inverse=True)
+            _, first, which = np.unique(
+                key, axis=0, return_index=True, return_inverse=True
+            )
             out.append((first, which.ravel()))
         return tuple(out)
 
@@ -249,7 +280,9 @@ class RobotAtPoses:
             return False
         return True
 
-    def unit_loads(self, where: Places, mechanism: Mechanism, payloads: Sequence[Payload]) -> Loads:
+    def unit_loads(
+        self, where: Places, mechanism: Mechanism, payloads: Sequence[Payload]
+    ) -> Loads:
         """Return all terminals as loads (n or 1, 6, cases) on nodes, at M in base axes."""
         c = self.campaign
         nodes: dict[str, Array] = {}
@@ -258,7 +291,9 @@ class RobotAtPoses:
             node = FOOT if node == GROUND else node
             if node not in nodes or len(nodes[node]) < len(wrench):
                 known = nodes.get(node, np.zeros((1, 6, self.cases)))
-                nodes[node] = np.array(np.broadcast_to(known, (len(wrench), 6, self.cases)))
+                nodes[node] = np.array(
+                    np.broadcast_to(known, (len(wrench), 6, self.cases))
+                )
             nodes[node][..., case] += wrench
 
         add(END, np.eye(6)[None], _TOOL)
@@ -272,10 +307,16 @@ class RobotAtPoses:
             if sensor.against != GROUND:
                 add(sensor.against, -push, self.sensor_cases(k))
         per_unit = mechanism.gravity / (self.robot.acceleration or np.inf)
-        for node, mass in lump_masses(mechanism, where).items() if per_unit.any() else ():
+        for node, mass in (
+            lump_masses(mechanism, where).items() if per_unit.any() else ()
+        ):
             add(node, mass.weight(per_unit)[..., 0], self.weight_case)
         for payload in payloads:
-            add(payload.body, find_weight(payload, where, mechanism.gravity), self.weight_case + 1)
+            add(
+                payload.body,
+                find_weight(payload, where, mechanism.gravity),
+                self.weight_case + 1,
+            )
         for wrench in nodes.values():
             wrench[..., ~self.used_loads] = 0.0
         return Loads(self.cases, nodes)
@@ -284,7 +325,9 @@ class RobotAtPoses:
     def weight_stiffness(self) -> Array:
         """Change (p, 6, 6) of the stiffness at M by the robot's own weight."""
         found = self.configurations
-        return stiffness(self.mechanism, found, gravity="exact") - stiffness(self.mechanism, found)
+        return stiffness(self.mechanism, found, gravity="exact") - stiffness(
+            self.mechanism, found
+        )
 
     @cached_property
     def shaken(self) -> Indices:
@@ -293,7 +336,9 @@ class RobotAtPoses:
         return np.unique(c.pose[c.kind == FREQUENCY])
 
 
-def configure_robot(mechanism: Mechanism, names: Sequence[str], poses: Array) -> Configurations:
+def configure_robot(
+    mechanism: Mechanism, names: Sequence[str], poses: Array
+) -> Configurations:
     """Return configurations at poses (p, k) of tool coordinates or driven joints, `q:JOINT`."""
     if tuple(names) == tuple(mechanism.tool.pose):
         return configure(mechanism, poses)

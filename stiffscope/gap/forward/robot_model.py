@@ -40,7 +40,12 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array
 
 _SUSPECT = 0.2  # fraction of squared gap (beyond drives, noise) to test a part
-_IMITATING = {Unit.word, SensorSign.word, SensorStep.word, UNNAMED}  # effects that are doubts or follow any
+_IMITATING = {
+    Unit.word,
+    SensorSign.word,
+    SensorStep.word,
+    UNNAMED,
+}  # effects that are doubts or follow any
 _SIGNIFICANT = 3.0  # standard deviations
 _ROUNDING = 1e-10  # relative to the largest reading
 
@@ -65,10 +70,13 @@ class RobotModel:
         """
         campaign = match_robot(self.campaign, self.nominal.robot)
         if (campaign.kind == POSITION).any() and campaign.expected is None:
-            at, expected = RobotAtPoses(self.nominal, campaign), np.zeros(len(campaign))
+            at = RobotAtPoses(self.nominal, campaign)
+            expected = np.zeros(len(campaign))
             there = at.instruments.look(at.instruments_start[0], *at.targets(at.rest))
             expected[at.instruments.rows] = there
-            campaign = replace(campaign, value=campaign.value - expected, expected=expected)
+            campaign = replace(
+                campaign, value=campaign.value - expected, expected=expected
+            )
         object.__setattr__(self, "campaign", campaign)
 
     @property
@@ -80,13 +88,19 @@ class RobotModel:
     def _library(self) -> tuple[Candidate, ...]:
         without = {self.without, Gravity.word if self._has_gravity else ""}
         known = find_candidates(self.setting, without)
-        return (*merge_twins(tuple(known), self.predict()), *nuisance_patterns(self.predict()))
+        return (
+            *merge_twins(tuple(known), self.predict()),
+            *nuisance_patterns(self.predict()),
+        )
 
     @cached_property
     def setting(self) -> Setting:
         """Robot and measurement setup that determine the candidates."""
         setting = find_setting(self._sound, self._is_suspect)
-        return replace(setting, doubts=self.doubts or find_doubts(self.campaign, self.predict().values))
+        return replace(
+            setting,
+            doubts=self.doubts or find_doubts(self.campaign, self.predict().values),
+        )
 
     def doubt_again(self, parameters: Parameters) -> RobotModel | None:
         """Return the model with doubts by a prediction with effects, too; None if there is no other.
@@ -94,9 +108,12 @@ class RobotModel:
         What the nominal robot lacks hides a slip, a sign or a unit.
         """
         sound = tuple(each for each in parameters if each[0].effect not in _IMITATING)
-        before, now = self.setting.doubts, find_doubts(self.campaign, self.predict(sound).values)
+        before = self.setting.doubts
+        now = find_doubts(self.campaign, self.predict(sound).values)
         signs = tuple(dict.fromkeys((*before.signs, *now.signs)))
-        both = Doubts({**now.units, **before.units}, signs, {**before.steps, **now.steps})
+        both = Doubts(
+            {**now.units, **before.units}, signs, {**before.steps, **now.steps}
+        )
         return None if both.key == before.key else replace(self, doubts=both)
 
     def _is_suspect(self, part: str) -> bool:
@@ -106,15 +123,20 @@ class RobotModel:
         entries = [c for c in known if c.flexible and c.members == members]
         if not entries:
             return False
-        own, (beside, gap) = self._weighed_columns(entries[:1]), self._beside_drives
+        own = self._weighed_columns(entries[:1])
+        (beside, gap) = self._beside_drives
         columns = own - beside @ (beside.T @ own)
         size = np.linalg.norm(own, axis=0).clip(min=1e-300)
         basis = np.linalg.qr(columns / size)[0]
         explained = float(np.sum((basis.T @ gap) ** 2))
         count = columns.shape[1]
         stated = ~np.isnan(self.campaign.sigma)
-        least = count + _SIGNIFICANT * np.sqrt(2.0 * count) if stated.all() else 0.0  # χ² of noise
-        return explained > max(least, _SUSPECT * (float(gap @ gap) - float(stated.sum())))
+        least = (
+            count + _SIGNIFICANT * np.sqrt(2.0 * count) if stated.all() else 0.0
+        )  # χ² of noise
+        return explained > max(
+            least, _SUSPECT * (float(gap @ gap) - float(stated.sum()))
+        )
 
     @cached_property
     def _beside_drives(self) -> tuple[Array, Array]:
@@ -154,7 +176,11 @@ class RobotModel:
 
     def predict(self, parameters: Parameters = ()) -> RobotPrediction:
         """Predict readings with these effects. Raises InputError outside the assemblable range."""
-        return replace(self._nominal, parameters=parameters) if parameters else self._nominal
+        return (
+            replace(self._nominal, parameters=parameters)
+            if parameters
+            else self._nominal
+        )
 
     @cached_property
     def _nominal(self) -> RobotPrediction:
@@ -164,7 +190,11 @@ class RobotModel:
         """Return readings (n,) predicted with those of one kind taken for another."""
         c = self.campaign
         quantity = np.where(c.kind == kind, 6 * other + c.direction, c.quantity)
-        return replace(self, campaign=replace(c, quantity=quantity)).predict().plain_readings
+        return (
+            replace(self, campaign=replace(c, quantity=quantity))
+            .predict()
+            .plain_readings
+        )
 
     def noise(self) -> Noise:
         """Return noise and gross outliers from the joint fit of all effects."""
@@ -178,7 +208,11 @@ class RobotModel:
     def remarks(self, noise: Noise, unexplained: Array) -> tuple[str, ...]:
         """Return remarks on poses beyond a drive's range, stiffness too high or mistaken, and excluded gravity."""
         nominal = self.predict()
-        weight = nominal.step(Gravity().make_candidate(Place("robot"))) * (not self._has_gravity)
-        beyond = inspect_ranges(self.campaign, self.nominal.mechanism, self._sound.at.configurations)
+        weight = nominal.step(Gravity().make_candidate(Place("robot"))) * (
+            not self._has_gravity
+        )
+        beyond = inspect_ranges(
+            self.campaign, self.nominal.mechanism, self._sound.at.configurations
+        )
         own = find_remarks(nominal, self.predict_as, noise, unexplained, weight)
         return (*(remark.text for remark in beyond), *own)

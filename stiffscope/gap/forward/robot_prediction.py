@@ -70,15 +70,24 @@ class RobotPrediction(RobotReadings):
                 columns = self._grow(self._derivatives(candidate))
             columns = self.display[0][:, None] * columns
             if isinstance(candidate.action, SensorStep):
-                columns[:, 0] += self.behind(candidate.action.instrument, candidate.action.first)
+                columns[:, 0] += self.behind(
+                    candidate.action.instrument, candidate.action.first
+                )
             columns = self.projection.without(columns)
-            self._columns[key] = candidate, columns  # keeps the action alive, and so its id
+            self._columns[key] = (
+                candidate,
+                columns,
+            )  # keeps the action alive, and so its id
         return self._columns[key][1]
 
     def _follow(self, pattern: Pattern) -> Array:
         """Return the columns (n, k) of a nuisance pattern."""
         columns = pattern.columns(self)
-        return columns * self.plain_readings[:, None] if isinstance(pattern, Gain) else columns
+        return (
+            columns * self.plain_readings[:, None]
+            if isinstance(pattern, Gain)
+            else columns
+        )
 
     def _grow(self, columns: Array) -> Array:
         """Return other columns (n, k) multiplied by the gains among the patterns."""
@@ -89,17 +98,25 @@ class RobotPrediction(RobotReadings):
         return columns * growth[:, None]
 
     @cached_property
-    def _columns(self) -> dict[tuple[str, tuple[float, ...], int], tuple[Candidate, Array]]:
+    def _columns(
+        self,
+    ) -> dict[tuple[str, tuple[float, ...], int], tuple[Candidate, Array]]:
         return {}
 
     def _derivatives(self, candidate: Candidate) -> Array:
         act: Callable[[Array], Influence] = candidate.action.influence
         key = candidate.name, len(candidate.scale)
-        known = (values for c, values in self.parameters if (c.name, len(values)) == key)
+        known = (
+            values for c, values in self.parameters if (c.name, len(values)) == key
+        )
         here = np.array(next(known, np.zeros(key[1])))
         steps = _STEP * np.diag(candidate.scale)
-        here = here + 2.0 * (steps @ np.array(candidate.one_sided, dtype=float))  # within range
-        pairs = [(act(here + step), act(here - step), 2.0 * step.sum()) for step in steps]
+        here = here + 2.0 * (
+            steps @ np.array(candidate.one_sided, dtype=float)
+        )  # within range
+        pairs = [
+            (act(here + step), act(here - step), 2.0 * step.sum()) for step in steps
+        ]
         return find_slopes(self, pairs)
 
     def step(self, candidate: Candidate) -> Array:
@@ -110,5 +127,7 @@ class RobotPrediction(RobotReadings):
             change = self.display[0] * self._grow(self.weight[:, None])[:, 0]
         for name, factor in influence.factors.items():
             shown = self.shown_by(name) & (self.campaign.kind <= DEVIATION)
-            change = np.where(shown, (factor - 1.0) * self.display[0] * self.plain_readings, change)
+            change = np.where(
+                shown, (factor - 1.0) * self.display[0] * self.plain_readings, change
+            )
         return self.projection.without(change[:, None])[:, 0]

@@ -67,8 +67,14 @@ class RobotReadings(InstrumentReadings):
     def elastic_state(self) -> ElasticState:
         """The robot with changed elements and payloads."""
         changes = tuple(each.elements for each in self.influences if each.elements)
-        payloads = tuple(payload for each in self.influences for payload in each.payloads)
-        return ElasticState(self.at, changes, payloads) if changes or payloads else self.sound
+        payloads = tuple(
+            payload for each in self.influences for payload in each.payloads
+        )
+        return (
+            ElasticState(self.at, changes, payloads)
+            if changes or payloads
+            else self.sound
+        )
 
     @cached_property
     def is_motion(self) -> Flags:
@@ -83,7 +89,8 @@ class RobotReadings(InstrumentReadings):
     @cached_property
     def applied_loads(self) -> Array:
         """Terminal loads (n, cases) of every reading of a motion; zero for other readings."""
-        c, at = self.campaign, self.at
+        c = self.campaign
+        at = self.at
         out = np.zeros((len(c), at.cases))
         wrench = self.force_scale * np.nan_to_num(c.wrench)
         for load in range(-1, len(c.loads)):
@@ -133,7 +140,8 @@ class RobotReadings(InstrumentReadings):
 
     def _motion(self, k: int, rows: Indices) -> Array:
         """Return the true motion (m, 6) at a sensor, or (-1) at M, for readings (m,)."""
-        c, motion = self.campaign, self.elastic_state.move_sensor(k)
+        c = self.campaign
+        motion = self.elastic_state.move_sensor(k)
         out = np.einsum("nij,nj->ni", motion[c.pose[rows]], self.applied_loads[rows])
         still = c.kind[rows] == DEVIATION
         if still.any():
@@ -160,7 +168,8 @@ class RobotReadings(InstrumentReadings):
     @cached_property
     def pushed_targets(self) -> Array:
         """Part (n,) of positions and distances that is due to applied wrenches; zero for others."""
-        c, out = self.campaign, np.zeros(len(self.campaign))
+        c = self.campaign
+        out = np.zeros(len(self.campaign))
         pushes = self.applied_loads - np.where(c.shows_rest[:, None], self._dead, 0.0)
         for k, sensor in enumerate(c.sensors):
             mine = np.flatnonzero(c.sensor == k)
@@ -173,21 +182,26 @@ class RobotReadings(InstrumentReadings):
     @cached_property
     def sense(self) -> Array:
         """Sensed terminal directions a (n, cases), signs as in ``a · D b``."""
-        c, at = self.campaign, self.at
+        c = self.campaign
+        at = self.at
         out = np.zeros((len(c), at.cases))
         for k, mine in self.by_sensor(self.is_motion):
             if k < 0:
                 out[mine, :6] = self.axis[mine] @ self.instrument(k)
             else:
                 absolute = c.sensors[k].absolute
-                out[mine, at.sensor_cases(k)] = self.axis[mine] if absolute else self.gain(k)
+                out[mine, at.sensor_cases(k)] = (
+                    self.axis[mine] if absolute else self.gain(k)
+                )
         stiff = np.flatnonzero(c.kind == STIFFNESS)
         if stiff.size:
             rows = self.shown_stiffness[c.pose[stiff], c.direction[stiff]]
             out[stiff, :6] = -rows @ self.instrument(-1)
         push = np.flatnonzero(c.kind == PUSH)
         if push.size:
-            out[push, :6] = -self.axis[push] @ self.instrument(-1) * self.pushes[push, None]
+            out[push, :6] = (
+                -self.axis[push] @ self.instrument(-1) * self.pushes[push, None]
+            )
         return out
 
     @cached_property
@@ -225,11 +239,15 @@ class RobotReadings(InstrumentReadings):
     ) -> tuple[Array, Array]:
         key = name, transmit.__name__
         if key not in self._known_pairs:
-            at, pose = transmit(name), self.campaign.pose
-            pairs = zip(self.at.distinct_readings, (self.sense, self.drive), strict=True)
+            at = transmit(name)
+            pose = self.campaign.pose
+            pairs = zip(
+                self.at.distinct_readings, (self.sense, self.drive), strict=True
+            )
             sensed, driven = (
-                (at[pose[few]] @ each[few][..., None])[which, :, 0] for (few, which), each in pairs
-            )  # fmt: skip
+                (at[pose[few]] @ each[few][..., None])[which, :, 0]
+                for (few, which), each in pairs
+            )
             if self._mode[0].size:  # δf = -w · δC w / (8 π² f)
                 which, shaken, mode = self._mode
                 frequencies = self.elastic_state.frequencies[shaken, mode, None]
@@ -241,8 +259,12 @@ class RobotReadings(InstrumentReadings):
     @cached_property
     def at_terminals(self) -> tuple[Array, Array]:
         """Twists (n, 6) of the tool by sense and drive, as a spring at M undergoes them."""
-        tool, pose = self.elastic_state.tool, self.campaign.pose
-        pair = [np.einsum("nij,nj->ni", tool[pose], each) for each in (self.sense, self.drive)]
+        tool = self.elastic_state.tool
+        pose = self.campaign.pose
+        pair = [
+            np.einsum("nij,nj->ni", tool[pose], each)
+            for each in (self.sense, self.drive)
+        ]
         return pair[0], pair[1]
 
     @cached_property
@@ -260,16 +282,22 @@ class RobotReadings(InstrumentReadings):
         c = self.campaign
         out = np.zeros(len(c))
         for k, mine in self.by_sensor(self.is_motion):
-            axis, twist = self.axis[mine], self.twist[mine]
+            axis = self.axis[mine]
+            twist = self.twist[mine]
             out[mine] = np.einsum("ni,ij,nj->n", axis, self.instrument(k), twist)
-        placed, rows = self.placed_instruments, self.at.instruments.rows
+        placed = self.placed_instruments
+        rows = self.at.instruments.rows
         if placed is not None:
             out[rows] = placed.seen - (0.0 if c.expected is None else c.expected[rows])
         if (c.kind == STIFFNESS).any():
             out = np.where(c.kind == STIFFNESS, self.entries(self.shown_stiffness), out)
         if (c.kind == PUSH).any():
             out = np.where(c.kind == PUSH, self.pushes, out)
-        return out + self.at_modes(self.elastic_state.frequencies) if self._mode[0].size else out
+        return (
+            out + self.at_modes(self.elastic_state.frequencies)
+            if self._mode[0].size
+            else out
+        )
 
     @cached_property
     def plain_readings(self) -> Array:
@@ -288,8 +316,11 @@ class RobotReadings(InstrumentReadings):
         at = self.at
         forces = np.stack([self.drive_force(name) for name in at.laws], axis=1)
         forces = np.where(self.find_signs(forces) == 0.0, 0.0, forces)
-        laws, influence = list(at.laws.values()), at.law_influence[self.campaign.pose]
-        shifts = settle(laws, np.array([law.slopes[0] for law in laws]), forces, influence).shift
+        laws = list(at.laws.values())
+        influence = at.law_influence[self.campaign.pose]
+        shifts = settle(
+            laws, np.array([law.slopes[0] for law in laws]), forces, influence
+        ).shift
         changes = (shifts[:, k] * self.by_drive(name) for k, name in enumerate(at.laws))
         return sum(changes, np.zeros(len(forces)))
 
@@ -326,7 +357,9 @@ class RobotReadings(InstrumentReadings):
         """
         kind = self.campaign.kind.reshape(-1, *(1,) * (force.ndim - 1))
         kinds = DEFLECTION, DEVIATION, POSITION
-        return sum((_sign(np.where(kind == each, force, 0.0)) for each in kinds), np.zeros(()))
+        return sum(
+            (_sign(np.where(kind == each, force, 0.0)) for each in kinds), np.zeros(())
+        )
 
     @cached_property
     def weight(self) -> Array:
@@ -334,14 +367,22 @@ class RobotReadings(InstrumentReadings):
         c = self.campaign
         out = np.zeros(len(c))
         for k, mine in self.by_sensor(c.shows_rest):
-            motion = self.elastic_state.move_sensor(k)[c.pose[mine], :, self.at.weight_case]
+            motion = self.elastic_state.move_sensor(k)[
+                c.pose[mine], :, self.at.weight_case
+            ]
             twist = self.at.robot.acceleration * motion
-            out[mine] = np.einsum("ni,ij,nj->n", self.axis[mine], self.instrument(k), twist)
+            out[mine] = np.einsum(
+                "ni,ij,nj->n", self.axis[mine], self.instrument(k), twist
+            )
         if (c.kind == STIFFNESS).any():
-            out = np.where(c.kind == STIFFNESS, self.entries(self.at.weight_stiffness), out)
+            out = np.where(
+                c.kind == STIFFNESS, self.entries(self.at.weight_stiffness), out
+            )
         if (c.kind == PUSH).any():
             with_weight = np.linalg.inv(self.shown_stiffness + self.at.weight_stiffness)
-            out = np.where(c.kind == PUSH, 1.0 / self.entries(with_weight) - self.pushes, out)
+            out = np.where(
+                c.kind == PUSH, 1.0 / self.entries(with_weight) - self.pushes, out
+            )
         return out
 
     def at_modes(self, values: Array) -> Array:
@@ -361,12 +402,15 @@ class RobotReadings(InstrumentReadings):
 
     def applied_motion(self, moments: Array) -> Array:
         """Return deflections (n,) by moments (n, 3) added to applied wrenches; else zero."""
-        c, applied = self.campaign, self.is_motion & (self.campaign.kind != DEVIATION)
+        c = self.campaign
+        applied = self.is_motion & (self.campaign.kind != DEVIATION)
         out = np.zeros(len(c))
         for load in range(-1, len(c.loads)):
             cases = self.at.load_cases(load)
             for k, mine in self.by_sensor(applied & (c.load == load)):
-                motion = self.elastic_state.move_sensor(k)[c.pose[mine], :, cases][..., 3:]
+                motion = self.elastic_state.move_sensor(k)[c.pose[mine], :, cases][
+                    ..., 3:
+                ]
                 twist = np.einsum("nij,nj->ni", motion, moments[mine])
                 out[mine] = np.einsum("ni,ni->n", self.axis[mine], twist)
         return out

@@ -29,13 +29,18 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting
     suspect
         Whether the (slow) virtual experiments on a part are worthwhile.
     """
-    at, c = sound.at, sound.at.campaign
+    at = sound.at
+    c = sound.at.campaign
     translation, rotation = np.split(np.einsum("pii->pi", sound.compliance), 2, axis=1)
     moving = c.sensor[c.kind <= DEVIATION]
     return Setting(
         at.robot,
         (_median(translation, _USUAL[0]), _median(rotation, _USUAL[1])),
-        {b.name: _turns(sound, b.name) for b in at.mechanism.bodies if b.elastic is None},
+        {
+            b.name: _turns(sound, b.name)
+            for b in at.mechanism.bodies
+            if b.elastic is None
+        },
         bool(((c.sensor < 0) & (c.kind <= PUSH)).any()),
         {sensor.name: bool((moving == k).any()) for k, sensor in enumerate(c.sensors)},
         suspect,
@@ -52,4 +57,6 @@ def _turns(sound: ElasticState, body: str) -> bool:
     """Return whether a body rotates relative to gravity between poses."""
     gravity = sound.at.mechanism.gravity
     rotation = sound.at.configurations.frame(body)[0]
-    return bool(np.abs(rotation @ gravity - gravity).max() > _ROUNDING * np.abs(gravity).max())
+    return bool(
+        np.abs(rotation @ gravity - gravity).max() > _ROUNDING * np.abs(gravity).max()
+    )

@@ -47,8 +47,10 @@ class Setup:
 
     def move(self, step: Array) -> Setup:
         """Return the state after a step (6 f + 3 t + z,): frames shift and turn, others shift."""
-        f, t = len(self.origin), len(self.away)
-        frames, away = step[: 6 * f].reshape(f, 6), step[6 * f : 6 * f + 3 * t].reshape(t, 3)
+        f = len(self.origin)
+        t = len(self.away)
+        frames = step[: 6 * f].reshape(f, 6)
+        away = step[6 * f : 6 * f + 3 * t].reshape(t, 3)
         return Setup(
             rotation_of(frames[:, 3:]) @ self.rotation,
             self.origin + frames[:, :3],
@@ -112,7 +114,8 @@ class Instruments:
     @cached_property
     def _frame(self) -> tuple[Indices, list[int]]:
         """Instrument setup (a,) of each reading, and the frame of each setup."""
-        c, names = self.campaign, [frame.name for frame in self.campaign.frames]
+        c = self.campaign
+        names = [frame.name for frame in self.campaign.frames]
         code = [names.index(s.frame) if s.absolute else -1 for s in c.sensors]
         own = np.array(code or [-1])[c.sensor[self.rows]]
         anew = np.array([frame.per == "session" for frame in c.frames] or [False])[own]
@@ -126,9 +129,13 @@ class Instruments:
         c = self.campaign
         names = [s.target or s.name for s in c.sensors]
         sigma = [s.at_sigma * s.absolute for s in c.sensors]
-        known = {name: size for name, size in zip(names, sigma, strict=True) if size > 0.0}
+        known = {
+            name: size for name, size in zip(names, sigma, strict=True) if size > 0.0
+        }
         code = [list(known).index(name) if name in known else -1 for name in names]
-        return np.array(code or [-1])[c.sensor[self.rows]], np.array(list(known.values()))
+        return np.array(code or [-1])[c.sensor[self.rows]], np.array(
+            list(known.values())
+        )
 
     @cached_property
     def _zeros(self) -> Indices:
@@ -146,45 +153,68 @@ class Instruments:
     def _prior(self) -> tuple[Array, Flags]:
         """Prior standard deviations (m,) of all unknowns, and whether the mean is stated."""
         frames = [self.campaign.frames[k] for k in self._frame[1]]
-        places = [(_WIDE,) * 6 if f.pose is None else f.sigma or (0.0,) * 6 for f in frames]
+        places = [
+            (_WIDE,) * 6 if f.pose is None else f.sigma or (0.0,) * 6 for f in frames
+        ]
         stated = np.repeat([f.pose is not None for f in frames], 6)
         zeros = np.full(self._zeros.max(initial=-1) + 1, _WIDE)
-        sigma = np.concatenate([np.zeros(0), *places, np.repeat(self._loose[1], 3), zeros])
-        return sigma, np.concatenate([stated, np.ones(len(sigma) - len(stated))]).astype(np.bool_)
+        sigma = np.concatenate(
+            [np.zeros(0), *places, np.repeat(self._loose[1], 3), zeros]
+        )
+        return sigma, np.concatenate(
+            [stated, np.ones(len(sigma) - len(stated))]
+        ).astype(np.bool_)
 
     @cached_property
     def _weight(self) -> Array:
         """Inverse noise (n,); if not stated, that of the same kind, or a default."""
         c = self.campaign
-        sigma, like = np.array(c.sigma), c.kind_numbers
+        sigma = np.array(c.sigma)
+        like = c.kind_numbers
         for group in np.unique(like[np.isnan(sigma)]):
             mine = like == group
             known = sigma[mine & ~np.isnan(sigma)]
             sigma[mine & np.isnan(sigma)] = np.median(known) if known.size else _USUAL
         return 1.0 / sigma
 
-    def _linearize(self, setup: Setup, points: Array, turns: Array) -> tuple[Array, Array, Array]:
+    def _linearize(
+        self, setup: Setup, points: Array, turns: Array
+    ) -> tuple[Array, Array, Array]:
         """Return predictions (a,), directions (a, 3) and derivatives (n, m) by the unknowns."""
-        c, rows, (axes, ranged) = self.campaign, self.rows, self._looks
-        f, t = len(setup.origin), len(setup.away)
+        c = self.campaign
+        rows = self.rows
+        (axes, ranged) = self._looks
+        f = len(setup.origin)
+        t = len(setup.away)
         out = np.zeros((len(c), len(self._prior[0])))
         free = np.flatnonzero(self._zeros >= 0)
         out[free, 6 * f + 3 * t + self._zeros[free]] = 1.0
         if not len(rows):
             return np.zeros(0), np.zeros((0, 3)), out
-        frame, target = self._frame[0], self._loose[0]
+        frame = self._frame[0]
+        target = self._loose[0]
         loose = np.flatnonzero(target >= 0)
         away = points + self._levers(setup, turns) - setup.origin[frame]
         length = np.linalg.norm(away, axis=1)
         along = np.einsum("nij,nj->ni", setup.rotation[frame], axes)
-        direction = np.where(ranged[:, None], away / np.where(length, length, 1.0)[:, None], along)
-        seen = cast("Array", np.where(ranged, length, np.einsum("ni,ni->n", along, away)))
+        direction = np.where(
+            ranged[:, None], away / np.where(length, length, 1.0)[:, None], along
+        )
+        seen = cast(
+            "Array", np.where(ranged, length, np.einsum("ni,ni->n", along, away))
+        )
         by_frame = np.concatenate([-direction, np.cross(direction, away)], axis=1)
         out[rows[:, None], 6 * frame[:, None] + np.arange(6)] = by_frame
         by_target = np.einsum("nji,nj->ni", turns[loose], direction[loose])
-        out[rows[loose][:, None], 6 * f + 3 * target[loose][:, None] + np.arange(3)] = by_target
+        out[rows[loose][:, None], 6 * f + 3 * target[loose][:, None] + np.arange(3)] = (
+            by_target
+        )
         zero = self._zeros[self.rows]
-        return seen + np.where(zero >= 0, np.append(setup.zero, 0.0)[zero], 0.0), direction, out
+        return (
+            seen + np.where(zero >= 0, np.append(setup.zero, 0.0)[zero], 0.0),
+            direction,
+            out,
+        )
 
     def look(self, setup: Setup, points: Array, turns: Array) -> Array:
         """Return positions and distances (a,) of targets (a, 3) on bodies rotated by (a, 3, 3)."""
@@ -201,19 +231,30 @@ class Instruments:
     @cached_property
     def zeros(self) -> Projection:
         """Projection for a campaign whose only unknowns are zeros."""
-        columns = self._linearize(self._nowhere, np.zeros((0, 3)), np.zeros((0, 3, 3)))[2]
+        columns = self._linearize(self._nowhere, np.zeros((0, 3)), np.zeros((0, 3, 3)))[
+            2
+        ]
         return self.project(columns, self._weight)
 
     @property
     def _nowhere(self) -> Setup:
-        f, t, z = len(self._frame[1]), len(self._loose[1]), int(self._zeros.max(initial=-1)) + 1
-        return Setup(np.tile(np.eye(3), (f, 1, 1)), np.zeros((f, 3)), np.zeros((t, 3)), np.zeros(z))
+        f = len(self._frame[1])
+        t = len(self._loose[1])
+        z = int(self._zeros.max(initial=-1)) + 1
+        return Setup(
+            np.tile(np.eye(3), (f, 1, 1)),
+            np.zeros((f, 3)),
+            np.zeros((t, 3)),
+            np.zeros(z),
+        )
 
     @cached_property
     def measured_values(self) -> Array:
         """Measured positions and distances (a,)."""
         c = self.campaign
-        return c.value[self.rows] + (0.0 if c.expected is None else c.expected[self.rows])
+        return c.value[self.rows] + (
+            0.0 if c.expected is None else c.expected[self.rows]
+        )
 
     def start(self, points: Array, turns: Array) -> tuple[Setup, Array]:
         """Return instruments estimated without a guess, and weights (n,), zero for outliers.
@@ -225,12 +266,17 @@ class Instruments:
         turns
             (a, 3, 3) rotation of its body from home.
         """
-        setup, weight = self._stated_setup(), np.array(self._weight)
-        own, ranged, read = weight[self.rows], self._looks[1], self.measured_values
+        setup = self._stated_setup()
+        weight = np.array(self._weight)
+        own = weight[self.rows]
+        ranged = self._looks[1]
+        read = self.measured_values
         for k, which in enumerate(self._frame[1]):
             if self.campaign.frames[which].pose is None:
                 mine = np.flatnonzero(self._frame[0] == k)
-                found = find_frame(self._triples(mine), ranged[mine], points[mine], read[mine])
+                found = find_frame(
+                    self._triples(mine), ranged[mine], points[mine], read[mine]
+                )
                 setup.rotation[k], setup.origin[k] = found
         for _ in range(_PASSES):
             weight[self.rows] = own
@@ -248,16 +294,22 @@ class Instruments:
         for k, which in enumerate(self._frame[1]):
             pose = self.campaign.frames[which].pose
             if pose is not None:
-                out.origin[k], out.rotation[k] = pose[:3], rotation_of(np.array(pose[3:]))
+                out.rotation[k] = rotation_of(np.array(pose[3:]))
+                out.origin[k] = pose[:3]
         return out
 
     def _triples(self, mine: Indices) -> Indices:
         """Return rows (k, 3) of simultaneous x, y and z readings of one target."""
-        c, rows = self.campaign, self.rows[mine]
+        c = self.campaign
+        rows = self.rows[mine]
         names = [s.target for s in c.sensors]
         target = np.array([names.index(name) for name in names])[c.sensor[rows]]
-        key = np.column_stack([c.pose, c.session, c.load, np.nan_to_num(c.wrench)])[rows]
-        group = np.unique(np.column_stack([target, key]), axis=0, return_inverse=True)[1].ravel()
+        key = np.column_stack([c.pose, c.session, c.load, np.nan_to_num(c.wrench)])[
+            rows
+        ]
+        group = np.unique(np.column_stack([target, key]), axis=0, return_inverse=True)[
+            1
+        ].ravel()
         found = np.full((group.max(initial=-1) + 1, 3), -1)
         placed = np.flatnonzero(~self._looks[1][mine])
         found[group[placed], c.direction[rows[placed]]] = placed
@@ -266,9 +318,11 @@ class Instruments:
     def fit(self, points: Array, turns: Array, setup: Setup, weight: Array) -> Setup:
         """Return the best-fitting instruments by damped Gauss-Newton from an initial setup."""
         sigma, stated = self._prior
-        own, start = weight[self.rows], self._stated_setup()
+        own = weight[self.rows]
+        start = self._stated_setup()
         seen, _, columns = self._linearize(setup, points, turns)
-        left, mean = (self.measured_values - seen) * own, self._offset(setup, start)
+        left = (self.measured_values - seen) * own
+        mean = self._offset(setup, start)
         for _ in range(_STEPS):
             u, s, v = _factors(columns[self.rows] * own[:, None] * sigma)
             whole = v.T @ ((s * (u.T @ left) + s**2 * (v @ mean)) / (s**2 + 1.0)) - mean
@@ -276,13 +330,17 @@ class Instruments:
             for share in 0.5 ** np.arange(_HALVINGS):
                 trial = setup.move(share * sigma * whole)
                 seen, _, ahead = self._linearize(trial, points, turns)
-                after, there = (self.measured_values - seen) * own, self._offset(trial, start)
+                after = (self.measured_values - seen) * own
+                there = self._offset(trial, start)
                 if after @ after + np.sum(there[stated] ** 2) <= cost * (1.0 + 1e-12):
                     break
             else:
                 return setup
             moved = np.abs(after - left).max(initial=0.0)
-            setup, left, columns, mean = trial, after, ahead, there
+            setup = trial
+            left = after
+            columns = ahead
+            mean = there
             if moved < _SETTLED:
                 break
         return setup
@@ -291,11 +349,14 @@ class Instruments:
         """Return deviations (m,) from stated values in prior standard deviations; 0 if unknown."""
         sigma, stated = self._prior
         turns = setup.rotation @ np.swapaxes(start.rotation, -1, -2)
-        i, j = [2, 0, 1], [1, 2, 0]
+        i = [2, 0, 1]
+        j = [1, 2, 0]
         small = 0.5 * (turns[:, i, j] - turns[:, j, i])
         frames = np.concatenate([setup.origin - start.origin, small], axis=1)
         every = np.concatenate([frames.ravel(), setup.away.ravel(), setup.zero])
-        return np.divide(every, sigma, out=np.zeros(len(sigma)), where=stated & (sigma > 0.0))
+        return np.divide(
+            every, sigma, out=np.zeros(len(sigma)), where=stated & (sigma > 0.0)
+        )
 
     def place(self, points: Array, turns: Array, start: tuple[Setup, Array]) -> Placed:
         """Fit the instruments to one prediction.
@@ -309,8 +370,12 @@ class Instruments:
         """
         setup = self.fit(points, turns, *start)
         seen, direction, columns = self._linearize(setup, points, turns)
-        seen -= columns[self.rows] @ (self._offset(setup, self._stated_setup()) * self._prior[0])
-        looks = np.concatenate([direction, np.cross(self._levers(setup, turns), direction)], axis=1)
+        seen -= columns[self.rows] @ (
+            self._offset(setup, self._stated_setup()) * self._prior[0]
+        )
+        looks = np.concatenate(
+            [direction, np.cross(self._levers(setup, turns), direction)], axis=1
+        )
         return Placed(setup, seen, looks, self.project(columns, start[1]))
 
     def _levers(self, setup: Setup, turns: Array) -> Array:

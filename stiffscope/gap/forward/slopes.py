@@ -25,7 +25,9 @@ if TYPE_CHECKING:
 
     Step = tuple[Influence, Influence, float]
 
-_SIGNS = np.array([1.0, 1.0, -1.0, -1.0, 0.0, 0.0])  # of a displacement gain, by kind of reading
+_SIGNS = np.array(
+    [1.0, 1.0, -1.0, -1.0, 0.0, 0.0]
+)  # of a displacement gain, by kind of reading
 _FORCE_SIGNS = np.array([1.0, 0.0, -1.0, -1.0, 0.0, 0.0])  # of a gain of applied forces
 
 
@@ -47,10 +49,12 @@ def find_slopes(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
 
 def _of_others(prediction: RobotReadings, step: Step) -> Array:
     """Return derivatives (n,) by payloads, dead zones and instruments."""
-    c, (ahead, behind, width) = prediction.campaign, step
+    c = prediction.campaign
+    (ahead, behind, width) = step
     out = np.zeros(len(c))
     for more, less in zip(ahead.payloads, behind.payloads, strict=True):
-        mass, moments = (more.mass - less.mass) / width, (more.moments - less.moments) / width
+        mass = (more.mass - less.mass) / width
+        moments = (more.moments - less.moments) / width
         out += _of_payload(prediction, Payload(more.body, more.at, mass, moments))
     for drive, size in ahead.dead_zones.items():
         out += (size - behind.dead_zones[drive]) / width * prediction.dead_zone(drive)
@@ -58,10 +62,17 @@ def _of_others(prediction: RobotReadings, step: Step) -> Array:
         out += _of_turn(prediction, name, (turn - behind.turns[name]) / width)
     for name, gain in ahead.gains.items():
         rate = (gain - behind.gains[name]) / width / prediction.gain_of(name)
-        out += rate * _SIGNS[c.kind] * prediction.plain_readings * prediction.shown_by(name)
+        out += (
+            rate
+            * _SIGNS[c.kind]
+            * prediction.plain_readings
+            * prediction.shown_by(name)
+        )
     if ahead.force_gain != behind.force_gain:
         rate = (ahead.force_gain - behind.force_gain) / width / prediction.force_scale
-        out += rate * (_FORCE_SIGNS[c.kind] * prediction.plain_readings + prediction.pushed_targets)
+        out += rate * (
+            _FORCE_SIGNS[c.kind] * prediction.plain_readings + prediction.pushed_targets
+        )
     return out
 
 
@@ -75,7 +86,9 @@ def _of_elements(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
         if len(mine):
             read_along, moved = prediction.find_motions(name)
             away = prediction.at.find_displacement(name)[c.pose]
-            out[:, mine] -= np.einsum("nk,nk->n", read_along, moved + still * away)[:, None] * rates
+            out[:, mine] -= (
+                np.einsum("nk,nk->n", read_along, moved + still * away)[:, None] * rates
+            )
             continue
         read, applied = prediction.find_wrenches(name)
         mine, rates = _find_rates(steps, name, "compliance")
@@ -97,11 +110,17 @@ def _find_rates(steps: Sequence[Step], name: str, field: str) -> tuple[Indices, 
     rates: dict[int, Array] = {}
     for k, (ahead, behind, width) in enumerate(steps):
         if name in ahead.elements:
-            more, less = (getattr(each.elements[name], field) for each in (ahead, behind))
+            more, less = (
+                getattr(each.elements[name], field) for each in (ahead, behind)
+            )
             if more is not None and less is not None:
                 rates[k] = (more - less) / width
     found = np.array(list(rates.values()))
-    kept = found.reshape(len(rates), -1).any(axis=1) if rates else np.zeros(0, dtype=np.bool_)
+    kept = (
+        found.reshape(len(rates), -1).any(axis=1)
+        if rates
+        else np.zeros(0, dtype=np.bool_)
+    )
     return np.array(list(rates), dtype=np.int64)[kept], found[kept]
 
 
@@ -110,8 +129,11 @@ def _turn_about(prediction: RobotReadings, name: str) -> Array:
 
     ``1 - Ad(G)``, with the displacement G of the second body relative to the first, from home.
     """
-    where, joint = prediction.elastic_state.places, prediction.at.mechanism.joint(name)
-    first, second = (FOOT if node == GROUND else node for node in (joint.first, joint.second))
+    where = prediction.elastic_state.places
+    joint = prediction.at.mechanism.joint(name)
+    first, second = (
+        FOOT if node == GROUND else node for node in (joint.first, joint.second)
+    )
     back = np.swapaxes(where.rotation[first] @ joint.axes, -1, -2)
     turn = back @ where.rotation[second] @ joint.axes
     away = where.point(second, joint.at) - where.point(first, joint.at)
@@ -124,9 +146,15 @@ def _turn_about(prediction: RobotReadings, name: str) -> Array:
 
 def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:
     """Return derivatives (n,) by a payload's weight, and by its inertia for frequencies."""
-    c, elastic, at = prediction.campaign, prediction.elastic_state, prediction.at
-    along = elastic.work_on_node(payload.body, elastic.weights([payload]))[..., 0]  # (p, cases)
-    out = np.where(c.shows_rest, np.einsum("nc,nc->n", prediction.sense, along[c.pose]), 0.0)
+    c = prediction.campaign
+    elastic = prediction.elastic_state
+    at = prediction.at
+    along = elastic.work_on_node(payload.body, elastic.weights([payload]))[
+        ..., 0
+    ]  # (p, cases)
+    out = np.where(
+        c.shows_rest, np.einsum("nc,nc->n", prediction.sense, along[c.pose]), 0.0
+    )
     if (c.kind == FREQUENCY).any():
         v, w = np.split(elastic.twist_modes(payload.body, payload.at), 2, axis=1)
         arm = at.configurations.frame(payload.body)[0][at.shaken] @ payload.moments
@@ -138,11 +166,14 @@ def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:
 
 def _of_turn(prediction: RobotReadings, name: str, rate: Array) -> Array:
     """Return derivatives (n,) by a rotation (3,) of a named instrument."""
-    c, shown = prediction.campaign, prediction.shown_by(name)
+    c = prediction.campaign
+    shown = prediction.shown_by(name)
     turn = np.kron(np.eye(2), np.cross(rate, np.eye(3)).T)
     out = np.zeros(len(c))
     for k, mine in prediction.by_sensor(shown & prediction.is_motion):
-        looked = np.einsum("ni,ij,nj->n", prediction.axis[mine], turn, prediction.twist[mine])
+        looked = np.einsum(
+            "ni,ij,nj->n", prediction.axis[mine], turn, prediction.twist[mine]
+        )
         out[mine] = prediction.gain(k) * looked
     back = turn @ np.linalg.inv(prediction.instrument(-1)) * prediction.gain(-1)
     if shown[c.kind == STIFFNESS].any():

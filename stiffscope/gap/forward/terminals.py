@@ -35,11 +35,15 @@ def wrenches_at(where: Places, node: str, home: Sequence[float] | Array) -> Arra
 def find_weight(payload: Payload, where: Places, gravity: Array) -> Array:
     """Return the wrench (n, 6) of a payload's weight at M in base axes."""
     arm = where.rotation[payload.body] @ payload.moments
-    push = np.hstack([np.broadcast_to(payload.mass * gravity, arm.shape), np.cross(arm, gravity)])
+    push = np.hstack(
+        [np.broadcast_to(payload.mass * gravity, arm.shape), np.cross(arm, gravity)]
+    )
     return (wrenches_at(where, payload.body, payload.at) @ push[..., None])[..., 0]
 
 
-def find_inertial_forces(mechanism: Mechanism, where: Places, shapes: Mapping[str, Array]) -> dict[str, Array]:
+def find_inertial_forces(
+    mechanism: Mechanism, where: Places, shapes: Mapping[str, Array]
+) -> dict[str, Array]:
     """Return wrenches ``M v`` (n, 6, c) on nodes at M in base axes for node twists v (n, 6, c).
 
     Elastic bodies contribute their condensed mass, without internal modes.
@@ -58,7 +62,9 @@ def find_inertial_forces(mechanism: Mechanism, where: Places, shapes: Mapping[st
     for body in mechanism.bodies:
         if body.elastic is None:
             whole = np.kron(np.diag([1.0, 0.0]), body.mass * np.eye(3))
-            whole[3:, 3:] = 0.0 if body.inertia is None else 0.5 * (body.inertia + body.inertia.T)
+            whole[3:, 3:] = (
+                0.0 if body.inertia is None else 0.5 * (body.inertia + body.inertia.T)
+            )
             if whole.any():
                 centre = np.zeros(3) if body.centre is None else body.centre
                 back, twist = move_node(body.name, centre, np.eye(3))
@@ -68,11 +74,15 @@ def find_inertial_forces(mechanism: Mechanism, where: Places, shapes: Mapping[st
         places = zip(body.nodes, elastic.places, strict=True)
         ends = [move_node(node, at, elastic.axes) for node, at in places]
         if elastic.dynamics is None:
-            mass = np.diag(np.tile(np.repeat([body.mass / len(ends), 0.0], 3), len(ends)))
+            mass = np.diag(
+                np.tile(np.repeat([body.mass / len(ends), 0.0], 3), len(ends))
+            )
         else:
             factor = elastic.dynamics.factor[:, : 6 * len(ends)]
             mass = factor.T @ factor
-        forces = mass @ np.concatenate(np.broadcast_arrays(*(twist for _, twist in ends)), axis=1)
+        forces = mass @ np.concatenate(
+            np.broadcast_arrays(*(twist for _, twist in ends)), axis=1
+        )
         shares = np.split(forces, len(ends), axis=1)
         for node, (back, _), force in zip(body.nodes, ends, shares, strict=True):
             add(node, np.swapaxes(back, -1, -2) @ force)

@@ -37,7 +37,9 @@ def _is_factor(first: Candidate, other: Candidate) -> bool:
     return modulus and first.effect == LinkStiffness.word
 
 
-def merge_twins(given: Sequence[Candidate], prediction: RobotPrediction) -> tuple[Candidate, ...]:
+def merge_twins(
+    given: Sequence[Candidate], prediction: RobotPrediction
+) -> tuple[Candidate, ...]:
     """Merge candidates of one parameter with the same signature as twins of the first.
 
     Candidates whose usual changes differ strongly are not merged: a usual encoder offset may equal
@@ -49,21 +51,29 @@ def merge_twins(given: Sequence[Candidate], prediction: RobotPrediction) -> tupl
         return tuple(candidates)
     columns = np.hstack([prediction.columns(c) for c in singles])
     if not np.isfinite(columns).all():
-        raise InputError("the readings: expected finite derivatives by all effects of the robot")
-    weight = 1.0 / np.where(np.isnan(prediction.campaign.sigma), 1.0, prediction.campaign.sigma)
+        raise InputError(
+            "the readings: expected finite derivatives by all effects of the robot"
+        )
+    weight = 1.0 / np.where(
+        np.isnan(prediction.campaign.sigma), 1.0, prediction.campaign.sigma
+    )
     columns = columns * weight[:, None]
     size = np.linalg.norm(columns, axis=0)
     unit = columns / np.where(size > 0.0, size, 1.0)
     cosine = unit.T @ unit
     usual = np.log(size.clip(min=1e-300)) + np.log([c.scale[0] for c in singles])
     out = {id(c): c for c in candidates}
-    pairs = sorted(combinations(enumerate(singles), 2), key=lambda pair: not _is_factor(pair[0][1], pair[1][1]))
+    pairs = sorted(
+        combinations(enumerate(singles), 2),
+        key=lambda pair: not _is_factor(pair[0][1], pair[1][1]),
+    )
     for (i, first), (j, other) in pairs:
         same = cosine[i, j] if first.positive or other.positive else abs(cosine[i, j])
         sized = abs(usual[i] - usual[j]) <= np.log(_OF_ONE_SIZE)
         alike = sized and same > 1.0 - _SAME and first.positive == other.positive
         if alike and id(first) in out and id(other) in out:
-            known, twin = out[id(first)], out.pop(id(other))
+            known = out[id(first)]
+            twin = out.pop(id(other))
             if _is_factor(first, other):
                 out[id(first)] = replace(known, aliases=(*known.aliases, other.name))
             else:

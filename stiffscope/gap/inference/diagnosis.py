@@ -164,7 +164,10 @@ class Diagnosis:
     remarks: tuple[str, ...] = ()
     steps: tuple[tuple[str, float], ...] = ()
     """Gap in % rms: nominal, after each effect alone, after all, held out, and by noise alone."""
-    signature_correlation: tuple[tuple[str, ...], tuple[tuple[float, ...], ...]] = ((), ())
+    signature_correlation: tuple[tuple[str, ...], tuple[tuple[float, ...], ...]] = (
+        (),
+        (),
+    )
     """Effects and signature correlations (1: indistinguishable from these readings)."""
     possible: tuple[Possible, ...] = ()
     """Effects that are merely possible besides the named ones."""
@@ -180,11 +183,32 @@ class Diagnosis:
         import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
 
         rows = [
-            (e.effect, e.place, e.probability, e.share, name, p.value, p.sigma, *p.interval, p.unit)
+            (
+                e.effect,
+                e.place,
+                e.probability,
+                e.share,
+                name,
+                p.value,
+                p.sigma,
+                *p.interval,
+                p.unit,
+            )
             for e in self.effects
             for name, p in e.parameters.items()
         ]
-        columns = "effect", "place", "probability", "share", "parameter", "value", "sigma", "low", "high", "unit"
+        columns = (
+            "effect",
+            "place",
+            "probability",
+            "share",
+            "parameter",
+            "value",
+            "sigma",
+            "low",
+            "high",
+            "unit",
+        )
         return pd.DataFrame(rows, columns=columns)
 
 
@@ -206,7 +230,10 @@ def _to_plain(value: Any) -> Any:
     """Convert tuples to lists and non-finite numbers to None."""
     match value:
         case dict():
-            return {key: _to_plain(item) for key, item in cast("dict[str, Any]", value).items()}
+            return {
+                key: _to_plain(item)
+                for key, item in cast("dict[str, Any]", value).items()
+            }
         case list() | tuple():
             return [_to_plain(item) for item in cast("list[Any]", value)]
         case float():

@@ -67,19 +67,27 @@ class Errors:
 
     def project(self, columns: Array) -> Projection:
         """Return columns (n, c) prepared for inner products."""
-        used, scaled = self.noise.used, self.noise.scaled
+        used = self.noise.used
+        scaled = self.noise.scaled
         if not len(self.norms):
-            return Projection(columns[used & ~scaled], columns[used & scaled], columns[:0])
+            return Projection(
+                columns[used & ~scaled], columns[used & scaled], columns[:0]
+            )
         here = columns[used]
-        group, shape = self.group[used], self.shape[used]
+        group = self.group[used]
+        shape = self.shape[used]
         order = np.argsort(group, kind="stable")
         starts = np.searchsorted(group[order], np.arange(len(self.norms) // 2))
         length = np.sqrt(self.norms).reshape(2, -1)
         parts: list[Array] = []
         for j in (0, 1):
             size = length[j, group]
-            unit = np.divide(shape[:, j], size, out=np.zeros(len(group)), where=size > 0.0)
-            parts.append(np.add.reduceat(unit[order, None] * here[order], starts, axis=0))
+            unit = np.divide(
+                shape[:, j], size, out=np.zeros(len(group)), where=size > 0.0
+            )
+            parts.append(
+                np.add.reduceat(unit[order, None] * here[order], starts, axis=0)
+            )
             here = here - unit[:, None] * parts[j][group]
         return Projection(here, here[:0], np.concatenate(parts))
 
@@ -88,7 +96,9 @@ class Errors:
         weights = self.factors[:, None, None] ** -2.0
         out = left.stated.T @ right.stated + weights * (left.scaled.T @ right.scaled)
         for k, size in enumerate(self.sizes):
-            out[k] += left.features.T @ (right.features / (1.0 + size**2 * self.norms)[:, None])
+            out[k] += left.features.T @ (
+                right.features / (1.0 + size**2 * self.norms)[:, None]
+            )
         return out
 
     def inner_at(self, setting: int, columns: Array) -> Array:
@@ -110,21 +120,31 @@ def errors_of(campaign: Campaign, noise: Noise, log_odds: float) -> Errors:
     ----------
     Kennedy and O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63 (2001).
     """
-    none = np.zeros(len(campaign), dtype=np.int64), np.zeros((len(campaign), 2)), np.zeros(0)
+    none = (
+        np.zeros(len(campaign), dtype=np.int64),
+        np.zeros((len(campaign), 2)),
+        np.zeros(0),
+    )
     if noise.scaled.any() or not noise.used.any():
         factors = noise.factors if (noise.used & noise.scaled).any() else np.ones(1)
-        weight = -float((noise.used & noise.scaled).sum()) * np.log(factors) - np.log(len(factors))
+        weight = -float((noise.used & noise.scaled).sum()) * np.log(factors) - np.log(
+            len(factors)
+        )
         return Errors(noise, *none, factors, np.zeros(len(factors)), weight)
     group, shape, norms = _features(campaign, noise)
     sizes = np.concatenate([[0.0], DISCREPANCIES])
     volume = -0.5 * np.log1p(sizes[:, None] ** 2 * norms).sum(axis=1)
     prior = np.where(sizes > 0.0, log_odds - np.log(len(DISCREPANCIES)), 0.0)
-    return Errors(noise, group, shape, norms, np.ones(len(sizes)), sizes, volume + prior)
+    return Errors(
+        noise, group, shape, norms, np.ones(len(sizes)), sizes, volume + prior
+    )
 
 
 def _without_scatter(c: Campaign, noise: Noise) -> Array:
     """Return readings (n,) averaged over repetitions, whose scatter is not a discrepancy."""
-    taken = np.column_stack([c.pose, c.quantity, c.sensor, c.load, np.nan_to_num(c.wrench)])
+    taken = np.column_stack(
+        [c.pose, c.quantity, c.sensor, c.load, np.nan_to_num(c.wrench)]
+    )
     same = np.unique(taken, axis=0, return_inverse=True)[1].ravel()
     total = np.bincount(same, np.where(noise.used, c.value, 0.0))
     return (total / np.maximum(np.bincount(same, noise.used), 1.0))[same]
@@ -136,9 +156,12 @@ def _features(c: Campaign, noise: Noise) -> tuple[Indices, Array, Array]:
     cell = np.where(noise.used, c.pose * (axis.max() + 1) + axis, -1)
     group = np.unique(cell, return_inverse=True)[1].ravel()
     group = (group - (0 if noise.used.all() else 1)).astype(np.int64)
-    safe, count = group.clip(min=0), int(group.max()) + 1
+    safe = group.clip(min=0)
+    count = int(group.max()) + 1
     value = np.where(noise.used, _without_scatter(c, noise), 0.0)
-    mean = np.sqrt(np.bincount(axis, value**2) / np.maximum(np.bincount(axis, noise.used), 1))
+    mean = np.sqrt(
+        np.bincount(axis, value**2) / np.maximum(np.bincount(axis, noise.used), 1)
+    )
     raw = np.stack([mean[axis], value], axis=1) * (noise.used / noise.sigma)[:, None]
     gram = np.zeros((count, 2, 2))
     np.add.at(gram, safe, raw[:, :, None] * raw[:, None, :])
@@ -176,7 +199,9 @@ class Posterior:
         return self.find_covariance()
 
 
-def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], positive: Flags) -> Posterior:
+def posterior(
+    errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], positive: Flags
+) -> Posterior:
     """Return the posterior of u for a linear hypothesis, from the readings used.
 
     The prior is normal, with one of several scales for every effect, and half-normal if u cannot be
@@ -202,7 +227,8 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
     MacKay, Information Theory, Inference, and Learning Algorithms, ch. 28 (Occam factors).
     """
     projected = errors.project(np.column_stack([x, y]))
-    inner, k = errors.inner(projected, projected), x.shape[1]
+    inner = errors.inner(projected, projected)
+    k = x.shape[1]
     products = inner[:, :k, :k], inner[:, :k, k], inner[:, k, k], errors.log_weight
     ends = np.cumsum([prior.scales.shape[1] for prior in priors], dtype=np.int64)
     own = np.split(np.arange(k, dtype=np.int64), ends)[:-1]
@@ -212,16 +238,27 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
         gone = ~positive
         gone[mine] = False
         left, log = eliminate(inner, np.append(gone, False), chosen[gone])
-        rest = left[:, :-1, :-1], left[:, :-1, -1], left[:, -1, -1], errors.log_weight + log
+        rest = (
+            left[:, :-1, :-1],
+            left[:, :-1, -1],
+            left[:, -1, -1],
+            errors.log_weight + log,
+        )
         tried = _with(chosen, mine, scales)[:, ~gone]
         return log_sum(log_evidences(*rest, tried, positive[~gone])[0], axis=0)
 
-    count, averaging = min((len(prior.scales) for prior in priors), default=1), 0.0
-    tried = np.hstack([np.zeros((count, 0)), *(prior.scales[:count] for prior in priors)])
+    count = min((len(prior.scales) for prior in priors), default=1)
+    averaging = 0.0
+    tried = np.hstack(
+        [np.zeros((count, 0)), *(prior.scales[:count] for prior in priors)]
+    )
     logs = log_sum(log_evidences(*products, tried, positive)[0], axis=0)
-    chosen = tried[int(np.argmax(logs))]  # of scales with the same grid index for all effects
+    chosen = tried[
+        int(np.argmax(logs))
+    ]  # of scales with the same grid index for all effects
     for _ in range(_SWEEPS if len(priors) > 1 else len(priors)):
-        averaging, before = 0.0, chosen
+        averaging = 0.0
+        before = chosen
         for prior, mine in zip(priors, own, strict=True):
             logs = alone(chosen, mine, prior.scales)
             best = int(np.argmax(logs + prior.log_weight))
@@ -238,18 +275,31 @@ def posterior(errors: Errors, y: Array, x: Array, priors: Sequence[Spreads], pos
         few = share > _NEGLIGIBLE
         grams, pulls, totals, log_weight = (each[few] for each in products)
         part = grams, pulls, totals, log_weight
-        covariance = _find_moment(*log_evidences(*part, chosen[None], positive), chosen[None], mean)
+        covariance = _find_moment(
+            *log_evidences(*part, chosen[None], positive), chosen[None], mean
+        )
         wider = np.ones(k)
-        for prior, mine in zip(priors, own, strict=True):  # its prior scale is not known either
+        for prior, mine in zip(
+            priors, own, strict=True
+        ):  # its prior scale is not known either
             tried = _with(chosen, mine, prior.scales)
             logs, means, cores = log_evidences(*part, tried, positive)
-            variance = np.diagonal(_find_moment(logs + prior.log_weight, means, cores, tried, mean))
-            wider[mine] = np.sqrt(variance / np.diagonal(covariance)).clip(min=1.0)[mine]
+            variance = np.diagonal(
+                _find_moment(logs + prior.log_weight, means, cores, tried, mean)
+            )
+            wider[mine] = np.sqrt(variance / np.diagonal(covariance)).clip(min=1.0)[
+                mine
+            ]
         return wider[:, None] * covariance * wider
 
-    whole, plain = (float(log_sum(each)) + averaging for each in (log, log[errors.sizes == 0.0]))
-    factor, size = float(np.exp(share @ np.log(errors.factors))), float(np.sqrt(share @ errors.sizes**2))
-    return Posterior(whole, mean, find_covariance, chosen, averaging, share, plain, factor, size)
+    whole, plain = (
+        float(log_sum(each)) + averaging for each in (log, log[errors.sizes == 0.0])
+    )
+    factor = float(np.exp(share @ np.log(errors.factors)))
+    size = float(np.sqrt(share @ errors.sizes**2))
+    return Posterior(
+        whole, mean, find_covariance, chosen, averaging, share, plain, factor, size
+    )
 
 
 def eliminate(inner: Array, gone: Flags, scales: Array) -> tuple[Array, Array]:
@@ -267,8 +317,11 @@ def eliminate(inner: Array, gone: Flags, scales: Array) -> tuple[Array, Array]:
         Prior standard deviations (g,) of their parameters.
     """
     find_share, log = marginalize(inner[:, gone][:, :, gone], scales)
-    share, rest = find_share(inner[:, ~gone][:, :, gone]), inner[:, ~gone][:, :, ~gone]
-    return rest * (1.0 + _ROUNDING * np.diag([*np.ones(rest.shape[1] - 1), 0.0])) - share @ share.mT, log
+    share = find_share(inner[:, ~gone][:, :, gone])
+    rest = inner[:, ~gone][:, :, ~gone]
+    return rest * (
+        1.0 + _ROUNDING * np.diag([*np.ones(rest.shape[1] - 1), 0.0])
+    ) - share @ share.mT, log
 
 
 def marginalize(inner: Array, scales: Array) -> tuple[Callable[[Array], Array], Array]:
@@ -287,12 +340,16 @@ def marginalize(inner: Array, scales: Array) -> tuple[Callable[[Array], Array], 
     unit = np.eye(len(scales))
     whole = (scales[:, None] * inner * scales + unit) * (1.0 + _ROUNDING * unit)
     size = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))[..., None]
-    root = np.linalg.cholesky(whole / size / size.mT)  # equal diagonals keep the rest definite
+    root = np.linalg.cholesky(
+        whole / size / size.mT
+    )  # equal diagonals keep the rest definite
 
     def find_share(products: Array) -> Array:
         return np.linalg.solve(root, scales[:, None] * products.mT / size).mT
 
-    return find_share, -np.log(size[..., 0] * np.diagonal(root, axis1=1, axis2=2)).sum(axis=1)
+    return find_share, -np.log(size[..., 0] * np.diagonal(root, axis1=1, axis2=2)).sum(
+        axis=1
+    )
 
 
 def _with(chosen: Array, mine: Indices, scales: Array) -> Array:
@@ -302,7 +359,9 @@ def _with(chosen: Array, mine: Indices, scales: Array) -> Array:
     return tried
 
 
-def _find_moment(log: Array, means: Array, cores: Array, scales: Array, about: Array) -> Array:
+def _find_moment(
+    log: Array, means: Array, cores: Array, scales: Array, about: Array
+) -> Array:
     """Return the second moment (k, k) about a point (k,) over settings and prior scales (s, k)."""
     weight = np.exp(log - log_sum(log))
     counted = np.argwhere(weight > _NEGLIGIBLE)
@@ -315,7 +374,12 @@ def _find_moment(log: Array, means: Array, cores: Array, scales: Array, about: A
 
 
 def log_evidences(
-    grams: Array, pulls: Array, totals: Array, log_weight: Array, scales: Array, positive: Flags
+    grams: Array,
+    pulls: Array,
+    totals: Array,
+    log_weight: Array,
+    scales: Array,
+    positive: Flags,
 ) -> tuple[Array, Array, Array]:
     """Return ln evidence of linear hypotheses for all settings of the errors and prior sizes.
 
@@ -342,11 +406,17 @@ def log_evidences(
     u, free = constrained_minima(cores, b, positive)
     fit = 2.0 * np.sum(u * b, axis=-1) - np.einsum("...i,...ij,...j->...", u, cores, u)
     pivots = np.diagonal(cast("Array", np.linalg.cholesky(cores)), axis1=-2, axis2=-1)
-    log = -0.5 * (totals[..., None] - fit) - np.log(pivots).sum(axis=-1) + log_weight[:, None]
+    log = (
+        -0.5 * (totals[..., None] - fit)
+        - np.log(pivots).sum(axis=-1)
+        + log_weight[:, None]
+    )
     return log + _above_zero(cores, b, u, free, positive), wide * u, cores
 
 
-def _above_zero(cores: Array, b: Array, u: Array, free: Flags, positive: Flags) -> Array:
+def _above_zero(
+    cores: Array, b: Array, u: Array, free: Flags, positive: Flags
+) -> Array:
     """Return the log correction (...) of Laplace's approximation for non-negative parameters.
 
     For each, the fraction of its Gaussian above zero over the prior's half: the marginal one if
@@ -362,7 +432,9 @@ def _above_zero(cores: Array, b: Array, u: Array, free: Flags, positive: Flags) 
     return np.where(positive, np.log(share), 0.0).sum(axis=-1)
 
 
-def constrained_minima(matrices: Array, pulls: Array, positive: Flags) -> tuple[Array, Flags]:
+def constrained_minima(
+    matrices: Array, pulls: Array, positive: Flags
+) -> tuple[Array, Flags]:
     """Return minima (..., k) of ``½ uᵀ A u - bᵀ u`` with some u ≥ 0, and which u are free.
 
     Fixes the most negative one at a time; `scipy.optimize.nnls` takes one factor and bounds all u.
@@ -374,10 +446,12 @@ def constrained_minima(matrices: Array, pulls: Array, positive: Flags) -> tuple[
     positive
         Flags (k,) of the u that must not be negative.
     """
-    shape, k = pulls.shape, pulls.shape[-1]
+    shape = pulls.shape
+    k = pulls.shape[-1]
     if k == 0:
         return pulls, np.ones(shape, dtype=np.bool_)
-    a, b = matrices.reshape(-1, k, k), pulls.reshape(-1, k)
+    a = matrices.reshape(-1, k, k)
+    b = pulls.reshape(-1, k)
     free = np.ones(b.shape, dtype=np.bool_)
     u = np.linalg.solve(a, b[..., None])[..., 0]
     if positive.any():
@@ -386,12 +460,15 @@ def constrained_minima(matrices: Array, pulls: Array, positive: Flags) -> tuple[
         while len(left):
             wrong = np.where(positive & free[left], u[left] * root[left], 0.0)
             bad = wrong.min(axis=1) < 0.0
-            left, worst = left[bad], np.argmin(wrong, axis=1)[bad]
+            left = left[bad]
+            worst = np.argmin(wrong, axis=1)[bad]
             free[left, worst] = False
             keep = free[left]
             both = keep[:, :, None] & keep[:, None, :]
             held = np.where(both, a[left], 0.0) + np.eye(k) * ~keep[:, None, :]
-            u[left] = np.linalg.solve(held, np.where(keep, b[left], 0.0)[..., None])[..., 0]
+            u[left] = np.linalg.solve(held, np.where(keep, b[left], 0.0)[..., None])[
+                ..., 0
+            ]
     return u.reshape(shape), free.reshape(shape)
 
 

@@ -24,7 +24,9 @@ if TYPE_CHECKING:
 WORTHWHILE = 1.0  # least expected ln-odds of a worthwhile reading
 
 
-def next_measurement(trial: Trial, first: Hypothesis, others: Iterable[Hypothesis]) -> NextMeasurement | None:
+def next_measurement(
+    trial: Trial, first: Hypothesis, others: Iterable[Hypothesis]
+) -> NextMeasurement | None:
     """Return the measurement with the greatest expected ln-odds between two explanations.
 
     Parameters
@@ -41,34 +43,44 @@ def next_measurement(trial: Trial, first: Hypothesis, others: Iterable[Hypothesi
         None if no reading is expected to gain `WORTHWHILE`. Explanations whose effects are too large for
         one of the poses are left out.
     """
-    if (here := _predict(trial, first)) is None:
+    here = _predict(trial, first)
+    if here is None:
         return None
     for second in others:
-        if (there := _predict(trial, second)) is None:
+        there = _predict(trial, second)
+        if there is None:
             continue
         gain = expected_log_odds(trial, here, there)
         best = int(np.argmax(gain))
         if gain[best] >= WORTHWHILE:
-            separates = tuple(" + ".join(sorted(h.names)) or "no effect" for h in (first, second))
+            separates = tuple(
+                " + ".join(sorted(h.names)) or "no effect" for h in (first, second)
+            )
             return _describe(trial, best, separates, float(gain[best]))
     return None
 
 
-def _describe(trial: Trial, best: int, separates: tuple[str, ...], gain: float) -> NextMeasurement:
+def _describe(
+    trial: Trial, best: int, separates: tuple[str, ...], gain: float
+) -> NextMeasurement:
     """Return one of the available measurements in a campaign's terms."""
     c = trial.model.campaign
     rows = np.flatnonzero(trial.group == best)
     row = int(rows[0])
     pose, code, load = (int(each[row]) for each in (c.pose, c.quantity, c.load))
     if np.isnan(c.poses).any():
-        return NextMeasurement(separates, gain, pose=c.pose_names[pose], quantity=QUANTITIES[code])
+        return NextMeasurement(
+            separates, gain, pose=c.pose_names[pose], quantity=QUANTITIES[code]
+        )
     read = np.unique(c.sensor[rows])
     kind = "deviation" if code // 6 == DEVIATION else "deflection"
     return NextMeasurement(
         separates,
         gain,
         dict(zip(c.coordinates, (float(v) for v in c.poses[pose]), strict=True)),
-        None if np.isnan(c.wrench[row]).any() else tuple(float(w) for w in c.wrench[row]),
+        None
+        if np.isnan(c.wrench[row]).any()
+        else tuple(float(w) for w in c.wrench[row]),
         None,
         kind if len(rows) > 1 else QUANTITIES[code],
         tuple(c.sensors[int(k)].name for k in read if k != AT_TOOL) or None,
@@ -93,10 +105,13 @@ def expected_log_odds(trial: Trial, first: Predicted, second: Predicted) -> Arra
     ----------
     MacKay, Information-based objective functions for active data selection, Neural Comp. 4 (1992).
     """
-    (m1, x1, c1), (m2, x2, c2) = first, second
+    (m1, x1, c1) = first
+    (m2, x2, c2) = second
     gain = np.zeros(int(trial.group.max()) + 1)
     order = np.argsort(trial.group, kind="stable")
-    groups, starts, counts = np.unique(trial.group[order], return_index=True, return_counts=True)
+    groups, starts, counts = np.unique(
+        trial.group[order], return_index=True, return_counts=True
+    )
     for count in np.unique(counts):
         rows = order[starts[counts == count][:, None] + np.arange(count)]  # (m, count)
         difference = (m2 - m1)[rows]

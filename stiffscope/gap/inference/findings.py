@@ -30,7 +30,9 @@ CONFUSED = 2  # most other effects listed as indistinguishable
 COMPETING = 0.02  # least probability of a competing hypothesis over that of the best
 IMITATING = 3.0  # most ln evidence behind the best set to mention a pattern
 NEAR = 40.0  # ln-odds within which another prior may change the order
-COPIES = 0.9  # least fraction of repetitions with equal values that are regarded as copies
+COPIES = (
+    0.9  # least fraction of repetitions with equal values that are regarded as copies
+)
 
 
 @dataclass(frozen=True)
@@ -90,7 +92,9 @@ class Findings:
 
     @cached_property
     def _residual_weights(self) -> Array:
-        return np.where(self.problem.noise.scaled, 1.0 / self.best.known.noise_factor, 1.0)
+        return np.where(
+            self.problem.noise.scaled, 1.0 / self.best.known.noise_factor, 1.0
+        )
 
     @cached_property
     def sigma(self) -> Array:
@@ -105,12 +109,18 @@ class Findings:
         """Return χ² per degree of freedom of a hypothesis, with its noise and discrepancy."""
         errors = self.problem.errors
         residual = errors.project(hypothesis.residual[:, None])
-        total = float(hypothesis.known.settings @ errors.inner(residual, residual)[:, 0, 0])
+        total = float(
+            hypothesis.known.settings @ errors.inner(residual, residual)[:, 0, 0]
+        )
         return total / max(int(self.used_readings.sum()) - len(hypothesis.values), 1)
 
     def under(self, problem: Problem) -> Findings:
         """Return the same hypotheses ranked under another prior."""
-        near = [h for h in self.hypotheses if not h.names or h.evidence > self.best.evidence - NEAR]
+        near = [
+            h
+            for h in self.hypotheses
+            if not h.names or h.evidence > self.best.evidence - NEAR
+        ]
         return _rank(problem, [(h, problem.reweigh(h)) for h in near], self.fitted)
 
     @cached_property
@@ -127,9 +137,13 @@ class Findings:
 
     def _find_missed(self, hypothesis: Hypothesis, names: Iterable[str]) -> list[float]:
         """Return, of each effect of a hypothesis, the probability that it is none of these."""
-        listed, cause = {self.problem.find_cause(name) for name in names}, self.problem.find_cause
+        listed = {self.problem.find_cause(name) for name in names}
+        cause = self.problem.find_cause
         own = self._shares[id(hypothesis)]
-        return [1.0 - sum(p for name, p in shares.items() if cause(name) in listed) for shares in own]
+        return [
+            1.0 - sum(p for name, p in shares.items() if cause(name) in listed)
+            for shares in own
+        ]
 
     def _sum_missed(self, hypothesis: Hypothesis, names: Iterable[str]) -> float:
         """Return the probability that none of these effects is present, given a hypothesis."""
@@ -147,32 +161,53 @@ class Findings:
         Nuisance patterns come last, and of these the same fault elsewhere if it is less probable.
         Other names of what is in the group are added if there is place.
         """
-        listed, own = [name], next(c for c in self.best.candidates if c.name == name)
+        listed = [name]
+        own = next(c for c in self.best.candidates if c.name == name)
         self._add_rivals(listed, own, self)
         self._add_rivals(listed, own, self.doubted, CONFIDENT)
         known = self.at_work(listed)
         self._add_rivals(listed, own, self, patterns=True)
-        elsewhere = [c.name for c in self.imitating_patterns.get(name, ()) if c.like == own.effect]
+        elsewhere = [
+            c.name
+            for c in self.imitating_patterns.get(name, ())
+            if c.like == own.effect
+        ]
         listed = list(dict.fromkeys([*listed, *elsewhere]))[: CONFUSED + 1]
         same = {self.problem.find_cause(each) for each in listed}
-        aliases = (a for a in (*own.aliases, *self.problem.causes) if self.problem.find_cause(a) in same)
+        aliases = (
+            a
+            for a in (*own.aliases, *self.problem.causes)
+            if self.problem.find_cause(a) in same
+        )
         others = tuple(dict.fromkeys([*listed, *aliases]))[1 : CONFUSED + 1]
-        whole = self.at_work([name, *others])  # what there is no place for is not part of it
+        whole = self.at_work(
+            [name, *others]
+        )  # what there is no place for is not part of it
         doubted = self.doubted.at_work([name, *others])
-        return Group(others, whole, min(known, whole), min(doubted, whole), bool(elsewhere))
+        return Group(
+            others, whole, min(known, whole), min(doubted, whole), bool(elsewhere)
+        )
 
     @cached_property
     def doubted(self) -> Findings:
         """The same hypotheses, ranked by evidence tempered by the remaining misfit."""
-        alike, left = replace(self.problem, even=True), max(self.misfit(self.best), 1.0)
-        scored = [(h, self.evidence(h) / left + alike.log_odds(h)) for h in self.hypotheses]
+        alike = replace(self.problem, even=True)
+        left = max(self.misfit(self.best), 1.0)
+        scored = [
+            (h, self.evidence(h) / left + alike.log_odds(h)) for h in self.hypotheses
+        ]
         return _rank(alike, scored, self.fitted)
 
     def find_instead(self, name: str) -> str:
         """Return what fits about as well without an effect and its group, joined by "and"."""
         group = {name, *self.group(name).others}
-        without = (h for h in self.doubted.hypotheses if self._sum_missed(h, group) == 1.0)
-        return " and ".join(sorted(next(without, self.none).names - self.best.names)) or "no effect"
+        without = (
+            h for h in self.doubted.hypotheses if self._sum_missed(h, group) == 1.0
+        )
+        return (
+            " and ".join(sorted(next(without, self.none).names - self.best.names))
+            or "no effect"
+        )
 
     @cached_property
     def imitating_patterns(self) -> dict[str, list[Candidate]]:
@@ -203,10 +238,19 @@ class Findings:
 
     def at_work(self, names: Iterable[str]) -> float:
         """Return the probability that one of these effects is present."""
-        return min(float(sum(p * (1.0 - self._sum_missed(h, names)) for h, p in self.ranked)), 1.0)
+        return min(
+            float(sum(p * (1.0 - self._sum_missed(h, names)) for h, p in self.ranked)),
+            1.0,
+        )
 
     def _add_rivals(
-        self, listed: list[str], own: Candidate, by: Findings, enough: float = 1.0, *, patterns: bool = False
+        self,
+        listed: list[str],
+        own: Candidate,
+        by: Findings,
+        enough: float = 1.0,
+        *,
+        patterns: bool = False,
     ) -> None:
         """Add the most probable substitutes of an effect, except known ones of other effects.
 
@@ -214,20 +258,31 @@ class Findings:
         none is missing; patterns: whether nuisance patterns may be added.
         """
         rest = self.best.names - {own.name}
-        elsewhere = {name for other in rest for name in self._in_place_of.get(other, ())}
+        elsewhere = {
+            name for other in rest for name in self._in_place_of.get(other, ())
+        }
         elsewhere -= {*self._in_place_of.get(own.name, ()), *own.signature_of}
         while len(listed) <= CONFUSED and by.at_work(listed) < enough:
             known = {self.problem.find_cause(each) for each in listed}
             gains: dict[str, float] = {}
             for h, p in by.ranked:
-                weight = p * (1.0 if rest <= h.names and len(h.names - rest) == 1 else 0.5)
+                weight = p * (
+                    1.0 if rest <= h.names and len(h.names - rest) == 1 else 0.5
+                )
                 missed = by._find_missed(h, listed)
-                for k, (other, shares) in enumerate(zip(h.candidates, by._shares[id(h)], strict=True)):
-                    if other.name in rest | elsewhere or (other.is_nuisance and not patterns):
+                for k, (other, shares) in enumerate(
+                    zip(h.candidates, by._shares[id(h)], strict=True)
+                ):
+                    if other.name in rest | elsewhere or (
+                        other.is_nuisance and not patterns
+                    ):
                         continue
-                    beside = weight * prod(missed[:k] + missed[k + 1 :])  # its names exclude each other
+                    beside = weight * prod(
+                        missed[:k] + missed[k + 1 :]
+                    )  # its names exclude each other
                     for each, share in shares.items():
-                        if (same := self.problem.find_cause(each)) not in known:
+                        same = self.problem.find_cause(each)
+                        if same not in known:
                             gains[same] = gains.get(same, 0.0) + beside * share
             best = max(gains, key=lambda n: gains[n], default="")
             if not best or gains[best] <= COMPETING * by.probability[0]:
@@ -239,15 +294,25 @@ class Findings:
         candidates = tuple(candidates)
         chosen = forms_of(candidates)
         if chosen not in self.fitted:
-            known = {key: values for c, values in self.best.parameters for key in forms_of([c])}
-            each = (known.get(key, np.zeros(len(c.scale))) for c in candidates for key in forms_of([c]))
+            known = {
+                key: values
+                for c, values in self.best.parameters
+                for key in forms_of([c])
+            }
+            each = (
+                known.get(key, np.zeros(len(c.scale)))
+                for c in candidates
+                for key in forms_of([c])
+            )
             self.fitted[chosen] = self.problem.fit(candidates, join_values(each))
         return self.fitted[chosen]
 
     def fit_named(self, candidates: Iterable[Candidate]) -> Hypothesis:
         """Return the likeliest fitted hypothesis of some effects of the best one, in any of their forms."""
         own = self.fit_effects(candidates)
-        alike = (h for h in self.fitted.values() if h.names == own.names and h.converged)
+        alike = (
+            h for h in self.fitted.values() if h.names == own.names and h.converged
+        )
         return max((own, *alike), key=lambda h: h.evidence)
 
     def fit_plainly(self, hypothesis: Hypothesis) -> Hypothesis:
@@ -255,14 +320,26 @@ class Findings:
 
         A fit beside a large discrepancy follows details, and may leave more than no effect does.
         """
-        noise, widens = self.problem.noise, self.chi2(hypothesis) > self.chi2(self.none)
-        if not widens and not self.problem.errors.sizes[np.argmax(hypothesis.known.settings)]:
+        noise = self.problem.noise
+        widens = self.chi2(hypothesis) > self.chi2(self.none)
+        if (
+            not widens
+            and not self.problem.errors.sizes[np.argmax(hypothesis.known.settings)]
+        ):
             return hypothesis
-        scaled = noise.scaled | (not noise.scaled.any())  # by a known factor: one, or the best's
-        plain = replace(noise, scaled=scaled, factors=np.array([self.best.known.noise_factor]))
-        problem, here = replace(self.problem, noise=plain), hypothesis.values
+        scaled = noise.scaled | (
+            not noise.scaled.any()
+        )  # by a known factor: one, or the best's
+        plain = replace(
+            noise, scaled=scaled, factors=np.array([self.best.known.noise_factor])
+        )
+        problem = replace(self.problem, noise=plain)
+        here = hypothesis.values
         starts = (here, 0.0 * here) if widens else (here,)
-        return min((problem.fit(hypothesis.candidates, start) for start in starts), key=self.chi2)
+        return min(
+            (problem.fit(hypothesis.candidates, start) for start in starts),
+            key=self.chi2,
+        )
 
     def predict_readings(self, hypothesis: Hypothesis) -> Array:
         """Return the readings (n,) predicted by a hypothesis."""
@@ -308,17 +385,24 @@ class Findings:
 
     def _change_without(self, hypothesis: Hypothesis, here: Flags) -> Array:
         """Return the change (k,) of the internal parameters if readings (n,) are not fitted."""
-        noise, x, r = self.problem.noise, hypothesis.slopes, hypothesis.residual
+        noise = self.problem.noise
+        x = hypothesis.slopes
+        r = hypothesis.residual
         if not x.shape[1]:
             return np.zeros(0)
-        discrepancy = self.problem.errors.sizes[int(np.argmax(hypothesis.known.settings))]
+        discrepancy = self.problem.errors.sizes[
+            int(np.argmax(hypothesis.known.settings))
+        ]
         if noise.scaled.any() or discrepancy:  # both are estimated again
             rest = Problem(self.model, replace(noise, used=noise.used & ~here))
             known = rest.posterior(hypothesis.candidates, hypothesis.linear, x)
             return known.mean - hypothesis.values
         unit = hypothesis.known.scales  # parameter units range from 1e-9 m/N to kg
-        left, out = unit * x[self.used_readings & ~here], unit * x[here]
-        return -unit * np.linalg.solve(left.T @ left + np.eye(len(unit)), out.T @ r[here])
+        left = unit * x[self.used_readings & ~here]
+        out = unit * x[here]
+        return -unit * np.linalg.solve(
+            left.T @ left + np.eye(len(unit)), out.T @ r[here]
+        )
 
 
 def find(model: ForwardModel, progress: Progress | None = None) -> Findings:
@@ -344,7 +428,9 @@ def _search(model: ForwardModel, progress: Progress | None) -> Findings:
     return _rank(problem, [(h, h.evidence) for h in distinct.values()], fitted)
 
 
-def _rank(problem: Problem, scored: list[tuple[Hypothesis, float]], fitted: Fitted) -> Findings:
+def _rank(
+    problem: Problem, scored: list[tuple[Hypothesis, float]], fitted: Fitted
+) -> Findings:
     """Return hypotheses ranked by their share of all evidence, the best first."""
     order = sorted(scored, key=lambda item: -item[1])
     log = np.array([evidence for _, evidence in order])
@@ -377,5 +463,9 @@ def copies(c: Campaign) -> tuple[Flags, str]:
     once[read[first]] = True
     k = int(np.flatnonzero(~once[read])[0])
     same = first[int(np.flatnonzero((whole[first] == whole[k]).all(axis=1))[0])]
-    where, other = c.where(int(read[k])), c.where(int(read[same]))
-    return once, f"{count} readings repeat others exactly and count once: {where} is {other}"
+    where = c.where(int(read[k]))
+    other = c.where(int(read[same]))
+    return (
+        once,
+        f"{count} readings repeat others exactly and count once: {where} is {other}",
+    )

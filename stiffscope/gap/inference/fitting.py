@@ -12,7 +12,12 @@ import numpy as np
 from stiffscope.effects.vocabulary import word_of
 from stiffscope.errors import InputError
 from stiffscope.gap.forward.forward_model import join_columns
-from stiffscope.gap.inference.evidence import constrained_minima, errors_of, log_sum, posterior
+from stiffscope.gap.inference.evidence import (
+    constrained_minima,
+    errors_of,
+    log_sum,
+    posterior,
+)
 from stiffscope.gap.inference.hypothesis import (
     Hypothesis,
     at_bounds,
@@ -23,13 +28,22 @@ from stiffscope.gap.inference.hypothesis import (
     split,
 )
 from stiffscope.gap.inference.library import Library
-from stiffscope.gap.inference.plausibility import SIGNIFICANT, find_plausible, implausible
+from stiffscope.gap.inference.plausibility import (
+    SIGNIFICANT,
+    find_plausible,
+    implausible,
+)
 from stiffscope.gap.inference.priors import choose_near, spread_groups, spread_priors
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.gap.forward.forward_model import Candidate, ForwardModel, Noise, Prediction
+    from stiffscope.gap.forward.forward_model import (
+        Candidate,
+        ForwardModel,
+        Noise,
+        Prediction,
+    )
     from stiffscope.gap.inference.evidence import Errors, Posterior
     from stiffscope.gap.inference.priors import Spreads
     from stiffscope.runtime.types import Array
@@ -41,7 +55,9 @@ PRIOR_ODDS = 0.25  # of one effect more, shared by the words of the vocabulary a
 UNKNOWN = 0.1  # of these odds: an unknown cause, shared by the kinds of patterns and their places
 STRANGE = 0.01  # of an effect's odds, those of its parameters beyond what is plausible
 MARGIN = 30.0  # ln-odds behind the best to first order up to which a set is fitted,
-DOUBT = 0.2  # or this share of the best one's gain, since first order errs by a share of it
+DOUBT = (
+    0.2  # or this share of the best one's gain, since first order errs by a share of it
+)
 CURVED = 0.1  # relative error of the linear prediction beyond which derivatives are taken anew
 SIZES = np.geomspace(1e-3, 1e3, 9)  # of effects, in units of their own
 _STEPS = 12  # of Gauss-Newton
@@ -117,7 +133,10 @@ class Problem:
     @cached_property
     def _form_counts(self) -> Counter[str]:
         """Number of forms of each cause: a part's factor and its matrix are two."""
-        return Counter(self.find_cause(name) for name, _ in {(c.name, c.flexible) for c in self._known})
+        return Counter(
+            self.find_cause(name)
+            for name, _ in {(c.name, c.flexible) for c in self._known}
+        )
 
     @cached_property
     def _unknown(self) -> Counter[str]:
@@ -135,7 +154,10 @@ class Problem:
         words = map(word_of, candidate.signature_of)
         places = np.array([max(counts[word], 1) for word in words], dtype=float)
         places[:] = counts.total() / len(counts) if self.even else places
-        places *= [max(self._form_counts[self.find_cause(name)], 1) for name in candidate.signature_of]
+        places *= [
+            max(self._form_counts[self.find_cause(name)], 1)
+            for name in candidate.signature_of
+        ]
         return self.odds / len(counts) / places
 
     def weigh_twins(self, candidate: Candidate, hypothesis: Hypothesis) -> Array:
@@ -145,11 +167,15 @@ class Problem:
         """
         odds = self.odds_of(candidate)
         for k, (other, rate) in enumerate(((candidate, 1.0), *candidate.twins)):
-            if not other.is_nuisance and implausible(candidate, hypothesis, other, rate):
+            if not other.is_nuisance and implausible(
+                candidate, hypothesis, other, rate
+            ):
                 odds[k] *= STRANGE
             if k > 0:
                 (value,) = hypothesis.values[hypothesis.mark(lambda c: c is candidate)]
-                ahead = self._log_density(other, rate * value) - self._log_density(candidate, value)
+                ahead = self._log_density(other, rate * value) - self._log_density(
+                    candidate, value
+                )
                 odds[k] *= abs(rate) * np.exp(ahead)
         return odds
 
@@ -157,7 +183,9 @@ class Problem:
         """Return the ln prior density of the only internal parameter of a candidate."""
         (prior,) = self.spreads_of(candidate)
         scale = prior.scales[:, 0]
-        return float(log_sum(prior.log_weight - np.log(scale) - 0.5 * (value / scale) ** 2))
+        return float(
+            log_sum(prior.log_weight - np.log(scale) - 0.5 * (value / scale) ** 2)
+        )
 
     def _odds_of_pattern(self, pattern: str) -> float:
         return UNKNOWN * self.odds / len(self._unknown) / max(self._unknown[pattern], 1)
@@ -165,12 +193,15 @@ class Problem:
     @cached_property
     def errors(self) -> Errors:
         """Distribution of readings about a hypothesis; a discrepancy counts as a pattern."""
-        return errors_of(self.model.campaign, self.noise, float(np.log(self._odds_of_pattern(""))))
+        return errors_of(
+            self.model.campaign, self.noise, float(np.log(self._odds_of_pattern("")))
+        )
 
     def spreads_of(self, candidate: Candidate) -> list[Spreads]:
         """Return the prior of each group of a candidate's parameters that shares a size."""
         if id(candidate) not in self._spreads:
-            (unit, sizes), positive = self._scales_of(candidate), positive_of([candidate])
+            (unit, sizes) = self._scales_of(candidate)
+            positive = positive_of([candidate])
             found = spread_groups(unit, positive, candidate.groups, sizes)
             self._spreads[id(candidate)] = candidate, found
         return self._spreads[id(candidate)][1]
@@ -182,7 +213,8 @@ class Problem:
 
     def _scales_of(self, candidate: Candidate) -> tuple[Array, Array]:
         """Return a candidate's units (k,) and sizes (s,); all sizes are one if stated."""
-        unit, ones = np.array(candidate.scale), np.ones(len(self.sizes))
+        unit = np.array(candidate.scale)
+        ones = np.ones(len(self.sizes))
         return (unit, ones) if candidate.stated else (self.widening * unit, self.sizes)
 
     @cached_property
@@ -198,22 +230,34 @@ class Problem:
         odds = (self.weigh_twins(c, hypothesis) for c in hypothesis.candidates)
         return float(sum(np.log(each.sum()) for each in odds))
 
-    def posterior(self, candidates: Effects, y: Array, x: Array, near: Array | None = None) -> Posterior:
+    def posterior(
+        self, candidates: Effects, y: Array, x: Array, near: Array | None = None
+    ) -> Posterior:
         """Return the posterior of u in ``y = X u + errors``, without prior odds of the set.
 
         near: prior scales (k,) to which the search is restricted.
         """
-        priors = [spread for c in candidates if c.scale for spread in self.spreads_of(c)]
-        return posterior(self.errors, y, x, choose_near(priors, near), positive_of(candidates))
+        priors = [
+            spread for c in candidates if c.scale for spread in self.spreads_of(c)
+        ]
+        return posterior(
+            self.errors, y, x, choose_near(priors, near), positive_of(candidates)
+        )
 
     def reweigh(self, hypothesis: Hypothesis) -> float:
         """Return ln of evidence times prior odds of a hypothesis fitted under another prior."""
         near = hypothesis.known.scales if hypothesis.local else None
-        known = self.posterior(hypothesis.candidates, hypothesis.linear, hypothesis.slopes, near)
+        known = self.posterior(
+            hypothesis.candidates, hypothesis.linear, hypothesis.slopes, near
+        )
         return known.log_evidence - 0.5 * hypothesis.short + self.log_odds(hypothesis)
 
     def fit(
-        self, candidates: Effects, start: Array, target: float = -np.inf, origin: Array | None = None
+        self,
+        candidates: Effects,
+        start: Array,
+        target: float = -np.inf,
+        origin: Array | None = None,
     ) -> Hypothesis:
         """Fit effects by damped Gauss-Newton, with the widest prior first, then the likeliest.
 
@@ -236,20 +280,31 @@ class Problem:
         far = len(start) > 0 and len(candidates) > 1 and log < least
         if far or not len(start):
             own = split(candidates, at.u)
-            return Hypothesis(own, at.residual, at.slopes, log, known, converged=not far)
+            return Hypothesis(
+                own, at.residual, at.slopes, log, known, converged=not far
+            )
         setting = int(np.argmax(known.settings))
-        scales = join_values(sizes[-1] * unit for unit, sizes in map(self._scales_of, candidates))
-        many = np.repeat([bool(c.parts) for c in candidates], [len(c.scale) for c in candidates])
+        scales = join_values(
+            sizes[-1] * unit for unit, sizes in map(self._scales_of, candidates)
+        )
+        many = np.repeat(
+            [bool(c.parts) for c in candidates], [len(c.scale) for c in candidates]
+        )
         scales = np.where(many, known.scales, scales)  # not all errors are observable
         at = self._descend(candidates, at, setting, scales)
         if at.short > MARGIN and not at_bounds(candidates, at.u).any():
-            again = self._descend(candidates, self._start(candidates, safe, safe), setting, scales)
+            again = self._descend(
+                candidates, self._start(candidates, safe, safe), setting, scales
+            )
             at = again if again.short < at.short else at
         known = self.posterior(candidates, at.linear, at.slopes)
         states = [(at, scales)]
         seen = [(setting, np.log(scales))]
-        for _ in range(_REPEATED):  # what the start left may have looked like a larger discrepancy
-            setting, scales = int(np.argmax(known.settings)), known.scales
+        for _ in range(
+            _REPEATED
+        ):  # what the start left may have looked like a larger discrepancy
+            setting = int(np.argmax(known.settings))
+            scales = known.scales
             here = np.log(scales)
             behind = known.log_evidence + self.log_prior(candidates) < target - MARGIN
             alike = (sizes for before, sizes in seen if before == setting)
@@ -261,13 +316,20 @@ class Problem:
             known = self.posterior(candidates, at.linear, at.slopes)
         local = self._find_distance(known, at) > _FAR
         if local:  # the linearization is not valid at such distant prior sizes
-            tried = [(self.posterior(candidates, p.linear, p.slopes, near), p) for p, near in states]
-            known, at = max(tried, key=lambda item: item[0].log_evidence - 0.5 * item[1].short)
+            tried = [
+                (self.posterior(candidates, p.linear, p.slopes, near), p)
+                for p, near in states
+            ]
+            known, at = max(
+                tried, key=lambda item: item[0].log_evidence - 0.5 * item[1].short
+            )
         log = known.log_evidence - 0.5 * at.short
         whole = split(candidates, at.u), at.residual, at.slopes, log, known
         found = Hypothesis(*whole, short=at.short, local=local)
-        if near := find_plausible(found):
-            found, log = self._move(found, near[0]), log - near[1]
+        near = find_plausible(found)
+        if near:
+            found = self._move(found, near[0])
+            log = log - near[1]
         return replace(found, evidence=log + self.log_odds(found))
 
     def _move(self, hypothesis: Hypothesis, u: Array) -> Hypothesis:
@@ -278,10 +340,17 @@ class Problem:
             return hypothesis
         setting = int(np.argmax(hypothesis.known.settings))
         both = (hypothesis.residual, at.residual)
-        before, after = (float(self.errors.inner_at(setting, each[:, None])[0, 0]) for each in both)
+        before, after = (
+            float(self.errors.inner_at(setting, each[:, None])[0, 0]) for each in both
+        )
         if after > before + SIGNIFICANT**2:
             return hypothesis
-        return replace(hypothesis, parameters=split(hypothesis.candidates, u), residual=at.residual, slopes=at.slopes)
+        return replace(
+            hypothesis,
+            parameters=split(hypothesis.candidates, u),
+            residual=at.residual,
+            slopes=at.slopes,
+        )
 
     def _find_distance(self, known: Posterior, at: _Point) -> float:
         """Return the squared distance, in sigmas, of a posterior mean from its linearization."""
@@ -294,23 +363,33 @@ class Problem:
         none = np.zeros((len(self.noise.sigma), 0))
         return self.posterior((), self.nominal_residual, none).log_evidence
 
-    def _descend(self, candidates: Effects, at: _Point, setting: int, scales: Array) -> _Point:
+    def _descend(
+        self, candidates: Effects, at: _Point, setting: int, scales: Array
+    ) -> _Point:
         """Take Gauss-Newton steps in one setting of the errors, damped if the cost would grow.
 
         scales: prior scales (k,).
         """
-        u, residual, slopes = at.u, at.residual, at.slopes
-        prior, positive, k = scales**-2.0, positive_of(candidates), len(u)
+        u = at.u
+        residual = at.residual
+        slopes = at.slopes
+        prior = scales**-2.0
+        positive = positive_of(candidates)
+        k = len(u)
 
         def inner_of(residual: Array, slopes: Array) -> Array:
             return self.errors.inner_at(setting, np.column_stack([slopes, residual]))
 
         inner = inner_of(residual, slopes)
-        cost, short = float(inner[k, k] + u**2 @ prior), 0.0
+        cost = float(inner[k, k] + u**2 @ prior)
+        short = 0.0
         for _ in range(_STEPS):
             gram = inner[:k, :k]
-            rounding = _ROUNDING * np.diagonal(gram)  # prior and noise may differ by more
-            precision, pull = gram + np.diag(prior + rounding), inner[:k, k] + gram @ u
+            rounding = _ROUNDING * np.diagonal(
+                gram
+            )  # prior and noise may differ by more
+            precision = gram + np.diag(prior + rounding)
+            pull = inner[:k, k] + gram @ u
             whole = constrained_minima(precision, pull, positive)[0]
             short = float((whole - u) @ precision @ (whole - u))
             step = minimize_bounded(candidates, precision, pull, whole) - u
@@ -323,17 +402,23 @@ class Problem:
                     moved = self._evaluate(candidates, trial)
                 except (InputError, np.linalg.LinAlgError):
                     continue
-                lower = float(inner_of(moved[1], slopes[:, :0])[0, 0] + trial**2 @ prior)
+                lower = float(
+                    inner_of(moved[1], slopes[:, :0])[0, 0] + trial**2 @ prior
+                )
                 if lower < cost or np.isclose(lower, cost, rtol=1e-9):
                     break
             else:
                 break
-            gained, last = cost - lower, u
+            gained = cost - lower
+            last = u
             try:
-                residual, slopes = moved[1], self._differentiate(candidates, moved[0])
+                slopes = self._differentiate(candidates, moved[0])
+                residual = moved[1]
             except InputError:
                 break
-            u, cost, inner = trial, lower, inner_of(residual, slopes)
+            u = trial
+            cost = lower
+            inner = inner_of(residual, slopes)
             if damping == _DAMPING[0] and (gained < _CONVERGED or near < _SETTLED):
                 short = 0.0 if np.array_equal(trial, last + (whole - last)) else short
                 break
@@ -341,7 +426,10 @@ class Problem:
 
     def _start(self, candidates: Effects, u: Array, safe: Array) -> _Point:
         """Return the assemblable point nearest to a start, on the way from a safe one."""
-        for tried in (*(safe + share * (u - safe) for share in (1.0, 0.25, 0.0625)), safe):
+        for tried in (
+            *(safe + share * (u - safe) for share in (1.0, 0.25, 0.0625)),
+            safe,
+        ):
             try:
                 return self._linearize(candidates, tried)
             except (InputError, np.linalg.LinAlgError):
@@ -375,16 +463,24 @@ class Problem:
     @cached_property
     def nominal(self) -> Library:
         """Derivatives of all effects about the nominal model."""
-        return Library.of(self.model.library, self.model.predict(), self.noise.sigma, self.errors)
+        return Library.of(
+            self.model.library, self.model.predict(), self.noise.sigma, self.errors
+        )
 
     def library_at(self, hypothesis: Hypothesis) -> Library:
         """Return derivatives about a hypothesis, or the nominal ones if it is nearly linear."""
         moved = self.nominal_residual - hypothesis.residual
         linear = np.zeros(len(moved))
         for candidate, values in hypothesis.parameters:
-            linear = linear + self.nominal.differentiate(candidate) @ np.array(values or (1.0,))
-        error, change = (np.linalg.norm(each[self.noise.used]) for each in (moved - linear, moved))
-        fixed = any(not c.scale for c in hypothesis.candidates)  # a unit also changes derivatives
+            linear = linear + self.nominal.differentiate(candidate) @ np.array(
+                values or (1.0,)
+            )
+        error, change = (
+            np.linalg.norm(each[self.noise.used]) for each in (moved - linear, moved)
+        )
+        fixed = any(
+            not c.scale for c in hypothesis.candidates
+        )  # a unit also changes derivatives
         if not fixed and error <= CURVED * change:
             return self.nominal
         prediction = self.model.predict(hypothesis.parameters)

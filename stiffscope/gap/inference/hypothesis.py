@@ -89,7 +89,9 @@ def forms_of(candidates: Iterable[Candidate]) -> frozenset[tuple[str, int]]:
 
 def join_values(values: Iterable[Any]) -> Array:
     """Concatenate values to one vector (k,)."""
-    return np.concatenate([np.zeros(0), *(np.asarray(v, dtype=np.float64) for v in values)])
+    return np.concatenate(
+        [np.zeros(0), *(np.asarray(v, dtype=np.float64) for v in values)]
+    )
 
 
 def positive_of(candidates: Sequence[Candidate]) -> Flags:
@@ -100,25 +102,32 @@ def positive_of(candidates: Sequence[Candidate]) -> Flags:
 def bound_parameters(candidates: Sequence[Candidate], u: Array) -> Array:
     """Clip internal parameters (k,) to their computable range."""
     counts = [len(c.scale) for c in candidates]
-    low, high = (np.repeat([c.bounds[side] for c in candidates], counts) for side in (0, 1))
+    low, high = (
+        np.repeat([c.bounds[side] for c in candidates], counts) for side in (0, 1)
+    )
     low = np.where((low == 0.0) & ~positive_of(candidates), -np.inf, low)
     return np.clip(u, low, high)
 
 
 def at_bounds(candidates: Sequence[Candidate], u: Array) -> Flags:
     """Return which internal parameters (k,) are at a bound, except zero of non-negative ones."""
-    inside = [c.bounds if not c.positive else (-np.inf, c.bounds[1]) for c in candidates]
+    inside = [
+        c.bounds if not c.positive else (-np.inf, c.bounds[1]) for c in candidates
+    ]
     counts = [len(c.scale) for c in candidates]
     low, high = (np.repeat([ends[side] for ends in inside], counts) for side in (0, 1))
     return (u <= low) | (u >= high)
 
 
-def minimize_bounded(candidates: Sequence[Candidate], precision: Array, pull: Array, whole: Array) -> Array:
+def minimize_bounded(
+    candidates: Sequence[Candidate], precision: Array, pull: Array, whole: Array
+) -> Array:
     """Return the minimum (k,) of ``½ uᵀ P u - bᵀ u`` within bounds; ``whole`` is without them."""
     out = bound_parameters(candidates, whole)
     held = np.zeros(len(out), dtype=np.bool_)
     while ((now := held | at_bounds(candidates, out)) != held).any():
-        held, free = now, ~now & (out != 0.0)
+        held = now
+        free = ~now & (out != 0.0)
         rest = pull[free] - precision[np.ix_(free, held)] @ out[held]
         out[free] = np.linalg.solve(precision[np.ix_(free, free)], rest)
         out = bound_parameters(candidates, out)

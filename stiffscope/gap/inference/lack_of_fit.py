@@ -14,9 +14,13 @@ if TYPE_CHECKING:
 
 
 SIGNIFICANCE = 1e-3  # of the χ² tests
-CORROBORATED = 0.05  # significance of total χ² if residuals are correlated within groups
+CORROBORATED = (
+    0.05  # significance of total χ² if residuals are correlated within groups
+)
 NEGLIGIBLE = 1.03  # χ² per degree of freedom below which lack of fit is ignored
-MODEL_ERROR = 0.002  # fraction of explained χ² due to small errors of the forward model,
+MODEL_ERROR = (
+    0.002  # fraction of explained χ² due to small errors of the forward model,
+)
 MODEL_NOISE = 1.2  # limited to this multiple of the noise
 ENOUGH = 60  # least number of readings to test group means
 _SURE = 1e9  # degrees of freedom of a noise that is known
@@ -29,7 +33,8 @@ def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
     A lack of fit that is negligible compared to the closed gap is attributed to small model errors.
     Correlation alone is no lack of fit: the gap is at the noise; the discrepancy widens intervals.
     """
-    dof, total = _degrees(found, hypothesis), found.chi2(hypothesis)
+    dof = _degrees(found, hypothesis)
+    total = found.chi2(hypothesis)
     known = min(found.problem.noise.freedom, _SURE)
     p = float(fdtrc(dof, known, total / dof))  # of χ² if the noise is known
     ignored = max((NEGLIGIBLE - 1.0) * dof, model_errors(found, hypothesis))
@@ -44,13 +49,15 @@ def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
 
 def correlation(found: Findings, hypothesis: Hypothesis) -> str:
     """Return a description of correlated residuals, unlike noise; empty if there is none."""
-    c, used = found.campaign, found.used_readings
+    c = found.campaign
+    used = found.used_readings
     r = found.residual(hypothesis)[used]
     if len(r) < ENOUGH or np.isnan(c.sigma).any():
         return ""
     applied = np.column_stack([c.load, np.nan_to_num(c.wrench)])[used]
     loads = np.unique(applied, axis=0, return_inverse=True)[1].ravel()
-    axis, kind = c.direction[used], c.kind[used]
+    axis = c.direction[used]
+    kind = c.kind[used]
     groups = {
         "direction": kind * 6 + axis,
         "pose and direction": c.pose[used] * 6 + axis,
@@ -81,9 +88,15 @@ def model_errors(found: Findings, hypothesis: Hypothesis) -> float:
 def _of_group_means(r: Array, group: Indices, x: Array) -> tuple[float, int]:
     """Return χ² of group mean residuals, with the fit projected out, and degrees of freedom."""
     _, index, count = np.unique(group, return_inverse=True, return_counts=True)
-    sums, *columns = (np.bincount(index.ravel(), each) / np.sqrt(count) for each in (r, *x.T))
+    sums, *columns = (
+        np.bincount(index.ravel(), each) / np.sqrt(count) for each in (r, *x.T)
+    )
     design = np.column_stack([np.zeros((len(count), 0)), *columns])
-    covariance = np.eye(len(count)) - design @ np.linalg.pinv(x.T @ x, rcond=1e-10) @ design.T
+    covariance = (
+        np.eye(len(count)) - design @ np.linalg.pinv(x.T @ x, rcond=1e-10) @ design.T
+    )
     values, vectors = np.linalg.eigh(covariance)
     keep = values > _OBSERVABLE
-    return float(np.sum((vectors[:, keep].T @ sums) ** 2 / values[keep])), int(keep.sum())
+    return float(np.sum((vectors[:, keep].T @ sums) ** 2 / values[keep])), int(
+        keep.sum()
+    )

@@ -29,12 +29,21 @@ class Library:
     """Inner products (q, k, k) of each candidate's columns."""
 
     @classmethod
-    def of(cls, effects: tuple[Candidate, ...], prediction: Prediction, sigma: Array, errors: Errors) -> Library:
+    def of(
+        cls,
+        effects: tuple[Candidate, ...],
+        prediction: Prediction,
+        sigma: Array,
+        errors: Errors,
+    ) -> Library:
         """Return the derivatives of effects about a prediction; those that are not finite are zero.
 
         sigma: standard deviations (n,) of the readings.
         """
-        parts = [prediction.columns(c) if c.scale else prediction.step(c)[:, None] for c in effects]
+        parts = [
+            prediction.columns(c) if c.scale else prediction.step(c)[:, None]
+            for c in effects
+        ]
         ends = np.cumsum([0, *(part.shape[1] for part in parts)])
         where = tuple(slice(int(a), int(b)) for a, b in pairwise(ends))
         values = np.hstack([np.zeros((len(sigma), 0)), *parts]) / sigma[:, None]
@@ -42,7 +51,13 @@ class Library:
         projection = errors.project(values)
         whole = projection.stated, projection.scaled, projection.features
         parts = [type(projection)(*(part[:, here] for part in whole)) for here in where]
-        return cls(effects, where, values, projection, tuple(errors.inner(part, part) for part in parts))
+        return cls(
+            effects,
+            where,
+            values,
+            projection,
+            tuple(errors.inner(part, part) for part in parts),
+        )
 
     @cached_property
     def _by_candidate(self) -> dict[int, Array]:

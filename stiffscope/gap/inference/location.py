@@ -24,8 +24,11 @@ _SHOWN = 1e-3  # least share of a component
 
 def locate_residuals(found: Findings, reported: Hypothesis, *, beyond: bool) -> Where:
     """Locate residuals of the nominal model and of a hypothesis; ``beyond``: above the noise."""
-    c, used = found.campaign, found.used_readings
-    before, after = (np.where(used, found.residual(h), 0.0) for h in (found.none, reported))
+    c = found.campaign
+    used = found.used_readings
+    before, after = (
+        np.where(used, found.residual(h), 0.0) for h in (found.none, reported)
+    )
     return Where(
         by_direction(c, before),
         component_shares(found, reported),
@@ -70,7 +73,9 @@ def component_shares(found: Findings, reported: Hypothesis) -> dict[str, float]:
     return {name: gain / total for name, gain in gains.items() if gain > _SHOWN * total}
 
 
-def signature_correlation(found: Findings) -> tuple[tuple[str, ...], tuple[tuple[float, ...], ...]]:
+def signature_correlation(
+    found: Findings,
+) -> tuple[tuple[str, ...], tuple[tuple[float, ...], ...]]:
     """Return effects of one parameter and their signature correlation (1: indistinguishable)."""
     known = ((c, x) for c, x in _nominal_columns(found) if not c.is_nuisance)
     singles = [(c, x) for c, x in known if len(c.scale) == 1]
@@ -79,7 +84,9 @@ def signature_correlation(found: Findings) -> tuple[tuple[str, ...], tuple[tuple
     x = np.hstack([columns for _, columns in singles])
     size = np.linalg.norm(x, axis=0)
     x = x / np.where(size > 0.0, size, 1.0)
-    return tuple(c.name for c, _ in singles), tuple(tuple(row) for row in np.abs(x.T @ x).tolist())
+    return tuple(c.name for c, _ in singles), tuple(
+        tuple(row) for row in np.abs(x.T @ x).tolist()
+    )
 
 
 def _nominal_columns(found: Findings) -> Iterator[tuple[Candidate, Array]]:

@@ -14,20 +14,27 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array
 
 
-SIGNIFICANT = 3.0  # least significant deviation from the plausible range, standard deviations
+SIGNIFICANT = (
+    3.0  # least significant deviation from the plausible range, standard deviations
+)
 _DISTANCES = np.linspace(0.05, 1.0, 20) * SIGNIFICANT
-_SENSIBLE = 100.0  # times its range: largest uncertainty of a parameter that says anything
+_SENSIBLE = (
+    100.0  # times its range: largest uncertainty of a parameter that says anything
+)
 
 
 def physical_sigma(candidate: Candidate, internal: Array, covariance: Array) -> Array:
     """Return standard uncertainties (k,) of physical parameters by linear propagation."""
     steps = 1e-6 * np.array(candidate.scale)
     slopes = [
-        (candidate.physical(internal + d) - candidate.physical(internal - d)) / (2.0 * step)
+        (candidate.physical(internal + d) - candidate.physical(internal - d))
+        / (2.0 * step)
         for d, step in zip(np.diag(steps), steps, strict=True)
     ]
     jacobian = np.stack(slopes, axis=1)
-    return np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian).clip(min=0.0))
+    return np.sqrt(
+        np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian).clip(min=0.0)
+    )
 
 
 def own_part(hypothesis: Hypothesis, name: str) -> tuple[Array, Array]:
@@ -42,23 +49,33 @@ def plausible(candidate: Candidate, values: Array, sigma: Array) -> list[bool]:
     An uncertainty far above the range excuses none: the centre of a payload without mass has it.
     """
     known = zip(values, sigma, candidate.plausible, strict=True)
-    rows = ((v, SIGNIFICANT * s if s < _SENSIBLE * (high - low) else 0.0, low, high) for v, s, (low, high) in known)
+    rows = (
+        (v, SIGNIFICANT * s if s < _SENSIBLE * (high - low) else 0.0, low, high)
+        for v, s, (low, high) in known
+    )
     return [bool(low - away <= v <= high + away) for v, away, low, high in rows]
 
 
 def implausible(
-    candidate: Candidate, hypothesis: Hypothesis, other: Candidate | None = None, rate: float = 1.0
+    candidate: Candidate,
+    hypothesis: Hypothesis,
+    other: Candidate | None = None,
+    rate: float = 1.0,
 ) -> list[str]:
     """Return messages on implausible parameters of an effect, or of a twin in its place."""
     if not candidate.scale:
         return []
     other = other or candidate
-    values = other.physical(rate * hypothesis.values[hypothesis.mark(lambda c: c is candidate)])
+    values = other.physical(
+        rate * hypothesis.values[hypothesis.mark(lambda c: c is candidate)]
+    )
     if all(plausible(other, values, np.zeros(len(values)))):
         return []
     internal, covariance = own_part(hypothesis, candidate.name)
     sigma = physical_sigma(other, rate * internal, rate**2 * covariance)
-    rows = zip(other.names, other.units, values, plausible(other, values, sigma), strict=True)
+    rows = zip(
+        other.names, other.units, values, plausible(other, values, sigma), strict=True
+    )
     strange = (f"{name} of {v:.3g} {unit}" for name, unit, v, fine in rows if not fine)
     return [f"{other.name}: {each} is not plausible" for each in strange]
 
@@ -72,12 +89,24 @@ def find_plausible(hypothesis: Hypothesis) -> tuple[Array, float] | None:
     """
     candidates = hypothesis.candidates
     wrong = [c for c in candidates if c.couplings and implausible(c, hypothesis)]
-    for j in np.flatnonzero(hypothesis.mark(lambda c: c in wrong) & positive_of(candidates)) if wrong else ():
+    for j in (
+        np.flatnonzero(hypothesis.mark(lambda c: c in wrong) & positive_of(candidates))
+        if wrong
+        else ()
+    ):
         along = hypothesis.covariance[:, j] / np.sqrt(hypothesis.covariance[j, j])
         for distance in _DISTANCES:
             there = hypothesis.values + distance * along
-            moved = ((c, c.physical(np.array(own))) for c, own in split(candidates, there) if c in wrong)
-            if all(all(plausible(c, values, np.zeros(len(values)))) for c, values in moved):
-                possible = np.allclose(there, bound_parameters(candidates, there), rtol=1e-12, atol=0.0)
+            moved = (
+                (c, c.physical(np.array(own)))
+                for c, own in split(candidates, there)
+                if c in wrong
+            )
+            if all(
+                all(plausible(c, values, np.zeros(len(values)))) for c, values in moved
+            ):
+                possible = np.allclose(
+                    there, bound_parameters(candidates, there), rtol=1e-12, atol=0.0
+                )
                 return (there, 0.5 * float(distance) ** 2) if possible else None
     return None

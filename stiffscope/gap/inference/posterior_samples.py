@@ -26,7 +26,8 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Flags
 
 
-CHAINS, DRAWS = 4, 500
+CHAINS = 4
+DRAWS = 500
 PREDICTED = 400_000  # most values of predictive draws in each chain
 DISCREPANCY = "discrepancy"
 _REDRAWN = 100  # most repetitions of draws with an impossible sign
@@ -88,26 +89,35 @@ def draw_samples(
     seed
         Seed of the random numbers.
     """
-    rng, c, total = np.random.default_rng(seed), found.campaign, CHAINS * DRAWS
+    rng = np.random.default_rng(seed)
+    c = found.campaign
+    total = CHAINS * DRAWS
     few = int(np.clip(PREDICTED // max(len(c), 1), 10, DRAWS))
     pick = (np.arange(CHAINS)[:, None] * DRAWS + np.arange(few)).ravel()
     source = rng.choice(len(averaged), total, p=[weight for _, weight in averaged])
-    size, predicted = np.empty(total), np.empty((len(pick), len(c)), dtype=np.float32)
+    size = np.empty(total)
+    predicted = np.empty((len(pick), len(c)), dtype=np.float32)
     parameters: dict[str, Array] = {}
     units: dict[str, str] = {}
     kept = {candidate.name for candidate in named}
     for number, (hypothesis, _) in enumerate(averaged):
         here = np.flatnonzero(source == number)
         positive = positive_of(hypothesis.candidates)
-        u = draw_internal(hypothesis.values, hypothesis.covariance, positive, len(here), rng)
-        setting = rng.choice(len(hypothesis.known.settings), len(here), p=hypothesis.known.settings)
+        u = draw_internal(
+            hypothesis.values, hypothesis.covariance, positive, len(here), rng
+        )
+        setting = rng.choice(
+            len(hypothesis.known.settings), len(here), p=hypothesis.known.settings
+        )
         size[here] = found.problem.errors.sizes[setting]
         for name, unit, values in _physical_draws(hypothesis, kept, u):
-            parameters.setdefault(name, np.empty(total))[here], units[name] = values, unit
+            parameters.setdefault(name, np.empty(total))[here] = values
+            units[name] = unit
         shown = here[np.isin(here, pick)]
         drawn = _predict(found, hypothesis, u[np.isin(here, pick)], size[shown], rng)
         predicted[np.searchsorted(pick, shown)] = drawn
-    parameters[DISCREPANCY], units[DISCREPANCY] = size, "1"
+    parameters[DISCREPANCY] = size
+    units[DISCREPANCY] = "1"
     return Samples(
         {name: draws.reshape(CHAINS, DRAWS) for name, draws in parameters.items()},
         units,
@@ -125,18 +135,24 @@ def draw_samples(
     )
 
 
-def _physical_draws(hypothesis: Hypothesis, kept: set[str], u: Array) -> Iterator[tuple[str, str, Array]]:
+def _physical_draws(
+    hypothesis: Hypothesis, kept: set[str], u: Array
+) -> Iterator[tuple[str, str, Array]]:
     """Yield name, unit and draws (d,) of each parameter of the kept effects, from internal draws (d, k)."""
     for candidate in hypothesis.candidates:
         own = hypothesis.mark(lambda other, candidate=candidate: other is candidate)
         if candidate.name in kept and own.any():
             rows = [candidate.physical(row) for row in u[:, own]]
             columns = np.reshape(rows, (len(u), len(candidate.names))).T
-            for name, unit, values in zip(candidate.names, candidate.units, columns, strict=True):
+            for name, unit, values in zip(
+                candidate.names, candidate.units, columns, strict=True
+            ):
                 yield f"{candidate.name}: {name}", unit, values
 
 
-def draw_internal(mean: Array, covariance: Array, positive: Flags, count: int, rng: Generator) -> Array:
+def draw_internal(
+    mean: Array, covariance: Array, positive: Flags, count: int, rng: Generator
+) -> Array:
     """Return normal draws (count, k) of internal parameters, truncated at zero where they are positive."""
     if not len(mean):
         return np.zeros((count, 0))
@@ -153,14 +169,18 @@ def draw_internal(mean: Array, covariance: Array, positive: Flags, count: int, r
     return np.where(positive, np.abs(out), out)
 
 
-def _predict(found: Findings, joint: Hypothesis, u: Array, size: Array, rng: Generator) -> Array:
+def _predict(
+    found: Findings, joint: Hypothesis, u: Array, size: Array, rng: Generator
+) -> Array:
     """Return predictive draws (draw, n) from linearized effects, discrepancy and noise."""
     errors = found.problem.errors
     noise = rng.standard_normal((len(u), len(found.sigma)))
     out = (u - joint.values) @ found.slopes(joint).T + noise
     if len(errors.norms) and size.any():
         pairs = rng.standard_normal((len(u), 2, len(errors.norms) // 2))
-        out += size[:, None] * np.einsum("djn,nj->dn", pairs[:, :, errors.group], errors.shape)
+        out += size[:, None] * np.einsum(
+            "djn,nj->dn", pairs[:, :, errors.group], errors.shape
+        )
     return (found.predict_readings(joint) + out * found.sigma).astype(np.float32)
 
 
@@ -168,12 +188,20 @@ def write_readings(path: Path, samples: Samples) -> None:
     """Write all readings with their predictions as a table (CSV, SI)."""
     kind, unit = np.empty((2, len(samples.observed)), dtype=object)
     for name, (of, mine) in samples.kinds.items():
-        kind[mine], unit[mine] = name, of
+        kind[mine] = name
+        unit[mine] = of
     columns = {
-        "reading": samples.where, "pose": samples.pose, "quantity": samples.quantity, "kind": kind,
-        "unit": unit, "measured": samples.observed, "sigma": samples.sigma,
-        "predicted_before": samples.before, "predicted_after": samples.after, "used": samples.used,
-    }  # fmt: skip
+        "reading": samples.where,
+        "pose": samples.pose,
+        "quantity": samples.quantity,
+        "kind": kind,
+        "unit": unit,
+        "measured": samples.observed,
+        "sigma": samples.sigma,
+        "predicted_before": samples.before,
+        "predicted_after": samples.after,
+        "used": samples.used,
+    }
     with path.open("w", newline="", encoding="utf-8") as file:
         csv.writer(file).writerows([columns, *zip(*columns.values(), strict=True)])
 
@@ -186,7 +214,8 @@ def write_posterior(path: Path, samples: Samples) -> None:
     ArviZ, InferenceData schema specification.
     """
     opened: Any = h5netcdf.File  # pyright: ignore[reportUnknownMemberType]
-    draws, rows = {"chain": CHAINS, "draw": DRAWS}, {"reading": len(samples.observed)}
+    draws = {"chain": CHAINS, "draw": DRAWS}
+    rows = {"reading": len(samples.observed)}
     fewer = {"chain": CHAINS, "draw": samples.predicted.shape[1], **rows}
     words = {"pose": samples.pose, "quantity": samples.quantity}
     observed = {"value": samples.observed, "sigma": samples.sigma}
@@ -213,7 +242,9 @@ def _write_group(
     for name, length in lengths.items():
         group.create_variable(name, (name,), data=np.arange(length))
     for name, said in (words or {}).items():
-        group.create_variable(name, (list(lengths)[-1],), data=np.array(said, dtype=text))
+        group.create_variable(
+            name, (list(lengths)[-1],), data=np.array(said, dtype=text)
+        )
     for name, array in values.items():
         variable = group.create_variable(name, tuple(lengths), data=array)
         if units:

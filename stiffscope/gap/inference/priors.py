@@ -14,8 +14,12 @@ if TYPE_CHECKING:
 
     from stiffscope.runtime.types import Array, Flags
 
-SPARSE = 1.0 / 3.0  # of an effect's weight, those of its parameters of which some are zero
-FINER = 4  # times as many sizes of many errors, which together show their size more exactly
+SPARSE = (
+    1.0 / 3.0
+)  # of an effect's weight, those of its parameters of which some are zero
+FINER = (
+    4  # times as many sizes of many errors, which together show their size more exactly
+)
 _ABSENT = 1e-6  # times its unit, what a parameter that is zero may still be
 _SAME = 1e-6  # ln of the ratio of two sizes that are one
 _MOST_APART = 3  # parameters of which any may be zero
@@ -37,7 +41,9 @@ class Spreads:
         return Spreads(self.scales[: self.dense], self.log_weight[: self.dense])
 
 
-def spread_groups(scale: Array, positive: Flags, groups: Sequence[int], sizes: Array) -> list[Spreads]:
+def spread_groups(
+    scale: Array, positive: Flags, groups: Sequence[int], sizes: Array
+) -> list[Spreads]:
     """Return the prior of each group of parameters that share one size; see `spread_priors`.
 
     In several groups those of many parameters have the sizes, and then finer ones between them.
@@ -55,7 +61,10 @@ def spread_groups(scale: Array, positive: Flags, groups: Sequence[int], sizes: A
     step = np.array([k for k in range(FINER * (len(sizes) - 1)) if k % FINER])
     between = np.exp(np.interp(step / FINER, np.arange(len(sizes)), np.log(sizes)))
     finer = np.concatenate([sizes, between])
-    own = ((slice(a, b), finer if groups and b - a > 1 else sizes) for a, b in pairwise(ends))
+    own = (
+        (slice(a, b), finer if groups and b - a > 1 else sizes)
+        for a, b in pairwise(ends)
+    )
     return [spread_priors(scale[mine], positive[mine], tried) for mine, tried in own]
 
 
@@ -79,7 +88,11 @@ def spread_priors(scale: Array, positive: Flags, sizes: Array) -> Spreads:
     weight = 1.0 / np.cosh(np.log(sizes))
     log = np.log(weight / weight.sum())
     whole = sizes[:, None] * scale
-    few = _subsets(len(scale)) if positive.all() else np.zeros((0, len(scale)), dtype=np.bool_)
+    few = (
+        _subsets(len(scale))
+        if positive.all()
+        else np.zeros((0, len(scale)), dtype=np.bool_)
+    )
     if not len(few):
         return Spreads(whole, log)
     count = few.sum(axis=1)
@@ -98,10 +111,17 @@ def choose_near(priors: Sequence[Spreads], near: Array | None) -> Sequence[Sprea
     out: list[Spreads] = []
     for prior in priors:
         count = prior.scales.shape[1]
-        own, near = near[:count], near[count:]
+        own = near[:count]
+        near = near[count:]
         away = np.abs(np.log(prior.scales / own)).max(axis=1, initial=0.0)
         kept = away <= away.min() + _SAME
-        out.append(Spreads(prior.scales[kept], prior.log_weight[kept], int(kept[: prior.dense].sum())))
+        out.append(
+            Spreads(
+                prior.scales[kept],
+                prior.log_weight[kept],
+                int(kept[: prior.dense].sum()),
+            )
+        )
     return out
 
 

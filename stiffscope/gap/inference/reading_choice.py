@@ -24,7 +24,11 @@ if TYPE_CHECKING:
 _LOOSE = 0.01  # prior precision of a rival's parameters in their own units
 _WORST = 100  # most pairs added at once, the worst first
 _LEAST_GAIN = 1e-9  # least ln-odds gained by a further reading for any pair
-_NEW_SETTING = (2.0, 1.0, 1.0)  # effort of a new posture, load or instrument; a reading's is 1
+_NEW_SETTING = (
+    2.0,
+    1.0,
+    1.0,
+)  # effort of a new posture, load or instrument; a reading's is 1
 
 
 @dataclass
@@ -50,15 +54,24 @@ class Pair:
     def take(self, rows: Sequence[int]) -> None:
         """Use only these readings."""
         count = self.rival.shape[1]
-        self._inverse, self._pull, self.log_odds = np.eye(count) / _LOOSE, np.zeros(count), 0.0
+        self._inverse, self._pull, self.log_odds = (
+            np.eye(count) / _LOOSE,
+            np.zeros(count),
+            0.0,
+        )
         for row in rows:
             self.add(row)
 
     def find_gains(self, rows: slice = slice(None)) -> Array:
         """Return the gain of each reading (n,), or of some of them."""
-        own, rival = self.own[rows], self.rival[rows]
+        own = self.own[rows]
+        rival = self.rival[rows]
         left = own - rival @ (self._inverse @ self._pull)
-        return 0.5 * left**2 / (1.0 + np.einsum("ni,ij,nj->n", rival, self._inverse, rival))
+        return (
+            0.5
+            * left**2
+            / (1.0 + np.einsum("ni,ij,nj->n", rival, self._inverse, rival))
+        )
 
     def add(self, row: int) -> None:
         """Add a reading."""
@@ -70,20 +83,24 @@ class Pair:
 
 def judge_pairs(pairs: Sequence[Pair], rows: Sequence[int]) -> Array:
     """Return expected ln-odds (p,) of pairs by some readings, vectorized over pairs of a rival."""
-    out, chosen = np.zeros(len(pairs)), np.array(rows, dtype=np.int64)
+    out = np.zeros(len(pairs))
+    chosen = np.array(rows, dtype=np.int64)
     together: dict[int, list[int]] = {}
     for number, pair in enumerate(pairs):
         together.setdefault(id(pair.rival), []).append(number)
     for numbers in together.values():
         x = np.stack([pairs[k].own[chosen] for k in numbers], axis=1)
         y = pairs[numbers[0]].rival[chosen]
-        pull, gram = y.T @ x, y.T @ y + _LOOSE * np.eye(y.shape[1])
+        pull = y.T @ x
+        gram = y.T @ y + _LOOSE * np.eye(y.shape[1])
         followed = np.sum(pull * np.linalg.solve(gram, pull), axis=0)
         out[numbers] = 0.5 * (np.sum(x**2, axis=0) - followed)
     return out
 
 
-def choose_readings(pairs: list[Pair], settings: Indices, enough: float, least: int = 0) -> list[int]:
+def choose_readings(
+    pairs: list[Pair], settings: Indices, enough: float, least: int = 0
+) -> list[int]:
     """Choose readings until every pair has enough ln-odds, then drop unnecessary ones.
 
     Parameters
@@ -103,7 +120,9 @@ def choose_readings(pairs: list[Pair], settings: Indices, enough: float, least: 
         Rows, in order.
     """
     chosen: list[int] = []
-    active: list[Pair] = []  # few of many pairs determine the choice; the others are only checked
+    active: list[
+        Pair
+    ] = []  # few of many pairs determine the choice; the others are only checked
     while pairs and len(chosen) < len(settings):
         short = [pair for pair in active if pair.log_odds < enough]
         if not short:
@@ -115,7 +134,9 @@ def choose_readings(pairs: list[Pair], settings: Indices, enough: float, least: 
             active += short
         if not short and len(chosen) >= least:
             break
-        wanted = [(p, enough - p.log_odds) for p in short] or [(p, enough) for p in active]
+        wanted = [(p, enough - p.log_odds) for p in short] or [
+            (p, enough) for p in active
+        ]
         gains = (np.minimum(pair.find_gains(), most) for pair, most in wanted)
         worth = sum(gains, np.zeros(len(settings))) / _count_effort(settings, chosen)
         worth[chosen] = -np.inf
@@ -136,13 +157,19 @@ def _count_effort(settings: Indices, chosen: Sequence[int]) -> Array:
     return out
 
 
-def _drop(judges: list[list[Pair]], chosen: list[int], enough: float, least: int) -> list[int]:
+def _drop(
+    judges: list[list[Pair]], chosen: list[int], enough: float, least: int
+) -> list[int]:
     """Drop readings that no pair needs, in order of choice; judges: few pairs, then all."""
     kept = list(chosen)
-    needed = [(p, np.minimum(judge_pairs(p, kept), enough) - _LEAST_GAIN) for p in judges]
+    needed = [
+        (p, np.minimum(judge_pairs(p, kept), enough) - _LEAST_GAIN) for p in judges
+    ]
     for row in chosen:
         rest = [other for other in kept if other != row]
-        if len(kept) > least and all((judge_pairs(p, rest) >= odds).all() for p, odds in needed):
+        if len(kept) > least and all(
+            (judge_pairs(p, rest) >= odds).all() for p, odds in needed
+        ):
             kept = rest
     for pair, odds in zip(judges[-1], judge_pairs(judges[-1], kept), strict=True):
         pair.log_odds = float(odds)

@@ -34,10 +34,14 @@ def percent_rms(campaign: Campaign, model: Array, sigma: Array, chosen: Flags) -
     Stiffness and frequency: rms of (model − measured)/measured. Deflections and deviations:
     100·sqrt(Σ(r/σ)²/Σ(v/σ)²). Both are joined by their numbers of readings.
     """
-    stiff, loose = chosen & campaign.relative, chosen & ~campaign.relative
-    left, value = model - campaign.value, campaign.value
+    stiff = chosen & campaign.relative
+    loose = chosen & ~campaign.relative
+    left = model - campaign.value
+    value = campaign.value
     squares = float(np.sum((left[stiff] / value[stiff]) ** 2))
-    weighted, size = (float(np.sum((each[loose] / sigma[loose]) ** 2)) for each in (left, value))
+    weighted, size = (
+        float(np.sum((each[loose] / sigma[loose]) ** 2)) for each in (left, value)
+    )
     squares += loose.sum() * weighted / max(size, 1e-300)
     return float(100 * np.sqrt(squares / max(chosen.sum(), 1)))
 
@@ -46,7 +50,8 @@ def split_by_kind(campaign: Campaign) -> dict[str, tuple[str, Flags]]:
     """Return unit and flags (n,) by kind of reading; kinds without readings are omitted."""
     c = campaign
     ranged = np.array([s.measures == "distance" for s in c.sensors] + [False])[c.sensor]
-    turns, stiff = c.direction >= len(AXES) // 2, c.relative & (c.kind != FREQUENCY)
+    turns = c.direction >= len(AXES) // 2
+    stiff = c.relative & (c.kind != FREQUENCY)
     kinds: dict[str, tuple[str, Flags]] = {
         "displacement": ("m", c.is_motion & (c.kind != POSITION) & ~turns),
         "rotation": ("rad", c.is_motion & turns),
@@ -59,11 +64,18 @@ def split_by_kind(campaign: Campaign) -> dict[str, tuple[str, Flags]]:
     return {name: (unit, mine) for name, (unit, mine) in kinds.items() if mine.any()}
 
 
-def rms_by_kind(campaign: Campaign, chosen: Flags, *sizes: Array) -> dict[str, AbsoluteGap]:
+def rms_by_kind(
+    campaign: Campaign, chosen: Flags, *sizes: Array
+) -> dict[str, AbsoluteGap]:
     """Return the rms of four sizes (n,) over the chosen readings, by kind of reading."""
-    kinds = {name: (unit, mine & chosen) for name, (unit, mine) in split_by_kind(campaign).items()}
+    kinds = {
+        name: (unit, mine & chosen)
+        for name, (unit, mine) in split_by_kind(campaign).items()
+    }
     return {
-        name: AbsoluteGap(unit, *(float(np.sqrt(np.mean(each[mine] ** 2))) for each in sizes))
+        name: AbsoluteGap(
+            unit, *(float(np.sqrt(np.mean(each[mine] ** 2))) for each in sizes)
+        )
         for name, (unit, mine) in kinds.items()
         if mine.any()
     }
@@ -83,7 +95,9 @@ def by_sensor(campaign: Campaign, normalized: Array) -> dict[str, float]:
     return {name: share for k, (name, share) in enumerate(shares.items()) if k in read}
 
 
-def _shares(names: Sequence[str], which: Indices, normalized: Array) -> dict[str, float]:
+def _shares(
+    names: Sequence[str], which: Indices, normalized: Array
+) -> dict[str, float]:
     totals = np.bincount(which, weights=normalized**2, minlength=len(names))
     return dict(zip(names, (totals / max(totals.sum(), 1e-300)).tolist(), strict=True))
 
@@ -94,5 +108,7 @@ def by_pose(campaign: Campaign, normalized: Array) -> tuple[tuple[float, ...], .
     size = 6 * len(campaign.pose_names)
     count = np.bincount(cell, minlength=size)
     total = np.bincount(cell, weights=normalized**2, minlength=size)
-    rms = np.where(count > 0, np.sqrt(total / np.maximum(count, 1)), np.nan).reshape(-1, 6)
+    rms = np.where(count > 0, np.sqrt(total / np.maximum(count, 1)), np.nan).reshape(
+        -1, 6
+    )
     return tuple(tuple(float(v) for v in row) for row in rms)

@@ -37,7 +37,9 @@ FITTED = 10  # most nonlinear fits for each size (twice as many for single effec
 FITTED_PLAIN = 6  # and the best without a discrepancy
 LEAST_FITTED = 4  # regardless of first order
 SWAPPED = 4  # most substitutes fitted for each effect of the best set
-STRIKES = 2  # most fits of a size that a flexible effect may end at the assemblable limit
+STRIKES = (
+    2  # most fits of a size that a flexible effect may end at the assemblable limit
+)
 OBVIOUS = 2  # simple effects that are reliably found one by one
 WIDE = 24, 8  # sets of simple effects extended to first order, alone and with others,
 SKETCHED = 4  # and sets that are fitted
@@ -73,24 +75,39 @@ class Search:
     def hypotheses(self) -> list[Hypothesis]:
         """Return fitted hypotheses, the best first: none, single effects, and larger sets."""
         none = self.problem.fit((), np.zeros(0))
-        fitted, base = _Fitted(self.problem, {frozenset(): none}, self.progress), _heights([none])
-        fit, found = fitted.fit, fitted.found
-        counts = ((each, sum(len(c.scale) for c in each)) for each in self.problem.model.tried)
-        tried = [Start(each, np.zeros(count), np.zeros(count)) for each, count in counts]
+        fitted = _Fitted(self.problem, {frozenset(): none}, self.progress)
+        base = _heights([none])
+        fit = fitted.fit
+        found = fitted.found
+        counts = (
+            (each, sum(len(c.scale) for c in each)) for each in self.problem.model.tried
+        )
+        tried = [
+            Start(each, np.zeros(count), np.zeros(count)) for each, count in counts
+        ]
         fit(tried, base, "effects", len(tried))
         self._grow([none], fitted)
-        fixed: tuple[Candidate, ...] = ()  # what has no parameters changes the derivatives of all others
+        fixed: tuple[
+            Candidate, ...
+        ] = ()  # what has no parameters changes the derivatives of all others
         for candidate in self.problem.model.library:
             if not candidate.scale and self.problem.model.admits((*fixed, candidate)):
                 fixed = (*fixed, candidate)
         if fixed:
-            self._grow(fit([Start(fixed, np.zeros(0), np.zeros(0))], base, "instruments", 1), fitted)
+            self._grow(
+                fit([Start(fixed, np.zeros(0), np.zeros(0))], base, "instruments", 1),
+                fitted,
+            )
         best = fitted.best
         if len(best.candidates) > OBVIOUS or not all(c.simple for c in best.candidates):
             complex_ones = tuple(c for c in best.words if not c.simple)
             for core in [complex_ones, ()] if complex_ones else [()]:
                 for starts in self._sketches(core):
-                    new = [start for start in starts if forms_of(start.candidates) not in found]
+                    new = [
+                        start
+                        for start in starts
+                        if forms_of(start.candidates) not in found
+                    ]
                     stage = f"simple effects, {len(starts[0].candidates)} at once"
                     fit(new, base, stage, SKETCHED)
                 if fitted.best is not best:
@@ -113,7 +130,8 @@ class Search:
         `_grow` keeps few sets, and flexible or ambiguous effects crowd out sets whose effects only
         fit jointly. These sets are not fitted before the next step, so that many can be kept.
         """
-        fixed, nominal = tuple(c for c in core if not c.scale), self.problem.nominal
+        fixed = tuple(c for c in core if not c.scale)
+        nominal = self.problem.nominal
         library = self.problem.library_at(self._first_order(fixed, nominal))
         kept = [self._first_order(core, library)]
         while len(kept[0].candidates) < self.problem.model.most_effects:
@@ -125,21 +143,28 @@ class Search:
             starts = list(dict.fromkeys(start for pair in pairs for start in pair))
             starts = starts[: WIDE[bool(core)]]
             if kept[0].names:
-                yield [replace(start, origin=np.zeros(len(start.origin))) for start in starts]
-            kept = _sort(self._first_order(start.candidates, library) for start in starts)
+                yield [
+                    replace(start, origin=np.zeros(len(start.origin)))
+                    for start in starts
+                ]
+            kept = _sort(
+                self._first_order(start.candidates, library) for start in starts
+            )
 
     def _grow(self, frontier: Sequence[Hypothesis], fitted: _Fitted) -> None:
         """Fit larger and larger sets while they gain."""
         before = _heights(frontier)
         while len(frontier[0].candidates) < self.problem.model.most_effects:
             stage = f"effects, {len(frontier[0].candidates) + 1} at once"
-            base, starts = _heights(frontier), self._extensions(frontier)
+            base = _heights(frontier)
+            starts = self._extensions(frontier)
             if not starts:
                 return
             most = FITTED if frontier[0].names else 2 * FITTED
             plain = sorted(starts, key=lambda s: -s.plain_score)
             if not _gains(_heights(starts), base):
-                most, plain = LEAST_FITTED, []  # the first-order error is as small
+                most = LEAST_FITTED
+                plain = []  # the first-order error is as small
             fits = fitted.fit(starts, base, stage, most)
             fits += fitted.fit(plain, base, stage, FITTED_PLAIN)
             fits = _sort({id(h): h for h in fits}.values())
@@ -150,7 +175,10 @@ class Search:
                 return
             before = max(height, before[0]), max(plain_height, before[1])
             plain = sorted(fits, key=lambda h: -h.plain_score)[:BEAM_PLAIN]
-            frontier = [*fits[:BEAM_WIDTH], *(h for h in plain if h not in fits[:BEAM_WIDTH])]
+            frontier = [
+                *fits[:BEAM_WIDTH],
+                *(h for h in plain if h not in fits[:BEAM_WIDTH]),
+            ]
 
     def _exchanges(self, whole: Hypothesis) -> list[Start]:
         """Return sets without each effect, or with a substitute, if they may compete."""
@@ -159,7 +187,9 @@ class Search:
         for gone in whole.candidates:
             rest = self._without(whole, gone)
             limit = whole.evidence - MARGIN - DOUBT * (whole.evidence - rest.evidence)
-            scored = (s for s in self.score_extensions(rest, library) if s.evidence > limit)
+            scored = (
+                s for s in self.score_extensions(rest, library) if s.evidence > limit
+            )
             known = (s for s in scored if not s.candidates[-1].is_nuisance)
             starts += _sort(s for s in known if s.candidates[-1] is not gone)[:SWAPPED]
             if rest.evidence > whole.evidence - MARGIN:
@@ -170,7 +200,8 @@ class Search:
 
     def _without(self, hypothesis: Hypothesis, gone: Candidate) -> Hypothesis:
         """Return a hypothesis without one of its effects, linearized about it."""
-        kept, y = hypothesis.mark(lambda c: c is not gone), hypothesis.linear
+        kept = hypothesis.mark(lambda c: c is not gone)
+        y = hypothesis.linear
         candidates = tuple(c for c in hypothesis.candidates if c is not gone)
         if not gone.scale:
             others = tuple((c, v) for c, v in hypothesis.parameters if c is not gone)
@@ -178,7 +209,9 @@ class Search:
             y = y + before - hypothesis.residual
         return self._linear(candidates, y, hypothesis.slopes[:, kept])
 
-    def _first_order(self, candidates: tuple[Candidate, ...], library: Library) -> Hypothesis:
+    def _first_order(
+        self, candidates: tuple[Candidate, ...], library: Library
+    ) -> Hypothesis:
         """Return a set of effects to first order, with the derivatives of a library."""
         y = self.problem.nominal_residual
         columns: list[Array] = [np.zeros((len(y), 0))]
@@ -189,15 +222,23 @@ class Search:
                 y = y - self.problem.nominal.differentiate(candidate)[:, 0]
         return self._linear(candidates, y, np.hstack(columns))
 
-    def _linear(self, candidates: tuple[Candidate, ...], y: Array, slopes: Array) -> Hypothesis:
+    def _linear(
+        self, candidates: tuple[Candidate, ...], y: Array, slopes: Array
+    ) -> Hypothesis:
         """Return the hypothesis for readings (n,) linear in the effects, with slopes (n, k)."""
         known = self.problem.posterior(candidates, y, slopes)
         log = known.log_evidence + self.problem.log_prior(candidates)
         parameters = split(candidates, known.mean)
-        return Hypothesis(parameters, y - slopes @ known.mean, slopes, log, known, converged=False)
+        return Hypothesis(
+            parameters, y - slopes @ known.mean, slopes, log, known, converged=False
+        )
 
     def _extensions(
-        self, frontier: Sequence[Hypothesis], library: Library | None = None, *, simple: bool = False
+        self,
+        frontier: Sequence[Hypothesis],
+        library: Library | None = None,
+        *,
+        simple: bool = False,
     ) -> list[Start]:
         """Return sets with one more (optionally simple) effect, by first-order evidence.
 
@@ -215,11 +256,15 @@ class Search:
                     ranked[key] = start
         return _sort(ranked.values())
 
-    def score_extensions(self, hypothesis: Hypothesis, library: Library, *, simple: bool = False) -> Iterable[Start]:
+    def score_extensions(
+        self, hypothesis: Hypothesis, library: Library, *, simple: bool = False
+    ) -> Iterable[Start]:
         """Yield a hypothesis with each admitted (optionally simple) effect, to first order."""
         known_good = bound_parameters(hypothesis.candidates, hypothesis.values)
         products = _Products.of(self.problem.errors, hypothesis, library)
-        k, inner, across = int(products.kept.sum()), products.inner, products.across
+        k = int(products.kept.sum())
+        inner = products.inner
+        across = products.across
         log_weight = self.problem.errors.log_weight + products.log_weight
         without = self.problem.errors.sizes == 0.0
         alike: dict[tuple[bool, ...], list[int]] = {}
@@ -228,19 +273,27 @@ class Search:
                 continue
             if self.problem.model.admits((*hypothesis.candidates, candidate)):
                 alike.setdefault(candidate.one_sided, []).append(number)
-        base, kept = hypothesis.known.scales[products.kept], products.kept
-        prior = hypothesis.known.averaging + self.problem.log_prior(hypothesis.candidates)
+        base = hypothesis.known.scales[products.kept]
+        kept = products.kept
+        prior = hypothesis.known.averaging + self.problem.log_prior(
+            hypothesis.candidates
+        )
         for one_sided, numbers in alike.items():
             m = len(one_sided)
             shape = (len(numbers), len(self.problem.errors.sizes))
-            grams, pulls = np.empty((*shape, k + m, k + m)), np.empty((*shape, k + m))
-            grams[..., :k, :k], pulls[..., :k] = inner[:, :k, :k], inner[:, :k, k]
+            grams = np.empty((*shape, k + m, k + m))
+            pulls = np.empty((*shape, k + m))
+            grams[..., :k, :k] = inner[:, :k, :k]
+            pulls[..., :k] = inner[:, :k, k]
             totals = np.tile(inner[:, k, k], (len(numbers), 1))
             for at, number in enumerate(numbers):
-                mixed, block = across[:, library.columns[number]], products.block(library, number)
+                mixed = across[:, library.columns[number]]
+                block = products.block(library, number)
                 if m:
-                    grams[at, :, k:, :k], grams[at, :, :k, k:] = mixed[..., :k], mixed[..., :k].mT
-                    grams[at, :, k:, k:], pulls[at, :, k:] = block, mixed[..., k]
+                    grams[at, :, k:, :k] = mixed[..., :k]
+                    grams[at, :, :k, k:] = mixed[..., :k].mT
+                    pulls[at, :, k:] = mixed[..., k]
+                    grams[at, :, k:, k:] = block
                 else:
                     pulls[at] -= mixed[:, 0, :k]
                     totals[at] += block[:, 0, 0] - 2.0 * mixed[:, 0, k]
@@ -251,11 +304,17 @@ class Search:
             scales[..., k:] = [prior.scales for prior in priors]
             before = positive_of(hypothesis.candidates)[kept]
             positive = np.array([*before, *one_sided], dtype=np.bool_)
-            logs, means, _ = log_evidences(grams, pulls, totals, log_weight, scales, positive)
-            for candidate, prior_of, rough, mean in zip(added, priors, logs, means, strict=True):
+            logs, means, _ = log_evidences(
+                grams, pulls, totals, log_weight, scales, positive
+            )
+            for candidate, prior_of, rough, mean in zip(
+                added, priors, logs, means, strict=True
+            ):
                 log = rough + prior_of.log_weight
                 best = np.unravel_index(np.argmax(log), log.shape)
-                if m and not mean[best][k:].any():  # a discrepancy absorbed the one-sided effect
+                if (
+                    m and not mean[best][k:].any()
+                ):  # a discrepancy absorbed the one-sided effect
                     sound = np.where(without[:, None], log, -np.inf)
                     best = np.unravel_index(np.argmax(sound), log.shape)
                 odds = prior + self.problem.log_prior([candidate])
@@ -264,7 +323,9 @@ class Search:
                 start = np.append(hypothesis.values, mean[best][k:])
                 start[: len(kept)][kept] = mean[best][:k]
                 origin = np.append(known_good, np.zeros(m))
-                yield Start(candidates, bound_parameters(candidates, start), origin, *heights)
+                yield Start(
+                    candidates, bound_parameters(candidates, start), origin, *heights
+                )
 
 
 @dataclass(frozen=True)
@@ -286,15 +347,23 @@ class _Products:
     def of(cls, errors: Errors, hypothesis: Hypothesis, library: Library) -> _Products:
         """Return the products of a library about a hypothesis, with its prior scales."""
         own = errors.project(np.column_stack([hypothesis.slopes, hypothesis.linear]))
-        inner, across = errors.inner(own, own), errors.inner(library.projection, own)
+        inner = errors.inner(own, own)
+        across = errors.inner(library.projection, own)
         many = hypothesis.mark(lambda c: bool(c.parts))
-        left, log = np.append(~many, np.ones(1, dtype=np.bool_)), np.zeros(len(inner))
+        left = np.append(~many, np.ones(1, dtype=np.bool_))
+        log = np.zeros(len(inner))
         if not many.any():
-            return cls(~many, inner, across, log, np.zeros((len(inner), across.shape[1], 0)))
+            return cls(
+                ~many, inner, across, log, np.zeros((len(inner), across.shape[1], 0))
+            )
         gone = np.flatnonzero(many)
-        find_share, log = marginalize(inner[:, gone[:, None], gone], hypothesis.known.scales[many])
-        mine, share = find_share(inner[:, left][:, :, gone]), find_share(across[:, :, gone])
-        inner, across = inner[:, left][:, :, left] - mine @ mine.mT, across[:, :, left] - share @ mine.mT
+        find_share, log = marginalize(
+            inner[:, gone[:, None], gone], hypothesis.known.scales[many]
+        )
+        mine = find_share(inner[:, left][:, :, gone])
+        share = find_share(across[:, :, gone])
+        inner = inner[:, left][:, :, left] - mine @ mine.mT
+        across = across[:, :, left] - share @ mine.mT
         return cls(~many, inner, across, log, share)
 
     def block(self, library: Library, number: int) -> Array:
@@ -316,7 +385,9 @@ class _Fitted:
         """The best hypothesis so far."""
         return max(self.found.values(), key=lambda h: h.evidence)
 
-    def fit(self, starts: Sequence[Start], base: Heights, stage: str, most: int) -> list[Hypothesis]:
+    def fit(
+        self, starts: Sequence[Start], base: Heights, stage: str, most: int
+    ) -> list[Hypothesis]:
         """Fit the starts that may compete with the best fitted hypothesis, in order."""
         fits: list[Hypothesis] = []
         strikes: Counter[int] = Counter()
@@ -324,7 +395,9 @@ class _Fitted:
             if len(fits) >= most:
                 break
             promised = start.evidence, start.plain_score
-            if len(fits) >= LEAST_FITTED and all(map(_hopeless, promised, _heights(fits), base)):
+            if len(fits) >= LEAST_FITTED and all(
+                map(_hopeless, promised, _heights(fits), base)
+            ):
                 continue
             if any(strikes[id(c)] >= STRIKES for c in start.candidates):
                 continue

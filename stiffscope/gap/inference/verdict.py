@@ -46,26 +46,42 @@ def judge_findings(found: Findings) -> Judgement:
     is within the noise or not. It is "ambiguous" if known effects reduce the gap to the noise but
     the main one is open, because a pattern or a like unnamed fault may replace it.
     """
-    best, none = found.best, found.none
+    best = found.best
+    none = found.none
     wrong = {c.name: implausible(c, found.best) for c in best.words}
     strange = [text for texts in wrong.values() for text in texts]
     unnamed = sorted(c.place for c in best.candidates if c.is_nuisance)
     if unnamed:
-        strange.append(f"the readings follow {', '.join(unnamed)}, outside the known effects")
+        strange.append(
+            f"the readings follow {', '.join(unnamed)}, outside the known effects"
+        )
     groups = {c.name: found.group(c.name) for c in best.words}
     certain = [c for c in best.words if not wrong[c.name] and _certain(groups[c.name])]
-    favoured = [n for n, group in groups.items() if group.doubted < CONFIDENT <= group.probability]
-    unsettled = [f"{found.find_instead(name)} fits about as well as {name}" for name in favoured]
-    kept, before = found.fit_effects(certain), found.chi2(none)
+    favoured = [
+        n
+        for n, group in groups.items()
+        if group.doubted < CONFIDENT <= group.probability
+    ]
+    unsettled = [
+        f"{found.find_instead(name)} fits about as well as {name}" for name in favoured
+    ]
+    kept = found.fit_effects(certain)
+    before = found.chi2(none)
     other = found.fit_named(certain)
     if other is not kept and lack_of_fit(found, kept) and not lack_of_fit(found, other):
         kept = other  # beside others another form was likelier, by a hair
-    if certain and max(found.chi2(kept), found.chi2(best)) >= before:  # they fit details only
-        certain, kept = [], none
-    count, parameters = int(found.used_readings.sum()), len(kept.values)
+    if (
+        certain and max(found.chi2(kept), found.chi2(best)) >= before
+    ):  # they fit details only
+        certain = []
+        kept = none
+    count = int(found.used_readings.sum())
+    parameters = len(kept.values)
     few = count < FEW * (parameters + 1)
     if few:
-        unsettled.append(f"{count} readings are too few to identify {parameters} parameters")
+        unsettled.append(
+            f"{count} readings are too few to identify {parameters} parameters"
+        )
     if certain and not few:
         return _judge(found, kept, strange, unsettled)
     gap = lack_of_fit(found, none)
@@ -74,7 +90,9 @@ def judge_findings(found: Findings) -> Judgement:
         rest = lack_of_fit(found, known)
         if not best.words or strange or rest:
             left = rest if best.words else gap
-            return Judgement("unexplained", (), none, (*strange, *([left] if left else [])))
+            return Judgement(
+                "unexplained", (), none, (*strange, *([left] if left else []))
+            )
         return Judgement("ambiguous", known.words, known, tuple(unsettled))
     alone = sum(p for h, p in found.ranked if not h.words)
     if alone > MAJORITY or not best.words or strange:
@@ -83,7 +101,9 @@ def judge_findings(found: Findings) -> Judgement:
     return Judgement("ambiguous", known.words, known, tuple(unsettled))
 
 
-def settle_verdict(found: Findings, judgement: Judgement, others: dict[str, Findings]) -> Judgement:
+def settle_verdict(
+    found: Findings, judgement: Judgement, others: dict[str, Findings]
+) -> Judgement:
     """Return the verdict, or "ambiguous" if an effect is replaced under another prior.
 
     Parameters
@@ -95,20 +115,31 @@ def settle_verdict(found: Findings, judgement: Judgement, others: dict[str, Find
     """
     for prior, other in others.items() if judgement.verdict == "identified" else ():
         names = [c.name for c in judgement.effects]
-        lost = [name for name in names if not other.best.names & {name, *found.group(name).others}]
+        lost = [
+            name
+            for name in names
+            if not other.best.names & {name, *found.group(name).others}
+        ]
         if lost:
             instead = " and ".join(sorted(other.best.names)) or "no effect"
-            text = f"not {' and '.join(lost)} but {instead} is most probable with {prior}"
-            return replace(judgement, verdict="ambiguous", remarks=(*judgement.remarks, text))
+            text = (
+                f"not {' and '.join(lost)} but {instead} is most probable with {prior}"
+            )
+            return replace(
+                judgement, verdict="ambiguous", remarks=(*judgement.remarks, text)
+            )
     return judgement
 
 
-def _judge(found: Findings, kept: Hypothesis, strange: list[str], unsettled: list[str]) -> Judgement:
+def _judge(
+    found: Findings, kept: Hypothesis, strange: list[str], unsettled: list[str]
+) -> Judgement:
     """Return the verdict if some effects are certain.
 
     kept: exactly these; strange: implausible or unnamed causes; unsettled: equally good ones.
     """
-    rest, names = lack_of_fit(found, kept), [c.name for c in kept.words]
+    rest = lack_of_fit(found, kept)
+    names = [c.name for c in kept.words]
     if rest and not strange:
         known = found.fit_effects(found.best.words)
         if not lack_of_fit(found, known) and _main(found, known) not in names:
@@ -119,8 +150,17 @@ def _judge(found: Findings, kept: Hypothesis, strange: list[str], unsettled: lis
         verdict = "partly"
     else:
         main = found.group(_main(found, kept))
-        verdict = "identified" if main.known >= CONFIDENT and not main.elsewhere else "ambiguous"
-    remarks = (*strange, *unsettled, *([rest] if rest else []), *_imitations(found, kept.names))
+        verdict = (
+            "identified"
+            if main.known >= CONFIDENT and not main.elsewhere
+            else "ambiguous"
+        )
+    remarks = (
+        *strange,
+        *unsettled,
+        *([rest] if rest else []),
+        *_imitations(found, kept.names),
+    )
     return Judgement(verdict, kept.words, kept, remarks)
 
 
@@ -146,7 +186,9 @@ def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:
 
 def _main(found: Findings, hypothesis: Hypothesis) -> str:
     """Return the effect that alone explains the most; of two, it also has the larger share."""
-    return min(hypothesis.candidates, key=lambda c: found.chi2(found.fit_effects([c]))).name
+    return min(
+        hypothesis.candidates, key=lambda c: found.chi2(found.fit_effects([c]))
+    ).name
 
 
 def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
@@ -165,15 +207,22 @@ def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
     left = {frozenset[str](): found.chi2(found.none)}
     for count in range(1, len(names) + 1):
         for chosen in map(frozenset, combinations(names, count)):
-            own = found.fit_effects(c for c in hypothesis.candidates if c.name in chosen)
-            left[chosen] = min(found.chi2(own), *(left[chosen - {name}] for name in chosen))
+            own = found.fit_effects(
+                c for c in hypothesis.candidates if c.name in chosen
+            )
+            left[chosen] = min(
+                found.chi2(own), *(left[chosen - {name}] for name in chosen)
+            )
     value = dict.fromkeys(names, 0.0)
     for order in permutations(names):
         for k, name in enumerate(order):
             value[name] += left[frozenset(order[:k])] - left[frozenset(order[: k + 1])]
     positive = {name: max(v, 0.0) for name, v in value.items()}
     total = sum(positive.values())
-    return {name: v / total if total > 0.0 else 1.0 / len(names) for name, v in positive.items()}
+    return {
+        name: v / total if total > 0.0 else 1.0 / len(names)
+        for name, v in positive.items()
+    }
 
 
 def doubtful(found: Findings, named: tuple[Candidate, ...]) -> list[tuple[str, float]]:
@@ -182,9 +231,13 @@ def doubtful(found: Findings, named: tuple[Candidate, ...]) -> list[tuple[str, f
     Each has a probability, given or with equal odds of all effects, of at least `POSSIBLE`.
     """
     groups: list[Group] = [found.group(c.name) for c in named]
-    known = {c.name for c in named} | {other for group in groups for other in group.others}
+    known = {c.name for c in named} | {
+        other for group in groups for other in group.others
+    }
     names = {n for h in found.hypotheses for c in h.words for n in c.signature_of}
     likely = {n: found.compute_probability(n) for n in names - known}
     even = found.doubted.compute_probability
     open_ones = (n for n, p in likely.items() if max(p, even(n)) >= POSSIBLE)
-    return sorted(((n, likely[n]) for n in open_ones), key=lambda item: (-item[1], item[0]))
+    return sorted(
+        ((n, likely[n]) for n in open_ones), key=lambda item: (-item[1], item[0])
+    )

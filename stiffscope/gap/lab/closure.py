@@ -8,7 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.gap.lab.machine import DRIVEN, FREE, GROUND
-from stiffscope.gap.lab.rotations import lever, rates_of_vector, transform_to, turn, vector_of
+from stiffscope.gap.lab.rotations import (
+    lever,
+    rates_of_vector,
+    transform_to,
+    turn,
+    vector_of,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,12 +44,16 @@ class Frames:
 
     def some(self, mask: Any) -> Frames:
         """Return the selected poses."""
-        both = ({n: x[mask] for n, x in known.items()} for known in (self.rotation, self.position))
+        both = (
+            {n: x[mask] for n, x in known.items()}
+            for known in (self.rotation, self.position)
+        )
         return Frames(*both)
 
     def move(self, twists: dict[str, Array]) -> Frames:
         """Return the frames after twists (n, 6) of some of them about the origin."""
-        rotation, position = dict(self.rotation), dict(self.position)
+        rotation = dict(self.rotation)
+        position = dict(self.position)
         for name, t in twists.items():
             r = turn(t[:, 3:])
             rotation[name] = r @ rotation[name]
@@ -66,8 +76,12 @@ class JointState:
 
 
 def joint_state(
-    joint: Joint, frames: Frames, first: str, second: str, commanded: Array | float = 0.0
-) -> JointState:  # fmt: skip
+    joint: Joint,
+    frames: Frames,
+    first: str,
+    second: str,
+    commanded: Array | float = 0.0,
+) -> JointState:
     """Return the state of a joint between two nodes.
 
     Parameters
@@ -87,25 +101,34 @@ def joint_state(
     apart = (back @ (point - frames.point(first, joint.at_first))[..., None])[..., 0]
     relative = back @ frames.rotation[second] @ joint.axes
     n = len(point)
-    rows = [i for i in joint.held_directions if not (joint.kind == "universal" and i >= 3)]
+    rows = [
+        i for i in joint.held_directions if not (joint.kind == "universal" and i >= 3)
+    ]
     held = np.broadcast_to(np.eye(6)[rows], (n, len(rows), 6))
     around = np.zeros((n, 3))
     displacement = apart[:, 0]
     if joint.kind in {"fixed", "prismatic"}:
         around = vector_of(relative)
     elif joint.kind in {"revolute", "cylindrical", "planar"}:
-        sine, cosine = relative[:, 2, 1] - relative[:, 1, 2], relative[:, 1, 1] + relative[:, 2, 2]
+        sine = relative[:, 2, 1] - relative[:, 1, 2]
+        cosine = relative[:, 1, 1] + relative[:, 2, 2]
         angle = np.arctan2(sine, cosine)
         around = vector_of(relative @ turn(-angle[:, None] * np.eye(3)[0]))
         if joint.kind == "revolute":
-            displacement = commanded + (angle - commanded + np.pi) % (2.0 * np.pi) - np.pi
+            displacement = (
+                commanded + (angle - commanded + np.pi) % (2.0 * np.pi) - np.pi
+            )
             around[:, 0] = 0.0
     elif joint.kind == "universal":
-        other = (back @ frames.rotation[second] @ joint.axis2[:, None])[..., 0]  # in joint axes
+        other = (back @ frames.rotation[second] @ joint.axis2[:, None])[
+            ..., 0
+        ]  # in joint axes
         normal = np.cross(np.eye(3)[0], other)
         size = np.linalg.norm(normal, axis=1)
         home = joint.axes.T @ joint.axis2
-        error = np.arctan2(size, other[:, 0]) - np.arctan2(np.linalg.norm(home[1:]), home[0])
+        error = np.arctan2(size, other[:, 0]) - np.arctan2(
+            np.linalg.norm(home[1:]), home[0]
+        )
         normal = normal / size[:, None]
         around = error[:, None] * normal
         row = np.concatenate([np.zeros((n, 3)), normal], axis=1)
@@ -116,7 +139,9 @@ def joint_state(
     return JointState(misfit, transform_to(axes, point), held, displacement)
 
 
-def spring_state(joint: Joint, frames: Frames, first: str, second: str) -> tuple[Array, Array]:
+def spring_state(
+    joint: Joint, frames: Frames, first: str, second: str
+) -> tuple[Array, Array]:
     """Return the free motions of a joint, and its displacement from the spring's rest position.
 
     Parameters
@@ -131,7 +156,8 @@ def spring_state(joint: Joint, frames: Frames, first: str, second: str) -> tuple
     """
     back = np.swapaxes(frames.rotation[first] @ joint.axes, -1, -2)
     relative = back @ frames.rotation[second] @ joint.axes
-    n, free = len(relative), list(FREE[joint.kind])
+    n = len(relative)
+    free = list(FREE[joint.kind])
     away = np.zeros((n, 6))
     rows = np.broadcast_to(np.eye(6)[free], (n, len(free), 6))
     if joint.kind == "spherical":
@@ -140,7 +166,9 @@ def spring_state(joint: Joint, frames: Frames, first: str, second: str) -> tuple
         home = joint.axes.T @ joint.axis2
         other = (back @ frames.rotation[second] @ joint.axis2[:, None])[..., 0]
         about = np.arctan2(other[:, 2], other[:, 1]) - np.arctan2(home[2], home[1])
-        image = np.swapaxes(relative, -1, -2) @ np.eye(3)[0]  # axis 1 in the second body
+        image = (
+            np.swapaxes(relative, -1, -2) @ np.eye(3)[0]
+        )  # axis 1 in the second body
         side = np.cross(home, np.eye(3)[0])
         turned = -np.arctan2(image @ side, image @ np.cross(side, home))
         rows = np.array(np.broadcast_to(np.eye(6)[[3, 4]], (n, 2, 6)))
@@ -181,7 +209,8 @@ def _find_home(machine: Machine, names: tuple[str, ...]) -> Array:
 
 def locate(machine: Machine, poses: Array) -> Located:
     """Return the poses of the rigid bodies, as drawn, with M at poses (n, k) reached from home."""
-    n, names = len(poses), (*machine.bodies, GROUND)
+    n = len(poses)
+    names = (*machine.bodies, GROUND)
     home = home_of(machine)
     frames = Frames(
         {name: np.broadcast_to(np.eye(3), (n, 3, 3)) for name in names},
@@ -192,7 +221,8 @@ def locate(machine: Machine, poses: Array) -> Located:
         target = home + share * (poses - home)
         for _ in range(_WALK if share < 1.0 else _END):
             rows, errors = _equations(machine, frames, target)
-            before, residual = residual, np.abs(errors).max(axis=1)
+            before = residual
+            residual = np.abs(errors).max(axis=1)
             stalled = (residual < CLOSED) & (residual >= 0.5 * before)
             if ((residual < 1e-2 * CLOSED) | (share == 1.0) & stalled).all():
                 break
@@ -203,24 +233,32 @@ def locate(machine: Machine, poses: Array) -> Located:
         if joint.drive is not None:
             ends = machine.carrier(joint.first), machine.carrier(joint.second)
             drives[name] = joint_state(joint.drawn_joint, frames, *ends).displacement
-            closed &= (drives[name] >= joint.drive.low) & (drives[name] <= joint.drive.high)
+            closed &= (drives[name] >= joint.drive.low) & (
+                drives[name] <= joint.drive.high
+            )
     return Located(frames, drives, closed)
 
 
 def _equations(machine: Machine, frames: Frames, target: Array) -> tuple[Array, Array]:
     """Return derivatives (n, r, 6 bodies) of constraints by twists, and their errors (n, r)."""
     index = {name: 6 * k for k, name in enumerate(machine.bodies)}
-    n, columns = len(target), 6 * len(index)
+    n = len(target)
+    columns = 6 * len(index)
     rows: list[Array] = []
     errors: list[Array] = []
     for joint in machine.joints.values():
-        first, second = machine.carrier(joint.first), machine.carrier(joint.second)
+        first = machine.carrier(joint.first)
+        second = machine.carrier(joint.second)
         state = joint_state(joint.drawn_joint, frames, first, second)
-        held, misfit = state.held, state.misfit
+        held = state.held
+        misfit = state.misfit
         if joint.name in machine.still and joint.drive is None:
             free, away = spring_state(replace(joint, rest=0.0), frames, first, second)
-            held, misfit = np.concatenate([held, free], axis=1), misfit + away
-        elif joint.drive is not None and joint.name not in machine.still:  # its direction is free here
+            held = np.concatenate([held, free], axis=1)
+            misfit = misfit + away
+        elif (
+            joint.drive is not None and joint.name not in machine.still
+        ):  # its direction is free here
             held = held[:, held[0, :, DRIVEN[joint.kind]] == 0.0]
         line = np.zeros((n, held.shape[1], columns))
         for name, sign in ((second, 1.0), (first, -1.0)):
@@ -246,7 +284,9 @@ def _step(machine: Machine, rows: Array, errors: Array) -> dict[str, Array]:
     """Return the smallest twists (n, 6) of all bodies that cancel errors (n, r) to first order."""
     square = np.swapaxes(rows, -1, -2) @ rows
     size = square.shape[-1]
-    square[:, range(size), range(size)] += _DAMPING * np.abs(square).max(axis=(1, 2))[:, None]
+    square[:, range(size), range(size)] += (
+        _DAMPING * np.abs(square).max(axis=(1, 2))[:, None]
+    )
     right = np.swapaxes(rows, -1, -2) @ errors[..., None]
     back = -np.linalg.solve(square, right)[..., 0]
     largest = np.maximum(np.abs(back).max(axis=1), 1e-300)

@@ -43,7 +43,9 @@ def _joints(machine: Machine, place: str) -> dict[str, Joint]:
 
 
 def _drives(machine: Machine, place: str) -> dict[str, Joint]:
-    return {name: joint for name, joint in _joints(machine, place).items() if joint.drive}
+    return {
+        name: joint for name, joint in _joints(machine, place).items() if joint.drive
+    }
 
 
 def _find_elastic(machine: Machine, place: str) -> dict[str, Body]:
@@ -52,7 +54,11 @@ def _find_elastic(machine: Machine, place: str) -> dict[str, Body]:
 
 
 def _find_links(machine: Machine, place: str) -> dict[str, Body]:
-    return {name: body for name, body in _find_elastic(machine, place).items() if body.is_link}
+    return {
+        name: body
+        for name, body in _find_elastic(machine, place).items()
+        if body.is_link
+    }
 
 
 def _find_rigid(machine: Machine, place: str) -> dict[str, Body]:
@@ -79,7 +85,8 @@ def _support(parameters: Parameters) -> Array:
     """Return the compliance (6, 6) of a support: diagonal terms, and couplings such as `rxry`."""
     out = np.diag(name_parameters(parameters, *COORDINATES))
     for name in set(parameters).intersection(_COUPLED):
-        i, j = COORDINATES.index(name[:2]), COORDINATES.index(name[2:])
+        i = COORDINATES.index(name[:2])
+        j = COORDINATES.index(name[2:])
         out[i, j] = out[j, i] = parameters[name]
     return out
 
@@ -89,7 +96,9 @@ def _soften_bearing(joint: Joint, diagonal: Sequence[float] | Array) -> Joint:
     held = np.array([i not in FREE[joint.kind] for i in range(6)])
     if joint.kind == "universal":  # its constrained direction is not exactly z
         held[3:] = True
-    return replace(joint, bearing=joint.bearing + np.diag(np.where(held, diagonal, 0.0)))
+    return replace(
+        joint, bearing=joint.bearing + np.diag(np.where(held, diagonal, 0.0))
+    )
 
 
 def bearing_words(joints: Sequence[Joint]) -> tuple[str, ...]:
@@ -110,7 +119,9 @@ def _joint_compliance(joint: Joint, parameters: Parameters) -> Joint:
 
 
 def _guide_compliance(joint: Joint, parameters: Parameters) -> Joint:
-    diagonal = name_parameters(parameters, "", "lateral", "vertical", "roll", "pitch", "yaw")
+    diagonal = name_parameters(
+        parameters, "", "lateral", "vertical", "roll", "pitch", "yaw"
+    )
     diagonal[3:] += parameters.get("angular", 0.0)
     return _soften_bearing(joint, diagonal) if joint.kind == "prismatic" else joint
 
@@ -144,7 +155,8 @@ def is_uniform(body: Body) -> bool:
 
 def _rigid_ends(body: Body, parameters: Parameters) -> Body:
     """Return a body of the same section that bends only between rigid ends, at its tip."""
-    clamped, length = parameters["length"], body.length
+    clamped = parameters["length"]
+    length = body.length
     if not 0 <= clamped < length / 2:
         limit = f"0 to {length / 2:g} m"
         raise InputError(f"rigid-ends, length: expected {limit}, got {clamped:g}")
@@ -162,7 +174,8 @@ def _part_compliance(body: Body, parameters: Parameters) -> Body:
         raise InputError(f"part-compliance: expected {what}")
     full = np.zeros((6, 6))
     for name, value in parameters.items():
-        i, j = int(name[1]) - 1, int(name[2]) - 1
+        i = int(name[1]) - 1
+        j = int(name[2]) - 1
         full[i, j] = full[j, i] = value
     return replace(body, compliance=full)
 
@@ -176,22 +189,35 @@ def _grow(body: Body, strain: float) -> Body:
 def _payload(machine: Machine, place: str, parameters: Parameters) -> Machine:
     """Add a mass to a rigid body, with its centre relative to M (tool), or to the body's or its joints' centre."""
     node = machine.tool if place == "tool" else place
-    joints = [joint.at for joint in machine.joints.values() if node in (joint.first, joint.second)]
+    joints = [
+        joint.at
+        for joint in machine.joints.values()
+        if node in (joint.first, joint.second)
+    ]
     if node == machine.tool:
         origin = machine.at
     elif getattr(machine.robot.bodies[node], "centre", None) is None:
         origin = np.mean(joints, axis=0)
     else:
         origin = machine.bodies[node].centre
-    load = Payload(node, parameters["mass"], origin + name_parameters(parameters, "x", "y", "z"))
+    load = Payload(
+        node, parameters["mass"], origin + name_parameters(parameters, "x", "y", "z")
+    )
     return replace(machine, payloads=(*machine.payloads, load))
 
 
 def _joint_stiffness(joint: Joint, parameters: Parameters) -> Joint:
     """Scale the spring of a passive joint, or add a stiffness."""
-    if joint.drive or joint.kind not in {"revolute", "prismatic", "universal", "spherical"}:
+    if joint.drive or joint.kind not in {
+        "revolute",
+        "prismatic",
+        "universal",
+        "spherical",
+    }:
         return joint
-    spring = joint.spring * parameters.get("factor", 1.0) + parameters.get("stiffness", 0.0)
+    spring = joint.spring * parameters.get("factor", 1.0) + parameters.get(
+        "stiffness", 0.0
+    )
     return replace(joint, spring=spring)
 
 
@@ -202,7 +228,9 @@ def _find_driven(joint: Joint) -> tuple[int, ...]:
 
 def _held_across(joint: Joint) -> tuple[int, ...]:
     """Return the translations constrained across a joint's axis; all for a spherical joint."""
-    return tuple(i for i in joint.held_directions if i < 3 and (i > 0 or not joint.directed))
+    return tuple(
+        i for i in joint.held_directions if i < 3 and (i > 0 or not joint.directed)
+    )
 
 
 def _find_opening(joint: Joint) -> tuple[int, ...]:
@@ -210,16 +238,26 @@ def _find_opening(joint: Joint) -> tuple[int, ...]:
     return tuple(i for i in joint.held_directions[:1] if i < 3)
 
 
-def _yield_by(law: str, parameter: str, directions: Callable[[Joint], tuple[int, ...]]) -> Injector:
+def _yield_by(
+    law: str, parameter: str, directions: Callable[[Joint], tuple[int, ...]]
+) -> Injector:
     """Return an injector of a force law for every joint of a place in some directions."""
 
     def injector(machine: Machine, place: str, parameters: Parameters) -> Machine:
-        size, knee = parameters[parameter], parameters.get("knee", np.inf)
+        size = parameters[parameter]
+        knee = parameters.get("knee", np.inf)
         more: list[Slot] = []
         for name, joint in _joints(machine, place).items():
             driven = joint.drive.stiffness if joint.drive else np.inf
             more += [
-                Slot(name, i, law, size, driven if i == DRIVEN.get(joint.kind) else np.inf, knee)
+                Slot(
+                    name,
+                    i,
+                    law,
+                    size,
+                    driven if i == DRIVEN.get(joint.kind) else np.inf,
+                    knee,
+                )
                 for i in directions(joint)
             ]
         return replace(machine, slots=(*machine.slots, *more))
@@ -229,19 +267,24 @@ def _yield_by(law: str, parameter: str, directions: Callable[[Joint], tuple[int,
 
 def _bow(body: Body, parameters: Parameters) -> Body:
     """Bend a body by a uniform curvature, 1/m: its tip rises by κL²/2 and turns by κL."""
-    kappa, length = parameters["curvature"], body.length
+    kappa = parameters["curvature"]
+    length = body.length
     bent = kappa * np.array([0, 0, length**2 / 2, 0, -length, 0])
     return replace(body, offset=body.offset + bent)
 
 
 def _larger_body(machine: Machine, place: str, parameters: Parameters) -> Machine:
     """Enlarge a rigid body: the points of its joints move away from its centre."""
-    centre, strain = machine.bodies[place].centre, parameters["relative"]
+    centre = machine.bodies[place].centre
+    strain = parameters["relative"]
     grown: dict[str, Joint] = {}
     for name, joint in machine.joints.items():
         first, second = (
             at + strain * (at - centre) if node == place else at
-            for node, at in ((joint.first, joint.at_first), (joint.second, joint.at_second))
+            for node, at in (
+                (joint.first, joint.at_first),
+                (joint.second, joint.at_second),
+            )
         )
         grown[name] = replace(joint, at_first=first, at_second=second)
     return machine.change(grown)
@@ -251,7 +294,9 @@ def _mislay_axis(joint: Joint, parameters: Parameters) -> Joint:
     """Displace a joint's axis perpendicular to the drawn one; that of a slide is only rotated."""
     across = ("", "") if joint.kind == "prismatic" else ("y", "z")
     twist = name_parameters(parameters, "", *across, "", "ry", "rz")
-    return replace(joint, astray=joint.astray + twist) if joint.kind in DRIVEN else joint
+    return (
+        replace(joint, astray=joint.astray + twist) if joint.kind in DRIVEN else joint
+    )
 
 
 def _allow_only(*places: str) -> Callable[[Machine, str], bool]:
@@ -259,7 +304,9 @@ def _allow_only(*places: str) -> Callable[[Machine, str], bool]:
 
 
 def _any_joint(holds: Callable[[Joint], Any]) -> Callable[[Machine, str], bool]:
-    return lambda machine, place: any(holds(joint) for joint in _joints(machine, place).values())
+    return lambda machine, place: any(
+        holds(joint) for joint in _joints(machine, place).values()
+    )
 
 
 @dataclass(frozen=True)
@@ -272,87 +319,151 @@ class Word:
 
 
 KNOWN: dict[str, Word] = {
-    "gravity": Word((), lambda m, _, _v: replace(m, weighted=True), _allow_only("robot")),
+    "gravity": Word(
+        (), lambda m, _, _v: replace(m, weighted=True), _allow_only("robot")
+    ),
     "payload": Word(
-        ("mass", "x", "y", "z"), _payload, lambda m, at: at == "tool" or _find_rigid(m, at)),
+        ("mass", "x", "y", "z"),
+        _payload,
+        lambda m, at: at == "tool" or _find_rigid(m, at),
+    ),
     "actuator-stiffness": Word(
-        ("factor",), _driven(lambda d, v: replace(d, stiffness=d.stiffness * v), "factor"),
-        _drives),
+        ("factor",),
+        _driven(lambda d, v: replace(d, stiffness=d.stiffness * v), "factor"),
+        _drives,
+    ),
     "joint-stiffness": Word(
-        ("factor", "stiffness"), _every(_joints, _joint_stiffness), _any_joint(lambda j: j.spring)),
-    "backlash": Word(("half_width",), _yield_by("play", "half_width", _find_driven), _drives),
+        ("factor", "stiffness"),
+        _every(_joints, _joint_stiffness),
+        _any_joint(lambda j: j.spring),
+    ),
+    "backlash": Word(
+        ("half_width",), _yield_by("play", "half_width", _find_driven), _drives
+    ),
     "encoder-offset": Word(
-        ("offset",), _driven(lambda d, v: replace(d, offset=d.offset + v), "offset"), _drives),
+        ("offset",),
+        _driven(lambda d, v: replace(d, offset=d.offset + v), "offset"),
+        _drives,
+    ),
     "joint-compliance": Word(
-        ("radial", "axial", "tilting"), _every(_joints, _joint_compliance), _joints),
+        ("radial", "axial", "tilting"), _every(_joints, _joint_compliance), _joints
+    ),
     "guide-compliance": Word(
         ("lateral", "vertical", "angular", "roll", "pitch", "yaw"),
-        _every(_joints, _guide_compliance), _any_joint(lambda j: j.kind == "prismatic")),
+        _every(_joints, _guide_compliance),
+        _any_joint(lambda j: j.kind == "prismatic"),
+    ),
     "joint-axis": Word(
-        ("y", "z", "ry", "rz"), _every(_joints, _mislay_axis),
-        _any_joint(lambda j: j.kind in DRIVEN)),
+        ("y", "z", "ry", "rz"),
+        _every(_joints, _mislay_axis),
+        _any_joint(lambda j: j.kind in DRIVEN),
+    ),
     "mass": Word(
-        ("factor",), _every(_find_rigid, lambda b, v: replace(b, mass=b.mass * v["factor"])),
-        lambda m, at: m.gravity.any() and any(b.mass for b in _find_rigid(m, at).values())),
+        ("factor",),
+        _every(_find_rigid, lambda b, v: replace(b, mass=b.mass * v["factor"])),
+        lambda m, at: (
+            m.gravity.any() and any(b.mass for b in _find_rigid(m, at).values())
+        ),
+    ),
     "link-stiffness": Word(
-        ("factor",), _bodies(lambda b, v: replace(b, compliance=b.compliance / v["factor"])),
-        _find_elastic),
-    "part-compliance": Word(("factor", *ENTRIES), _bodies(_part_compliance), _find_elastic),
+        ("factor",),
+        _bodies(lambda b, v: replace(b, compliance=b.compliance / v["factor"])),
+        _find_elastic,
+    ),
+    "part-compliance": Word(
+        ("factor", *ENTRIES), _bodies(_part_compliance), _find_elastic
+    ),
     "part-dimension": Word(
-        ENTRIES, _bodies(_part_compliance), lambda m, at: _find_elastic(m, at.rsplit(".", 1)[0])),
+        ENTRIES,
+        _bodies(_part_compliance),
+        lambda m, at: _find_elastic(m, at.rsplit(".", 1)[0]),
+    ),
     "rigid-ends": Word(("length",), _bodies(_rigid_ends), _find_links),
     "link-length": Word(
-        ("error",), _bodies(lambda b, v: _grow(b, v["error"] / b.length)), _find_links),
+        ("error",), _bodies(lambda b, v: _grow(b, v["error"] / b.length)), _find_links
+    ),
     "thermal": Word(
-        ("temperature",), _bodies(lambda b, v: _grow(b, b.expansion * v["temperature"])),
-        _find_elastic),
+        ("temperature",),
+        _bodies(lambda b, v: _grow(b, b.expansion * v["temperature"])),
+        _find_elastic,
+    ),
     "base-compliance": Word(
-        _YIELDING, lambda m, _, v: replace(m, base=m.base + _support(v)), _allow_only("base")),
+        _YIELDING,
+        lambda m, _, v: replace(m, base=m.base + _support(v)),
+        _allow_only("base"),
+    ),
     "platform-compliance": Word(
-        _YIELDING, lambda m, _, v: replace(m, platform=m.platform + _support(v)),
-        _allow_only("tool", "platform")),
+        _YIELDING,
+        lambda m, _, v: replace(m, platform=m.platform + _support(v)),
+        _allow_only("tool", "platform"),
+    ),
     "instrument-misalignment": Word(ROTATIONS, turn_instrument),
     "displacement-scale": Word(
-        ("factor",), lambda m, at, v: multiply(m, at, v["factor"], "scales")),
+        ("factor",), lambda m, at, v: multiply(m, at, v["factor"], "scales")
+    ),
     "unit": Word(("factor",), lambda m, at, v: multiply(m, at, v["factor"])),
     "sensor-sign": Word((), lambda m, at, _: multiply(m, at, -1.0)),
     "sensor-step": Word(("jump", "row"), slip_channel),
     "force-scale": Word(
-        ("factor",), lambda m, _, v: change_instrument(m, force=m.instrument.force * v["factor"]),
-        _allow_only("instrument")),
-}  # fmt: skip
+        ("factor",),
+        lambda m, _, v: change_instrument(m, force=m.instrument.force * v["factor"]),
+        _allow_only("instrument"),
+    ),
+}
 """Known effects except `geometry`; a part's dimension is given as the entries of its new 6x6."""
 
 OUTSIDE: dict[str, Word] = {
-    "hardening-drive": Word(("cubic",), _yield_by("hardening", "cubic", _find_driven), _drives),
-    "drive-friction": Word(("force",), _yield_by("friction", "force", _find_driven), _drives),
+    "hardening-drive": Word(
+        ("cubic",), _yield_by("hardening", "cubic", _find_driven), _drives
+    ),
+    "drive-friction": Word(
+        ("force",), _yield_by("friction", "force", _find_driven), _drives
+    ),
     "stiffening-joint": Word(
-        ("radial", "knee"), _yield_by("stiffening", "radial", _held_across),
-        _any_joint(_held_across)),
+        ("radial", "knee"),
+        _yield_by("stiffening", "radial", _held_across),
+        _any_joint(_held_across),
+    ),
     "joint-play": Word(
-        ("radial",), _yield_by("play", "radial", _held_across), _any_joint(_held_across)),
-    "loose-bolt": Word(("opening",), _yield_by("one-sided", "opening", _find_opening), _joints),
+        ("radial",), _yield_by("play", "radial", _held_across), _any_joint(_held_across)
+    ),
+    "loose-bolt": Word(
+        ("opening",), _yield_by("one-sided", "opening", _find_opening), _joints
+    ),
     "cable-chain": Word(
         ("x", "y", "z"),
         lambda m, _, v: replace(m, cable=m.cable + name_parameters(v, "x", "y", "z")),
-        _allow_only("tool")),
+        _allow_only("tool"),
+    ),
     "screw-pitch": Word(
-        ("relative",), _driven(lambda d, v: replace(d, pitch=d.pitch + v), "relative"), _drives),
+        ("relative",),
+        _driven(lambda d, v: replace(d, pitch=d.pitch + v), "relative"),
+        _drives,
+    ),
     "larger-body": Word(("relative",), _larger_body, _find_rigid),
     "bowed-link": Word(("curvature",), _bodies(_bow), _find_links),
     "drifting-sensor": Word(
-        ("displacement", "rotation"), lambda m, _, v: change_instrument(m, drift=read_pair(v))),
+        ("displacement", "rotation"),
+        lambda m, _, v: change_instrument(m, drift=read_pair(v)),
+    ),
     "gain-drift": Word(
-        ("relative",), lambda m, _, v: change_instrument(m, gain_drift=v["relative"])),
+        ("relative",), lambda m, _, v: change_instrument(m, gain_drift=v["relative"])
+    ),
     "cross-talk": Word(("share",), leak_channel),
     "coarse-converter": Word(
-        ("displacement", "rotation"), lambda m, _, v: change_instrument(m, quantum=read_pair(v))),
+        ("displacement", "rotation"),
+        lambda m, _, v: change_instrument(m, quantum=read_pair(v)),
+    ),
     "wrench-off-centre": Word(
         ("x", "y", "z"),
-        lambda m, _, v: change_instrument(m, application=name_parameters(v, "x", "y", "z"))),
+        lambda m, _, v: change_instrument(
+            m, application=name_parameters(v, "x", "y", "z")
+        ),
+    ),
     "bad-session": Word(
-        ("relative",), lambda m, _, v: change_instrument(m, bad_session=v["relative"])),
-}  # fmt: skip
+        ("relative",), lambda m, _, v: change_instrument(m, bad_session=v["relative"])
+    ),
+}
 """Faults that are not in the vocabulary."""
 
 
@@ -369,7 +480,9 @@ def acts_on(machine: Machine, effect: str, place: str) -> bool:
     return bool({**KNOWN, **OUTSIDE}[effect].acts_on(machine, place))
 
 
-def inject(machine: Machine, effect: str, place: str, parameters: Parameters) -> Machine:
+def inject(
+    machine: Machine, effect: str, place: str, parameters: Parameters
+) -> Machine:
     """Return the machine with an effect added.
 
     Parameters
@@ -401,6 +514,8 @@ def inject(machine: Machine, effect: str, place: str, parameters: Parameters) ->
         raise InputError(f"{effect}, {word.names[0]}: expected this parameter")
     bad = [name for name, value in parameters.items() if not np.isfinite(value)]
     if bad or parameters.get("factor", 1.0) <= 0:
-        raise InputError(f"{effect}, {(bad or ['factor'])[0]}: expected a finite number, a factor above 0")
+        raise InputError(
+            f"{effect}, {(bad or ['factor'])[0]}: expected a finite number, a factor above 0"
+        )
     part = place.rsplit(".", 1)[0] if effect == "part-dimension" else place
     return word.inject(machine, part, parameters)

@@ -34,7 +34,9 @@ def turn_instrument(machine: Machine, place: str, parameters: Parameters) -> Mac
     return change_instrument(machine, rotations={**known, place: rotation})
 
 
-def multiply(machine: Machine, place: str, factor: float, what: str = "factors") -> Machine:
+def multiply(
+    machine: Machine, place: str, factor: float, what: str = "factors"
+) -> Machine:
     """Multiply recorded numbers of the instrument or a channel, or scale its motions.
 
     Parameters
@@ -47,7 +49,9 @@ def multiply(machine: Machine, place: str, factor: float, what: str = "factors")
         "factors" on the recorded numbers, for a wrong unit or sign; or "scales" of motions.
     """
     known = getattr(machine.instrument, what)
-    return change_instrument(machine, **{what: {**known, place: factor * known.get(place, 1.0)}})
+    return change_instrument(
+        machine, **{what: {**known, place: factor * known.get(place, 1.0)}}
+    )
 
 
 def slip_channel(machine: Machine, place: str, parameters: Parameters) -> Machine:

@@ -18,12 +18,18 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.sections import JointSection, LinearDrive, RotaryDrive
 
 GROUND = "ground"
-BASE, TOOL = "<base>", "<tool>"
+BASE = "<base>"
+TOOL = "<tool>"
 """Nodes above the base's compliance, and at M behind the tool's; also names of these elements."""
 FREE: dict[str, tuple[int, ...]] = {
-    "fixed": (), "revolute": (3,), "prismatic": (0,), "cylindrical": (0, 3), "universal": (3, 4),
-    "spherical": (3, 4, 5), "planar": (1, 2, 3),
-}  # fmt: skip
+    "fixed": (),
+    "revolute": (3,),
+    "prismatic": (0,),
+    "cylindrical": (0, 3),
+    "universal": (3, 4),
+    "spherical": (3, 4, 5),
+    "planar": (1, 2, 3),
+}
 """Free directions in a joint's axes (x along `axis`); a universal joint's second is `axis2`."""
 DRIVEN = {"revolute": 3, "prismatic": 0, "cylindrical": 0}
 """Driven direction of joints that guide a body about or along one axis."""
@@ -239,8 +245,12 @@ class Machine:
 
     def change(self, changed: Mapping[str, Body] | Mapping[str, Joint]) -> Machine:
         """Return the machine with some bodies and joints replaced."""
-        bodies: Any = {name: changed.get(name, body) for name, body in self.bodies.items()}
-        joints: Any = {name: changed.get(name, joint) for name, joint in self.joints.items()}
+        bodies: Any = {
+            name: changed.get(name, body) for name, body in self.bodies.items()
+        }
+        joints: Any = {
+            name: changed.get(name, joint) for name, joint in self.joints.items()
+        }
         return replace(self, bodies=bodies, joints=joints)
 
 
@@ -261,13 +271,19 @@ def machine_of(robot: RobotFile, parts: Mapping[str, Any]) -> Machine:
         else:
             centre = np.array(section.centre or (0.0, 0.0, 0.0))
             bodies[name] = Body(name, (name,), section.mass, centre)
-    joints = {name: _joint(robot, name, section) for name, section in robot.joints.items()}
+    joints = {
+        name: _joint(robot, name, section) for name, section in robot.joints.items()
+    }
     gravity = np.zeros(3)
     if robot.gravity is not None:
         direction = np.array(robot.gravity.direction)
         gravity = robot.gravity.acceleration * direction / np.linalg.norm(direction)
-    tool, at, pose = robot.tool.body, np.array(robot.tool.at), tuple(robot.tool.pose)
-    return Machine(robot, bodies, joints, tool, at, pose, gravity, slots=tuple(_find_slots(robot)))
+    tool = robot.tool.body
+    at = np.array(robot.tool.at)
+    pose = tuple(robot.tool.pose)
+    return Machine(
+        robot, bodies, joints, tool, at, pose, gravity, slots=tuple(_find_slots(robot))
+    )
 
 
 def _find_slots(robot: RobotFile) -> Iterable[Slot]:
@@ -276,7 +292,8 @@ def _find_slots(robot: RobotFile) -> Iterable[Slot]:
         drive = getattr(section, "drive", None)
         if drive is None:
             continue
-        first, along = _first_slope(drive), DRIVEN[section.type]
+        first = _first_slope(drive)
+        along = DRIVEN[section.type]
         if drive.points is not None and len(drive.points) > 1:
             yield Slot(name, along, "curve", 0.0, first, points=drive.points)
         if drive.backlash:
@@ -285,7 +302,7 @@ def _find_slots(robot: RobotFile) -> Iterable[Slot]:
 
 def _make_elastic(
     robot: RobotFile, name: str, section: ElasticBody | InterfaceBody, part: Any
-) -> Body:  # fmt: skip
+) -> Body:
     y = None if section.y is None else np.array(section.y)
     if isinstance(section, ElasticBody):
         places = np.array([section.base, section.tip])
@@ -334,16 +351,29 @@ def _joint(robot: RobotFile, name: str, section: JointSection) -> Joint:
     spring = None if drive is None else Drive(_first_slope(drive), *ends)
     axes = _axes(axis, axis2, np.eye(3))
     second = np.zeros(3) if axis2 is None else axis2 / np.linalg.norm(axis2)
-    rotation = np.asarray(robot.copied[name].rotation) if name in robot.copied else np.eye(3)
+    rotation = (
+        np.asarray(robot.copied[name].rotation) if name in robot.copied else np.eye(3)
+    )
     written = _axes(axis, axis2, rotation.T)
     bearing = section.yielding(written)
     if name in robot.copied:  # copied from the original, rotated with it
         relative = np.kron(np.eye(2), axes.T @ rotation @ written)
         bearing = relative @ bearing @ relative.T
     return Joint(
-        name, *section.between, section.type, at, at, at, axes, second, bearing, spring,
-        getattr(section, "spring", None) or 0.0, getattr(section, "rest", 0.0), axis is not None,
-    )  # fmt: skip
+        name,
+        *section.between,
+        section.type,
+        at,
+        at,
+        at,
+        axes,
+        second,
+        bearing,
+        spring,
+        getattr(section, "spring", None) or 0.0,
+        getattr(section, "rest", 0.0),
+        axis is not None,
+    )
 
 
 def _first_slope(drive: LinearDrive | RotaryDrive) -> float:

@@ -10,7 +10,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from stiffscope.gap.campaign.quantities import DEVIATION, WRENCH
-from stiffscope.gap.campaign.writing import describe_sensor, number_cells, write_campaign
+from stiffscope.gap.campaign.writing import (
+    describe_sensor,
+    number_cells,
+    write_campaign,
+)
 from stiffscope.gap.lab.closure import COORDINATES, locate
 from stiffscope.gap.lab.machine import GROUND, TOOL
 from stiffscope.gap.lab.nonlinear import settle
@@ -73,8 +77,14 @@ class Plan:
         if self.sensors:
             return self.sensors
         axes = dict(zip("xyz", np.eye(3), strict=True))
-        move, turn = (partial(Sensor, measures=what, node=TOOL, at=machine.at) for what in MEASURES)
-        return tuple((turn if n[0] == "r" else move)(n, direction=axes[n[-1]]) for n in COORDINATES)
+        move, turn = (
+            partial(Sensor, measures=what, node=TOOL, at=machine.at)
+            for what in MEASURES
+        )
+        return tuple(
+            (turn if n[0] == "r" else move)(n, direction=axes[n[-1]])
+            for n in COORDINATES
+        )
 
 
 @dataclass(frozen=True)
@@ -123,16 +133,22 @@ class Readings:
     @property
     def turns(self) -> Codes:
         """1 for readings (n,) of rotations, else 0."""
-        each = np.array([sensor.measures == "rotation" for sensor in self.channels], dtype=np.int64)
+        each = np.array(
+            [sensor.measures == "rotation" for sensor in self.channels], dtype=np.int64
+        )
         return each[self.channel]
 
     def shows(self, place: str) -> NDArray[np.bool_]:
         """Return flags (n,) of a channel's readings; of "instrument" all but stiffnesses."""
-        named = np.array([place in {"instrument", sensor.name} for sensor in self.channels])
+        named = np.array(
+            [place in {"instrument", sensor.name} for sensor in self.channels]
+        )
         return named[self.channel] & (self.kind != 2)
 
 
-def true_readings(machine: Machine, plan: Plan, located: Located | None = None) -> Readings:
+def true_readings(
+    machine: Machine, plan: Plan, located: Located | None = None
+) -> Readings:
     """Return the noise-free readings of a machine.
 
     Those of positions are displacements from the drawn positions, loaded or not; see `measure`.
@@ -147,15 +163,24 @@ def true_readings(machine: Machine, plan: Plan, located: Located | None = None) 
     located
         Configuration of the machine at the plan's poses, if already known.
     """
-    tool, channels = tool_spot(machine), plan.channels(machine)
+    tool = tool_spot(machine)
+    channels = plan.channels(machine)
     spots = [tool, *plan.hooks.values()]
     response = respond(machine, plan.poses if located is None else located, spots)
     seen = _gains(machine, response, channels)
-    p, c = len(plan.poses), len(channels)
+    p = len(plan.poses)
+    c = len(channels)
     blocks: list[tuple[int, Array]] = []
     away = partial(_displacements, machine, plan, response, channels, seen)
     if plan.loads:
-        blocks.append((0, away(plan.loads) if plan.frame else _deflections(machine, plan, response, seen)))
+        blocks.append(
+            (
+                0,
+                away(plan.loads)
+                if plan.frame
+                else _deflections(machine, plan, response, seen),
+            )
+        )
     if plan.deviations:
         blocks.append((1, away([("", np.zeros(6))])))
     if plan.stiffness:
@@ -174,7 +199,10 @@ def true_readings(machine: Machine, plan: Plan, located: Located | None = None) 
     rows = Readings(plan, channels, *codes, np.zeros_like(pose)).some(order)
     rows = replace(rows, session=session)
     value = _drift(machine.instrument, rows)
-    for name, (line, jump) in machine.instrument.steps.items():  # the first readings are on line 2
+    for name, (
+        line,
+        jump,
+    ) in machine.instrument.steps.items():  # the first readings are on line 2
         value = value + jump * (rows.shows(name) & (np.arange(len(value)) + 2 >= line))
     return replace(rows, value=_find_factors(machine.instrument, rows) * value)
 
@@ -184,7 +212,9 @@ def _gains(machine: Machine, response: Response, channels: tuple[Sensor, ...]) -
     rows: list[Array] = []
     for sensor in channels:
         there = lever(response.true.point(sensor.node, sensor.at))
-        relative = there @ (response.twists[sensor.node] - response.twists[sensor.against])
+        relative = there @ (
+            response.twists[sensor.node] - response.twists[sensor.against]
+        )
         rows.append(_read_channel(machine.instrument, sensor, relative))
     return _make_mixing(machine.instrument, channels) @ np.stack(rows, axis=1)
 
@@ -217,25 +247,36 @@ def _true_wrench(instrument: Instrument, stated: Array) -> Array:
 
 
 def _apply(
-    machine: Machine, plan: Plan, loads: Sequence[tuple[str, Array]], shape: tuple[int, int],
-) -> Array:  # fmt: skip
+    machine: Machine,
+    plan: Plan,
+    loads: Sequence[tuple[str, Array]],
+    shape: tuple[int, int],
+) -> Array:
     """Return the cases (p, m, cases) of true wrenches; shape: poses and cases."""
     first = {name: 6 * (k + 1) for k, name in enumerate(plan.hooks)} | {"": 0}
     cases = np.zeros((shape[0], len(loads), shape[1]))
     for k, (name, wrench) in enumerate(loads):
-        cases[:, k, first[name] : first[name] + 6] = _true_wrench(machine.instrument, wrench)
+        cases[:, k, first[name] : first[name] + 6] = _true_wrench(
+            machine.instrument, wrench
+        )
     return cases
 
 
-def _settle_slots(machine: Machine, response: Response, force: Array, *, gaps: bool) -> Array:
+def _settle_slots(
+    machine: Machine, response: Response, force: Array, *, gaps: bool
+) -> Array:
     """Return the lost motion (p, m, slots) at slot forces (p, m, slots); see `settle`."""
     p, m, s = force.shape
     own = response.force[:, None, :, response.dead + 1 :]
     coupling = np.broadcast_to(own, (p, m, s, s)).reshape(p * m, s, s)
-    return settle(machine.slots, coupling, force.reshape(p * m, s), gaps=gaps).reshape(p, m, s)
+    return settle(machine.slots, coupling, force.reshape(p * m, s), gaps=gaps).reshape(
+        p, m, s
+    )
 
 
-def _deflections(machine: Machine, plan: Plan, response: Response, seen: Array) -> Array:
+def _deflections(
+    machine: Machine, plan: Plan, response: Response, seen: Array
+) -> Array:
     """Return deflections (p, m, c): loaded minus unloaded."""
     cases = _apply(machine, plan, plan.loads, seen.shape[::2])
     if machine.slots:
@@ -249,17 +290,25 @@ def _deflections(machine: Machine, plan: Plan, response: Response, seen: Array) 
 
 
 def _displacements(
-    machine: Machine, plan: Plan, response: Response, channels: tuple[Sensor, ...], seen: Array,
+    machine: Machine,
+    plan: Plan,
+    response: Response,
+    channels: tuple[Sensor, ...],
+    seen: Array,
     loads: Sequence[tuple[str, Array]],
-) -> Array:  # fmt: skip
+) -> Array:
     """Return displacements (p, m, c) of the machine under loads from where it is commanded."""
     cases = _apply(machine, plan, loads, seen.shape[::2])
     cases[:, :, response.dead] = 1.0
     force = np.einsum("nsc,nmc->nms", response.force, cases)
-    cases[:, :, response.dead + 1 :] = _settle_slots(machine, response, force, gaps=True)
+    cases[:, :, response.dead + 1 :] = _settle_slots(
+        machine, response, force, gaps=True
+    )
     rigid: list[Array] = []
     for s in channels:
-        moved = response.shift(Spot(s.node, s.at)) - response.shift(Spot(s.node, s.at), s.against)
+        moved = response.shift(Spot(s.node, s.at)) - response.shift(
+            Spot(s.node, s.at), s.against
+        )
         rigid.append(_read_channel(machine.instrument, s, moved))
     shift = np.stack(rigid, axis=1) @ _make_mixing(machine.instrument, channels).T
     return shift[:, None] + np.einsum("nkc,nmc->nmk", seen, cases)
@@ -277,7 +326,9 @@ def _drift(instrument: Instrument, rows: Readings) -> Array:
     """Return the values (n,) read with an instrument that drifts during the campaign."""
     time = np.linspace(0.0, 1.0, len(rows.value))
     last = rows.session == rows.session.max()
-    gain = (1 + instrument.gain_drift * time) * np.where(last, 1 + instrument.bad_session, 1.0)
+    gain = (1 + instrument.gain_drift * time) * np.where(
+        last, 1 + instrument.bad_session, 1.0
+    )
     drift = np.array(instrument.drift)[rows.turns]
     return np.where(rows.kind == 2, rows.value / gain, rows.value * gain + drift * time)
 
@@ -297,9 +348,12 @@ def sigma_of(rows: Readings, noise: Noise) -> Array:
 
 
 def measure(
-    machine: Machine, plan: Plan, noise: Noise, rng: np.random.Generator,
+    machine: Machine,
+    plan: Plan,
+    noise: Noise,
+    rng: np.random.Generator,
     located: Located | None = None,
-) -> Readings:  # fmt: skip
+) -> Readings:
     """Return the readings of a machine, with noise, as a lab would deliver them.
 
     Raises InputError for poses that the machine cannot reach.
@@ -313,20 +367,27 @@ def measure(
     rng
         Random generator of the noise.
     """
-    rows, instrument = true_readings(machine, plan, located), machine.instrument
+    rows = true_readings(machine, plan, located)
+    instrument = machine.instrument
     n = len(rows.value)
     sigma = sigma_of(rows, noise) * np.abs(_find_factors(instrument, rows))
     sigma = sigma * np.exp(noise.spread * rng.standard_normal(n))
     value = rows.value + sigma * rng.standard_normal(n)
     step = np.array(instrument.quantum)[rows.turns]
     coarse = (step > 0) & (rows.kind != 2)
-    value = np.where(coarse, np.round(value / np.where(coarse, step, 1.0)) * step, value)
+    value = np.where(
+        coarse, np.round(value / np.where(coarse, step, 1.0)) * step, value
+    )
     wild = rng.random(n) < noise.outliers
-    value = value + np.where(wild, sigma * rng.uniform(20, 100, n) * rng.choice([-1, 1], n), 0.0)
+    value = value + np.where(
+        wild, sigma * rng.uniform(20, 100, n) * rng.choice([-1, 1], n), 0.0
+    )
     value = np.where(rows.kind == 2, np.maximum(np.abs(value), 1.0), value)
     if plan.frame is not None:  # rows: x, y, z of each target
         axes, origin = plan.frame
-        at = drawn_targets(machine, plan, located)[rows.pose[::3], rows.channel[::3] // 3]
+        at = drawn_targets(machine, plan, located)[
+            rows.pose[::3], rows.channel[::3] // 3
+        ]
         value = ((at + value.reshape(-1, 3) - origin) @ axes).ravel()
     stated = np.full(n, np.nan) if noise.stated is None else noise.stated * sigma
     kept = np.flatnonzero(rng.random(n) >= noise.missing)
@@ -339,7 +400,9 @@ def drawn_targets(machine: Machine, plan: Plan, located: Located | None) -> Arra
     """Return the drawn positions (p, t, 3) of a plan's targets."""
     frames = (located or locate(machine, plan.poses)).frames
     targets = plan.sensors[::3]
-    return np.stack([frames.point(machine.carrier(s.node), s.at) for s in targets], axis=1)
+    return np.stack(
+        [frames.point(machine.carrier(s.node), s.at) for s in targets], axis=1
+    )
 
 
 def write_readings(
@@ -365,21 +428,37 @@ def write_readings(
         Names of the pose columns.
     """
     plan = readings.plan
-    header: dict[str, Any] = {"robot": robot, "modelled": list(modelled), "components": components}
+    header: dict[str, Any] = {
+        "robot": robot,
+        "modelled": list(modelled),
+        "components": components,
+    }
     if plan.frame is None:
         header["sensors"] = {
-            s.name: describe_sensor(s.measures, s.node, s.at, s.direction, against=s.against)
+            s.name: describe_sensor(
+                s.measures, s.node, s.at, s.direction, against=s.against
+            )
             for s in plan.sensors
-        }  # fmt: skip
+        }
     else:
-        header["frames"], seen = {"tracker": {"pose": "unknown"}}, {"measures": "position", "frame": "tracker"}
-        targets = {s.name.partition(".")[0]: {"body": s.node, "at": s.at.tolist()} for s in plan.sensors}
+        header["frames"] = {"tracker": {"pose": "unknown"}}
+        seen = {"measures": "position", "frame": "tracker"}
+        targets = {
+            s.name.partition(".")[0]: {"body": s.node, "at": s.at.tolist()}
+            for s in plan.sensors
+        }
         header["sensors"] = {name: {**seen, **where} for name, where in targets.items()}
     hooks = plan.hooks.items()
-    header["loads"] = {name: {"body": spot.node, "at": spot.at.tolist()} for name, spot in hooks}
-    columns = {name: number_cells(plan.poses[readings.pose, k]) for k, name in enumerate(pose)}
+    header["loads"] = {
+        name: {"body": spot.node, "at": spot.at.tolist()} for name, spot in hooks
+    }
+    columns = {
+        name: number_cells(plan.poses[readings.pose, k]) for k, name in enumerate(pose)
+    }
     if plan.hooks:
-        columns["load"] = [plan.loads[k][0] if k >= 0 else "" for k in readings.load.tolist()]
+        columns["load"] = [
+            plan.loads[k][0] if k >= 0 else "" for k in readings.load.tolist()
+        ]
     wrench = np.full((len(readings.value), 6), np.nan)
     for k, (_, stated) in enumerate(plan.loads):
         wrench[readings.load == k] = stated
@@ -391,10 +470,19 @@ def write_readings(
         if plan.frame is None:
             columns["kind"] = [KINDS[k] for k in readings.kind.tolist()]
     else:
-        letters = ("d", "e", plan.stiffness)  # of deflections, deviations, stiffnesses at M
+        letters = (
+            "d",
+            "e",
+            plan.stiffness,
+        )  # of deflections, deviations, stiffnesses at M
         codes = zip(readings.kind.tolist(), readings.channel.tolist(), strict=True)
-        columns["quantity"] = [letters[kind] + names[channel] for kind, channel in codes]
-    columns |= {"value": number_cells(readings.value), "sigma": number_cells(readings.sigma)}
+        columns["quantity"] = [
+            letters[kind] + names[channel] for kind, channel in codes
+        ]
+    columns |= {
+        "value": number_cells(readings.value),
+        "sigma": number_cells(readings.sigma),
+    }
     if plan.sessions > 1:
         columns["session"] = [f"day {k + 1}" for k in readings.session.tolist()]
     write_campaign(folder, header, columns)

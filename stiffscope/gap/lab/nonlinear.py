@@ -18,7 +18,9 @@ _ITERATIONS = 300
 _HALVED = 60  # iterations after which steps are halved
 
 
-def settle(slots: Sequence[Slot], coupling: Array, force: Array, *, gaps: bool) -> Array:
+def settle(
+    slots: Sequence[Slot], coupling: Array, force: Array, *, gaps: bool
+) -> Array:
     """Return the lost motion (n, s) of slots under forces (n, s), including its own reaction.
 
     A slot with play is at the end of its gap towards its force; if that would reverse the force, it
@@ -50,7 +52,9 @@ def settle(slots: Sequence[Slot], coupling: Array, force: Array, *, gaps: bool) 
                     following[:, k] = _in_gap(slot, out[:, k], carried[:, k], own[:, k])
             else:
                 value, slope = lost_motion(slot, carried[:, k])
-                following[:, k] = out[:, k] + (value - out[:, k]) / (1.0 - slope * own[:, k])
+                following[:, k] = out[:, k] + (value - out[:, k]) / (
+                    1.0 - slope * own[:, k]
+                )
         step = following - out
         if float(np.abs(step).max()) < 1e-15:
             break
@@ -81,15 +85,21 @@ def lost_motion(slot: Slot, force: Array) -> tuple[Array, Array]:
             return e - force / k, 1.0 / (k + 3 * slot.size * e**2) - 1.0 / k
         case "curve":
             x, f = np.array([(0.0, 0.0), *slot.points]).T
-            part = np.clip(np.searchsorted(f, np.abs(force), side="right"), 1, len(f) - 1)
+            part = np.clip(
+                np.searchsorted(f, np.abs(force), side="right"), 1, len(f) - 1
+            )
             softness = (np.diff(x) / np.diff(f))[part - 1]
             e = x[part - 1] + softness * (np.abs(force) - f[part - 1])
             return np.copysign(e, force) - force / k, softness - 1.0 / k
         case "friction":
             sticks = np.abs(force) < slot.size
-            return -np.clip(force, -slot.size, slot.size) / k, np.where(sticks, -1.0 / k, 0.0)
+            return -np.clip(force, -slot.size, slot.size) / k, np.where(
+                sticks, -1.0 / k, 0.0
+            )
         case "one-sided":
-            return slot.size * np.maximum(force, 0.0), np.where(force > 0.0, slot.size, 0.0)
+            return slot.size * np.maximum(force, 0.0), np.where(
+                force > 0.0, slot.size, 0.0
+            )
         case "stiffening":
             e = np.cbrt(slot.size * force * slot.knee**2)
             for _ in range(60):

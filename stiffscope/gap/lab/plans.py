@@ -26,9 +26,12 @@ Style = Literal["tool", "gauges", "sag", "tracker"]
 """The tool's pose with and without loads; five gauges and a hook; the unloaded tool only; positions
 of three targets on the tool, with and without loads, by a tracker that stands anywhere."""
 
-FORCE, MOMENT = 500.0, 100.0  # N, N·m: loads of a device, increased for robots stiffer than
+FORCE = 500.0
+MOMENT = 100.0  # N, N·m: loads of a device, increased for robots stiffer than
 _STIFF = (8e-8, 1.3e-6)  # m/N, rad/(N·m)
-_RIGID = 1e-6  # compliance over that of a stiff robot, below which an axis counts as rigid
+_RIGID = (
+    1e-6  # compliance over that of a stiff robot, below which an axis counts as rigid
+)
 _DEFLECTION = (4e-4, 8e-4)  # m, rad: largest intended deflections at home
 _INSIDE = 0.85  # fraction of a coordinate's range that is used
 _TILT = 0.12  # rad: default range of rotations
@@ -54,7 +57,9 @@ class Scale:
         return _choose_load(MOMENT, self.angular, _STIFF[1], _DEFLECTION[1])
 
 
-def _choose_load(usual: float, compliance: float, stiff: float, deflection: float) -> float:
+def _choose_load(
+    usual: float, compliance: float, stiff: float, deflection: float
+) -> float:
     """Return the usual load, larger for stiff robots, and at most that for a deflection."""
     growth, most = (float(f"{size / compliance:.1e}") for size in (stiff, deflection))
     return min(usual * max(1.0, growth), most)
@@ -63,20 +68,25 @@ def _choose_load(usual: float, compliance: float, stiff: float, deflection: floa
 def diagonal_at(machine: Machine, poses: Array | Located) -> Array:
     """Return the diagonal (n, 6) of the compliance at M, at poses (n, k)."""
     tool = tool_spot(machine)
-    return np.einsum("nii->ni", respond(machine, poses, [tool]).find_twists(tool)[:, :, :6])
+    return np.einsum(
+        "nii->ni", respond(machine, poses, [tool]).find_twists(tool)[:, :, :6]
+    )
 
 
 def ranges(machine: Machine) -> Array:
     """Return the range (k, 2) of each commanded coordinate, from the file's map or the others."""
     home = home_of(machine)
     known = {} if machine.robot.map is None else machine.robot.map.ranges()
-    spans = [high - low for name, (low, high) in known.items() if not name.startswith("r")]
+    spans = [
+        high - low for name, (low, high) in known.items() if not name.startswith("r")
+    ]
     like = 0.5 * float(np.mean(spans)) if spans else 0.1
     out = np.empty((len(home), 2))
     for k, name in enumerate(machine.pose):
         half = _TILT if name.startswith("r") else like
         low, high = known.get(name, (home[k] - half, home[k] + half))
-        middle, reach = 0.5 * (low + high), 0.5 * _INSIDE * (high - low)
+        middle = 0.5 * (low + high)
+        reach = 0.5 * _INSIDE * (high - low)
         out[k] = middle - reach, middle + reach
     return out
 
@@ -94,7 +104,10 @@ class Workspace:
 
 
 def workspace(
-    machine: Machine, count: int, rng: np.random.Generator, known: Callable[[Array], NDArray[np.bool_]] | None = None
+    machine: Machine,
+    count: int,
+    rng: np.random.Generator,
+    known: Callable[[Array], NDArray[np.bool_]] | None = None,
 ) -> Workspace:
     """Return reachable poses throughout the workspace of a sound machine, away from singularities.
 
@@ -111,10 +124,16 @@ def workspace(
     InputError
         Hardly any pose is reachable.
     """
-    box, yields = ranges(machine), diagonal_at(machine, home_of(machine)[None])[0].reshape(2, 3)
+    box = ranges(machine)
+    yields = diagonal_at(machine, home_of(machine)[None])[0].reshape(2, 3)
     limit = _SOFT * yields.max(axis=1).repeat(3)
     own = (row[row > _RIGID * stiff] for row, stiff in zip(yields, _STIFF, strict=True))
-    scale = Scale(*(float(np.median(row if len(row) else stiff)) for row, stiff in zip(own, _STIFF, strict=True)))
+    scale = Scale(
+        *(
+            float(np.median(row if len(row) else stiff))
+            for row, stiff in zip(own, _STIFF, strict=True)
+        )
+    )
     found = np.empty((0, len(box)))
     for _ in range(_GIVEN_UP):
         trial = np.round(rng.uniform(box[:, 0], box[:, 1], (count, len(box))), 4)
@@ -122,10 +141,14 @@ def workspace(
         if located.closed.any():
             there = np.abs(diagonal_at(machine, located.some(located.closed)))
             firm = trial[located.closed][(there <= limit).all(axis=1)]
-            found = np.concatenate([found, firm[known(firm)] if known and len(firm) else firm])[:count]
+            found = np.concatenate(
+                [found, firm[known(firm)] if known and len(firm) else firm]
+            )[:count]
         if len(found) == count:
             return Workspace(machine, scale, found, locate(machine, found))
-    message = "expected a [map] within reach, got poses of which hardly any can be reached"
+    message = (
+        "expected a [map] within reach, got poses of which hardly any can be reached"
+    )
     raise InputError(f"{machine.robot.name}: {message}")
 
 
@@ -160,7 +183,8 @@ def draw_plan(
     sessions
         Number of sessions.
     """
-    machine, scale = where.machine, where.scale
+    machine = where.machine
+    scale = where.scale
     times = {"sag": 3, "tracker": 2}.get(style, 1)
     chosen = rng.permutation(len(where.poses))[: times * poses]
     plan = Plan(where.poses[chosen], (), stiffness=stiffness, sessions=sessions)
@@ -170,38 +194,55 @@ def draw_plan(
     if style == "sag":
         return plan, located
     if style == "tool":
-        point, loads = "", np.diag(size)[:wrenches]
+        point = ""
+        loads = np.diag(size)[:wrenches]
         mixed = rng.uniform(-1, 1, (max(wrenches - 6, 0), 6)) * size
     elif style == "tracker":
-        point, loads, mixed = "", np.zeros((0, 6)), rng.uniform(-1, 1, (4, 6)) * size
+        point = ""
+        loads = np.zeros((0, 6))
+        mixed = rng.uniform(-1, 1, (4, 6)) * size
         targets = _draw_targets(machine, reach, rng)
         frame = turn(rng.uniform(-np.pi, np.pi, 3)), rng.uniform(-3.0, 3.0, 3)
         plan = replace(plan, sensors=targets, frame=frame)
     else:  # with the lever at which forces rotate as much as they translate
         at = np.round(machine.at + rng.uniform(-1, 1, 3) * reach, 4)
-        point, loads = "hook", scale.force * np.eye(6)[[0, 1, 2, 2]][:wrenches]
+        point = "hook"
+        loads = scale.force * np.eye(6)[[0, 1, 2, 2]][:wrenches]
         loads[3:] *= -1
-        mixed = np.pad(scale.force * rng.uniform(-1, 1, (max(wrenches - 4, 0), 3)), ((0, 0), (0, 3)))
+        mixed = np.pad(
+            scale.force * rng.uniform(-1, 1, (max(wrenches - 4, 0), 3)),
+            ((0, 0), (0, 3)),
+        )
         gauges = _draw_gauges(machine, reach, rng)
         plan = replace(plan, hooks={point: Spot(machine.tool, at)}, sensors=gauges)
     every = np.round(np.vstack([loads, mixed]), 3)
     return replace(plan, loads=tuple((point, wrench) for wrench in every)), located
 
 
-def _draw_gauges(machine: Machine, reach: float, rng: np.random.Generator) -> tuple[Sensor, ...]:
+def _draw_gauges(
+    machine: Machine, reach: float, rng: np.random.Generator
+) -> tuple[Sensor, ...]:
     """Return five dial gauges around the tool's body: three vertical and two horizontal."""
     directions = np.eye(3)[[2, 2, 2, 0, 1]]
-    feet = np.array([[1.0, 0, 0], [-0.5, 0.9, 0], [-0.5, -0.9, 0], [0, 0.7, 0.4], [0.7, 0, -0.4]])
-    points = np.round(machine.at + reach * (feet + rng.uniform(-0.2, 0.2, feet.shape)), 4)
+    feet = np.array(
+        [[1.0, 0, 0], [-0.5, 0.9, 0], [-0.5, -0.9, 0], [0, 0.7, 0.4], [0.7, 0, -0.4]]
+    )
+    points = np.round(
+        machine.at + reach * (feet + rng.uniform(-0.2, 0.2, feet.shape)), 4
+    )
     return tuple(
         Sensor(f"gauge{k}", "displacement", machine.tool, point, direction)
         for k, (point, direction) in enumerate(zip(points, directions, strict=True), 1)
     )
 
 
-def _draw_targets(machine: Machine, reach: float, rng: np.random.Generator) -> tuple[Sensor, ...]:
+def _draw_targets(
+    machine: Machine, reach: float, rng: np.random.Generator
+) -> tuple[Sensor, ...]:
     """Return the channels x, y, z of three targets around M on the tool's body."""
-    points = np.round(machine.at + reach * (np.eye(3) + rng.uniform(-0.2, 0.2, (3, 3))), 4)
+    points = np.round(
+        machine.at + reach * (np.eye(3) + rng.uniform(-0.2, 0.2, (3, 3))), 4
+    )
     return tuple(
         Sensor(f"smr{k}.{axis}", "displacement", machine.tool, point, direction)
         for k, point in enumerate(points, 1)

@@ -10,7 +10,13 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.gap.lab.closure import Frames, joint_state, locate, spring_state
 from stiffscope.gap.lab.machine import BASE, GROUND, TOOL
-from stiffscope.gap.lab.rotations import both_parts, lever, transform_to, turn, vector_of
+from stiffscope.gap.lab.rotations import (
+    both_parts,
+    lever,
+    transform_to,
+    turn,
+    vector_of,
+)
 from stiffscope.gap.lab.structure import Element, Structure
 
 if TYPE_CHECKING:
@@ -70,10 +76,15 @@ class Response:
 
         It is that of a carrier where the spot is assumed, or of its own node.
         """
-        node, place = carrier or spot.node, self.nominal.point(spot.node, spot.at)
-        turned = self.true.rotation[node] @ np.swapaxes(self.nominal.rotation[node], -1, -2)
+        node = carrier or spot.node
+        place = self.nominal.point(spot.node, spot.at)
+        turned = self.true.rotation[node] @ np.swapaxes(
+            self.nominal.rotation[node], -1, -2
+        )
         arm = (turned @ (place - self.nominal.position[node])[..., None])[..., 0]
-        return np.concatenate([arm + self.true.position[node] - place, vector_of(turned)], axis=1)
+        return np.concatenate(
+            [arm + self.true.position[node] - place, vector_of(turned)], axis=1
+        )
 
 
 def tool_spot(machine: Machine) -> Spot:
@@ -81,7 +92,9 @@ def tool_spot(machine: Machine) -> Spot:
     return Spot(TOOL, machine.at)
 
 
-def respond(machine: Machine, poses: Array | Located, spots: Sequence[Spot]) -> Response:
+def respond(
+    machine: Machine, poses: Array | Located, spots: Sequence[Spot]
+) -> Response:
     """Return the linear response of the machine to wrenches at spots in its true configuration.
 
     Parameters
@@ -103,11 +116,18 @@ def respond(machine: Machine, poses: Array | Located, spots: Sequence[Spot]) -> 
         raise InputError(
             "pose: expected poses that the machine reaches with its drives within their ranges",
         )
-    nodes = [BASE, *(node for body in machine.bodies.values() for node in body.nodes), TOOL]
+    nodes = [
+        BASE,
+        *(node for body in machine.bodies.values() for node in body.nodes),
+        TOOL,
+    ]
     index = {name: k for k, name in enumerate(nodes)} | {GROUND: -1}
-    carriers = {node: body.name for body in machine.bodies.values() for node in body.nodes}
+    carriers = {
+        node: body.name for body in machine.bodies.values() for node in body.nodes
+    }
     carriers |= {BASE: GROUND, GROUND: GROUND, TOOL: carriers[machine.tool]}
-    rotation, position = located.frames.rotation, located.frames.position
+    rotation = located.frames.rotation
+    position = located.frames.position
     nominal = Frames(
         {node: rotation[body] for node, body in carriers.items()},
         {node: position[body] for node, body in carriers.items()},
@@ -120,9 +140,15 @@ def respond(machine: Machine, poses: Array | Located, spots: Sequence[Spot]) -> 
     right = [load(spot.node, spot.at, unit) for spot in spots for unit in np.eye(6)]
     weights = [load(*each) for each in _find_weights(machine, true)]
     right.append(sum(weights, np.zeros(structure.size)))
-    right += [structure.rest(slot.element, np.eye(6)[slot.direction]) for slot in machine.slots]
+    right += [
+        structure.rest(slot.element, np.eye(6)[slot.direction])
+        for slot in machine.slots
+    ]
     solution = structure.solve(np.stack(right, axis=2))
-    slots = [structure.wrench(solution, slot.element)[:, slot.direction] for slot in machine.slots]
+    slots = [
+        structure.wrench(solution, slot.element)[:, slot.direction]
+        for slot in machine.slots
+    ]
     force = np.reshape(slots, (len(slots), *solution[:, 0].shape)).swapaxes(0, 1)
     twists = {name: structure.twist(solution, k) for name, k in index.items()}
     return Response(nominal, true, tuple(spots), twists, force, structure, solution)
@@ -136,22 +162,30 @@ def _find_equilibrium(
     structure = Structure(len(index) - 1, _elements(machine, located, frames, index))
     if not _is_distorted(machine):
         return frames, structure
-    points = {TOOL: machine.at}  # points that do not move if a rod spins between two balls
+    points = {
+        TOOL: machine.at
+    }  # points that do not move if a rod spins between two balls
     for body in machine.bodies.values():
         places = body.places if len(body.nodes) > 1 else [body.centre]
         points |= dict(zip(body.nodes, places, strict=True))
     for _ in range(_ITERATIONS):
         solution = structure.solve(structure.misfits()[..., None])
-        steps = {name: structure.twist(solution, k) for name, k in index.items() if k >= 0}
+        steps = {
+            name: structure.twist(solution, k) for name, k in index.items() if k >= 0
+        }
         moved = [
             np.abs(lever(frames.point(name, at)) @ steps[name])[:, :3]
             for name, at in points.items()
-        ]  # fmt: skip
+        ]
         frames = frames.move({name: step[..., 0] for name, step in steps.items()})
-        structure = Structure(len(index) - 1, _elements(machine, located, frames, index))
+        structure = Structure(
+            len(index) - 1, _elements(machine, located, frames, index)
+        )
         if max(float(step.max()) for step in moved) < _SETTLED:
             return frames, structure
-    raise InputError("pose: expected errors of the geometry with which the loops still close")
+    raise InputError(
+        "pose: expected errors of the geometry with which the loops still close"
+    )
 
 
 def _is_distorted(machine: Machine) -> bool:
@@ -170,29 +204,47 @@ def _is_distorted(machine: Machine) -> bool:
 
 
 def _elements(
-    machine: Machine, located: Located, frames: Frames, index: dict[str, int],
-) -> list[Element]:  # fmt: skip
+    machine: Machine,
+    located: Located,
+    frames: Frames,
+    index: dict[str, int],
+) -> list[Element]:
     n = len(located.closed)
     everything = np.broadcast_to(np.eye(6), (n, 6, 6))
-    world, origin = np.eye(3), np.zeros(3)
+    world = np.eye(3)
+    origin = np.zeros(3)
     misfit = _offset_between(frames, GROUND, BASE, origin, world)
-    out = [Element(BASE, -1, (index[BASE],), everything, everything, machine.base, misfit)]
+    out = [
+        Element(BASE, -1, (index[BASE],), everything, everything, machine.base, misfit)
+    ]
     for joint in (drawn.real_joint for drawn in machine.joints.values()):
-        first, second = (BASE if node == GROUND else node for node in (joint.first, joint.second))
+        first, second = (
+            BASE if node == GROUND else node for node in (joint.first, joint.second)
+        )
         commanded: Array | float = 0.0
         if joint.drive is not None:
-            commanded = located.drives[joint.name] * (1.0 + joint.drive.pitch) + joint.drive.offset
+            commanded = (
+                located.drives[joint.name] * (1.0 + joint.drive.pitch)
+                + joint.drive.offset
+            )
         state = joint_state(joint, frames, first, second, commanded)
-        ends, carry = (index[first], (index[second],)), state.carry
-        out.append(Element(joint.name, *ends, carry, state.held, joint.compliance, state.misfit))
+        ends = (index[first], (index[second],))
+        carry = state.carry
+        out.append(
+            Element(
+                joint.name, *ends, carry, state.held, joint.compliance, state.misfit
+            )
+        )
         if joint.spring:
             rows, away = spring_state(joint, frames, first, second)
             soft = np.eye(6) / joint.spring
             out.append(Element(f"{joint.name} spring", *ends, carry, rows, soft, away))
     elastic = (body for body in machine.bodies.values() if len(body.nodes) > 1)
     out += [_element_of_body(body, frames, index) for body in elastic]
-    node, end = machine.tool, frames.point(TOOL, machine.at)
-    ends, carry = (index[node], (index[TOOL],)), transform_to(frames.rotation[node], end)
+    node = machine.tool
+    end = frames.point(TOOL, machine.at)
+    ends = (index[node], (index[TOOL],))
+    carry = transform_to(frames.rotation[node], end)
     misfit = _offset_between(frames, node, TOOL, machine.at, world)
     out.append(Element(TOOL, *ends, carry, everything, machine.platform, misfit))
     if machine.cable.any():
@@ -201,7 +253,11 @@ def _elements(
         yields[held] = 1.0 / machine.cable[held]
         misfit = np.pad(end - machine.at, ((0, 0), (0, 3)))
         rows = np.broadcast_to(np.eye(6)[held], (n, len(held), 6))
-        out.append(Element(CABLE, -1, (index[node],), lever(end), rows, np.diag(yields), misfit))
+        out.append(
+            Element(
+                CABLE, -1, (index[node],), lever(end), rows, np.diag(yields), misfit
+            )
+        )
     return out
 
 
@@ -211,7 +267,9 @@ def _element_of_body(body: Body, frames: Frames, index: dict[str, int]) -> Eleme
     axes = frames.rotation[first] @ body.axes
     carry: list[Array] = []
     misfits: list[Array] = []
-    for node, at, offset in zip(others, body.places[1:], body.offset.reshape(-1, 6), strict=True):
+    for node, at, offset in zip(
+        others, body.places[1:], body.offset.reshape(-1, 6), strict=True
+    ):
         misfit = _offset_between(frames, first, node, at, body.axes)
         misfit[:, :3] -= offset[:3]
         misfit[:, 3:] = vector_of(turn(-offset[3:]) @ turn(misfit[:, 3:]))
@@ -219,11 +277,16 @@ def _element_of_body(body: Body, frames: Frames, index: dict[str, int]) -> Eleme
         misfits.append(misfit)
     size = 6 * len(others)
     held = np.broadcast_to(np.eye(size), (len(axes), size, size))
-    ends, away = (index[first], tuple(index[node] for node in others)), np.hstack(misfits)
-    return Element(body.name, *ends, np.concatenate(carry, axis=1), held, body.compliance, away)
+    ends = (index[first], tuple(index[node] for node in others))
+    away = np.hstack(misfits)
+    return Element(
+        body.name, *ends, np.concatenate(carry, axis=1), held, body.compliance, away
+    )
 
 
-def _offset_between(frames: Frames, first: str, second: str, at: Array, axes: Array) -> Array:
+def _offset_between(
+    frames: Frames, first: str, second: str, at: Array, axes: Array
+) -> Array:
     """Return the offset (n, 6) of a point (3,) between two nodes, in axes (3, 3) of the first."""
     back = np.swapaxes(frames.rotation[first] @ axes, -1, -2)
     moved = frames.point(second, at) - frames.point(first, at)
@@ -240,6 +303,10 @@ def _find_weights(machine: Machine, true: Frames) -> Iterator[tuple[str, Array, 
             continue
         for node, at, end in zip(body.nodes, body.places, body.ends, strict=True):
             axes = true.rotation[node] @ body.axes
-            yield node, at, both_parts(axes) @ end @ np.swapaxes(axes, -1, -2) @ machine.gravity
+            yield (
+                node,
+                at,
+                both_parts(axes) @ end @ np.swapaxes(axes, -1, -2) @ machine.gravity,
+            )
     for payload in machine.payloads:
         yield payload.node, payload.centre, payload.mass * pull

@@ -23,9 +23,13 @@ if TYPE_CHECKING:
     from stiffscope.gap.lab.rotations import Array
 
 _SHAPES = {
-    "joint-compliance": np.array([[0.0, 1, 1, 0, 0, 0], [1, 0, 0, 0, 0, 0], [0, 0, 0, 1, 1, 1]]),
-    "guide-compliance": np.array([[0.0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 1, 1]]),
-}  # fmt: skip
+    "joint-compliance": np.array(
+        [[0.0, 1, 1, 0, 0, 0], [1, 0, 0, 0, 0, 0], [0, 0, 0, 1, 1, 1]]
+    ),
+    "guide-compliance": np.array(
+        [[0.0, 1, 0, 0, 0, 0], [0, 0, 1, 0, 0, 0], [0, 0, 0, 1, 1, 1]]
+    ),
+}
 """Diagonals of a unit of each parameter: radial, axial, tilting; lateral, vertical, angular."""
 _SUPPORTS = {"base-compliance": BASE, "platform-compliance": TOOL}
 _DEPENDENT = 1e-9  # relative singular value of linearly dependent columns
@@ -35,65 +39,113 @@ class Signatures:
     """Derivatives of a plan's readings by fault parameters, divided by the noise."""
 
     def __init__(
-        self, machine: Machine, plan: Plan, located: Located, rows: Readings, noise: Noise,
-    ) -> None:  # fmt: skip
-        self._machine, self._plan, self._rows, self._located = machine, plan, rows, located
+        self,
+        machine: Machine,
+        plan: Plan,
+        located: Located,
+        rows: Readings,
+        noise: Noise,
+    ) -> None:
+        self._machine = machine
+        self._plan = plan
+        self._rows = rows
+        self._located = located
         self._found: dict[tuple[str, str], Array | None] = {}
         self.sigma = sigma_of(rows, noise)
         channels = plan.channels(machine)
-        spots = [tool_spot(machine), *plan.hooks.values(), *(Spot(s.node, s.at) for s in channels)]
+        spots = [
+            tool_spot(machine),
+            *plan.hooks.values(),
+            *(Spot(s.node, s.at) for s in channels),
+        ]
         self._response = respond(machine, located, spots)
         first = 6 * (1 + len(plan.hooks))
         cases = self._response.dead + 1
-        self._looks = np.zeros((len(channels), cases))  # unit loads in each channel's direction
+        self._looks = np.zeros(
+            (len(channels), cases)
+        )  # unit loads in each channel's direction
         for k, sensor in enumerate(channels):
             at = first + 6 * k + (0 if sensor.measures == "displacement" else 3)
             self._looks[k, at : at + 3] = sensor.direction
         where = {name: 6 * (k + 1) for k, name in enumerate(plan.hooks)} | {"": 0}
-        self._pulls = np.zeros((len(plan.loads) + 1, cases))  # the last: permanent loads
+        self._pulls = np.zeros(
+            (len(plan.loads) + 1, cases)
+        )  # the last: permanent loads
         self._pulls[-1, -1] = 1.0
         for k, (name, wrench) in enumerate(plan.loads):
             self._pulls[k, where[name] : where[name] + 6] = wrench
-        self._still = slice(-1, None)  # what shows the unloaded machine: of positions every reading
+        self._still = slice(
+            -1, None
+        )  # what shows the unloaded machine: of positions every reading
         if plan.frame is not None:
             self._pulls[:-1] += self._pulls[-1]
             self._still = slice(None)
 
-    def find_columns(self, effect: str, place: str, softer: Mapping[str, Array]) -> Array | None:
+    def find_columns(
+        self, effect: str, place: str, softer: Mapping[str, Array]
+    ) -> Array | None:
         """Return the cached columns of an effect; see `_columns`."""
         if (effect, place) not in self._found:
             self._found[effect, place] = self._columns(effect, place, softer)
         return self._found[effect, place]
 
-    def _columns(self, effect: str, place: str, softer: Mapping[str, Array]) -> Array | None:
+    def _columns(
+        self, effect: str, place: str, softer: Mapping[str, Array]
+    ) -> Array | None:
         """Return the columns (r, k) of an effect at a place; None if it does not act on elements.
 
         softer: compliance added to each body by a parameter step, for effects that change parts.
         """
         members = self._machine.members(place)
-        joints = {n: self._machine.joints[n] for n in members if n in self._machine.joints}
-        bodies = {n: self._machine.bodies[n] for n in members if n in self._machine.bodies}
+        joints = {
+            n: self._machine.joints[n] for n in members if n in self._machine.joints
+        }
+        bodies = {
+            n: self._machine.bodies[n] for n in members if n in self._machine.bodies
+        }
         spread: list[Mapping[str, Array]] = [softer] if softer else []
         if effect in {"encoder-offset", "backlash"}:
-            along = {name: np.eye(6)[DRIVEN[joint.kind]] for name, joint in joints.items()}
-            return self._move(along) if effect == "encoder-offset" else self._lose_motion(along)
+            along = {
+                name: np.eye(6)[DRIVEN[joint.kind]] for name, joint in joints.items()
+            }
+            return (
+                self._move(along)
+                if effect == "encoder-offset"
+                else self._lose_motion(along)
+            )
         if effect in {"link-length", "thermal"}:
             warm = effect == "thermal"
-            sizes = {n: b.expansion if warm else 1.0 / b.length for n, b in bodies.items()}
-            away = {n: np.pad(b.away * sizes[n], ((0, 0), (0, 3))) for n, b in bodies.items()}
+            sizes = {
+                n: b.expansion if warm else 1.0 / b.length for n, b in bodies.items()
+            }
+            away = {
+                n: np.pad(b.away * sizes[n], ((0, 0), (0, 3)))
+                for n, b in bodies.items()
+            }
             return self._move({name: twist.ravel() for name, twist in away.items()})
         if effect == "joint-axis":
             return self._mislay(joints)
         if effect == "actuator-stiffness":
-            spread = [{n: np.diag(np.eye(6)[DRIVEN[joint.kind]]) for n, joint in joints.items()}]
+            spread = [
+                {
+                    n: np.diag(np.eye(6)[DRIVEN[joint.kind]])
+                    for n, joint in joints.items()
+                }
+            ]
         elif effect == "part-compliance":
-            units = (np.outer(a, b) for a, b in combinations_with_replacement(np.eye(6), 2))
-            spread = [dict.fromkeys(members, np.maximum(unit, unit.T)) for unit in units]
+            units = (
+                np.outer(a, b) for a, b in combinations_with_replacement(np.eye(6), 2)
+            )
+            spread = [
+                dict.fromkeys(members, np.maximum(unit, unit.T)) for unit in units
+            ]
         elif effect in _SUPPORTS:
             spread = [{_SUPPORTS[effect]: np.diag(axis)} for axis in np.eye(6)]
         elif effect in _SHAPES:
             units = _SHAPES[effect]
-            spread = [{n: _hold(joint, unit) for n, joint in joints.items()} for unit in units]
+            spread = [
+                {n: _hold(joint, unit) for n, joint in joints.items()} for unit in units
+            ]
         return np.hstack([self._spread(each) for each in spread]) if spread else None
 
     def _carry(self, name: str) -> tuple[Array, Array]:
@@ -107,7 +159,9 @@ class Signatures:
         for name, compliance in compliances.items():
             looks, pulls = self._carry(name)
             if name == TOOL:
-                pulls[:, :, self._still] -= pulls[:, :, -1:].copy()  # it does not carry the weight
+                pulls[:, :, self._still] -= pulls[
+                    :, :, -1:
+                ].copy()  # it does not carry the weight
             out += looks @ compliance @ pulls
         return self._column(out)
 
@@ -126,9 +180,15 @@ class Signatures:
         for k in (1, 2, 4, 5):
             moved: dict[str, Array] = {}
             for name, joint in joints.items():
-                ends = self._machine.carrier(joint.first), self._machine.carrier(joint.second)
-                way = joint_state(joint.drawn_joint, self._located.frames, *ends).displacement
-                astray, along = np.eye(6)[k].reshape(2, 3), way[:, None] * np.eye(3)[0]
+                ends = (
+                    self._machine.carrier(joint.first),
+                    self._machine.carrier(joint.second),
+                )
+                way = joint_state(
+                    joint.drawn_joint, self._located.frames, *ends
+                ).displacement
+                astray = np.eye(6)[k].reshape(2, 3)
+                along = way[:, None] * np.eye(3)[0]
                 if joint.kind == "prismatic":  # a rotated slide changes direction
                     turned = way[:, None] * np.cross(astray[1], np.eye(3)[0])
                     moved[name] = np.hstack([turned, np.zeros((len(way), 3))])
@@ -145,7 +205,9 @@ class Signatures:
             force = direction @ pulls
             for kind in (slice(0, -1), slice(-1, None)):  # rounding by loads or weights
                 none = rounding_force(force[:, kind])
-                sign = np.where(np.abs(force[:, kind]) > none, np.sign(force[:, kind]), 0.0)
+                sign = np.where(
+                    np.abs(force[:, kind]) > none, np.sign(force[:, kind]), 0.0
+                )
                 out[:, :, kind] += (looks @ direction)[:, :, None] * sign[:, None]
         return self._column(out)
 
@@ -157,7 +219,9 @@ class Signatures:
             return np.zeros((len(self.sigma), 0))
         targets = drawn_targets(self._machine, self._plan, self._located)
         at = targets[rows.pose, rows.channel // 3]
-        along = np.array([sensor.direction for sensor in self._plan.sensors])[rows.channel]
+        along = np.array([sensor.direction for sensor in self._plan.sensors])[
+            rows.channel
+        ]
         return np.hstack([along, np.cross(at, along)]) / self.sigma[:, None]
 
     @property
@@ -172,7 +236,9 @@ class Signatures:
 
 def _hold(joint: Joint, diagonal: Array) -> Array:
     """Return the compliance (6, 6) of a diagonal in a joint's constrained directions."""
-    first = diagonal[0 if joint.directed else 1]  # without an axis equal in all directions
+    first = diagonal[
+        0 if joint.directed else 1
+    ]  # without an axis equal in all directions
     out = np.diag([first, *diagonal[1:]])
     if joint.kind != "universal":
         out[FREE[joint.kind], FREE[joint.kind]] = 0.0
@@ -182,7 +248,9 @@ def _hold(joint: Joint, diagonal: Array) -> Array:
 def orthonormal_basis(columns: Array) -> Array:
     """Return an orthonormal basis (r, m) of the span of columns (r, k)."""
     size = np.linalg.norm(columns, axis=0)
-    basis, values, _ = np.linalg.svd(columns[:, size > 0] / size[size > 0], full_matrices=False)
+    basis, values, _ = np.linalg.svd(
+        columns[:, size > 0] / size[size > 0], full_matrices=False
+    )
     return basis[:, values > _DEPENDENT * values.max(initial=0.0)]
 
 
@@ -195,7 +263,9 @@ def fit_residual(signature: Array, columns: Array, most: int) -> float:
     """Return the residual norm of a signature (r,) fitted by at most `most` of columns (r, k)."""
     size = np.linalg.norm(columns, axis=0)
     unit = columns[:, size > 0.0] / size[size > 0.0]
-    gram, pull, whole = unit.T @ unit, unit.T @ signature, float(signature @ signature)
+    gram = unit.T @ unit
+    pull = unit.T @ signature
+    whole = float(signature @ signature)
     best = whole
     for some in combinations(range(len(pull)), min(most, len(pull))):
         part: Array = pull[list(some)]

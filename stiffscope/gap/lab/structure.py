@@ -68,7 +68,9 @@ class Structure:
         self._matrix = np.zeros((n, size, size))
         for e in elements:
             row = self._rows[e.name]
-            self._matrix[:, row, row] = -e.held @ e.compliance @ np.swapaxes(e.held, 1, 2)
+            self._matrix[:, row, row] = (
+                -e.held @ e.compliance @ np.swapaxes(e.held, 1, 2)
+            )
             blocks = [(e.first, -e.held @ e.carry)]
             for k, node in enumerate(e.second):
                 own = slice(6 * k, 6 * k + 6)
@@ -87,14 +89,21 @@ class Structure:
     def _scales(self, elements: Sequence[Element], size: int) -> Array:
         """Return scales (size,) that normalize twists, wrenches and compliances."""
         soft = np.concatenate([np.diag(e.compliance).reshape(-1, 6) for e in elements])
-        forces, moments = soft[:, :3], soft[:, 3:]
+        forces = soft[:, :3]
+        moments = soft[:, 3:]
         linear = float(np.median(forces[forces > 0.0])) if forces.any() else 1e-8
-        angular = float(np.median(moments[moments > 0.0])) if moments.any() else 10.0 * linear
+        angular = (
+            float(np.median(moments[moments > 0.0])) if moments.any() else 10.0 * linear
+        )
         out = np.ones(size)
-        one = np.concatenate([np.full(3, np.sqrt(linear)), np.full(3, np.sqrt(angular))])
+        one = np.concatenate(
+            [np.full(3, np.sqrt(linear)), np.full(3, np.sqrt(angular))]
+        )
         out[: self._dofs] = np.tile(one, self._dofs // 6)
         for e in elements:
-            out[self._rows[e.name]] = 1.0 / (np.abs(e.held[0]) @ np.tile(one, len(e.second)))
+            out[self._rows[e.name]] = 1.0 / (
+                np.abs(e.held[0]) @ np.tile(one, len(e.second))
+            )
         return out
 
     @property
@@ -106,7 +115,9 @@ class Structure:
         """Return the right-hand side (n, size) of a wrench (6,) or (n, 6) at a node's points."""
         out = np.zeros(self.size)
         there = np.broadcast_to(wrench, (len(points), 6))[..., None]
-        out[:, 6 * node : 6 * node + 6] = (np.swapaxes(lever(points), 1, 2) @ there)[..., 0]
+        out[:, 6 * node : 6 * node + 6] = (np.swapaxes(lever(points), 1, 2) @ there)[
+            ..., 0
+        ]
         return out
 
     def rest(self, name: str, twist: Array) -> Array:
@@ -134,7 +145,9 @@ class Structure:
         size = np.maximum(np.abs(scaled).max(axis=1, keepdims=True), 1e-300)
         left = scaled
         for _ in range(_REFINED):
-            parts: list[Array] = [lu_solve(f, b) for f, b in zip(self._factors, left, strict=True)]
+            parts: list[Array] = [
+                lu_solve(f, b) for f, b in zip(self._factors, left, strict=True)
+            ]
             out = out + np.stack(parts)
             left = scaled - self._scaled @ out
             if (np.abs(left) < _MET * size).all():
@@ -152,4 +165,6 @@ class Structure:
 
     def wrench(self, solution: Array, name: str) -> Array:
         """Return the wrench (n, 6m, k) in an element, in its own axes."""
-        return np.swapaxes(self._elements[name].held, 1, 2) @ solution[:, self._rows[name]]
+        return (
+            np.swapaxes(self._elements[name].held, 1, 2) @ solution[:, self._rows[name]]
+        )

@@ -39,16 +39,20 @@ class View:
         """Return the position of a point (3,) in pixels from the left and from the bottom."""
         right = np.cross(-self.direction, self.up)
         right /= np.linalg.norm(right)
-        across, above = np.array([right, np.cross(right, -self.direction)]) @ (point - self.focus)
+        across, above = np.array([right, np.cross(right, -self.direction)]) @ (
+            point - self.focus
+        )
         width, height = self.size
         scale = height / (2 * self.half_height)
         return width / 2 + scale * across, height / 2 + scale * above
 
 
 def view_of(
-    points: Array, towards: tuple[float, float, float], width: int,
+    points: Array,
+    towards: tuple[float, float, float],
+    width: int,
     up: tuple[float, float, float] = DOWN_Z,
-) -> View:  # fmt: skip
+) -> View:
     """Return a camera that fits all points; the aspect ratio of the picture follows them.
 
     Parameters
@@ -65,7 +69,8 @@ def view_of(
     right /= np.linalg.norm(right)
     plane = np.array([right, np.cross(right, -direction)])
     flat = points @ plane.T
-    low, high = flat.min(axis=0), flat.max(axis=0)
+    low = flat.min(axis=0)
+    high = flat.max(axis=0)
     extent = 1.06 * (high - low)
     height = int(np.clip(width * extent[1] / extent[0], 0.34 * width, 0.8 * width))
     half_height = max(extent[1], extent[0] * height / width) / 2
@@ -75,7 +80,9 @@ def view_of(
 
 def new_plotter(view: View) -> pv.Plotter:
     """Return a plotter with a white background and this camera."""
-    plotter = pv.Plotter(off_screen=True, window_size=list(view.size), lighting="light kit")
+    plotter = pv.Plotter(
+        off_screen=True, window_size=list(view.size), lighting="light kit"
+    )
     plotter.set_background("white")  # type: ignore[call-arg, arg-type]
     plotter.enable_anti_aliasing("ssaa")
     plotter.enable_parallel_projection()  # type: ignore[call-arg]

@@ -22,7 +22,9 @@ if TYPE_CHECKING:
 
 # Most triangles of a mesh and in total; smaller meshes than the last are not decimated. Without a
 # graphics card a browser needs about 50 µs per triangle.
-TRIANGLES, ALL_TRIANGLES, FEWEST = 6_000, 24_000, 400
+TRIANGLES = 6_000
+ALL_TRIANGLES = 24_000
+FEWEST = 400
 
 
 def pack_solids(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, Any]:
@@ -36,24 +38,41 @@ def pack_solids(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, 
     for solid in solids:
         points = np.asarray(solid.surface.points, float)
         axes = np.eye(3) if solid.axes is None else np.asarray(solid.axes, float)
-        base = points.mean(axis=0) if solid.base is None else np.asarray(solid.base, float)
+        base = (
+            points.mean(axis=0) if solid.base is None else np.asarray(solid.base, float)
+        )
         shape = solid.surface.copy()
         shape.points = own = (points - base) @ axes  # equal for all copies
-        alike = (k for k, other in enumerate(shapes) if len(own) == other.n_points
-                 and np.allclose(shape.points, other.points, rtol=0.0, atol=1e-6))  # fmt: skip
+        alike = (
+            k
+            for k, other in enumerate(shapes)
+            if len(own) == other.n_points
+            and np.allclose(shape.points, other.points, rtol=0.0, atol=1e-6)
+        )
         k = next(alike, len(shapes))
         if k == len(shapes):
             shapes.append(shape)
-        placed.append({
-            "mesh": k, "element": solid.element, "colour": solid.colour, "nodes": list(solid.nodes),
-            "axes": axes.ravel().tolist(), "base": base.tolist(), "length": solid.length,
-        })  # fmt: skip
+        placed.append(
+            {
+                "mesh": k,
+                "element": solid.element,
+                "colour": solid.colour,
+                "nodes": list(solid.nodes),
+                "axes": axes.ravel().tolist(),
+                "base": base.tolist(),
+                "length": solid.length,
+            }
+        )
     drawn = sum(shapes[solid["mesh"]].n_cells for solid in placed)
     kept = min(1.0, ALL_TRIANGLES / max(drawn, 1))
     meshes = []
     for shape in shapes:
         limit = max(FEWEST, min(TRIANGLES, round(kept * shape.n_cells)))
-        fewer = shape if shape.n_cells <= limit else shape.decimate(1.0 - limit / shape.n_cells)
+        fewer = (
+            shape
+            if shape.n_cells <= limit
+            else shape.decimate(1.0 - limit / shape.n_cells)
+        )
         meshes.append(_mesh(cast("pv.PolyData", fewer)))
     turned = upright(up).ravel().tolist()
     return {"meshes": meshes, "solids": placed, "upright": turned, "reach": reach}

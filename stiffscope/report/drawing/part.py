@@ -26,14 +26,26 @@ if TYPE_CHECKING:
 
 WRENCHES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 LOADS = ("1 N", "1 N", "1 N", "1 N·m", "1 N·m", "1 N·m")
-INTERFACES = ("#1f5fa8", "#e08214", "#1b9e77", "#c51b7d", "#7570b3", "#a6761d")  # the one at rest first
+INTERFACES = (
+    "#1f5fa8",
+    "#e08214",
+    "#1b9e77",
+    "#c51b7d",
+    "#7570b3",
+    "#a6761d",
+)  # the one at rest first
 FREE = "#d9dde2"
 UP_Z = (0.0, 0.0, 1.0)
 DEFORMATION = 0.12  # largest drawn displacement over the part's diagonal
 
 
 def part_pictures(
-    folder: Path, experiment: str, title: str, faces: dict[str, list[int]], sheet: str, mesh: str | None = None
+    folder: Path,
+    experiment: str,
+    title: str,
+    faces: dict[str, list[int]],
+    sheet: str,
+    mesh: str | None = None,
 ) -> None:
     """Draw a part's deformations and, if a file is given, its mesh.
 
@@ -55,7 +67,9 @@ def part_pictures(
 
 def _best_seen_from_above(mesh: TetMesh, faces: dict[str, list[int]]) -> bool:
     """Return whether more of the interfaces' area faces up, along z, than down."""
-    corners = mesh.points[mesh.facets[np.isin(mesh.facet_face, [*chain(*faces.values())]), :3]]
+    corners = mesh.points[
+        mesh.facets[np.isin(mesh.facet_face, [*chain(*faces.values())]), :3]
+    ]
     up = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[:, 2]
     return bool(up.clip(min=0.0).sum() > 1.01 * (-up).clip(min=0.0).sum())
 
@@ -67,9 +81,13 @@ def _view(points: Array, side: float, width: int, *, above: bool) -> View:
     return view_of(points, towards=(side, 1.0, -0.75), width=width)
 
 
-def _contact_sheet(target: Path, experiment: Experiment, title: str, *, above: bool) -> None:
+def _contact_sheet(
+    target: Path, experiment: Experiment, title: str, *, above: bool
+) -> None:
     """Draw the part deformed by each unit wrench: displacement above, von Mises stress below."""
-    mesh, motion, stress = experiment.mesh, experiment.displacement, experiment.von_mises
+    mesh = experiment.mesh
+    motion = experiment.displacement
+    stress = experiment.von_mises
     size = np.linalg.norm(motion, axis=2)  # (6n, nodes)
     diagonal = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
     scales = DEFORMATION * diagonal / size.max(axis=1)
@@ -79,17 +97,27 @@ def _contact_sheet(target: Path, experiment: Experiment, title: str, *, above: b
     held = f", {rest} at rest" if len(loaded) > 1 else ""
     heading = f"{title} under unit wrenches{held}: displacement and von Mises stress"
     figure, cells = sheet_of(4 * len(loaded), 3, view.size, heading)
-    kinds = (size, "m", "displacement", "viridis"), (stress, "Pa", "von Mises stress", "inferno")
-    for k, (name, (values, unit, word, colours), j) in enumerate(product(loaded, kinds, range(6))):
-        i, place = 6 * (k // 12) + j, f" at {name}" if len(loaded) > 1 else ""
-        image, limit, largest = _draw_deformed(mesh, shapes[i], values[i], colours, view)
+    kinds = (
+        (size, "m", "displacement", "viridis"),
+        (stress, "Pa", "von Mises stress", "inferno"),
+    )
+    for k, (name, (values, unit, word, colours), j) in enumerate(
+        product(loaded, kinds, range(6))
+    ):
+        i = 6 * (k // 12) + j
+        place = f" at {name}" if len(loaded) > 1 else ""
+        image, limit, largest = _draw_deformed(
+            mesh, shapes[i], values[i], colours, view
+        )
         remark = f"deformation × {power(scales[i])}"
         fill(cells[k], image, f"{WRENCHES[j]} = {LOADS[j]}{place}   {word}", remark)
         scale_bar(cells[k], limit, largest, unit, colours)
     save_figure(figure, target, dpi=100)
 
 
-def stressed_part(target: Path, experiment: str, field: str, node: int, title: str) -> None:
+def stressed_part(
+    target: Path, experiment: str, field: str, node: int, title: str
+) -> None:
     """Draw a part's von Mises stress under one load and mark its maximum.
 
     Parameters
@@ -101,14 +129,20 @@ def stressed_part(target: Path, experiment: str, field: str, node: int, title: s
     node
         Node with the greatest stress.
     """
-    mesh, fields = load_experiment(experiment).mesh, meshio.read(field).point_data
-    motion, stress = fields["displacement"], fields["von_mises"]
+    mesh = load_experiment(experiment).mesh
+    fields = meshio.read(field).point_data
+    motion = fields["displacement"]
+    stress = fields["von_mises"]
     size = np.ptp(mesh.points, axis=0)
-    scale = DEFORMATION * float(np.linalg.norm(size)) / np.linalg.norm(motion, axis=1).max()
+    scale = (
+        DEFORMATION * float(np.linalg.norm(size)) / np.linalg.norm(motion, axis=1).max()
+    )
     bent = mesh.points + scale * motion
     beyond = mesh.points[node] > size / 2 + mesh.points.min(axis=0)
     _, y, z = np.where(beyond, 1.0, -1.0).tolist()
-    view = view_of(np.vstack([mesh.points, bent]), towards=(0.55, y, 0.75 * z), width=1300)
+    view = view_of(
+        np.vstack([mesh.points, bent]), towards=(0.55, y, 0.75 * z), width=1300
+    )
     image, _, _ = _draw_deformed(mesh, bent, stress, "inferno", view, node)
     figure, (cell,) = sheet_of(1, 1, view.size, title)
     remark = f"deformation × {power(scale)}"
@@ -118,7 +152,12 @@ def stressed_part(target: Path, experiment: str, field: str, node: int, title: s
 
 
 def _draw_deformed(
-    mesh: TetMesh, points: Array, values: Array, colours: str, view: View, node: int | None = None
+    mesh: TetMesh,
+    points: Array,
+    values: Array,
+    colours: str,
+    view: View,
+    node: int | None = None,
 ) -> tuple[Array, float, float]:
     """Return the image of a deformed part, colour limit and largest value; mark ``node``."""
     largest = limit = float(values.max())
@@ -134,20 +173,39 @@ def _draw_deformed(
     skin = surface(mesh, points)
     skin["value"] = values
     plotter.add_mesh(
-        skin, scalars="value", cmap=colours, clim=(0.0, limit), smooth_shading=True,
-        split_sharp_edges=True, feature_angle=40, show_scalar_bar=False, ambient=0.55, diffuse=0.5,
-    )  # fmt: skip
+        skin,
+        scalars="value",
+        cmap=colours,
+        clim=(0.0, limit),
+        smooth_shading=True,
+        split_sharp_edges=True,
+        feature_angle=40,
+        show_scalar_bar=False,
+        ambient=0.55,
+        diffuse=0.5,
+    )
     plotter.add_mesh(outline(mesh, points + view.lift), color="#20252b", line_width=1.5)
     if node is not None:
-        size, towards = float(np.linalg.norm(np.ptp(mesh.points, axis=0))), view.direction
-        ring = pv.Disc(points[node] + size * towards, 0.017 * size, 0.02 * size, towards, c_res=48)
+        size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
+        towards = view.direction
+        ring = pv.Disc(
+            points[node] + size * towards, 0.017 * size, 0.02 * size, towards, c_res=48
+        )
         plotter.add_mesh(ring, color="#00b4d8", lighting=False)
     return shot(plotter), limit, largest
 
 
-def _tagged_mesh(target: Path, experiment: Experiment, title: str, faces: dict[str, list[int]], *, above: bool) -> None:
+def _tagged_mesh(
+    target: Path,
+    experiment: Experiment,
+    title: str,
+    faces: dict[str, list[int]],
+    *,
+    above: bool,
+) -> None:
     """Draw the mesh from both ends, its interfaces in colours."""
-    mesh, several = experiment.mesh, len(faces) > 2
+    mesh = experiment.mesh
+    several = len(faces) > 2
     views = [_view(mesh.points, side, 1100, above=above) for side in (0.55, -0.9)]
     counts = f"{len(mesh.cells):,} quadratic tetrahedra, {len(mesh.points):,} nodes"
     figure, cells = sheet_of(1, 2, views[0].size, f"{title}: {counts}")
@@ -156,18 +214,30 @@ def _tagged_mesh(target: Path, experiment: Experiment, title: str, faces: dict[s
     tagged = [np.isin(mesh.facet_face, each) for each in faces.values()]
     tagged.append(~np.any(tagged, axis=0))
     colours = [*islice(cycle(INTERFACES), len(faces)), FREE]
-    for view, cell, heading in zip(views, cells, ends if along and not several else ("", ""), strict=True):
+    for view, cell, heading in zip(
+        views, cells, ends if along and not several else ("", ""), strict=True
+    ):
         plotter = new_plotter(view)
         for chosen, colour in zip(tagged, colours, strict=True):
             if chosen.any():
                 some = surface(mesh, mesh.points, chosen)
                 plotter.add_mesh(some, color=colour, ambient=0.5, diffuse=0.55)
-        plotter.add_mesh(sides(mesh, mesh.points + view.lift), color="#3c4650", line_width=0.9)
+        plotter.add_mesh(
+            sides(mesh, mesh.points + view.lift), color="#3c4650", line_width=0.9
+        )
         edges = outline(mesh, mesh.points + 2 * view.lift)
         plotter.add_mesh(edges, color="#14181c", line_width=2.2)
         fill(cell, shot(plotter), heading)
     labels = [*faces] if several else ["clamped", f"loaded ({experiment.interface})"]
     meanings = zip(colours, (*labels, "free"), strict=True)
-    handles = [Patch(facecolor=c, edgecolor="#3c4650", label=label) for c, label in meanings]
-    figure.legend(handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=11)
+    handles = [
+        Patch(facecolor=c, edgecolor="#3c4650", label=label) for c, label in meanings
+    ]
+    figure.legend(
+        handles=handles,
+        loc="lower left",
+        ncols=len(handles),
+        frameon=False,
+        fontsize=11,
+    )
     save_figure(figure, target, dpi=100)

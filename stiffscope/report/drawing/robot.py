@@ -50,10 +50,15 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 SHARES = "YlOrRd"
-NO_SHARE, BEFORE, EDGES = "#d9dde2", "#9aa4b0", "#20252b"
+NO_SHARE = "#d9dde2"
+BEFORE = "#9aa4b0"
+EDGES = "#20252b"
 TOWARDS = (0.42, -1.0, 0.4)  # towards the camera, in axes with z up
-WIDTH, ABOVE, BELOW = 1200, 42, 34  # pixels: width, height of the title, height of the key
-MOVING, PERIOD = 720, 1280  # animation: width in pixels, period in ms
+WIDTH = 1200
+ABOVE = 42
+BELOW = 34  # pixels: width, height of the title, height of the key
+MOVING = 720
+PERIOD = 1280  # animation: width in pixels, period in ms
 LONG = 1300  # longest title, in characters times points
 _DARK_DOUBT = "#9a6a00"
 AXES = ("#d62728", "#2ca02c", "#1f4fd6")
@@ -62,17 +67,30 @@ SHADES = 9  # shades of the colour scale in a page's viewer
 _NAMED = 5  # most parts in the key
 _ALIKE = 12.0  # pixels within which equal labels are one
 _GRID = product(48.0 * np.arange(-8, 9), 24.0 * np.arange(-12, 13))
-_STEPS = sorted(_GRID, key=lambda step: np.hypot(*step))  # pixels from a point to its label
-TITLE: Any = {"va": "top", "fontweight": "bold", "parse_math": False, "color": "#14181c"}
+_STEPS = sorted(
+    _GRID, key=lambda step: np.hypot(*step)
+)  # pixels from a point to its label
+TITLE: Any = {
+    "va": "top",
+    "fontweight": "bold",
+    "parse_math": False,
+    "color": "#14181c",
+}
 SMALL: Any = {"fontsize": 10, "color": "#5a6570", "ha": "right"}
 
 
 def robot(
-    folder: Path, pictures: list[dict[str, Any]], bodies: list[dict[str, Any]],
-    joints: list[dict[str, Any]], tool: dict[str, Any], up: list[float],
-    shares: dict[str, float] | None = None, scale: str = "share",
-    marks: list[dict[str, Any]] | None = None, geometry: str | None = None,
-) -> None:  # fmt: skip
+    folder: Path,
+    pictures: list[dict[str, Any]],
+    bodies: list[dict[str, Any]],
+    joints: list[dict[str, Any]],
+    tool: dict[str, Any],
+    up: list[float],
+    shares: dict[str, float] | None = None,
+    scale: str = "share",
+    marks: list[dict[str, Any]] | None = None,
+    geometry: str | None = None,
+) -> None:
     """Draw the robot, one picture per {file, title, moves, before}; see `report.robot_scene`.
 
     Parameters
@@ -104,7 +122,8 @@ def robot(
     geometry
         JSON file for the solids of a page's viewer.
     """
-    upward, key = np.array(up, float), key_of(bodies, joints)
+    upward = np.array(up, float)
+    key = key_of(bodies, joints)
     solids = solids_of(bodies, joints, tool, upward)
     reach = extent(bodies, joints, tool)
     if geometry is not None:
@@ -121,19 +140,26 @@ def robot(
                 _explain(figure, key, coloured, scale)
             _save_loop(folder / picture["file"], figures, picture["order"])
             continue
-        moves, former = _moves(picture["moves"]), picture.get("before")
-        shapes, others = _by_colour(solids, moves, coloured), solids
-        if ghost := picture.get("ghost"):
+        moves = _moves(picture["moves"])
+        former = picture.get("before")
+        shapes = _by_colour(solids, moves, coloured)
+        others = solids
+        ghost = picture.get("ghost")
+        if ghost:
             others = solids_of(ghost["bodies"], ghost["joints"], ghost["tool"], upward)
             former = ghost["moves"]
         if former is not None:
-            shapes["before"] = _join_shapes([solid.move(_moves(former)) for solid in others])
+            shapes["before"] = _join_shapes(
+                [solid.move(_moves(former)) for solid in others]
+            )
         arrows = _arrows(marks or [], moves, reach)
         point = _place(moves, tool["node"], tool["at"])
         image, view = _scene(shapes, point, upward, reach, arrows=arrows)
         figure = frame_picture(image, view, picture["title"])
         if picture.get("names", False):
-            free = ((each, each.ends[0 if each.kind == "sensor" else 1]) for each in arrows)
+            free = (
+                (each, each.ends[0 if each.kind == "sensor" else 1]) for each in arrows
+            )
             labels = [(end, each.name, MARKS[each.kind]) for each, end in free]
             _put_labels(figure, view, labels, "bold")
         if picture.get("kinds", False):
@@ -144,15 +170,21 @@ def robot(
 
 
 def _draw_frames(
-    picture: dict[str, Any], solids: list[Solid], reach: float, up: Floats, tool: dict[str, Any],
+    picture: dict[str, Any],
+    solids: list[Solid],
+    reach: float,
+    up: Floats,
+    tool: dict[str, Any],
     shares: dict[str, float] | None,
-) -> Iterator[tuple[NDArray[Any], View]]:  # fmt: skip
+) -> Iterator[tuple[NDArray[Any], View]]:
     """Yield the frames of a moving robot, with a fixed camera."""
     frames = [_moves(each) for each in picture["frames"]]
     shapes = [_by_colour(solids, moves, shares) for moves in frames]
     points = [_place(moves, tool["node"], tool["at"]) for moves in frames]
     solid = (shape.points for each in shapes for shape in each.values())
-    seen = np.vstack([*solid, *(np.add([point], 0.12 * reach * np.eye(3)) for point in points)])
+    seen = np.vstack(
+        [*solid, *(np.add([point], 0.12 * reach * np.eye(3)) for point in points)]
+    )
     for point, each in zip(points, shapes, strict=True):
         yield _scene(each, point, up, reach, seen, MOVING)
 
@@ -164,13 +196,18 @@ def _save_loop(target: Path, figures: list[Figure], order: list[int]) -> None:
         canvas = FigureCanvasAgg(figure)
         canvas.draw()
         images.append(Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB"))
-    octree, plain = Image.Quantize.FASTOCTREE, Image.Dither.NONE
+    octree = Image.Quantize.FASTOCTREE
+    plain = Image.Dither.NONE
     first, *rest = (images[k].quantize(256, octree, dither=plain) for k in order)
-    first.save(target, save_all=True, append_images=rest, duration=PERIOD // len(order), loop=0)
+    first.save(
+        target, save_all=True, append_images=rest, duration=PERIOD // len(order), loop=0
+    )
 
 
 def _moves(given: dict[str, Any]) -> Moves:
-    moves = {name: (np.array(r, float), np.array(p, float)) for name, (r, p) in given.items()}
+    moves = {
+        name: (np.array(r, float), np.array(p, float)) for name, (r, p) in given.items()
+    }
     return {**moves, "ground": (np.eye(3), np.zeros(3))}
 
 
@@ -180,12 +217,18 @@ def _place(moves: Moves, node: str, home: Any) -> Floats:
     return rotation @ np.array(home, float) + position
 
 
-def _by_colour(solids: list[Solid], moves: Moves, shares: dict[str, float] | None) -> dict[str, pv.PolyData]:
+def _by_colour(
+    solids: list[Solid], moves: Moves, shares: dict[str, float] | None
+) -> dict[str, pv.PolyData]:
     """Merge solids into one surface per colour, since many small ones draw slowly."""
     groups: dict[str, list[pv.PolyData]] = {}
     most = max((shares or {}).values(), default=1.0)
     for solid in solids:
-        colour = solid.colour if shares is None else share_colour(shares.get(solid.element), most)
+        colour = (
+            solid.colour
+            if shares is None
+            else share_colour(shares.get(solid.element), most)
+        )
         colour += GLASS if solid.glass else ""
         groups.setdefault(colour, []).append(solid.move(moves))
     return {colour: _join_shapes(shapes) for colour, shapes in groups.items()}
@@ -206,12 +249,18 @@ def _arrows(marks: list[dict[str, Any]], moves: Moves, reach: float) -> list[Arr
     out = []
     for mark, place in zip(marks, places, strict=True):
         along = 0.14 * reach * np.array(mark["direction"], float)
-        ends = (place - along, place) if mark["kind"] == "sensor" else (place, place + along)
+        ends = (
+            (place - along, place)
+            if mark["kind"] == "sensor"
+            else (place, place + along)
+        )
         out.append(Arrow(mark["kind"], mark["name"], np.array(ends)))
     return out
 
 
-def _name_joints(figure: Figure, view: View, joints: list[dict[str, Any]], moves: Moves) -> None:
+def _name_joints(
+    figure: Figure, view: View, joints: list[dict[str, Any]], moves: Moves
+) -> None:
     """Label each joint with its kind, and each possible joint with its bodies."""
     labels = []
     for joint in joints:
@@ -222,36 +271,60 @@ def _name_joints(figure: Figure, view: View, joints: list[dict[str, Any]], moves
 
 
 def _put_labels(
-    figure: Figure, view: View, labels: list[tuple[Floats, str, str]], weight: str = "normal",
+    figure: Figure,
+    view: View,
+    labels: list[tuple[Floats, str, str]],
+    weight: str = "normal",
     raised: float = 0.0,
-) -> None:  # fmt: skip
+) -> None:
     """Write coloured labels above points (3,), or at the nearest free place, with lines to them.
 
     Equal labels of one point are one, with their number.
     """
-    size, below = np.array(view.size), np.array((0, BELOW))
+    size = np.array(view.size)
+    below = np.array((0, BELOW))
     pixels = [np.array(view.pixel(point)) for point, _, _ in labels]
     alike = [tuple(np.round(pixel / _ALIKE)) for pixel in pixels]
     texts = [(place, *rest) for place, (_, *rest) in zip(alike, labels, strict=True)]
     taken: list[tuple[Floats, Floats]] = []
     for key, number in Counter(texts).items():
-        pixel, (_, text, colour) = pixels[texts.index(key)], key
+        pixel = pixels[texts.index(key)]
+        (_, text, colour) = key
         text = f"{number} x {text}" if number > 1 else text
         half = np.array((4.5 * len(text) + 4.0, 11.0))
         steps = np.add((0.0, raised), _STEPS)
         places = [np.clip(pixel + step, half, size - half) for step in steps]
-        free = (p for p in places if all((np.abs(p - q) > half + r).any() for q, r in taken))
+        free = (
+            p for p in places if all((np.abs(p - q) > half + r).any() for q, r in taken)
+        )
         place = next(free, places[0])
         taken.append((place, half))
-        x, y = np.transpose((np.array([pixel, place]) + below) / np.add(size, (0, ABOVE + BELOW)))
+        x, y = np.transpose(
+            (np.array([pixel, place]) + below) / np.add(size, (0, ABOVE + BELOW))
+        )
         if np.linalg.norm(place - pixel) > half[1]:
-            line = Line2D(x, y, color=colour, linewidth=0.8, marker="o", markersize=3, markevery=[0])
+            line = Line2D(
+                x,
+                y,
+                color=colour,
+                linewidth=0.8,
+                marker="o",
+                markersize=3,
+                markevery=[0],
+            )
             figure.add_artist(line)
         figure.text(
-            x[1], y[1], text, fontsize=11, ha="center", va="center", color=colour,
-            fontweight=weight, parse_math=False,
+            x[1],
+            y[1],
+            text,
+            fontsize=11,
+            ha="center",
+            va="center",
+            color=colour,
+            fontweight=weight,
+            parse_math=False,
             bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.5},
-        )  # fmt: skip
+        )
 
 
 def _join_shapes(shapes: list[pv.PolyData]) -> pv.PolyData:
@@ -260,15 +333,22 @@ def _join_shapes(shapes: list[pv.PolyData]) -> pv.PolyData:
 
 
 def _scene(
-    shapes: dict[str, pv.PolyData], point: Floats, up: Floats, reach: float,
-    seen: Floats | None = None, width: int = WIDTH, arrows: Sequence[Arrow] = (),
-) -> tuple[NDArray[Any], View]:  # fmt: skip
+    shapes: dict[str, pv.PolyData],
+    point: Floats,
+    up: Floats,
+    reach: float,
+    seen: Floats | None = None,
+    width: int = WIDTH,
+    arrows: Sequence[Arrow] = (),
+) -> tuple[NDArray[Any], View]:
     """Return the picture and its camera, which fits everything or only points (k, 3)."""
     if seen is None:
         drawn = (shape.points for shape in shapes.values())
         tips = point + 0.12 * reach * np.eye(3)
         seen = np.vstack([*drawn, *(each.ends for each in arrows), tips])
-    view = view_of(seen, towards=tuple(upright(up) @ TOWARDS), width=width, up=tuple(up))
+    view = view_of(
+        seen, towards=tuple(upright(up) @ TOWARDS), width=width, up=tuple(up)
+    )
     plotter = new_plotter(view)
     for colour, shape in shapes.items():
         if colour == "before":
@@ -277,9 +357,16 @@ def _scene(
             continue
         opacity = int(colour[7:] or "ff", 16) / 255
         plotter.add_mesh(
-            shape, color=colour[:7], opacity=opacity, smooth_shading=True, split_sharp_edges=True,
-            feature_angle=SHARP, ambient=0.42, diffuse=0.6, specular=0.15,
-        )  # fmt: skip
+            shape,
+            color=colour[:7],
+            opacity=opacity,
+            smooth_shading=True,
+            split_sharp_edges=True,
+            feature_angle=SHARP,
+            ambient=0.42,
+            diffuse=0.6,
+            specular=0.15,
+        )
         edges = sharp_edges(shape)
         if edges.n_points:
             edges.points += view.lift / 2
@@ -294,9 +381,12 @@ def _scene(
 
 def _draw_arrow(plotter: pv.Plotter, view: View, ends: Floats, colour: str) -> None:
     """Draw an arrow in front of all solids; parallel projection keeps its place."""
-    along, start = ends[1] - ends[0], ends[0] + 15.0 * view.half_height * view.direction
+    along = ends[1] - ends[0]
+    start = ends[0] + 15.0 * view.half_height * view.direction
     scale = float(np.linalg.norm(along))
-    arrow = pv.Arrow(start=start, direction=along, shaft_radius=0.03, tip_radius=0.085, scale=scale)
+    arrow = pv.Arrow(
+        start=start, direction=along, shaft_radius=0.03, tip_radius=0.085, scale=scale
+    )
     plotter.add_mesh(arrow, color=colour, ambient=0.5)
 
 
@@ -313,31 +403,49 @@ def frame_picture(image: Floats, view: View, title: str) -> Figure:
 
 
 def _explain(
-    figure: Figure, meanings: dict[str, str], shares: dict[str, float] | None, scale: str
-) -> None:  # fmt: skip
+    figure: Figure,
+    meanings: dict[str, str],
+    shares: dict[str, float] | None,
+    scale: str,
+) -> None:
     """Draw the colour key or the scale of shares."""
     if shares is None:
-        handles = [Patch(facecolor=colour, label=name) for name, colour in meanings.items()]
+        handles = [
+            Patch(facecolor=colour, label=name) for name, colour in meanings.items()
+        ]
         key = figure.legend(
-            handles=handles, loc="lower left", ncols=len(handles), frameon=False, fontsize=10,
-            handlelength=1.0, handletextpad=0.4, columnspacing=1.2, borderaxespad=0.2,
-        )  # fmt: skip
+            handles=handles,
+            loc="lower left",
+            ncols=len(handles),
+            frameon=False,
+            fontsize=10,
+            handlelength=1.0,
+            handletextpad=0.4,
+            columnspacing=1.2,
+            borderaxespad=0.2,
+        )
         for text in key.get_texts():
             text.set_parse_math(False)  # names of parts are not math
         return
     most = max(shares.values(), default=1.0)
     across, pixel = 0.01 / figure.get_size_inches()
     left = 240 * across
-    axes = figure.add_axes((left, 18 * pixel, min(0.30, 1 - left - 240 * across), 9 * pixel))
+    axes = figure.add_axes(
+        (left, 18 * pixel, min(0.30, 1 - left - 240 * across), 9 * pixel)
+    )
     shades = ScalarMappable(Normalize(0, 100 * most), SHARES)
     bar = figure.colorbar(shades, cax=axes, orientation="horizontal")
     bar.ax.tick_params(labelsize=8, length=2, pad=1)
     figure.text(left - 12 * across, 18 * pixel, f"{scale}, %", **SMALL)
 
 
-def key_of(bodies: list[dict[str, Any]], joints: Sequence[dict[str, Any]] = ()) -> dict[str, str]:
+def key_of(
+    bodies: list[dict[str, Any]], joints: Sequence[dict[str, Any]] = ()
+) -> dict[str, str]:
     """Return the colour key: parts, rigid bodies if several, joints, drives and doubtful joints."""
-    doubted = {"doubtful": DOUBTED} if any(joint.get("doubted") for joint in joints) else {}
+    doubted = (
+        {"doubtful": DOUBTED} if any(joint.get("doubted") for joint in joints) else {}
+    )
     colours = {**part_colours(bodies), **rigid_colours(bodies)}
     named = dict(list(colours.items())[:_NAMED])
     if len(colours) > _NAMED:
@@ -354,6 +462,10 @@ def share_colour(share: float | None, most: float) -> str:
 
 def warm_up() -> None:
     """Load VTK's graphics, OpenGL and hull routines before the first picture of solids."""
-    plotter = new_plotter(View((1.0, 0.0, 0.0), np.zeros(3), 1.0, (16, 16), (0.0, 0.0, 1.0)))
-    plotter.add_mesh(pv.Sphere(), smooth_shading=True, split_sharp_edges=True, feature_angle=35)
+    plotter = new_plotter(
+        View((1.0, 0.0, 0.0), np.zeros(3), 1.0, (16, 16), (0.0, 0.0, 1.0))
+    )
+    plotter.add_mesh(
+        pv.Sphere(), smooth_shading=True, split_sharp_edges=True, feature_angle=35
+    )
     shot(plotter)

@@ -24,7 +24,11 @@ if TYPE_CHECKING:
 
 PARTS = ("#3b7dbf", "#d9822b", "#5b9a68", "#8e6bb0", "#b5666a", "#4c9c9c")
 BODIES = ("#8f9c70", "#9c7d92", "#6b97a3", "#a9926a", "#8288ad", "#a37a6f")
-RIGID, GROUND, PASSIVE, DRIVEN, RAIL = "#76828f", "#b4bcc5", "#2c343c", "#c0392b", "#c3c8ce"
+RIGID = "#76828f"
+GROUND = "#b4bcc5"
+PASSIVE = "#2c343c"
+DRIVEN = "#c0392b"
+RAIL = "#c3c8ce"
 DOUBTED = "#f2a900"
 GLASS = "59"  # hexadecimal opacity of transparent solids
 _SMALLEST = 0.018  # smallest radius of a joint over the robot's size
@@ -54,7 +58,9 @@ class Solid:
     def move(self, moves: Moves) -> pv.PolyData:
         """Return the surface displaced with its nodes."""
         home = np.asarray(self.surface.points, float)
-        ends = [home @ np.asarray(r).T + p for r, p in (moves[node] for node in self.nodes)]
+        ends = [
+            home @ np.asarray(r).T + p for r, p in (moves[node] for node in self.nodes)
+        ]
         out = self.surface.copy()
         if len(ends) == 1:
             out.points = ends[0]
@@ -72,7 +78,8 @@ class Solid:
 
     def _bent(self, home: Floats, ends: list[Floats], moves: Moves) -> Floats:
         """Interpolate both ends' displacements with a cubic Hermite curve, axially linearly."""
-        axes, base = np.asarray(self.axes), np.asarray(self.base)
+        axes = np.asarray(self.axes)
+        base = np.asarray(self.base)
         s = np.clip((home - base) @ axes[:, 0] / self.length, 0.0, 1.0)[:, None]
         share = s * s * (3.0 - 2.0 * s)
         out = (1.0 - share) * ends[0] + share * ends[1]
@@ -90,7 +97,11 @@ def part_colours(bodies: Tables) -> dict[str, str]:
 def rigid_colours(bodies: Tables) -> dict[str, str]:
     """Return the colour of each rigid body, if there are several."""
     rigid = [b["name"] for b in bodies if len(b["nodes"]) == 1]
-    return {name: BODIES[k % len(BODIES)] for k, name in enumerate(rigid)} if len(rigid) > 1 else {}
+    return (
+        {name: BODIES[k % len(BODIES)] for k, name in enumerate(rigid)}
+        if len(rigid) > 1
+        else {}
+    )
 
 
 def extent(bodies: Tables, joints: Tables, tool: dict[str, Any]) -> float:
@@ -100,7 +111,9 @@ def extent(bodies: Tables, joints: Tables, tool: dict[str, Any]) -> float:
     return max(float(np.ptp(np.array(points, float), axis=0).max()), 1e-3)
 
 
-def solids_of(bodies: Tables, joints: Tables, tool: dict[str, Any], up: Floats) -> list[Solid]:
+def solids_of(
+    bodies: Tables, joints: Tables, tool: dict[str, Any], up: Floats
+) -> list[Solid]:
     """Return all solids at home; for the arguments see `stiffscope.report.drawing.robot.robot`."""
     bodies = [_place_ends(body, joints) for body in bodies]
     reach = extent(bodies, joints, tool)
@@ -128,12 +141,18 @@ def _make_elastic(bodies: Tables, reach: float) -> Iterable[Solid]:
     colours = part_colours(bodies)
     for body in bodies:
         if len(body["nodes"]) > 1:
-            axes, base = np.array(body["axes"], float), np.array(body["base"], float)
+            axes = np.array(body["axes"], float)
+            base = np.array(body["base"], float)
             skin = _skin(body, reach)
             skin.points = np.asarray(skin.points, float) @ axes.T + base
-            name, colour, nodes = body["name"], colours[body["part"]], tuple(body["nodes"])
-            length, places = float(body["length"]), np.array(body["places"], float)
-            yield Solid(name, skin, colour, nodes, axes, base, length, places, "points" in body)
+            name = body["name"]
+            colour = colours[body["part"]]
+            nodes = tuple(body["nodes"])
+            length = float(body["length"])
+            places = np.array(body["places"], float)
+            yield Solid(
+                name, skin, colour, nodes, axes, base, length, places, "points" in body
+            )
 
 
 def _place_ends(body: dict[str, Any], joints: Tables) -> dict[str, Any]:
@@ -147,23 +166,32 @@ def _place_ends(body: dict[str, Any], joints: Tables) -> dict[str, Any]:
 
 def _skin(body: dict[str, Any], reach: float) -> pv.PolyData:
     """Return the surface of a part in its own axes, relative to its first end, m."""
-    shape, length = body.get("shape") or {}, float(body["length"])
-    base, axes = np.array(body["base"], float), np.array(body["axes"], float)
+    shape = body.get("shape") or {}
+    length = float(body["length"])
+    base = np.array(body["base"], float)
+    axes = np.array(body["axes"], float)
     if body.get("experiment"):
         tested = load_experiment(body["experiment"])
         curved = bulge(tested.mesh) > _FLAT * reach
         start = np.zeros(3) if length else tested.places[0]
-        return _triangles(surface(tested.mesh, tested.mesh.points - start, split=curved).clean())
+        return _triangles(
+            surface(tested.mesh, tested.mesh.points - start, split=curved).clean()
+        )
     if "points" in body:
-        corners = np.array(body["points"], float) + (np.array(body["origin"]) - base) @ axes
+        corners = (
+            np.array(body["points"], float) + (np.array(body["origin"]) - base) @ axes
+        )
         return pv.PolyData.from_regular_faces(corners, np.array(body["triangles"]))
     if not length:
         return _star((np.array(body["places"], float) - base) @ axes, reach)
     if "outline" in shape:
         return _extrude(shape["outline"], length)
     if "thickness" in shape:
-        wide, thick = float(shape["width"]) / 2, float(shape["thickness"]) / 2
-        box = pv.Box((0.0, length, -wide, wide, -thick, thick), level=8)  # fine enough to bend
+        wide = float(shape["width"]) / 2
+        thick = float(shape["thickness"]) / 2
+        box = pv.Box(
+            (0.0, length, -wide, wide, -thick, thick), level=8
+        )  # fine enough to bend
         return _triangles(box)
     return _rod(np.zeros(3), np.array([length, 0, 0]), _radius(body, reach), _STATIONS)
 
@@ -185,7 +213,9 @@ def _radius(body: dict[str, Any], reach: float) -> float:
     return float(known) if known else min(0.03 * float(body["length"]), 0.014 * reach)
 
 
-def _brackets(bodies: Tables, joints: Tables, tool: dict[str, Any], sizes: Sizes, reach: float) -> Iterable[Solid]:
+def _brackets(
+    bodies: Tables, joints: Tables, tool: dict[str, Any], sizes: Sizes, reach: float
+) -> Iterable[Solid]:
     """Yield rigid rods between an elastic body's end and a distant joint or the tool."""
     ends: dict[str, Floats] = {}
     for body in bodies:
@@ -196,10 +226,14 @@ def _brackets(bodies: Tables, joints: Tables, tool: dict[str, Any], sizes: Sizes
     held.append((tool["node"], tool["at"], 0.5 * _SMALLEST * reach))
     for node, at, radius in held:
         if node in ends and np.linalg.norm(ends[node] - at) > 0.02 * reach:
-            yield Solid(node, _rod(ends[node], np.array(at, float), radius), RIGID, (node,))
+            yield Solid(
+                node, _rod(ends[node], np.array(at, float), radius), RIGID, (node,)
+            )
 
 
-def _make_rigid(bodies: Tables, joints: Tables, tool: dict[str, Any], reach: float) -> Iterable[Solid]:
+def _make_rigid(
+    bodies: Tables, joints: Tables, tool: dict[str, Any], reach: float
+) -> Iterable[Solid]:
     """Yield rigid bodies as hulls of balls at their joints or as user surfaces, and a tool post.
 
     A star replaces a hull that would hide other joints or the tool.
@@ -210,15 +244,26 @@ def _make_rigid(bodies: Tables, joints: Tables, tool: dict[str, Any], reach: flo
             continue
         name = body["name"]
         colour = colours.get(name, RIGID)
-        points = [np.array(j["at"], float) for j in joints if name in (j["first"], j["second"])]
-        others = [np.array(j["at"], float) for j in joints if name not in (j["first"], j["second"])]
+        points = [
+            np.array(j["at"], float)
+            for j in joints
+            if name in (j["first"], j["second"])
+        ]
+        others = [
+            np.array(j["at"], float)
+            for j in joints
+            if name not in (j["first"], j["second"])
+        ]
         others += [np.array(tool["at"], float)] if tool["node"] != name else []
         if tool["node"] == name:
-            at, middle = np.array(tool["at"], float), np.mean(points, axis=0)
+            at = np.array(tool["at"], float)
+            middle = np.mean(points, axis=0)
             if len(points) < 3:
                 points.append(at)
             elif np.linalg.norm(at - middle) > 2 * _PLATE * reach:
-                yield Solid(name, _rod(middle, at, 0.7 * _PLATE * reach), colour, (name,))
+                yield Solid(
+                    name, _rod(middle, at, 0.7 * _PLATE * reach), colour, (name,)
+                )
         if body.get("mesh"):
             shape = _triangles(pv.read(body["mesh"]))
         else:
@@ -228,50 +273,79 @@ def _make_rigid(bodies: Tables, joints: Tables, tool: dict[str, Any], reach: flo
         yield Solid(name, shape, colour, (name,))
 
 
-def _feet(joints: Tables, up: Floats, tool: Floats, sizes: Sizes, reach: float) -> Iterable[Solid]:
+def _feet(
+    joints: Tables, up: Floats, tool: Floats, sizes: Sizes, reach: float
+) -> Iterable[Solid]:
     """Yield a foot at each joint to the ground, on the side away from the tool."""
-    ring = np.array([[np.cos(a), np.sin(a), 0.0] for a in np.linspace(0, 2 * np.pi, 25)[:-1]])
+    ring = np.array(
+        [[np.cos(a), np.sin(a), 0.0] for a in np.linspace(0, 2 * np.pi, 25)[:-1]]
+    )
     for joint in joints:
         if "ground" not in (joint["first"], joint["second"]):
             continue
-        at, (r, half) = np.array(joint["at"], float), sizes[joint["name"]]
+        at = np.array(joint["at"], float)
+        (r, half) = sizes[joint["name"]]
         away = up if (at - tool) @ up > 0 else -up
-        ends, drop = [at], half
+        ends = [at]
+        drop = half
         if joint["kind"] in {"prismatic", "cylindrical"}:
             axis = np.array(joint["axis"], float)
-            ends, drop = [at + way * axis for way in _range(joint, reach)], r
+            ends = [at + way * axis for way in _range(joint, reach)]
+            drop = r
         for end in ends:
-            foot = end + (drop + 0.04 * reach) * away + max(0.035 * reach, r) * ring @ upright(up).T
-            yield Solid("ground", _hull(np.vstack([end, foot]), 0.01 * reach), GROUND, ("ground",))
+            foot = (
+                end
+                + (drop + 0.04 * reach) * away
+                + max(0.035 * reach, r) * ring @ upright(up).T
+            )
+            yield Solid(
+                "ground",
+                _hull(np.vstack([end, foot]), 0.01 * reach),
+                GROUND,
+                ("ground",),
+            )
 
 
 def _sizes(bodies: Tables, joints: Tables, reach: float) -> Sizes:
     """Return radius and half length of each joint, larger than its rods and coincident joints."""
     rods: dict[str, float] = {}
     for body in bodies:
-        if body.get("length") and not {"width", "outline"} & (body.get("shape") or {}).keys():
+        if (
+            body.get("length")
+            and not {"width", "outline"} & (body.get("shape") or {}).keys()
+        ):
             rods |= dict.fromkeys(body["nodes"], _radius(body, reach))
     out: Sizes = {}
 
     def rods_of(joint: dict[str, Any]) -> list[float]:
-        return [rods[node] for node in (joint["first"], joint["second"]) if node in rods]
+        return [
+            rods[node] for node in (joint["first"], joint["second"]) if node in rods
+        ]
 
-    for joint in sorted(joints, key=lambda joint: max(rods_of(joint), default=0.0), reverse=True):
+    for joint in sorted(
+        joints, key=lambda joint: max(rods_of(joint), default=0.0), reverse=True
+    ):
         ends = rods_of(joint) or [0.0]
         match joint["kind"]:
             case "spherical" | "prismatic" | "cylindrical":
-                r, long = 1.25 * min(ends), 1.6
+                r = 1.25 * min(ends)
+                long = 1.6
             case "universal":
-                r, long = 0.6 * max(ends), 1.9
+                r = 0.6 * max(ends)
+                long = 1.9
             case _:
-                r, long = 1.15 * max(ends), 1.2 if max(ends) else 1.5
+                r = 1.15 * max(ends)
+                long = 1.2 if max(ends) else 1.5
         r = max(_SMALLEST * reach, r)
         half = long * r
         known = [j for j in joints if j["name"] in out]
-        here = [j for j in known if np.linalg.norm(np.subtract(j["at"], joint["at"])) < r]
+        here = [
+            j for j in known if np.linalg.norm(np.subtract(j["at"], joint["at"])) < r
+        ]
         if here and joint["kind"] != "fixed":
             widest = max(out[j["name"]][0] for j in here)
-            r, half = 0.75 * widest, max(half, 1.35 * widest)
+            r = 0.75 * widest
+            half = max(half, 1.35 * widest)
         out[joint["name"]] = r, half
     return out
 
@@ -279,14 +353,24 @@ def _sizes(bodies: Tables, joints: Tables, reach: float) -> Sizes:
 def _joints(joints: Tables, sizes: Sizes, reach: float) -> Iterable[Solid]:
     """Yield the solids of the joints by type, in the colour for driven, passive or doubtful."""
     for joint in joints:
-        at, (r, half) = np.array(joint["at"], float), sizes[joint["name"]]
-        colour = DOUBTED if joint.get("doubted") else DRIVEN if joint["driven"] else PASSIVE
-        axis = np.array(joint["axis"] if joint.get("axis") is not None else [0, 0, 1], float)
-        first, second = joint["first"], joint["second"]
+        at = np.array(joint["at"], float)
+        (r, half) = sizes[joint["name"]]
+        colour = (
+            DOUBTED if joint.get("doubted") else DRIVEN if joint["driven"] else PASSIVE
+        )
+        axis = np.array(
+            joint["axis"] if joint.get("axis") is not None else [0, 0, 1], float
+        )
+        first = joint["first"]
+        second = joint["second"]
         match joint["kind"]:
             case "fixed" | "doubt":
-                cube = pv.Cube(center=at, x_length=2 * r, y_length=2 * r, z_length=2 * r)
-                shapes = [(_triangles(cube), colour, first)] if joint.get("doubted") else []
+                cube = pv.Cube(
+                    center=at, x_length=2 * r, y_length=2 * r, z_length=2 * r
+                )
+                shapes = (
+                    [(_triangles(cube), colour, first)] if joint.get("doubted") else []
+                )
             case "spherical":
                 shapes = [(_ball(at, 1.1 * r), colour, first)]
             case "universal":
@@ -295,8 +379,13 @@ def _joints(joints: Tables, sizes: Sizes, reach: float) -> Iterable[Solid]:
                 shapes += [(_bar(at, half * across, 0.6 * r), colour, second)]
             case "prismatic" | "cylindrical":
                 low, high = _range(joint, reach)
-                rail = _rod(at + (low - 2 * r) * axis, at + (high + 2 * r) * axis, 0.35 * r)
-                shapes = [(rail, RAIL, first), (_bar(at, half * axis, 1.1 * r), colour, second)]
+                rail = _rod(
+                    at + (low - 2 * r) * axis, at + (high + 2 * r) * axis, 0.35 * r
+                )
+                shapes = [
+                    (rail, RAIL, first),
+                    (_bar(at, half * axis, 1.1 * r), colour, second),
+                ]
             case "planar":
                 shapes = [(_bar(at, 0.3 * r * axis, 2.0 * r), colour, first)]
             case _:
@@ -307,9 +396,12 @@ def _joints(joints: Tables, sizes: Sizes, reach: float) -> Iterable[Solid]:
 
 def _range(joint: dict[str, Any], reach: float) -> tuple[float, float]:
     """Return the drawn range of a slide: its drive's, or a share of the robot's size."""
-    low, high = joint.get("low"), joint.get("high")
+    low = joint.get("low")
+    high = joint.get("high")
     ends = -0.2 * reach if low is None else low, 0.2 * reach if high is None else high
-    return float(np.clip(ends[0], -reach, reach)), float(np.clip(ends[1], -reach, reach))
+    return float(np.clip(ends[0], -reach, reach)), float(
+        np.clip(ends[1], -reach, reach)
+    )
 
 
 def _star(ends: Floats, reach: float) -> pv.PolyData:
@@ -323,7 +415,9 @@ def _star(ends: Floats, reach: float) -> pv.PolyData:
 def _rod(start: Floats, end: Floats, radius: float, stations: int = 2) -> pv.PolyData:
     """Return a bar; a bending one needs several stations along it."""
     along = np.linspace(start, end, stations)
-    return _triangles(pv.Spline(along, stations).tube(radius=radius, n_sides=32, capping=True))
+    return _triangles(
+        pv.Spline(along, stations).tube(radius=radius, n_sides=32, capping=True)
+    )
 
 
 def _bar(middle: Floats, half: Floats, radius: float) -> pv.PolyData:
@@ -331,7 +425,9 @@ def _bar(middle: Floats, half: Floats, radius: float) -> pv.PolyData:
 
 
 def _ball(at: Floats, radius: float) -> pv.PolyData:
-    return _triangles(pv.Sphere(radius=radius, center=at, theta_resolution=24, phi_resolution=16))
+    return _triangles(
+        pv.Sphere(radius=radius, center=at, theta_resolution=24, phi_resolution=16)
+    )
 
 
 def _hull(points: Floats, radius: float) -> pv.PolyData:
@@ -341,14 +437,19 @@ def _hull(points: Floats, radius: float) -> pv.PolyData:
     hull = ConvexHull(cloud)
     faces = hull.simplices.copy()
     one, two, three = cloud[faces.T]
-    inward = np.einsum("ij,ij->i", np.cross(two - one, three - one), hull.equations[:, :3]) < 0
+    inward = (
+        np.einsum("ij,ij->i", np.cross(two - one, three - one), hull.equations[:, :3])
+        < 0
+    )
     faces[inward] = faces[inward][:, ::-1]
     return _triangles(pv.PolyData.from_regular_faces(cloud, faces).clean())
 
 
 def _hides(points: Floats, others: Floats, radius: float) -> bool:
     """Return whether the hull of balls about points (k, 3) contains distant others (m, 3)."""
-    away = np.linalg.norm(others[:, None] - points[None], axis=2).min(axis=1, initial=np.inf)
+    away = np.linalg.norm(others[:, None] - points[None], axis=2).min(
+        axis=1, initial=np.inf
+    )
     ball = np.vstack([np.eye(3), -np.eye(3)]) * radius
     hull = Delaunay((points[:, None] + ball[None]).reshape(-1, 3))
     return bool((hull.find_simplex(others[away > 3 * radius]) >= 0).any())

@@ -43,16 +43,22 @@ def make_copies(data: dict[str, Any]) -> dict[str, Turned]:
     FieldError
         If a set does not exist, a name is taken, or there are too many copies.
     """
-    tables: list[dict[str, Any]] = [data.setdefault(key, {}) for key in ("bodies", "joints")]
+    tables: list[dict[str, Any]] = [
+        data.setdefault(key, {}) for key in ("bodies", "joints")
+    ]
     listed = data.get("copies", [])
     if len(listed) > MOST:
-        raise FieldError(("copies", MOST), f"expected at most {MOST:,} copies, got {len(listed):,}")
+        raise FieldError(
+            ("copies", MOST), f"expected at most {MOST:,} copies, got {len(listed):,}"
+        )
     entries = [read_table(Copies, each, ("copies", i)) for i, each in enumerate(listed)]
     copied: dict[str, Turned] = {}
     for number in _order(entries):
         entry = entries[number]
         _check(tables, entry, number)
-        found = [_find_within(table, entry.of) for table in tables]  # without the copies
+        found = [
+            _find_within(table, entry.of) for table in tables
+        ]  # without the copies
         for new, angle in zip(entry.as_, entry.angles, strict=True):
             turn = rotation(np.array(entry.axis) / np.linalg.norm(entry.axis), angle)
             for table, names in zip(tables, found, strict=True):
@@ -66,7 +72,8 @@ def make_copies(data: dict[str, Any]) -> dict[str, Turned]:
 
 def copied_names(data: Mapping[str, Any], written: Iterable[str]) -> Iterator[str]:
     """Yield the names that `[[copies]]` will create, from unchecked data."""
-    names, sets = list(written), dict[str, list[str]]()
+    names = list(written)
+    sets = dict[str, list[str]]()
     for entry in data.get("copies", []):
         if isinstance(entry, dict) and isinstance(new := entry.get("as"), list):
             sets.setdefault(str(entry.get("of")), []).extend(map(str, new))
@@ -94,7 +101,8 @@ def rename(name: str, of: str, new: str) -> str:
 
 def _order(copies: Sequence[Copies]) -> list[int]:
     """Return the order of the entries: each after those that add to its set."""
-    left, order = dict(enumerate(copies)), []
+    left = dict(enumerate(copies))
+    order = []
     while left:
         for number, entry in left.items():
             others = (each for other, each in left.items() if other != number)
@@ -118,7 +126,9 @@ def _check(tables: Sequence[Mapping[str, Any]], entry: Copies, number: int) -> N
         raise FieldError((*key, "as"), message)
     if not _find_within(names, entry.of):
         split = (name.split(".") for name in names)
-        sets = dict.fromkeys(".".join(each[: n + 1]) for each in split for n in range(len(each)))
+        sets = dict.fromkeys(
+            ".".join(each[: n + 1]) for each in split for n in range(len(each))
+        )
         known = list_some([*sets]) or "none"
         message = f'expected a set of bodies and joints ({known}), got "{entry.of}"'
         raise FieldError((*key, "of"), message)
@@ -138,7 +148,9 @@ def _turn(table: Any, of: str, new: str, turn: np.ndarray) -> Any:
     if not isinstance(table, dict):
         return table
     made = copy.deepcopy(table)
-    if "part" in table and not {"base", "tip"} & set(table):  # part with interfaces: default axes
+    if "part" in table and not {"base", "tip"} & set(
+        table
+    ):  # part with interfaces: default axes
         made = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0]} | made
     for key in list(made):
         try:

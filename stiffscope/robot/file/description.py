@@ -86,12 +86,18 @@ class RobotFile:
     def elastic_bodies(self) -> dict[str, sections.ElasticBody]:
         """Return the bodies between a base and a tip, by name."""
         bodies = self.bodies.items()
-        return {name: body for name, body in bodies if isinstance(body, sections.ElasticBody)}
+        return {
+            name: body
+            for name, body in bodies
+            if isinstance(body, sections.ElasticBody)
+        }
 
     def bodies_of(self, part: str) -> tuple[str, ...]:
         """Return the names of the bodies made of a part."""
         bodies = self.bodies.items()
-        return tuple(name for name, body in bodies if getattr(body, "part", None) == part)
+        return tuple(
+            name for name, body in bodies if getattr(body, "part", None) == part
+        )
 
     def ends(self, body: str) -> tuple[str, ...]:
         """Return the names of a body's ends; empty if it is rigid."""
@@ -109,12 +115,18 @@ class RobotFile:
 
     def drives(self) -> tuple[str, ...]:
         """Return the names of the driven joints."""
-        return tuple(name for name, joint in self.joints.items() if getattr(joint, "drive", None))
+        return tuple(
+            name for name, joint in self.joints.items() if getattr(joint, "drive", None)
+        )
 
     def dimension_of(self, coordinate: str) -> Dimension:
         """Return what a coordinate of the tool, or of a drive, "q:JOINT", measures: a length or an angle."""
         joint = self.joints.get(coordinate.removeprefix("q:"))
-        turns = coordinate in sections.AXES[3:] if joint is None else joint.type == "revolute"
+        turns = (
+            coordinate in sections.AXES[3:]
+            if joint is None
+            else joint.type == "revolute"
+        )
         return ANGLE if turns else LENGTH
 
     def members(self, place: str) -> tuple[str, ...]:
@@ -136,7 +148,9 @@ class RobotFile:
         return driven if place == "drives" else ()
 
 
-def find_element(place: str, bodies: Collection[str], joints: Collection[str]) -> str | None:
+def find_element(
+    place: str, bodies: Collection[str], joints: Collection[str]
+) -> str | None:
     """Return the body or joint at a place: NAME, "bodies.NAME" or "joints.NAME"; None if neither.
 
     A joint named like a body is always "joints.NAME". Raises InputError if a place is ambiguous.
@@ -156,4 +170,6 @@ def find_element(place: str, bodies: Collection[str], joints: Collection[str]) -
     if place in bodies or place in joints:
         return place
     section, _, name = place.partition(".")
-    return name if name in {"bodies": bodies, "joints": joints}.get(section, ()) else None
+    return (
+        name if name in {"bodies": bodies, "joints": joints}.get(section, ()) else None
+    )

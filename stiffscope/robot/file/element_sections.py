@@ -29,7 +29,9 @@ def _check_both(value: Any) -> Any:
     pair = value if isinstance(value, list | tuple) else [value, value]
     found = tuple(q.to_si(each, q.NUMBER) for each in pair)
     if len(found) != 2 or not all(0.5 < each < 1.0 for each in found):
-        raise ValueError(q.expected("a groove radius over ball diameter such as 0.52", value))
+        raise ValueError(
+            q.expected("a groove radius over ball diameter such as 0.52", value)
+        )
     return found
 
 
@@ -68,7 +70,9 @@ class ElementSection(Section):
         """Return the values of keys; raise InputError if one is missing."""
         for key in keys:
             if getattr(self, key) is None:
-                raise InputError(f"{key}: expected a value beside the others, got nothing")
+                raise InputError(
+                    f"{key}: expected a value beside the others, got nothing"
+                )
         return [getattr(self, key) for key in keys]
 
     @property
@@ -81,7 +85,9 @@ class ElementSection(Section):
         beside = self.model_fields_set - {"kind", "offset", *self.sheet, *self.beside}
         for key in type(self).model_fields if self._by_sheet else ():
             if key in beside:
-                fault = f"expected none beside the sheet's own {self._by_sheet}, got one"
+                fault = (
+                    f"expected none beside the sheet's own {self._by_sheet}, got one"
+                )
                 raise InputError(f"bearing.{key}: {fault}")
         try:
             _ = self.element().compliance
@@ -146,13 +152,20 @@ class BallBearing(_Rotary):
         if self._by_sheet:
             return self._of_sheet(POINT)
         angular = self.kind == "angular-contact"
-        balls, ball, pitch, *_ = self._need("balls", "ball", "pitch", *["angle"] * angular)
+        balls, ball, pitch, *_ = self._need(
+            "balls", "ball", "pitch", *["angle"] * angular
+        )
         if angular and self._force[0] < 0.0:
             what = "a thrust along the pressed side of an angular-contact bearing"
             raise InputError(f"load: expected {what}, got {self._force[0]:g} N")
-        modulus = me.reduced_modulus({"steel": me.STEEL, "ceramic": me.CERAMIC}[self.ball_material])
-        angle, groove = self.angle or 0.0, self.osculation
-        contacts = me.ball_contacts(balls, ball, pitch, angle, groove, modulus, self.clearance)
+        modulus = me.reduced_modulus(
+            {"steel": me.STEEL, "ceramic": me.CERAMIC}[self.ball_material]
+        )
+        angle = self.angle or 0.0
+        groove = self.osculation
+        contacts = me.ball_contacts(
+            balls, ball, pitch, angle, groove, modulus, self.clearance
+        )
         return me.ball_bearing(contacts, self._force, self.arrangement, self.spacing)
 
 
@@ -174,7 +187,11 @@ class RollerBearing(_Rotary):
         if self._by_sheet:
             return self._of_sheet(LINE)
         rollers, length, pitch = self._need("rollers", "length", "pitch")
-        make = me.roller_bearing if self.kind == "cylindrical-roller" else me.crossed_roller
+        make = (
+            me.roller_bearing
+            if self.kind == "cylindrical-roller"
+            else me.crossed_roller
+        )
         return make(rollers, length, pitch, self.clearance, self._force)
 
 
@@ -215,23 +232,43 @@ class LinearGuide(ElementSection):
         if self.normal is None:
             return np.eye(3)
         across = axes.T @ np.cross(self.normal, axes[:, 0])
-        if (size := np.linalg.norm(across)) < PARALLEL * np.linalg.norm(self.normal):
+        size = np.linalg.norm(across)
+        if size < PARALLEL * np.linalg.norm(self.normal):
             got = f"one along it, {list(self.normal)}"
-            raise InputError(f"bearing.normal: expected a direction across the joint's axis, got {got}")
+            raise InputError(
+                f"bearing.normal: expected a direction across the joint's axis, got {got}"
+            )
         _, c, s = across / size
-        return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])  # its zeros are exact: x stays free
+        return np.array(
+            [[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]
+        )  # its zeros are exact: x stays free
 
     def element(self) -> me.MachineElement:
         """See `ElementSection`."""
-        rails, carriages = (self.rails, self.rail_spacing), (self.carriages, self.carriage_spacing)
-        for key, (count, spacing) in {"rail_spacing": rails, "carriage_spacing": carriages}.items():
+        rails = (self.rails, self.rail_spacing)
+        carriages = (self.carriages, self.carriage_spacing)
+        for key, (count, spacing) in {
+            "rail_spacing": rails,
+            "carriage_spacing": carriages,
+        }.items():
             if count > 1 and not spacing:
                 expected = f"the distance of one of {count} from the next"
                 raise InputError(f"{key}: expected {expected}, got none")
         if self._by_sheet or self.balls is None:
             vertical, lateral = self._need("vertical", "lateral")
-            each = (0.0, lateral, vertical, self.roll or 0.0, self.tilt or 0.0, self.yaw or 0.0)
-            for key, others in {"roll": "rails", "tilt": "carriages", "yaw": "carriages"}.items():
+            each = (
+                0.0,
+                lateral,
+                vertical,
+                self.roll or 0.0,
+                self.tilt or 0.0,
+                self.yaw or 0.0,
+            )
+            for key, others in {
+                "roll": "rails",
+                "tilt": "carriages",
+                "yaw": "carriages",
+            }.items():
                 if not getattr(self, key) and getattr(self, others) == 1:
                     expected = f"a carriage's own beside one of {others}"
                     raise InputError(f"{key}: expected {expected}, got nothing")
@@ -240,9 +277,17 @@ class LinearGuide(ElementSection):
         keys = ("ball", "width", "height", "length", "preload")
         ball, width, height, length, preload = self._need(*keys)
         contacts = me.carriage_contacts(
-            self.balls, ball, self.osculation[0], self.angle, width, height, length, preload,
-            me.reduced_modulus(), face_to_face=self.arrangement == "face-to-face",
-        )  # fmt: skip
+            self.balls,
+            ball,
+            self.osculation[0],
+            self.angle,
+            width,
+            height,
+            length,
+            preload,
+            me.reduced_modulus(),
+            face_to_face=self.arrangement == "face-to-face",
+        )
         return me.guide_of_balls(contacts, rails, carriages)
 
 
@@ -270,8 +315,12 @@ class BallScrew(ElementSection):
         if self.axial is not None:
             return me.of_sheet(0.0, self.axial, 0.0, "the sheet's own stiffness")
         diameter, length = self._need("diameter", "length")
-        nut, support, both = self.nut or np.inf, self.support or np.inf, self.both_ends
-        return me.ball_screw(diameter, length, nut, support, both_ends=both, lead=self.lead)
+        nut = self.nut or np.inf
+        support = self.support or np.inf
+        both = self.both_ends
+        return me.ball_screw(
+            diameter, length, nut, support, both_ends=both, lead=self.lead
+        )
 
 
 ELEMENTS: dict[str, type[ElementSection]] = {
@@ -286,7 +335,9 @@ def _some(value: Any) -> Any:
     several = value if isinstance(value, list | tuple) else [value]
     for each in several:
         if not isinstance(each, dict | ElementSection):
-            raise ValueError(q.expected(f"a table with a kind ({', '.join(ELEMENTS)})", each))
+            raise ValueError(
+                q.expected(f"a table with a kind ({', '.join(ELEMENTS)})", each)
+            )
         if isinstance(each, dict):
             one_of(each.get("kind"), ELEMENTS, "a kind of bearing")
     if not several:

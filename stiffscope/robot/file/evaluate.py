@@ -9,7 +9,13 @@ from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.expressions import check_names, is_expression, normalize, parse, refuse_name
+from stiffscope.robot.file.expressions import (
+    check_names,
+    is_expression,
+    normalize,
+    parse,
+    refuse_name,
+)
 from stiffscope.robot.file.parse import FieldError, blame
 from stiffscope.robot.file.part_sections import PARTS
 from stiffscope.robot.file.values import Reads, measured_quantity, read_any
@@ -28,7 +34,9 @@ _FACTOR = re.compile(r"factor\s+(\d+(?:\.\d*)?)")
 _EXAMPLE = '"20 mm ± 0.1 mm", "20 mm ± 0.5 %" or "2 kN*m/rad ± factor 5"'
 
 
-def evaluate(data: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float], dict[Key, float]]:
+def evaluate(
+    data: dict[str, Any],
+) -> tuple[dict[str, Any], dict[str, float], dict[Key, float]]:
     """Evaluate tolerances and expressions of a file.
 
     Parameters
@@ -57,7 +65,9 @@ def evaluate(data: dict[str, Any]) -> tuple[dict[str, Any], dict[str, float], di
     try:
         values = _parameter_values(data)
         return evaluate_value(rest, values), values, tolerances
-    except FieldError:  # if a value's own field refuses it, so, before the expression that uses it
+    except (
+        FieldError
+    ):  # if a value's own field refuses it, so, before the expression that uses it
         for key, value, field in _list_given(data).values():
             given = value is not None and not is_expression(value)
             for reads in field.metadata if field is not None and given else ():
@@ -80,7 +90,11 @@ def evaluate_value(data: Any, values: Mapping[str, float], key: Key = ()) -> Any
     """
 
     def number(text: str, here: Key) -> Any:
-        return _evaluate(here, _parse(here, text, values), values) if is_expression(text) else text
+        return (
+            _evaluate(here, _parse(here, text, values), values)
+            if is_expression(text)
+            else text
+        )
 
     return _map_texts(data, number, key)
 
@@ -95,7 +109,10 @@ def _map_texts(data: Any, change: Callable[[str, Key], Any], key: Key = ()) -> A
             for name, value in data.items()
         }
     if isinstance(data, list):
-        return [_map_texts(value, change, (*key, number)) for number, value in enumerate(data)]
+        return [
+            _map_texts(value, change, (*key, number))
+            for number, value in enumerate(data)
+        ]
     return change(data, key) if isinstance(data, str) else data
 
 
@@ -103,7 +120,9 @@ def _nominal(text: str, key: Key, tolerances: dict[Key, float]) -> str:
     """Return the text of the nominal value; add its tolerance, SI, to ``tolerances``."""
     if is_expression(text) or not _MARK.search(text):
         return text
-    value, _, width = (each.strip() for each in _MARK.sub("\0", text, count=1).partition("\0"))
+    value, _, width = (
+        each.strip() for each in _MARK.sub("\0", text, count=1).partition("\0")
+    )
     factor = _FACTOR.fullmatch(width)
     if factor and float(factor[1]) > 1.0:
         width = f"{100.0 * math.log(float(factor[1])):.12g} %"
@@ -132,14 +151,20 @@ def _parameter_values(data: Mapping[str, Any]) -> dict[str, float]:
             with blame(*key):
                 values[name] = measured_quantity(value)
         else:
-            with suppress(ValueError):  # whether it measures what it should is checked later
+            with suppress(
+                ValueError
+            ):  # whether it measures what it should is checked later
                 values[name] = measured_quantity(value)
-    order = TopologicalSorter({name: expression.names for name, expression in expressions.items()})
+    order = TopologicalSorter(
+        {name: expression.names for name, expression in expressions.items()}
+    )
     try:
         ordered = list(order.static_order())
     except CycleError as error:
         circle = error.args[1][::-1]
-        message = f"expected no parameter that depends on itself, got {' -> '.join(circle)}"
+        message = (
+            f"expected no parameter that depends on itself, got {' -> '.join(circle)}"
+        )
         raise FieldError(given[circle[0]][0], message) from error
     for name in ordered:
         if name in expressions:
@@ -147,7 +172,9 @@ def _parameter_values(data: Mapping[str, Any]) -> dict[str, float]:
     return values
 
 
-def _list_given(data: Mapping[str, Any]) -> dict[str, tuple[Key, Any, FieldInfo | None]]:
+def _list_given(
+    data: Mapping[str, Any],
+) -> dict[str, tuple[Key, Any, FieldInfo | None]]:
     """Return key, value and part's field for each name, including defaults of parts."""
     found: dict[str, tuple[Key, Any, FieldInfo | None]] = {}
     for name, value in data.get("parameters", {}).items():
@@ -161,10 +188,25 @@ def _list_given(data: Mapping[str, Any]) -> dict[str, tuple[Key, Any, FieldInfo 
         found[normalize(name)] = (key, value, None)
     for part, section in data.get("parts", {}).items():
         shape = section.get("shape") if isinstance(section, dict) else None
-        fields = PARTS[shape].model_fields if isinstance(shape, str) and shape in PARTS else {}
-        defaults = {key: field.default for key, field in fields.items() if not field.is_required()}
-        for key, value in {**defaults, **(section if isinstance(section, dict) else {})}.items():
-            found[normalize(f"{part}.{key}")] = (("parts", part, key), value, fields.get(key))
+        fields = (
+            PARTS[shape].model_fields
+            if isinstance(shape, str) and shape in PARTS
+            else {}
+        )
+        defaults = {
+            key: field.default
+            for key, field in fields.items()
+            if not field.is_required()
+        }
+        for key, value in {
+            **defaults,
+            **(section if isinstance(section, dict) else {}),
+        }.items():
+            found[normalize(f"{part}.{key}")] = (
+                ("parts", part, key),
+                value,
+                fields.get(key),
+            )
     return found
 
 
@@ -178,7 +220,11 @@ def _parse(key: Key, text: str, known: Mapping[str, Any]) -> Expression:
 def _evaluate(key: Key, expression: Expression, values: Mapping[str, float]) -> float:
     for name in expression.names:
         if name not in values:
-            raise FieldError(key, f'expected names of numbers, got "{name}", which is none')
+            raise FieldError(
+                key, f'expected names of numbers, got "{name}", which is none'
+            )
     with blame(*key):
-        known = {name: getattr(values[name], "powers", None) for name in expression.names}
+        known = {
+            name: getattr(values[name], "powers", None) for name in expression.names
+        }
         return q.Measured(expression.value(values), expression.powers(known))

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 
     Operation = Callable[..., Any]
 
-MOST_CHARACTERS, MOST_LEVELS = 500, 100
+MOST_CHARACTERS = 500
+MOST_LEVELS = 100
 FUNCTIONS: dict[str, tuple[Operation, int]] = {
     **{each.__name__: (each, 1) for each in (math.sqrt, math.sin, math.cos, math.tan)},
     **{each.__name__: (each, 1) for each in (math.asin, math.acos, math.atan)},
@@ -31,7 +32,9 @@ CONSTANTS = {"pi": math.pi}
 Powers = tuple[float, ...]  # of metre, kilogram, second, kelvin and radian
 PLAIN: Powers = (0.0, 0.0, 0.0, 0.0, 0.0)
 _ANGLE: Powers = (0.0, 0.0, 0.0, 0.0, 1.0)
-_FACTORS = 10  # below, a whole number is a plain factor; any other may have a unit of its own
+_FACTORS = (
+    10  # below, a whole number is a plain factor; any other may have a unit of its own
+)
 _OPERATORS: dict[type[ast.AST], Operation] = {
     ast.Add: operator.add,
     ast.Sub: operator.sub,
@@ -56,7 +59,9 @@ class Expression:
         """Return its value, SI, given its names' values; ValueError unless finite and real."""
         found = _evaluate(self.tree, self.text, values)
         if not math.isfinite(found):
-            raise ValueError("expected an expression of finite value, got one that is too large")
+            raise ValueError(
+                "expected an expression of finite value, got one that is too large"
+            )
         return found
 
     def powers(self, known: Mapping[str, Powers | None]) -> Powers | None:
@@ -75,9 +80,13 @@ def is_expression(value: Any) -> bool:
 def refuse_name(name: str) -> None:
     """Raise ValueError if expressions cannot use a parameter's name."""
     if name in FUNCTIONS or name in CONSTANTS:
-        raise ValueError(f'expected another name, got "{name}", which expressions already have')
+        raise ValueError(
+            f'expected another name, got "{name}", which expressions already have'
+        )
     if not name.isidentifier() or keyword.iskeyword(name):
-        what = "a name that expressions can use (letters, digits, _; no keyword of Python)"
+        what = (
+            "a name that expressions can use (letters, digits, _; no keyword of Python)"
+        )
         raise ValueError(f'expected {what}, got "{name}"')
 
 
@@ -98,7 +107,9 @@ def parse(text: str) -> Expression:
         what = 'an expression without units such as "= 0.18 + a*cos(th)"'
         raise ValueError(f'expected {what}, got "= {_cut(body)}"') from error
     except (RecursionError, MemoryError, ValueError) as error:
-        raise ValueError(f'expected a simpler expression, got "{_cut(body)}"') from error
+        raise ValueError(
+            f'expected a simpler expression, got "{_cut(body)}"'
+        ) from error
     if _levels(tree) > MOST_LEVELS:
         most = f"at most {MOST_LEVELS} levels"
         raise ValueError(f'expected an expression of {most}, got "{_cut(body)}"')
@@ -111,14 +122,18 @@ def check_names(expression: Expression, known: Collection[str]) -> None:
         if name not in known:
             listed = ", ".join(sorted(known)[:12]) or "(none)"
             what = f"a name of [parameters] or part.parameter ({listed})"
-            raise ValueError(f'expected {what}, got "{name}"{meant(name, sorted(known))}')
+            raise ValueError(
+                f'expected {what}, got "{name}"{meant(name, sorted(known))}'
+            )
 
 
 def _levels(tree: ast.expr) -> int:
     """Return the depth of an expression's tree."""
-    level, count = [tree], 0
+    level = [tree]
+    count = 0
     while level and count <= MOST_LEVELS:
-        level, count = [child for node in level for child in ast.iter_child_nodes(node)], count + 1
+        level = [child for node in level for child in ast.iter_child_nodes(node)]
+        count = count + 1
     return count
 
 
@@ -140,7 +155,9 @@ def _evaluate(node: ast.expr, text: str, values: Mapping[str, float]) -> float:
         try:
             return float(node.value)  # type: ignore[arg-type]
         except OverflowError as error:
-            raise ValueError("expected numbers up to 1e308, got a larger one") from error
+            raise ValueError(
+                "expected numbers up to 1e308, got a larger one"
+            ) from error
     if isinstance(node, ast.Name | ast.Attribute):
         name = _join_dotted(node, text)
         return CONSTANTS[name] if name in CONSTANTS else values[name]
@@ -159,18 +176,31 @@ def _measure(  # noqa: PLR0911 (one for each kind of node)
         return PLAIN if name in CONSTANTS else known.get(name)
     operation, operands = _operation(node, text)
     found = [_measure(each, text, known) for each in operands]
-    first, last = found[0], found[-1]
+    first = found[0]
+    last = found[-1]
     match node:
         case ast.UnaryOp():
             return first
         case ast.BinOp(op=ast.Add() | ast.Sub()) | ast.Call(func=ast.Name(id="atan2")):
             if not (fits(first, last) or fits(last, first)):
-                raise ValueError(f"expected quantities of one kind, got {_piece(node, text)}")
+                raise ValueError(
+                    f"expected quantities of one kind, got {_piece(node, text)}"
+                )
             alike = first if first != PLAIN else last
-            return _ANGLE if isinstance(node, ast.Call) else None if None in found else alike
+            return (
+                _ANGLE
+                if isinstance(node, ast.Call)
+                else None
+                if None in found
+                else alike
+            )
         case ast.BinOp(op=ast.Pow(), right=power):
             share = None if any(_names(power, text)) else _evaluate(power, text, {})
-            return first and tuple(each * share for each in first) if share is not None else None
+            return (
+                first and tuple(each * share for each in first)
+                if share is not None
+                else None
+            )
         case ast.BinOp(op=op):
             sign = operator.add if isinstance(op, ast.Mult) else operator.sub
             return first and last and tuple(map(sign, first, last))
@@ -196,12 +226,20 @@ def _operation(node: ast.expr, text: str) -> tuple[Operation, list[ast.expr]]:
             return _OPERATORS[type(op)], [operand]
         case ast.BinOp(left=left, op=op, right=right) if type(op) in _OPERATORS:
             return _OPERATORS[type(op)], [left, right]
-        case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if name in FUNCTIONS:
+        case ast.Call(func=ast.Name(id=name), args=args, keywords=[]) if (
+            name in FUNCTIONS
+        ):
             function, count = FUNCTIONS[name]
             if len(args) != count:
-                raise ValueError(f"expected {count} argument(s) of {name}, got {len(args)}")
+                raise ValueError(
+                    f"expected {count} argument(s) of {name}, got {len(args)}"
+                )
             return function, args
-    hint = "; a power is **" if any(isinstance(each, ast.BitXor) for each in ast.walk(node)) else ""
+    hint = (
+        "; a power is **"
+        if any(isinstance(each, ast.BitXor) for each in ast.walk(node))
+        else ""
+    )
     raise ValueError(f"expected only {_WHAT}, got {_piece(node, text)}{hint}")
 
 
@@ -229,7 +267,9 @@ def _apply(function: Operation, values: list[float], piece: str) -> float:
         raise ValueError(f"expected no division by zero, got {shown}") from error
     except OverflowError as error:
         large = f"{shown}, which is too large"
-        raise ValueError(f"expected an expression of finite value, got {large}") from error
+        raise ValueError(
+            f"expected an expression of finite value, got {large}"
+        ) from error
     except ValueError as error:
         raise ValueError(unreal) from error
     if isinstance(result, complex):

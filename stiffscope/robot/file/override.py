@@ -28,8 +28,23 @@ NAMED = {
         ("bodies", (ElasticBody, InterfaceBody, RigidBody)),
     )
 }
-_NESTED = (*NAMED, "materials", "poses", "groups", "parameters")  # sections of named entries
-TABLES = (*NAMED, "parameters", "tool", "gravity", "poses", "map", "materials", "groups")
+_NESTED = (
+    *NAMED,
+    "materials",
+    "poses",
+    "groups",
+    "parameters",
+)  # sections of named entries
+TABLES = (
+    *NAMED,
+    "parameters",
+    "tool",
+    "gravity",
+    "poses",
+    "map",
+    "materials",
+    "groups",
+)
 MOST_CHARACTERS = 5_000  # a matrix needs about 1000
 _EXAMPLE = "slider.thickness=25mm"
 
@@ -43,7 +58,9 @@ class Override:
     text: str
 
 
-def apply_overrides(data: dict[str, Any], source: Source, tolerance: str | None) -> list[Override]:
+def apply_overrides(
+    data: dict[str, Any], source: Source, tolerance: str | None
+) -> list[Override]:
     """Apply overrides to a parsed file, in place.
 
     Parameters
@@ -61,7 +78,10 @@ def apply_overrides(data: dict[str, Any], source: Source, tolerance: str | None)
         Overrides of copies, which do not exist yet.
     """
     names = {key: list(value) for key, value in data.items() if isinstance(value, dict)}
-    copied = {key: list(copied_names(data, names.get(key, []))) for key in ("bodies", "joints")}
+    copied = {
+        key: list(copied_names(data, names.get(key, [])))
+        for key in ("bodies", "joints")
+    }
     names |= {key: [*names.get(key, []), *more] for key, more in copied.items()}
     changes = [locate(text, names) for text in source.overrides]
     for name, table in data.get("parts", {}).items() if tolerance is not None else ():
@@ -86,7 +106,9 @@ def split(text: str) -> tuple[str, Any]:
     name, equals, value = text.partition("=")
     name = name.strip().replace('"', "")
     if not equals or not value.strip() or not all(name.split(".")) or "." not in name:
-        raise InputError(f'--set {text}: expected NAME.KEY=VALUE such as {_EXAMPLE}, got "{text}"')
+        raise InputError(
+            f'--set {text}: expected NAME.KEY=VALUE such as {_EXAMPLE}, got "{text}"'
+        )
     try:
         return name, tomllib.loads(f"value = {value.strip()}")["value"]
     except (KeyError, ValueError, RecursionError):  # usually a string without quotes
@@ -97,22 +119,31 @@ def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
     """Resolve a text such as "slider.thickness=25mm" to a key, given the names in each section."""
     name, value = split(text)
     found: list[tuple[str, ...]] = [
-        (section, *rest) for section in NAMED for rest in _ways(name, names.get(section, ()))
+        (section, *rest)
+        for section in NAMED
+        for rest in _ways(name, names.get(section, ()))
     ]
     section, _, rest = name.partition(".")
     if section == "parameters" and rest not in (there := names.get(section, ())):
         what = f"a parameter of the file ({list_some(there) or 'it has none'})"
-        raise InputError(f'--set {text}: expected {what}, got "{rest}"{meant(rest, there)}')
+        raise InputError(
+            f'--set {text}: expected {what}, got "{rest}"{meant(rest, there)}'
+        )
     if section in TABLES:
         inside = _ways(rest, names.get(section, ())) if section in _NESTED else []
         found.append((section, *(inside[0] if inside else rest.split("."))))
     if not found:
         known = [each for section in NAMED for each in names.get(section, ())]
         guess = meant(section, [*known, *TABLES])
-        what = f"NAME.KEY=VALUE with a NAME of {list_some(known)} or {', '.join(TABLES)}"
+        what = (
+            f"NAME.KEY=VALUE with a NAME of {list_some(known)} or {', '.join(TABLES)}"
+        )
         raise InputError(f'--set {text}: expected {what}, got "{name}"{guess}')
     fitting = [key for key in found if len(key) > 2 and key[2] in NAMED.get(key[0], ())]
-    if len({key[0] for key in fitting} & {"bodies", "joints"}) > 1 and fitting[0][0] != "parts":
+    if (
+        len({key[0] for key in fitting} & {"bodies", "joints"}) > 1
+        and fitting[0][0] != "parts"
+    ):
         ways = f"bodies.{name} or joints.{name}"
         raise InputError(f"--set {text}: expected {ways}, got {name}, which both have")
     return Override((fitting or found)[0], value, f"--set {text}")
@@ -120,7 +151,9 @@ def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
 
 def _ways(name: str, known: Iterable[str]) -> list[tuple[str, ...]]:
     """Split into a known name and the keys after it, longest name first."""
-    fitting = sorted((each for each in known if name.startswith(f"{each}.")), key=len, reverse=True)
+    fitting = sorted(
+        (each for each in known if name.startswith(f"{each}.")), key=len, reverse=True
+    )
     return [(each, *name[len(each) + 1 :].split(".")) for each in fitting]
 
 
@@ -152,7 +185,9 @@ def assign(data: dict[str, Any], key: Key, value: Any, text: str) -> None:
     elif isinstance(table, dict):
         table[last] = value
     else:
-        raise InputError(f'{text}: expected a key of a table, got "{last}" of a value that is none')
+        raise InputError(
+            f'{text}: expected a key of a table, got "{last}" of a value that is none'
+        )
 
 
 def _is_within(table: Any, part: str | int) -> bool:
@@ -163,4 +198,8 @@ def _add_material(data: dict[str, Any], name: str) -> None:
     """Add the constants of a built-in material, of which one is set, unless the file has its own."""
     own = data.setdefault("materials", {})
     if isinstance(own, dict) and name not in own and name in MATERIALS:
-        own[name] = {key: value for key, value in asdict(MATERIALS[name]).items() if key != "name"}
+        own[name] = {
+            key: value
+            for key, value in asdict(MATERIALS[name]).items()
+            if key != "name"
+        }

@@ -16,12 +16,15 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-MOST_VALUES, MOST_LEVELS = 50_000, 30  # ample for a file written by hand
+MOST_VALUES = 50_000
+MOST_LEVELS = 30  # ample for a file written by hand
 _NAME = re.compile(r'([A-Za-z0-9_-]+)|"([^"]*)"')
 _PLACE = re.compile(r'(?:(?:[A-Za-z0-9_-]+|"[^"]*")(?:\.|(?=: )))+')
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _WORD = r"(?:(?<![\w-])[\w-]+|\"[^\"\n]*\"|'[^'\n]*')"
-_DOTTED = re.compile(rf"(?:{_WORD}[ \t]*\.[ \t]*){{300}}")  # parsing time is quadratic in depth
+_DOTTED = re.compile(
+    rf"(?:{_WORD}[ \t]*\.[ \t]*){{300}}"
+)  # parsing time is quadratic in depth
 
 
 class FieldError(ValueError):
@@ -83,7 +86,8 @@ class Source:
             if by is None and len(table) > 1 and table not in self.lines:
                 inside = (each for each in self.changed if each[: len(table)] == table)
                 by = self.changed.get(next(inside, ()))
-        where, others = by or f"{self.path}:{self.line(key)}", ", ".join(self.overrides[:3])
+        where = by or f"{self.path}:{self.line(key)}"
+        others = ", ".join(self.overrides[:3])
         message += f" (with --set {others})" if others and not by else ""
         return InputError(f"{where}: {field_name(key)}: {message}")
 
@@ -122,7 +126,10 @@ def as_written(key: Key) -> Key:
 
 def field_name(key: Key) -> str:
     """Format a key as in the file: `joints."leg1.motor".axis[2]`."""
-    names = [part if isinstance(part, int) or _BARE.fullmatch(part) else f'"{part}"' for part in key]
+    names = [
+        part if isinstance(part, int) or _BARE.fullmatch(part) else f'"{part}"'
+        for part in key
+    ]
     parts = (f"[{name}]" if isinstance(name, int) else f".{name}" for name in names)
     return "".join(parts).removeprefix(".")
 
@@ -151,7 +158,8 @@ def parse_text(path: Path, text: str, what: str = "a robot file") -> dict[str, A
     """
     deep = _DOTTED.search(text)
     if deep:
-        line, most = text.count("\n", 0, deep.start()) + 1, f"at most {MOST_LEVELS} names with dots"
+        line = text.count("\n", 0, deep.start()) + 1
+        most = f"at most {MOST_LEVELS} names with dots"
         raise InputError(f"{path}:{line}: expected keys of {most}, got a longer one")
     try:
         data = tomllib.loads(text)
@@ -164,7 +172,9 @@ def parse_text(path: Path, text: str, what: str = "a robot file") -> dict[str, A
         raise InputError(f"{path}:{line}: expected {what}, got {got}") from error
     except ValueError as error:  # Python's limit on digits
         place = f"{path}:{_first_line(text, r'[0-9_]{4300}')}"
-        raise InputError(f"{place}: expected numbers of at most 19 digits, got a longer one") from error
+        raise InputError(
+            f"{place}: expected numbers of at most 19 digits, got a longer one"
+        ) from error
     try:
         _check_size(data)
     except FieldError as error:
@@ -175,13 +185,17 @@ def parse_text(path: Path, text: str, what: str = "a robot file") -> dict[str, A
     return data
 
 
-def _explain(error: tomllib.TOMLDecodeError, text: str, *, shown: bool) -> tuple[int, str]:
+def _explain(
+    error: tomllib.TOMLDecodeError, text: str, *, shown: bool
+) -> tuple[int, str]:
     """Return line and message of a TOML error; quote the line only if ``shown``."""
     reason, _, place = str(error).partition(" (at ")
     found = re.search(r"line (\d+), column (\d+)", place)
     lines = text.split("\n")
     line = min(int(found[1]), len(lines)) if found else len(lines)
-    line_shown = f'"{lines[line - 1].strip()[:60]}" (column' if shown else "another text (column"
+    line_shown = (
+        f'"{lines[line - 1].strip()[:60]}" (column' if shown else "another text (column"
+    )
     where = f"{line_shown} {found[2]})" if found else "the end of the file"
     return line, f"expected valid TOML, got {where}: {reason[:1].lower()}{reason[1:]}"
 
@@ -200,12 +214,16 @@ def _check_size(data: dict[str, Any]) -> None:
         key, value = left.pop()
         count += 1
         if count > MOST_VALUES:
-            raise FieldError(key[:1], f"expected at most {MOST_VALUES} values in a file, got more")
+            raise FieldError(
+                key[:1], f"expected at most {MOST_VALUES} values in a file, got more"
+            )
         if len(key) > MOST_LEVELS:
             most = f"at most {MOST_LEVELS} levels of tables and lists"
             raise FieldError(key, f"expected {most}, got more")
         if isinstance(value, int) and not -(2**63) <= value < 2**63:
-            raise FieldError(key, "expected a number of at most 19 digits, got a longer one")
+            raise FieldError(
+                key, "expected a number of at most 19 digits, got a longer one"
+            )
         if isinstance(value, dict | list):
             items = value.items() if isinstance(value, dict) else enumerate(value)
             left += [((*key, name), each) for name, each in items]

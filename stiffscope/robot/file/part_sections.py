@@ -71,7 +71,9 @@ class Face(Section):
 
     kind: str | None = None
     normal: v.Direction | None = None
-    position: Annotated[str | tuple[float, ...], BeforeValidator(_position)] | None = None
+    position: Annotated[str | tuple[float, ...], BeforeValidator(_position)] | None = (
+        None
+    )
     radius: v.Length | None = None
     index: Annotated[tuple[int, ...], BeforeValidator(_numbers)] | None = None
     washer: v.Length | None = None
@@ -111,7 +113,9 @@ class NamedFaces(Section):
 def _named(value: Any) -> Any:
     if isinstance(value, dict) and "faces" not in value:
         own = {key: value[key] for key in value if key == "interface"}
-        return own | {"faces": [{key: each for key, each in value.items() if key not in own}]}
+        return own | {
+            "faces": [{key: each for key, each in value.items() if key not in own}]
+        }
     return {"faces": value} if isinstance(value, list | tuple) else value
 
 
@@ -148,11 +152,18 @@ class ParametricPart(SolidPart):
 
     def dimensions(self) -> dict[str, float | int | str]:
         """Return the parameters of the part's shape, SI."""
-        return {field.name: getattr(self, field.name) for field in dataclasses.fields(self.made)}
+        return {
+            field.name: getattr(self, field.name)
+            for field in dataclasses.fields(self.made)
+        }
 
     def lengths(self) -> dict[str, float]:
         """Return the lengths among the parameters, m."""
-        return {key: size for key, size in self.dimensions().items() if isinstance(size, float)}
+        return {
+            key: size
+            for key, size in self.dimensions().items()
+            if isinstance(size, float)
+        }
 
     def measure_across(self, axis: str) -> float:
         """Return the size across the part along its y or z, m."""
@@ -167,14 +178,20 @@ class ParametricPart(SolidPart):
 
 
 _CONSTANTS = {
-    "modulus": v.Modulus, "poisson": v.Ratio, "density": v.Density, "expansion": v.Expansion,
-}  # fmt: skip
+    "modulus": v.Modulus,
+    "poisson": v.Ratio,
+    "density": v.Density,
+    "expansion": v.Expansion,
+}
 
 
-def _section_of(name: str, base: Any, made: type, required: tuple[str, ...] = (), doc: str = "") -> Any:
+def _section_of(
+    name: str, base: Any, made: type, required: tuple[str, ...] = (), doc: str = ""
+) -> Any:
     """Create a section with one key for each field, but its name, of what is ``made`` of it."""
     kinds = {float: v.LengthOrZero, int: v.Count}
-    hints, fields = typing.get_type_hints(made), dict[str, Any]()
+    hints = typing.get_type_hints(made)
+    fields = dict[str, Any]()
     for field in dataclasses.fields(made):
         if field.name == "name":
             continue
@@ -182,7 +199,9 @@ def _section_of(name: str, base: Any, made: type, required: tuple[str, ...] = ()
         hint = v.Length if needed else hints[field.name]
         kind = _CONSTANTS.get(field.name.rpartition("_")[2], kinds.get(hint, hint))
         fields[field.name] = (kind, ... if needed else field.default)
-    model: Any = create_model(name, __base__=base, __doc__=doc or base.__doc__, **fields)
+    model: Any = create_model(
+        name, __base__=base, __doc__=doc or base.__doc__, **fields
+    )
     model.made = made
     return model
 
@@ -194,20 +213,28 @@ class _Rod(ParametricPart):
 class _Plate(ParametricPart):
     """A plate, if wished with ribs, holes, pads; x away from its clamped face, y across, z through it."""
 
-    published: str | None = None  # a matrix of data/published, for the source "published"
+    published: str | None = (
+        None  # a matrix of data/published, for the source "published"
+    )
 
     @property
     def interface_names(self) -> tuple[str, ...]:
         """See `PartSection`."""
         size = self.dimensions()
-        return ("clamped", *PADS) if size["pads"] == "apart" and size["pad_height"] else ()
+        return (
+            ("clamped", *PADS) if size["pads"] == "apart" and size["pad_height"] else ()
+        )
 
 
 RodPart = _section_of("RodPart", _Rod, LinkParameters, ("length", "radius"))
-PlatePart = _section_of("PlatePart", _Plate, SliderParameters, ("depth", "width", "thickness"))
+PlatePart = _section_of(
+    "PlatePart", _Plate, SliderParameters, ("depth", "width", "thickness")
+)
 _FROM = "Axes: x along it from the clamped end, from the section's centroid."
 BEAM_PARTS: dict[str, type[ParametricPart]] = {
-    shape: _section_of(f"{shape.title()}Part", ParametricPart, beam, doc=f"{beam.__doc__} {_FROM}")
+    shape: _section_of(
+        f"{shape.title()}Part", ParametricPart, beam, doc=f"{beam.__doc__} {_FROM}"
+    )
     for shape, beam in BEAMS.items()
 }
 
@@ -217,7 +244,11 @@ def solid_length(part: PartSection) -> float | None:
     if not isinstance(part, ParametricPart):
         return None
     lengths = part.lengths()
-    return lengths["depth"] + lengths["pad_height"] if part.shape == "plate" else lengths["length"]
+    return (
+        lengths["depth"] + lengths["pad_height"]
+        if part.shape == "plate"
+        else lengths["length"]
+    )
 
 
 class StepPart(SolidPart):
@@ -240,7 +271,9 @@ class StepPart(SolidPart):
     @classmethod
     def _by_experiment(cls, value: Source) -> Source:
         if value != "fea":
-            raise ValueError(f'expected "fea" for a solid of a STEP file, got "{value}"')
+            raise ValueError(
+                f'expected "fea" for a solid of a STEP file, got "{value}"'
+            )
         return value
 
     def placement(self) -> Placement:
@@ -253,14 +286,20 @@ class StepPart(SolidPart):
         if self.interfaces is None:
             return self
         if len(self.interfaces) < 2:
-            raise InputError(f"step.interfaces: expected two or more, got {list(self.interfaces)}")
+            raise InputError(
+                f"step.interfaces: expected two or more, got {list(self.interfaces)}"
+            )
         first = next(iter(self.interfaces))
         if self.interfaces[first].interface == "distributed":
             place = f"step.interfaces.{first}.interface"
-            raise InputError(f"{place}: expected rigid for the first one, which is at rest")
+            raise InputError(
+                f"{place}: expected rigid for the first one, which is at rest"
+            )
         for key in ("clamped", "loaded", "reference_point"):
             if getattr(self, key) is not None:
-                raise InputError(f"step.{key}: expected none beside named interfaces, got one")
+                raise InputError(
+                    f"step.{key}: expected none beside named interfaces, got one"
+                )
         return self
 
 
@@ -273,7 +312,9 @@ def _square(expected: str, size: int = 0) -> BeforeValidator:
         listed = all(isinstance(row, list | tuple) for row in rows)
         if not rows or not listed or {count} != {len(rows), *map(len, rows)}:
             raise ValueError(q.expected(expected, value))
-        return tuple(tuple(q.to_si(entry, q.NUMBER, sign="any") for entry in row) for row in rows)
+        return tuple(
+            tuple(q.to_si(entry, q.NUMBER, sign="any") for entry in row) for row in rows
+        )
 
     return BeforeValidator(read)
 
@@ -295,14 +336,18 @@ class MatrixPart(PartSection):
 
     @field_validator("matrix")
     @classmethod
-    def _possible(cls, value: tuple[tuple[float, ...], ...]) -> tuple[tuple[float, ...], ...]:
+    def _possible(
+        cls, value: tuple[tuple[float, ...], ...]
+    ) -> tuple[tuple[float, ...], ...]:
         try:
             sound = check_compliance(np.array(value), "matrix", semidefinite=True)
         except ValueError as error:
-            what, why = "a symmetric, positive semidefinite compliance", str(error).partition(": ")
+            what = "a symmetric, positive semidefinite compliance"
+            why = str(error).partition(": ")
             raise ValueError(f"expected {what}, got another: {why[2]}") from error
         for k, most in enumerate((q.COMPLIANCE,) * 3 + (q.TILTING,) * 3):
-            if beyond := most.refusal(sound[k, k]) if sound[k, k] > 1.0 else "":
+            beyond = most.refusal(sound[k, k]) if sound[k, k] > 1.0 else ""
+            if beyond:
                 got = f"{sound[k, k]:g} for entry {k + 1}{k + 1}, which is {beyond}"
                 raise ValueError(f"expected {most.noun}, not a stiffness, got {got}")
         return tuple(tuple(map(float, row)) for row in sound)
@@ -350,13 +395,21 @@ class InterfacePart(PartSection):
 
     def build(self, name: str, at: Any = (0.0, 0.0, 0.0), axes: Any = None) -> Body:
         """Return a body made of it, with its origin ``at`` (3,) and its axes (3, 3) as columns."""
-        given = {key: getattr(self, key) for key in ("mass", "mass_matrix", "mode_squares")}
-        return superelement_body(name, self.interfaces, self.stiffness, at=at, axes=axes, **given)
+        given = {
+            key: getattr(self, key) for key in ("mass", "mass_matrix", "mode_squares")
+        }
+        return superelement_body(
+            name, self.interfaces, self.stiffness, at=at, axes=axes, **given
+        )
 
 
 PARTS: dict[str, type[PartSection]] = {
-    "rod": RodPart, "plate": PlatePart, **BEAM_PARTS, "step": StepPart, "matrix": MatrixPart,
-}  # fmt: skip
+    "rod": RodPart,
+    "plate": PlatePart,
+    **BEAM_PARTS,
+    "step": StepPart,
+    "matrix": MatrixPart,
+}
 
 
 class MaterialSection(Section):

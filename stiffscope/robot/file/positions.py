@@ -21,7 +21,8 @@ _ESCAPED = dict(zip('btnfre"\\', '\b\t\n\f\r\x1b"\\', strict=True))
 
 def positions(text: str) -> dict[Key, int]:
     """Return the line of each table, key and list item in a valid TOML text, counted from 1."""
-    scanner, table = _Scanner(text), ()
+    scanner = _Scanner(text)
+    table = ()
     while scanner.kind != "end":
         if scanner.mark == "\n":
             scanner.step()
@@ -82,7 +83,9 @@ class _Scanner:
             self.note(key, line)
             self.tables[key] = self.tables.get(key, 0) + 1
         key = self.inside(key)
-        self.lines[key] = line  # replaces the line of an earlier sub-table that opened it
+        self.lines[key] = (
+            line  # replaces the line of an earlier sub-table that opened it
+        )
         self.note(key, line)
         return key
 

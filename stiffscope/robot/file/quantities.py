@@ -19,9 +19,13 @@ from stiffscope.robot.file.expressions import PLAIN, Powers, fits, parse
 if TYPE_CHECKING:
     import pint
 
-_NUMBER = re.compile(r"\s*([+-]?(?:\d+(?:_\d+)*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$", re.DOTALL)
+_NUMBER = re.compile(
+    r"\s*([+-]?(?:\d+(?:_\d+)*\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*$", re.DOTALL
+)
 _MOST_CHARACTERS = 200
-_POWER = re.compile(r"(?<=[\w°])\s*(?:\*\*|\^)\s*(?:[+-]?[1-9]|\([+-]?[1-9]\))(?!\s*(?:\*\*|\^|[\d.]))")
+_POWER = re.compile(
+    r"(?<=[\w°])\s*(?:\*\*|\^)\s*(?:[+-]?[1-9]|\([+-]?[1-9]\))(?!\s*(?:\*\*|\^|[\d.]))"
+)
 _PRODUCT = re.compile(r"(?:[\s*/·()%°⁻]|(?<!\w)1(?!\w)|(?<!\w)[^\W\d]\w*)*")
 
 
@@ -65,10 +69,22 @@ ANGLE = Dimension("an angle", "rad", "25 deg", most=1e4)
 TORSION = Dimension("a torsional stiffness", "N*m/rad", "24 kN*m/rad", 1e-9, 1e18)
 INERTIA = Dimension("a moment of inertia", "kg*m^2", "0.012 kg*m^2", most=1e12)
 COMPLIANCE = Dimension("a compliance", "m/N", "0.01 um/N", 1e-24, 1e6)
-TILTING = Dimension("a rotational compliance", "rad/(N*m)", "2e-6 rad/(N*m)", 1e-24, 1e9)
+TILTING = Dimension(
+    "a rotational compliance", "rad/(N*m)", "2e-6 rad/(N*m)", 1e-24, 1e9
+)
 
 NAMED = (
-    *(LENGTH, MASS, STIFFNESS, MOMENT, TORSION, MODULUS, DENSITY, EXPANSION, ACCELERATION),
+    *(
+        LENGTH,
+        MASS,
+        STIFFNESS,
+        MOMENT,
+        TORSION,
+        MODULUS,
+        DENSITY,
+        EXPANSION,
+        ACCELERATION,
+    ),
     *(FOUNDATION, DURATION, FREQUENCY, INERTIA, COMPLIANCE, TILTING, FORCE, ANGLE),
     *(Dimension("an area", "m^2", "3 mm^2"), Dimension("a volume", "m^3", "3 mm^3")),
     Dimension("a temperature", "K", "20 K"),
@@ -87,9 +103,13 @@ class Measured(float):
         return found
 
 
-_UNITS = dict(zip(("m", "kg", "s", "K", "rad"), map(tuple, np.eye(5).tolist()), strict=True)) | {
-    "N": (1.0, 1.0, -2.0, 0.0, 0.0), "Pa": (-1.0, 1.0, -2.0, 0.0, 0.0), "Hz": (0.0, 0.0, -1.0, 0.0, 0.0),
-}  # fmt: skip
+_UNITS = dict(
+    zip(("m", "kg", "s", "K", "rad"), map(tuple, np.eye(5).tolist()), strict=True)
+) | {
+    "N": (1.0, 1.0, -2.0, 0.0, 0.0),
+    "Pa": (-1.0, 1.0, -2.0, 0.0, 0.0),
+    "Hz": (0.0, 0.0, -1.0, 0.0, 0.0),
+}
 
 
 @cache
@@ -101,17 +121,27 @@ def powers_of(unit: str) -> Powers | None:
 # What pint answers for usual units: importing it takes as long as a robot's stiffness.
 SI = ("", *(each.unit for each in NAMED))
 USUAL = {si: (si, 1.0) for si in SI[1:]} | {
-    "mm": ("m", 1e-3), "um": ("m", 1e-6), "g": ("kg", 1e-3), "deg": ("rad", math.pi / 180), "GPa": ("Pa", 1e9),
-    "MPa": ("Pa", 1e6), "N/um": ("N/m", 1e6), "N/mm": ("N/m", 1e3), "N/mm^3": ("N/m^3", 1e9), "um/N": ("m/N", 1e-6),
+    "mm": ("m", 1e-3),
+    "um": ("m", 1e-6),
+    "g": ("kg", 1e-3),
+    "deg": ("rad", math.pi / 180),
+    "GPa": ("Pa", 1e9),
+    "MPa": ("Pa", 1e6),
+    "N/um": ("N/m", 1e6),
+    "N/mm": ("N/m", 1e3),
+    "N/mm^3": ("N/m^3", 1e9),
+    "um/N": ("m/N", 1e-6),
     "kN*m/rad": ("N*m/rad", 1e3),
-}  # fmt: skip
+}
 
 
 @cache
 def _registry() -> pint.UnitRegistry:
     import pint
 
-    return pint.UnitRegistry(str(data.FOLDER / "units.txt"))  # pint's own list is ten times slower
+    return pint.UnitRegistry(
+        str(data.FOLDER / "units.txt")
+    )  # pint's own list is ten times slower
 
 
 def to_si(value: Any, dimension: Dimension, *, sign: str = "positive") -> float:
@@ -138,12 +168,17 @@ def to_si(value: Any, dimension: Dimension, *, sign: str = "positive") -> float:
     if powers and not fits(powers, powers_of(dimension.unit)):
         raise ValueError(f"{message}, which is {_name_powers(powers)}")
     try:
-        si = _parse(value, dimension, message) if isinstance(value, str) else float(value)
+        si = (
+            _parse(value, dimension, message)
+            if isinstance(value, str)
+            else float(value)
+        )
     except OverflowError:
         si = math.inf
     if not math.isfinite(si):
         raise ValueError(f"{message}, which is not a finite number")
-    if beyond := dimension.refusal(si):
+    beyond = dimension.refusal(si)
+    if beyond:
         raise ValueError(f"{message}, which is {beyond}")
     if si <= 0 and sign == "positive":
         raise ValueError(f"{message}: it must be greater than zero")
@@ -161,20 +196,26 @@ def several(text: str, *dimensions: Dimension) -> tuple[float, ...]:
         If the length of the list or one of its values is wrong (one line).
     """
     words = text.split(",")
-    count, got = len(dimensions), len(words)
+    count = len(dimensions)
+    got = len(words)
     if got != count:
         raise ValueError(f"expected {count} values with commas between them, got {got}")
     matches = map(_NUMBER.match, words)
     pairs = zip(words, matches, strict=True)
-    values = [float(word) if match and not match[2] else word.strip() for word, match in pairs]
-    return tuple(to_si(v, d, sign="any") for v, d in zip(values, dimensions, strict=True))
+    values = [
+        float(word) if match and not match[2] else word.strip() for word, match in pairs
+    ]
+    return tuple(
+        to_si(v, d, sign="any") for v, d in zip(values, dimensions, strict=True)
+    )
 
 
 def _parse(text: str, dimension: Dimension, message: str) -> float:
     match = _NUMBER.match(text) if len(text) <= _MOST_CHARACTERS else None
     if match is None:
         raise ValueError(f"{message}, which does not begin with a number")
-    number, unit = float(match[1]), match[2]
+    number = float(match[1])
+    unit = match[2]
     if not unit and dimension.unit:
         bare = f"a bare number without quotes is {dimension.unit}"
         raise ValueError(f"{message}, which has no unit ({bare})")
@@ -191,22 +232,31 @@ def _factor(unit: str, si: str) -> float:
     """What one of a unit is in SI. Raises whatever pint does for what is no such unit."""
     if unit in USUAL and si in SI:
         base, factor = USUAL[unit]
-        found, wanted = powers_of(base) or PLAIN, powers_of(si) or PLAIN
+        found = powers_of(base) or PLAIN
+        wanted = powers_of(si) or PLAIN
         if found[:-1] != wanted[:-1] or found[-1] not in {0.0, wanted[-1]}:
             raise ValueError(f"{unit} is no {si}")
         return factor
     _check_unit(unit)
-    one = _registry().Quantity(1.0, _registry().parse_units(unit.removeprefix("*").strip()))
+    one = _registry().Quantity(
+        1.0, _registry().parse_units(unit.removeprefix("*").strip())
+    )
     names = dict(one.unit_items())
     share = si == "rad" and names.keys() & {"percent", "ppm"}
-    if names.get("percent", 1) != 1 or share or _radians(unit) not in {0.0, _radians(si)}:
+    if (
+        names.get("percent", 1) != 1
+        or share
+        or _radians(unit) not in {0.0, _radians(si)}
+    ):
         raise ValueError(f"{unit} is not a unit")
     return float(one.to(si or "dimensionless").magnitude)
 
 
 def _radians(unit: str) -> float:
     """Return the power of radians in a unit."""
-    one: Any = _registry().Quantity(1.0, _registry().parse_units(unit.removeprefix("*").strip()))
+    one: Any = _registry().Quantity(
+        1.0, _registry().parse_units(unit.removeprefix("*").strip())
+    )
     return float(dict(one.to_root_units().unit_items()).get("radian", 0.0))
 
 
@@ -231,23 +281,38 @@ def _why(unit: str) -> str:
         return nothing
     if found.dimensionless and ("%" in unit or "ppm" in unit):
         return nothing
-    measured, read, turns = found.dimensionality, _registry().parse_units, _radians(unit)
+    measured = found.dimensionality
+    read = _registry().parse_units
+    turns = _radians(unit)
     same = [other for other in NAMED if measured == read(other.unit).dimensionality]
-    if noun := next((other.noun for other in same if _radians(other.unit) == turns), None):
+    noun = next((other.noun for other in same if _radians(other.unit) == turns), None)
+    if noun:
         return f", which is {noun}"
-    return f", which has radians to the power {turns:g}" if same else f", which measures {measured}"
+    return (
+        f", which has radians to the power {turns:g}"
+        if same
+        else f", which measures {measured}"
+    )
 
 
 def _name_powers(powers: Powers | None) -> str:
     """What a quantity is called; its units where it has no name."""
-    named = sorted(NAMED, key=lambda each: powers_of(each.unit) != powers)  # what differs by radians comes later
-    alike = next((each.noun for each in named if fits(powers, powers_of(each.unit))), None)
+    named = sorted(
+        NAMED, key=lambda each: powers_of(each.unit) != powers
+    )  # what differs by radians comes later
+    alike = next(
+        (each.noun for each in named if fits(powers, powers_of(each.unit))), None
+    )
     return alike or f"in {show_powers(powers or PLAIN)}"
 
 
 def show_powers(powers: Powers) -> str:
     """What is measured, in base units such as "m^2 kg^1"."""
-    shown = (f"{base}^{power:g}" for base, power in zip(_UNITS, powers, strict=False) if power)
+    shown = (
+        f"{base}^{power:g}"
+        for base, power in zip(_UNITS, powers, strict=False)
+        if power
+    )
     return " ".join(shown) or "a plain number"
 
 

@@ -7,7 +7,14 @@ from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import BeforeValidator, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Discriminator,
+    Field,
+    Tag,
+    field_validator,
+    model_validator,
+)
 
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
@@ -58,15 +65,21 @@ BodySection = ElasticBody | InterfaceBody | RigidBody
 class _Drive(Section):
     @model_validator(mode="after")
     def _one_law(self) -> _Drive:
-        given = [key for key in ("stiffness", "curve", "gear") if getattr(self, key, None)]
+        given = [
+            key for key in ("stiffness", "curve", "gear") if getattr(self, key, None)
+        ]
         if len(given) != 1:
             more = ", a curve or a gear" if hasattr(self, "gear") else " or a curve"
-            raise ValueError(f"expected a stiffness{more}, got {' and '.join(given) or 'none'}")
+            raise ValueError(
+                f"expected a stiffness{more}, got {' and '.join(given) or 'none'}"
+            )
         curve = getattr(self, "curve", None) or ()
         for (x0, f0), (x, f) in pairwise(((0.0, 0.0), *curve)):
             if not (x > x0 and f > f0):
                 got = f"{f:g} at {x:g}"
-                raise ValueError(f"expected a curve that rises from point to point, got {got}")
+                raise ValueError(
+                    f"expected a curve that rises from point to point, got {got}"
+                )
         return self
 
     @property
@@ -97,7 +110,9 @@ class Gear(Section):
     @model_validator(mode="after")
     def _check_rising(self) -> Gear:
         if not self.t1 < self.t2:
-            raise ValueError(f"expected a torque t1 below t2, got {self.t1:g} and {self.t2:g} N*m")
+            raise ValueError(
+                f"expected a torque t1 below t2, got {self.t1:g} and {self.t2:g} N*m"
+            )
         return self
 
     @property
@@ -105,7 +120,11 @@ class Gear(Section):
         """Points (deflection, torque); extrapolated with the last slope."""
         first = self.t1 / self.k1
         second = first + (self.t2 - self.t1) / self.k2
-        return (first, self.t1), (second, self.t2), (second + self.t2 / self.k3, 2.0 * self.t2)
+        return (
+            (first, self.t1),
+            (second, self.t2),
+            (second + self.t2 / self.k3, 2.0 * self.t2),
+        )
 
 
 class RotaryDrive(_Drive):
@@ -128,7 +147,9 @@ class Bearing(Section):
 
 AnyBearing = Annotated[
     Annotated[Bearing, Tag("tagged-table")] | Annotated[v.Diagonal, Tag("tagged-six")],
-    Discriminator(lambda each: f"tagged-{'table' if isinstance(each, dict | Bearing) else 'six'}"),
+    Discriminator(
+        lambda each: f"tagged-{'table' if isinstance(each, dict | Bearing) else 'six'}"
+    ),
 ]
 Bearings = Elements | None
 
@@ -136,7 +157,10 @@ _BETWEEN = 'two bodies or ends such as ["ground", "arm.base"]'
 
 
 def _two_names(value: Any) -> Any:
-    if not isinstance(value, list | tuple) or [type(name) for name in value] != [str, str]:
+    if not isinstance(value, list | tuple) or [type(name) for name in value] != [
+        str,
+        str,
+    ]:
         what = 'two bodies or ends of bodies such as ["ground", "arm.base"]'
         raise ValueError(q.expected(what, value))
     return value
@@ -166,19 +190,35 @@ class JointSection(Section):
         loose = [AXES[i] for i in range(6) if i not in {*held, *FREE[self.type]}]
         stuck = [AXES[i] for i in held if i in FREE[self.type] and i != driven]
         if loose or stuck:
-            wanted = f"hold {', '.join(loose)} too" if loose else f"leave {', '.join(stuck)} free"
+            wanted = (
+                f"hold {', '.join(loose)} too"
+                if loose
+                else f"leave {', '.join(stuck)} free"
+            )
             kinds = ", ".join(each.kind for each in self.bearing)
             raise InputError(f"bearing: expected bearings that {wanted}, got {kinds}")
-        out, unit = np.zeros((6, 6)), np.outer(size, size)[np.ix_(held, held)]
+        out = np.zeros((6, 6))
+        unit = np.outer(size, size)[np.ix_(held, held)]
         out[np.ix_(held, held)] = np.linalg.inv(total[np.ix_(held, held)] / unit) / unit
         return 0.5 * (out + out.T)
 
     def _diagonal(self) -> tuple[float, ...]:
         given = self.compliance or Bearing()
         if isinstance(given, Bearing):
-            along = given.axial if getattr(self, "axis", None) is not None else given.radial
-            given = (along, given.radial, given.radial, given.tilting, given.tilting, given.tilting)
-        return tuple(0.0 if i in FREE[self.type] else value for i, value in enumerate(given))
+            along = (
+                given.axial if getattr(self, "axis", None) is not None else given.radial
+            )
+            given = (
+                along,
+                given.radial,
+                given.radial,
+                given.tilting,
+                given.tilting,
+                given.tilting,
+            )
+        return tuple(
+            0.0 if i in FREE[self.type] else value for i, value in enumerate(given)
+        )
 
 
 class FixedJoint(JointSection):
@@ -246,7 +286,9 @@ class Copies(Section):
     """A copied set of bodies and joints, renamed and rotated about an axis through the origin."""
 
     of: Name
-    as_: Annotated[tuple[str, ...], Says('names such as ["leg2", "leg3"]')] = Field(alias="as")
+    as_: Annotated[tuple[str, ...], Says('names such as ["leg2", "leg3"]')] = Field(
+        alias="as"
+    )
     axis: v.Direction
     angles: Annotated[tuple[v.Turn, ...], Says('angles such as ["120 deg", "240 deg"]')]
 
@@ -264,14 +306,19 @@ class ToolSection(Section):
 
     body: Name
     at: v.Point
-    pose: Annotated[tuple[Literal["x", "y", "z", "rx", "ry", "rz"], ...], Says('coordinates such as ["x", "y", "rz"]')]
+    pose: Annotated[
+        tuple[Literal["x", "y", "z", "rx", "ry", "rz"], ...],
+        Says('coordinates such as ["x", "y", "rz"]'),
+    ]
 
     @field_validator("pose")
     @classmethod
     def _check_distinct(cls, value: tuple[str, ...]) -> tuple[str, ...]:
         if not value or len(set(value)) != len(value):
             got = " ".join(value) or "none"
-            raise ValueError(f"expected each of {' '.join(AXES)} at most once, got {got}")
+            raise ValueError(
+                f"expected each of {' '.join(AXES)} at most once, got {got}"
+            )
         return value
 
 
@@ -295,7 +342,9 @@ class MapSection(Section):
 
     def ranges(self) -> dict[str, tuple[float, float]]:
         """Return the swept coordinates, in the order of a pose."""
-        return {name: value for name in AXES if (value := getattr(self, name)) is not None}
+        return {
+            name: value for name in AXES if (value := getattr(self, name)) is not None
+        }
 
 
 class Effect(Section):

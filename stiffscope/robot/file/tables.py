@@ -19,8 +19,11 @@ if TYPE_CHECKING:
 
 Model = TypeVar("Model", bound=BaseModel)
 _EXPECTED = {
-    "dict_type": "a table", "tuple_type": "a list", "list_type": "a list", "string_type": "a text in quotes",
-}  # fmt: skip
+    "dict_type": "a table",
+    "tuple_type": "a list",
+    "list_type": "a list",
+    "string_type": "a text in quotes",
+}
 
 
 def read_table(model: type[Model], value: Any, key: Key) -> Model:
@@ -68,7 +71,9 @@ def list_some(words: Sequence[str], most: int = 12) -> str:
 
 def unknown_key(word: str, valid: Sequence[str]) -> str:
     """Message for a key that a table cannot have."""
-    return f'expected a known key ({", ".join(valid)}), got "{word}"{meant(word, valid)}'
+    return (
+        f'expected a known key ({", ".join(valid)}), got "{word}"{meant(word, valid)}'
+    )
 
 
 def keys_of(model: type[BaseModel]) -> list[str]:
@@ -79,15 +84,23 @@ def keys_of(model: type[BaseModel]) -> list[str]:
 def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
     """Return key and message of the first error; unknown keys take precedence over missing ones."""
     errors = error.errors(include_url=False)
-    item = next((each for each in errors if each["type"] == "extra_forbidden"), errors[0])
-    kind, place, context = item["type"], tuple(item["loc"]), item.get("ctx", {})
-    key: Key = tuple(part for part in place if not str(part).startswith(("function-", "tagged-")))
+    item = next(
+        (each for each in errors if each["type"] == "extra_forbidden"), errors[0]
+    )
+    kind = item["type"]
+    place = tuple(item["loc"])
+    context = item.get("ctx", {})
+    key: Key = tuple(
+        part for part in place if not str(part).startswith(("function-", "tagged-"))
+    )
     if kind == "extra_forbidden":
         return key, unknown_key(str(key[-1]), keys_of(_model_at(model, place[:-1])))
     if kind == "missing":
         said = _describe_missing(_model_at(model, place[:-1]), str(key[-1]))
         return key, f"expected {said}, got nothing"
-    expected = context.get("expected") if kind == "literal_error" else _EXPECTED.get(kind)
+    expected = (
+        context.get("expected") if kind == "literal_error" else _EXPECTED.get(kind)
+    )
     if kind == "model_type":
         expected = f"a table of {', '.join(keys_of(_model_at(model, key)))}"
     if expected:
@@ -103,9 +116,17 @@ def _describe_missing(model: type[BaseModel], key: str) -> str:
     """Return the description of a missing key's value."""
     fields = model.model_fields.items()
     field = next((field for name, field in fields if key in {name, field.alias}), None)
-    notes = [note for note in (field.metadata if field else ()) if isinstance(note, Reads | Says)]
+    notes = [
+        note
+        for note in (field.metadata if field else ())
+        if isinstance(note, Reads | Says)
+    ]
     said = [note.says if isinstance(note, Reads) else note for note in notes]
-    words = typing.get_args(field.annotation) if field and typing.get_origin(field.annotation) is Literal else ()
+    words = (
+        typing.get_args(field.annotation)
+        if field and typing.get_origin(field.annotation) is Literal
+        else ()
+    )
     return said[-1] if said else f"one of {list_some(words)}" if words else "a value"
 
 
@@ -113,7 +134,9 @@ def _model_at(model: type[BaseModel], key: Key) -> type[BaseModel]:
     """Return the section's model at a pydantic location; "tagged-MODEL" selects one of several."""
     several: list[type[BaseModel]] = []
     for part in key:
-        tagged = next((each for each in several if part == f"tagged-{each.__name__}"), None)
+        tagged = next(
+            (each for each in several if part == f"tagged-{each.__name__}"), None
+        )
         field = None if isinstance(part, int) else model.model_fields.get(part)
         if tagged is not None:
             model = tagged

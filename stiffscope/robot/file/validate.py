@@ -12,7 +12,14 @@ from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import sections
 from stiffscope.robot.file.description import RobotFile, find_element
 from stiffscope.robot.file.parse import FieldError, blame
-from stiffscope.robot.file.part_sections import PARTS, Fibrous, InterfacePart, Isotropic, MatrixPart, ParametricPart
+from stiffscope.robot.file.part_sections import (
+    PARTS,
+    Fibrous,
+    InterfacePart,
+    Isotropic,
+    MatrixPart,
+    ParametricPart,
+)
 from stiffscope.robot.file.tables import keys_of, one_of, read_table, unknown_key
 
 if TYPE_CHECKING:
@@ -28,7 +35,17 @@ if TYPE_CHECKING:
 LISTS = ("copies", "effects")
 _DEEPEST = 30  # groups within each other
 TOP = (
-    *("name", "parameters", "parts", "bodies", "joints", "copies", "groups", "tool", "gravity"),
+    *(
+        "name",
+        "parameters",
+        "parts",
+        "bodies",
+        "joints",
+        "copies",
+        "groups",
+        "tool",
+        "gravity",
+    ),
     *("poses", "map", "materials", "effects"),
 )
 
@@ -39,14 +56,20 @@ def check_top(data: Mapping[str, Any]) -> None:
         if key not in TOP:
             raise FieldError((key,), unknown_key(key, TOP))
     for key in {**data, "name": {}}:
-        kind, what = (list, f"[[{key}]], a list of tables") if key in LISTS else (dict, "a table")
+        kind, what = (
+            (list, f"[[{key}]], a list of tables")
+            if key in LISTS
+            else (dict, "a table")
+        )
         if key == "name":
             continue
         if not isinstance(data[key], kind):
             raise FieldError((key,), q.expected(what, data[key]))
         for name in data[key] if kind is dict else ():
             if not name.isprintable():  # a terminal would obey it
-                raise FieldError((key, name), q.expected("a name of printable characters", name))
+                raise FieldError(
+                    (key, name), q.expected("a name of printable characters", name)
+                )
 
 
 def validate(
@@ -84,12 +107,18 @@ def validate(
         tables = data.get(key, {}).items()
         return MappingProxyType({name: function(name, table) for name, table in tables})
 
-    parts = read("parts", lambda name, table: _read_part(name, table, source.path.parent))
+    parts = read(
+        "parts", lambda name, table: _read_part(name, table, source.path.parent)
+    )
     joints = read("joints", _read_joint)
     bodies = read("bodies", lambda name, table: _read_body(name, table, parts))
     shared = {name: f"joints.{name}" for name in joints if name in bodies}
-    joints = MappingProxyType({shared.get(name, name): joint for name, joint in joints.items()})
-    copied = copied | {joint: copied[name] for name, joint in shared.items() if name in copied}
+    joints = MappingProxyType(
+        {shared.get(name, name): joint for name, joint in joints.items()}
+    )
+    copied = copied | {
+        joint: copied[name] for name, joint in shared.items() if name in copied
+    }
     tool = read_table(sections.ToolSection, data.get("tool"), ("tool",))
     gravity = None
     if "gravity" in data:
@@ -97,20 +126,26 @@ def validate(
     effects = enumerate(data.get("effects", []))
     name = data.get("name", source.path.stem)
     if not isinstance(name, str) or not name.strip() or not name.isprintable():
-        raise FieldError(("name",), q.expected("a name in quotes, one printable line", name))
+        raise FieldError(
+            ("name",), q.expected("a name in quotes, one printable line", name)
+        )
     return RobotFile(
         name=name,
         parts=parts,
         bodies=bodies,
         joints=joints,
         tool=tool,
-        parameters=MappingProxyType({key: si for key, si in values.items() if "." not in key}),
+        parameters=MappingProxyType(
+            {key: si for key, si in values.items() if "." not in key}
+        ),
         groups=MappingProxyType(_read_groups(data.get("groups", {}), bodies, joints)),
         gravity=gravity,
         poses=read("poses", lambda name, pose: read_pose(pose, tool, ("poses", name))),
         map=_read_map(data["map"], tool) if "map" in data else None,
         materials=read("materials", _read_material),
-        effects=tuple(read_table(sections.Effect, each, ("effects", i)) for i, each in effects),
+        effects=tuple(
+            read_table(sections.Effect, each, ("effects", i)) for i, each in effects
+        ),
         copied=MappingProxyType(copied),
         tolerances=MappingProxyType(tolerances),
         source=source,
@@ -133,7 +168,9 @@ def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, A
             message = "expected none beside a file, which holds the matrices, got one"
             raise FieldError((*key, other), message)
     if not isinstance(table["file"], str):
-        raise FieldError((*key, "file"), q.expected('a path such as "bracket.npz"', table["file"]))
+        raise FieldError(
+            (*key, "file"), q.expected('a path such as "bracket.npz"', table["file"])
+        )
     with blame(*key, "file"):
         found = read_superelement(folder / table["file"])
         interfaces = table.get("interfaces", found.interfaces)
@@ -141,11 +178,16 @@ def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, A
             what = "interfaces beside a file that names none, in the order of its rows"
             raise ValueError(f"expected {what}, got nothing")
         if not isinstance(interfaces, dict):
-            raise FieldError((*key, "interfaces"), q.expected("a table of places", interfaces))
+            raise FieldError(
+                (*key, "interfaces"), q.expected("a table of places", interfaces)
+            )
         if found.interfaces and len(interfaces) != len(found.interfaces):
             wanted = f"{len(found.interfaces)}, as the file has nodes"
-            raise FieldError((*key, "interfaces"), f"expected {wanted}, got {len(interfaces)}")
-        ends, shape = 6 * len(interfaces), found.stiffness.shape
+            raise FieldError(
+                (*key, "interfaces"), f"expected {wanted}, got {len(interfaces)}"
+            )
+        ends = 6 * len(interfaces)
+        shape = found.stiffness.shape
         square = shape == shape[:1] * 2 and shape[0] >= ends
         if not square or (found.mass is not None and found.mass.shape != shape):
             what = f"matrices of at least {ends} rows, six for each interface"
@@ -153,24 +195,33 @@ def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, A
         if found.mass is None and shape[0] > ends:
             what = f"a mass matrix beside {shape[0] - ends} modes"
             raise ValueError(f"expected {what}, got stiffness alone")
-    matrices = {"interfaces": interfaces, "stiffness": found.stiffness[:ends, :ends].tolist()}
+    matrices = {
+        "interfaces": interfaces,
+        "stiffness": found.stiffness[:ends, :ends].tolist(),
+    }
     if found.mass is not None:
         squares = found.stiffness.diagonal()[ends:].tolist()
         matrices |= {"mass_matrix": found.mass.tolist(), "mode_squares": squares}
     return table | matrices
 
 
-def _choose(table: Any, word: str, valid: Iterable[str], key: tuple[str, ...], what: str) -> str:
+def _choose(
+    table: Any, word: str, valid: Iterable[str], key: tuple[str, ...], what: str
+) -> str:
     """Return the kind of a table, given by its key ``word``; raise FieldError if invalid."""
     if not isinstance(table, dict):
         raise FieldError(key, q.expected("a table", table))
     if word not in table:
-        raise FieldError((*key, word), f"expected {what} ({', '.join(valid)}), got nothing")
+        raise FieldError(
+            (*key, word), f"expected {what} ({', '.join(valid)}), got nothing"
+        )
     with blame(*key, word):
         return one_of(table[word], valid, what)
 
 
-def _read_body(name: str, table: Any, parts: Mapping[str, PartSection]) -> sections.BodySection:
+def _read_body(
+    name: str, table: Any, parts: Mapping[str, PartSection]
+) -> sections.BodySection:
     """Read a body: with interfaces if its part has them, elastic if part or ends, else rigid."""
     key = ("bodies", name)
     if isinstance(table, dict):
@@ -194,7 +245,9 @@ def _read_body(name: str, table: Any, parts: Mapping[str, PartSection]) -> secti
 def _read_joint(name: str, table: Any) -> sections.JointSection:
     key = ("joints", name)
     kind = _choose(table, "type", sections.JOINTS, key, "a type")
-    driven = [each for each, model in sections.JOINTS.items() if "drive" in model.model_fields]
+    driven = [
+        each for each, model in sections.JOINTS.items() if "drive" in model.model_fields
+    ]
     if "drive" in table and kind not in driven:
         what = f"a joint that a drive can move ({', '.join(driven)})"
         raise FieldError((*key, "drive"), f"expected {what}, got a {kind} one")
@@ -203,12 +256,16 @@ def _read_joint(name: str, table: Any) -> sections.JointSection:
 
 def _read_material(name: str, table: Any) -> AnyMaterial:
     key = ("materials", name)
-    model = Fibrous if isinstance(table, dict) and "axial_modulus" in table else Isotropic
+    model = (
+        Fibrous if isinstance(table, dict) and "axial_modulus" in table else Isotropic
+    )
     made = read_table(model, table, key)
     try:
         return made.build(name)
     except InputError as error:  # "materials.NAME.density: expected …"
-        where, _, message = str(error).removeprefix(f"materials.{name}.").partition(": ")
+        where, _, message = (
+            str(error).removeprefix(f"materials.{name}.").partition(": ")
+        )
         raise FieldError((*key, where), message) from error
 
 
@@ -220,7 +277,9 @@ def _read_groups(
     for name, listed in table.items():
         key = ("groups", name)
         if name in elements:
-            raise FieldError(key, f'expected a name that no body or joint has, got "{name}"')
+            raise FieldError(
+                key, f'expected a name that no body or joint has, got "{name}"'
+            )
         if not isinstance(listed, list):
             raise FieldError(key, q.expected("a list of bodies and joints", listed))
         for number, each in enumerate(listed):
@@ -234,12 +293,19 @@ def _read_groups(
     def members(name: str, above: tuple[str, ...] = ()) -> tuple[str, ...]:
         if name in above:
             circle = " -> ".join((*above, name))
-            raise FieldError(("groups", name), f"expected no group within itself, got {circle}")
+            raise FieldError(
+                ("groups", name), f"expected no group within itself, got {circle}"
+            )
         if len(above) > _DEEPEST:
-            raise FieldError(("groups", above[0]), f"expected at most {_DEEPEST} groups within each other, got more")
+            raise FieldError(
+                ("groups", above[0]),
+                f"expected at most {_DEEPEST} groups within each other, got more",
+            )
         if name not in found:
             parts = (
-                members(each, (*above, name)) if each in table else [find_element(each, bodies, joints) or each]
+                members(each, (*above, name))
+                if each in table
+                else [find_element(each, bodies, joints) or each]
                 for each in table[name]
             )
             found[name] = tuple(dict.fromkeys(chain.from_iterable(parts)))
@@ -273,13 +339,17 @@ def read_pose(value: Any, tool: sections.ToolSection, key: Key) -> tuple[float, 
 
 def _read_map(table: Any, tool: sections.ToolSection) -> sections.MapSection:
     found = read_table(sections.MapSection, table, ("map",))
-    swept, known = found.ranges(), " ".join(tool.pose)
+    swept = found.ranges()
+    known = " ".join(tool.pose)
     for name in swept:
         if name not in tool.pose:
             message = f"expected coordinates of the pose ({known}), got {name}"
             raise FieldError(("map", name), message)
     if len(swept) != 2:
         got = " ".join(swept) or "none"
-        raise FieldError(("map",), f"expected two coordinates of the pose ({known}) to sweep, got {got}")
+        raise FieldError(
+            ("map",),
+            f"expected two coordinates of the pose ({known}) to sweep, got {got}",
+        )
     at = None if found.at is None else read_pose(found.at, tool, ("map", "at"))
     return found.model_copy(update={"at": at})

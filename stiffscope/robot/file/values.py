@@ -107,7 +107,9 @@ def _flag(value: Any) -> bool:
 MOST_ELEMENTS = 1000  # rolling elements of a row, carriages, rails
 
 
-def _whole(expected: str, most: float = math.inf, says: str = "a whole number above 0") -> Reads:
+def _whole(
+    expected: str, most: float = math.inf, says: str = "a whole number above 0"
+) -> Reads:
     """What reads a whole number from 1 on."""
 
     def read(value: Any) -> int:
@@ -120,11 +122,19 @@ def _whole(expected: str, most: float = math.inf, says: str = "a whole number ab
 
 def _own_mass(value: Any) -> float:
     if value == "cad":
-        raise ValueError('expected a mass such as "80 g", got "cad", which is for solids')
+        raise ValueError(
+            'expected a mass such as "80 g", got "cad", which is for solids'
+        )
     return q.to_si(value, q.MASS, sign="non-negative")
 
 
-def _or_word(read: Callable[[Any], float], word: str, meaning: str, said: str, stays: str | None = None) -> Reads:
+def _or_word(
+    read: Callable[[Any], float],
+    word: str,
+    meaning: str,
+    said: str,
+    stays: str | None = None,
+) -> Reads:
     """Return what reads a value by ``read``, and gives ``stays`` for a word or no value."""
 
     def read_or_word(value: Any) -> float | str | None:
@@ -159,7 +169,9 @@ def _list_of(count: int, what: str) -> BeforeValidator:
 
 def _rising(value: tuple[float, float]) -> tuple[float, float]:
     if not value[0] < value[1]:
-        raise ValueError(f"expected a lower and a higher value, got {value[0]:g} and {value[1]:g}")
+        raise ValueError(
+            f"expected a lower and a higher value, got {value[0]:g} and {value[1]:g}"
+        )
     return value
 
 
@@ -181,7 +193,12 @@ Length = Annotated[float, _quantity(q.LENGTH)]
 LengthOrZero = Annotated[float, _quantity(q.LENGTH, "non-negative")]
 Coordinate = Annotated[float, _quantity(q.LENGTH, "any")]
 Angle = Annotated[float, _quantity(q.ANGLE, "any")]
-Turn = Annotated[float, _quantity(q.Dimension("an angle within a turn", "rad", "120 deg", most=6.29), "any")]
+Turn = Annotated[
+    float,
+    _quantity(
+        q.Dimension("an angle within a turn", "rad", "120 deg", most=6.29), "any"
+    ),
+]
 Modulus = Annotated[float, _quantity(q.MODULUS)]
 Ratio = Annotated[float, _quantity(q.NUMBER, "any")]
 RatioOrAngle = Annotated[float, Reads(_ratio_or_angle, says="a number")]
@@ -199,7 +216,9 @@ Compliance = Annotated[float, _quantity(q.COMPLIANCE, "non-negative")]
 Tilting = Annotated[float, _quantity(q.TILTING, "non-negative")]
 _Inertia = Annotated[float, _quantity(q.INERTIA, "any")]
 
-Point = Annotated[tuple[Coordinate, Coordinate, Coordinate], _list_of(3, _POINT), Says(_POINT)]
+Point = Annotated[
+    tuple[Coordinate, Coordinate, Coordinate], _list_of(3, _POINT), Says(_POINT)
+]
 Vector = Annotated[tuple[Ratio, Ratio, Ratio], _list_of(3, _VECTOR), Says(_VECTOR)]
 Direction = Annotated[Vector, BeforeValidator(_direction)]
 Inertia = Annotated[
@@ -213,32 +232,53 @@ MomentAbove = Annotated[float, _quantity(q.MOMENT)]
 AngleAbove = Annotated[float, _quantity(q.ANGLE)]
 AngleOrZero = Annotated[float, _quantity(q.ANGLE, "non-negative")]
 LinearCurve = Annotated[
-    tuple[Annotated[tuple[Length, ForceAbove], _list_of(2, "a deflection and a force")], ...],
+    tuple[
+        Annotated[tuple[Length, ForceAbove], _list_of(2, "a deflection and a force")],
+        ...,
+    ],
     Says('deflections and forces such as [["2 um", "20 N"], ["8 um", "140 N"]]'),
 ]
 RotaryCurve = Annotated[
-    tuple[Annotated[tuple[AngleAbove, MomentAbove], _list_of(2, "a deflection and a torque")], ...],
-    Says('deflections and torques such as [["0.1 mrad", "1 N*m"], ["0.5 mrad", "9 N*m"]]'),
+    tuple[
+        Annotated[
+            tuple[AngleAbove, MomentAbove], _list_of(2, "a deflection and a torque")
+        ],
+        ...,
+    ],
+    Says(
+        'deflections and torques such as [["0.1 mrad", "1 N*m"], ["0.5 mrad", "9 N*m"]]'
+    ),
 ]
 _LENGTHS = 'two lengths such as ["-150 mm", "150 mm"]'
 _ANGLES = 'two angles such as ["-60 deg", "80 deg"]'
-Lengths = Annotated[tuple[Coordinate, Coordinate], _list_of(2, _LENGTHS), AfterValidator(_rising)]
+Lengths = Annotated[
+    tuple[Coordinate, Coordinate], _list_of(2, _LENGTHS), AfterValidator(_rising)
+]
 Angles = Annotated[tuple[Angle, Angle], _list_of(2, _ANGLES), AfterValidator(_rising)]
 
-_SIZE = _or_word(_quantity(q.LENGTH).read, "auto", "a size that suits the part", "a length")
+_SIZE = _or_word(
+    _quantity(q.LENGTH).read, "auto", "a size that suits the part", "a length"
+)
 LengthOrAuto = Annotated[float | None, _SIZE]
-_GROUND = _or_word(_quantity(q.FOUNDATION).read, "rigid", "a clamp that does not give", "N/m³")
+_GROUND = _or_word(
+    _quantity(q.FOUNDATION).read, "rigid", "a clamp that does not give", "N/m³"
+)
 Foundation = Annotated[float | None, _GROUND]
 _SHARE = _or_word(_tolerance, "auto", "whatever one mesh reaches", "a share")
 Tolerance = Annotated[float | None, _SHARE]
 Count = Annotated[int, Reads(parse_whole, says="a whole number")]
-Layers = Annotated[int, _whole(f"1 to {MOST_LAYERS} layers", MOST_LAYERS, f"1 to {MOST_LAYERS}")]
+Layers = Annotated[
+    int, _whole(f"1 to {MOST_LAYERS} layers", MOST_LAYERS, f"1 to {MOST_LAYERS}")
+]
 Some = Annotated[int, _whole(f"1 to {MOST_ELEMENTS}", MOST_ELEMENTS)]
 Flag = Annotated[bool, Reads(_flag, says="true or false")]
 Positive = Annotated[int, _whole("a positive whole number such as 2000000")]
 OwnMass = Annotated[float, Reads(_own_mass, says='a mass such as "1.95 kg"')]
-_MASS, _BY_CAD = _quantity(q.MASS, "non-negative"), "the volume of the solid times its density"
-MassOrCad = Annotated[float | Literal["cad"], _or_word(_MASS.read, "cad", _BY_CAD, "a mass", "cad")]
+_MASS = _quantity(q.MASS, "non-negative")
+_BY_CAD = "the volume of the solid times its density"
+MassOrCad = Annotated[
+    float | Literal["cad"], _or_word(_MASS.read, "cad", _BY_CAD, "a mass", "cad")
+]
 
 
 class Section(BaseModel):

@@ -17,7 +17,12 @@ from stiffscope.errors import InputError
 from stiffscope.robot.file.parse import place_of
 from stiffscope.robot.imports.compiled_model import print_safely
 from stiffscope.robot.imports.import_record import RECORD, parts_folder
-from stiffscope.robot.imports.robot_text import check_text, to_toml, toml_key, vector_text
+from stiffscope.robot.imports.robot_text import (
+    check_text,
+    to_toml,
+    toml_key,
+    vector_text,
+)
 from stiffscope.runtime.output import refusing, scratch_folder, write_bytes
 from stiffscope.runtime.reading import show_path
 
@@ -41,14 +46,22 @@ class PartFile:
     bodies: list[str] = field(default_factory=list)
 
 
-def interface_names(number: int, joints: Sequence[Freedom], solids: Sequence[Instance]) -> list[str]:
+def interface_names(
+    number: int, joints: Sequence[Freedom], solids: Sequence[Instance]
+) -> list[str]:
     """Name a part's interfaces after the adjacent parts, without numbers if still unique."""
     others = [solids[sum(joint.ends) - number].name for joint in joints]
-    names = [re.sub(r"[^A-Za-z]+$", "", re.split(r"[._\- ]", each)[0]) or each for each in others]
+    names = [
+        re.sub(r"[^A-Za-z]+$", "", re.split(r"[._\- ]", each)[0]) or each
+        for each in others
+    ]
     if len(set(names)) < len(names):
         names = [re.sub(r"[.\s]", "_", other) for other in others]
     numbered = enumerate(names, 1)
-    return [name if names.count(name) == 1 else f"{name}_{index}" for index, name in numbered]
+    return [
+        name if names.count(name) == 1 else f"{name}_{index}"
+        for index, name in numbered
+    ]
 
 
 def part_name(solid: Instance, parts: Sequence[PartFile]) -> str:
@@ -68,18 +81,24 @@ def choose_materials(
     """
     known = {name.lower(): name for name in MATERIALS}
     known |= {word.lower(): name for word, name in DESIGNATIONS.items()}
-    words = [word.lower() for each in solids for word in (each.name, each.product.material)]
+    words = [
+        word.lower() for each in solids for word in (each.name, each.product.material)
+    ]
     rules = list[tuple[str, str]]()
     for text in said:
         pattern, equals, name = (each.strip() for each in text.partition("="))
-        where, names = place_of("--material", text), ", ".join(MATERIALS)
+        where = place_of("--material", text)
+        names = ", ".join(MATERIALS)
         if not equals or name.lower() not in known:
-            raise InputError(f'{where}: expected PATTERN=NAME with a name of {names}, got "{text}"')
+            raise InputError(
+                f'{where}: expected PATTERN=NAME with a name of {names}, got "{text}"'
+            )
         if not fnmatch.filter(words, pattern.lower()):
             what = "the name of a solid, or of its material"
             raise InputError(f'{where}: expected {what}, got "{print_safely(pattern)}"')
         rules.append((pattern.lower(), known[name.lower()]))
-    found, missing = dict[int, str](), defaultdict[str, list[str]](list)
+    found = dict[int, str]()
+    missing = defaultdict[str, list[str]](list)
     for number in parts:
         word = solids[number].product.material.lower()
         own = [each for each in (solids[number].name.lower(), word) if each]
@@ -92,7 +111,9 @@ def choose_materials(
             missing[solids[number].product.material].append(solids[number].name)
     if missing:
         word, names = next(iter(missing.items()))
-        listed = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+        listed = ", ".join(names[:8]) + (
+            f" and {len(names) - 8} more" if len(names) > 8 else ""
+        )
         what = f'one that is not known, "{print_safely(word)}"' if word else "none"
         raise InputError(
             f"{show_path(path)}: expected a material for {listed}, got {what}; "
@@ -110,18 +131,28 @@ def part_lines(parts: Sequence[PartFile], out: Path) -> list[str]:
         lines += [f"[{here}]", 'shape = "step"', f"file = {to_toml(file)}"]
         lines += [f"material = {to_toml(part.material)}"]
         for name, faces in part.interfaces.items():
-            lines.append(f"interfaces.{toml_key(name)} = {_selectors(part.solid, faces)}")
+            lines.append(
+                f"interfaces.{toml_key(name)} = {_selectors(part.solid, faces)}"
+            )
         lines.append("")
     several = {part.name + "s": part.bodies for part in parts if len(part.bodies) > 1}
-    groups = [f"{toml_key(name)} = {to_toml(bodies)}" for name, bodies in several.items()]
+    groups = [
+        f"{toml_key(name)} = {to_toml(bodies)}" for name, bodies in several.items()
+    ]
     return [*lines, "[groups]", *groups, ""] if groups else lines
 
 
 def write_import(
-    path: Path, out: Path, text: str, parts: Sequence[PartFile], what: str, record: ImportRecord | None = None
+    path: Path,
+    out: Path,
+    text: str,
+    parts: Sequence[PartFile],
+    what: str,
+    record: ImportRecord | None = None,
 ) -> None:
     """Write a robot file, if a robot can be read from it, its parts' STEP files and its record."""
-    folder, content = parts_folder(out), text.encode()
+    folder = parts_folder(out)
+    content = text.encode()
     files = [f"{part.name}.step" for part in parts]
     with scratch_folder(out.parent) as scratch:
         trial = scratch / folder.name
@@ -131,7 +162,9 @@ def write_import(
                 cad.kernel_files.write_step(part.solid.product.solid, trial / name)
         check_text(path, scratch / out.name, text, what)
         if record is not None:
-            record = replace(record, files=files, robot=hashlib.sha256(content).hexdigest())
+            record = replace(
+                record, files=files, robot=hashlib.sha256(content).hexdigest()
+            )
             written = json.dumps(asdict(record), ensure_ascii=False)
             (trial / RECORD).write_text(written, encoding="utf-8")
         folder.mkdir(exist_ok=True)
@@ -143,9 +176,20 @@ def write_import(
 def _selectors(solid: Instance, faces: Sequence[int]) -> str:
     texts = []
     for index in faces:
-        face, shape = solid.product.faces[index], cad.kernel.faces(solid.product.solid)[index]
+        face = solid.product.faces[index]
+        shape = cad.kernel.faces(solid.product.solid)[index]
         point = 1e-3 * cad.kernel.closest(shape, 1e3 * face.centroid)
-        size = to_toml(f"{1e3 * face.radius:.9g} mm") if face.kind in {"cylinder", "sphere"} else ""
-        keys = {"kind": to_toml(face.kind), "radius": size, "position": vector_text(point)}
-        texts.append(f"{{ {', '.join(f'{key} = {text}' for key, text in keys.items() if text)} }}")
+        size = (
+            to_toml(f"{1e3 * face.radius:.9g} mm")
+            if face.kind in {"cylinder", "sphere"}
+            else ""
+        )
+        keys = {
+            "kind": to_toml(face.kind),
+            "radius": size,
+            "position": vector_text(point),
+        }
+        texts.append(
+            f"{{ {', '.join(f'{key} = {text}' for key, text in keys.items() if text)} }}"
+        )
     return texts[0] if len(texts) == 1 else f"[{', '.join(texts)}]"

@@ -31,10 +31,12 @@ _MODEL = "a model in URDF or MJCF"
 _TURN = 1.01 * 2.0 * np.pi  # rad: hardly any angle is larger, unless it is in degrees
 _FARTHEST = 1e6  # m: of a place in a model
 _URDF = {
-    "origin": ("xyz", "rpy"), "axis": ("xyz",), "mass": ("value",),
+    "origin": ("xyz", "rpy"),
+    "axis": ("xyz",),
+    "mass": ("value",),
     "limit": ("lower", "upper", "effort", "velocity"),
     "inertia": ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"),
-}  # fmt: skip
+}
 """Elements of URDF that hold a robot's numbers, and the attributes of each."""
 
 
@@ -55,7 +57,9 @@ class CompiledModel:
         for body in range(1, self.model.nbody):
             if self.model.body_weldid[body] == body:
                 name = self.label("body", body)
-                taken[f"{name}_body" if name == GROUND or name in taken else name] = body
+                taken[f"{name}_body" if name == GROUND or name in taken else name] = (
+                    body
+                )
         return {0: GROUND} | {body: name for name, body in taken.items()}
 
     def label(self, kind: str, number: int) -> str:
@@ -78,7 +82,8 @@ class CompiledModel:
 
     def closure_ends(self, number: int) -> tuple[str, str, Array]:
         """Return both bodies and the point (3,) of an equality that connects or welds."""
-        m, d = self.model, self.data
+        m = self.model
+        d = self.data
         ends = int(m.eq_obj1id[number]), int(m.eq_obj2id[number])
         if self.is_a(m.eq_objtype[number], "mjtObj", "mjOBJ_SITE"):
             first, second = (self.mover(int(m.site_bodyid[site])) for site in ends)
@@ -90,17 +95,24 @@ class CompiledModel:
     def closures(self) -> list[int]:
         """Return the numbers of the equalities that connect or weld bodies."""
         kinds = enumerate(self.model.eq_type)
-        return [n for n, kind in kinds if self.is_a(kind, "mjtEq", "mjEQ_CONNECT", "mjEQ_WELD")]
+        return [
+            n
+            for n, kind in kinds
+            if self.is_a(kind, "mjtEq", "mjEQ_CONNECT", "mjEQ_WELD")
+        ]
 
     def equality_rows(self, closures_only: bool = False) -> tuple[Array, Array]:
         """Return gap (m,) and Jacobian (m, nv) of all active equalities, or only of closures."""
-        m, d = self.model, self.data
+        m = self.model
+        d = self.data
         rows = d.efc_type == self.mj.mjtConstraint.mjCNSTR_EQUALITY
         if closures_only:
             rows &= np.isin(d.efc_id, self.closures())
         if self.mj.mj_isSparse(m):
             dense = np.zeros((d.nefc, m.nv))
-            self.mj.mju_sparse2dense(dense, d.efc_J, d.efc_J_rownnz, d.efc_J_rowadr, d.efc_J_colind)
+            self.mj.mju_sparse2dense(
+                dense, d.efc_J, d.efc_J_rownnz, d.efc_J_rowadr, d.efc_J_colind
+            )
         else:
             dense = d.efc_J.reshape(d.nefc, m.nv)
         return d.efc_pos[rows].copy(), dense[rows].copy()
@@ -154,20 +166,30 @@ def is_urdf(content: bytes) -> bool:
 
 def _compile(mj: Any, path: Path, content: bytes) -> tuple[Any, list[str]]:
     """Return the compiled model and notes on omissions."""
-    if many := re.search(rb"<replicate\b[^>]*\bcount\s*=\s*.0*[1-9]\d{4}", content):
+    many = re.search(rb"<replicate\b[^>]*\bcount\s*=\s*.0*[1-9]\d{4}", content)
+    if many:
         line = content[: many.end()].count(b"\n") + 1
-        raise InputError(f"{path}:{line}: replicate.count: expected less than 10,000 copies, got 10,000 or more")
+        raise InputError(
+            f"{path}:{line}: replicate.count: expected less than 10,000 copies, got 10,000 or more"
+        )
     try:
         if path.suffix in {".urdf", ".xml"}:
             spec = mj.MjSpec.from_file(str(path))
         else:  # MuJoCo knows its files by their names
             spec = mj.MjSpec.from_string(content.decode(errors="replace"))
         spec.compiler.fusestatic = 0
-        never, auto = (getattr(mj.mjtInertiaFromGeom, f"mjINERTIAFROMGEOM_{each}") for each in ("FALSE", "AUTO"))
+        never, auto = (
+            getattr(mj.mjtInertiaFromGeom, f"mjINERTIAFROMGEOM_{each}")
+            for each in ("FALSE", "AUTO")
+        )
         if is_urdf(content) and spec.compiler.inertiafromgeom == auto:
-            spec.compiler.inertiafromgeom = never  # a link without <inertial> has no mass, not that of water
+            spec.compiler.inertiafromgeom = (
+                never  # a link without <inertial> has no mass, not that of water
+            )
         _check_spec(path, spec)
-        least = spec.compiler  # minimum mass and inertia, which moving bodies need to compile
+        least = (
+            spec.compiler
+        )  # minimum mass and inertia, which moving bodies need to compile
         least.boundmass = max(least.boundmass, 1e-9)
         least.boundinertia = max(least.boundinertia, 1e-15)
         try:
@@ -185,7 +207,9 @@ def _compile(mj: Any, path: Path, content: bytes) -> tuple[Any, list[str]]:
     except (ValueError, OSError, RuntimeError) as error:
         said = _reason(error)
         expected = f"{_MODEL}, or an assembly in a .step file"
-        raise InputError(f"{_place(path, said)}: expected {expected}, got: {said}") from error
+        raise InputError(
+            f"{_place(path, said)}: expected {expected}, got: {said}"
+        ) from error
     bare = "a body whose mass would come from a mesh has none here"
     return model, [f"read without its meshes ({first})", bare]
 
@@ -206,53 +230,84 @@ def _check_urdf(path: Path, content: bytes) -> list[str]:
         if element.startswith("xacro:"):
             got = 'got one to be converted ("xacro FILE.xacro > FILE.urdf")'
             raise InputError(f"{place}: expected a URDF without xacro, {got}")
-        if element not in {*_URDF, "inertial"} and (guess := meant(element, _URDF, cutoff=0.8)):
-            raise InputError(f'{place}: expected an element of URDF, got "{element}"{guess}')
+        if element not in {*_URDF, "inertial"} and (
+            guess := meant(element, _URDF, cutoff=0.8)
+        ):
+            raise InputError(
+                f'{place}: expected an element of URDF, got "{element}"{guess}'
+            )
         if len(opened) == 1 and element in {"link", "joint"}:
             own = element, attributes.get("name", "")
             if not own[1] or own in named:
-                raise InputError(f'{place}.name: expected a name of its own, got {own[1] and "another "}"{own[1]}"')
+                raise InputError(
+                    f'{place}.name: expected a name of its own, got {own[1] and "another "}"{own[1]}"'
+                )
             named.add(own)
             joint.clear()
             joint.update(attributes)
         opened.append(element)
-        doubts.extend(f"line {parser.CurrentLineNumber}: {each}" for each in _doubt(element, attributes, joint))
+        doubts.extend(
+            f"line {parser.CurrentLineNumber}: {each}"
+            for each in _doubt(element, attributes, joint)
+        )
         for name, text in attributes.items() if element in _URDF else ():
             if name not in _URDF[element]:
                 raise InputError(f"{place}: {unknown_key(name, _URDF[element])}")
             words = {word.lower().lstrip("+-") for word in text.split()}
-            endless = name in {"effort", "velocity"} or (element == "limit" and joint.get("type") == "continuous")
+            endless = name in {"effort", "velocity"} or (
+                element == "limit" and joint.get("type") == "continuous"
+            )
             if not endless and words & {"inf", "nan", "infinity"}:
-                raise InputError(f'{place}.{name}: expected finite numbers, got "{text}"')
+                raise InputError(
+                    f'{place}.{name}: expected finite numbers, got "{text}"'
+                )
             if element == "mass" and text.strip().startswith("-"):
-                raise InputError(f'{place}.{name}: expected no mass below zero, got "{text}"')
+                raise InputError(
+                    f'{place}.{name}: expected no mass below zero, got "{text}"'
+                )
 
-    parser.StartElementHandler, parser.EndElementHandler = look, lambda _: opened.pop()
+    parser.EndElementHandler = lambda _: opened.pop()
+    parser.StartElementHandler = look
     with contextlib.suppress(expat.ExpatError):  # MuJoCo says what is wrong
         parser.Parse(content, True)
     return doubts
 
 
-def _doubt(element: str, attributes: Mapping[str, str], joint: Mapping[str, str]) -> Iterator[str]:
+def _doubt(
+    element: str, attributes: Mapping[str, str], joint: Mapping[str, str]
+) -> Iterator[str]:
     """Yield notes on an element of a URDF, the last joint so far given by its attributes."""
     if element == "mimic" and attributes.get("joint") == joint.get("name"):
         yield f"joint {joint.get('name')} mimics itself, which is left out"
-    turns = element == "origin" or (element == "limit" and joint.get("type") == "revolute")
+    turns = element == "origin" or (
+        element == "limit" and joint.get("type") == "revolute"
+    )
     for key in ("rpy", "lower", "upper") if turns else ():
         with contextlib.suppress(ValueError):  # MuJoCo says what is wrong
-            if max((abs(float(each)) for each in attributes.get(key, "").split()), default=0.0) > _TURN:
+            if (
+                max(
+                    (abs(float(each)) for each in attributes.get(key, "").split()),
+                    default=0.0,
+                )
+                > _TURN
+            ):
                 yield f'{element}.{key} = "{attributes[key]}" is beyond 2π rad: is it in degrees?'
 
 
 def _check_spec(path: Path, spec: Any) -> None:
     for quantity, unit, what, things in (
-        ("mass", "kg", "body", spec.bodies), ("mass", "kg", "geom", spec.geoms),
-        ("inertia", "kg*m^2", "body", spec.bodies), ("density", "kg/m^3", "geom", spec.geoms),
-    ):  # fmt: skip
+        ("mass", "kg", "body", spec.bodies),
+        ("mass", "kg", "geom", spec.geoms),
+        ("inertia", "kg*m^2", "body", spec.bodies),
+        ("density", "kg/m^3", "geom", spec.geoms),
+    ):
         for each in things:
-            if (value := np.min(getattr(each, quantity))) < 0:
+            value = np.min(getattr(each, quantity))
+            if value < 0:
                 got = f'{value:g} {unit} of {what} "{print_safely(each.name)}"'
-                raise InputError(f"{_place(path, each.info)}: expected no {quantity} below zero, got {got}")
+                raise InputError(
+                    f"{_place(path, each.info)}: expected no {quantity} below zero, got {got}"
+                )
 
 
 def _reason(error: Exception) -> str:
@@ -260,11 +315,20 @@ def _reason(error: Exception) -> str:
 
 
 def _check_finite(path: Path, m: Any) -> None:
-    bodies = m.body_pos, m.body_quat, m.body_ipos, m.body_iquat, m.body_mass, m.body_inertia
+    bodies = (
+        m.body_pos,
+        m.body_quat,
+        m.body_ipos,
+        m.body_iquat,
+        m.body_mass,
+        m.body_inertia,
+    )
     numbers = *bodies, m.jnt_pos, m.jnt_axis, m.eq_data, m.opt.gravity
     finite = all(np.isfinite(each).all() for each in numbers)
     # the square of a farthest centre of mass is still a number
-    far = np.abs(m.body_pos).max() > _FARTHEST or np.abs(m.body_ipos).max() > _FARTHEST**2
+    far = (
+        np.abs(m.body_pos).max() > _FARTHEST or np.abs(m.body_ipos).max() > _FARTHEST**2
+    )
     if not finite or far:
         what = f"whose numbers are finite, and its places within {_FARTHEST:g} m"
         raise InputError(f"{path}: expected {_MODEL} {what}, got others")
@@ -272,13 +336,17 @@ def _check_finite(path: Path, m: Any) -> None:
 
 def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
     """Set keyframe "home" or the zero pose, and given joints; close loops by Gauss-Newton steps."""
-    m, d, mj = compiled.model, compiled.data, compiled.mj
+    m = compiled.model
+    d = compiled.data
+    mj = compiled.mj
     key = mj.mj_name2id(m, mj.mjtObj.mjOBJ_KEY, "home")
     if key >= 0:
         mj.mj_resetDataKeyframe(m, d, key)
         compiled.notes.append('home is the keyframe "home" of the source')
     if not np.isfinite(d.qpos).all():
-        raise InputError(f"{compiled.path}: expected {_MODEL} whose home is finite numbers, got others")
+        raise InputError(
+            f"{compiled.path}: expected {_MODEL} whose home is finite numbers, got others"
+        )
     joints = {
         name: each
         for name, each in compiled.labels("joint", m.njnt).items()
@@ -297,7 +365,9 @@ def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
         low, high = m.jnt_range[number]
         if m.jnt_limited[number] and not low <= value <= high:
             what = f"a position within its range, {low:.4g} to {high:.4g}"
-            raise InputError(f"--home {name}: expected {what}, got {value:.4g} (m or rad)")
+            raise InputError(
+                f"--home {name}: expected {what}, got {value:.4g} (m or rad)"
+            )
         d.qpos[m.jnt_qposadr[number]] = value
     open_by = np.inf
     for _ in range(_ROUNDS):

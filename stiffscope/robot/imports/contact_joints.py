@@ -20,9 +20,21 @@ import numpy as np
 from scipy.cluster.hierarchy import DisjointSet
 from scipy.optimize import nnls
 
-from stiffscope.robot.imports.doubts import Doubt, doubt_bores, doubt_built, doubt_threads
+from stiffscope.robot.imports.doubts import (
+    Doubt,
+    doubt_bores,
+    doubt_built,
+    doubt_threads,
+)
 from stiffscope.robot.imports.hardware import FIT, NUTTED
-from stiffscope.robot.imports.part_motions import Bond, Freedom, held_by, holds_more, joint_freedom, relative_freedom
+from stiffscope.robot.imports.part_motions import (
+    Bond,
+    Freedom,
+    held_by,
+    holds_more,
+    joint_freedom,
+    relative_freedom,
+)
 from stiffscope.vjm.screws import shift, skew
 from stiffscope.vjm.subspaces import null_space, range_space
 
@@ -39,7 +51,9 @@ THREADED = {"screw", "nut", "shaft nut", "shoulder screw"}
 _SAME = 1e-6
 _LAID = "planes from which one could be lifted off the other: taken as fixed, "
 _LAID += "as if glued or screwed; if it slides"
-_SCREWED = "planes with holes in line: taken as fixed, as if screws are missing; if it slides"
+_SCREWED = (
+    "planes with holes in line: taken as fixed, as if screws are missing; if it slides"
+)
 _SLIDES = "planes that slide on each other: taken as planar; if glued or screwed"
 _IDLE = "plane on plane where other joints guide already: taken as no joint; if it carries load"
 
@@ -48,25 +62,33 @@ def hold(kind: str, axis: Array, at: Array) -> Array:
     """Return rows (m, 6) on twists at the base origin that a contact about an axis (3,) holds."""
     across = null_space(axis[None, :]).T
     if kind == "plane":
-        lines, turns = axis[None, :], across
+        lines = axis[None, :]
+        turns = across
     elif kind == "sphere":
-        lines, turns = np.eye(3), np.zeros((0, 3))
+        lines = np.eye(3)
+        turns = np.zeros((0, 3))
     else:
-        lines, turns = (np.eye(3) if kind == "cone" else across), across
+        lines = np.eye(3) if kind == "cone" else across
+        turns = across
     rows = np.zeros((len(lines) + len(turns), 6))
-    rows[: len(lines), :3], rows[len(lines) :, 3:] = lines, turns
+    rows[: len(lines), :3] = lines
+    rows[len(lines) :, 3:] = turns
     return rows @ shift(at)
 
 
 def _bonds_of(
-    solids: Sequence[Instance], contacts: Iterable[Contact], hardware: Hardware, scale: float,
+    solids: Sequence[Instance],
+    contacts: Iterable[Contact],
+    hardware: Hardware,
+    scale: float,
     built: Sequence[BuiltJoint],
-) -> list[Bond]:  # fmt: skip
+) -> list[Bond]:
     """Return the bonds by contacts; screws and seats fix everything, bearings leave their spin.
 
     The assembly's own joints replace the contacts of their two solids.
     """
-    found, taken = [], {frozenset((joint.first, joint.second)) for joint in built}
+    found = []
+    taken = {frozenset((joint.first, joint.second)) for joint in built}
     touching = defaultdict[frozenset[int], list["Contact"]](list)
     for contact in contacts:
         pair = frozenset((contact.first, contact.second))
@@ -75,13 +97,17 @@ def _bonds_of(
         if rows is not None:
             found.append(Bond(contact.first, contact.second, rows, contact))
     for joint in built:
-        free = [joint_freedom(kind, at / scale, axis, None) for kind, at, axis in joint.motions]
+        free = [
+            joint_freedom(kind, at / scale, axis, None)
+            for kind, at, axis in joint.motions
+        ]
         rows = null_space(np.hstack(free).T).T
         for each in touching[frozenset((joint.first, joint.second))] or [None]:
             at = joint.motions[0][1]
             found.append(Bond(joint.first, joint.second, rows, each, joint.label, at))
     for small, large in hardware.pairs:  # a cone leaves the spin alone, too
-        form, ring = solids[small].product.form, solids[small]
+        form = solids[small].product.form
+        ring = solids[small]
         axis = np.array([0.0, 0.0, 1.0]) if form is None else ring.place_axis(form)[1]
         found.append(Bond(small, large, hold("cone", axis, ring.centre / scale), None))
     return found
@@ -91,15 +117,22 @@ def _held_by(contact: Contact, hardware: Hardware, scale: float) -> Array | None
     """Return the constraint rows (m, 6) of a contact, considering hardware; None if it has none."""
     ends = contact.first, contact.second
     roles = [hardware.roles.get(each, "") for each in ends]
-    bearing = next((n for n, role in enumerate(roles) if role in {"bearing", "ring"}), None)
-    fits = contact.kind in {"plane", "cone"} or FIT[0] <= contact.gap / contact.radius <= FIT[1]
+    bearing = next(
+        (n for n, role in enumerate(roles) if role in {"bearing", "ring"}), None
+    )
+    fits = (
+        contact.kind in {"plane", "cone"}
+        or FIT[0] <= contact.gap / contact.radius <= FIT[1]
+    )
     if "rolling element" in roles:
         return None
     if bearing is not None:
         if contact.kind != "cylinder" or not fits:
             return None
         if roles[bearing] == "ring" or contact.inner != bearing:
-            return np.eye(6)  # a seat; of a bearing drawn as one solid, only on its inner ring
+            return np.eye(
+                6
+            )  # a seat; of a bearing drawn as one solid, only on its inner ring
         return hold("cone", contact.axis, contact.point / scale)
     turns = fits and "shoulder screw" in roles
     thread = THREADED & {*roles} and contact.kind != "plane" and not turns
@@ -109,12 +142,15 @@ def _held_by(contact: Contact, hardware: Hardware, scale: float) -> Array | None
     return hold(contact.kind, contact.axis, contact.point / scale) if fits else None
 
 
-def kind_of(freedom: Array, near: Array) -> tuple[str, Array, Array | None, Array | None]:
+def kind_of(
+    freedom: Array, near: Array
+) -> tuple[str, Array, Array | None, Array | None]:
     """Return kind, place near a point (3,), and axes of the joint with free twists (6, k).
 
     The kind is "" if a robot file has no such joint.
     """
-    turns, slides = range_space(freedom[3:]), range_space(freedom[:3] @ null_space(freedom[3:]))
+    turns = range_space(freedom[3:])
+    slides = range_space(freedom[:3] @ null_space(freedom[3:]))
     counts = turns.shape[1], slides.shape[1]
     if counts == (0, 1):
         return "prismatic", near, _positive(slides[:, 0]), None
@@ -170,9 +206,11 @@ def measure_size(solids: Sequence[Instance]) -> float:
 
 
 def find_joints(
-    solids: Sequence[Instance], contacts: Sequence[Contact], hardware: Hardware,
+    solids: Sequence[Instance],
+    contacts: Sequence[Contact],
+    hardware: Hardware,
     built: Sequence[BuiltJoint] = (),
-) -> tuple[list[Freedom], list[Doubt]]:  # fmt: skip
+) -> tuple[list[Freedom], list[Doubt]]:
     """Find the joints between parts, numbered as the solids, and doubts on ambiguous contacts.
 
     ``built``: joints of the assembly itself, which take precedence over contacts.
@@ -195,9 +233,13 @@ def find_joints(
     for (i, j), held in between.items():
         found = _freedom(i, j, held, solids, scale, hardware)
         kinds = {"" if b.contact is None or b.label else b.contact.kind for b in held}
-        bare = kinds == {"plane"} and not hardware.roles.keys() & {n for b in held for n in b.ends}
+        bare = kinds == {"plane"} and not hardware.roles.keys() & {
+            n for b in held for n in b.ends
+        }
         if found.kind == "planar" or (found.kind == "prismatic" and bare):
-            planes[found] = -sum(bond.contact.size for bond in held if bond.contact is not None)
+            planes[found] = -sum(
+                bond.contact.size for bond in held if bond.contact is not None
+            )
         elif found.kind:
             joints.append(found)
             turning = _turning_kind(found, held, hardware, scale)
@@ -205,14 +247,22 @@ def find_joints(
         else:
             left = f"{found.freedom.shape[1]} freedoms are left ({found.reason})"
             text = f"{left}, which no joint has; say which with --joint"
-            doubts.append(Doubt((solids[i].name, solids[j].name), text, tuple(found.at)))
+            doubts.append(
+                Doubt((solids[i].name, solids[j].name), text, tuple(found.at))
+            )
     if built:
-        doubts += doubt_built(joints, find_joints(solids, contacts, hardware)[0], built, solids)
-    joints = _add_planes(joints, sorted(planes, key=planes.__getitem__), contacts, solids, doubts)
+        doubts += doubt_built(
+            joints, find_joints(solids, contacts, hardware)[0], built, solids
+        )
+    joints = _add_planes(
+        joints, sorted(planes, key=planes.__getitem__), contacts, solids, doubts
+    )
 
     def adds(contact: Contact) -> bool:
         rows = hold(contact.kind, contact.axis, contact.point / scale)
-        return contact.gap < 0 or holds_more(rows, joints, contact.first, contact.second)
+        return contact.gap < 0 or holds_more(
+            rows, joints, contact.first, contact.second
+        )
 
     return joints, doubts + doubt_bores(solids, contacts, hardware, adds)
 
@@ -225,17 +275,27 @@ def _join(pieces: Iterable[int], links: Iterable[Bond | Freedom]) -> DisjointSet
     return joined
 
 
-def _pair_up(ends: Sequence[int], bonds: Sequence[Bond], direct: set[_Pair]) -> list[_Pair]:
+def _pair_up(
+    ends: Sequence[int], bonds: Sequence[Bond], direct: set[_Pair]
+) -> list[_Pair]:
     """Return pairs of parts joined by hardware: in contact, or else nearest along its axis."""
     if len(ends) < 2:
         return []
-    touching = [(bond.ends, bond.contact.point) for bond in bonds if bond.contact is not None]
-    places = np.array([np.mean([p for pair, p in touching if end in pair], axis=0) for end in ends])
+    touching = [
+        (bond.ends, bond.contact.point) for bond in bonds if bond.contact is not None
+    ]
+    places = np.array(
+        [np.mean([p for pair, p in touching if end in pair], axis=0) for end in ends]
+    )
     axis = np.linalg.svd(places - places.mean(axis=0))[2][0]
     order = [ends[n] for n in np.argsort(places @ axis, kind="stable")]
-    apart = {(i, j): abs(order.index(j) - order.index(i)) for i, j in combinations(sorted(ends), 2)}
+    apart = {
+        (i, j): abs(order.index(j) - order.index(i))
+        for i, j in combinations(sorted(ends), 2)
+    }
     rank = apart | dict.fromkeys(direct & apart.keys(), 0)
-    group, pairs = DisjointSet(ends), list[_Pair]()
+    group = DisjointSet(ends)
+    pairs = list[_Pair]()
     for i, j in sorted(rank, key=lambda pair: (rank[pair], pair)):
         if group.merge(i, j) or (i, j) in direct:
             pairs.append((i, j))
@@ -243,23 +303,34 @@ def _pair_up(ends: Sequence[int], bonds: Sequence[Bond], direct: set[_Pair]) -> 
 
 
 def _freedom(
-    i: int, j: int, bonds: list[Bond], solids: Sequence[Instance], scale: float, hardware: Hardware
+    i: int,
+    j: int,
+    bonds: list[Bond],
+    solids: Sequence[Instance],
+    scale: float,
+    hardware: Hardware,
 ) -> Freedom:
     scaled = relative_freedom([(*bond.ends, bond.rows) for bond in bonds], i, j)
     touching = [bond.contact for bond in bonds if bond.contact is not None]
     round_ = [each for each in touching if each.kind != "plane"] or touching
-    points = [each.point for each in round_] or [bond.at for bond in bonds if bond.at is not None]
+    points = [each.point for each in round_] or [
+        bond.at for bond in bonds if bond.at is not None
+    ]
     near = np.mean(points, axis=0)
     kind, at, axis, axis2 = kind_of(scaled, near / scale)
     screwed = THREADED & {hardware.roles.get(n) for bond in bonds for n in bond.ends}
     if kind == "planar" and screwed:
-        kind, axis, scaled = "fixed", None, np.zeros((6, 0))  # clamped by screws in clearance holes
+        kind = "fixed"
+        axis = None
+        scaled = np.zeros((6, 0))  # clamped by screws in clearance holes
     faces = _loaded_faces(i, touching, solids[i]), _loaded_faces(j, touching, solids[j])
     reason = _reason((i, j), bonds, solids, hardware)
     return Freedom(i, j, kind, at * scale, axis, axis2, reason, faces, scaled)
 
 
-def _turning_kind(found: Freedom, bonds: Sequence[Bond], hardware: Hardware, scale: float) -> str:
+def _turning_kind(
+    found: Freedom, bonds: Sequence[Bond], hardware: Hardware, scale: float
+) -> str:
     """Return the kind of a joint if its screws with nuts turn in their bores."""
     nutted = {n for n in hardware.roles if hardware.reasons[n] == NUTTED}
     if not nutted & {n for bond in bonds for n in bond.ends}:
@@ -273,23 +344,34 @@ def _turning_kind(found: Freedom, bonds: Sequence[Bond], hardware: Hardware, sca
     return kind_of(relative_freedom(holds, *found.ends), found.at / scale)[0]
 
 
-def _loaded_faces(end: int, touching: Sequence[Contact], solid: Instance) -> tuple[int, ...]:
+def _loaded_faces(
+    end: int, touching: Sequence[Contact], solid: Instance
+) -> tuple[int, ...]:
     """Return a joint's loaded faces of a solid: round, or plane and mostly in contact; else all."""
     own = [contact for contact in touching if end in {contact.first, contact.second}]
     shares = defaultdict[int, float](float)
     for contact in own:
         face = solid.product.faces[contact.face_of(end)]
-        shares[face.index] += 1.0 if contact.kind != "plane" else contact.size**2 / face.area
+        shares[face.index] += (
+            1.0 if contact.kind != "plane" else contact.size**2 / face.area
+        )
     least = 0.9 if any(contact.kind != "plane" for contact in own) else 0.5
-    return tuple(sorted([face for face, share in shares.items() if share > least] or shares))
+    return tuple(
+        sorted([face for face, share in shares.items() if share > least] or shares)
+    )
 
 
 _CALLED = {
-    "plane": "plane on plane", "cylinder": "pin in bore", "sphere": "ball in socket", "cone": "cone in cone",
-}  # fmt: skip
+    "plane": "plane on plane",
+    "cylinder": "pin in bore",
+    "sphere": "ball in socket",
+    "cone": "cone in cone",
+}
 
 
-def _reason(pair: _Pair, bonds: Sequence[Bond], solids: Sequence[Instance], hardware: Hardware) -> str:
+def _reason(
+    pair: _Pair, bonds: Sequence[Bond], solids: Sequence[Instance], hardware: Hardware
+) -> str:
     """Describe the contacts."""
     words = defaultdict[str, int](int)
     for bond in bonds:
@@ -301,21 +383,32 @@ def _reason(pair: _Pair, bonds: Sequence[Bond], solids: Sequence[Instance], hard
                 name = solids[each].name
                 words[name if role in name.lower() else f"{role} {name}"] += 0
         if {*bond.ends} == {*pair} and bond.contact is not None:
-            radius = f" of radius {1e3 * bond.contact.radius:.4g} mm" if bond.contact.radius else ""
+            radius = (
+                f" of radius {1e3 * bond.contact.radius:.4g} mm"
+                if bond.contact.radius
+                else ""
+            )
             words[_CALLED[bond.contact.kind] + radius] += 1
-    return ", ".join(f"{count} x {word}" if count > 1 else word for word, count in words.items())
+    return ", ".join(
+        f"{count} x {word}" if count > 1 else word for word, count in words.items()
+    )
 
 
 def _add_planes(
-    joints: list[Freedom], planes: list[Freedom], contacts: Sequence[Contact], solids: Sequence[Instance],
+    joints: list[Freedom],
+    planes: list[Freedom],
+    contacts: Sequence[Contact],
+    solids: Sequence[Instance],
     doubts: list[Doubt],
-) -> list[Freedom]:  # fmt: skip
+) -> list[Freedom]:
     """Add joints of planes: guides, and fixed joints of parts that only lie on each other.
 
     Planes between parts already guided by other joints are not joints. Doubts report both.
     """
     kept, groups = list(joints), _join(range(len(solids)), joints)
-    bodies = _join(range(len(solids)), [joint for joint in joints if joint.kind == "fixed"])
+    bodies = _join(
+        range(len(solids)), [joint for joint in joints if joint.kind == "fixed"]
+    )
 
     def settle(plane: Freedom, joint: Freedom | None, text: str) -> None:
         planes.remove(plane)
@@ -333,8 +426,12 @@ def _add_planes(
             groups.merge(*guide.ends)
 
     def is_laid(plane: Freedom) -> bool:
-        joined = groups.connected(*plane.ends)  # else what moves with either is lifted off with it
-        return plane in screwed or _lifts_off(plane, contacts, bodies if joined else groups)
+        joined = groups.connected(
+            *plane.ends
+        )  # else what moves with either is lifted off with it
+        return plane in screwed or _lifts_off(
+            plane, contacts, bodies if joined else groups
+        )
 
     while laid := next(filter(is_laid, planes), None):
         if groups.connected(*laid.ends):
@@ -344,7 +441,9 @@ def _add_planes(
         settle(laid, fixed, _SCREWED if laid in screwed else _LAID)
         bodies.merge(*laid.ends)
     for plane in [*planes]:
-        adds = plane.kind == "prismatic" or holds_more(held_by(plane)[2], kept, *plane.ends)
+        adds = plane.kind == "prismatic" or holds_more(
+            held_by(plane)[2], kept, *plane.ends
+        )
         text = _SLIDES if plane.kind == "planar" else ""
         settle(plane, plane if adds else None, text if adds else _IDLE)
     return kept
@@ -354,23 +453,37 @@ def _count_holes(plane: Freedom, solids: Sequence[Instance]) -> int:
     """Return the number of round holes in line of two solids on a plane, as for missing screws."""
 
     def places(solid: Instance, axis: Array) -> set[tuple[float, ...]]:
-        holes = (face for face in solid.faces if face.kind == "cylinder" and face.hollow)
-        along = (face for face in holes if np.linalg.norm(np.cross(axis, face.axis)) < _SAME)
-        return {tuple(np.round(1e4 * np.cross(axis, face.origin)) + 0.0) for face in along}
+        holes = (
+            face for face in solid.faces if face.kind == "cylinder" and face.hollow
+        )
+        along = (
+            face for face in holes if np.linalg.norm(np.cross(axis, face.axis)) < _SAME
+        )
+        return {
+            tuple(np.round(1e4 * np.cross(axis, face.origin)) + 0.0) for face in along
+        }
 
     if plane.axis is None or plane.kind != "planar":
         return 0
     return len(set.intersection(*(places(solids[n], plane.axis) for n in plane.ends)))
 
 
-def _lifts_off(plane: Freedom, contacts: Sequence[Contact], bodies: DisjointSet) -> bool:
+def _lifts_off(
+    plane: Freedom, contacts: Sequence[Contact], bodies: DisjointSet
+) -> bool:
     """Return whether one of two parts on planes, with its ``bodies``, lifts off the other."""
     ends = [bodies.subset(each) for each in plane.ends]
     planes = [each for each in contacts if each.kind == "plane"]
     for one, other in (ends, ends[::-1]):
-        touching = [each for each in planes if (each.first in one) != (each.second in one)]
-        outward = np.array([each.axis * (1.0 if each.first in one else -1.0) for each in touching])
-        between = outward[[bool({each.first, each.second} & other) for each in touching]]
+        touching = [
+            each for each in planes if (each.first in one) != (each.second in one)
+        ]
+        outward = np.array(
+            [each.axis * (1.0 if each.first in one else -1.0) for each in touching]
+        )
+        between = outward[
+            [bool({each.first, each.second} & other) for each in touching]
+        ]
         if any(nnls(outward.T, -normal)[1] > 1e-3 for normal in between):
             return True
     return False

@@ -33,34 +33,54 @@ class Doubt:
 
 
 def doubt_threads(
-    joint: Freedom, turning: str, bonds: Sequence[Bond], solids: Solids, hardware: Hardware, contacts: Contacts
+    joint: Freedom,
+    turning: str,
+    bonds: Sequence[Bond],
+    solids: Solids,
+    hardware: Hardware,
+    contacts: Contacts,
 ) -> list[Doubt]:
     """Return doubts on headed bars and small rings: they move if they turn, and hold if threaded.
 
     ``turning`` is the kind of the joint if its screws with nuts turn in their bores.
     """
-    pair, moving = "/".join(solids[n].name for n in joint.ends), joint.kind != "fixed"
+    pair = "/".join(solids[n].name for n in joint.ends)
+    moving = joint.kind != "fixed"
     doubts = list[Doubt]()
 
-    def doubt(number: int, taken: str, other: str, makes: str, short: str, say: str = "") -> None:
+    def doubt(
+        number: int, taken: str, other: str, makes: str, short: str, say: str = ""
+    ) -> None:
         name = solids[number].name
         text = f"a {taken}, which makes {pair} {joint.kind}, or a {other}, which makes it {makes}: "
-        text += f"taken as a {taken}; if it is a {short}, say " + (say or f'--weld "{name}"')
+        text += f"taken as a {taken}; if it is a {short}, say " + (
+            say or f'--weld "{name}"'
+        )
         doubts.append(Doubt((name,), text, tuple(joint.at)))
 
     for n in dict.fromkeys(each for bond in bonds for each in bond.ends):
-        role, name = hardware.roles.get(n, ""), solids[n].name
+        role = hardware.roles.get(n, "")
+        name = solids[n].name
         if not is_ambiguous(n, name, hardware):
             continue
         if role == "pin" and moving:
-            doubt(n, "clevis pin", "screw in holes of its own diameter", "fixed", "screw")
+            doubt(
+                n, "clevis pin", "screw in holes of its own diameter", "fixed", "screw"
+            )
         elif role == "screw" and turning != joint.kind:
             say = f'--joint "{pair}={turning or "KIND"}"'
             other = "pin that turns in holes of its own diameter"
             doubt(n, "screw with a nut", other, turning or "move", "pin", say)
         elif role == "screw" and moving:
             makes = f"{turning} with a part of its own between"
-            doubt(n, "screw with a nut", "shaft that turns", makes, "shaft", f'--part "{name}"')
+            doubt(
+                n,
+                "screw with a nut",
+                "shaft that turns",
+                makes,
+                "shaft",
+                f'--part "{name}"',
+            )
         elif not role and moving:
             doubt(n, "shaft with a nut", "screw with a nut", "no joint", "screw")
     for n in joint.ends:
@@ -70,7 +90,12 @@ def doubt_threads(
     return doubts
 
 
-def doubt_bores(solids: Solids, contacts: Contacts, hardware: Hardware, adds: Callable[[Contact], bool]) -> list[Doubt]:
+def doubt_bores(
+    solids: Solids,
+    contacts: Contacts,
+    hardware: Hardware,
+    adds: Callable[[Contact], bool],
+) -> list[Doubt]:
     """Return doubts on bores that are too wide to guide or tight enough to hold, if it matters."""
     found = defaultdict[tuple[str, str, str], dict[str, "Contact"]](dict)
     for contact in contacts:
@@ -78,22 +103,32 @@ def doubt_bores(solids: Solids, contacts: Contacts, hardware: Hardware, adds: Ca
         if bought or contact.kind not in {"cylinder", "sphere"}:
             continue
         if not FIT[0] <= contact.gap / contact.radius <= FIT[1] and adds(contact):
-            gap, size = 1e3 * abs(contact.gap), 1e3 * contact.radius
+            gap = 1e3 * abs(contact.gap)
+            size = 1e3 * contact.radius
             way = "play" if contact.gap > 0 else "overlap"
-            what = f"a {contact.kind} of radius {size:.4g} mm with {gap:.3g} mm of {way}"
+            what = (
+                f"a {contact.kind} of radius {size:.4g} mm with {gap:.3g} mm of {way}"
+            )
             tight = contact.kind == "cylinder" and contact.gap < 0
             taken = "a thread or a press fit, which holds" if tight else "no guide"
             i, j = (solids[n].name for n in (contact.first, contact.second))
             say = f'taken as {taken}; if it guides, say --joint "{i}/{j}=KIND"'
             found[i, j, say].setdefault(what, contact)
     return [
-        Doubt((i, j), f"{' and '.join(there)}: {say}", tuple(next(iter(there.values())).point))
+        Doubt(
+            (i, j),
+            f"{' and '.join(there)}: {say}",
+            tuple(next(iter(there.values())).point),
+        )
         for (i, j, say), there in found.items()
     ]
 
 
 def doubt_built(
-    joints: Iterable[Freedom], found: Iterable[Freedom], built: Iterable[BuiltJoint], solids: Solids
+    joints: Iterable[Freedom],
+    found: Iterable[Freedom],
+    built: Iterable[BuiltJoint],
+    solids: Solids,
 ) -> list[Doubt]:
     """Return doubts on joints of the assembly that differ in kind from those by contacts alone."""
     labels = {frozenset((joint.first, joint.second)): joint.label for joint in built}
@@ -112,7 +147,8 @@ def doubt_built(
 
 def doubt_twins(solids: Solids) -> list[Doubt]:
     """Return doubts on solids with the same centre and volume as another."""
-    seen, found = dict[tuple[int, ...], str](), list[Doubt]()
+    seen = dict[tuple[int, ...], str]()
+    found = list[Doubt]()
     for solid in solids:
         places = (*map(float, solid.centre), float(np.cbrt(solid.product.volume)))
         key = tuple(round(1e6 * each) for each in places)
@@ -134,4 +170,7 @@ def gather_alike(doubts: Sequence[Doubt], solids: Solids) -> list[Doubt]:
         key = (*(products.get(name, name) for name in doubt.solids), text)
         alike.setdefault(key, []).append(doubt)
     more = {same[0]: len(same) - 1 for same in alike.values()}
-    return [replace(d, text=d.text + f" ({n} more alike)" * (n > 0)) for d, n in more.items()]
+    return [
+        replace(d, text=d.text + (f" ({n} more alike)" if n > 0 else ""))
+        for d, n in more.items()
+    ]

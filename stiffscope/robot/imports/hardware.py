@@ -38,17 +38,30 @@ _WORDS = {
     r"lager|6[0-3]\d\d|6[0-9]{2}(zz|2rs)?|6[89]\d\d|iso.?15",
 }
 _HELD = r"(?![a-z]|[-_. ](cover|cap|hold|hous|mount|block|support|plate|seat|deckel|halter|bock))"
-_NAMED = {role: re.compile(rf"(?<![a-z])({_WORDS[role]}){_HELD}", re.IGNORECASE) for role in _WORDS}
-FIT = (-0.01, 0.03)  # of the radius: guiding fit; beyond are threads and clearance holes
+_NAMED = {
+    role: re.compile(rf"(?<![a-z])({_WORDS[role]}){_HELD}", re.IGNORECASE)
+    for role in _WORDS
+}
+FIT = (
+    -0.01,
+    0.03,
+)  # of the radius: guiding fit; beyond are threads and clearance holes
 _THREAD = -0.05  # of the radius: only threads overlap more
-_TURNED, _BORED = 0.9, 0.8  # surface fraction turned about the axis; of cross-drilled pins
-_BEARING, _WASHER = (0.7, 1.6), 0.65  # ratio of width to section height of a ring
+_TURNED = 0.9
+_BORED = 0.8  # surface fraction turned about the axis; of cross-drilled pins
+_BEARING = (0.7, 1.6)
+_WASHER = 0.65  # ratio of width to section height of a ring
 _BETWEEN = "a ring of a bearing's proportion between a shaft and a housing"
 _NUT = 15.0  # most volume of a nut over its thread's radius³: 9 of ISO 4032, 3 to 6 of DIN 981
 _WIDE = 3.2  # ratio of outer to inner diameter: washers up to 3 (ISO 7093), gears and wheels more
-_THIN, _END = 0.3, 5.0  # section and diameter ratio of washers at the end of a shaft
-HEADED = "a head and a shank that fits its bores"  # a clevis pin, or a screw in tight holes
-NUTTED = "a head and a nut on a shank that fits its bores"  # a screw, or a threaded shaft
+_THIN = 0.3
+_END = 5.0  # section and diameter ratio of washers at the end of a shaft
+HEADED = (
+    "a head and a shank that fits its bores"  # a clevis pin, or a screw in tight holes
+)
+NUTTED = (
+    "a head and a nut on a shank that fits its bores"  # a screw, or a threaded shaft
+)
 _ALONG = 0.999999  # cosine of parallel axes
 _SLENDER = 12.0  # a bar with a larger ratio of length to diameter is not a pin
 
@@ -71,20 +84,31 @@ def is_ambiguous(number: int, name: str, hardware: Hardware) -> bool:
     return word is not None and not _NAMED[word].search(name)
 
 
-def may_be_nut(number: int, solids: Solids, contacts: Iterable[Contact], hardware: Hardware) -> bool:
+def may_be_nut(
+    number: int, solids: Solids, contacts: Iterable[Contact], hardware: Hardware
+) -> bool:
     """Return whether a part may be a nut on a thread drawn with its radius: small, on one axis."""
-    solid, form = solids[number], solids[number].product.form
+    solid = solids[number]
+    form = solids[number].product.form
     touching = [each for each in contacts if number in {each.first, each.second}]
-    around = (each for each in _round(touching, number, inside=False) if each.gap <= 0.0)
-    tight = any(hardware.roles.get(each.find_other(number), "pin") == "pin" for each in around)
+    around = (
+        each for each in _round(touching, number, inside=False) if each.gap <= 0.0
+    )
+    tight = any(
+        hardware.roles.get(each.find_other(number), "pin") == "pin" for each in around
+    )
     small = form is not None and solid.product.volume < _NUT * form.bore**3
     return small and tight and _is_about_axis(touching, solid)
 
 
-def find_hardware(solids: Solids, contacts: Contacts, said: Mapping[int, str]) -> Hardware:
+def find_hardware(
+    solids: Solids, contacts: Contacts, said: Mapping[int, str]
+) -> Hardware:
     """Distinguish hardware from parts; ``said``: roles given by the user, or "part", by number."""
     pairs, elements = _rolling_bearings(solids)
-    found = {ring: ("ring", "ring of rolling elements") for pair in pairs for ring in pair}
+    found = {
+        ring: ("ring", "ring of rolling elements") for pair in pairs for ring in pair
+    }
     found |= dict.fromkeys(elements, ("rolling element", "between two rings"))
     touched: dict[int, list[Contact]] = {number: [] for number in range(len(solids))}
     for contact in contacts:
@@ -93,51 +117,83 @@ def find_hardware(solids: Solids, contacts: Contacts, said: Mapping[int, str]) -
     for number in range(len(solids)):
         if number not in found:
             found[number] = _role_of(number, solids, touched[number])
-    bearings = {number for number, (role, _) in found.items() if role in {"bearing", "ring"}}
+    bearings = {
+        number for number, (role, _) in found.items() if role in {"bearing", "ring"}
+    }
     for number, solid in enumerate(solids):
-        own, role = touched[number], found[number][0]
+        own = touched[number]
+        role = found[number][0]
         bare = role in {"bushing", "washer"} and not _round(own, number, inside=True)
         if bare and bearings & _others(_round(own, number, inside=False), number):
             found[number] = "", ""
             continue
-        turned, planes = solid.product.form, [each for each in own if each.kind == "plane"]
+        turned = solid.product.form
+        planes = [each for each in own if each.kind == "plane"]
         if role or turned is None or not bearings & _others(planes, number):
             continue
-        ring = turned.bore > 0.5 * turned.radius and turned.share > _TURNED and not turned.holed
+        ring = (
+            turned.bore > 0.5 * turned.radius
+            and turned.share > _TURNED
+            and not turned.holed
+        )
         if ring and _is_about_axis(own, solid):
             found[number] = "spacer", "a ring beside a bearing"
-    bars = [n for n, (role, reason) in found.items() if role == "pin" or reason == NUTTED]
+    bars = [
+        n for n, (role, reason) in found.items() if role == "pin" or reason == NUTTED
+    ]
     shafts = [n for n in bars if len(_find_ends(n, found, touched, dict(pairs))) < 2]
     found |= {n: ("", found[n][1]) for n in shafts}
-    found |= {number: ("" if role == "part" else role, "said so") for number, role in said.items()}
+    found |= {
+        number: ("" if role == "part" else role, "said so")
+        for number, role in said.items()
+    }
     roles = {number: role for number, (role, _) in found.items() if role}
-    both = tuple(pair for pair in pairs if {roles.get(ring) for ring in pair} == {"ring"})
+    both = tuple(
+        pair for pair in pairs if {roles.get(ring) for ring in pair} == {"ring"}
+    )
     reasons = {number: reason for number, (_, reason) in found.items() if reason}
     return Hardware(roles, reasons, both)
 
 
 def _role_of(number: int, solids: Solids, touched: Contacts) -> tuple[str, str]:
     """Return role and reason: by shape if all contacts are about the solid's axis, else by name."""
-    solid, form = solids[number], solids[number].product.form
+    solid = solids[number]
+    form = solids[number].product.form
     if any(each.kind == "sphere" for each in touched):
         return "", ""  # a ball stud or rod end
     role, reason = _role_by_shape(number, solids, touched)
     if role and not _is_about_axis(touched, solid):
         return "", ""
-    words = [(each.start(), word) for word in _NAMED for each in _NAMED[word].finditer(solid.name)]
-    named = max(words, default=(0, ""))[1]  # the last one, as in "nut-bolt-assembly.nut"
-    share = 0.2 if named in {"screw", "nut", "circlip"} else 0.6  # turned: no plate named after one
-    may_be = form is not None and form.share > share and _is_about_axis(_round(touched), solid)
+    words = [
+        (each.start(), word)
+        for word in _NAMED
+        for each in _NAMED[word].finditer(solid.name)
+    ]
+    named = max(words, default=(0, ""))[
+        1
+    ]  # the last one, as in "nut-bolt-assembly.nut"
+    share = (
+        0.2 if named in {"screw", "nut", "circlip"} else 0.6
+    )  # turned: no plate named after one
+    may_be = (
+        form is not None
+        and form.share > share
+        and _is_about_axis(_round(touched), solid)
+    )
     if named and ((not role and may_be) or (role, named) == ("pin", "screw")):
         return named, "its name"
     return role, reason
 
 
 def _find_ends(
-    pin: int, found: Mapping[int, tuple[str, str]], touched: Mapping[int, Contacts], outer: Mapping[int, int]
+    pin: int,
+    found: Mapping[int, tuple[str, str]],
+    touched: Mapping[int, Contacts],
+    outer: Mapping[int, int],
 ) -> set[int]:
     """Return the solids that a pin joins, beyond bushings and bearings; none if a shaft of these."""
-    ends, held = set[int](), set[str]()
+    ends = set[int]()
+    held = set[str]()
     roles = {found[other][0] for other in _others(touched[pin], pin)}
     nuts = {"shaft nut", "nut"} if roles & {"bearing", "ring"} else {"shaft nut"}
     for each in _round(touched[pin], pin, inside=True):
@@ -167,17 +223,27 @@ def _role_by_shape(number: int, solids: Solids, touched: Contacts) -> tuple[str,
         grooved = any(float(one @ other) < -_ALONG for one in sides for other in sides)
         return _role_of_ring(form, bool(fits), around, grooved)
     if inside and _is_shoulder_screw(form, number, inside, touched):
-        return "shoulder screw", "a head, a shoulder in a bore and a thread on which it rests"
+        return (
+            "shoulder screw",
+            "a head, a shoulder in a bore and a thread on which it rests",
+        )
     return _role_of_bar(form, number, inside, solids) if inside else ("", "")
 
 
-def _role_of_ring(form: Turned, inside: bool, around: bool, grooved: bool) -> tuple[str, str]:
+def _role_of_ring(
+    form: Turned, inside: bool, around: bool, grooved: bool
+) -> tuple[str, str]:
     """Return role and reason of a ring inside or around other solids, or in a groove of a bore."""
     low, high = _BEARING
     if around and not inside:
         if form.hexagon and form.share > _TURNED and form.length < 3.0 * form.radius:
             return "nut", "a hexagon around a thread"
-        if form.slotted and form.steps and form.share > 0.6 and form.length < form.radius:
+        if (
+            form.slotted
+            and form.steps
+            and form.share > 0.6
+            and form.length < form.radius
+        ):
             return "shaft nut", "a ring with slots around a thread"
     section = low <= form.section <= high and 0.25 <= form.bore / form.radius <= 0.9
     if form.share > _TURNED and section and inside and around:
@@ -187,12 +253,19 @@ def _role_of_ring(form: Turned, inside: bool, around: bool, grooved: bool) -> tu
     clips = (grooved and not around) if inside else form.radius < wide * form.bore
     if plain and clips and 0.0 < form.section < _WASHER:
         return "circlip" if inside else "washer", "a flat ring"
-    if plain and around and form.body[0] < 2.0 * form.bore and form.length < 4.0 * form.radius:
+    if (
+        plain
+        and around
+        and form.body[0] < 2.0 * form.bore
+        and form.length < 4.0 * form.radius
+    ):
         return "bushing", "a ring around a pin or shaft"
     return "", ""
 
 
-def _role_of_bar(form: Turned, number: int, inside: Contacts, solids: Solids) -> tuple[str, str]:
+def _role_of_bar(
+    form: Turned, number: int, inside: Contacts, solids: Solids
+) -> tuple[str, str]:
     """Return role and reason of a solid with a shank in bores.
 
     A screw's bores have play or are threads, drawn with overlap or equal radius. A bar guiding a
@@ -202,7 +275,9 @@ def _role_of_bar(form: Turned, number: int, inside: Contacts, solids: Solids) ->
     bores = _others(inside, number)
     fitting = [each for each in inside if FIT[0] <= each.gap / each.radius <= FIT[1]]
     around = [solids[other].product.form for other in bores]
-    nuts = [other for other in around if other is not None and other.hexagon and other.bore]
+    nuts = [
+        other for other in around if other is not None and other.hexagon and other.bore
+    ]
     if form.radius >= 1.3 * radius and form.share > 0.5 and length > 0.5 * form.length:
         if any(each.radius > 1.05 * radius for each in fitting):
             return "", ""
@@ -214,13 +289,17 @@ def _role_of_bar(form: Turned, number: int, inside: Contacts, solids: Solids) ->
     plain = form.share > _BORED and form.radius < 1.15 * radius
     if not plain or form.length > _SLENDER * 2.0 * radius or len(bores) < 2:
         return "", ""
-    threads = _others((each for each in inside if each.gap < _THREAD * each.radius), number)
+    threads = _others(
+        (each for each in inside if each.gap < _THREAD * each.radius), number
+    )
     if threads and threads >= _others(fitting, number):
         return "screw", "a thread and a tip without a head"
     return "pin", f"one diameter, in bores of {len(bores)} others"
 
 
-def _is_shoulder_screw(form: Turned, number: int, inside: Contacts, touched: Contacts) -> bool:
+def _is_shoulder_screw(
+    form: Turned, number: int, inside: Contacts, touched: Contacts
+) -> bool:
     """Return whether a headed bar guides a part on its shoulder and rests on the threaded part."""
     guides = [each for each in inside if FIT[0] <= each.gap / each.radius <= FIT[1]]
     guide = max(guides, key=lambda each: each.radius, default=None)
@@ -233,7 +312,8 @@ def _is_shoulder_screw(form: Turned, number: int, inside: Contacts, touched: Con
     held = _others((each for each in inside if each.radius < slim), number)
     if not narrow or not held & under - {guide.find_other(number)}:
         return False
-    thread, head = sum(narrow[-1][:2]), sum(max(steps, key=lambda step: step[2])[:2])
+    thread = sum(narrow[-1][:2])
+    head = sum(max(steps, key=lambda step: step[2])[:2])
     shoulder = sum(min(steps, key=lambda step: abs(step[2] - guide.radius))[:2])
     return (head - shoulder) * (shoulder - thread) >= 0.0
 
@@ -245,10 +325,14 @@ def _is_about_axis(contacts: Contacts, solid: Instance) -> bool:
     point, axis = solid.place_axis(solid.product.form)
     levers = ((c.axis, 1e-4) for c in contacts)
     arms = ((c.point - point, 1e-5) for c in contacts if c.kind != "plane")
-    return all(np.linalg.norm(np.cross(axis, each)) < most for each, most in (*levers, *arms))
+    return all(
+        np.linalg.norm(np.cross(axis, each)) < most for each, most in (*levers, *arms)
+    )
 
 
-def _round(contacts: Contacts, number: int = -1, *, inside: bool | None = None) -> list[Contact]:
+def _round(
+    contacts: Contacts, number: int = -1, *, inside: bool | None = None
+) -> list[Contact]:
     """Return the cylindrical contacts; if given, only those with a solid inside, or around."""
     found = [each for each in contacts if each.kind == "cylinder"]
     if inside is None:
@@ -264,13 +348,18 @@ def _others(contacts: Iterable[Contact], number: int) -> set[int]:
 def _rolling_bearings(solids: Solids) -> tuple[list[tuple[int, int]], set[int]]:
     """Return pairs of rings with three or more equal rolling elements, and elements with cages."""
     forms = [solid.product.form for solid in solids]
-    rings = [n for n, form in enumerate(forms) if form and form.bore and form.share > _TURNED]
-    pairs, within = [], set[int]()
+    rings = [
+        n for n, form in enumerate(forms) if form and form.bore and form.share > _TURNED
+    ]
+    pairs = []
+    within = set[int]()
     for inner in rings:
         for outer in rings:
             between = _find_between(inner, outer, solids)
             volumes = np.array([solids[number].product.volume for number in between])
-            if any(np.isclose(volumes, volume, rtol=1e-6).sum() >= 3 for volume in volumes):
+            if any(
+                np.isclose(volumes, volume, rtol=1e-6).sum() >= 3 for volume in volumes
+            ):
                 pairs.append((inner, outer))
                 within |= set(between)
     return pairs, within
@@ -278,10 +367,17 @@ def _rolling_bearings(solids: Solids) -> tuple[list[tuple[int, int]], set[int]]:
 
 def _find_between(inner: int, outer: int, solids: Solids) -> list[int]:
     """Return the solids between two coaxial rings."""
-    small, large = solids[inner].product.form, solids[outer].product.form
-    if inner == outer or small is None or large is None or not small.radius < large.radius:
+    small = solids[inner].product.form
+    large = solids[outer].product.form
+    if (
+        inner == outer
+        or small is None
+        or large is None
+        or not small.radius < large.radius
+    ):
         return []
-    (point, axis), (other, along) = solids[inner].place_axis(small), solids[outer].place_axis(large)
+    (point, axis) = solids[inner].place_axis(small)
+    (other, along) = solids[outer].place_axis(large)
     across = np.linalg.norm(np.cross(axis, other - point))
     parallel = np.linalg.norm(np.cross(axis, along))
     middles = [float(axis @ (solids[n].centre - point)) for n in (inner, outer)]
@@ -290,12 +386,24 @@ def _find_between(inner: int, outer: int, solids: Solids) -> list[int]:
         return []
     found = []
     for number, solid in enumerate(solids):
-        away, form = solid.centre - point, solid.product.form
-        along, apart = float(axis @ away) - middles[0], float(np.linalg.norm(np.cross(axis, away)))
+        away = solid.centre - point
+        form = solid.product.form
+        along = float(axis @ away) - middles[0]
+        apart = float(np.linalg.norm(np.cross(axis, away)))
         reach = float(np.linalg.norm(np.diff(solid.box, axis=0)))
-        ball = small.middle < apart < large.middle and reach < 2.0 * (large.radius - small.bore)
-        cage = form is not None and small.bore < form.radius < large.radius and apart < 1e-5
+        ball = small.middle < apart < large.middle and reach < 2.0 * (
+            large.radius - small.bore
+        )
+        cage = (
+            form is not None
+            and small.bore < form.radius < large.radius
+            and apart < 1e-5
+        )
         cage &= form is not None and form.bore > small.bore
-        if number not in {inner, outer} and abs(along) < 0.5 * small.length and (ball or cage):
+        if (
+            number not in {inner, outer}
+            and abs(along) < 0.5 * small.length
+            and (ball or cage)
+        ):
             found.append(number)
     return found

@@ -27,12 +27,28 @@ from stiffscope.robot.imports.compiled_model import GROUND, print_safely
 from stiffscope.robot.imports.contact_joints import find_joints, measure_size
 from stiffscope.robot.imports.doubts import Doubt, doubt_twins, gather_alike
 from stiffscope.robot.imports.hardware import find_hardware
-from stiffscope.robot.imports.import_record import check_place, make_record, parts_folder, tell_changes
+from stiffscope.robot.imports.import_record import (
+    check_place,
+    make_record,
+    parts_folder,
+    tell_changes,
+)
 from stiffscope.robot.imports.model_tool import choose_coordinates
 from stiffscope.robot.imports.part_motions import Freedom, tool_motions
 from stiffscope.robot.imports.robot_text import driven, robot_text
-from stiffscope.robot.imports.said import Said, as_said, match_solids, said_beside, said_of
-from stiffscope.robot.imports.simulator_model import ModelBody, ModelJoint, SimulatorModel, find_distances
+from stiffscope.robot.imports.said import (
+    Said,
+    as_said,
+    match_solids,
+    said_beside,
+    said_of,
+)
+from stiffscope.robot.imports.simulator_model import (
+    ModelBody,
+    ModelJoint,
+    SimulatorModel,
+    find_distances,
+)
 from stiffscope.runtime.reading import show_path
 
 if TYPE_CHECKING:
@@ -44,7 +60,9 @@ if TYPE_CHECKING:
     from stiffscope.robot.imports.import_record import ImportRecord
     from stiffscope.runtime.types import Progress
 
-_GROUND = re.compile(r"ground|base|bed|frame|foot|gestell|grund|rahmen|sockel|bett", re.IGNORECASE)
+_GROUND = re.compile(
+    r"ground|base|bed|frame|foot|gestell|grund|rahmen|sockel|bett", re.IGNORECASE
+)
 _TOOLS = "tool|platt?form|effector|tcp|spindle|flange|plate|werkzeug|greifer|gripper"
 _TOOL = re.compile(_TOOLS, re.IGNORECASE)
 _TINY = 2e-3  # a part with a smaller fraction of the total volume is rigid
@@ -76,7 +94,10 @@ class Imported:
 
 
 def import_assembly(
-    path: str | Path, out: str | Path, said: Said | None = None, progress: Progress | None = None
+    path: str | Path,
+    out: str | Path,
+    said: Said | None = None,
+    progress: Progress | None = None,
 ) -> Imported:
     """Write a robot file from a STEP assembly, and its elastic parts to a folder named after it.
 
@@ -92,7 +113,8 @@ def import_assembly(
     progress
         Receives the progress of reading and of the search for contacts.
     """
-    path, out = Path(path), Path(out)
+    path = Path(path)
+    out = Path(out)
     earlier = check_place(out)
     said = said_beside(path, said or Said())
     left_out = list[str]()
@@ -100,7 +122,9 @@ def import_assembly(
     return _import(path, out, said, solids, (), left_out, earlier, progress)
 
 
-def from_assembly(assembly: Any, out: str | Path | None = None, **said: Any) -> Imported:
+def from_assembly(
+    assembly: Any, out: str | Path | None = None, **said: Any
+) -> Imported:
     """Write a robot file from a build123d assembly, as `stiffscope import` does from a STEP file.
 
     Connected joints of build123d (`connect_to`) are used: RevoluteJoint, LinearJoint, BallJoint,
@@ -130,7 +154,9 @@ def from_assembly(assembly: Any, out: str | Path | None = None, **said: Any) -> 
     """
     from stiffscope.cad.built_assembly import read_built
 
-    label = print_safely(str(getattr(assembly, "label", "") or "machine")).replace("/", "_")
+    label = print_safely(str(getattr(assembly, "label", "") or "machine")).replace(
+        "/", "_"
+    )
     out = Path(f"{label}.toml" if out is None else out)
     earlier = check_place(out)
     words = said_beside(out, said_of(said))
@@ -140,9 +166,15 @@ def from_assembly(assembly: Any, out: str | Path | None = None, **said: Any) -> 
 
 
 def _import(
-    path: Path, out: Path, said: Said, solids: Sequence[Instance], built: Sequence[BuiltJoint], left_out: list[str],
-    earlier: ImportRecord | None, progress: Progress | None = None,
-) -> Imported:  # fmt: skip
+    path: Path,
+    out: Path,
+    said: Said,
+    solids: Sequence[Instance],
+    built: Sequence[BuiltJoint],
+    left_out: list[str],
+    earlier: ImportRecord | None,
+    progress: Progress | None = None,
+) -> Imported:
     """Write the robot file of an assembly; ``path`` is its file or name."""
     if progress is not None:
         progress("read", 1.0)
@@ -157,19 +189,28 @@ def _import(
     found = _Found(path, solids, hardware, tuple(joints))
     ground = _choose_ground(found, said.ground)
     reached = find_distances(found.joints, ground)
-    loose = {each for joint in found.joints for each in joint.ends} - {*reached, *hardware.roles}
+    loose = {each for joint in found.joints for each in joint.ends} - {
+        *reached,
+        *hardware.roles,
+    }
     doubts += [Doubt((path.name,), text) for text in left_out] + doubt_twins(solids)
     text = "no joint leads from it to the ground: left out"
-    doubts += [Doubt((solids[n].name,), text, tuple(solids[n].centre)) for n in sorted(loose)]
+    doubts += [
+        Doubt((solids[n].name,), text, tuple(solids[n].centre)) for n in sorted(loose)
+    ]
     doubts = gather_alike(doubts, solids)
-    found = replace(found, joints=tuple(joint for joint in found.joints if joint.first in reached))
+    found = replace(
+        found, joints=tuple(joint for joint in found.joints if joint.first in reached)
+    )
     tool = _choose_tool(found, ground, said.tool, reached)
     model, parts = _model(path, found, ground, tool, said)
     lines = [f"#   - {', '.join(doubt.solids)}: {doubt.text}\n" for doubt in doubts]
     review = "".join([_REVIEW, *lines]) if lines else ""
     head = _HEAD + review.replace("{", "{{").replace("}", "}}")
     drives = driven(model, said.drive)
-    text = robot_text(model, print_safely(path.name), drives, head, part_lines(parts, out))
+    text = robot_text(
+        model, print_safely(path.name), drives, head, part_lines(parts, out)
+    )
     record = make_record(solids, hardware.roles, found.joints, doubts)
     write_import(path, out, text, parts, "an assembly", record)
     changes = None
@@ -177,7 +218,10 @@ def _import(
         changes = tuple(tell_changes(earlier, record))
         for name in {*earlier.files} - {f"{part.name}.step" for part in parts}:
             (parts_folder(out) / name).unlink(missing_ok=True)
-    roles = {solids[n].name: f"{hardware.roles[n]} ({hardware.reasons[n]})" for n in hardware.roles}
+    roles = {
+        solids[n].name: f"{hardware.roles[n]} ({hardware.reasons[n]})"
+        for n in hardware.roles
+    }
     counts = len(solids), len(contacts)
     return Imported(out, model, tuple(doubts), roles, *counts, tuple(drives), changes)
 
@@ -201,7 +245,9 @@ def _choose_ground(found: _Found, wanted: str | None) -> int:
     parts = [n for n in range(len(found.solids)) if n not in found.hardware.roles]
     if not parts:
         what = "got hardware alone; say --part NAME of what is a part"
-        raise InputError(f"{show_path(found.path)}: expected an assembly with parts, {what}")
+        raise InputError(
+            f"{show_path(found.path)}: expected an assembly with parts, {what}"
+        )
     if wanted is not None:
         return _find_wanted(found, "--ground", wanted, parts, "a part, no hardware")
     named = [n for n in parts if _GROUND.search(found.solids[n].name.split(".")[-1])]
@@ -209,18 +255,31 @@ def _choose_ground(found: _Found, wanted: str | None) -> int:
     return max(named, key=lambda n: (found.solids[n].product.volume, -n))
 
 
-def _choose_tool(found: _Found, ground: int, wanted: str | None, reached: Mapping[int, int]) -> int:
+def _choose_tool(
+    found: _Found, ground: int, wanted: str | None, reached: Mapping[int, int]
+) -> int:
     """Return the tool part: as given, else with a usual name, else behind most moving joints."""
-    solids, able = found.solids, [n for n in reached if n != ground]
+    solids = found.solids
+    able = [n for n in reached if n != ground]
     if not able:
         got = f"none that touches {solids[ground].name}, the ground; say --ground or --joint"
-        got = got if len(solids) > 1 else 'one solid; describe a single part in a robot file, with shape = "step"'
-        raise InputError(f"{show_path(found.path)}: expected parts that joints connect, got {got}")
+        got = (
+            got
+            if len(solids) > 1
+            else 'one solid; describe a single part in a robot file, with shape = "step"'
+        )
+        raise InputError(
+            f"{show_path(found.path)}: expected parts that joints connect, got {got}"
+        )
     if wanted is not None:
         return _find_wanted(found, "--tool", wanted, able, "a part that moves")
     fixed = [joint for joint in found.joints if joint.kind == "fixed"]
-    whole = {n: min(find_distances(fixed, n)) for n in reached}  # rigid groups, by their first part
-    ends = [replace(j, first=whole[j.first], second=whole[j.second]) for j in found.joints]
+    whole = {
+        n: min(find_distances(fixed, n)) for n in reached
+    }  # rigid groups, by their first part
+    ends = [
+        replace(j, first=whole[j.first], second=whole[j.second]) for j in found.joints
+    ]
     distance = find_distances(ends, whole[ground])
     tiny = _TINY * sum(solids[n].product.volume for n in able)
     for kind in (
@@ -228,32 +287,49 @@ def _choose_tool(found: _Found, ground: int, wanted: str | None, reached: Mappin
         lambda n: distance[whole[n]] > 0 and solids[n].product.volume > tiny,
     ):
         able = [n for n in able if kind(n)] or able
-    return max(able, key=lambda n: (distance[whole[n]], reached[n], len(found.find_joints(n)), -n))
+    return max(
+        able,
+        key=lambda n: (distance[whole[n]], reached[n], len(found.find_joints(n)), -n),
+    )
 
 
-def _find_wanted(found: _Found, option: str, wanted: str, able: Sequence[int], what: str) -> int:
+def _find_wanted(
+    found: _Found, option: str, wanted: str, able: Sequence[int], what: str
+) -> int:
     """Return the first part that a pattern names among those able."""
     named = match_solids(found.solids, (wanted,), option).intersection(able)
     if not named:
         names = list_some([found.solids[n].name for n in able])
-        raise InputError(f'{place_of(option, wanted)}: expected {what} ({names}), got "{wanted}"')
+        raise InputError(
+            f'{place_of(option, wanted)}: expected {what} ({names}), got "{wanted}"'
+        )
     return min(named)
 
 
-def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tuple[SimulatorModel, list[PartFile]]:
+def _model(
+    path: Path, found: _Found, ground: int, tool: int, said: Said
+) -> tuple[SimulatorModel, list[PartFile]]:
     """Return bodies, joints and tool as in a robot file, and the elastic parts."""
     solids = found.solids
     moving = sorted({each for joint in found.joints for each in joint.ends} - {ground})
     materials = choose_materials(moving, solids, said.material, path)
     rigid = match_solids(solids, said.rigid, "--rigid")
     total = sum(solids[n].product.volume for n in moving)
-    bodies, parts, ends = list[ModelBody](), list[PartFile](), dict[tuple[int, Freedom], str]()
+    bodies = list[ModelBody]()
+    parts = list[PartFile]()
+    ends = dict[tuple[int, Freedom], str]()
     for number in moving:
-        solid, held = solids[number], found.find_joints(number)
+        solid = solids[number]
+        held = found.find_joints(number)
         why = _rigid_reason(number, held, rigid, solid.product.volume / total)
         if why:
-            density, note = MATERIALS[materials[number]].density, f"{why}; {materials[number]}"
-            weight = density * solid.product.volume, solid.centre, density * solid.inertia
+            density = MATERIALS[materials[number]].density
+            note = f"{why}; {materials[number]}"
+            weight = (
+                density * solid.product.volume,
+                solid.centre,
+                density * solid.inertia,
+            )
             bodies.append(ModelBody(solid.name, *weight, note=note))
             ends |= {(number, joint): solid.name for joint in held}
             continue
@@ -261,13 +337,20 @@ def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tup
         own = dict(zip(interface_names(number, held, solids), faces, strict=True))
         part = _share_part(parts, solid, materials[number], own)
         part.bodies.append(solid.name)
-        names = {faces: f"{solid.name}.{name}" for name, faces in part.interfaces.items()}
-        ends |= {(number, joint): names[face] for joint, face in zip(held, faces, strict=True)}
+        names = {
+            faces: f"{solid.name}.{name}" for name, faces in part.interfaces.items()
+        }
+        ends |= {
+            (number, joint): names[face]
+            for joint, face in zip(held, faces, strict=True)
+        }
         placed = solid.origin, np.zeros((3, 3)), part.name, solid.rotation
         bodies.append(ModelBody(solid.name, 0.0, *placed))
     joints = list[ModelJoint]()
     for joint in found.joints:
-        first, second = (GROUND if each == ground else ends[each, joint] for each in joint.ends)
+        first, second = (
+            GROUND if each == ground else ends[each, joint] for each in joint.ends
+        )
         axis = None if joint.kind in {"fixed", "spherical"} else joint.axis
         name = "/".join(solids[each].name for each in joint.ends)
         place = joint.kind, joint.at, axis, joint.axis2
@@ -278,19 +361,25 @@ def _model(path: Path, found: _Found, ground: int, tool: int, said: Said) -> tup
     motions = tool_motions(found.joints, tool, ground, at, measure_size(solids))
     if not motions.size:
         others = len(solids) - len(found.hardware.roles) - 1
-        fixed = f"{solids[ground].name} ({len(moving)} of {others} parts are joined to it)"
+        fixed = (
+            f"{solids[ground].name} ({len(moving)} of {others} parts are joined to it)"
+        )
         raise InputError(
             f"{show_path(path)}: expected a tool that joints let move, got {solids[tool].name}, which "
             f"they fix to the ground, {fixed}; say --tool, --ground or --joint"
         )
-    name, notes = print_safely(path.stem), _notes(found, ground, tool, said)
+    name = print_safely(path.stem)
+    notes = _notes(found, ground, tool, said)
     pose = choose_coordinates(motions)
     content = tuple(bodies), tuple(joints), tool_body, at, pose, np.zeros(3), notes
     return SimulatorModel(name, *content), parts
 
 
 def _share_part(
-    parts: list[PartFile], solid: Instance, material: str, interfaces: dict[str, tuple[int, ...]]
+    parts: list[PartFile],
+    solid: Instance,
+    material: str,
+    interfaces: dict[str, tuple[int, ...]],
 ) -> PartFile:
     """Return the part of an equal solid with the same material and interfaces, or a new part."""
     for part in parts:
@@ -303,7 +392,8 @@ def _share_part(
 
 def _notes(found: _Found, ground: int, tool: int, said: Said) -> tuple[str, ...]:
     """Return notes on choices and omissions."""
-    solids, density = found.solids, MATERIALS["steel"].density
+    solids = found.solids
+    density = MATERIALS["steel"].density
     bought = density * sum(solids[n].product.volume for n in found.hardware.roles)
     base = f"the ground is {solids[ground].name}, rigid"
     where = "M at its centre of mass where it is rigid, else at its last joint"
@@ -314,7 +404,9 @@ def _notes(found: _Found, ground: int, tool: int, said: Said) -> tuple[str, ...]
     return (*([left] if bought else []), base, last)
 
 
-def _rigid_reason(number: int, joints: Sequence[Freedom], said: set[int], share: float) -> str:
+def _rigid_reason(
+    number: int, joints: Sequence[Freedom], said: set[int], share: float
+) -> str:
     """Return the reason why a part is rigid; empty if it is elastic."""
     if number in said:
         return "rigid, as said"

@@ -12,7 +12,12 @@ from stiffscope.robot.imports.assembly_parts import part_lines, write_import
 from stiffscope.robot.imports.compiled_model import is_urdf, print_safely
 from stiffscope.robot.imports.import_record import parts_folder
 from stiffscope.robot.imports.model_solids import add_solids
-from stiffscope.robot.imports.robot_text import check_text, driven, number_or_text, robot_text
+from stiffscope.robot.imports.robot_text import (
+    check_text,
+    driven,
+    number_or_text,
+    robot_text,
+)
 from stiffscope.robot.imports.simulator_model import read_model
 from stiffscope.runtime.output import check_file, check_new, is_forced, write_bytes
 from stiffscope.runtime.reading import read_bytes
@@ -44,15 +49,29 @@ def import_model(
     tool
         Body or site that is the tool; by default a last one.
     """
-    check = check_file if is_forced() else partial(check_new, advice="--force writes over it")
-    check(out := Path(out))
+    check = (
+        check_file
+        if is_forced()
+        else partial(check_new, advice="--force writes over it")
+    )
+    out = Path(out)
+    check(out)
     path, urdf = Path(path), is_urdf(read_bytes(path, "a model in URDF or MJCF"))
     if materials and not urdf:
-        raise InputError(f"--material: expected a STEP assembly or a URDF, got {path.name}")
-    model = read_model(path, tool, _positions(home), [each.partition("=")[0].strip() for each in drives])
+        raise InputError(
+            f"--material: expected a STEP assembly or a URDF, got {path.name}"
+        )
+    model = read_model(
+        path,
+        tool,
+        _positions(home),
+        [each.partition("=")[0].strip() for each in drives],
+    )
     model, parts = add_solids(path, model, materials) if urdf else (model, [])
     lines = part_lines(parts, out)
-    text = robot_text(model, print_safely(path.name), driven(model, drives), parts=lines)
+    text = robot_text(
+        model, print_safely(path.name), driven(model, drives), parts=lines
+    )
     if not parts:
         check_text(path, out, text, "the model")
         write_bytes(out, text.encode())
@@ -69,7 +88,9 @@ def _positions(texts: Sequence[str]) -> dict[str, float]:
     for text in texts:
         name, equals, value = (each.strip() for each in text.partition("="))
         if name in found:
-            raise InputError(f"--home {text}: expected each joint once, got {name} twice")
+            raise InputError(
+                f"--home {text}: expected each joint once, got {name} twice"
+            )
         try:
             found[name] = measured_quantity(number_or_text(value) if equals else None)
         except ValueError as error:

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from stiffscope.cad.assembly import Instance
     from stiffscope.robot.imports.part_motions import Freedom
 
-RECORD, SETTINGS = "import.json", "assembly.toml"
+RECORD = "import.json"
+SETTINGS = "assembly.toml"
 _SAME = 1e-6  # relative tolerance of volume and inertia; m and 1 for places
 
 
@@ -49,10 +50,14 @@ class ImportRecord:
 
 
 def make_record(
-    solids: Sequence[Instance], roles: Mapping[int, str], joints: Sequence[Freedom], doubts: list[Doubt]
+    solids: Sequence[Instance],
+    roles: Mapping[int, str],
+    joints: Sequence[Freedom],
+    doubts: list[Doubt],
 ) -> ImportRecord:
     """Return the record of an import."""
-    shapes, places = dict[str, list[float]](), dict[str, list[float]]()
+    shapes = dict[str, list[float]]()
+    places = dict[str, list[float]]()
     names = [solid.name for solid in solids]
     for name, solid in zip(names, solids, strict=True):
         product = solid.product
@@ -69,7 +74,10 @@ def read_record(folder: Path) -> ImportRecord | None:
     try:
         held = json.loads((folder / RECORD).read_text(encoding="utf-8"))
         joints = [tuple(joint) for joint in held["joints"]]
-        doubts = [Doubt(**{**doubt, "solids": tuple(doubt["solids"])}) for doubt in held["doubts"]]
+        doubts = [
+            Doubt(**{**doubt, "solids": tuple(doubt["solids"])})
+            for doubt in held["doubts"]
+        ]
         return ImportRecord(**{**held, "joints": joints, "doubts": doubts})
     except (OSError, ValueError, TypeError, KeyError):
         return None
@@ -89,7 +97,9 @@ def check_place(out: Path) -> ImportRecord | None:
             f"{show_path(out)}: expected the file as the last import wrote it, got one that was changed "
             f"since; import to another file, or --force writes over it"
         )
-    for name in () if is_forced() else sorted(each.name for each in folder.glob("*.step")):
+    for name in (
+        () if is_forced() else sorted(each.name for each in folder.glob("*.step"))
+    ):
         if earlier is None or name not in earlier.files:
             check_new(folder / name)
     return earlier
@@ -103,14 +113,18 @@ def tell_changes(earlier: ImportRecord, now: ImportRecord) -> list[str]:
     told += [f"{name} is gone" for name in gone]
     moved = list[str]()
     for name, old in before.items():
-        was, here = earlier.shapes[old], now.shapes[name]
+        was = earlier.shapes[old]
+        here = now.shapes[name]
         if not _is_same(was, here):
             volume = f"volume {1e6 * was[0]:.4g} -> {1e6 * here[0]:.4g} cm³"
-            told.append(f"{name} has another shape ({volume}, faces {was[-1]:g} -> {here[-1]:g})")
+            told.append(
+                f"{name} has another shape ({volume}, faces {was[-1]:g} -> {here[-1]:g})"
+            )
         away = np.subtract(earlier.places[old], now.places[name])
         if np.abs(away).max() > _SAME:
             moved.append(f"{name} ({1e3 * float(np.linalg.norm(away[9:])):.3g} mm)")
-        before_role, role = earlier.roles.get(old, "part"), now.roles.get(name, "part")
+        before_role = earlier.roles.get(old, "part")
+        role = now.roles.get(name, "part")
         if before_role != role:
             told.append(f"{name} was a {before_role}, is a {role}")
     if moved:
@@ -119,7 +133,9 @@ def tell_changes(earlier: ImportRecord, now: ImportRecord) -> list[str]:
     return told + _tell_joints(earlier, now, before)
 
 
-def _tell_joints(earlier: ImportRecord, now: ImportRecord, before: Mapping[str, str]) -> list[str]:
+def _tell_joints(
+    earlier: ImportRecord, now: ImportRecord, before: Mapping[str, str]
+) -> list[str]:
     """Describe joints that are new, gone or of another kind."""
     old = {frozenset(joint[:2]): joint for joint in earlier.joints}
     told = []
@@ -129,7 +145,9 @@ def _tell_joints(earlier: ImportRecord, now: ImportRecord, before: Mapping[str, 
             told.append(f"the {kind} joint {first}/{second} is new")
         elif was[2] != kind:
             told.append(f"the joint {first}/{second} was {was[2]}, is {kind}")
-    return told + [f"the {kind} joint {one}/{two} is gone" for one, two, kind in old.values()]
+    return told + [
+        f"the {kind} joint {one}/{two} is gone" for one, two, kind in old.values()
+    ]
 
 
 def _match(earlier: ImportRecord, now: ImportRecord) -> dict[str, str]:
@@ -140,10 +158,18 @@ def _match(earlier: ImportRecord, now: ImportRecord) -> dict[str, str]:
         return same and _is_same(earlier.shapes[old], now.shapes[name])
 
     found = dict[str, str]()
-    for rule in (lambda name, old: name == old and is_here(name, old), is_here, operator.eq):
+    for rule in (
+        lambda name, old: name == old and is_here(name, old),
+        is_here,
+        operator.eq,
+    ):
         left = [old for old in earlier.shapes if old not in found.values()]
         for name in now.shapes:
-            old = None if name in found else next((each for each in left if rule(name, each)), None)
+            old = (
+                None
+                if name in found
+                else next((each for each in left if rule(name, each)), None)
+            )
             if old is not None:
                 found[name] = old
                 left.remove(old)

@@ -13,13 +13,25 @@ if TYPE_CHECKING:
     from stiffscope.robot.imports.compiled_model import CompiledModel
     from stiffscope.runtime.types import Array
 
-_SITES = ["attachment_site", "tcp", "tool", "tool0", "ee", "ee_site", "end_effector", "pinch", "grip_site"]
+_SITES = [
+    "attachment_site",
+    "tcp",
+    "tool",
+    "tool0",
+    "ee",
+    "ee_site",
+    "end_effector",
+    "pinch",
+    "grip_site",
+]
 
 
 def find_tool(source: CompiledModel, wanted: str | None) -> tuple[int, Array, str]:
     """Return the tool's body, point (3,) and description: as wanted, a usual site or last body."""
-    m, d = source.model, source.data
-    sites, bodies = source.labels("site", m.nsite), source.labels("body", m.nbody, 1)
+    m = source.model
+    d = source.data
+    sites = source.labels("site", m.nsite)
+    bodies = source.labels("body", m.nbody, 1)
     if wanted is not None and wanted not in sites and wanted not in bodies:
         what = f"a body or site of {source.path} ({', '.join([*sites, *bodies])})"
         raise InputError(f'--tool {wanted}: expected {what}, got "{wanted}"')
@@ -31,7 +43,11 @@ def find_tool(source: CompiledModel, wanted: str | None) -> tuple[int, Array, st
     if source.mover(body) == GROUND:
         got = wanted or "a model whose bodies are all fixed"
         raise InputError(f"{source.path}: expected a tool that moves, got {got}")
-    return body, d.xpos[body].copy(), f'body "{source.label("body", body)}" of the source'
+    return (
+        body,
+        d.xpos[body].copy(),
+        f'body "{source.label("body", body)}" of the source',
+    )
 
 
 def _last_body(source: CompiledModel) -> int:
@@ -40,14 +56,21 @@ def _last_body(source: CompiledModel) -> int:
     depth = np.zeros(m.nbody, dtype=int)
     for body in range(1, m.nbody):
         depth[body] = depth[m.body_parentid[body]] + 1
-    ends = [each for number in source.closures() for each in source.closure_ends(number)[:2]]
+    ends = [
+        each for number in source.closures() for each in source.closure_ends(number)[:2]
+    ]
     joined = [ends.count(source.mover(body)) > 1 for body in range(m.nbody)]
-    return max(range(1, m.nbody), key=lambda body: (joined[body], depth[body], -body), default=0)
+    return max(
+        range(1, m.nbody),
+        key=lambda body: (joined[body], depth[body], -body),
+        default=0,
+    )
 
 
 def movable_coordinates(source: CompiledModel, body: int, at: Array) -> tuple[str, ...]:
     """Return the coordinates of a body's point (3,), m, that the mechanism moves, x y z first."""
-    m, d = source.model, source.data
+    m = source.model
+    d = source.data
     jacobian = _jacobian(source, d, body, at)
     _, closures = source.equality_rows(closures_only=True)
     basis = np.eye(m.nv)
@@ -59,7 +82,11 @@ def movable_coordinates(source: CompiledModel, body: int, at: Array) -> tuple[st
     if not count:
         got = "one that joints and loops hold; choose another with --tool"
         raise InputError(f"{source.path}: expected a tool that moves, got {got}")
-    if not closures.size and count < min(6, m.nv) and _nearby_rank(source, body, at) > count:
+    if (
+        not closures.size
+        and count < min(6, m.nv)
+        and _nearby_rank(source, body, at) > count
+    ):
         why = "the tool moves in more directions elsewhere; choose another with --home"
         source.notes.append(f"home is singular: {why}")
     return chosen
@@ -83,9 +110,13 @@ def _jacobian(source: CompiledModel, data: Any, body: int, at: Array) -> Array:
 
 def _nearby_rank(source: CompiledModel, body: int, at: Array) -> int:
     """Return the number of directions in which an open chain's tool moves at a pose near home."""
-    m, here, near = source.model, source.data, source.mj.MjData(source.model)
+    m = source.model
+    here = source.data
+    near = source.mj.MjData(source.model)
     near.qpos[:] = here.qpos
-    source.mj.mj_integratePos(m, near.qpos, np.random.default_rng(0).normal(0.0, 0.1, m.nv), 1.0)
+    source.mj.mj_integratePos(
+        m, near.qpos, np.random.default_rng(0).normal(0.0, 0.1, m.nv), 1.0
+    )
     source.mj.mj_kinematics(m, near)
     source.mj.mj_comPos(m, near)
     turn = near.xmat[body].reshape(3, 3) @ here.xmat[body].reshape(3, 3).T

@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from stiffscope.cad.contacts import Contact
     from stiffscope.runtime.types import Array
 
-    _Network = defaultdict[int, dict[int, Array]]  # rows (m, 6) between neighbours, both ways
+    _Network = defaultdict[
+        int, dict[int, Array]
+    ]  # rows (m, 6) between neighbours, both ways
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +72,9 @@ class Bond:
         return self.first, self.second
 
 
-def joint_freedom(kind: str, at: Array, axis: Array | None, axis2: Array | None) -> Array:
+def joint_freedom(
+    kind: str, at: Array, axis: Array | None, axis2: Array | None
+) -> Array:
     """Return the twists (6, k) at the base origin that a joint leaves free.
 
     Parameters
@@ -89,7 +93,9 @@ def joint_freedom(kind: str, at: Array, axis: Array | None, axis2: Array | None)
     return twists[:, list(FREE[kind])]
 
 
-def relative_freedom(holds: Iterable[tuple[int, int, Array]], first: int, second: int) -> Array:
+def relative_freedom(
+    holds: Iterable[tuple[int, int, Array]], first: int, second: int
+) -> Array:
     """Return the orthonormal relative twists (6, k) of two parts that constraints leave free.
 
     ``holds``: pairs of parts, and rows (m, 6) on their relative twist at the base origin.
@@ -132,7 +138,9 @@ def held_by(joint: Freedom) -> tuple[int, int, Array]:
     return *joint.ends, null_space(joint.freedom.T).T
 
 
-def tool_motions(joints: Sequence[Freedom], tool: int, ground: int, at: Array, scale: float) -> Array:
+def tool_motions(
+    joints: Sequence[Freedom], tool: int, ground: int, at: Array, scale: float
+) -> Array:
     """Return a part's twists (6, k) at a point (3,) to the ground, translations over ``scale``, m."""
     return shift(at / scale) @ relative_freedom(map(held_by, joints), ground, tool)
 

@@ -20,9 +20,17 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
-    from stiffscope.robot.imports.simulator_model import ModelBody, ModelJoint, SimulatorModel
+    from stiffscope.robot.imports.simulator_model import (
+        ModelBody,
+        ModelJoint,
+        SimulatorModel,
+    )
 
-_DRIVABLE = {"revolute": q.TORSION, "prismatic": q.STIFFNESS, "cylindrical": q.STIFFNESS}
+_DRIVABLE = {
+    "revolute": q.TORSION,
+    "prismatic": q.STIFFNESS,
+    "cylindrical": q.STIFFNESS,
+}
 _HEAD = """# Imported from {file}: geometry, masses, joints and their ranges at its home; SI, base axes of the source.
 #
 # Fill in what a simulator's model does not say:
@@ -41,7 +49,9 @@ def check_text(path: str | Path, out: Path, text: str, what: str) -> None:
         read_robot(out, text)
     except InputError as error:
         got = "one with " + re.sub(rf"^{re.escape(str(out))}:\d+: ", "", str(error))
-        raise InputError(f"{show_path(path)}: expected {what} of a robot, got {got}") from error
+        raise InputError(
+            f"{show_path(path)}: expected {what} of a robot, got {got}"
+        ) from error
 
 
 def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
@@ -61,15 +71,20 @@ def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
         named = [name] if name in able else fnmatch.filter(able, name)
         if not named:
             what = f"a joint that turns or slides ({', '.join(able)})"
-            raise InputError(f'{where}: expected {what}, got "{name}"{meant(name, able)}')
+            raise InputError(
+                f'{where}: expected {what}, got "{name}"{meant(name, able)}'
+            )
         try:
             for each in named:
                 q.to_si(number_or_text(value), _DRIVABLE[joints[each].kind])
         except ValueError as error:
             raise InputError(f"{where}: {error}") from error
-        if twice := [each for each in named if each in found]:
+        twice = [each for each in named if each in found]
+        if twice:
             got = f"two of {twice[0]}"
-            raise InputError(f"{where}: expected one stiffness of each joint, got {got}")
+            raise InputError(
+                f"{where}: expected one stiffness of each joint, got {got}"
+            )
         found |= dict.fromkeys(named, to_toml(number_or_text(value)))
     return found
 
@@ -83,7 +98,11 @@ def number_or_text(value: str) -> float | str:
 
 
 def robot_text(
-    model: SimulatorModel, file: str, drives: dict[str, str], head: str = _HEAD, parts: Sequence[str] = ()
+    model: SimulatorModel,
+    file: str,
+    drives: dict[str, str],
+    head: str = _HEAD,
+    parts: Sequence[str] = (),
 ) -> str:
     """Return the text of a robot file.
 
@@ -97,12 +116,21 @@ def robot_text(
         lines += [*_body_lines(body, model.joints), ""]
     for joint in model.joints:
         lines += [*_joint_lines(joint, drives), ""]
-    lines += ["[tool]", f"body = {to_toml(model.tool_body)}", f"at = {vector_text(model.tool_at)}"]
+    lines += [
+        "[tool]",
+        f"body = {to_toml(model.tool_body)}",
+        f"at = {vector_text(model.tool_at)}",
+    ]
     lines.append(f"pose = {to_toml(list(model.pose))}")
     size = float(np.linalg.norm(model.gravity))
     if size > 0:
         direction = vector_text(model.gravity / size)
-        lines += ["", "[gravity]", f"acceleration = {_number(size)}", f"direction = {direction}"]
+        lines += [
+            "",
+            "[gravity]",
+            f"acceleration = {_number(size)}",
+            f"direction = {direction}",
+        ]
     place = dict(zip("xyz", map(float, model.tool_at), strict=True))
     at_home = [_number(place.get(coordinate, 0.0)) for coordinate in model.pose]
     lines += ["", "[poses]", f"home = [{', '.join(at_home)}]", ""]
@@ -128,7 +156,9 @@ def _body_lines(body: ModelBody, joints: Iterable[ModelJoint]) -> Iterator[str]:
 
 
 def _joint_lines(joint: ModelJoint, drives: dict[str, str]) -> Iterator[str]:
-    yield f"[joints.{toml_key(joint.name)}]" + (f"   # {joint.note}" if joint.note else "")
+    yield f"[joints.{toml_key(joint.name)}]" + (
+        f"   # {joint.note}" if joint.note else ""
+    )
     yield f"between = {to_toml([joint.first, joint.second])}"
     yield f"type = {to_toml(joint.kind)}"
     yield f"at = {vector_text(joint.at)}"
@@ -137,7 +167,9 @@ def _joint_lines(joint: ModelJoint, drives: dict[str, str]) -> Iterator[str]:
         if direction is not None:
             yield f"{key} = {vector_text(direction)}"
     if joint.kind in _DRIVABLE:
-        limits = f", range = [{', '.join(map(_number, joint.range))}]" if joint.range else ""
+        limits = (
+            f", range = [{', '.join(map(_number, joint.range))}]" if joint.range else ""
+        )
         gain = _number(joint.gain) if joint.gain > 0 else "..."
         if joint.name in drives:
             yield f"drive = {{ stiffness = {drives[joint.name]}{limits} }}"
@@ -145,7 +177,9 @@ def _joint_lines(joint: ModelJoint, drives: dict[str, str]) -> Iterator[str]:
             why = "gain kp of the source" if joint.gain > 0 else "if it is driven"
             yield f'# drive = {{ stiffness = "{gain} {_DRIVABLE[joint.kind].unit}"{limits} }}   # {why}'
     if joint.dynamics:
-        listed = ", ".join(f"{word} {_number(value)}" for word, value in joint.dynamics.items())
+        listed = ", ".join(
+            f"{word} {_number(value)}" for word, value in joint.dynamics.items()
+        )
         yield f"# the source has {listed} here (SI), not taken"
 
 

@@ -51,7 +51,9 @@ def said_beside(path: Path, said: Said) -> Said:
         return said
     source = Source(file, read_text(file, what := "what is said of an assembly"))
     table = parse_text(file, source.text, what)
-    held = said_of(table, lambda *key: f"{show_path(file)}:{source.line(key)}: {key[0]}")
+    held = said_of(
+        table, lambda *key: f"{show_path(file)}:{source.line(key)}: {key[0]}"
+    )
     lists = {
         each.name: (*getattr(held, each.name), *getattr(said, each.name))
         for each in fields(Said)
@@ -70,22 +72,33 @@ def said_of(table: Mapping[str, Any], place: Callable[..., str] | None = None) -
     for key, value in table.items():
         where = key if place is None else place(key)
         if key not in known:
-            raise InputError(f'{where}: expected one of {", ".join(known)}, got "{key}"')
+            raise InputError(
+                f'{where}: expected one of {", ".join(known)}, got "{key}"'
+            )
         tables = isinstance(value, dict) and key in {"joint", "material", "drive"}
-        texts: Any = [f"{name}={each}" for name, each in value.items()] if tables else value
+        texts: Any = (
+            [f"{name}={each}" for name, each in value.items()] if tables else value
+        )
         texts = [texts] if isinstance(texts, str) else texts
-        listed = isinstance(texts, (list, tuple)) and all(isinstance(each, str) for each in texts)
+        listed = isinstance(texts, (list, tuple)) and all(
+            isinstance(each, str) for each in texts
+        )
         if not listed or (key in _SINGLE and len(texts) != 1):
             wanted = "a name" if key in _SINGLE else "a list of texts"
             raise InputError(f"{where}: expected {wanted}, got {value!r}")
         if place is not None:
             keys = value if tables else range(len(texts))
-            texts = [Text(text, place(key, each)) for text, each in zip(texts, keys, strict=True)]
+            texts = [
+                Text(text, place(key, each))
+                for text, each in zip(texts, keys, strict=True)
+            ]
         values[key] = texts[0] if key in _SINGLE else tuple(texts)
     return Said(**values)
 
 
-def match_solids(solids: Sequence[Instance], patterns: Iterable[str], option: str) -> set[int]:
+def match_solids(
+    solids: Sequence[Instance], patterns: Iterable[str], option: str
+) -> set[int]:
     """Return the solids that match patterns; raise InputError if a pattern matches none."""
     found = set[int]()
     for pattern in patterns:
@@ -94,13 +107,18 @@ def match_solids(solids: Sequence[Instance], patterns: Iterable[str], option: st
         if not here:
             known = list_some([solid.name for solid in solids])
             where = place_of(option, pattern)
-            raise InputError(f'{where}: expected the name of a solid ({known}), got "{pattern}"')
+            raise InputError(
+                f'{where}: expected the name of a solid ({known}), got "{pattern}"'
+            )
         found |= here
     return found
 
 
 def as_said(
-    joints: Sequence[Freedom], said: Sequence[str], solids: Sequence[Instance], contacts: Sequence[Contact]
+    joints: Sequence[Freedom],
+    said: Sequence[str],
+    solids: Sequence[Instance],
+    contacts: Sequence[Contact],
 ) -> tuple[list[Freedom], set[frozenset[int]]]:
     """Replace the joints found by the user's, "A/B=KIND" or "A/B=none", where A, B are patterns.
 
@@ -108,7 +126,8 @@ def as_said(
 
     Raises InputError if no two solids in contact match, or the kind of joint is unknown.
     """
-    found, named = list(joints), set[frozenset[int]]()
+    found = list(joints)
+    named = set[frozenset[int]]()
     scale = measure_size(solids)
     for text in said:
         pair, _, kind = (each.strip() for each in text.rpartition("="))
@@ -116,8 +135,12 @@ def as_said(
         first, _, second = (each.strip() for each in pair.partition("/"))
         if kind not in {*FREE, "none"} or not first or not second:
             kinds = ", ".join((*FREE, "none"))
-            raise InputError(f'{where}: expected A/B=KIND with one of {kinds}, got "{text}"')
-        ones, others = (match_solids(solids, (name,), f"{where}: solid") for name in (first, second))
+            raise InputError(
+                f'{where}: expected A/B=KIND with one of {kinds}, got "{text}"'
+            )
+        ones, others = (
+            match_solids(solids, (name,), f"{where}: solid") for name in (first, second)
+        )
         pairs = {frozenset(each) for each in product(ones, others)}
         here = defaultdict[frozenset[int], list[Any]](list)
         for each in (*found, *contacts):
@@ -142,7 +165,8 @@ def _as_kind(kind: str, here: Sequence[Freedom | Contact], scale: float) -> Free
         best = max(touching, key=lambda c: (c.kind != "plane", c.size))
         ends = best.first, best.second
         one, other = (tuple(sorted({c.face_of(n) for c in touching})) for n in ends)
-        place, none = (best.point, best.axis), np.zeros((6, 0))
+        place = (best.point, best.axis)
+        none = np.zeros((6, 0))
         new = Freedom(*ends, kind, *place, None, "", (one, other), none)
         joint = replace(joint or new, at=best.point, axis=best.axis)
     free = joint_freedom(kind, joint.at / scale, joint.axis, joint.axis2)
