@@ -391,7 +391,9 @@ def ball_screw(
         )
     k = np.zeros((6, 6))
     k[0, 0] = 1.0 / chain
-    source = f"springs in series: E A / L of the shaft, nut, support{', twist of the shaft' * bool(lead)}"
+    source = "springs in series: E A / L of the shaft, nut, support"
+    if lead:
+        source += ", twist of the shaft"
     return MachineElement(k, (1, 2, 3, 4, 5), source)
 
 

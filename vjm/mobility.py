@@ -82,14 +82,15 @@ class Idle:
     def __str__(self) -> str:
         who = list_names(self.bodies)
         where = list_names(self.joints)
-        one = len(self.bodies) == 1
+        s = "s" if len(self.bodies) == 1 else ""
         if self.direction is None:
             ways = "" if self.count == 1 else f" in {self.count} independent ways"
-            return f"{who} move{'s' * one} idly{ways} in {where}"
+            return f"{who} move{s} idly{ways} in {where}"
         verb = {"rotation": "spin", "translation": "slide", "screw": "screw"}[
             self.direction.kind
         ]
-        return f"{who} {verb}{'s' * one} {'between' if len(self.joints) == 2 else 'in'} {where}"
+        place = "between" if len(self.joints) == 2 else "in"
+        return f"{who} {verb}{s} {place} {where}"
 
 
 @dataclass(frozen=True, eq=False)

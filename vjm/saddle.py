@@ -163,7 +163,8 @@ def _assemble(state: Condensed) -> System:
         at = max(at, y.stop)
         ties.append(Tie(c, columns, factor.shape[2], y, slice(0, 0)))
     for tie in ties:
-        tie.w = slice(at, at := at + 6)
+        tie.w = slice(at, at + 6)
+        at += 6
     n = max(
         [
             1,

@@ -285,11 +285,8 @@ def _show_usage(error: click.UsageError) -> None:
         command = error.ctx.command_path if error.ctx else "stiffscope"
         text = error.format_message()
         unknown = re.match(r"No such command '(.*)'\.", text)
-        if (
-            unknown
-            and error.ctx
-            and isinstance(group := error.ctx.command, click.Group)
-        ):
+        group = error.ctx.command if error.ctx else None
+        if unknown and error.ctx and isinstance(group, click.Group):
             text = text.removesuffix(".") + meant(
                 unknown[1], group.list_commands(error.ctx)
             )

@@ -64,10 +64,10 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
             if name in robot.poses and not (at or joints):
                 raise robot.refuse(("poses", name), reason)
             bare = name not in robot.poses and not re.search(r"\d *[a-z]", name)
-            raise InputError(
-                f"{name}: {reason}{'; numbers without a unit are m and rad' * bare}"
-            )
-    if not joints and (note := start_note(mechanism)):
+            hint = "; numbers without a unit are m and rad" if bare else ""
+            raise InputError(f"{name}: {reason}{hint}")
+    note = "" if joints else start_note(mechanism)
+    if note:
         log.warning("%s", note)
     return Asked(names, found)
 

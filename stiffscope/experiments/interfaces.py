@@ -126,7 +126,8 @@ def compare_interfaces(robot: RobotFile, part: str, shop: Workshop) -> Compariso
             list(wanted.values())[start : start + AT_ONCE], shop, whole=False
         )
     tested = dict(zip(wanted, found, strict=True))
-    return _compare_choices(robot.name, part, tested, [APART] * apart + left_out)
+    remarks = [APART, *left_out] if apart else left_out
+    return _compare_choices(robot.name, part, tested, remarks)
 
 
 def choices(robot: RobotFile, part: str) -> list[Choice]:

@@ -317,7 +317,11 @@ def draw_sensors(
         )
     named, first, last = shown
     named["names"] = True
-    pictures = [named] * bool(arrows) + [first] + ([last] if len(found) > 1 else [])
+    pictures = [first]
+    if arrows:
+        pictures.insert(0, named)
+    if len(found) > 1:
+        pictures.append(last)
     with optional_pictures():
         draw(
             "robot", folder, pictures=pictures, marks=arrows, **scene(robot, mechanism)

@@ -45,10 +45,10 @@ def show_check(found: Inspection) -> None:
     if found.configurations is not None:
         _reach(found)
         _poses(found)
-    _lines(
-        "Remarks",
-        [*found.remarks, *[f"refused: {found.error}"] * bool(found.error)] or ["none"],
-    )
+    remarks = list(found.remarks)
+    if found.error:
+        remarks.append(f"refused: {found.error}")
+    _lines("Remarks", remarks or ["none"])
     show_doubts(found.doubts)
 
 

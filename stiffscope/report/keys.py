@@ -124,18 +124,19 @@ def _meaning(kind: str, title: str, key: str) -> str:
 
 def _section_keys(kind: str, tables: Iterable[tuple[str, Any]]) -> dict[str, list[Key]]:
     """Return the keys of the sections of one kind of file, by title."""
-    return {
-        title: [
-            Key(
-                name := field.alias or own,
-                _meaning(kind, title, name),
-                takes := _said(field.metadata) or _words_of(field.annotation),
-                "**needed**" if field.is_required() else _default(field, takes),
-            )
+    sections = {}
+    for title, model in tables:
+        sections[title] = [
+            _describe_field(kind, title, field.alias or own, field)
             for own, field in model.model_fields.items()
         ]
-        for title, model in tables
-    }
+    return sections
+
+
+def _describe_field(kind: str, title: str, name: str, field: Any) -> Key:
+    takes = _said(field.metadata) or _words_of(field.annotation)
+    default = "**needed**" if field.is_required() else _default(field, takes)
+    return Key(name, _meaning(kind, title, name), takes, default)
 
 
 def _robot_keys() -> dict[str, list[Key]]:

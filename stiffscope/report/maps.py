@@ -223,7 +223,8 @@ def _mark(axes: Axes, found: StiffnessMap, poses: Poses) -> None:
     swept = {found.across, found.up}
     names = [name for name in COORDINATES if name in swept or name in found.at]
     for label, pose in poses.items():
-        if not found.holds(coordinates := dict(zip(names, pose, strict=True))):
+        coordinates = dict(zip(names, pose, strict=True))
+        if not found.holds(coordinates):
             continue
         place: Any = [
             shown_unit(name)[0] * coordinates[name] for name in (found.across, found.up)
@@ -265,7 +266,7 @@ def held_text(found: StiffnessMap) -> str:
 
 def stiffness_title(found: StiffnessMap) -> str:
     """Return the title of a map's `stiffness_panels`."""
-    what = "diagonal of K" + "; 1/C_ii where a direction is rigid" * bool(
-        found.rigid.any()
-    )
+    what = "diagonal of K"
+    if found.rigid.any():
+        what += "; 1/C_ii where a direction is rigid"
     return f"stiffness at M ({what}){held_text(found)}"

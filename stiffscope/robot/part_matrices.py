@@ -151,11 +151,11 @@ def part_sources(
     for name in used:
         part = robot.parts[name]
         own = given.get(name)
-        able = (
-            known
-            if isinstance(part, ParametricPart)
-            else known[:1] * isinstance(part, StepPart)
-        )
+        able = known[:0]
+        if isinstance(part, ParametricPart):
+            able = known
+        elif isinstance(part, StepPart):
+            able = known[:1]
         if own is not None and not isinstance(own, str):
             sources[name] = check_compliance(
                 own, f"components: {name}", semidefinite=True

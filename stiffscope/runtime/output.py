@@ -39,7 +39,7 @@ _forced: list[bool] = []
 
 def overwrite(whether: bool) -> None:
     """Set whether this process may overwrite foreign files (initially not)."""
-    _forced[:] = [True] * whether
+    _forced[:] = [True] if whether else []
 
 
 def is_forced() -> bool:
@@ -217,11 +217,12 @@ def staged_folder(target: str | Path, *, new: bool = False) -> Iterator[Path]:
     StiffscopeError
         The disk is full.
     """
-    _check_absent(target, "folder" * new)
+    absent = "folder" if new else ""
+    _check_absent(target, absent)
     check_output(target)
     with _open_aside(target) as aside:
         yield aside
-        _check_absent(target, "folder" * new)
+        _check_absent(target, absent)
         if not new:
             _list_files(aside)
         with deaf_to(*STOPS):
@@ -284,7 +285,8 @@ def _check_place(target: str | Path, goal: Path, *, there: bool) -> None:
         )
     what = ""
     better = Path(target) / "out"
-    if goal in (here := Path.cwd(), *here.parents):
+    here = Path.cwd()
+    if goal in (here, *here.parents):
         what = "an output folder is replaced as a whole: not the one you are in"
     elif there and goal.is_mount():
         what = "a disk of its own cannot be replaced as a whole"

@@ -169,9 +169,8 @@ def _find_contradictions(c: Campaign) -> Iterator[ReadingRemark]:
         )
         bad = (apart > sound) & (apart > 0.5 * size)
         if bad.any():
-            two = sorted(
-                (int(order[first[k := int(np.argmax(apart * bad))]]), int(order[k]))
-            )
+            k = int(np.argmax(apart * bad))
+            two = sorted((int(order[first[k]]), int(order[k])))
             read = " and ".join(f"{c.value[row]:.4g} at {c.where(row)}" for row in two)
             text = f"{name} reads {read}, at one pose and load: is one of them wrong?"
             yield ReadingRemark(

@@ -376,11 +376,12 @@ class Findings:
         """Return % rms of residuals (n,) over sigma, averaged over poses with non-zero readings."""
         model = self.campaign.value - residual * self.sigma
         told = self.used_readings & (self.campaign.value != 0.0)
-        scores = [
-            percent_rms(self.campaign, model, self.sigma, self.used_readings & here)
-            for pose in range(len(self.campaign.pose_names))
-            if (told & (here := self.campaign.pose == pose)).any()
-        ]
+        scores = []
+        for pose in range(len(self.campaign.pose_names)):
+            here = self.campaign.pose == pose
+            if (told & here).any():
+                used = self.used_readings & here
+                scores.append(percent_rms(self.campaign, model, self.sigma, used))
         return float(np.mean(scores)) if scores else float("nan")
 
     def _change_without(self, hypothesis: Hypothesis, here: Flags) -> Array:

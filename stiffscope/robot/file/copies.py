@@ -75,7 +75,10 @@ def copied_names(data: Mapping[str, Any], written: Iterable[str]) -> Iterator[st
     names = list(written)
     sets = dict[str, list[str]]()
     for entry in data.get("copies", []):
-        if isinstance(entry, dict) and isinstance(new := entry.get("as"), list):
+        if not isinstance(entry, dict):
+            continue
+        new = entry.get("as")
+        if isinstance(new, list):
             sets.setdefault(str(entry.get("of")), []).extend(map(str, new))
     known = set(names)
     for name in names:  # which grows: copies are copied too

@@ -152,9 +152,9 @@ class BallBearing(_Rotary):
         if self._by_sheet:
             return self._of_sheet(POINT)
         angular = self.kind == "angular-contact"
-        balls, ball, pitch, *_ = self._need(
-            "balls", "ball", "pitch", *["angle"] * angular
-        )
+        balls, ball, pitch = self._need("balls", "ball", "pitch")
+        if angular:
+            self._need("angle")
         if angular and self._force[0] < 0.0:
             what = "a thrust along the pressed side of an angular-contact bearing"
             raise InputError(f"load: expected {what}, got {self._force[0]:g} N")

@@ -183,7 +183,8 @@ _SIX = "six numbers: three along and three about the axes"
 def _direction(value: Any) -> Any:
     if isinstance(value, list | tuple) and len(value) == 3:
         numbers = [q.to_si(item, q.NUMBER, sign="any") for item in value]
-        if not 1e-9 < (length := math.hypot(*numbers)) < 1e9:
+        length = math.hypot(*numbers)
+        if not 1e-9 < length < 1e9:
             got = f"one of length {length:g}, {q.show_value(value)}"
             raise ValueError(f"expected a direction such as [0, 0, 1], got {got}")
     return value

@@ -230,9 +230,9 @@ def _check_urdf(path: Path, content: bytes) -> list[str]:
         if element.startswith("xacro:"):
             got = 'got one to be converted ("xacro FILE.xacro > FILE.urdf")'
             raise InputError(f"{place}: expected a URDF without xacro, {got}")
-        if element not in {*_URDF, "inertial"} and (
-            guess := meant(element, _URDF, cutoff=0.8)
-        ):
+        known = element in {*_URDF, "inertial"}
+        guess = "" if known else meant(element, _URDF, cutoff=0.8)
+        if guess:
             raise InputError(
                 f'{place}: expected an element of URDF, got "{element}"{guess}'
             )

@@ -49,7 +49,8 @@ def said_beside(path: Path, said: Said) -> Said:
     file = path.with_name(SETTINGS)
     if not file.is_file():
         return said
-    source = Source(file, read_text(file, what := "what is said of an assembly"))
+    what = "what is said of an assembly"
+    source = Source(file, read_text(file, what))
     table = parse_text(file, source.text, what)
     held = said_of(
         table, lambda *key: f"{show_path(file)}:{source.line(key)}: {key[0]}"
