@@ -8,7 +8,7 @@ rods' axial stiffness k, the cosine s of a rod to the vertical, drive stiffness 
 import numpy as np
 
 import stiffscope as ss
-from stiffscope.vjm.screws import rotation
+from stiffscope.vjm.model.screws import rotation
 
 BASE = 0.2
 PLATFORM = 0.05

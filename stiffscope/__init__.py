@@ -64,6 +64,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach_stub(
 if (
     "IPython" in sys.modules
 ):  # notebooks show the objects above as tables, and progress as bars
-    from stiffscope.report.notebook import register
+    from stiffscope.notebook.objects import register
 
     register()

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from stiffscope.gap.campaign.readings import load_campaign
-from stiffscope.gap.lab import measuring
-from stiffscope.gap.lab.closure import locate
-from stiffscope.gap.lab.machine import machine_of
-from stiffscope.gap.lab.measuring import write_readings
-from stiffscope.gap.lab.plans import draw_plan, workspace
-from stiffscope.gap.lab.response import respond, tool_spot
+from stiffscope.lab import measuring
+from stiffscope.lab.closure import locate
+from stiffscope.lab.machine import machine_of
+from stiffscope.lab.measuring import write_readings
+from stiffscope.lab.plans import draw_plan, workspace
+from stiffscope.lab.response import respond, tool_spot
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 

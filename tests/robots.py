@@ -10,9 +10,9 @@ from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import PartMatrix, part_matrices
 from stiffscope.robot.reader import load_robot
-from stiffscope.vjm.bodies import Body
-from stiffscope.vjm.joints import Drive, Joint
-from stiffscope.vjm.mechanism import Mechanism, Tool
+from stiffscope.vjm.model.bodies import Body
+from stiffscope.vjm.model.joints import Drive, Joint
+from stiffscope.vjm.model.mechanism import Mechanism, Tool
 
 DATA = Path(__file__).parents[1] / "data" / "published"
 DRIVE = 1.27e7

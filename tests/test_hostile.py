@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-import stiffscope.cli.campaigns
-import stiffscope.cli.check
-import stiffscope.cli.robots  # noqa: F401 (what is imported here, the forked commands have)
+import stiffscope.gap.command
+import stiffscope.statics.command.check
+import stiffscope.statics.command.poses  # noqa: F401 (what is imported here, the forked commands have)
 from stiffscope.robot.reader import read_robot
 from tests.hostile import run
 from tests.hostile_families import PLAIN, SECTIONS, families

@@ -19,7 +19,7 @@ from packaging.specifiers import SpecifierSet
 from stiffscope.cad.solid import build
 from stiffscope.cad.step import write_step
 from stiffscope.cli.main import _guarded
-from stiffscope.report.notebook import as_html
+from stiffscope.notebook.objects import as_html
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.executor import Here
 

@@ -6,8 +6,8 @@ from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import read_robot
-from stiffscope.vjm.checks import axes_along
-from stiffscope.vjm.screws import shift
+from stiffscope.vjm.model.checks import axes_along
+from stiffscope.vjm.model.screws import shift
 from tests.robots import euler_bernoulli
 
 ANGLES = np.radians([0.0, 120.0, 240.0])

@@ -18,7 +18,7 @@ from docutils.statemachine import StringList
 
 import stiffscope
 from stiffscope.design.study_reading import SECTIONS
-from stiffscope.effects.vocabulary import EFFECTS
+from stiffscope.files.keys import TABLES, all_keys
 from stiffscope.gap.campaign.campaign_header import (
     FRAME_KEYS,
     KEYS,
@@ -32,8 +32,9 @@ from stiffscope.gap.campaign.quantities import (
     PUSHES,
     STIFFNESSES,
 )
-from stiffscope.report.keys import JOB, TABLES, all_keys
-from stiffscope.report.notebook import HEIGHT, as_html
+from stiffscope.gap.effects.vocabulary import EFFECTS
+from stiffscope.notebook.objects import HEIGHT, as_html
+from stiffscope.path import job
 from stiffscope.report.pictures import open_drawing
 from stiffscope.report.robot_scene import place_robot, scene
 from stiffscope.robot.library import robot_names
@@ -49,7 +50,7 @@ class FileKeys(Directive):
     sections: ClassVar[dict[str, Any]] = {
         "robot": TABLES,
         "study": SECTIONS,
-        "job": JOB,
+        "job": job.SECTIONS,
     }
 
     def run(self) -> list[nodes.Node]:

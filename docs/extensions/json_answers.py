@@ -18,8 +18,8 @@ from json_fields import ANSWERS
 from stiffscope.cad.solid import build
 from stiffscope.cad.step import write_step
 from stiffscope.cli.main import _guarded, cli
-from stiffscope.gap.blind.scores import Outcome, score
-from stiffscope.report.blind_scores import scores_json
+from stiffscope.lab.blind.scores import Outcome, score
+from stiffscope.lab.show import scores_json
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.executor import Here
 from stiffscope.runtime.json_text import to_json

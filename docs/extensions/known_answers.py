@@ -16,11 +16,11 @@ from stiffscope.fea.beam import circle, timoshenko
 from stiffscope.fea.run import run_experiment
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, STYLE, new_figure
 from stiffscope.robot.beam_dynamics import beam_dynamics
-from stiffscope.vjm.bodies import member
-from stiffscope.vjm.joints import Drive, Joint
-from stiffscope.vjm.mechanism import Mechanism, Tool
-from stiffscope.vjm.modes import modes
-from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.model.bodies import member
+from stiffscope.vjm.model.joints import Drive, Joint
+from stiffscope.vjm.model.mechanism import Mechanism, Tool
+from stiffscope.vjm.statics.analysis import stiffness
+from stiffscope.vjm.vibration.modes import modes
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))  # for the tests' exact solutions and independent models

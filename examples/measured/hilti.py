@@ -19,7 +19,7 @@ import yaml
 
 from examples.measured.arm import split_postures
 from stiffscope.gap.campaign.writing import number_cells, write_campaign
-from stiffscope.robot.imports.import_model import import_model
+from stiffscope.imports.import_model import import_model
 
 SOURCE = """Geometry and masses: trailblazer.urdf of Hilti-Research/construction_robot_stationing_datasets, from CAD.
 Drives: guesses, nothing is published. Standard uncertainties: the authors', from datasheets.

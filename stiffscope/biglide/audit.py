@@ -16,8 +16,8 @@ from stiffscope.robot.part_matrices import (
     part_matrices,
     read_published,
 )
-from stiffscope.vjm.mechanism import DIAGONAL
-from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.model.mechanism import DIAGONAL
+from stiffscope.vjm.statics.analysis import stiffness
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -1,6 +1,6 @@
 """Published ``K_θ - K_G`` (docs/theory.md 5.3): each elastic body softened separately by its loads.
 
-It serves the audit and `--gravity literal` of the Biglide only; ``stiffscope.vjm.prestress`` models
+It serves the audit and `--gravity literal` of the Biglide only; ``stiffscope.vjm.statics.prestress`` models
 a loaded mechanism correctly.
 """
 
@@ -12,19 +12,19 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.condensation import condense_network
-from stiffscope.vjm.equilibrium import tool_stiffness
-from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.network import place_nodes
-from stiffscope.vjm.order import find_order
+from stiffscope.vjm.kinematics.configurations import configure
+from stiffscope.vjm.network.condensation import condense_network
+from stiffscope.vjm.network.network import place_nodes
+from stiffscope.vjm.network.order import find_order
+from stiffscope.vjm.statics.equilibrium import tool_stiffness
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from numpy.typing import ArrayLike
 
-    from stiffscope.vjm.mechanism import Mechanism
-    from stiffscope.vjm.screws import Array
+    from stiffscope.vjm.model.mechanism import Mechanism
+    from stiffscope.vjm.model.screws import Array
 
 
 LIMBS = {f"limb{i}": tuple(f"limb{i}.link{j}" for j in (1, 2, 3)) for i in (1, 2)}

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.elements import without_ranges
 from stiffscope.errors import InputError
-from stiffscope.vjm.mechanism import Change
-from stiffscope.vjm.screws import Frame, rotation, shift
-from stiffscope.vjm.statics import stiffness
+from stiffscope.gap.effects.elements import without_ranges
+from stiffscope.vjm.model.mechanism import Change
+from stiffscope.vjm.model.screws import Frame, rotation, shift
+from stiffscope.vjm.statics.analysis import stiffness
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from stiffscope.runtime.types import Array
-    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.model.mechanism import Mechanism
 
 SIDES = {1: 1.0, 2: -1.0}  # x₁ = +1, x₂ = -1; limb 1 is the left limb
 _LENGTHS = ("l", "l1", "l2", "h", "d", "a_min", "a_max")

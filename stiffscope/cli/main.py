@@ -17,6 +17,7 @@ import click
 from click.exceptions import NoArgsIsHelpError
 
 from stiffscope.errors import InputError, StiffscopeError, lacks_memory, meant
+from stiffscope.registry import SUBJECTS, commands
 from stiffscope.runtime.output import FULL
 from stiffscope.runtime.reading import show_path, why
 from stiffscope.runtime.signals import STOPS
@@ -35,110 +36,22 @@ class Stopped(BaseException):
     """The process was asked to end; the message, if any, replaces the default one."""
 
 
-COMMANDS = {
-    "A robot": {
-        "run": ("running", "From CAD to report: parts, robot, tables, pictures."),
-        "check": (
-            "check",
-            "Report what a robot file describes, without virtual experiments.",
-        ),
-        "stiffness": ("robots", "6x6 stiffness and sag of the robot at tool poses."),
-        "deflection": (
-            "robots",
-            "Deflection of the tool under a wrench, and each element's share of it.",
-        ),
-        "map": ("mapping", "Stiffness over the workspace: figures, numbers, a report."),
-        "modes": (
-            "vibration",
-            "Natural frequencies and mode shapes of the robot at tool poses.",
-        ),
-        "live": (
-            "live",
-            "Open a page with the turning robot and a slider for every value, pose and load.",
-        ),
-        "frf": (
-            "vibration",
-            "Frequency response from a force at one point to the displacement at another.",
-        ),
-    },
-    "A part": {
-        "compliance": ("parts", "6x6 compliance of a part, with error bars."),
-        "compare": (
-            "parts",
-            "Compare two robots or versions, or a robot's parts by FEA, beam theory and published values.",
-        ),
-        "interfaces": (
-            "parts",
-            "Effect of clamping and loading on a part's compliance.",
-        ),
-        "faces": ("parts", "List the faces of a STEP file."),
-        "element": (
-            "elements",
-            "Stiffness of a bearing, guide or screw from its data sheet.",
-        ),
-    },
-    "A design": {
-        "sensitivity": (
-            "design",
-            "Rank the parameters by their effect on the stiffness.",
-        ),
-        "study": (
-            "design",
-            "Evaluate many designs: a sweep, an optimum under constraints, a Pareto front.",
-        ),
-    },
-    "A machine at work": {
-        "path": ("work", "Error of the tool along a path under process forces.")
-    },
-    "A machine": {
-        "diagnose": (
-            "campaigns",
-            "Find the effects that explain the gap between model and measurements.",
-        ),
-        "campaign": ("campaigns", "Create or check a campaign of measurements."),
-        "blind": (
-            "campaigns",
-            "Test the diagnosis on campaigns whose effects are withheld.",
-        ),
-        "audit": ("campaigns", "Recompute the paper's numbers, each with a verdict."),
-    },
-    "Files": {
-        "robots": ("library", "List the bundled robots."),
-        "new": (
-            "library",
-            "Copy a bundled robot to start from: stiffscope new delta mine.toml.",
-        ),
-        "import": (
-            "library",
-            "Convert a URDF or MJCF model, or a STEP assembly, to a robot file.",
-        ),
-        "keys": (
-            "library",
-            "List every key of a robot file, study, job or campaign, with its meaning.",
-        ),
-        "cache": ("store", "Show, list or clear the results of earlier runs."),
-    },
-}
-"""Commands by subject: module of `stiffscope.cli`, and the first sentence of the command's help."""
-_HOME = {
-    name: module for group in COMMANDS.values() for name, (module, _) in group.items()
-}
-
-
 class LazyGroup(click.Group):
     """A command group that imports a command only to run it; its help imports none."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 (click's own signature)
         """Return the sorted names of all commands."""
-        return sorted(_HOME)
+        return sorted(commands())
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
         """Import a command."""
-        if cmd_name not in _HOME:
+        known = commands().get(cmd_name)
+        if known is None:
             return None
-        there = vars(import_module(f"stiffscope.cli.{_HOME[cmd_name]}")).values()
-        commands = (each for each in there if isinstance(each, click.Command))
-        return next(command for command in commands if command.name == cmd_name)
+        for defined in vars(import_module(known.module)).values():
+            if isinstance(defined, click.Command) and defined.name == cmd_name:
+                return defined
+        raise StiffscopeError(f"{known.module}: defines no command {cmd_name}")
 
     def format_commands(
         self,
@@ -146,11 +59,12 @@ class LazyGroup(click.Group):
         formatter: click.HelpFormatter,
     ) -> None:
         """List the commands by subject."""
-        for subject, commands in COMMANDS.items():
+        for subject in SUBJECTS:
+            rows = [
+                (c.name, c.help) for c in commands().values() if c.subject == subject
+            ]
             with formatter.section(subject):
-                formatter.write_dl(
-                    [(name, words) for name, (_, words) in commands.items()]
-                )
+                formatter.write_dl(rows)
 
 
 @click.group(

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 from stiffscope.errors import InputError, meant
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
-from stiffscope.vjm.kinematics import configure_drives, start_note
+from stiffscope.vjm.kinematics.configurations import configure_drives, start_note
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.kinematics.configurations import Configurations
 
 
 log = logging.getLogger(__name__)

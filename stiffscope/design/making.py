@@ -18,25 +18,25 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from stiffscope.design.path.along import along
 from stiffscope.design.responses import mass_of_solids, of_modes, quantities
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.orders import LIBRARIES
+from stiffscope.path.along import along
 from stiffscope.robot.file.part_sections import StepPart
 from stiffscope.runtime.cache import code_version, digest
 from stiffscope.runtime.executor import Here, Shared, WorkerError, work_through
 from stiffscope.runtime.reading import file_digest, open_file
 from stiffscope.runtime.scheduler import workers
 from stiffscope.runtime.workshop import workshop
-from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.kinematics.configurations import configure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
     from pathlib import Path
 
-    from stiffscope.design.path.job import Job
     from stiffscope.design.study_file import StudyFile, Values
+    from stiffscope.path.job import Job
 
     Row = tuple[int, Values]
 

@@ -12,18 +12,18 @@ from stiffscope.errors import InputError
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.sections import RigidBody
 from stiffscope.robot.part_matrices import beam_segments, known_mass, part_sources
-from stiffscope.vjm import statics
-from stiffscope.vjm.modes import frequencies
+from stiffscope.vjm.statics import analysis as statics
+from stiffscope.vjm.vibration.modes import frequencies
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
 
-    from stiffscope.design.path.job import Job
+    from stiffscope.path.job import Job
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.file.expressions import Expression
     from stiffscope.robot.part_matrices import Components, PartMatrix
-    from stiffscope.vjm.kinematics import Configurations
-    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.kinematics.configurations import Configurations
+    from stiffscope.vjm.model.mechanism import Mechanism
 
 MOST_MODES = 12  # number of modes computed, including free motions
 FREE = 1e-3  # Hz; lower modes are free motions

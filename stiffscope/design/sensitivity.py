@@ -22,9 +22,9 @@ from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.parameters import parameters
 from stiffscope.robot.part_matrices import part_matrices, part_sources
 from stiffscope.runtime.brief import describe_briefly
-from stiffscope.vjm import statics
-from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.modes import frequencies, modes
+from stiffscope.vjm.kinematics.configurations import configure
+from stiffscope.vjm.statics import analysis as statics
+from stiffscope.vjm.vibration.modes import frequencies, modes
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping, Sequence
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.parameters import Parameter
     from stiffscope.robot.part_matrices import Components, Experiment
-    from stiffscope.vjm.kinematics import Configurations
-    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.kinematics.configurations import Configurations
+    from stiffscope.vjm.model.mechanism import Mechanism
 
 STEP = 1e-4  # relative step of the central difference
 OWN_MODES = 0.01  # 95 % bound of the effect of fixed-interface modes, over a frequency's derivative

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import field_validator
 
-from stiffscope.design.path.job import load_job
 from stiffscope.design.responses import ALONG_PATH, Response, known_units, worst_of
 from stiffscope.design.study_file import (
     Goal,
@@ -23,6 +22,7 @@ from stiffscope.design.study_file import (
     write_override,
 )
 from stiffscope.errors import InputError
+from stiffscope.path.job import load_job
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.expressions import parse
 from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
@@ -43,8 +43,8 @@ from stiffscope.runtime import reading
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from stiffscope.design.path.job import Job
     from stiffscope.design.study_file import Pose, Value
+    from stiffscope.path.job import Job
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.file.positions import Key
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.cad.checks import mm
-from stiffscope.effects.vocabulary import apply_effects
 from stiffscope.errors import InputError
 from stiffscope.experiments.experiments import describe_solid, solve_parts
 from stiffscope.experiments.orders import build_part, name_lines, order_part
+from stiffscope.registry import load, slices
 from stiffscope.robot.checks import SAME_LENGTH
 from stiffscope.robot.file.part_sections import StepPart
 from stiffscope.robot.mechanism_of import (
@@ -28,8 +28,8 @@ from stiffscope.robot.part_matrices import (
     used_parts,
 )
 from stiffscope.runtime.workshop import workshop
-from stiffscope.vjm import statics
-from stiffscope.vjm.screws import CONVENTION
+from stiffscope.vjm.model.screws import CONVENTION
+from stiffscope.vjm.statics import analysis as statics
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.part_matrices import Components, PartMatrix
     from stiffscope.runtime.workshop import Workshop
-    from stiffscope.vjm.mechanism import Mechanism
-    from stiffscope.vjm.statics import Stiffness
+    from stiffscope.vjm.model.mechanism import Mechanism
+    from stiffscope.vjm.statics.analysis import Stiffness
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,11 @@ def _assemble(
             _check_length(robot, name, results[name].length)
     matrices = part_matrices(robot, components, results)
     bare = mechanism_of(robot, matrices)
-    mechanism = apply_effects(bare, robot) if robot.effects else bare
+    mechanism = bare
+    for each in slices().values():
+        for section, change in each.changes:
+            if getattr(robot, section):
+                mechanism = load(change)(mechanism, robot)
     return Assembled(robot, sources, results, matrices, mechanism, bare)
 
 

@@ -13,7 +13,7 @@ from stiffscope.fea.export import (
     write_superelement,
 )
 from stiffscope.runtime import output
-from stiffscope.vjm.superelement import superelement
+from stiffscope.vjm.vibration.superelement import superelement
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.experiments.experiments import PartResult
     from stiffscope.experiments.manifest import Manifest
-    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.kinematics.configurations import Configurations
 
 ROBOT_HELP = """\
 Superelement of the robot {robot} at {pose}, standing on the ground, drives held; SI: N, m, kg, rad, s.

@@ -6,13 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import tomlkit
 
-from stiffscope.effects.effect import UNNAMED
-from stiffscope.effects.gravity import Gravity
-from stiffscope.effects.mass import Mass
-from stiffscope.effects.payload import AddedMass
-from stiffscope.effects.vocabulary import apply_effect
 from stiffscope.errors import InputError
 from stiffscope.experiments.robot_files import robot_document
+from stiffscope.gap.effects.effect import UNNAMED
+from stiffscope.gap.effects.masses import AddedMass, Gravity, Mass
+from stiffscope.gap.effects.vocabulary import apply_effect
 from stiffscope.runtime import output
 
 if TYPE_CHECKING:

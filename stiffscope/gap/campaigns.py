@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.workshop import Workshop
-    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.kinematics.configurations import Configurations
 
 SHELVES = ("campaigns", "withheld")
 _REFUSED = (

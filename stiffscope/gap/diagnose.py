@@ -47,7 +47,7 @@ from stiffscope.gap.inference.verdict import (
     settle_verdict,
     shares,
 )
-from stiffscope.gap.next_reading import find_next
+from stiffscope.gap.planning.next_reading import find_next
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

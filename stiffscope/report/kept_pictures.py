@@ -2,28 +2,22 @@
 
 from __future__ import annotations
 
-import hashlib
 import logging
 import shutil
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic_core import to_jsonable_python
 
-from stiffscope.design.maps import map_robot, write_map
 from stiffscope.experiments.experiments import EXPERIMENT
-from stiffscope.gap.inference.diagnosis import to_json
-from stiffscope.report import maps
-from stiffscope.report.gap_figures import draw_figures
+from stiffscope.registry import registered
 from stiffscope.report.pictures import (
     PictureError,
     draw,
-    open_drawing,
     optional_pictures,
 )
 from stiffscope.report.robot_scene import (
@@ -34,31 +28,28 @@ from stiffscope.report.robot_scene import (
     scene,
     scene_of,
 )
-from stiffscope.report.run_report import ENERGY, GEOMETRY, SHARE
-from stiffscope.report.text import shares
+from stiffscope.report.run_report import ENERGY, GEOMETRY
 from stiffscope.runtime.cache import PICTURES, code_version, digest, kept_files
 from stiffscope.runtime.reading import file_digest
-from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.kinematics.configurations import configure
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from stiffscope.cad.part import Part
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.experiments.experiments import PartResult
     from stiffscope.experiments.manifest import Manifest
-    from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.report.robot_view import Case
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.inspection import Inspection
     from stiffscope.runtime.cache import Cache
-    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.kinematics.configurations import Configurations
 
 log = logging.getLogger(__name__)
 
 AT_ONCE = 2  # pictures drawn concurrently, each in its own process
-MAP_POINTS = 31
 
 
 @dataclass(frozen=True)
@@ -102,111 +93,14 @@ def order_run(assembled: Assembled, target: Path) -> list[Order]:
     orders = [
         _order_part(result, target / name) for name, result in assembled.results.items()
     ]
-    facts = _facts(assembled)
-    key = digest({**facts, "skins": _skins(assembled), "code": _drawing_code()})
+    facts = robot_facts(assembled)
+    key = digest({**facts, "skins": digest_solids(assembled), "code": _drawing_code()})
     orders.append(
         Order("robot", key, lambda folder: _draw_poses(assembled, folder), target)
     )
-    if assembled.robot.map is not None:
-        rooms = ("stiffscope.vjm", "stiffscope.robot", "stiffscope.report")
-        key = digest({**facts, "code": code_version(rooms, ("matplotlib", "numpy"))})
-        orders.append(
-            Order("map", key, lambda folder: _draw_map(assembled, folder), target)
-        )
+    for order_more in registered("pictures"):
+        orders += order_more(assembled, target)
     return orders
-
-
-@contextmanager
-def shares_ahead(
-    assembled: Assembled, campaign: Mapping[str, str], cache: Cache
-) -> Iterator[tuple[str, Callable[..., None]]]:
-    """Prepare the picture of a diagnosis while the diagnosis runs, unless the picture is cached.
-
-    Yields its cache key and its drawing function.
-
-    Parameters
-    ----------
-    assembled, cache
-        Robot with its parts' matrices, and cache of results.
-    campaign
-        Files of the campaign with their checksums; with the robot they determine the diagnosis.
-    """
-    packages = ("stiffscope", "stiffscope.cad", "stiffscope.fea", "stiffscope.vjm")
-    code = code_version(packages, ("numpy", "scipy", "pyvista", "vtk", "matplotlib"))
-    facts = {**_facts(assembled), "skins": _skins(assembled)}
-    key = digest({**facts, "campaign": campaign, "code": code})
-    if cache.get(PICTURES, key) is not None:
-        yield key, draw
-        return
-    with open_drawing(ahead=True) as draw_now:
-        yield key, draw_now
-
-
-def order_figures(diagnosis: Diagnosis, target: Path) -> Order:
-    """Order the figures of a diagnosis."""
-    samples = diagnosis.samples
-    draws = (
-        {} if samples is None else {**samples.parameters, "held out": samples.held_out}
-    )
-    sums = {
-        name: hashlib.sha256(values.tobytes()).hexdigest()
-        for name, values in draws.items()
-    }
-    more = repr((diagnosis.steps, diagnosis.signature_correlation))
-    drawn = {"numbers": to_json(diagnosis), "not in JSON": more, "draws": sums}
-    drawn["units"] = samples and samples.units
-    code = code_version(("stiffscope.report",), ("matplotlib", "numpy"))
-    key = digest({"diagnosis": drawn, "code": code})
-    return Order("figures", key, lambda folder: draw_figures(diagnosis, folder), target)
-
-
-def order_shares(
-    assembled: Assembled,
-    diagnosis: Diagnosis,
-    found: Configurations,
-    target: Path,
-    ahead: tuple[str, Callable[..., None]],
-) -> list[Order]:
-    """Order the robot's picture at the pose of the largest residual, coloured by share of the gap.
-
-    There is none without shares.
-
-    Parameters
-    ----------
-    assembled, target
-        Robot with its parts' matrices, and folder to write to.
-    diagnosis, found
-        Diagnosis of the campaign, and configurations at the campaign's poses.
-    ahead
-        Prepared picture from `shares_ahead`.
-    """
-    where = diagnosis.where
-    mechanism = assembled.mechanism
-    if not where.component:
-        return []
-    worst = int(
-        np.argmax(np.nansum(np.square(np.array(where.pose, dtype=float)), axis=1))
-    )
-    place = pose_text(
-        mechanism, found.tool[worst, mechanism.tool.commanded_axes].tolist()
-    )
-    title = (
-        f"Share of the gap by component, at the pose of the largest residual, {place}"
-    )
-    shown = {
-        "file": "robot.png",
-        "title": title,
-        "moves": place_robot(found, worst).moves,
-    }
-    drawn = {**scene_of(assembled), "shares": shares(assembled.robot, diagnosis)}
-
-    def write(folder: Path) -> None:
-        draw_now(
-            "robot", folder, pictures=[shown], scale=SHARE, geometry=GEOMETRY, **drawn
-        )
-
-    key, draw_now = ahead
-    return [Order("robot", key, write, target)]
 
 
 def draw_named_poses(assembled: Assembled, folder: Path) -> None:
@@ -311,7 +205,7 @@ def _order_part(result: PartResult, target: Path) -> Order:
     return Order(f"{result.name} pictures", key, write, target)
 
 
-def _facts(assembled: Assembled) -> dict[str, Any]:
+def robot_facts(assembled: Assembled) -> dict[str, Any]:
     """Return the data that determine a robot with its parts' matrices."""
     matrices = {
         name: [part.compliance, part.mass, part.dynamics and part.dynamics.load]
@@ -320,7 +214,7 @@ def _facts(assembled: Assembled) -> dict[str, Any]:
     return {"robot": plain_robot(assembled.robot), "matrices": matrices}
 
 
-def _skins(assembled: Assembled) -> dict[str, str]:
+def digest_solids(assembled: Assembled) -> dict[str, str]:
     """Return checksums of the solids drawn: parts' experiments and the user's surface meshes."""
     surfaces = {
         name: getattr(body, "mesh", None)
@@ -338,16 +232,6 @@ def _drawing_code() -> str:
     """Return the hash of the code and packages that draw pictures of solids."""
     return code_version(
         ("stiffscope.report", "stiffscope.vjm"), ("pyvista", "vtk", "matplotlib")
-    )
-
-
-def _draw_map(assembled: Assembled, folder: Path) -> None:
-    robot = assembled.robot
-    found = map_robot(robot, assembled.mechanism, MAP_POINTS, "exact")
-    write_map(found, folder)
-    title = f"{robot.name}: {maps.stiffness_title(found)}, gravity exact"
-    maps.draw_map(
-        found, maps.stiffness_panels(found), robot.poses, title, folder / "map.png"
     )
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.report.compare import compare
+from stiffscope.experiments.comparison import compare
 from stiffscope.report.numbers import (
     TWIST,
     WRENCH,
@@ -24,12 +24,11 @@ from stiffscope.report.terminal import show_line, show_table
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from stiffscope.experiments.comparison import Comparison
     from stiffscope.experiments.experiments import PartResult
-    from stiffscope.experiments.interfaces import Comparison as Interfaces
     from stiffscope.fea.experiment import Experiment
-    from stiffscope.report.compare import Comparison
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.vjm.machine_elements import MachineElement
+    from stiffscope.vjm.elements.machine_elements import MachineElement
 
 
 def show_parts(results: Sequence[PartResult]) -> None:
@@ -89,30 +88,6 @@ def show_comparison(comparison: Comparison) -> None:
     for finding in comparison.findings:
         show_line(f"  {finding}.")
     show_line("")
-
-
-def show_interfaces(compared: Interfaces) -> None:
-    """Show how each choice of interface changes each entry, and describe the choices."""
-    own = compared.own.choice
-    names = ((tested.choice.name,) for tested in compared.others)
-    groups = [("entry", "unit"), ("value", "± 95 %"), *names]
-    rows = []
-    for e in compared.entries:
-        pairs = zip(e.changes, e.bars, strict=True)
-        changes = (f"{100 * c:+z.1f} ± {100 * b:.2g} %" for c, b in pairs)
-        rows.append(
-            (e.name, e.unit, f"{e.own:.6g}", relative(e.error, e.own), *changes)
-        )
-    title = f"Compliance of the {compared.part} ({own.name}), and its change with other interfaces"
-    show_table(title, groups, rows)
-    for tested in compared.others:
-        choice = tested.choice
-        overrides = " ".join(
-            f"--set '{o}'" if " " in o else f"--set {o}" for o in choice.overrides
-        )
-        show_line(f"  {choice.name}: {choice.words} ({overrides})")
-    for line in compared.left_out:
-        show_line(f"  {line}")
 
 
 def show_matrices(matrices: Mapping[str, tuple[Any, Any]]) -> None:

@@ -13,8 +13,8 @@ from stiffscope.experiments.experiments import EXPERIMENT
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.quantities import shown_unit
 from stiffscope.robot.file.sections import InterfaceBody
-from stiffscope.vjm.network import place_nodes
-from stiffscope.vjm.screws import skew
+from stiffscope.vjm.model.screws import skew
+from stiffscope.vjm.network.network import place_nodes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from stiffscope.experiments.experiments import PartResult
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.inspection import Inspection
-    from stiffscope.vjm.bodies import Body
-    from stiffscope.vjm.joints import Joint
-    from stiffscope.vjm.kinematics import Configurations
-    from stiffscope.vjm.mechanism import Mechanism
-    from stiffscope.vjm.screws import Array
+    from stiffscope.vjm.kinematics.configurations import Configurations
+    from stiffscope.vjm.model.bodies import Body
+    from stiffscope.vjm.model.joints import Joint
+    from stiffscope.vjm.model.mechanism import Mechanism
+    from stiffscope.vjm.model.screws import Array
 
     Moves = dict[str, tuple[Array, Array]]
 

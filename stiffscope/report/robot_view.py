@@ -11,15 +11,15 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.report.numbers import base64_of
 from stiffscope.report.robot_scene import place_robot, pose_text
-from stiffscope.vjm.yielding import respond
+from stiffscope.vjm.statics.yielding import respond
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from stiffscope.vjm.kinematics import Configurations
-    from stiffscope.vjm.loading import Response
-    from stiffscope.vjm.mechanism import Mechanism
-    from stiffscope.vjm.modes import Modes
+    from stiffscope.vjm.kinematics.configurations import Configurations
+    from stiffscope.vjm.model.mechanism import Mechanism
+    from stiffscope.vjm.network.loading import Response
+    from stiffscope.vjm.vibration.modes import Modes
 
 UNSEEN = 1e-4  # rad/m or m/rad; a smaller rotation or displacement counts as zero
 LOADS = ("fx = 1 N", "fy = 1 N", "fz = 1 N", "mx = 1 N·m", "my = 1 N·m", "mz = 1 N·m")

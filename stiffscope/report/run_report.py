@@ -16,7 +16,7 @@ from stiffscope.report.robot_view import mode_cases, robot_view, unit_wrenches
 from stiffscope.report.tables import sources
 from stiffscope.report.terminal import Shown
 from stiffscope.runtime import output
-from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.kinematics.configurations import configure
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from stiffscope.report.page import Figure, Lead
     from stiffscope.report.robot_view import Case
     from stiffscope.robot.inspection import Inspection
-    from stiffscope.vjm.kinematics import Configurations
-    from stiffscope.vjm.modes import Modes
+    from stiffscope.vjm.kinematics.configurations import Configurations
+    from stiffscope.vjm.vibration.modes import Modes
 
 REPORT = "report.html"
 GEOMETRY = "geometry.json"

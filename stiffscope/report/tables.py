@@ -17,15 +17,14 @@ from stiffscope.report.numbers import (
 )
 from stiffscope.report.part_tables import explain_zeros, format_cells
 from stiffscope.report.terminal import show_line, show_table
-from stiffscope.vjm.mechanism import DIAGONAL
+from stiffscope.vjm.model.mechanism import DIAGONAL
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from stiffscope.biglide.audit import Finding
     from stiffscope.experiments.assembly import Assembled
-    from stiffscope.vjm.modes import Modes
-    from stiffscope.vjm.statics import Stiffness
+    from stiffscope.vjm.statics.analysis import Stiffness
+    from stiffscope.vjm.vibration.modes import Modes
 
 SIX = (DIAGONAL[:3], DIAGONAL[3:])
 COUPLINGS = ("K_15", "K_24")
@@ -266,23 +265,3 @@ def show_change(
         )
     title = f"Changed: {', '.join(overrides)} ({units.rpartition(',')[0]})"
     show_table(title, (("pose", ""), *SIX), rows)
-
-
-def show_findings(title: str, findings: Sequence[Finding]) -> None:
-    """Show published and correct numbers with a verdict on each."""
-    groups = (
-        ("entry",),
-        ("published", "as published (R1)", "correct", "bound"),
-        ("verdict",),
-    )
-    rows = []
-    for each in findings:
-        numbers = map(
-            _number, (each.published, each.as_published, each.correct, each.bound)
-        )
-        rows.append((each.entry, *numbers, each.verdict))
-    show_table(title, groups, rows, prose=("verdict",))
-
-
-def _number(value: float | None) -> str:
-    return "" if value is None or not np.isfinite(value) else f"{value:z.5g}"

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.linalg import eigh
 
 from stiffscope.fea.beam import timoshenko
-from stiffscope.vjm.dynamics import Dynamics
-from stiffscope.vjm.screws import shift
+from stiffscope.vjm.model.dynamics import Dynamics
+from stiffscope.vjm.model.screws import shift
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

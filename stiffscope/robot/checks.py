@@ -18,7 +18,7 @@ from stiffscope.robot.file.part_sections import ParametricPart, solid_length
 from stiffscope.robot.file.sections import Bearing, ElasticBody, RigidBody
 from stiffscope.robot.file.tables import one_of
 from stiffscope.robot.mechanism_of import rigid_mechanism, written_axes
-from stiffscope.vjm.joints import DRIVEN
+from stiffscope.vjm.model.joints import DRIVEN
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

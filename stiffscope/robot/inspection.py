@@ -10,29 +10,28 @@ import numpy as np
 
 from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
+from stiffscope.registry import registered
 from stiffscope.robot.checks import HOME
 from stiffscope.robot.file.part_sections import InterfacePart, MatrixPart, solid_length
 from stiffscope.robot.file.sections import RigidBody
-from stiffscope.robot.imports.import_record import parts_folder, read_record
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.robot.part_matrices import known_mass, source_of, used_parts
-from stiffscope.vjm.checks import list_names
-from stiffscope.vjm.kinematics import configure, find_still, start_note
-from stiffscope.vjm.linkage import Linkage
-from stiffscope.vjm.mobility import NEAR, mobility
-from stiffscope.vjm.reach import reach
+from stiffscope.vjm.kinematics.configurations import configure, find_still, start_note
+from stiffscope.vjm.kinematics.linkage import Linkage
+from stiffscope.vjm.kinematics.mobility import NEAR, mobility
+from stiffscope.vjm.kinematics.reach import reach
+from stiffscope.vjm.model.checks import list_names
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.file.sections import MapSection
-    from stiffscope.robot.imports.doubts import Doubt
     from stiffscope.runtime.types import Array
-    from stiffscope.vjm.kinematics import Configurations
-    from stiffscope.vjm.mechanism import Mechanism
-    from stiffscope.vjm.mobility import Mobility
-    from stiffscope.vjm.reach import Reach
+    from stiffscope.vjm.kinematics.configurations import Configurations
+    from stiffscope.vjm.kinematics.mobility import Mobility
+    from stiffscope.vjm.kinematics.reach import Reach
+    from stiffscope.vjm.model.mechanism import Mechanism
 
 ILL_CONDITIONED = 1e-2  # a pose is nearly singular below this inverse condition number
 RANK_GAP = 1e-12  # singular values below this are rounding errors of double precision
@@ -58,6 +57,15 @@ _ROTARY = {"revolute", "universal", "spherical", "cylindrical"}
 
 
 @dataclass(frozen=True)
+class Doubt:
+    """Something for a person to check: solids, description, and place, m, or None."""
+
+    solids: tuple[str, ...]
+    text: str
+    at: tuple[float, ...] | None = None
+
+
+@dataclass(frozen=True)
 class Part:
     """A part: source of its 6x6, length, m, and mass, kg (None if only its solid defines it)."""
 
@@ -73,7 +81,7 @@ class Part:
 class Pose:
     """A named pose: reason if it is out of reach, and drive displacements from home, m and rad.
 
-    ``conditioning``: see `stiffscope.vjm.mobility.Mobility`; None also if out of reach.
+    ``conditioning``: see `stiffscope.vjm.kinematics.mobility.Mobility`; None also if out of reach.
     """
 
     name: str
@@ -126,8 +134,7 @@ def inspect_robot(robot: RobotFile) -> Inspection:
         for name, body in robot.bodies.items()
     }
     named = _named_poses(robot, mechanism)
-    record = read_record(parts_folder(robot.path))
-    doubts = () if record is None else tuple(record.doubts)
+    doubts = tuple(d for find in registered("doubts") for d in find(robot))
     inspection = Inspection(robot, mechanism, found, residual, parts, masses, doubts)
     try:
         configurations = configured_poses(robot, mechanism, list(named.values()))

@@ -10,11 +10,11 @@ from stiffscope.errors import InputError
 from stiffscope.robot.file.copies import tensor
 from stiffscope.robot.file.sections import ElasticBody, RigidBody
 from stiffscope.robot.part_matrices import rigid_part
-from stiffscope.vjm.bodies import Body, Elastic
-from stiffscope.vjm.checks import axes_along, spell_name
-from stiffscope.vjm.joints import Drive, Joint, Law
-from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.mechanism import Mechanism, Tool
+from stiffscope.vjm.kinematics.configurations import configure
+from stiffscope.vjm.model.bodies import Body, Elastic
+from stiffscope.vjm.model.checks import axes_along, spell_name
+from stiffscope.vjm.model.joints import Drive, Joint, Law
+from stiffscope.vjm.model.mechanism import Mechanism, Tool
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.file.sections import JointSection
     from stiffscope.robot.part_matrices import PartMatrix
-    from stiffscope.vjm.kinematics import Configurations
+    from stiffscope.vjm.kinematics.configurations import Configurations
 
 
 def mechanism_of(robot: RobotFile, matrices: Mapping[str, PartMatrix]) -> Mechanism:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.robot.part_dimensions import is_beam
-from stiffscope.vjm.laws import without_laws
-from stiffscope.vjm.network import list_elements
+from stiffscope.vjm.elements.laws import without_laws
+from stiffscope.vjm.network.network import list_elements
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.part_dimensions import PartDimension
     from stiffscope.runtime.types import Array
-    from stiffscope.vjm.bodies import Elastic
-    from stiffscope.vjm.joints import Joint
-    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.model.bodies import Elastic
+    from stiffscope.vjm.model.joints import Joint
+    from stiffscope.vjm.model.mechanism import Mechanism
 
 
 _ALONG = (

@@ -30,12 +30,12 @@ from stiffscope.robot.file.part_sections import (
     Source,
     StepPart,
 )
-from stiffscope.vjm.checks import check_compliance
-from stiffscope.vjm.dynamics import Dynamics
-from stiffscope.vjm.screws import shift
+from stiffscope.vjm.model.checks import check_compliance
+from stiffscope.vjm.model.dynamics import Dynamics
+from stiffscope.vjm.model.screws import shift
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -121,6 +121,13 @@ def rigid_part(robot: RobotFile, name: str) -> PartMatrix:
     return PartMatrix(none, None, known_mass(robot, name) or 0.0, None, places)
 
 
+def _list_sources(part: PartSection, known: Sequence[str]) -> Sequence[str]:
+    """Return which of the known sources of a matrix a part has: beam theory needs a parametric one."""
+    if isinstance(part, ParametricPart):
+        return known
+    return known[:1] if isinstance(part, StepPart) else ()
+
+
 def part_sources(
     robot: RobotFile, components: Components = None
 ) -> dict[str, str | np.ndarray]:
@@ -151,11 +158,7 @@ def part_sources(
     for name in used:
         part = robot.parts[name]
         own = given.get(name)
-        able = known[:0]
-        if isinstance(part, ParametricPart):
-            able = known
-        elif isinstance(part, StepPart):
-            able = known[:1]
+        able = _list_sources(part, known)
         if own is not None and not isinstance(own, str):
             sources[name] = check_compliance(
                 own, f"components: {name}", semidefinite=True

@@ -14,7 +14,7 @@ from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.findings import find
 from stiffscope.robot.library import find_robot
 from stiffscope.runtime.workshop import workshop
-from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.statics.analysis import stiffness
 from tests.benchmarks import (
     test_assembly_speed,
     test_codes,

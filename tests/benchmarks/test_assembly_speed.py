@@ -10,8 +10,8 @@ import pytest
 
 from stiffscope.cad.assembly import read_assembly
 from stiffscope.cad.contacts import find_contacts
-from stiffscope.robot.imports.contact_joints import find_joints
-from stiffscope.robot.imports.hardware import find_hardware
+from stiffscope.imports.contact_joints import find_joints
+from stiffscope.imports.hardware import find_hardware
 from tests.robot import assemblies
 
 

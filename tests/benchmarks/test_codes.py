@@ -317,7 +317,7 @@ def test_a_platform_on_three_legs_beside_one_solid(tmp_path):
     from stiffscope.fea.solution import solve_specimen
     from stiffscope.fea.specimen import mesh_specimen
     from stiffscope.robot.reader import load_robot
-    from stiffscope.vjm.statics import compliance
+    from stiffscope.vjm.statics.analysis import compliance
 
     low = (Align.CENTER, Align.CENTER, Align.MIN)
     plate = Pos(0, 0, 15) * Box(240, 200, 20, align=low) + Pos(0, 0, 35) * Cylinder(

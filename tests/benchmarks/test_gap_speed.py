@@ -10,17 +10,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiffscope.effects.vocabulary import apply_effect
-from stiffscope.gap.blind.laboratory import Lab
 from stiffscope.gap.campaign import template as campaign_template
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaigns import open_case
 from stiffscope.gap.diagnose import conclude, diagnose_campaign
+from stiffscope.gap.effects.vocabulary import apply_effect
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.findings import find
-from stiffscope.gap.lab.faults import inject
-from stiffscope.gap.lab.measuring import Noise, measure, true_readings, write_readings
-from stiffscope.gap.lab.plans import draw_plan
+from stiffscope.lab.blind.laboratory import Lab
+from stiffscope.lab.faults import inject
+from stiffscope.lab.measuring import Noise, measure, true_readings, write_readings
+from stiffscope.lab.plans import draw_plan
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
 from tests.gap.synthetic import linear_model

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stiffscope as ss
-from stiffscope.vjm.modes import frequencies
+from stiffscope.vjm.vibration.modes import frequencies
 from tests.robots import random_poses
 from tests.vjm.test_modes import rigid_hexapod
 

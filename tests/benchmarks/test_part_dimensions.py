@@ -19,21 +19,21 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from stiffscope.effects.part_dimension import find_dimensions
 from stiffscope.errors import InputError
 from stiffscope.experiments import part_dimensions
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.orders import order_part
-from stiffscope.gap.blind.laboratory import BlindRobot, Lab
-from stiffscope.gap.blind.scores import EVIDENT
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import conclude
+from stiffscope.gap.effects.part_dimension import find_dimensions
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.findings import find
-from stiffscope.gap.lab.faults import ENTRIES, inject
-from stiffscope.gap.lab.measuring import Noise, measure, write_readings
-from stiffscope.gap.lab.plans import draw_plan
+from stiffscope.lab.blind.laboratory import BlindRobot, Lab
+from stiffscope.lab.blind.scores import EVIDENT
+from stiffscope.lab.faults import ENTRIES, inject
+from stiffscope.lab.measuring import Noise, measure, write_readings
+from stiffscope.lab.plans import draw_plan
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_dimensions import FOUNDATION, part_parameters, with_parameter
 from stiffscope.robot.reader import load_robot

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
-from stiffscope.vjm.bodies import Body, member
-from stiffscope.vjm.joints import Joint
-from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.mechanism import Mechanism, Tool
-from stiffscope.vjm.statics import analyse, stiffness
+from stiffscope.vjm.kinematics.configurations import configure
+from stiffscope.vjm.model.bodies import Body, member
+from stiffscope.vjm.model.joints import Joint
+from stiffscope.vjm.model.mechanism import Mechanism, Tool
+from stiffscope.vjm.statics.analysis import analyse, stiffness
 from tests.robots import DRIVE, GEOMETRY, euler_bernoulli, pose_at, random_poses
 from tests.vjm.files import biglide, read, serial_arm
 
@@ -191,7 +191,7 @@ TEN_MILLION = """
 import resource
 import numpy as np
 from tests.vjm.files import biglide
-from stiffscope.vjm.statics import batches
+from stiffscope.vjm.statics.analysis import batches
 poses = np.random.default_rng(1).uniform((-0.02, -0.3, 0.3), (0.02, 0.3, 0.5), (10_000_000, 3))
 worst = np.inf
 for some, matrix in batches(biglide(), poses):

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 import stiffscope as ss
-from stiffscope.cli import campaigns
 from stiffscope.cli.main import _guarded
 from stiffscope.cli.output import Output, emit
+from stiffscope.gap import command as campaigns
 from stiffscope.gap.campaigns import diagnose
-from stiffscope.gap.lab import measuring
-from stiffscope.gap.lab.faults import inject
-from stiffscope.gap.lab.measuring import Noise, write_readings
+from stiffscope.lab import measuring
+from stiffscope.lab.faults import inject
+from stiffscope.lab.measuring import Noise, write_readings
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
-from stiffscope.vjm.yielding import Load, respond
+from stiffscope.vjm.statics.yielding import Load, respond
 from tests.labs import biglide, default_plan
 
 POSE = ("x", "y", "z", "rx", "ry", "rz")

@@ -7,7 +7,7 @@ from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
-from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.statics.analysis import stiffness
 
 TEXT = find_robot("biglide").read_text(encoding="utf-8")
 BASE = 'effect = "base-compliance"\nplace = "base"'

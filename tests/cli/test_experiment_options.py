@@ -8,8 +8,8 @@ import pytest
 
 from stiffscope.cli.main import _guarded
 from stiffscope.errors import InputError
-from stiffscope.experiments.interfaces import choices
 from stiffscope.experiments.orders import order_part
+from stiffscope.parts.interfaces import choices
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.executor import Here

@@ -6,7 +6,7 @@ import pytest
 
 from stiffscope.cli.main import cli
 from stiffscope.errors import InputError
-from stiffscope.report.keys import all_keys, find_keys
+from stiffscope.files.keys import all_keys, find_keys
 
 
 def test_every_key_says_what_it_means_and_takes():

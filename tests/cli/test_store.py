@@ -9,7 +9,8 @@ import sys
 import click
 import pytest
 
-from stiffscope.cli.main import COMMANDS, _guarded, cli
+from stiffscope.cli.main import _guarded, cli
+from stiffscope.registry import commands
 from stiffscope.runtime.cache import Cache, digest
 
 
@@ -110,9 +111,7 @@ def commands(group=cli, words=()):
 
 
 def test_the_help_of_all_commands_is_that_of_each():
-    said = {
-        name: words for group in COMMANDS.values() for name, (_, words) in group.items()
-    }
+    said = {name: command.help for name, command in commands().items()}
     assert {
         name: cli.get_command(None, name).help.partition("\n\n")[0] for name in said
     } == said

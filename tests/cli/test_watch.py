@@ -89,8 +89,10 @@ def test_sources_and_differences(tmp_path):
 @pytest.fixture
 def undrawn(monkeypatch):
     """Pictures take processes of their own, which this does not try."""
-    monkeypatch.setattr("stiffscope.cli.running.write_pictures", lambda *_: None)
-    monkeypatch.setattr("stiffscope.cli.running.keep_warm", lambda: None)
+    monkeypatch.setattr(
+        "stiffscope.statics.command.run.write_pictures", lambda *_: None
+    )
+    monkeypatch.setattr("stiffscope.statics.command.run.keep_warm", lambda: None)
 
 
 def test_each_saved_file_is_run_and_a_bad_one_is_told(
@@ -98,7 +100,8 @@ def test_each_saved_file_is_run_and_a_bad_one_is_told(
 ):
     one_part(tmp_path, MATRIX)
     monkeypatch.setattr(
-        "stiffscope.cli.running.stiffness_bars", lambda *_: np.full((1, 6, 6), 1.5e4)
+        "stiffscope.statics.command.run.stiffness_bars",
+        lambda *_: np.full((1, 6, 6), 1.5e4),
     )
     file = tmp_path / "robot.toml"
     out = tmp_path / "out"
@@ -118,7 +121,7 @@ def test_each_saved_file_is_run_and_a_bad_one_is_told(
             states.append(capsys.readouterr())
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("stiffscope.cli.running.changes", edited)
+    monkeypatch.setattr("stiffscope.statics.command.run.changes", edited)
     assert _guarded(["run", str(file), "--out", str(out), "--watch"]) == 0
     changed, bad, back = states
     assert "slide.drive.stiffness 10000000.0 → 20000000.0" in changed.out

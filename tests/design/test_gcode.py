@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiffscope.design.path.cutting import mill, specific_force
-from stiffscope.design.path.gcode import program_text, read_program
 from stiffscope.errors import InputError
+from stiffscope.path.cutting import mill, specific_force
+from stiffscope.path.gcode import program_text, read_program
 
 PROGRAM = """%
 (a comment)

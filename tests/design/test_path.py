@@ -13,19 +13,19 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from stiffscope.cli.main import cli
-from stiffscope.design.path.along import along, compensate, respond_at_worst
-from stiffscope.design.path.course import find_axes
-from stiffscope.design.path.cutting import mill
-from stiffscope.design.path.job import Motion, load_job
-from stiffscope.design.path.stress import find_stresses
 from stiffscope.design.studies import study
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
-from stiffscope.report.paths import write_stress
+from stiffscope.path.along import along, compensate, respond_at_worst
+from stiffscope.path.course import find_axes
+from stiffscope.path.cutting import mill
+from stiffscope.path.job import Motion, load_job
+from stiffscope.path.show import write_stress
+from stiffscope.path.stress import find_stresses
 from stiffscope.report.robot_view import read_cases
 from stiffscope.runtime.workshop import workshop
-from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.yielding import respond
+from stiffscope.vjm.kinematics.configurations import configure
+from stiffscope.vjm.statics.yielding import respond
 from tests.experiments.one_part import ROBOT, ROD
 from tests.vjm import oracle
 from tests.vjm.files import CHECKED
@@ -444,7 +444,7 @@ def test_the_time_of_rapid_moves_is_not_known(tmp_path):
 
 
 def _configurations(job, made):
-    from stiffscope.design.path.course import configure_path
+    from stiffscope.path.course import configure_path
 
     return configure_path(job, made, job.path)
 

@@ -12,11 +12,11 @@ import pytest
 
 from stiffscope.cli.main import _guarded
 from stiffscope.design import making
+from stiffscope.design.show.studies import show_study
 from stiffscope.design.studies import study
 from stiffscope.design.study_reading import load_study
 from stiffscope.design.verdicts import find_nearest
 from stiffscope.errors import InputError
-from stiffscope.report.studies import show_study
 from stiffscope.robot.reader import load_robot
 from tests.experiments.one_part import PLATE, ROD, one_part
 
@@ -134,7 +134,7 @@ def test_a_study_that_is_stopped_says_what_it_keeps(rod, tmp_path, monkeypatch, 
             study(file.path, folder=store)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("stiffscope.cli.design.run_study", stop)
+    monkeypatch.setattr("stiffscope.design.command.run_study", stop)
     for name, said in (
         ("some", "6 finished designs are kept in"),
         ("none", "nothing half-written is left"),

@@ -19,8 +19,8 @@ from stiffscope.experiments.assembly import (
 )
 from stiffscope.robot.reader import load_robot, read_robot
 from stiffscope.runtime.workshop import workshop
-from stiffscope.vjm.statics import stiffness
-from stiffscope.vjm.yielding import deflection
+from stiffscope.vjm.statics.analysis import stiffness
+from stiffscope.vjm.statics.yielding import deflection
 from tests.experiments.one_part import (
     DEPTH,
     DRIVE,

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.experiments.interfaces import (
+from stiffscope.parts.interfaces import (
     choices,
     compare_interfaces,
     interfaces_csv,
@@ -77,7 +77,7 @@ def test_a_plate_has_pads_and_holes_besides_wherever_it_stands(tmp_path):
 def test_choices_that_a_part_cannot_take_are_left_out_with_the_reason(
     tmp_path, monkeypatch
 ):
-    from stiffscope.experiments import interfaces
+    from stiffscope.parts import interfaces
 
     monkeypatch.setattr(
         interfaces, "solve_parts", lambda orders, _shop, **_: list(orders)

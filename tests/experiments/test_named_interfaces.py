@@ -10,8 +10,8 @@ from stiffscope.experiments.orders import build_part
 from stiffscope.robot.inspection import inspect_robot
 from stiffscope.robot.reader import read_robot
 from stiffscope.runtime.workshop import workshop
-from stiffscope.vjm.screws import shift
-from stiffscope.vjm.statics import sag, stiffness
+from stiffscope.vjm.model.screws import shift
+from stiffscope.vjm.statics.analysis import sag, stiffness
 
 PADS = {"left": (-25, -15), "right": (-25, 15), "motor": (25, 0)}
 TEXT = """

@@ -13,7 +13,7 @@ from stiffscope.gap.inference.diagnosis import Diagnosis, Effect, Gap, Parameter
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
-from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.statics.analysis import stiffness
 from tests.experiments.one_part import STEP, one_part
 
 SOFT = Effect(

@@ -9,22 +9,22 @@ import numpy as np
 import pytest
 
 from stiffscope.data import FOLDER
-from stiffscope.effects.vocabulary import apply_effect
 from stiffscope.gap.campaign.campaign import Campaign
 from stiffscope.gap.campaign.quantities import DEVIATION
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaigns import diagnose
 from stiffscope.gap.diagnose import conclude, diagnose_campaign
+from stiffscope.gap.effects.vocabulary import apply_effect
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.findings import find
 from stiffscope.gap.inference.residuals import by_sensor
-from stiffscope.gap.lab.faults import inject
-from stiffscope.gap.lab.measuring import Noise, Plan, Sensor
-from stiffscope.gap.lab.measuring import measure as taken
-from stiffscope.gap.lab.response import Spot
-from stiffscope.report.text import sentence
-from stiffscope.vjm.statics import compliance
+from stiffscope.gap.show.text import sentence
+from stiffscope.lab.faults import inject
+from stiffscope.lab.measuring import Noise, Plan, Sensor
+from stiffscope.lab.measuring import measure as taken
+from stiffscope.lab.response import Spot
+from stiffscope.vjm.statics.analysis import compliance
 from tests.benchmarks.second_lab import campaign_of
 from tests.gap.test_robot_model import nominal, readings
 from tests.labs import machine

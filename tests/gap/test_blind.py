@@ -17,35 +17,35 @@ from distributed import LocalCluster
 from scipy.spatial.transform import Rotation
 
 from stiffscope.errors import InputError
-from stiffscope.gap.blind import check as blind
-from stiffscope.gap.blind.cases import BlindCase, Fault, unseal
-from stiffscope.gap.blind.check import run_blind
-from stiffscope.gap.blind.drawing import (
+from stiffscope.gap.campaign.readings import load_campaign
+from stiffscope.gap.diagnose import diagnose_campaign
+from stiffscope.gap.forward.robot_model import RobotModel
+from stiffscope.lab.blind import check as blind
+from stiffscope.lab.blind.cases import BlindCase, Fault, unseal
+from stiffscope.lab.blind.check import run_blind
+from stiffscope.lab.blind.drawing import (
     draw_case,
     is_imitated,
     prepare_case,
     write_case,
 )
-from stiffscope.gap.blind.laboratory import BlindRobot, Lab, blind_robots
-from stiffscope.gap.blind.scores import Outcome, outcome_of, score
-from stiffscope.gap.campaign.readings import load_campaign
-from stiffscope.gap.diagnose import diagnose_campaign
-from stiffscope.gap.forward.robot_model import RobotModel
-from stiffscope.gap.lab.closure import locate
-from stiffscope.gap.lab.faults import bearing_words
-from stiffscope.gap.lab.measuring import (
+from stiffscope.lab.blind.laboratory import BlindRobot, Lab, blind_robots
+from stiffscope.lab.blind.scores import Outcome, outcome_of, score
+from stiffscope.lab.closure import locate
+from stiffscope.lab.faults import bearing_words
+from stiffscope.lab.measuring import (
     Noise,
     measure,
     sigma_of,
     true_readings,
     write_readings,
 )
-from stiffscope.gap.lab.signatures import Signatures
+from stiffscope.lab.signatures import Signatures
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot, read_robot
-from stiffscope.vjm.kinematics import configure, find_still
+from stiffscope.vjm.kinematics.configurations import configure, find_still
 from tests.labs import ARM
 from tests.robots import nominal_robot
 

@@ -6,17 +6,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiffscope.effects.vocabulary import apply_effect, apply_effects, find_candidates
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import diagnose_campaign
+from stiffscope.gap.effects.vocabulary import (
+    apply_effect,
+    apply_effects,
+    find_candidates,
+)
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.diagnosis import to_json
-from stiffscope.gap.lab.faults import inject
-from stiffscope.gap.lab.measuring import Noise
+from stiffscope.lab.faults import inject
+from stiffscope.lab.measuring import Noise
 from stiffscope.robot.file.sections import Effect
-from stiffscope.vjm.checks import TOOL
-from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.model.checks import TOOL
+from stiffscope.vjm.statics.analysis import stiffness
 from tests.labs import FEA_SLIDER, biglide, default_plan, measure, with_slider
 from tests.labs import PLACES as FORMER_PLACES
 from tests.robots import nominal_robot

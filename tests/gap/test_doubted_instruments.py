@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiffscope.gap.blind.cases import BlindCase, Fault
-from stiffscope.gap.blind.drawing import write_case
-from stiffscope.gap.blind.laboratory import BlindRobot, Lab
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.forward.robot_model import RobotModel
+from stiffscope.lab.blind.cases import BlindCase, Fault
+from stiffscope.lab.blind.drawing import write_case
+from stiffscope.lab.blind.laboratory import BlindRobot, Lab
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices

@@ -12,7 +12,7 @@ import pytest
 
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.readings import load_campaign
-from stiffscope.report.campaign_check import campaign_json
+from stiffscope.gap.show.campaign import campaign_json
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.table import MOST_BYTES
 

@@ -10,9 +10,9 @@ from stiffscope.gap.campaign.campaign import Campaign, InstrumentFrame, Sensor
 from stiffscope.gap.campaign.quantities import FIRST_POSITION
 from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.forward.robot_model import RobotModel
-from stiffscope.report.text import sentence
-from stiffscope.vjm.kinematics import configure, configure_drives
-from stiffscope.vjm.screws import rotation_of
+from stiffscope.gap.show.text import sentence
+from stiffscope.vjm.kinematics.configurations import configure, configure_drives
+from stiffscope.vjm.model.screws import rotation_of
 from tests.gap.test_robot_model import nominal
 
 SIGMA = 2e-5

@@ -6,16 +6,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from stiffscope.effects.elements import ElementEffect, change_elements
-from stiffscope.effects.vocabulary import apply_effect, find_candidates
 from stiffscope.experiments.assembly import assemble
 from stiffscope.gap.adoption import adopt
 from stiffscope.gap.diagnose import diagnose_campaign
+from stiffscope.gap.effects.elements import ElementEffect, change_elements
+from stiffscope.gap.effects.vocabulary import apply_effect, find_candidates
 from stiffscope.gap.forward.robot_model import RobotModel
-from stiffscope.gap.lab.faults import inject
-from stiffscope.gap.lab.machine import machine_of
-from stiffscope.gap.lab.measuring import Noise
-from stiffscope.gap.lab.plans import draw_plan, workspace
+from stiffscope.lab.faults import inject
+from stiffscope.lab.machine import machine_of
+from stiffscope.lab.measuring import Noise
+from stiffscope.lab.plans import draw_plan, workspace
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot

@@ -7,22 +7,22 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiffscope.effects.vocabulary import apply_effect
 from stiffscope.errors import InputError
-from stiffscope.gap.lab import faults as lab_faults
-from stiffscope.gap.lab.closure import locate
-from stiffscope.gap.lab.faults import KNOWN, OUTSIDE, beam, inject, section_of
-from stiffscope.gap.lab.machine import Slot, machine_of
-from stiffscope.gap.lab.measuring import Noise, Plan, Sensor, true_readings
-from stiffscope.gap.lab.nonlinear import settle
-from stiffscope.gap.lab.plans import draw_plan, workspace
-from stiffscope.gap.lab.response import Spot, respond, tool_spot
-from stiffscope.gap.lab.rotations import rates_of_vector, turn, vector_of
+from stiffscope.gap.effects.vocabulary import apply_effect
+from stiffscope.lab import faults as lab_faults
+from stiffscope.lab.closure import locate
+from stiffscope.lab.faults import KNOWN, OUTSIDE, beam, inject, section_of
+from stiffscope.lab.machine import Slot, machine_of
+from stiffscope.lab.measuring import Noise, Plan, Sensor, true_readings
+from stiffscope.lab.nonlinear import settle
+from stiffscope.lab.plans import draw_plan, workspace
+from stiffscope.lab.response import Spot, respond, tool_spot
+from stiffscope.lab.rotations import rates_of_vector, turn, vector_of
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot, read_robot
-from stiffscope.vjm import statics
+from stiffscope.vjm.statics import analysis as statics
 from tests.labs import (
     ARM,
     FEA_SLIDER,

@@ -11,8 +11,8 @@ from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.forward.placing import align_points
 from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.reader import load_robot
-from stiffscope.vjm.kinematics import configure_drives
-from stiffscope.vjm.screws import rotation_of
+from stiffscope.vjm.kinematics.configurations import configure_drives
+from stiffscope.vjm.model.screws import rotation_of
 
 
 @pytest.mark.parametrize("side", ["left", "right"])

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.gap.blind.laboratory import BlindRobot, Lab
 from stiffscope.gap.campaign.campaign_header import load_header
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaign.template import write_template
 from stiffscope.gap.diagnose import diagnose_campaign
-from stiffscope.gap.inference.reading_choice import Pair, choose_readings, judge_pairs
-from stiffscope.gap.lab import measuring
-from stiffscope.gap.lab.faults import inject
-from stiffscope.gap.lab.response import Spot
-from stiffscope.gap.planning import ENOUGH, propose_plan, read_question
+from stiffscope.gap.planning.candidates import ENOUGH, propose_plan, read_question
+from stiffscope.gap.planning.reading_choice import Pair, choose_readings, judge_pairs
+from stiffscope.lab import measuring
+from stiffscope.lab.blind.laboratory import BlindRobot, Lab
+from stiffscope.lab.faults import inject
+from stiffscope.lab.response import Spot
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices

@@ -7,13 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from stiffscope.effects.effect import Candidate, Setting
-from stiffscope.effects.elements import ElementEffect, change_elements
-from stiffscope.effects.vocabulary import apply_effect, find_candidates
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.campaign import Campaign, LoadPoint, Sensor
 from stiffscope.gap.campaign.quantities import QUANTITIES
 from stiffscope.gap.campaigns import open_case
+from stiffscope.gap.effects.effect import Candidate, Setting
+from stiffscope.gap.effects.elements import ElementEffect, change_elements
+from stiffscope.gap.effects.vocabulary import apply_effect, find_candidates
 from stiffscope.gap.forward import robot_at_poses
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.forward.robot_prediction import Pattern
@@ -25,12 +25,12 @@ from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_dimensions import beam_dimensions
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
-from stiffscope.vjm.kinematics import configure, configure_drives
-from stiffscope.vjm.mechanism import Change
-from stiffscope.vjm.modes import frequencies
-from stiffscope.vjm.network import place_nodes
-from stiffscope.vjm.statics import stiffness
-from stiffscope.vjm.yielding import Load, respond
+from stiffscope.vjm.kinematics.configurations import configure, configure_drives
+from stiffscope.vjm.model.mechanism import Change
+from stiffscope.vjm.network.network import place_nodes
+from stiffscope.vjm.statics.analysis import stiffness
+from stiffscope.vjm.statics.yielding import Load, respond
+from stiffscope.vjm.vibration.modes import frequencies
 
 LINEAR_DELTA = Path(__file__).parents[1] / "vjm" / "robots" / "linear-delta.toml"
 ROBOTS = ("delta", "stewart", "serial-arm", "five-bar")

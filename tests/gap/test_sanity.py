@@ -6,9 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiffscope.gap.blind.cases import BlindCase
-from stiffscope.gap.blind.drawing import draw_case, prepare_case
-from stiffscope.gap.blind.laboratory import BlindRobot, Lab
 from stiffscope.gap.campaign.quantities import DEVIATION
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaign.sanity import _find_jump, find_doubts, inspect_readings
@@ -20,7 +17,10 @@ from stiffscope.gap.campaigns import (
     predict_roughly,
 )
 from stiffscope.gap.forward.robot_model import RobotModel
-from stiffscope.gap.lab.measuring import Noise, measure, write_readings
+from stiffscope.lab.blind.cases import BlindCase
+from stiffscope.lab.blind.drawing import draw_case, prepare_case
+from stiffscope.lab.blind.laboratory import BlindRobot, Lab
+from stiffscope.lab.measuring import Noise, measure, write_readings
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot

@@ -10,9 +10,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.gap.inference.diagnosis import Alternative, Effect, Where
-from stiffscope.report.diagnosis_report import write_diagnosis_report
+from stiffscope.gap.show.figures import draw_figures, signature_correlation
+from stiffscope.gap.show.page import write_diagnosis_report
 from stiffscope.report.figures import save_figure
-from stiffscope.report.gap_figures import draw_figures, signature_correlation
 from stiffscope.report.run_report import Draft
 from tests.report.test_terminal import diagnosed
 

@@ -18,8 +18,8 @@ import stiffscope as ss
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
-from stiffscope.report.live import Setting, answer, find_sliders, read_setting
-from stiffscope.report.live_server import LiveRobot, open_server
+from stiffscope.live.page import Setting, answer, find_sliders, read_setting
+from stiffscope.live.server import LiveRobot, open_server
 from stiffscope.robot.reader import read_robot
 from stiffscope.runtime.workshop import workshop
 from tests.report.browser import CHROMIUM, browser

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from stiffscope.design.maps import (
+from stiffscope.errors import InputError
+from stiffscope.notebook.objects import stiffness_map as picture
+from stiffscope.report.figures import new_figure, save_figure
+from stiffscope.robot.mechanism_of import mechanism_of
+from stiffscope.robot.part_matrices import part_matrices
+from stiffscope.robot.reader import load_robot
+from stiffscope.statics.maps import (
     PRINCIPAL,
     StiffnessVolume,
     Wanted,
@@ -16,9 +22,7 @@ from stiffscope.design.maps import (
     to_dataset,
     write_map,
 )
-from stiffscope.errors import InputError
-from stiffscope.report.figures import new_figure, save_figure
-from stiffscope.report.maps import (
+from stiffscope.statics.show.maps import (
     _limits,
     _mark,
     draw_map,
@@ -28,12 +32,8 @@ from stiffscope.report.maps import (
     stiffness_panels,
     stiffness_title,
 )
-from stiffscope.report.notebook import stiffness_map as picture
-from stiffscope.robot.mechanism_of import mechanism_of
-from stiffscope.robot.part_matrices import part_matrices
-from stiffscope.robot.reader import load_robot
-from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.statics import sag, stiffness
+from stiffscope.vjm.kinematics.configurations import configure
+from stiffscope.vjm.statics.analysis import sag, stiffness
 from tests.vjm.test_rigid_directions import PLANAR_2R
 
 NAMES = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")

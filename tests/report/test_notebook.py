@@ -11,13 +11,13 @@ from IPython.core.interactiveshell import InteractiveShell
 from IPython.utils.capture import capture_output
 
 import stiffscope as ss
+from stiffscope.experiments.comparison import Comparison, Entry
 from stiffscope.fea.derivatives import Derivative, PartSensitivity
+from stiffscope.imports.import_assembly import Imported
+from stiffscope.imports.simulator_model import ModelJoint, SimulatorModel
+from stiffscope.notebook.objects import SHOWN, as_html, open_bar, register
 from stiffscope.report import part_tables
-from stiffscope.report.compare import Comparison, Entry
-from stiffscope.report.notebook import SHOWN, as_html, open_bar, register
-from stiffscope.robot.imports.doubts import Doubt
-from stiffscope.robot.imports.import_assembly import Imported
-from stiffscope.robot.imports.simulator_model import ModelJoint, SimulatorModel
+from stiffscope.robot.inspection import Doubt
 from stiffscope.runtime.progress import LISTENERS, silence
 from tests.report.browser import CHROMIUM, browser
 from tests.report.test_diagnosis_report import HOSTILE, Page

@@ -18,8 +18,8 @@ from stiffscope.report.robot_view import Case, robot_view, unit_wrenches
 from stiffscope.report.terminal import Shown, record_shown, show_line, show_table
 from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.reader import load_robot
-from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.yielding import deflection
+from stiffscope.vjm.kinematics.configurations import configure
+from stiffscope.vjm.statics.yielding import deflection
 from tests.report.browser import CHROMIUM, browser
 from tests.report.test_diagnosis_report import write
 from tests.report.test_terminal import diagnosed

@@ -15,14 +15,14 @@ from matplotlib.lines import Line2D
 
 from examples.delta import delta as hanging_delta
 from stiffscope.gap.inference.diagnosis import Where
+from stiffscope.gap.show.text import shares
 from stiffscope.report.drawing.robot import ABOVE, _put_labels, frame_picture, key_of
 from stiffscope.report.drawing.solids import solids_of
 from stiffscope.report.pictures import PictureError, draw, open_drawing
 from stiffscope.report.robot_scene import place_robot, scene
-from stiffscope.report.text import shares
 from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.reader import load_robot, read_robot
-from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.kinematics.configurations import configure
 from tests.report.test_terminal import diagnosed
 
 

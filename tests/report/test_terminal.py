@@ -10,7 +10,7 @@ from types import SimpleNamespace as Stub
 import numpy as np
 import pytest
 
-from stiffscope.gap.blind.scores import Outcome, Scores
+from stiffscope.experiments.comparison import Comparison, Entry
 from stiffscope.gap.inference.diagnosis import (
     Alternative,
     Diagnosis,
@@ -20,14 +20,15 @@ from stiffscope.gap.inference.diagnosis import (
     Parameter,
     Where,
 )
+from stiffscope.gap.show.tables import show_diagnosis
+from stiffscope.gap.show.text import sentence
+from stiffscope.lab.blind.scores import Outcome, Scores
+from stiffscope.lab.show import show_scores
+from stiffscope.parts.show import show_interfaces
 from stiffscope.report import part_tables, tables
-from stiffscope.report.blind_scores import show_scores
-from stiffscope.report.compare import Comparison, Entry
-from stiffscope.report.gap_tables import show_diagnosis
 from stiffscope.report.numbers import find_resolved, name_pose
 from stiffscope.report.terminal import in_encoding, show_line, show_table
-from stiffscope.report.text import sentence
-from stiffscope.vjm.statics import Stiffness
+from stiffscope.vjm.statics.analysis import Stiffness
 
 PAIR = "actuator-stiffness + slider-compliance", "limb1 + sliders"
 
@@ -85,7 +86,7 @@ def interfaces():
         changes=(3.625,) * 4,
         bars=(9.3e-3,) * 4,
     )
-    part_tables.show_interfaces(
+    show_interfaces(
         Stub(
             part="slider",
             own=choices[0],

@@ -23,11 +23,11 @@ from stiffscope.cad.assembly import read_assembly
 from stiffscope.cad.built_assembly import read_built
 from stiffscope.cad.contacts import find_contacts
 from stiffscope.errors import InputError
-from stiffscope.robot.imports.assembly_parts import choose_materials
-from stiffscope.robot.imports.contact_joints import find_joints
-from stiffscope.robot.imports.hardware import find_hardware
-from stiffscope.robot.imports.import_assembly import from_assembly, import_assembly
-from stiffscope.robot.imports.said import Said, said_beside
+from stiffscope.imports.assembly_parts import choose_materials
+from stiffscope.imports.contact_joints import find_joints
+from stiffscope.imports.hardware import find_hardware
+from stiffscope.imports.import_assembly import from_assembly, import_assembly
+from stiffscope.imports.said import Said, said_beside
 from stiffscope.robot.inspection import inspect_robot
 from stiffscope.robot.reader import load_robot
 from tests.experiments.one_part import write_bar

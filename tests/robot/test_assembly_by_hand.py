@@ -10,13 +10,13 @@ import pytest
 from examples.assembly import five_bar as example
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.orders import order_part
-from stiffscope.robot.imports.import_assembly import import_assembly
-from stiffscope.robot.imports.said import Said
+from stiffscope.imports.import_assembly import import_assembly
+from stiffscope.imports.said import Said
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
-from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.statics.analysis import stiffness
 from tests.robot import assemblies
 
 MESH = 'mesh = { size = "12 mm" }'

@@ -13,8 +13,8 @@ from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.parameters import parameters
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import read_robot
-from stiffscope.vjm.screws import rotation_of, shift
-from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.model.screws import rotation_of, shift
+from stiffscope.vjm.statics.analysis import stiffness
 
 BALLS = 'kind = "angular-contact", balls = 16, ball = "12 mm", pitch = "80 mm", angle = "25 deg", preload = "500 N"'
 ARM = """

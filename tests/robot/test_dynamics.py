@@ -9,7 +9,7 @@ from stiffscope.robot.beam_dynamics import beam_dynamics
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import beam_compliance, beam_segments, part_matrices
 from stiffscope.robot.reader import load_robot
-from stiffscope.vjm.modes import frequencies
+from stiffscope.vjm.vibration.modes import frequencies
 
 POSE = [[0.03, 0.0, 0.4]]
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from stiffscope.effects.effect import Setting
-from stiffscope.effects.vocabulary import apply_effect, find_candidates
+from stiffscope.gap.effects.effect import Setting
+from stiffscope.gap.effects.vocabulary import apply_effect, find_candidates
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices

@@ -8,8 +8,8 @@ import pytest
 
 from stiffscope.cli.main import _guarded
 from stiffscope.errors import InputError
-from stiffscope.robot.imports.compiled_model import compile_at_home
-from stiffscope.robot.imports.import_model import import_model
+from stiffscope.imports.compiled_model import compile_at_home
+from stiffscope.imports.import_model import import_model
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.reader import load_robot
 from tests.robot import at_home
@@ -575,7 +575,7 @@ def test_a_file_that_is_there_is_kept(imported, tmp_path):
 
 def test_an_import_is_repeated_with_force(imported, tmp_path, monkeypatch):
     (tmp_path / "robot.toml").write_text("mine")
-    monkeypatch.setattr("stiffscope.robot.imports.import_model.is_forced", lambda: True)
+    monkeypatch.setattr("stiffscope.imports.import_model.is_forced", lambda: True)
     assert imported(ARM, ".urdf")[1].name in ARM
 
 

@@ -12,7 +12,7 @@ from stiffscope.robot.inspection import inspect_robot, inspection_json
 from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.reader import load_robot, read_robot
 from stiffscope.runtime.json_text import to_json
-from stiffscope.vjm.kinematics import configure
+from stiffscope.vjm.kinematics.configurations import configure
 from tests.robot.test_reader import TEXT
 
 ROBOTS = FOLDER / "robots"

@@ -10,8 +10,8 @@ from stiffscope.robot.inspection import inspect_robot
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import read_robot
-from stiffscope.vjm.screws import shift
-from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.model.screws import shift
+from stiffscope.vjm.statics.analysis import stiffness
 from tests.robot.test_reader import TEXT, line_with
 
 ROD = """[bodies."leg1.rod"]

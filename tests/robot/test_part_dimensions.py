@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from stiffscope.cad.materials import STEEL
-from stiffscope.effects.part_dimension import find_dimensions
-from stiffscope.effects.vocabulary import apply_effect
 from stiffscope.errors import InputError
 from stiffscope.fea.beam import box, channel, circle, i_section, timoshenko
+from stiffscope.gap.effects.part_dimension import find_dimensions
+from stiffscope.gap.effects.vocabulary import apply_effect
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.parameters import parameters
@@ -24,7 +24,7 @@ from stiffscope.robot.part_dimensions import (
 )
 from stiffscope.robot.part_matrices import beam_compliance, known_mass, part_matrices
 from stiffscope.robot.reader import load_robot
-from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.statics.analysis import stiffness
 
 BEAM = """
 bodies.arm = {{ part = "beam", base = [0, 0, 0], tip = [0.3, 0, 0], y = [0, 1, 0] }}

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from stiffscope.robot.imports.part_motions import relative_freedom
-from stiffscope.vjm.screws import shift
+from stiffscope.imports.part_motions import relative_freedom
+from stiffscope.vjm.model.screws import shift
 
 
 @pytest.mark.parametrize("seed", range(12))

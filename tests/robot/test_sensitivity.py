@@ -17,8 +17,8 @@ from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.parameters import parameters
 from stiffscope.robot.part_matrices import beam_compliance, beam_segments, part_matrices
 from stiffscope.robot.reader import load_robot
-from stiffscope.vjm import statics
-from stiffscope.vjm.yielding import deflection
+from stiffscope.vjm.statics import analysis as statics
+from stiffscope.vjm.statics.yielding import deflection
 
 POSE = [[0.03, 0.02, 0.3475]]
 

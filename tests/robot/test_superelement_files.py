@@ -9,9 +9,9 @@ from stiffscope.fea.export import Superelement, node_lines, write_matrices
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import read_robot
-from stiffscope.vjm.modes import frequencies
-from stiffscope.vjm.screws import shift
-from stiffscope.vjm.statics import sag, stiffness
+from stiffscope.vjm.model.screws import shift
+from stiffscope.vjm.statics.analysis import sag, stiffness
+from stiffscope.vjm.vibration.modes import frequencies
 
 NODES = {
     "foot": [0.0, 0.0, 0.0],

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.statics.analysis import stiffness
 from tests.robots import robot_of
 
 FORMER = np.load(Path(__file__).parent / "former_assembler.npz")

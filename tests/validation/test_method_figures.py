@@ -10,8 +10,8 @@ from stiffscope.biglide.audit import (
     rms_findings,
 )
 from stiffscope.biglide.published_model import published_model
-from stiffscope.vjm.statics import sag, stiffness
-from stiffscope.vjm.yielding import respond
+from stiffscope.vjm.statics.analysis import sag, stiffness
+from stiffscope.vjm.statics.yielding import respond
 from tests.robots import GEOMETRY, euler_bernoulli, nominal_robot, pose_at, robot_of
 
 ENTRIES = ((0, 0), (1, 1), (2, 2), (3, 3), (4, 4), (5, 5), (0, 4), (1, 3))

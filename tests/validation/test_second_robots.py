@@ -7,10 +7,10 @@ from stiffscope.errors import InputError
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
-from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.singularity import count_freedoms
-from stiffscope.vjm.statics import stiffness
-from stiffscope.vjm.yielding import respond
+from stiffscope.vjm.kinematics.configurations import configure
+from stiffscope.vjm.statics.analysis import stiffness
+from stiffscope.vjm.statics.singularity import count_freedoms
+from stiffscope.vjm.statics.yielding import respond
 from tests.robots import cubic_hexapod
 
 

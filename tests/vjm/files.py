@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from stiffscope.vjm.bodies import Body, Elastic, member
-from stiffscope.vjm.joints import Drive, Joint
-from stiffscope.vjm.mechanism import Mechanism, Tool
-from stiffscope.vjm.screws import HALF_TURN, rotation
+from stiffscope.vjm.model.bodies import Body, Elastic, member
+from stiffscope.vjm.model.joints import Drive, Joint
+from stiffscope.vjm.model.mechanism import Mechanism, Tool
+from stiffscope.vjm.model.screws import HALF_TURN, rotation
 from tests.robots import DRIVE, GEOMETRY, euler_bernoulli, published_slider
 
 FILES = Path(__file__).parent / "robots"

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.bodies import Body
-from stiffscope.vjm.frequency_response import Port, frequency_response
-from stiffscope.vjm.joints import Drive, Joint
-from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.mechanism import Mechanism, Tool
-from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.kinematics.configurations import configure
+from stiffscope.vjm.model.bodies import Body
+from stiffscope.vjm.model.joints import Drive, Joint
+from stiffscope.vjm.model.mechanism import Mechanism, Tool
+from stiffscope.vjm.statics.analysis import stiffness
+from stiffscope.vjm.vibration.frequency_response import Port, frequency_response
 from tests.robots import GEOMETRY, pose_at
 from tests.vjm import dense_modes
 from tests.vjm.files import biglide, serial_arm

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiffscope.vjm.bodies import Body, member, superelement_body
-from stiffscope.vjm.checks import axes_along
-from stiffscope.vjm.joints import Drive, Joint
-from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.mechanism import Mechanism, Tool
-from stiffscope.vjm.modes import modes
-from stiffscope.vjm.screws import shift
-from stiffscope.vjm.statics import analyse, sag, stiffness, stiffness_error
-from stiffscope.vjm.superelement import superelement
-from stiffscope.vjm.yielding import deflection, respond
+from stiffscope.vjm.kinematics.configurations import configure
+from stiffscope.vjm.model.bodies import Body, member, superelement_body
+from stiffscope.vjm.model.checks import axes_along
+from stiffscope.vjm.model.joints import Drive, Joint
+from stiffscope.vjm.model.mechanism import Mechanism, Tool
+from stiffscope.vjm.model.screws import shift
+from stiffscope.vjm.statics.analysis import analyse, sag, stiffness, stiffness_error
+from stiffscope.vjm.statics.yielding import deflection, respond
+from stiffscope.vjm.vibration.modes import modes
+from stiffscope.vjm.vibration.superelement import superelement
 from tests.robots import euler_bernoulli, random_compliance
 
 POSES = [[0.5, 0.0, 0.0], [0.51, 0.1, -0.05], [0.48, -0.12, 0.2]]

@@ -10,14 +10,14 @@ import pytest
 from stiffscope.errors import InputError
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.reader import read_robot
-from stiffscope.vjm.bodies import Body, member
-from stiffscope.vjm.closure import Closure
-from stiffscope.vjm.joints import Drive, Joint
-from stiffscope.vjm.kinematics import configure, configure_drives
-from stiffscope.vjm.linkage import Linkage, left_jacobian, rotation_vector
-from stiffscope.vjm.mechanism import Mechanism, Tool
-from stiffscope.vjm.screws import rotation_of
-from stiffscope.vjm.statics import compliance, stiffness
+from stiffscope.vjm.kinematics.closure import Closure
+from stiffscope.vjm.kinematics.configurations import configure, configure_drives
+from stiffscope.vjm.kinematics.linkage import Linkage, left_jacobian, rotation_vector
+from stiffscope.vjm.model.bodies import Body, member
+from stiffscope.vjm.model.joints import Drive, Joint
+from stiffscope.vjm.model.mechanism import Mechanism, Tool
+from stiffscope.vjm.model.screws import rotation_of
+from stiffscope.vjm.statics.analysis import compliance, stiffness
 from tests.robots import GEOMETRY, random_poses, reachable, slides
 from tests.vjm import oracle
 from tests.vjm.files import biglide, read, serial_arm

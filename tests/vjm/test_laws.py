@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.bodies import Body
-from stiffscope.vjm.joints import Drive, Joint, Law
-from stiffscope.vjm.mechanism import Mechanism, Tool
-from stiffscope.vjm.statics import analyse, sag, stiffness
-from stiffscope.vjm.yielding import deflection, find_load_curve, respond
+from stiffscope.vjm.model.bodies import Body
+from stiffscope.vjm.model.joints import Drive, Joint, Law
+from stiffscope.vjm.model.mechanism import Mechanism, Tool
+from stiffscope.vjm.statics.analysis import analyse, sag, stiffness
+from stiffscope.vjm.statics.yielding import deflection, find_load_curve, respond
 from tests.vjm import oracle
 from tests.vjm.files import CHECKED, read
 

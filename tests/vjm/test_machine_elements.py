@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.vjm import machine_elements as me
-from stiffscope.vjm.rolling import LINE, hertz_constant, line_constant, settle
+from stiffscope.vjm.elements import machine_elements as me
+from stiffscope.vjm.elements.rolling import LINE, hertz_constant, line_constant, settle
 
 STEEL = me.reduced_modulus()
 AC = {

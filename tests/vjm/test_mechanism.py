@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.bodies import Body, member
-from stiffscope.vjm.checks import BASE, TOOL, axes_along, check_compliance
-from stiffscope.vjm.joints import Drive, Joint
-from stiffscope.vjm.mechanism import Change, Mechanism, Tool
-from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.model.bodies import Body, member
+from stiffscope.vjm.model.checks import BASE, TOOL, axes_along, check_compliance
+from stiffscope.vjm.model.joints import Drive, Joint
+from stiffscope.vjm.model.mechanism import Change, Mechanism, Tool
+from stiffscope.vjm.statics.analysis import stiffness
 from tests.vjm.files import biglide
 
 C = np.diag([1e-9, 1e-8, 1e-8, 1e-7, 1e-7, 1e-7])

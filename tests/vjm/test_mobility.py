@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from stiffscope.vjm.bodies import Body
-from stiffscope.vjm.joints import Drive, Joint
-from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.mechanism import Mechanism, Tool
-from stiffscope.vjm.mobility import mobility
-from stiffscope.vjm.reach import reach
+from stiffscope.vjm.kinematics.configurations import configure
+from stiffscope.vjm.kinematics.mobility import mobility
+from stiffscope.vjm.kinematics.reach import reach
+from stiffscope.vjm.model.bodies import Body
+from stiffscope.vjm.model.joints import Drive, Joint
+from stiffscope.vjm.model.mechanism import Mechanism, Tool
 from tests.vjm.files import biglide, read
 
 X, Y, Z = np.eye(3)

@@ -8,11 +8,11 @@ import pytest
 from stiffscope.errors import InputError
 from stiffscope.fea.beam import circle, timoshenko
 from stiffscope.robot.beam_dynamics import beam_dynamics
-from stiffscope.vjm.bodies import Body, member
-from stiffscope.vjm.dynamics import Dynamics
-from stiffscope.vjm.joints import Drive, Joint
-from stiffscope.vjm.mechanism import Mechanism, Tool
-from stiffscope.vjm.modes import frequencies, modes
+from stiffscope.vjm.model.bodies import Body, member
+from stiffscope.vjm.model.dynamics import Dynamics
+from stiffscope.vjm.model.joints import Drive, Joint
+from stiffscope.vjm.model.mechanism import Mechanism, Tool
+from stiffscope.vjm.vibration.modes import frequencies, modes
 from tests.robots import GEOMETRY, euler_bernoulli, pose_at, random_poses
 from tests.vjm import dense_modes
 from tests.vjm.files import CHECKED, biglide, read, serial_arm

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.bodies import Body, member
-from stiffscope.vjm.checks import TOOL
-from stiffscope.vjm.condensation import condense_network
-from stiffscope.vjm.equilibrium import solve_loads, tool_stiffness
-from stiffscope.vjm.joints import Drive, Joint
-from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.linkage import Linkage
-from stiffscope.vjm.mechanism import Change, Mechanism, Tool
-from stiffscope.vjm.order import find_order, places_at_home
-from stiffscope.vjm.prestress import own_loads
-from stiffscope.vjm.singularity import count_freedoms, principal
-from stiffscope.vjm.statics import batches, sag, stiffness, stiffness_error
-from stiffscope.vjm.yielding import Load, respond
+from stiffscope.vjm.kinematics.configurations import configure
+from stiffscope.vjm.kinematics.linkage import Linkage
+from stiffscope.vjm.model.bodies import Body, member
+from stiffscope.vjm.model.checks import TOOL
+from stiffscope.vjm.model.joints import Drive, Joint
+from stiffscope.vjm.model.mechanism import Change, Mechanism, Tool
+from stiffscope.vjm.network.condensation import condense_network
+from stiffscope.vjm.network.order import find_order, places_at_home
+from stiffscope.vjm.statics.analysis import batches, sag, stiffness, stiffness_error
+from stiffscope.vjm.statics.equilibrium import solve_loads, tool_stiffness
+from stiffscope.vjm.statics.prestress import own_loads
+from stiffscope.vjm.statics.singularity import count_freedoms, principal
+from stiffscope.vjm.statics.yielding import Load, respond
 from tests.robots import (
     GEOMETRY,
     euler_bernoulli,
@@ -489,8 +489,8 @@ def test_wrenches_carry_the_offsets_through_indeterminate_loops():
 def test_every_run_condenses_in_the_same_order():
     """Whatever the seed of Python's hashes: else the last digits of a result change from run to run."""
     code = (
-        "from tests.vjm.files import biglide; from stiffscope.vjm.order import find_order\n"
-        "from stiffscope.vjm.linkage import Linkage\n"
+        "from tests.vjm.files import biglide; from stiffscope.vjm.network.order import find_order\n"
+        "from stiffscope.vjm.kinematics.linkage import Linkage\n"
         "m = biglide(); o = find_order(m, Linkage(m, 'drives'))\n"
         "print([(type(s).__name__, getattr(s, 'node', ''), getattr(s, 'neighbours', '')) for s in o.steps])"
     )

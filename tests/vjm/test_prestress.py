@@ -10,13 +10,13 @@ from stiffscope.cli.main import _guarded
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
-from stiffscope.vjm.bodies import Body, member
-from stiffscope.vjm.dynamics import Dynamics
-from stiffscope.vjm.joints import Drive, Joint
-from stiffscope.vjm.mechanism import Change, Mechanism, Tool
-from stiffscope.vjm.screws import rotation
-from stiffscope.vjm.slender import find_thrusts
-from stiffscope.vjm.statics import analyse, sag, stiffness
+from stiffscope.vjm.model.bodies import Body, member
+from stiffscope.vjm.model.dynamics import Dynamics
+from stiffscope.vjm.model.joints import Drive, Joint
+from stiffscope.vjm.model.mechanism import Change, Mechanism, Tool
+from stiffscope.vjm.model.screws import rotation
+from stiffscope.vjm.statics.analysis import analyse, sag, stiffness
+from stiffscope.vjm.statics.slender import find_thrusts
 from tests.robots import (
     GEOMETRY,
     euler_bernoulli,
@@ -344,9 +344,9 @@ def test_a_tight_string_is_stiff_sideways():
     m = Mechanism(
         tuple(bodies), tuple(joints), Tool("knot", [0, 0, 0], ("x",))
     ).change_elements(off)
-    from stiffscope.vjm.linkage import Linkage
-    from stiffscope.vjm.order import find_order, places_at_home
-    from stiffscope.vjm.prestress import loaded_stiffness
+    from stiffscope.vjm.kinematics.linkage import Linkage
+    from stiffscope.vjm.network.order import find_order, places_at_home
+    from stiffscope.vjm.statics.prestress import loaded_stiffness
 
     k = loaded_stiffness(find_order(m, Linkage(m, "drives")), places_at_home(m))[
         0, :, :6

@@ -5,15 +5,15 @@ import pytest
 
 from stiffscope.errors import InputError
 from stiffscope.report.robot_view import unit_wrenches
-from stiffscope.vjm.bodies import Body
-from stiffscope.vjm.joints import Drive, Joint
-from stiffscope.vjm.kinematics import configure, configure_drives
-from stiffscope.vjm.mechanism import Mechanism, Tool
-from stiffscope.vjm.modes import modes
-from stiffscope.vjm.screws import rotation
-from stiffscope.vjm.singularity import rigid_note, singular_note
-from stiffscope.vjm.statics import analyse, compliance, sag, stiffness
-from stiffscope.vjm.yielding import deflection, respond
+from stiffscope.vjm.kinematics.configurations import configure, configure_drives
+from stiffscope.vjm.model.bodies import Body
+from stiffscope.vjm.model.joints import Drive, Joint
+from stiffscope.vjm.model.mechanism import Mechanism, Tool
+from stiffscope.vjm.model.screws import rotation
+from stiffscope.vjm.statics.analysis import analyse, compliance, sag, stiffness
+from stiffscope.vjm.statics.singularity import rigid_note, singular_note
+from stiffscope.vjm.statics.yielding import deflection, respond
+from stiffscope.vjm.vibration.modes import modes
 
 SIX = ("x", "y", "z", "rx", "ry", "rz")
 

@@ -4,10 +4,14 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.kinematics import configure, configure_drives, start_note
-from stiffscope.vjm.linkage import rotation_vector
-from stiffscope.vjm.reach import reach
-from stiffscope.vjm.screws import rotation
+from stiffscope.vjm.kinematics.configurations import (
+    configure,
+    configure_drives,
+    start_note,
+)
+from stiffscope.vjm.kinematics.linkage import rotation_vector
+from stiffscope.vjm.kinematics.reach import reach
+from stiffscope.vjm.model.screws import rotation
 from tests.vjm.test_rigid_directions import SIX, WRISTED, arm
 
 STRETCHED = arm(

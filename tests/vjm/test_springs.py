@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.bodies import Body
-from stiffscope.vjm.joints import Drive, Joint
-from stiffscope.vjm.kinematics import configure, configure_drives
-from stiffscope.vjm.mechanism import Mechanism, Tool
-from stiffscope.vjm.mobility import mobility
-from stiffscope.vjm.modes import frequencies, modes
-from stiffscope.vjm.statics import analyse, sag, stiffness
-from stiffscope.vjm.yielding import deflection
+from stiffscope.vjm.kinematics.configurations import configure, configure_drives
+from stiffscope.vjm.kinematics.mobility import mobility
+from stiffscope.vjm.model.bodies import Body
+from stiffscope.vjm.model.joints import Drive, Joint
+from stiffscope.vjm.model.mechanism import Mechanism, Tool
+from stiffscope.vjm.statics.analysis import analyse, sag, stiffness
+from stiffscope.vjm.statics.yielding import deflection
+from stiffscope.vjm.vibration.modes import frequencies, modes
 from tests.vjm import dense_modes, oracle
 from tests.vjm.files import CHECKED, read, serial_arm
 from tests.vjm.potential import Potential

@@ -5,12 +5,12 @@ import pytest
 import scipy.linalg
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.bodies import Body
-from stiffscope.vjm.joints import Drive, Joint
-from stiffscope.vjm.kinematics import configure
-from stiffscope.vjm.mechanism import Mechanism, Tool
-from stiffscope.vjm.statics import stiffness
-from stiffscope.vjm.superelement import superelement
+from stiffscope.vjm.kinematics.configurations import configure
+from stiffscope.vjm.model.bodies import Body
+from stiffscope.vjm.model.joints import Drive, Joint
+from stiffscope.vjm.model.mechanism import Mechanism, Tool
+from stiffscope.vjm.statics.analysis import stiffness
+from stiffscope.vjm.vibration.superelement import superelement
 from tests.vjm import dense_modes
 from tests.vjm.test_modes import ROBOTS
 

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiffscope.vjm.bodies import Body, member
-from stiffscope.vjm.joints import Drive, Joint
-from stiffscope.vjm.mechanism import Mechanism, Tool
-from stiffscope.vjm.statics import stiffness
-from stiffscope.vjm.yielding import deflection
+from stiffscope.vjm.model.bodies import Body, member
+from stiffscope.vjm.model.joints import Drive, Joint
+from stiffscope.vjm.model.mechanism import Mechanism, Tool
+from stiffscope.vjm.statics.analysis import stiffness
+from stiffscope.vjm.statics.yielding import deflection
 from tests.robots import random_poses
 from tests.vjm.files import biglide
 

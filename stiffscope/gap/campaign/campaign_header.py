@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from stiffscope.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
-from stiffscope.effects.vocabulary import EFFECTS
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.campaign import InstrumentFrame, LoadPoint, Sensor
 from stiffscope.gap.campaign.quantities import AXES, QUANTITIES
+from stiffscope.gap.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
+from stiffscope.gap.effects.vocabulary import EFFECTS
 from stiffscope.robot.file.parse import Source, parse_text
 from stiffscope.robot.file.quantities import (
     LENGTH,

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.runtime.types import Array, Flags
-    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.model.mechanism import Mechanism
 
 _AWAY = 30.0  # robot's sizes from its middle: farthest sensor, target or load
 _SURE = 8.0  # least standard deviations

@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.effects.effect import Doubts
-from stiffscope.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 from stiffscope.gap.campaign import quantities as of
 from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS
-from stiffscope.vjm.kinematics import limit_drives
+from stiffscope.gap.effects.effect import Doubts
+from stiffscope.gap.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
+from stiffscope.vjm.kinematics.configurations import limit_drives
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
-    from stiffscope.effects.effect import Row
     from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.effects.effect import Row
     from stiffscope.runtime.types import Array, Flags, Indices
-    from stiffscope.vjm.kinematics import Configurations
-    from stiffscope.vjm.mechanism import Mechanism
+    from stiffscope.vjm.kinematics.configurations import Configurations
+    from stiffscope.vjm.model.mechanism import Mechanism
 
 LEAST = 4  # fewest readings of a channel that are checked
 UNIT = 30.0  # ratio to the model, either way, that suggests a wrong unit

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.types import Indices
-    from stiffscope.vjm.screws import Array
+    from stiffscope.vjm.model.screws import Array
 
 POSES = 8
 FORCE = 100.0  # N: example

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.effect import GROWTH
 from stiffscope.gap.campaign.quantities import AXES
+from stiffscope.gap.effects.effect import GROWTH
 from stiffscope.gap.forward.forward_model import Candidate, Noise, Trial
 
 if TYPE_CHECKING:

@@ -8,35 +8,35 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.effects.elements import add_payloads, change_elements
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.quantities import FIRST_FREQUENCY, FREQUENCY
+from stiffscope.gap.effects.elements import add_payloads, change_elements
 from stiffscope.gap.forward import robot_at_poses
 from stiffscope.gap.forward.terminals import (
     find_inertial_forces,
     find_weight,
     wrenches_at,
 )
-from stiffscope.vjm.checks import GROUND
-from stiffscope.vjm.equilibrium import solve_loads
-from stiffscope.vjm.linkage import rotation_vector
-from stiffscope.vjm.loading import Loads
-from stiffscope.vjm.modes import modes
-from stiffscope.vjm.network import END, FOOT, place_nodes
-from stiffscope.vjm.order import find_order, stack_columns
-from stiffscope.vjm.prestress import bend_places
-from stiffscope.vjm.strain import find_offsets, find_remaining_offsets
+from stiffscope.vjm.kinematics.linkage import rotation_vector
+from stiffscope.vjm.model.checks import GROUND
+from stiffscope.vjm.network.loading import Loads
+from stiffscope.vjm.network.network import END, FOOT, place_nodes
+from stiffscope.vjm.network.order import find_order, stack_columns
+from stiffscope.vjm.network.strain import find_offsets, find_remaining_offsets
+from stiffscope.vjm.statics.equilibrium import solve_loads
+from stiffscope.vjm.statics.prestress import bend_places
+from stiffscope.vjm.vibration.modes import modes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from stiffscope.effects.effect import Changes, Payload
+    from stiffscope.gap.effects.effect import Changes, Payload
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
     from stiffscope.runtime.types import Array
-    from stiffscope.vjm.loading import Response
-    from stiffscope.vjm.mechanism import Mechanism
-    from stiffscope.vjm.modes import Modes
-    from stiffscope.vjm.network import Places
+    from stiffscope.vjm.model.mechanism import Mechanism
+    from stiffscope.vjm.network.loading import Response
+    from stiffscope.vjm.network.network import Places
+    from stiffscope.vjm.vibration.modes import Modes
 
 _TOOL = slice(0, 6)
 _NEWTON_STEPS = 13

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from stiffscope.effects.effect import UNNAMED, Candidate
+from stiffscope.gap.effects.effect import UNNAMED, Candidate
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 from stiffscope.gap.campaign.quantities import AXES, DEVIATION, FREQUENCY
+from stiffscope.gap.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from stiffscope.effects.effect import Influence, Row
     from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.effects.effect import Influence, Row
     from stiffscope.gap.forward.forward_model import Parameters
     from stiffscope.runtime.types import Array, Flags, Indices
 

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from stiffscope.effects.joint_axis import JointAxis
-from stiffscope.effects.sensor_sign import SensorSign
-from stiffscope.effects.unit import Unit
+from stiffscope.gap.effects.instruments import SensorSign, Unit
+from stiffscope.gap.effects.joints import JointAxis
 from stiffscope.gap.forward.forward_model import Noise
 
 if TYPE_CHECKING:

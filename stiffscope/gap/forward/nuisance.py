@@ -11,20 +11,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.effect import FREE, UNNAMED, Candidate
-from stiffscope.effects.elements import ElementEffect, along_drive
 from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, DEVIATION
+from stiffscope.gap.effects.effect import FREE, UNNAMED, Candidate
+from stiffscope.gap.effects.elements import ElementEffect, along_drive
 from stiffscope.gap.forward.robot_prediction import Gain, Pattern
-from stiffscope.vjm.mechanism import Change
+from stiffscope.vjm.model.mechanism import Change
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from stiffscope.effects.effect import Changes
+    from stiffscope.gap.effects.effect import Changes
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
     from stiffscope.gap.forward.robot_readings import RobotReadings
     from stiffscope.runtime.types import Array, Indices
-    from stiffscope.vjm.joints import Joint
+    from stiffscope.vjm.model.joints import Joint
 
 
 _FULL_FORCE = 0.2  # fraction of a drive's largest force that overcomes friction

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.elements import along_drive, without_ranges
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.quantities import (
     AXES,
@@ -23,32 +22,39 @@ from stiffscope.gap.campaign.quantities import (
     JOINT,
     POSITION,
 )
+from stiffscope.gap.effects.elements import along_drive, without_ranges
 from stiffscope.gap.forward.setup import Instruments
 from stiffscope.gap.forward.terminals import find_weight, unit_wrenches, wrenches_at
-from stiffscope.vjm.checks import GROUND
-from stiffscope.vjm.condensation import condense_network
-from stiffscope.vjm.equilibrium import solve_condensed, solve_loads
-from stiffscope.vjm.kinematics import configure, configure_drives
-from stiffscope.vjm.laws import find_laws, without_laws
-from stiffscope.vjm.loading import Loads
-from stiffscope.vjm.network import END, FOOT, list_elements, lump_masses, place_nodes
-from stiffscope.vjm.order import find_order
-from stiffscope.vjm.statics import stiffness
+from stiffscope.vjm.elements.laws import find_laws, without_laws
+from stiffscope.vjm.kinematics.configurations import configure, configure_drives
+from stiffscope.vjm.model.checks import GROUND
+from stiffscope.vjm.network.condensation import condense_network
+from stiffscope.vjm.network.loading import Loads
+from stiffscope.vjm.network.network import (
+    END,
+    FOOT,
+    list_elements,
+    lump_masses,
+    place_nodes,
+)
+from stiffscope.vjm.network.order import find_order
+from stiffscope.vjm.statics.analysis import stiffness
+from stiffscope.vjm.statics.equilibrium import solve_condensed, solve_loads
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.effects.effect import Payload
     from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.effects.effect import Payload
     from stiffscope.gap.forward.setup import Setup
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array, Flags, Indices
-    from stiffscope.vjm.condensation import Condensed
-    from stiffscope.vjm.joints import Law
-    from stiffscope.vjm.kinematics import Configurations
-    from stiffscope.vjm.loading import Response
-    from stiffscope.vjm.mechanism import Mechanism
-    from stiffscope.vjm.network import Places
+    from stiffscope.vjm.kinematics.configurations import Configurations
+    from stiffscope.vjm.model.joints import Law
+    from stiffscope.vjm.model.mechanism import Mechanism
+    from stiffscope.vjm.network.condensation import Condensed
+    from stiffscope.vjm.network.loading import Response
+    from stiffscope.vjm.network.network import Places
 
 _TOOL = slice(0, 6)
 FEW = 8  # most changed elements without a new condensation

@@ -8,17 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.actuator_stiffness import ActuatorStiffness
-from stiffscope.effects.effect import UNNAMED, Doubts, Place, Setting
-from stiffscope.effects.gravity import Gravity
-from stiffscope.effects.part_compliance import PartCompliance
-from stiffscope.effects.sensor_sign import SensorSign
-from stiffscope.effects.sensor_step import SensorStep
-from stiffscope.effects.unit import Unit
-from stiffscope.effects.vocabulary import find_candidates
 from stiffscope.gap.campaign.quantities import POSITION
 from stiffscope.gap.campaign.readings import match_robot
 from stiffscope.gap.campaign.sanity import find_doubts, inspect_ranges
+from stiffscope.gap.effects.drives import ActuatorStiffness
+from stiffscope.gap.effects.effect import UNNAMED, Doubts, Place, Setting
+from stiffscope.gap.effects.instruments import SensorSign, SensorStep, Unit
+from stiffscope.gap.effects.links import PartCompliance
+from stiffscope.gap.effects.masses import Gravity
+from stiffscope.gap.effects.vocabulary import find_candidates
 from stiffscope.gap.forward.elastic_state import ElasticState
 from stiffscope.gap.forward.forward_model import Trial, join_columns
 from stiffscope.gap.forward.noise import noise_of
@@ -33,8 +31,8 @@ from stiffscope.gap.forward.twins import merge_twins
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from stiffscope.effects.effect import Candidate
     from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.effects.effect import Candidate
     from stiffscope.gap.forward.forward_model import Noise, Parameters
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.effect import Effect, Influence
-from stiffscope.effects.sensor_step import SensorStep
 from stiffscope.gap.campaign.quantities import DEVIATION
+from stiffscope.gap.effects.effect import Effect, Influence
+from stiffscope.gap.effects.instruments import SensorStep
 from stiffscope.gap.forward.robot_readings import RobotReadings
 from stiffscope.gap.forward.slopes import find_slopes
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from stiffscope.effects.effect import Candidate
+    from stiffscope.gap.effects.effect import Candidate
     from stiffscope.runtime.types import Array
 
 _STEP = 1e-4  # finite-difference step relative to a parameter's prior size

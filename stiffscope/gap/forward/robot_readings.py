@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.elements import along_drive
 from stiffscope.gap.campaign.quantities import (
     DEFLECTION,
     DEVIATION,
@@ -25,9 +24,10 @@ from stiffscope.gap.campaign.quantities import (
     PUSH,
     STIFFNESS,
 )
+from stiffscope.gap.effects.elements import along_drive
 from stiffscope.gap.forward.elastic_state import ElasticState
 from stiffscope.gap.forward.instrument_readings import InstrumentReadings
-from stiffscope.vjm.laws import settle
+from stiffscope.vjm.elements.laws import settle
 
 if TYPE_CHECKING:
     from collections.abc import Callable

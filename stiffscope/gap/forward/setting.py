@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.effect import Setting
 from stiffscope.gap.campaign.quantities import DEVIATION, PUSH
+from stiffscope.gap.effects.effect import Setting
 
 if TYPE_CHECKING:
     from collections.abc import Callable

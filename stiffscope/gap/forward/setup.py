@@ -15,7 +15,7 @@ import numpy as np
 
 from stiffscope.gap.campaign.quantities import DEVIATION, POSITION
 from stiffscope.gap.forward.placing import find_frame, find_outlying
-from stiffscope.vjm.screws import rotation_of
+from stiffscope.vjm.model.screws import rotation_of
 
 if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign, Sensor

@@ -10,16 +10,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.effect import Payload
 from stiffscope.gap.campaign.quantities import FREQUENCY, PUSH, STIFFNESS
-from stiffscope.vjm.checks import GROUND
-from stiffscope.vjm.network import FOOT
-from stiffscope.vjm.screws import skew
+from stiffscope.gap.effects.effect import Payload
+from stiffscope.vjm.model.checks import GROUND
+from stiffscope.vjm.model.screws import skew
+from stiffscope.vjm.network.network import FOOT
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.effects.effect import Influence
+    from stiffscope.gap.effects.effect import Influence
     from stiffscope.gap.forward.robot_readings import RobotReadings
     from stiffscope.runtime.types import Array, Indices
 

@@ -6,18 +6,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.vjm.checks import GROUND
-from stiffscope.vjm.network import FOOT
-from stiffscope.vjm.screws import Frame
+from stiffscope.vjm.model.checks import GROUND
+from stiffscope.vjm.model.screws import Frame
+from stiffscope.vjm.network.network import FOOT
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from stiffscope.effects.effect import Payload
     from stiffscope.gap.campaign.campaign import Sensor
+    from stiffscope.gap.effects.effect import Payload
     from stiffscope.runtime.types import Array
-    from stiffscope.vjm.mechanism import Mechanism
-    from stiffscope.vjm.network import Places
+    from stiffscope.vjm.model.mechanism import Mechanism
+    from stiffscope.vjm.network.network import Places
 
 _HELD_MOMENT = 1e-9  # relative rounding error of a moment
 

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.backlash import Backlash
-from stiffscope.effects.link_stiffness import LinkStiffness
 from stiffscope.errors import InputError
+from stiffscope.gap.effects.drives import Backlash
+from stiffscope.gap.effects.links import LinkStiffness
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.effects.effect import Candidate
+    from stiffscope.gap.effects.effect import Candidate
     from stiffscope.gap.forward.robot_prediction import RobotPrediction
 
 _MODULUS = ".youngs_modulus"

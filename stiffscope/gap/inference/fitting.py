@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.effects.vocabulary import word_of
 from stiffscope.errors import InputError
+from stiffscope.gap.effects.vocabulary import word_of
 from stiffscope.gap.forward.forward_model import join_columns
 from stiffscope.gap.inference.evidence import (
     constrained_minima,

@@ -12,7 +12,7 @@ from stiffscope.robot.file.description import Turned
 from stiffscope.robot.file.parse import FieldError
 from stiffscope.robot.file.sections import Copies
 from stiffscope.robot.file.tables import list_some, read_table
-from stiffscope.vjm.screws import rotation
+from stiffscope.vjm.model.screws import rotation
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -16,10 +16,10 @@ from stiffscope.robot.file import values as v
 from stiffscope.robot.file.parse import Source, blame, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import Says, Section
-from stiffscope.vjm import machine_elements as me
-from stiffscope.vjm.checks import PARALLEL
-from stiffscope.vjm.rolling import LINE, POINT
-from stiffscope.vjm.screws import shift
+from stiffscope.vjm.elements import machine_elements as me
+from stiffscope.vjm.elements.rolling import LINE, POINT
+from stiffscope.vjm.model.checks import PARALLEL
+from stiffscope.vjm.model.screws import shift
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -22,8 +22,8 @@ from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import values as v
 from stiffscope.robot.file.values import Says, Section
-from stiffscope.vjm.bodies import Body, superelement_body
-from stiffscope.vjm.checks import check_compliance
+from stiffscope.vjm.model.bodies import Body, superelement_body
+from stiffscope.vjm.model.checks import check_compliance
 
 Dimensions = LinkParameters | SliderParameters | BeamParameters
 Source = Literal["fea", "beam", "published"]

@@ -21,7 +21,7 @@ from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import values as v
 from stiffscope.robot.file.element_sections import Elements
 from stiffscope.robot.file.values import Says, Section
-from stiffscope.vjm.joints import DRIVEN, FREE
+from stiffscope.vjm.model.joints import DRIVEN, FREE
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 Name = Annotated[str, Says("a name")]

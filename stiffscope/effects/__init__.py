@@ -1,1 +1,0 @@
-"""Effects that a nominal model may lack, one module each; `vocabulary` discovers them."""

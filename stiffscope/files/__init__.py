@@ -1,0 +1,1 @@
+"""Bundled robots, keys of all files, and the cache."""

@@ -1,1 +1,0 @@
-"""Blind check: diagnoses of campaigns with withheld effects."""

@@ -1,0 +1,254 @@
+"""Commands for measurements: diagnosis, campaigns, blind check, audit of the published model."""
+
+from __future__ import annotations
+
+import logging
+import os
+from contextlib import ExitStack, nullcontext
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from stiffscope.cli import options
+from stiffscope.cli.options import takes
+from stiffscope.cli.output import emit, open_workshop
+from stiffscope.errors import InputError
+from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.experiments.manifest import manifest_of
+from stiffscope.gap.adoption import adopt as adopt_effects
+from stiffscope.gap.adoption import check_target
+from stiffscope.gap.campaign.campaign_header import load_header
+from stiffscope.gap.campaign.template import write_template
+from stiffscope.gap.campaigns import (
+    assemble_nominal,
+    configure_case,
+    diagnose_case,
+    inspect_case,
+    open_case,
+)
+from stiffscope.gap.inference.diagnosis import to_json
+from stiffscope.gap.inference.posterior_samples import write_posterior, write_readings
+from stiffscope.gap.planning.candidates import propose_plan
+from stiffscope.gap.show import campaign as campaign_check
+from stiffscope.gap.show import tables as gap_tables
+from stiffscope.gap.show.page import share_view, write_diagnosis_report
+from stiffscope.gap.show.pictures import order_figures, order_shares, shares_ahead
+from stiffscope.report import tables
+from stiffscope.report.kept_pictures import write_pictures
+from stiffscope.report.pictures import open_drawing
+from stiffscope.robot.library import robot_names
+from stiffscope.robot.nominal import NominalRobot
+from stiffscope.robot.reader import load_robot
+
+if TYPE_CHECKING:
+    from stiffscope.cli.output import Output
+    from stiffscope.experiments.assembly import Assembled
+    from stiffscope.experiments.manifest import Manifest
+    from stiffscope.gap.campaigns import Case
+    from stiffscope.gap.inference.diagnosis import Diagnosis
+    from stiffscope.report.run_report import Draft
+
+log = logging.getLogger(__name__)
+
+
+@click.command()
+@takes(click.argument("name", metavar="CAMPAIGN"), options.out, options.json)
+@click.option(
+    "--robot", metavar="FILE", help="An adopted robot to diagnose, not the campaign's."
+)
+@click.option(
+    "--adopt",
+    metavar="FILE",
+    type=options.PATH,
+    help="Write a robot file that carries the effects that were found.",
+)
+def diagnose(
+    name: str, *, robot: str | None, adopt: Path | None, output: Output
+) -> None:
+    """Find the effects that explain the gap between model and measurements.
+
+    CAMPAIGN is a folder with a campaign.toml and its readings, or a bundled one: published or gauges.
+    """
+    output.check_folder(output.folder, adopt)
+    case = open_case(name, instead=robot)
+    manifest = _manifest_of(case)
+    if adopt is not None:
+        check_target(adopt, case.robot)
+    with open_workshop(output) as shop, ExitStack() as stack:
+        nominal = assemble_nominal(case, shop)
+        files = manifest.sources["inputs"]
+        ahead = nominal and stack.enter_context(
+            shares_ahead(nominal, files, shop.cache)
+        )
+        diagnosis = diagnose_case(case, nominal, shop)
+
+        def fill(folder: Path) -> None:
+            if diagnosis.samples is not None:
+                write_posterior(folder / "posterior.nc", diagnosis.samples)
+                write_readings(folder / "readings.csv", diagnosis.samples)
+            orders = [order_figures(diagnosis, folder)]
+            if nominal and ahead and (found := configure_case(case, nominal)):
+                orders += order_shares(nominal, diagnosis, found, folder, ahead)
+            write_pictures(orders, shop.cache, manifest)
+
+        def carry() -> None:
+            if adopt is None or nominal is None:
+                return
+            c = case.campaign
+            robot = NominalRobot(nominal.mechanism, nominal.robot)
+            about = {
+                "campaign": case.name,
+                "components": c.components,
+                "modelled": c.modelled,
+            }
+            adopt_effects(adopt, nominal.robot, robot, diagnosis, **about)
+
+        show = gap_tables.show_diagnosis
+        page = partial(_write_page, case, nominal, diagnosis)
+        emit(
+            output,
+            to_json(diagnosis),
+            partial(show, diagnosis),
+            manifest=manifest,
+            fill=fill,
+            page=page,
+            kept="diagnosis.json",
+            also=carry,
+        )
+        if adopt and nominal and output.loud:
+            parts = (
+                f"with the parts' matrices of the diagnosis ({tables.sources(nominal)})"
+            )
+            tables.show_line(f"Adopted in {adopt}, {parts}")
+
+
+def _manifest_of(case: Case) -> Manifest:
+    files = ("campaign.toml", *case.campaign.files)
+    return manifest_of(case.robot, *(case.folder / file for file in files))
+
+
+def _write_page(
+    case: Case, nominal: Assembled | None, diagnosis: Diagnosis, report: Draft
+) -> None:
+    view = None
+    facts = [
+        f"{len(case.campaign):,} readings at {len(case.campaign.pose_names)} poses"
+    ]
+    if nominal is None:
+        facts.append("the model under test is the campaign's own predictions")
+    else:
+        modelled = f"modelled: {', '.join(case.campaign.modelled) or 'no effect'}"
+        facts.append(
+            f"nominal robot {nominal.robot.name} ({tables.sources(nominal)}; {modelled})"
+        )
+        found = configure_case(case, nominal)
+        view = share_view(report, nominal, diagnosis, found) if found else None
+    title = f"Where is the gap? {case.name}"
+    write_diagnosis_report(report, diagnosis, title=title, facts=facts, view=view)
+
+
+@click.group()
+def campaign() -> None:
+    """Create or check a campaign of measurements."""
+
+
+@campaign.command("new")
+@takes(
+    options.robot,
+    options.json,
+    click.option(
+        "--out",
+        "goal",
+        required=True,
+        metavar="DIR",
+        type=options.PATH,
+        help=options.OUT,
+    ),
+)
+@click.option(
+    "--ask",
+    metavar="QUESTION",
+    help='Plan the fewest readings that distinguish causes: "base-compliance from J1", effects, '
+    'places or patterns of "effect @ place", several divided by commas; or "all".',
+)
+@click.option(
+    "--with",
+    "given",
+    metavar="CAMPAIGN",
+    type=options.PATH,
+    help="With --ask: plan with the sensors and loads of this campaign alone.",
+)
+def new_campaign(
+    name: str, goal: Path, *, ask: str | None, given: Path | None, output: Output
+) -> None:
+    """Write a campaign folder to fill in: examples of sensors and loads, and a plan of readings."""
+    robot = load_robot(name)
+    named = (
+        name
+        if name in robot_names()
+        else Path(os.path.relpath(robot.path, goal)).as_posix()
+    )
+    proposal = None
+    plan = {}
+    if given is not None and ask is None:
+        raise InputError("--with: expected a question, --ask, too")
+    if ask is not None:
+        header = None if given is None else load_header(given)
+        with open_workshop(output) as shop:
+            made = assemble_robots({"nominal": robot}, "beam", shop)["nominal"]
+        nominal = NominalRobot(made.mechanism, robot)
+        proposal = propose_plan(nominal, ask, header)
+        plan = {"plan": campaign_check.plan_json(proposal)}
+    poses, readings = write_template(robot, named, goal, proposal and proposal.plan)
+
+    def show() -> None:
+        if proposal is not None:
+            campaign_check.show_plan(proposal, robot.tool.pose)
+        tables.show_line(
+            f"Written: {goal}, {readings} readings at {poses} pose{('s' if poses != 1 else '')} to fill in."
+        )
+        tables.show_line(f"Next: stiffscope campaign check {goal}")
+
+    emit(
+        output,
+        {"folder": str(goal), "readings": readings, "poses": poses, **plan},
+        show,
+    )
+
+
+@campaign.command("check")
+@takes(
+    click.argument("name", metavar="CAMPAIGN"),
+    options.json,
+    options.folder(
+        "--out", "report, pictures of the sensors on the robot, and check.json."
+    ),
+)
+def check_campaign(name: str, *, output: Output) -> None:
+    """Report how a campaign was read, without experiments: counts, units, sensors, loads, doubt."""
+    case = open_case(name, planned=True)
+    with (
+        open_drawing(ahead=True)
+        if output.folder and case.robot
+        else nullcontext() as draw
+    ):
+        found = configure_case(case)
+        facts = campaign_check.campaign_json(case.campaign, inspect_case(case, found))
+
+        def fill(folder: Path) -> None:
+            if case.robot is not None and found is not None and draw is not None:
+                campaign_check.draw_sensors(
+                    draw, case.robot, found, case.campaign, folder
+                )
+
+        emit(
+            output,
+            facts,
+            lambda: campaign_check.show_campaign(facts, case.name),
+            fill=fill,
+            manifest=_manifest_of(case),
+            page=partial(campaign_check.write_page, case.name),
+            kept="check.json",
+        )

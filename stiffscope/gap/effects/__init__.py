@@ -1,0 +1,1 @@
+"""Possible causes of a gap between model and machine."""

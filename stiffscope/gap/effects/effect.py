@@ -1,0 +1,335 @@
+"""Base classes of effects: places, parameters with priors, and changes of the robot.
+
+Each effect is a frozen dataclass in its own module; an instance acts at one place. A fit uses
+internal parameters, zero without the effect and chosen so that readings are nearly linear in them
+(``u = 1/factor - 1`` for a stiffness factor); the vocabulary states physical ones. `influence`, a
+function of the internal ones, is used to build the robot, to predict readings and to differentiate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+
+from stiffscope.robot.nominal import NominalRobot, Place
+from stiffscope.runtime.types import Array
+from stiffscope.vjm.model.mechanism import Change
+
+__all__ = [  # names that effect modules import
+    "ADDED",
+    "FACTOR",
+    "FREE",
+    "GROWTH",
+    "KNOWN",
+    "STIFFNESS_FACTOR",
+    "UNNAMED",
+    "Array",
+    "Candidate",
+    "Candidates",
+    "Changes",
+    "Doubts",
+    "Effect",
+    "Influence",
+    "NominalRobot",
+    "Parameter",
+    "Payload",
+    "Place",
+    "Row",
+    "Setting",
+]
+
+Changes = dict[str, Change]
+"""Changes by element name, in the element's own axes."""
+KNOWN = 3.0
+"""Largest deviation of a true mass from the stated one, in standard uncertainties."""
+Conversion = tuple[Callable[[Any], Any], Callable[[Any], Any]]
+"""Functions from internal to physical parameters and back."""
+
+FREE = (-np.inf, np.inf)
+ADDED = (0.0, np.inf)
+"""Bounds of parameters that cannot be negative, such as an added compliance or a dead zone."""
+FACTOR = (-0.8, 50.0)
+"""Bounds of ``1/factor - 1`` or ``factor - 1``, which exclude infinite stiffness."""
+STIFFNESS_FACTOR: Conversion = (
+    lambda u: 1.0 / (1.0 + u),
+    lambda factor: 1.0 / factor - 1.0,
+)
+"""Conversion of a stiffness factor, where the compliance is multiplied by ``1 + u``."""
+GROWTH: Conversion = (lambda growth: 1.0 + growth, lambda factor: factor - 1.0)
+"""Conversion of a factor with its relative change as internal parameter."""
+
+
+def _keep(values: Array) -> Array:
+    return values
+
+
+UNNAMED = "unknown"
+"""Effect name of nuisance patterns, which are not in the vocabulary."""
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect at a place that may explain a gap, with k parameters and their priors.
+
+    A fit uses the internal parameters (k,), zero without the effect; users state the physical ones.
+    """
+
+    effect: str
+    place: str
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    scale: tuple[float, ...] = ()
+    """Prior scale of the internal parameters, derived from the robot; the prior has heavy tails."""
+    plausible: tuple[tuple[float, float], ...] = ()
+    """Plausible range of each physical parameter."""
+    bounds: tuple[float, float] = (-np.inf, np.inf)
+    """Computable range of every internal parameter."""
+    physical: Callable[[Array], Array] = _keep
+    """Function from internal to physical parameters (k,)."""
+    internal: Callable[[Array], Array] = _keep
+    """Function from physical to internal parameters (k,)."""
+    component: str = ""
+    """Part of the machine that the effect blames, if a single one."""
+    aliases: tuple[str, ...] = ()
+    """Other names of this effect at this place, as `effect @ place`."""
+    twins: tuple[tuple[Candidate, float], ...] = ()
+    """Other effects with the same signature, and their internal parameter over this one's."""
+    stated: bool = False
+    """True if the prior size is a stated tolerance: a standard uncertainty, without heavy tails."""
+    groups: tuple[int, ...] = ()
+    """Numbers of consecutive internal parameters that share an unknown size; by default all do."""
+    parts: tuple[str, ...] = ()
+    """Names of the internal parameters, `JOINT.NAME`, if the physical ones only summarize them."""
+    part_units: tuple[str, ...] = ()
+    couplings: int = 0
+    """Number of trailing internal parameters that couple the others; these may have either sign."""
+    flexible: bool = False
+    """True if it can fit almost anything; such effects are not used to estimate noise."""
+    pattern: str = ""
+    """Kind of a nuisance pattern, independent of its place."""
+    like: str = ""
+    """Effect that a nuisance pattern resembles, at a place where that effect is not defined."""
+    swarming: bool = False
+    """True for patterns so numerous that together they would fit noise."""
+    members: tuple[str, ...] = ()
+    """Names of the elements that it changes."""
+    action: Any = None
+    """Action of the candidate (an `Effect` on robots); only the forward model uses it."""
+
+    @property
+    def name(self) -> str:
+        """`effect @ place`."""
+        return f"{self.effect} @ {self.place}"
+
+    @property
+    def signature_of(self) -> tuple[str, ...]:
+        """Names of all effects with the same signature, its own first."""
+        return (self.name, *(twin.name for twin, _ in self.twins))
+
+    @property
+    def positive(self) -> bool:
+        """Whether all internal parameters except couplings are non-negative."""
+        return self.bounds[0] == 0.0
+
+    @property
+    def one_sided(self) -> tuple[bool, ...]:
+        """Flags (k,) of the internal parameters that cannot be negative."""
+        return (self.positive,) * (len(self.scale) - self.couplings) + (
+            False,
+        ) * self.couplings
+
+    @property
+    def is_nuisance(self) -> bool:
+        """Whether it is a nuisance pattern."""
+        return self.effect == UNNAMED
+
+    @property
+    def simple(self) -> bool:
+        """Whether it is a known effect with parameters, without couplings, and not flexible."""
+        return bool(self.scale) and not (
+            self.is_nuisance or self.flexible or self.couplings
+        )
+
+
+Candidates = Iterator[Candidate]
+
+
+class Parameter(NamedTuple):
+    """A physical parameter, SI, with the prior size of its internal one and its plausible range."""
+
+    name: str
+    unit: str
+    size: float = 1.0
+    low: float = -np.inf
+    high: float = np.inf
+
+
+@dataclass(frozen=True)
+class Payload:
+    """A mass on a body, kg, with first moments (3,), kg·m, about ``at`` (3,), in the home pose."""
+
+    body: str
+    at: Array
+    mass: float
+    moments: Array
+
+
+Row = tuple[int, int]
+"""A row of readings: file number and line number."""
+
+
+@dataclass(frozen=True)
+class Doubts:
+    """Suspected instrument faults of a campaign, from comparing readings with the model."""
+
+    units: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Apparent factor on the readings, by instrument."""
+    signs: tuple[str, ...] = ()
+    """Instruments with an apparently reversed sign."""
+    steps: Mapping[str, tuple[Row, float, bool]] = field(default_factory=dict[str, Any])
+    """First row after an apparent slip, size of the readings, m or rad, and whether rad."""
+
+    @property
+    def key(self) -> tuple[frozenset[str], frozenset[str], frozenset[tuple[str, Row]]]:
+        """What is doubted: units, signs, and rows of slips."""
+        slips = ((name, row) for name, (row, _, _) in self.steps.items())
+        return frozenset(self.units), frozenset(self.signs), frozenset(slips)
+
+
+@dataclass(frozen=True)
+class Influence:
+    """Changes that an effect makes to a robot and its instruments."""
+
+    elements: Changes = field(default_factory=dict[str, Change])
+    """Added compliance of elements and displacement of their unloaded ends."""
+    payloads: tuple[Payload, ...] = ()
+    weight: bool = False
+    """Whether the robot's own weight acts."""
+    dead_zones: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Half-width of a drive's dead zone, m or rad, by joint."""
+    turns: Mapping[str, Array] = field(default_factory=dict[str, Any])
+    """Small rotation (3,) of an instrument's readings."""
+    gains: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Relative gain error of an instrument."""
+    force_gain: float = 0.0
+    """Relative excess of the applied wrench over the stated one."""
+    factors: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Factor on the numbers of an instrument: a wrong unit or a reversed sign."""
+    jumps: Mapping[str, tuple[Row, float]] = field(default_factory=dict[str, Any])
+    """First row after a jump of an instrument and the size of the jump, m or rad."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A robot and how it is measured; by default, only effects that it can adopt are candidates."""
+
+    robot: NominalRobot
+    compliance: tuple[float, float] = (1.0, 1.0)
+    """Compliance of the robot at M, m/N and rad/(N·m): scale of added compliances."""
+    turning: Mapping[str, bool] = field(default_factory=dict[str, bool])
+    """Whether a rigid body rotates relative to gravity between poses; by default it does."""
+    tool_is_read: bool = True
+    """Whether there are readings at M."""
+    sensors: Mapping[str, bool] = field(default_factory=dict[str, bool])
+    """Whether a sensor reads displacements, by name."""
+    suspect: Callable[[str], bool] = lambda _: False
+    """Whether the (slow) virtual experiments on a part are worthwhile."""
+    doubts: Doubts = field(default_factory=Doubts)
+
+    @cached_property
+    def length(self) -> float:
+        """Largest distance of two joints, or of the tool from one, m."""
+        mechanism = self.robot.mechanism
+        points = np.array(
+            [*(joint.at for joint in mechanism.joints), mechanism.tool.at]
+        )
+        return float(np.linalg.norm(points[:, None] - points, axis=2).max()) or 1.0
+
+    @cached_property
+    def mass(self) -> float:
+        """Mass of all bodies, kg; one where none is known."""
+        return sum(body.mass for body in self.robot.mechanism.bodies) or 1.0
+
+    def in_robots_units(self, parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
+        """Return parameters whose sizes and ranges are shares of the robot's own, by unit."""
+        soft, loose = self.compliance
+        units = {"m/N": soft, "rad/(N·m)": loose, "m": self.length, "kg": self.mass}
+        own = ((p, units.get(p.unit, 1.0)) for p in parameters)
+        return tuple(
+            Parameter(*p[:2], *(unit * value for value in p[2:])) for p, unit in own
+        )
+
+
+class Effect:
+    """Base class of effects; an instance acts at one place."""
+
+    word: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+    precedence: ClassVar[int]
+    """Order in the vocabulary; indistinguishable effects are named after the first."""
+    also: ClassVar[tuple[str, ...]] = ()
+    """Other names of the same effect."""
+    conversion: ClassVar[Conversion | None] = None
+    """Conversion of a single factor."""
+    bounds: ClassVar[tuple[float, float]] = FREE
+    """Computable range of every internal parameter."""
+    adoptable: ClassVar[bool] = False
+    """Whether a robot file may contain it."""
+    blames: ClassVar[bool] = False
+    """Whether it blames its element if it acts on a single one."""
+    of_matrix: ClassVar[bool] = False
+    """Whether it changes a part's compliance matrix."""
+
+    @classmethod
+    def candidates(cls, setting: Setting) -> Candidates:
+        """Yield the effect at every possible place, sets before single elements."""
+        raise NotImplementedError
+
+    def influence(self, values: Array) -> Influence:
+        """Return the changes for internal parameters (k,)."""
+        raise NotImplementedError
+
+    @classmethod
+    def refusal(cls, robot: NominalRobot, place: str) -> str:
+        """Return why a robot file cannot contain it; empty if it can."""
+        del robot
+        reason = (
+            f"{cls.word} @ {place}: no part of the robot; correct the readings instead"
+        )
+        return "" if cls.adoptable else reason
+
+    def make_candidate(
+        self, place: Place, parameters: Sequence[Parameter] | None = None, **more: Any
+    ) -> Candidate:
+        """Return this effect as a candidate.
+
+        Parameters
+        ----------
+        place
+            Where it acts.
+        parameters
+            Parameters at this place; by default all of the effect's.
+        more
+            Fields of the candidate that override the defaults.
+        """
+        given = self.parameters if parameters is None else parameters
+        physical, internal = self.conversion or (_keep, _keep)
+        fields: dict[str, Any] = {
+            "effect": self.word,
+            "place": place.name,
+            "names": tuple(p.name for p in given),
+            "units": tuple(p.unit for p in given),
+            "scale": tuple(float(p.size) for p in given),
+            "plausible": tuple((float(p.low), float(p.high)) for p in given),
+            "bounds": self.bounds,
+            "physical": physical,
+            "internal": internal,
+            "component": place.sole if self.blames else "",
+            "aliases": tuple(f"{self.word} @ {other}" for other in place.others),
+            "members": place.members,
+        }
+        return Candidate(action=self, **(fields | more))

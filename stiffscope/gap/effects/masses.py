@@ -1,0 +1,204 @@
+"""The robot's own weight, if the nominal model lacks it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.gap.effects.effect import (
+    ADDED,
+    GROWTH,
+    KNOWN,
+    Array,
+    Candidates,
+    Effect,
+    Influence,
+    NominalRobot,
+    Parameter,
+    Payload,
+    Place,
+    Setting,
+)
+
+if TYPE_CHECKING:
+    from stiffscope.runtime.types import Indices
+    from stiffscope.vjm.model.bodies import Body
+    from stiffscope.vjm.model.mechanism import Mechanism
+
+
+@dataclass(frozen=True)
+class Gravity(Effect):
+    """Weight of the whole robot, without parameters."""
+
+    word = "gravity"
+    precedence = 10
+    adoptable = True
+
+    @classmethod
+    def candidates(cls, setting: Setting) -> Candidates:
+        """Yield one candidate for the whole robot."""
+        del setting
+        yield cls().make_candidate(Place("robot"))
+
+    def influence(self, values: Array) -> Influence:
+        """Return the robot's weight."""
+        del values
+        return Influence(weight=True)
+
+
+_NONE = -1.0  # relative change to a massless body
+_HEAVIEST = 50.0
+
+
+@dataclass(frozen=True)
+class Mass(Effect):
+    """Factor on the stated mass of bodies, acting at its stated place."""
+
+    word = "mass"
+    precedence = 25
+    adoptable = True
+    parameters = (Parameter("factor", "1", 0.2, 0.3, 3.0),)
+    conversion = GROWTH
+    bounds = (_NONE, _HEAVIEST)
+    blames = True
+
+    stated: tuple[Payload, ...]
+    """Masses of the bodies as stated in the robot file."""
+
+    @classmethod
+    def candidates(cls, setting: Setting) -> Candidates:
+        """Yield point masses of bodies and sets, within tolerances; none without gravity."""
+        robot = setting.robot
+        if not robot.mechanism.gravity.any():
+            return
+        heavy = find_masses(robot)
+        (known,) = cls.parameters
+        (low, high) = cls.bounds
+        bodies = [body for body in robot.mechanism.bodies if body.mass]
+        stated = {body.name: robot.mass_sigma(body.name) / body.mass for body in bodies}
+        for place in robot.places(heavy):
+            most = KNOWN * max(stated[name] for name in place.members)
+            size = min(known.size, most / KNOWN)
+            least = max(known.low, 1.0 - most)
+            prior = known._replace(
+                size=size, low=least, high=min(known.high, 1.0 + most)
+            )
+            effect = cls(tuple(part for name in place.members for part in heavy[name]))
+            bounds = max(low, -most), min(high, most)
+            yield effect.make_candidate(
+                place, (prior,), bounds=bounds, stated=most < np.inf
+            )
+
+    def influence(self, values: Array) -> Influence:
+        """Return the changes of mass as payloads."""
+        growth = float(values[0])
+        return Influence(
+            payloads=tuple(replace(p, mass=growth * p.mass) for p in self.stated)
+        )
+
+
+def find_masses(robot: NominalRobot) -> dict[str, tuple[Payload, ...]]:
+    """Return masses by body: at the centre if rigid, half at each end if elastic (no mass data)."""
+    out: dict[str, tuple[Payload, ...]] = {}
+    for body in robot.mechanism.bodies:
+        if not body.mass or (
+            body.elastic is not None and body.elastic.dynamics is not None
+        ):
+            continue
+        centre = np.zeros(3) if body.centre is None else body.centre
+        places = [centre] if body.elastic is None else body.elastic.places
+        nodes = [body.name] if body.elastic is None else body.nodes
+        share = body.mass / len(places)
+        ends = zip(nodes, places, strict=True)
+        out[body.name] = tuple(
+            Payload(node, np.array(at), share, np.zeros(3)) for node, at in ends
+        )
+    return out
+
+
+_LEAST = 1e-9  # kg: least mass by which a centre is computed
+
+
+@dataclass(frozen=True)
+class AddedMass(Effect):
+    """An added mass with first moments along the axes that readings can show."""
+
+    word = "payload"
+    precedence = 20
+    adoptable = True
+    parameters = (
+        Parameter("mass", "kg", 0.2, 0.0, 3.0),
+        *(Parameter(x, "m", 0.25, -0.5, 0.5) for x in "xyz"),
+    )
+    bounds = ADDED
+
+    body: str
+    point: Array
+    """Point (3,) in the home pose, m."""
+    axes: Indices
+    """Axes (of x, y, z at home) along which its centre may deviate from the point."""
+
+    @classmethod
+    def candidates(cls, setting: Setting) -> Candidates:
+        """Yield masses on rigid bodies, with and without first moments; none without gravity.
+
+        If a body's mass has a stated tolerance, only a point mass within that tolerance is yielded.
+        """
+        mechanism = setting.robot.mechanism
+        level = np.sort(np.argsort(np.abs(mechanism.gravity), kind="stable")[:2])
+        for body in mechanism.bodies if mechanism.gravity.any() else ():
+            if body.elastic is None:
+                axes = np.arange(3) if setting.turning.get(body.name, True) else level
+                heavy = cls(body.name, _find_point(mechanism, body), axes)
+                place = Place(body.name)
+                sigma = setting.robot.mass_sigma(body.name)
+                known = sigma < np.inf
+                mass, *centre = setting.in_robots_units(cls.parameters)
+                mass = mass._replace(
+                    size=min(mass.size, sigma), high=min(mass.high, KNOWN * sigma)
+                )
+                if not known:
+                    moments = (mass.size * centre[a].size for a in axes)
+                    yield heavy.make_candidate(
+                        place,
+                        (mass, *centre),
+                        scale=(mass.size, *moments),
+                        couplings=len(axes),
+                        physical=heavy.physical,
+                        internal=heavy.internal,
+                    )
+                bounds = 0.0, KNOWN * sigma
+                yield heavy.make_candidate(place, (mass,), bounds=bounds, stated=known)
+
+    def influence(self, values: Array) -> Influence:
+        """Return the mass, and its first moments if given."""
+        moments = np.zeros(3)
+        moments[self.axes[: len(values) - 1]] = values[1:]
+        return Influence(
+            payloads=(Payload(self.body, self.point, float(values[0]), moments),)
+        )
+
+    def physical(self, values: Array) -> Array:
+        """Return mass and centre of mass (4,) for internal parameters."""
+        out = np.zeros(4)
+        out[0] = values[0]
+        out[1 + self.axes] = values[1:] / (
+            values[0] if abs(values[0]) > _LEAST else _LEAST
+        )
+        return out
+
+    def internal(self, values: Array) -> Array:
+        """Return mass and first moments for physical parameters (4,)."""
+        return np.array([values[0], *(values[0] * values[1 + self.axes])])
+
+
+def _find_point(mechanism: Mechanism, body: Body) -> Array:
+    """Return a body's payload point (3,) at home: M, its centre, or the mean of its joints."""
+    if mechanism.tool.body == body.name:
+        return mechanism.tool.at
+    if body.centre is not None:
+        return body.centre
+    joints = [j.at for j in mechanism.joints if body.name in (j.first, j.second)]
+    return np.mean(joints, axis=0) if joints else np.zeros(3)

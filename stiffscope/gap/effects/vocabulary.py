@@ -1,0 +1,163 @@
+"""Registry of the effects, and their application to robots.
+
+Every class of this package that defines `word` is an effect. The robot file determines where an
+effect may act: its elements, groups and parts.
+"""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import stiffscope.gap.effects
+from stiffscope.errors import InputError
+from stiffscope.gap.effects.effect import Effect, Setting
+from stiffscope.gap.effects.elements import change_robot
+from stiffscope.robot.file.parse import blame
+from stiffscope.robot.nominal import NominalRobot
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Iterator, Mapping
+
+    from stiffscope.gap.effects.effect import Candidate
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.vjm.model.mechanism import Mechanism
+
+
+def _find_kinds() -> tuple[type[Effect], ...]:
+    """Return the effect classes, sorted by precedence."""
+    found: dict[str, type[Effect]] = {}
+    for module in pkgutil.iter_modules(stiffscope.gap.effects.__path__):
+        if module.name != "vocabulary":
+            for each in vars(
+                importlib.import_module(f"stiffscope.gap.effects.{module.name}")
+            ).values():
+                if (
+                    isinstance(each, type)
+                    and issubclass(each, Effect)
+                    and "word" in vars(each)
+                ):
+                    found[each.word] = each
+    return tuple(sorted(found.values(), key=lambda kind: kind.precedence))
+
+
+KINDS = _find_kinds()
+_KIND_OF = {word: kind for kind in KINDS for word in (kind.word, *kind.also)}
+EFFECTS = {
+    word: tuple((p.name, p.unit) for p in k.parameters) for word, k in _KIND_OF.items()
+}
+"""Parameters of every effect, as pairs (name, SI unit)."""
+
+
+def word_of(name: str) -> str:
+    """Return the primary effect name of an `effect @ place`."""
+    effect = name.partition(" @ ")[0]
+    return _KIND_OF[effect].word if effect in _KIND_OF else effect
+
+
+def find_candidates(
+    setting: Setting, without: Collection[str] = ()
+) -> Iterator[Candidate]:
+    """Yield every effect at every place of a robot and its instruments, except excluded effects."""
+    for kind in KINDS:
+        if kind.word not in without:
+            yield from (c for c in kind.candidates(setting) if c.effect not in without)
+
+
+def apply_effect(
+    robot: NominalRobot, effect: str, place: str, parameters: Mapping[str, float]
+) -> NominalRobot:
+    """Return the robot with an effect added.
+
+    Parameters
+    ----------
+    robot
+        The robot; effects already adopted are kept.
+    effect, place, parameters
+        As named in `EFFECTS`, SI; omitted parameters keep their nominal values.
+
+    Raises
+    ------
+    InputError
+        For names that are not in the vocabulary, and for an effect that is not part of the robot.
+    """
+    _check_words(effect, place, parameters)
+    reason = _KIND_OF[effect].refusal(robot, place)
+    if reason:
+        raise InputError(reason)
+    if not EFFECTS[effect]:
+        return robot
+    known = _find_candidate(robot, effect, place, list(parameters))
+    names = known.parts or known.names
+    if not parameters:
+        raise InputError(
+            f"{effect} @ {place}: expected parameters {', '.join(names)}, got none"
+        )
+    nominal = np.zeros(len(known.scale))
+    nominal = nominal if known.parts else known.physical(nominal)
+    values = dict(zip(names, nominal, strict=True)) | dict(parameters)
+    influence = known.action.influence(
+        known.internal(np.array(list(values.values()), dtype=float))
+    )
+    return replace(robot, mechanism=change_robot(robot.mechanism, influence))
+
+
+def _check_words(effect: str, place: str, parameters: Mapping[str, float]) -> None:
+    """Raise InputError for a word or a factor that no robot can have."""
+    if effect not in EFFECTS:
+        raise InputError(
+            f"effect: expected one of {', '.join(EFFECTS)}, got {effect!r}"
+        )
+    factor = parameters.get("factor", 1.0)
+    if not factor > 0.0:
+        raise InputError(
+            f"{effect} @ {place}, factor: expected more than 0, got {factor:g}"
+        )
+
+
+def _find_candidate(
+    robot: NominalRobot, effect: str, place: str, given: list[str]
+) -> Candidate:
+    """Return the matching effect with the fewest parameters, in terms of the requested name."""
+    name = f"{effect} @ {place}"
+    known = tuple(find_candidates(Setting(robot)))
+    placed = [c for c in known if name in (c.name, *c.aliases)]
+    if not placed:
+        places = dict.fromkeys(c.place for c in known if c.effect == effect)
+        raise InputError(
+            f"{effect}, place: expected one of {', '.join(places)}, got {place!r}"
+        )
+    fitting = [c for c in placed if set(given) <= set(c.parts or c.names)]
+    if not fitting:
+        names = ", ".join(placed[0].parts or placed[0].names) or "none"
+        raise InputError(
+            f"{effect}: expected parameters {names}, got {', '.join(given)}"
+        )
+    found = min(fitting, key=lambda c: len(c.names))
+    kind = _KIND_OF[effect]
+    if isinstance(found.action, kind) or kind.conversion is None:
+        return found
+    return replace(found, physical=kind.conversion[0], internal=kind.conversion[1])
+
+
+def apply_effects(mechanism: Mechanism, robot: RobotFile) -> Mechanism:
+    """Return the mechanism with the effects adopted in its file, in order.
+
+    Raises InputError, with the line in the file, for an effect that is not part of the robot.
+    """
+    nominal = NominalRobot(mechanism, robot)
+    for number, each in enumerate(robot.effects):
+        with robot.source.refusing(), blame("effects", number):
+            nominal = apply_effect(nominal, each.effect, each.place, each.parameters)
+    return nominal.mechanism
+
+
+def check_effects(robot: RobotFile) -> None:
+    """Raise InputError, with the line in the file, for an adopted effect that no robot can have."""
+    for number, each in enumerate(robot.effects):
+        with robot.source.refusing(), blame("effects", number):
+            _check_words(each.effect, each.place, each.parameters)

@@ -1,0 +1,1 @@
+"""Which reading to take next."""

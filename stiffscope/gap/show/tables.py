@@ -1,0 +1,107 @@
+"""Terminal output of a diagnosis: the verdict as a sentence, then tables."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from stiffscope.gap.show import text
+from stiffscope.report.numbers import percent
+from stiffscope.report.terminal import show_line, show_table
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.gap.inference.diagnosis import Diagnosis
+
+MOST_PAIRS = 10
+
+
+def show_diagnosis(diagnosis: Diagnosis) -> None:
+    """Show the whole diagnosis."""
+    show_line(f"\n{text.sentence(diagnosis)}\n", "bold")
+    if diagnosis.effects:
+        show_effects(diagnosis)
+    show_gap(diagnosis)
+    show_alternatives(diagnosis)
+    _show_list("Possible", text.possible(diagnosis))
+    _show_list("Where", text.describe_location(diagnosis.where))
+    following = text.next_step(diagnosis)
+    _show_list("Next", [following] if following else [])
+    _show_list("Checks", text.checks(diagnosis))
+    _show_list("Remarks", diagnosis.remarks)
+    show_line("")
+
+
+def show_nearest_signatures(diagnosis: Diagnosis) -> None:
+    """Show the pairs of effects with the most similar signatures in these readings."""
+    names, rows = diagnosis.signature_correlation
+    pairs = (
+        (rows[i][j], names[j], names[i]) for i in range(len(names)) for j in range(i)
+    )
+    nearest = sorted(pairs, reverse=True)[:MOST_PAIRS]
+    cells = [
+        (text.label(one), text.label(other), f"{value:.3f}")
+        for value, one, other in nearest
+    ]
+    groups = (("effect", "and"), ("correlation",))
+    if cells:
+        show_table("Most similar signatures (1: indistinguishable)", groups, cells)
+
+
+def _show_list(title: str, lines: Sequence[str]) -> None:
+    if lines:
+        show_line(title, "bold")
+    for line in lines:
+        show_line(f"  {line}")
+
+
+def show_effects(diagnosis: Diagnosis, *, details: bool = False) -> None:
+    """Show effects and parameters; details add intervals and ratios to the model's values."""
+    more = ("95 % interval", "ratio", "deviation / σ", "remark") if details else ()
+    shown = ("parameter", "value ± 1 σ", "model")
+    groups = (("effect @ place",), ("probability", "share", "gap alone"), shown, more)
+    rows: list[Sequence[str]] = []
+    for effect in diagnosis.effects:
+        share = f"{100 * effect.share:.3g} %" if math.isfinite(effect.share) else ""
+        name = f"{effect.effect} @ {effect.place}"
+        first = (name, f"{effect.probability:.4f}", share, percent(effect.gap_after))
+        for k, parameter in enumerate(text.parameters(effect) or [("none", *[""] * 6)]):
+            rows.append(
+                (*(("",) * 4 if k else first), *parameter[: len(shown) + len(more)])
+            )
+    show_table("Effects", groups, rows, prose=("effect @ place",))
+
+
+def show_gap(diagnosis: Diagnosis) -> None:
+    """Show the gap before, after and at held-out poses, and the noise."""
+    gap = diagnosis.gap
+    groups = (
+        ("",),
+        ("before", "after", "held out", "noise"),
+        ("χ² per reading before", "after"),
+    )
+    percents = (
+        percent(v) for v in (gap.nominal, gap.explained, gap.held_out, gap.noise)
+    )
+    rows = [("rms", *percents, *(f"{v:.4g}" for v in gap.chi2_per_reading))]
+    rows += [
+        (f"{name}, rms", *sizes, "", "")
+        for name, sizes in text.absolute_sizes(gap).items()
+    ]
+    show_table("Gap", groups, rows)
+
+
+def show_alternatives(diagnosis: Diagnosis) -> None:
+    """Show the hypotheses that were considered but rejected, if any."""
+    if not diagnosis.alternatives:
+        return
+    groups = (("effect @ place",), ("probability", "gap after", "why not"))
+    rows = []
+    for a in diagnosis.alternatives:
+        pairs = zip(a.effect.split(" + "), a.place.split(" + "), strict=True)
+        name = " + ".join(map(" @ ".join, pairs))
+        rows.append(
+            (name, text.probability(a.probability), percent(a.gap_after), a.why_not)
+        )
+    show_table("Alternatives", groups, rows, prose=("effect @ place", "why not"))

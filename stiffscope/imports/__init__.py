@@ -1,0 +1,1 @@
+"""Robot files from STEP assemblies, URDF and MJCF."""

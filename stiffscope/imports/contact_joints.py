@@ -1,0 +1,489 @@
+"""Joints of an assembly from its contacts: the freedoms that all contacts of two parts leave.
+
+A contact constrains the relative twist: a plane its normal and two tilts, a pin in a bore two
+translations and two tilts, a ball three translations, a cone all but the spin about its axis.
+Hardware between two parts is a mechanism: screws fix, bearings leave their spin, pins and rings
+constrain by their contacts. A round fit with overlap is a thread or press fit, which fixes. Planes
+that can be lifted off each other are no moving joint: parts connected only by them are fixed, with
+a doubt. The null space of the constraints is the freedom of the joint; its dimension and pitches
+define the kind (K. H. Hunt, Kinematic Geometry of Mechanisms, Oxford 1978, ch. 3 and 12).
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import replace
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.cluster.hierarchy import DisjointSet
+from scipy.optimize import nnls
+
+from stiffscope.imports.doubts import (
+    Doubt,
+    doubt_bores,
+    doubt_built,
+    doubt_threads,
+)
+from stiffscope.imports.hardware import FIT, NUTTED
+from stiffscope.imports.part_motions import (
+    Bond,
+    Freedom,
+    held_by,
+    holds_more,
+    joint_freedom,
+    relative_freedom,
+)
+from stiffscope.vjm.model.screws import shift, skew
+from stiffscope.vjm.model.subspaces import null_space, range_space
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from stiffscope.cad.assembly import Instance
+    from stiffscope.cad.built_assembly import BuiltJoint
+    from stiffscope.cad.contacts import Contact
+    from stiffscope.imports.hardware import Hardware
+    from stiffscope.runtime.types import Array
+
+THREADED = {"screw", "nut", "shaft nut", "shoulder screw"}
+_SAME = 1e-6
+_LAID = "planes from which one could be lifted off the other: taken as fixed, "
+_LAID += "as if glued or screwed; if it slides"
+_SCREWED = (
+    "planes with holes in line: taken as fixed, as if screws are missing; if it slides"
+)
+_SLIDES = "planes that slide on each other: taken as planar; if glued or screwed"
+_IDLE = "plane on plane where other joints guide already: taken as no joint; if it carries load"
+
+
+def hold(kind: str, axis: Array, at: Array) -> Array:
+    """Return rows (m, 6) on twists at the base origin that a contact about an axis (3,) holds."""
+    across = null_space(axis[None, :]).T
+    if kind == "plane":
+        lines = axis[None, :]
+        turns = across
+    elif kind == "sphere":
+        lines = np.eye(3)
+        turns = np.zeros((0, 3))
+    else:
+        lines = np.eye(3) if kind == "cone" else across
+        turns = across
+    rows = np.zeros((len(lines) + len(turns), 6))
+    rows[: len(lines), :3] = lines
+    rows[len(lines) :, 3:] = turns
+    return rows @ shift(at)
+
+
+def _bonds_of(
+    solids: Sequence[Instance],
+    contacts: Iterable[Contact],
+    hardware: Hardware,
+    scale: float,
+    built: Sequence[BuiltJoint],
+) -> list[Bond]:
+    """Return the bonds by contacts; screws and seats fix everything, bearings leave their spin.
+
+    The assembly's own joints replace the contacts of their two solids.
+    """
+    found = []
+    taken = {frozenset((joint.first, joint.second)) for joint in built}
+    touching = defaultdict[frozenset[int], list["Contact"]](list)
+    for contact in contacts:
+        pair = frozenset((contact.first, contact.second))
+        touching[pair].append(contact)
+        rows = None if pair in taken else _held_by(contact, hardware, scale)
+        if rows is not None:
+            found.append(Bond(contact.first, contact.second, rows, contact))
+    for joint in built:
+        free = [
+            joint_freedom(kind, at / scale, axis, None)
+            for kind, at, axis in joint.motions
+        ]
+        rows = null_space(np.hstack(free).T).T
+        for each in touching[frozenset((joint.first, joint.second))] or [None]:
+            at = joint.motions[0][1]
+            found.append(Bond(joint.first, joint.second, rows, each, joint.label, at))
+    for small, large in hardware.pairs:  # a cone leaves the spin alone, too
+        form = solids[small].product.form
+        ring = solids[small]
+        axis = np.array([0.0, 0.0, 1.0]) if form is None else ring.place_axis(form)[1]
+        found.append(Bond(small, large, hold("cone", axis, ring.centre / scale), None))
+    return found
+
+
+def _held_by(contact: Contact, hardware: Hardware, scale: float) -> Array | None:
+    """Return the constraint rows (m, 6) of a contact, considering hardware; None if it has none."""
+    ends = contact.first, contact.second
+    roles = [hardware.roles.get(each, "") for each in ends]
+    bearing = next(
+        (n for n, role in enumerate(roles) if role in {"bearing", "ring"}), None
+    )
+    fits = (
+        contact.kind in {"plane", "cone"}
+        or FIT[0] <= contact.gap / contact.radius <= FIT[1]
+    )
+    if "rolling element" in roles:
+        return None
+    if bearing is not None:
+        if contact.kind != "cylinder" or not fits:
+            return None
+        if roles[bearing] == "ring" or contact.inner != bearing:
+            return np.eye(
+                6
+            )  # a seat; of a bearing drawn as one solid, only on its inner ring
+        return hold("cone", contact.axis, contact.point / scale)
+    turns = fits and "shoulder screw" in roles
+    thread = THREADED & {*roles} and contact.kind != "plane" and not turns
+    tight = contact.kind == "cylinder" and contact.gap / contact.radius < FIT[0]
+    if thread or tight:
+        return np.eye(6)
+    return hold(contact.kind, contact.axis, contact.point / scale) if fits else None
+
+
+def kind_of(
+    freedom: Array, near: Array
+) -> tuple[str, Array, Array | None, Array | None]:
+    """Return kind, place near a point (3,), and axes of the joint with free twists (6, k).
+
+    The kind is "" if a robot file has no such joint.
+    """
+    turns = range_space(freedom[3:])
+    slides = range_space(freedom[:3] @ null_space(freedom[3:]))
+    counts = turns.shape[1], slides.shape[1]
+    if counts == (0, 1):
+        return "prismatic", near, _positive(slides[:, 0]), None
+    if counts[0] == 1:
+        return _about_one(freedom, turns[:, 0], slides, near)
+    if counts[0] and not counts[1]:
+        return _about_point(freedom, turns, near)
+    return "" if any(counts) else "fixed", near, None, None
+
+
+_Kind = tuple[str, "Array", "Array | None", "Array | None"]
+_Pair = tuple[int, int]
+
+
+def _about_one(freedom: Array, axis: Array, slides: Array, near: Array) -> _Kind:
+    """Return a joint that rotates about one direction, with any sliding directions."""
+    line = (freedom @ np.linalg.lstsq(freedom[3:], axis, rcond=None)[0])[:3]
+    off = line - slides @ (slides.T @ line)
+    foot = np.cross(axis, line)
+    at = foot + axis * float(axis @ (near - foot))
+    along = float(np.linalg.norm(slides.T @ axis))
+    straight = abs(off @ axis) < _SAME
+    found = {
+        0: "revolute" if straight else "",
+        1: "cylindrical" if along > 1.0 - _SAME else "",
+        2: "planar" if along < _SAME and straight else "",
+    }
+    kind = found.get(slides.shape[1], "")
+    return kind, near if kind == "planar" else at, _positive(axis), None
+
+
+def _about_point(freedom: Array, turns: Array, near: Array) -> _Kind:
+    """Return a joint that rotates about two or three directions through a point c: v = -w x c."""
+    lines = freedom[:3] @ np.linalg.lstsq(freedom[3:], turns, rcond=None)[0]
+    matrix = np.vstack([-skew(turn) for turn in turns.T])
+    centre = np.linalg.lstsq(matrix, lines.T.ravel(), rcond=None)[0]
+    if np.abs(matrix @ centre - lines.T.ravel()).max() > _SAME:
+        return "", near, None, None
+    if turns.shape[1] == 3:
+        return "spherical", centre, None, None
+    return "universal", centre, turns[:, 0], turns[:, 1]
+
+
+def _positive(axis: Array) -> Array:
+    """Return the axis with its largest component positive."""
+    return axis * np.sign(axis[int(np.argmax(np.abs(np.round(axis, 9))))])
+
+
+def measure_size(solids: Sequence[Instance]) -> float:
+    """Return the diagonal of the bounding box, m: the unit of length of `Freedom.freedom`."""
+    boxes = np.array([solid.box for solid in solids])
+    return float(np.linalg.norm(boxes[:, 1].max(axis=0) - boxes[:, 0].min(axis=0)))
+
+
+def find_joints(
+    solids: Sequence[Instance],
+    contacts: Sequence[Contact],
+    hardware: Hardware,
+    built: Sequence[BuiltJoint] = (),
+) -> tuple[list[Freedom], list[Doubt]]:
+    """Find the joints between parts, numbered as the solids, and doubts on ambiguous contacts.
+
+    ``built``: joints of the assembly itself, which take precedence over contacts.
+    """
+    scale = measure_size(solids)
+    bonds = _bonds_of(solids, contacts, hardware, scale, built)
+    between: dict[tuple[int, int], list[Bond]] = defaultdict(list)
+    for bond in bonds:
+        if not hardware.roles.keys() & {*bond.ends}:
+            between[bond.ends].append(bond)
+    direct = set(between)
+    bought = [bond for bond in bonds if hardware.roles.keys() >= {*bond.ends}]
+    for cluster in _join(hardware.roles, bought).subsets():
+        inside = [bond for bond in bonds if cluster & {*bond.ends}]
+        ends = sorted({each for bond in inside for each in bond.ends} - cluster)
+        for i, j in _pair_up(ends, inside, direct):
+            within = (bond for bond in inside if cluster | {i, j} >= {*bond.ends})
+            between[i, j] += [bond for bond in within if {*bond.ends} != {i, j}]
+    joints, doubts, planes = list[Freedom](), list[Doubt](), dict[Freedom, float]()
+    for (i, j), held in between.items():
+        found = _freedom(i, j, held, solids, scale, hardware)
+        kinds = {"" if b.contact is None or b.label else b.contact.kind for b in held}
+        bare = kinds == {"plane"} and not hardware.roles.keys() & {
+            n for b in held for n in b.ends
+        }
+        if found.kind == "planar" or (found.kind == "prismatic" and bare):
+            planes[found] = -sum(
+                bond.contact.size for bond in held if bond.contact is not None
+            )
+        elif found.kind:
+            joints.append(found)
+            turning = _turning_kind(found, held, hardware, scale)
+            doubts += doubt_threads(found, turning, held, solids, hardware, contacts)
+        else:
+            left = f"{found.freedom.shape[1]} freedoms are left ({found.reason})"
+            text = f"{left}, which no joint has; say which with --joint"
+            doubts.append(
+                Doubt((solids[i].name, solids[j].name), text, tuple(found.at))
+            )
+    if built:
+        doubts += doubt_built(
+            joints, find_joints(solids, contacts, hardware)[0], built, solids
+        )
+    joints = _add_planes(
+        joints, sorted(planes, key=planes.__getitem__), contacts, solids, doubts
+    )
+
+    def adds(contact: Contact) -> bool:
+        rows = hold(contact.kind, contact.axis, contact.point / scale)
+        return contact.gap < 0 or holds_more(
+            rows, joints, contact.first, contact.second
+        )
+
+    return joints, doubts + doubt_bores(solids, contacts, hardware, adds)
+
+
+def _join(pieces: Iterable[int], links: Iterable[Bond | Freedom]) -> DisjointSet:
+    """Return the sets of pieces that links connect."""
+    joined = DisjointSet(pieces)
+    for link in links:
+        joined.merge(link.first, link.second)
+    return joined
+
+
+def _pair_up(
+    ends: Sequence[int], bonds: Sequence[Bond], direct: set[_Pair]
+) -> list[_Pair]:
+    """Return pairs of parts joined by hardware: in contact, or else nearest along its axis."""
+    if len(ends) < 2:
+        return []
+    touching = [
+        (bond.ends, bond.contact.point) for bond in bonds if bond.contact is not None
+    ]
+    places = np.array(
+        [np.mean([p for pair, p in touching if end in pair], axis=0) for end in ends]
+    )
+    axis = np.linalg.svd(places - places.mean(axis=0))[2][0]
+    order = [ends[n] for n in np.argsort(places @ axis, kind="stable")]
+    apart = {
+        (i, j): abs(order.index(j) - order.index(i))
+        for i, j in combinations(sorted(ends), 2)
+    }
+    rank = apart | dict.fromkeys(direct & apart.keys(), 0)
+    group = DisjointSet(ends)
+    pairs = list[_Pair]()
+    for i, j in sorted(rank, key=lambda pair: (rank[pair], pair)):
+        if group.merge(i, j) or (i, j) in direct:
+            pairs.append((i, j))
+    return pairs
+
+
+def _freedom(
+    i: int,
+    j: int,
+    bonds: list[Bond],
+    solids: Sequence[Instance],
+    scale: float,
+    hardware: Hardware,
+) -> Freedom:
+    scaled = relative_freedom([(*bond.ends, bond.rows) for bond in bonds], i, j)
+    touching = [bond.contact for bond in bonds if bond.contact is not None]
+    round_ = [each for each in touching if each.kind != "plane"] or touching
+    points = [each.point for each in round_] or [
+        bond.at for bond in bonds if bond.at is not None
+    ]
+    near = np.mean(points, axis=0)
+    kind, at, axis, axis2 = kind_of(scaled, near / scale)
+    screwed = THREADED & {hardware.roles.get(n) for bond in bonds for n in bond.ends}
+    if kind == "planar" and screwed:
+        kind = "fixed"
+        axis = None
+        scaled = np.zeros((6, 0))  # clamped by screws in clearance holes
+    faces = _loaded_faces(i, touching, solids[i]), _loaded_faces(j, touching, solids[j])
+    reason = _reason((i, j), bonds, solids, hardware)
+    return Freedom(i, j, kind, at * scale, axis, axis2, reason, faces, scaled)
+
+
+def _turning_kind(
+    found: Freedom, bonds: Sequence[Bond], hardware: Hardware, scale: float
+) -> str:
+    """Return the kind of a joint if its screws with nuts turn in their bores."""
+    nutted = {n for n in hardware.roles if hardware.reasons[n] == NUTTED}
+    if not nutted & {n for bond in bonds for n in bond.ends}:
+        return found.kind
+    pins = replace(hardware, roles=hardware.roles | dict.fromkeys(nutted, "pin"))
+    holds = list[tuple[int, int, "Array"]]()
+    for bond in bonds:
+        contact = None if bond.label else bond.contact
+        rows = bond.rows if contact is None else _held_by(contact, pins, scale)
+        holds += [] if rows is None else [(*bond.ends, rows)]
+    return kind_of(relative_freedom(holds, *found.ends), found.at / scale)[0]
+
+
+def _loaded_faces(
+    end: int, touching: Sequence[Contact], solid: Instance
+) -> tuple[int, ...]:
+    """Return a joint's loaded faces of a solid: round, or plane and mostly in contact; else all."""
+    own = [contact for contact in touching if end in {contact.first, contact.second}]
+    shares = defaultdict[int, float](float)
+    for contact in own:
+        face = solid.product.faces[contact.face_of(end)]
+        shares[face.index] += (
+            1.0 if contact.kind != "plane" else contact.size**2 / face.area
+        )
+    least = 0.9 if any(contact.kind != "plane" for contact in own) else 0.5
+    return tuple(
+        sorted([face for face, share in shares.items() if share > least] or shares)
+    )
+
+
+_CALLED = {
+    "plane": "plane on plane",
+    "cylinder": "pin in bore",
+    "sphere": "ball in socket",
+    "cone": "cone in cone",
+}
+
+
+def _reason(
+    pair: _Pair, bonds: Sequence[Bond], solids: Sequence[Instance], hardware: Hardware
+) -> str:
+    """Describe the contacts."""
+    words = defaultdict[str, int](int)
+    for bond in bonds:
+        if bond.label:
+            words[bond.label] = 0
+        for each in bond.ends:
+            role = hardware.roles.get(each)
+            if role in {"screw", "bearing", "pin", "ring"}:
+                name = solids[each].name
+                words[name if role in name.lower() else f"{role} {name}"] += 0
+        if {*bond.ends} == {*pair} and bond.contact is not None:
+            radius = (
+                f" of radius {1e3 * bond.contact.radius:.4g} mm"
+                if bond.contact.radius
+                else ""
+            )
+            words[_CALLED[bond.contact.kind] + radius] += 1
+    return ", ".join(
+        f"{count} x {word}" if count > 1 else word for word, count in words.items()
+    )
+
+
+def _add_planes(
+    joints: list[Freedom],
+    planes: list[Freedom],
+    contacts: Sequence[Contact],
+    solids: Sequence[Instance],
+    doubts: list[Doubt],
+) -> list[Freedom]:
+    """Add joints of planes: guides, and fixed joints of parts that only lie on each other.
+
+    Planes between parts already guided by other joints are not joints. Doubts report both.
+    """
+    kept, groups = list(joints), _join(range(len(solids)), joints)
+    bodies = _join(
+        range(len(solids)), [joint for joint in joints if joint.kind == "fixed"]
+    )
+
+    def settle(plane: Freedom, joint: Freedom | None, text: str) -> None:
+        planes.remove(plane)
+        names = tuple(solids[n].name for n in plane.ends)
+        other = "fixed" if text is _SLIDES else plane.kind
+        say = f', say --joint "{"/".join(names)}={other}"'
+        doubts.extend([Doubt(names, text + say, tuple(plane.at))] if text else [])
+        if joint is not None:
+            kept.append(joint)
+            groups.merge(*joint.ends)
+
+    screwed = {each for each in planes if _count_holes(each, solids) > 1}
+    for guide in planes:
+        if guide.kind == "prismatic" and not _lifts_off(guide, contacts, bodies):
+            groups.merge(*guide.ends)
+
+    def is_laid(plane: Freedom) -> bool:
+        joined = groups.connected(
+            *plane.ends
+        )  # else what moves with either is lifted off with it
+        return plane in screwed or _lifts_off(
+            plane, contacts, bodies if joined else groups
+        )
+
+    while laid := next(filter(is_laid, planes), None):
+        if groups.connected(*laid.ends):
+            settle(laid, None, _IDLE)
+            continue
+        fixed = replace(laid, kind="fixed", axis=None, freedom=np.zeros((6, 0)))
+        settle(laid, fixed, _SCREWED if laid in screwed else _LAID)
+        bodies.merge(*laid.ends)
+    for plane in [*planes]:
+        adds = plane.kind == "prismatic" or holds_more(
+            held_by(plane)[2], kept, *plane.ends
+        )
+        text = _SLIDES if plane.kind == "planar" else ""
+        settle(plane, plane if adds else None, text if adds else _IDLE)
+    return kept
+
+
+def _count_holes(plane: Freedom, solids: Sequence[Instance]) -> int:
+    """Return the number of round holes in line of two solids on a plane, as for missing screws."""
+
+    def places(solid: Instance, axis: Array) -> set[tuple[float, ...]]:
+        holes = (
+            face for face in solid.faces if face.kind == "cylinder" and face.hollow
+        )
+        along = (
+            face for face in holes if np.linalg.norm(np.cross(axis, face.axis)) < _SAME
+        )
+        return {
+            tuple(np.round(1e4 * np.cross(axis, face.origin)) + 0.0) for face in along
+        }
+
+    if plane.axis is None or plane.kind != "planar":
+        return 0
+    return len(set.intersection(*(places(solids[n], plane.axis) for n in plane.ends)))
+
+
+def _lifts_off(
+    plane: Freedom, contacts: Sequence[Contact], bodies: DisjointSet
+) -> bool:
+    """Return whether one of two parts on planes, with its ``bodies``, lifts off the other."""
+    ends = [bodies.subset(each) for each in plane.ends]
+    planes = [each for each in contacts if each.kind == "plane"]
+    for one, other in (ends, ends[::-1]):
+        touching = [
+            each for each in planes if (each.first in one) != (each.second in one)
+        ]
+        outward = np.array(
+            [each.axis * (1.0 if each.first in one else -1.0) for each in touching]
+        )
+        between = outward[
+            [bool({each.first, each.second} & other) for each in touching]
+        ]
+        if any(nnls(outward.T, -normal)[1] > 1e-3 for normal in between):
+            return True
+    return False

@@ -1,0 +1,420 @@
+"""`stiffscope import machine.step`: conversion of a STEP assembly to a robot file and parts."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.cad.assembly import read_assembly
+from stiffscope.cad.contacts import find_contacts
+from stiffscope.cad.materials import MATERIALS
+from stiffscope.errors import InputError
+from stiffscope.imports.assembly_parts import (
+    PartFile,
+    choose_materials,
+    interface_names,
+    part_lines,
+    part_name,
+    write_import,
+)
+from stiffscope.imports.compiled_model import GROUND, print_safely
+from stiffscope.imports.contact_joints import find_joints, measure_size
+from stiffscope.imports.doubts import Doubt, doubt_twins, gather_alike
+from stiffscope.imports.hardware import find_hardware
+from stiffscope.imports.import_record import (
+    check_place,
+    make_record,
+    parts_folder,
+    tell_changes,
+)
+from stiffscope.imports.model_tool import choose_coordinates
+from stiffscope.imports.part_motions import Freedom, tool_motions
+from stiffscope.imports.robot_text import driven, robot_text
+from stiffscope.imports.said import (
+    Said,
+    as_said,
+    match_solids,
+    said_beside,
+    said_of,
+)
+from stiffscope.imports.simulator_model import (
+    ModelBody,
+    ModelJoint,
+    SimulatorModel,
+    find_distances,
+)
+from stiffscope.robot.file.parse import place_of
+from stiffscope.robot.file.tables import list_some
+from stiffscope.runtime.reading import show_path
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from stiffscope.cad.assembly import Instance
+    from stiffscope.cad.built_assembly import BuiltJoint
+    from stiffscope.imports.hardware import Hardware
+    from stiffscope.imports.import_record import ImportRecord
+    from stiffscope.runtime.types import Progress
+
+_GROUND = re.compile(
+    r"ground|base|bed|frame|foot|gestell|grund|rahmen|sockel|bett", re.IGNORECASE
+)
+_TOOLS = "tool|platt?form|effector|tcp|spindle|flange|plate|werkzeug|greifer|gripper"
+_TOOL = re.compile(_TOOLS, re.IGNORECASE)
+_TINY = 2e-3  # a part with a smaller fraction of the total volume is rigid
+_HEAD = """# Imported from {file}: parts, joints and masses of its assembly; SI, axes of the assembly.
+#
+# Look at what was found (stiffscope check), and fill in what an assembly does not say:
+#   - drives: give each driven joint a stiffness, by hand below or with --drive PATTERN=STIFFNESS.
+#   - bearings: compliance = {{ radial = "...", axial = "...", tilting = "..." }} of a joint.
+#   - gravity: [gravity] direction = [0, 0, -1] says which way is down.
+"""
+
+
+_REVIEW = "#\n# Review these; other interpretations are possible:\n"
+
+
+@dataclass(frozen=True, eq=False)
+class Imported:
+    """Result of an import, with doubts for a person to check."""
+
+    file: Path
+    model: SimulatorModel
+    doubts: tuple[Doubt, ...]
+    hardware: Mapping[str, str] = field(default_factory=dict)
+    solids: int = 0
+    contacts: int = 0
+    driven: tuple[str, ...] = ()
+    changes: tuple[str, ...] | None = None
+    """Changes since the last import to the same file; None at the first."""
+
+
+def import_assembly(
+    path: str | Path,
+    out: str | Path,
+    said: Said | None = None,
+    progress: Progress | None = None,
+) -> Imported:
+    """Write a robot file from a STEP assembly, and its elastic parts to a folder named after it.
+
+    A robot file from an earlier import is overwritten unless it was changed since. Raises InputError
+    if the file is not an assembly, an option matches nothing, or a part's material is unknown.
+
+    Parameters
+    ----------
+    path, out
+        STEP assembly, and robot file to write.
+    said
+        Settings, which take precedence over an `assembly.toml` beside the assembly.
+    progress
+        Receives the progress of reading and of the search for contacts.
+    """
+    path = Path(path)
+    out = Path(out)
+    earlier = check_place(out)
+    said = said_beside(path, said or Said())
+    left_out = list[str]()
+    solids = read_assembly(path, left_out=left_out)
+    return _import(path, out, said, solids, (), left_out, earlier, progress)
+
+
+def from_assembly(
+    assembly: Any, out: str | Path | None = None, **said: Any
+) -> Imported:
+    """Write a robot file from a build123d assembly, as `stiffscope import` does from a STEP file.
+
+    Connected joints of build123d (`connect_to`) are used: RevoluteJoint, LinearJoint, BallJoint,
+    CylindricalJoint, and RigidJoint to RigidJoint as fixed. Others are found from contacts.
+
+    Parameters
+    ----------
+    assembly
+        build123d Compound whose children are solids or compounds, each with a label. Lengths in mm.
+    out
+        Robot file to write, by default named after the assembly's label. Its elastic parts are STEP
+        files in a folder beside it. ``said`` takes precedence over an `assembly.toml` beside it.
+    **said
+        ``ground``, ``tool``: names; ``joint``, ``weld``, ``part``, ``rigid``, ``material``,
+        ``drive``: texts as in the command's options, lists of these, or tables such as
+        ``material={"*": "steel"}``.
+
+    Returns
+    -------
+    Imported
+        Bodies, joints and doubts; `load_robot` reads the file written, its ``file``.
+
+    Raises
+    ------
+    InputError
+        If it is not an assembly, a name is not in it, or a part's material is unknown.
+    """
+    from stiffscope.cad.built_assembly import read_built
+
+    label = print_safely(str(getattr(assembly, "label", "") or "machine")).replace(
+        "/", "_"
+    )
+    out = Path(f"{label}.toml" if out is None else out)
+    earlier = check_place(out)
+    words = said_beside(out, said_of(said))
+    left_out = list[str]()
+    solids, built = read_built(assembly, label, left_out)
+    return _import(Path(label), out, words, solids, built, left_out, earlier)
+
+
+def _import(
+    path: Path,
+    out: Path,
+    said: Said,
+    solids: Sequence[Instance],
+    built: Sequence[BuiltJoint],
+    left_out: list[str],
+    earlier: ImportRecord | None,
+    progress: Progress | None = None,
+) -> Imported:
+    """Write the robot file of an assembly; ``path`` is its file or name."""
+    if progress is not None:
+        progress("read", 1.0)
+    contacts = find_contacts(solids, progress)
+    roles = dict.fromkeys(match_solids(solids, said.weld, "--weld"), "screw")
+    roles |= dict.fromkeys(match_solids(solids, said.part, "--part"), "part")
+    hardware = find_hardware(solids, contacts, roles)
+    joints, doubts = find_joints(solids, contacts, hardware, built)
+    joints, settled = as_said(joints, said.joint, solids, contacts)
+    named = [{solids[n].name for n in pair} for pair in settled]
+    doubts = [doubt for doubt in doubts if {*doubt.solids} not in named]
+    found = _Found(path, solids, hardware, tuple(joints))
+    ground = _choose_ground(found, said.ground)
+    reached = find_distances(found.joints, ground)
+    loose = {each for joint in found.joints for each in joint.ends} - {
+        *reached,
+        *hardware.roles,
+    }
+    doubts += [Doubt((path.name,), text) for text in left_out] + doubt_twins(solids)
+    text = "no joint leads from it to the ground: left out"
+    doubts += [
+        Doubt((solids[n].name,), text, tuple(solids[n].centre)) for n in sorted(loose)
+    ]
+    doubts = gather_alike(doubts, solids)
+    found = replace(
+        found, joints=tuple(joint for joint in found.joints if joint.first in reached)
+    )
+    tool = _choose_tool(found, ground, said.tool, reached)
+    model, parts = _model(path, found, ground, tool, said)
+    lines = [f"#   - {', '.join(doubt.solids)}: {doubt.text}\n" for doubt in doubts]
+    review = "".join([_REVIEW, *lines]) if lines else ""
+    head = _HEAD + review.replace("{", "{{").replace("}", "}}")
+    drives = driven(model, said.drive)
+    text = robot_text(
+        model, print_safely(path.name), drives, head, part_lines(parts, out)
+    )
+    record = make_record(solids, hardware.roles, found.joints, doubts)
+    write_import(path, out, text, parts, "an assembly", record)
+    changes = None
+    if earlier is not None:
+        changes = tuple(tell_changes(earlier, record))
+        for name in {*earlier.files} - {f"{part.name}.step" for part in parts}:
+            (parts_folder(out) / name).unlink(missing_ok=True)
+    roles = {
+        solids[n].name: f"{hardware.roles[n]} ({hardware.reasons[n]})"
+        for n in hardware.roles
+    }
+    counts = len(solids), len(contacts)
+    return Imported(out, model, tuple(doubts), roles, *counts, tuple(drives), changes)
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """An assembly, its file or name, with its hardware and joints."""
+
+    path: Path
+    solids: Sequence[Instance]
+    hardware: Hardware
+    joints: tuple[Freedom, ...]
+
+    def find_joints(self, number: int) -> list[Freedom]:
+        """Return the joints of a part."""
+        return [joint for joint in self.joints if number in joint.ends]
+
+
+def _choose_ground(found: _Found, wanted: str | None) -> int:
+    """Return the ground part: as given, else the largest of those with a usual name or of all."""
+    parts = [n for n in range(len(found.solids)) if n not in found.hardware.roles]
+    if not parts:
+        what = "got hardware alone; say --part NAME of what is a part"
+        raise InputError(
+            f"{show_path(found.path)}: expected an assembly with parts, {what}"
+        )
+    if wanted is not None:
+        return _find_wanted(found, "--ground", wanted, parts, "a part, no hardware")
+    named = [n for n in parts if _GROUND.search(found.solids[n].name.split(".")[-1])]
+    named = named or [n for n in parts if _GROUND.search(found.solids[n].name)] or parts
+    return max(named, key=lambda n: (found.solids[n].product.volume, -n))
+
+
+def _choose_tool(
+    found: _Found, ground: int, wanted: str | None, reached: Mapping[int, int]
+) -> int:
+    """Return the tool part: as given, else with a usual name, else behind most moving joints."""
+    solids = found.solids
+    able = [n for n in reached if n != ground]
+    if not able:
+        got = f"none that touches {solids[ground].name}, the ground; say --ground or --joint"
+        got = (
+            got
+            if len(solids) > 1
+            else 'one solid; describe a single part in a robot file, with shape = "step"'
+        )
+        raise InputError(
+            f"{show_path(found.path)}: expected parts that joints connect, got {got}"
+        )
+    if wanted is not None:
+        return _find_wanted(found, "--tool", wanted, able, "a part that moves")
+    fixed = [joint for joint in found.joints if joint.kind == "fixed"]
+    whole = {
+        n: min(find_distances(fixed, n)) for n in reached
+    }  # rigid groups, by their first part
+    ends = [
+        replace(j, first=whole[j.first], second=whole[j.second]) for j in found.joints
+    ]
+    distance = find_distances(ends, whole[ground])
+    tiny = _TINY * sum(solids[n].product.volume for n in able)
+    for kind in (
+        lambda n: distance[whole[n]] > 0 and _TOOL.search(solids[n].name),
+        lambda n: distance[whole[n]] > 0 and solids[n].product.volume > tiny,
+    ):
+        able = [n for n in able if kind(n)] or able
+    return max(
+        able,
+        key=lambda n: (distance[whole[n]], reached[n], len(found.find_joints(n)), -n),
+    )
+
+
+def _find_wanted(
+    found: _Found, option: str, wanted: str, able: Sequence[int], what: str
+) -> int:
+    """Return the first part that a pattern names among those able."""
+    named = match_solids(found.solids, (wanted,), option).intersection(able)
+    if not named:
+        names = list_some([found.solids[n].name for n in able])
+        raise InputError(
+            f'{place_of(option, wanted)}: expected {what} ({names}), got "{wanted}"'
+        )
+    return min(named)
+
+
+def _model(
+    path: Path, found: _Found, ground: int, tool: int, said: Said
+) -> tuple[SimulatorModel, list[PartFile]]:
+    """Return bodies, joints and tool as in a robot file, and the elastic parts."""
+    solids = found.solids
+    moving = sorted({each for joint in found.joints for each in joint.ends} - {ground})
+    materials = choose_materials(moving, solids, said.material, path)
+    rigid = match_solids(solids, said.rigid, "--rigid")
+    total = sum(solids[n].product.volume for n in moving)
+    bodies = list[ModelBody]()
+    parts = list[PartFile]()
+    ends = dict[tuple[int, Freedom], str]()
+    for number in moving:
+        solid = solids[number]
+        held = found.find_joints(number)
+        why = _rigid_reason(number, held, rigid, solid.product.volume / total)
+        if why:
+            density = MATERIALS[materials[number]].density
+            note = f"{why}; {materials[number]}"
+            weight = (
+                density * solid.product.volume,
+                solid.centre,
+                density * solid.inertia,
+            )
+            bodies.append(ModelBody(solid.name, *weight, note=note))
+            ends |= {(number, joint): solid.name for joint in held}
+            continue
+        faces = [joint.faces[joint.first != number] for joint in held]
+        own = dict(zip(interface_names(number, held, solids), faces, strict=True))
+        part = _share_part(parts, solid, materials[number], own)
+        part.bodies.append(solid.name)
+        names = {
+            faces: f"{solid.name}.{name}" for name, faces in part.interfaces.items()
+        }
+        ends |= {
+            (number, joint): names[face]
+            for joint, face in zip(held, faces, strict=True)
+        }
+        placed = solid.origin, np.zeros((3, 3)), part.name, solid.rotation
+        bodies.append(ModelBody(solid.name, 0.0, *placed))
+    joints = list[ModelJoint]()
+    for joint in found.joints:
+        first, second = (
+            GROUND if each == ground else ends[each, joint] for each in joint.ends
+        )
+        axis = None if joint.kind in {"fixed", "spherical"} else joint.axis
+        name = "/".join(solids[each].name for each in joint.ends)
+        place = joint.kind, joint.at, axis, joint.axis2
+        joints.append(ModelJoint(name, first, second, *place, note=joint.reason))
+    last = found.find_joints(tool)[-1]
+    tool_body = ends[tool, last]
+    at = solids[tool].centre if tool_body == solids[tool].name else last.at
+    motions = tool_motions(found.joints, tool, ground, at, measure_size(solids))
+    if not motions.size:
+        others = len(solids) - len(found.hardware.roles) - 1
+        fixed = (
+            f"{solids[ground].name} ({len(moving)} of {others} parts are joined to it)"
+        )
+        raise InputError(
+            f"{show_path(path)}: expected a tool that joints let move, got {solids[tool].name}, which "
+            f"they fix to the ground, {fixed}; say --tool, --ground or --joint"
+        )
+    name = print_safely(path.stem)
+    notes = _notes(found, ground, tool, said)
+    pose = choose_coordinates(motions)
+    content = tuple(bodies), tuple(joints), tool_body, at, pose, np.zeros(3), notes
+    return SimulatorModel(name, *content), parts
+
+
+def _share_part(
+    parts: list[PartFile],
+    solid: Instance,
+    material: str,
+    interfaces: dict[str, tuple[int, ...]],
+) -> PartFile:
+    """Return the part of an equal solid with the same material and interfaces, or a new part."""
+    for part in parts:
+        alike = part.solid.product is solid.product and part.material == material
+        if alike and sorted(part.interfaces.values()) == sorted(interfaces.values()):
+            return part
+    parts.append(PartFile(part_name(solid, parts), solid, material, interfaces))
+    return parts[-1]
+
+
+def _notes(found: _Found, ground: int, tool: int, said: Said) -> tuple[str, ...]:
+    """Return notes on choices and omissions."""
+    solids = found.solids
+    density = MATERIALS["steel"].density
+    bought = density * sum(solids[n].product.volume for n in found.hardware.roles)
+    base = f"the ground is {solids[ground].name}, rigid"
+    where = "M at its centre of mass where it is rigid, else at its last joint"
+    last = f"the tool is {solids[tool].name}, {where}"
+    base += "" if said.ground else "; --ground NAME chooses another"
+    last += "" if said.tool else "; --tool NAME chooses another"
+    left = f"the mass of screws, pins and bearings ({bought:.3g} kg if of steel) is left out"
+    return (*([left] if bought else []), base, last)
+
+
+def _rigid_reason(
+    number: int, joints: Sequence[Freedom], said: set[int], share: float
+) -> str:
+    """Return the reason why a part is rigid; empty if it is elastic."""
+    if number in said:
+        return "rigid, as said"
+    faces = [joint.faces[joint.first != number] for joint in joints]
+    if not all(faces):
+        return "rigid: nothing touches it at one of its joints"
+    if len(joints) < 2:
+        return "rigid: one joint, so that nothing but its own weight loads it"
+    if len({each for group in faces for each in group}) < sum(map(len, faces)):
+        return "rigid: two of its joints share a face"
+    return "rigid: tiny" if share < _TINY else ""

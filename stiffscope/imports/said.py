@@ -1,0 +1,174 @@
+"""User settings of an import, which override findings: by option, in Python or `assembly.toml`."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections import defaultdict
+from dataclasses import dataclass, fields, replace
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.imports.contact_joints import measure_size
+from stiffscope.imports.import_record import SETTINGS
+from stiffscope.imports.part_motions import Freedom, joint_freedom
+from stiffscope.robot.file.parse import Source, Text, parse_text, place_of
+from stiffscope.robot.file.tables import list_some
+from stiffscope.runtime.reading import read_text, show_path
+from stiffscope.vjm.model.joints import FREE
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from stiffscope.cad.assembly import Instance
+    from stiffscope.cad.contacts import Contact
+
+
+_SINGLE = {"ground", "tool"}
+
+
+@dataclass(frozen=True)
+class Said:
+    """User settings; names are patterns such as "leg*", joints are "A/B=KIND" or "A/B=none"."""
+
+    ground: str | None = None
+    tool: str | None = None
+    joint: tuple[str, ...] = ()
+    weld: tuple[str, ...] = ()
+    part: tuple[str, ...] = ()
+    rigid: tuple[str, ...] = ()
+    material: tuple[str, ...] = ()
+    drive: tuple[str, ...] = ()
+
+
+def said_beside(path: Path, said: Said) -> Said:
+    """Read `assembly.toml` beside a file; ``said`` takes precedence. InputError if invalid."""
+    file = path.with_name(SETTINGS)
+    if not file.is_file():
+        return said
+    what = "what is said of an assembly"
+    source = Source(file, read_text(file, what))
+    table = parse_text(file, source.text, what)
+    held = said_of(
+        table, lambda *key: f"{show_path(file)}:{source.line(key)}: {key[0]}"
+    )
+    lists = {
+        each.name: (*getattr(held, each.name), *getattr(said, each.name))
+        for each in fields(Said)
+        if each.name not in _SINGLE
+    }
+    return Said(said.ground or held.ground, said.tool or held.tool, **lists)
+
+
+def said_of(table: Mapping[str, Any], place: Callable[..., str] | None = None) -> Said:
+    """Read settings: texts, lists of texts, or tables such as ``material = {"*": "steel"}``.
+
+    Raises InputError if invalid; the message begins with the key's ``place``, if given.
+    """
+    known = [each.name for each in fields(Said)]
+    values: dict[str, Any] = {}
+    for key, value in table.items():
+        where = key if place is None else place(key)
+        if key not in known:
+            raise InputError(
+                f'{where}: expected one of {", ".join(known)}, got "{key}"'
+            )
+        tables = isinstance(value, dict) and key in {"joint", "material", "drive"}
+        texts: Any = (
+            [f"{name}={each}" for name, each in value.items()] if tables else value
+        )
+        texts = [texts] if isinstance(texts, str) else texts
+        listed = isinstance(texts, (list, tuple)) and all(
+            isinstance(each, str) for each in texts
+        )
+        if not listed or (key in _SINGLE and len(texts) != 1):
+            wanted = "a name" if key in _SINGLE else "a list of texts"
+            raise InputError(f"{where}: expected {wanted}, got {value!r}")
+        if place is not None:
+            keys = value if tables else range(len(texts))
+            texts = [
+                Text(text, place(key, each))
+                for text, each in zip(texts, keys, strict=True)
+            ]
+        values[key] = texts[0] if key in _SINGLE else tuple(texts)
+    return Said(**values)
+
+
+def match_solids(
+    solids: Sequence[Instance], patterns: Iterable[str], option: str
+) -> set[int]:
+    """Return the solids that match patterns; raise InputError if a pattern matches none."""
+    found = set[int]()
+    for pattern in patterns:
+        names = enumerate(solid.name.lower() for solid in solids)
+        here = {n for n, name in names if fnmatch.fnmatch(name, pattern.lower())}
+        if not here:
+            known = list_some([solid.name for solid in solids])
+            where = place_of(option, pattern)
+            raise InputError(
+                f'{where}: expected the name of a solid ({known}), got "{pattern}"'
+            )
+        found |= here
+    return found
+
+
+def as_said(
+    joints: Sequence[Freedom],
+    said: Sequence[str],
+    solids: Sequence[Instance],
+    contacts: Sequence[Contact],
+) -> tuple[list[Freedom], set[frozenset[int]]]:
+    """Replace the joints found by the user's, "A/B=KIND" or "A/B=none", where A, B are patterns.
+
+    Also returns the pairs of solids that were named.
+
+    Raises InputError if no two solids in contact match, or the kind of joint is unknown.
+    """
+    found = list(joints)
+    named = set[frozenset[int]]()
+    scale = measure_size(solids)
+    for text in said:
+        pair, _, kind = (each.strip() for each in text.rpartition("="))
+        where = place_of("--joint", text)
+        first, _, second = (each.strip() for each in pair.partition("/"))
+        if kind not in {*FREE, "none"} or not first or not second:
+            kinds = ", ".join((*FREE, "none"))
+            raise InputError(
+                f'{where}: expected A/B=KIND with one of {kinds}, got "{text}"'
+            )
+        ones, others = (
+            match_solids(solids, (name,), f"{where}: solid") for name in (first, second)
+        )
+        pairs = {frozenset(each) for each in product(ones, others)}
+        here = defaultdict[frozenset[int], list[Any]](list)
+        for each in (*found, *contacts):
+            both = frozenset((each.first, each.second))
+            if both in pairs:
+                here[both].append(each)
+        if not here:
+            got = f'"{first}" and "{second}", which do not'
+            raise InputError(f"{where}: expected two solids that touch, got {got}")
+        named |= here.keys()
+        found = [joint for joint in found if frozenset(joint.ends) not in here]
+        if kind != "none":
+            found += [_as_kind(kind, each, scale) for each in here.values()]
+    return found, named
+
+
+def _as_kind(kind: str, here: Sequence[Freedom | Contact], scale: float) -> Freedom:
+    """Return a joint of a kind between two solids, at the joint found or at the largest contact."""
+    joint: Any = next((each for each in here if isinstance(each, Freedom)), None)
+    touching = [each for each in here if not isinstance(each, Freedom)]
+    if touching and (joint is None or joint.axis is None):
+        best = max(touching, key=lambda c: (c.kind != "plane", c.size))
+        ends = best.first, best.second
+        one, other = (tuple(sorted({c.face_of(n) for c in touching})) for n in ends)
+        place = (best.point, best.axis)
+        none = np.zeros((6, 0))
+        new = Freedom(*ends, kind, *place, None, "", (one, other), none)
+        joint = replace(joint or new, at=best.point, axis=best.axis)
+    free = joint_freedom(kind, joint.at / scale, joint.axis, joint.axis2)
+    return replace(joint, kind=kind, reason="as said", freedom=free)

@@ -1,0 +1,58 @@
+"""What an import prints, and its JSON."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from stiffscope.report.terminal import show_line
+from stiffscope.statics.show.check import show_doubts, show_named
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from stiffscope.imports.import_assembly import Imported
+    from stiffscope.imports.simulator_model import SimulatorModel
+
+
+def model_json(read: SimulatorModel, file: Path) -> dict[str, Any]:
+    """Return the counts and notes of an imported model."""
+    counts = {"bodies": len(read.bodies), "joints": len(read.joints)}
+    return {"file": str(file), **counts, "notes": list(read.notes)}
+
+
+def import_json(found: Imported) -> dict[str, Any]:
+    """Return the same for an assembly, with joints, hardware, doubts and changes."""
+    joints = {j.name: {"type": j.kind, "reason": j.note} for j in found.model.joints}
+    return {
+        **model_json(found.model, found.file),
+        "joints_found": joints,
+        "hardware": found.hardware,
+        "doubts": [asdict(doubt) for doubt in found.doubts],
+        "changes": found.changes,
+    }
+
+
+def show_import(found: Imported) -> None:
+    """Print the joints with reasons, the findings to review and the changes."""
+    rows = [(joint.name, joint.kind, joint.note) for joint in found.model.joints]
+    show_named("Joints", ("joint", "kind", "from"), rows, prose=("joint", "from"))
+    show_doubts(found.doubts)
+    for change in found.changes or ():
+        show_line(f"Since the last import: {change}.")
+    if found.changes == ():
+        show_line("Since the last import: nothing has changed.")
+    model = found.model
+    driven = ", ".join(found.driven) or "none"
+    seen = (
+        f"{found.solids} solids, {found.contacts} contacts; {len(model.bodies)} bodies"
+    )
+    made = f"{len(model.joints)} joints, {len(found.hardware)} pieces of hardware (driven: {driven})"
+    show_written(model, found.file, f"{seen}, {made}")
+
+
+def show_written(read: SimulatorModel, file: Path, counts: str) -> None:
+    """Print the notes of an import and the next step."""
+    for note in read.notes:
+        show_line(f"Note: {note}.")
+    show_line(f"Written: {file}, {counts}. Next: stiffscope check {file}")

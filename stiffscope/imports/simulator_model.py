@@ -1,0 +1,407 @@
+"""Models of simulators, URDF and MuJoCo's MJCF, at home: bodies, joints and closures.
+
+Only geometry, masses, joints and limits are imported. Gains, springs, damping and contact
+parameters serve control and time integration: they are reported for the user to judge.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.imports.compiled_model import (
+    GROUND,
+    compile_at_home,
+    print_safely,
+)
+from stiffscope.imports.model_tool import find_tool, movable_coordinates
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
+
+    from stiffscope.imports.compiled_model import CompiledModel
+    from stiffscope.runtime.types import Array
+
+_LEAST_MASS = 1e-8  # kg; less is the minimum that MuJoCo assigns to massless bodies
+_SAME_POINT = 1e-9
+_SQUARE = 1e-6
+_DYNAMICS = "stiffness", "damping", "armature", "friction"
+_WIDE = 10.0  # of the robot's size: radius of gyration beyond which an inertia is in another unit
+_LARGE = 30.0  # m: hardly any arm is as large, unless its lengths are in mm
+
+
+@dataclass(frozen=True)
+class ModelBody:
+    """A body and those welded to it: mass, kg, centre (3,), m, inertia (3, 3) about it, base axes.
+
+    ``axes``: its own axes as columns. If elastic, it has a ``part`` with these, and its origin
+    ``centre``.
+    """
+
+    name: str
+    mass: float
+    centre: Array
+    inertia: Array
+    part: str = ""
+    axes: Array = field(default_factory=lambda: np.eye(3))
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class ModelJoint:
+    """A joint as in a robot file; ``range``: displacements from home; ``note``: from the source.
+
+    ``gain``: of a position servo, N·m/rad or N/m; ``dynamics``: stiffness, damping, armature, friction.
+    """
+
+    name: str
+    first: str
+    second: str
+    kind: str
+    at: Array
+    axis: Array | None = None
+    axis2: Array | None = None
+    range: tuple[float, float] | None = None
+    note: str = ""
+    gain: float = 0.0
+    dynamics: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SimulatorModel:
+    """A model at its home configuration, base axes, SI; ``notes``: omissions and guesses."""
+
+    name: str
+    bodies: tuple[ModelBody, ...]
+    joints: tuple[ModelJoint, ...]
+    tool_body: str
+    tool_at: Array
+    pose: tuple[str, ...]
+    gravity: Array
+    notes: tuple[str, ...]
+
+
+def read_model(
+    path: str | Path,
+    tool: str | None = None,
+    home: Mapping[str, float] | None = None,
+    drives: Sequence[str] = (),
+) -> SimulatorModel:
+    """Read a URDF or MJCF file, whose meshes need not exist, as a model at its home.
+
+    ``tool``: body or site; by default a usually named site, else the last body of the longest
+    chain. ``home``: positions of hinges (rad) and slides (m); by default those of the keyframe
+    "home" or the zero pose, as far as loops permit. ``drives``: patterns of the driven joints.
+    Raises InputError if MuJoCo is missing, the file is not a model, loops do not close, or there is
+    no such tool.
+    """
+    source = compile_at_home(Path(path), home or {})
+    joints = _name_apart([*_tree_joints(source, drives), *_closing_joints(source)])
+    bodies = [
+        _merge(source, number, name) for number, name in source.movers.items() if number
+    ]
+    bare = [body.name for body in bodies if not body.mass]
+    if bare:
+        source.notes.append(f"the source gives no mass of {', '.join(bare)}")
+    ends = {name for joint in joints for name in (joint.first, joint.second)}
+    between = sorted(
+        ends - {GROUND, *(body.name for body in bodies)}
+    )  # two joints of one body
+    reached = find_distances(joints, GROUND)
+    for number, name in source.movers.items():
+        if name not in reached:
+            at = source.data.xpos[number].copy()
+            joints.append(ModelJoint(f"{name}.held", GROUND, name, "fixed", at))
+            source.notes.append(
+                f'"{name}" floats in the source; it is fixed to the ground here'
+            )
+    bodies += [ModelBody(name, 0.0, np.zeros(3), np.zeros((3, 3))) for name in between]
+    _note_omissions(source, joints)
+    source.notes += _doubt_units(joints, [body for body in bodies if body.mass])
+    body, at, where = find_tool(source, tool)
+    pose = movable_coordinates(source, body, at)
+    source.notes.append(f"tool: {where}; check body and point")
+    gravity = np.array(source.model.opt.gravity)
+    notes = tuple(source.notes)
+    own = source.model.names.partition(b"\0")[0].decode(errors="replace")
+    name = print_safely(
+        own if own.strip() and own != "MuJoCo Model" else source.path.stem
+    )
+    tool_of = source.mover(body), at, pose
+    return SimulatorModel(name, tuple(bodies), tuple(joints), *tool_of, gravity, notes)
+
+
+def _merge(source: CompiledModel, mover: int, name: str) -> ModelBody:
+    """Merge a body with all bodies welded to it."""
+    m = source.model
+    d = source.data
+    members = np.flatnonzero((m.body_weldid == mover) & (m.body_mass > _LEAST_MASS))
+    mass = float(sum(m.body_mass[b] for b in members))
+    centre = sum((m.body_mass[b] * d.xipos[b] for b in members), np.zeros(3)) / (
+        mass or 1.0
+    )
+    inertia = np.zeros((3, 3))
+    for b in members:
+        turn = d.ximat[b].reshape(3, 3)
+        r = d.xipos[b] - centre
+        inertia += turn @ np.diag(m.body_inertia[b]) @ turn.T
+        inertia += m.body_mass[b] * (r @ r * np.eye(3) - np.outer(r, r))
+    return ModelBody(
+        name, mass, centre, inertia, axes=d.xmat[mover].reshape(3, 3).copy()
+    )
+
+
+def _note_omissions(source: CompiledModel, joints: Iterable[ModelJoint]) -> None:
+    m = source.model
+    fixed = [
+        b
+        for b in range(1, m.nbody)
+        if not m.body_weldid[b] and m.body_mass[b] > _LEAST_MASS
+    ]
+    if fixed:
+        listed = ", ".join(
+            f"{source.label('body', b)} {m.body_mass[b]:.4g} kg" for b in fixed
+        )
+        source.notes.append(f"bodies fixed to the ground have no mass here: {listed}")
+    for word in _DYNAMICS:
+        names = [joint.name for joint in joints if joint.dynamics.get(word)]
+        if names:
+            of = f"the source's {word} of {', '.join(names)}"
+            source.notes.append(f"{of} is not taken, but written beside the joint")
+    for sign, told in (
+        (1, "written beside the joint, not taken"),
+        (-1, "below zero and left out"),
+    ):
+        names = [joint.name for joint in joints if joint.gain * sign > 0]
+        if names:
+            source.notes.append(f"position gains (kp) of {', '.join(names)} are {told}")
+    others = [
+        name
+        for name, number in source.labels("actuator", m.nu).items()
+        if not _moves_joint(source, number)
+    ]
+    for word, names in (
+        ("tendons", source.labels("tendon", m.ntendon)),
+        ("actuators of no joint", others),
+    ):
+        if names:
+            source.notes.append(f"{word} are left out: {', '.join(names)}")
+    lifted = ", ".join(
+        name for number, name in source.movers.items() if m.body_gravcomp[number]
+    )
+    if lifted:
+        source.notes.append(
+            f"gravity compensation (gravcomp) of {lifted} is left out: the whole weight acts here"
+        )
+    if (
+        m.opt.disableflags & int(source.mj.mjtDisableBit.mjDSBL_GRAVITY)
+        and m.opt.gravity.any()
+    ):
+        source.notes.append("the source disables gravity; it acts here")
+
+
+def _doubt_units(joints: list[ModelJoint], bodies: list[ModelBody]) -> Iterator[str]:
+    """Yield notes on lengths and inertias that are probably in another unit."""
+    places = np.array([joint.at for joint in joints] or np.zeros((1, 3)))
+    far = float(np.abs(places).max())
+    if far > _LARGE:
+        yield f"joints are up to {far:.3g} m from the origin: check that lengths of the source are in m"
+    size = float(
+        np.linalg.norm(np.ptp([*places, *(body.centre for body in bodies)], axis=0))
+    )
+    largest = (_WIDE * size) ** 2 or np.inf
+    wide = ", ".join(
+        b.name for b in bodies if np.linalg.eigvalsh(b.inertia)[-1] / b.mass > largest
+    )
+    if wide:
+        larger = f"the inertia of {wide} is that of a body far larger than the robot ({size:.3g} m)"
+        yield f"{larger}: check that it is in kg·m²"
+
+
+def _tree_joints(source: CompiledModel, drives: Sequence[str]) -> Iterator[ModelJoint]:
+    """Yield the tree's joints; several joints of a body form a chain of massless bodies."""
+    m = source.model
+    for body, name in source.movers.items():
+        first = int(m.body_jntadr[body])
+        count = int(m.body_jntnum[body])
+        found = [_tree_joint(source, first + n) for n in range(count)]
+        joints = [joint for joint in found if joint is not None]
+        if _are_universal(joints, drives):
+            one, two = joints
+            joints = [replace(one, kind="universal", axis2=two.axis)]
+            merged = f"{one.name} and {two.name} of {name} are one universal joint here, {one.name}"
+            source.notes.append(f"{merged}; name one with --drive to have two")
+        parent = source.mover(int(m.body_parentid[body])) if body else GROUND
+        for place, joint in enumerate(joints):
+            here = name if place == len(joints) - 1 else f"{name}.{place + 1}"
+            yield replace(joint, first=parent, second=here)
+            parent = here
+
+
+def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
+    """Return a hinge, slide or ball joint; None for a free joint, which constrains nothing."""
+    m = source.model
+    d = source.data
+    words = {"HINGE": "revolute", "SLIDE": "prismatic", "BALL": "spherical"}
+    of = m.jnt_type[number]
+    kinds = (
+        words[word] for word in words if source.is_a(of, "mjtJoint", f"mjJNT_{word}")
+    )
+    kind = next(kinds, None)
+    if kind is None:
+        return None
+    axis = None
+    limits = None
+    name = source.label("joint", number)
+    if kind != "spherical":
+        axis = d.xaxis[number].copy()
+        if m.jnt_limited[number]:
+            here = float(d.qpos[m.jnt_qposadr[number]])
+            low, high = (float(each) - here for each in m.jnt_range[number])
+            limits = low, high
+            if not low <= 0.0 <= high:
+                beyond = f"home of {name} is beyond its range"
+                source.notes.append(f"{beyond}; choose another with --home")
+        elif m.jnt_range[number, 0] > m.jnt_range[number, 1]:
+            source.notes.append(
+                f"limits of {name} are left out: the lower is above the upper"
+            )
+    note, gain = _actuator(source, number)
+    dof = int(m.jnt_dofadr[number])
+    at = d.xanchor[number].copy()
+    found = (
+        m.jnt_stiffness[number],
+        m.dof_damping[dof],
+        m.dof_armature[dof],
+        m.dof_frictionloss[dof],
+    )
+    sizes = (float(np.ravel(each)[0]) for each in found)
+    pairs = zip(_DYNAMICS, sizes, strict=True)
+    dynamics = {word: size for word, size in pairs if size}
+    return ModelJoint(name, "", "", kind, at, axis, None, limits, note, gain, dynamics)
+
+
+def _actuator(source: CompiledModel, joint: int) -> tuple[str, float]:
+    """Return a note on a joint's actuator, and its stiffness if it is a position servo."""
+    m = source.model
+    for number in np.flatnonzero(m.actuator_trnid[:, 0] == joint):
+        if _moves_joint(source, int(number)):
+            gain = (
+                -float(m.actuator_biasprm[number, 1])
+                * float(m.actuator_gear[number, 0]) ** 2
+            )
+            return (
+                f'actuator "{source.label("actuator", int(number))}" of the source',
+                gain,
+            )
+    return "", 0.0
+
+
+def _moves_joint(source: CompiledModel, actuator: int) -> bool:
+    return source.is_a(
+        source.model.actuator_trntype[actuator],
+        "mjtTrn",
+        "mjTRN_JOINT",
+        "mjTRN_JOINTINPARENT",
+    )
+
+
+def _closing_joints(source: CompiledModel) -> Iterator[ModelJoint]:
+    """Yield equalities as joints: connects by their number and places, welds as fixed joints."""
+    m = source.model
+    closing = source.closures()
+    connects: dict[tuple[str, str], list[tuple[str, Array]]] = {}
+    for number in range(m.neq):
+        name = source.label("equality", number)
+        if not m.eq_active0[number]:
+            source.notes.append(
+                f'equality "{name}" is not active in the source and is left out'
+            )
+        elif number not in closing:
+            coupled = _describe_coupling(source, number)
+            source.notes.append(f'equality "{name}" couples {coupled}; it is left out')
+        else:
+            first, second, at = source.closure_ends(number)
+            if first == second:
+                continue
+            if source.is_a(m.eq_type[number], "mjtEq", "mjEQ_WELD"):
+                yield ModelJoint(name, first, second, "fixed", at)
+            else:
+                connects.setdefault((first, second), []).append((name, at))
+    for (first, second), points in connects.items():
+        yield _closing_joint(first, second, points)
+
+
+def _describe_coupling(source: CompiledModel, number: int) -> str:
+    m = source.model
+    if not source.is_a(m.eq_type[number], "mjtEq", "mjEQ_JOINT"):
+        return "coordinates, which no joint does"
+    ends = int(m.eq_obj1id[number]), int(m.eq_obj2id[number])
+    names = [source.label("joint", each) for each in ends if each >= 0]
+    return (
+        f"the coordinates of joints {' and '.join(names)} (mimic), which no joint does"
+    )
+
+
+def _closing_joint(
+    first: str, second: str, points: list[tuple[str, Array]]
+) -> ModelJoint:
+    """Combine the connects of two bodies: spherical, revolute about their line, or fixed joint."""
+    name, at = points[0]
+    away = [point - at for _, point in points[1:]]
+    _, sizes, rows = np.linalg.svd(np.array(away).reshape(-1, 3))
+    if sizes.max(initial=0.0) < _SAME_POINT:
+        return ModelJoint(name, first, second, "spherical", at)
+    note = f"{len(points)} connects of the source"
+    if len(sizes) < 2 or sizes[1] < 1e-6 * sizes[0]:
+        return ModelJoint(
+            name, first, second, "revolute", at, rows[0], note=f"{note}, on one line"
+        )
+    return ModelJoint(name, first, second, "fixed", at, note=note)
+
+
+def _name_apart(joints: Iterable[ModelJoint]) -> list[ModelJoint]:
+    """Return the joints with unique names."""
+    found = dict[str, ModelJoint]()
+    for joint in joints:
+        name = joint.name
+        while name in found or name == GROUND:
+            name += ".joint"
+        found[name] = replace(joint, name=name)
+    return list(found.values())
+
+
+def find_distances(joints: Iterable[Any], ground: Any) -> dict[Any, int]:
+    """Return the distance from the ground, in joints, of everything that joints connect to it."""
+    ends = [
+        (a, b) for j in joints for a, b in ((j.first, j.second), (j.second, j.first))
+    ]
+    distances = {ground: 0}
+    new = {ground}
+    while new:
+        new = {b for a, b in ends if a in new} - distances.keys()
+        distances |= dict.fromkeys(new, max(distances.values()) + 1)
+    return distances
+
+
+def _are_universal(joints: list[ModelJoint], drives: Sequence[str]) -> bool:
+    """Return whether these are two hinges without drives and ranges that cross at right angles."""
+    if len(joints) != 2 or any(
+        joint.kind != "revolute" or joint.note or joint.range for joint in joints
+    ):
+        return False
+    if any(
+        joint.name in drives
+        or any(fnmatch.filter([joint.name], each) for each in drives)
+        for joint in joints
+    ):
+        return False
+    one, two = joints
+    cosine = np.vdot(np.asarray(one.axis), np.asarray(two.axis))
+    return bool(
+        np.linalg.norm(one.at - two.at) <= _SAME_POINT and abs(cosine) <= _SQUARE
+    )

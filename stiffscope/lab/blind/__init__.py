@@ -1,0 +1,1 @@
+"""Blind check: campaigns whose effects are withheld, and their scores."""

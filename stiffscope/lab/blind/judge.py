@@ -1,0 +1,181 @@
+"""Identifiability of the faults of a case from noise-free readings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.gap.effects.vocabulary import word_of
+from stiffscope.lab.blind.cases import Fault
+from stiffscope.lab.blind.laboratory import OF_READINGS
+from stiffscope.lab.measuring import Noise, true_readings
+from stiffscope.lab.signatures import (
+    Signatures,
+    fit_residual,
+    orthonormal_basis,
+    project_out,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.lab.blind.laboratory import Lab
+    from stiffscope.lab.closure import Located
+    from stiffscope.lab.measuring import Plan, Readings
+    from stiffscope.lab.rotations import Array
+
+VISIBLE = (
+    8.0  # least size of a fault's signature over all readings, standard deviations
+)
+_ALIKE = (
+    4.0  # largest indistinguishable difference over all readings, standard deviations
+)
+_SAME = 1e-4  # relative residual of a signature fitted by an equivalent one
+_TURN = 1e-3  # rad, or relative: step for derivatives
+_IMITATORS = 3  # most known effects that together may mimic an outside one
+_TWINS = 2  # most other effects in the named group of a true one
+_KEPT = {"mass", "row"}  # fixed in signatures: payload mass, row of a slip
+_BY_STEPS = {
+    "instrument-misalignment": tuple({axis: _TURN} for axis in ("rx", "ry", "rz")),
+    "displacement-scale": ({"factor": 1.0 + _TURN},),
+    "force-scale": ({"factor": 1.0 + _TURN},),
+    "mass": ({"factor": 1.0 + _TURN},),
+}
+"""Small steps of parameters."""
+
+
+class Judge:
+    """Decides whether noise-free readings distinguish a case's faults from all other effects."""
+
+    def __init__(self, lab: Lab, plan: Plan, located: Located) -> None:
+        self.lab = lab
+        self._plan = plan
+        self._located = located
+        self._sound = self._read(())
+        self._elements = Signatures(
+            lab.sound, self._plan, self._located, self._sound, Noise()
+        )
+        self._frame = orthonormal_basis(self._elements.frame)
+        self.sensors = tuple(sensor.name for sensor in self._plan.sensors)
+        self.words = [
+            w for w in lab.words() if plan.frame is None or w not in OF_READINGS
+        ]
+        self._own: dict[str, Array] = {}
+        self._spans: dict[str, Array] = {}
+        self._vain: dict[str, bool] = {}
+
+    def _read(self, faults: Sequence[Fault]) -> Readings:
+        return true_readings(self.lab.with_faults(faults), self._plan, self._located)
+
+    def _signature(self, fault: Fault) -> Array:
+        """Return the changes of readings (r,) by a fault alone, over their noise."""
+        key = repr(fault)
+        if key not in self._own:
+            change = (
+                self._read((fault,)).value - self._sound.value
+            ) / self._elements.sigma
+            self._own[key] = project_out(change[:, None], self._frame)[:, 0]
+        return self._own[key]
+
+    def _columns(self, fault: Fault) -> Array:
+        """Return columns (r, k) of changes by a fault's effect for any parameters."""
+        columns = self._isolate_fault(fault.effect, fault.place)
+        if columns is not None:
+            return np.hstack([columns, self._signature(fault)[:, None]])
+        if fault.name not in self._spans:
+            given = fault.parameters
+            kept = {n: v for n, v in given.items() if n in _KEPT}
+            each = [
+                replace(fault, parameters=kept | {n: given[n]})
+                for n in given
+                if n != "row"
+            ]
+            self._spans[fault.name] = np.stack(
+                list(map(self._signature, each or [fault])), axis=1
+            )
+        return self._spans[fault.name]
+
+    def _isolate_fault(self, effect: str, place: str) -> Array | None:
+        if effect in _BY_STEPS:
+            steps = (Fault(effect, place, step) for step in _BY_STEPS[effect])
+            return np.stack([self._signature(step) for step in steps], axis=1)
+        columns = self._elements.find_columns(
+            effect, place, self.lab.softer(effect, place)
+        )
+        return None if columns is None else project_out(columns, self._frame)
+
+    @cached_property
+    def _all_columns(self) -> dict[str, Array]:
+        """Columns (r, k) of all known effects that have some, at all places."""
+        everywhere = self.lab.everywhere(self.sensors).items()
+        listed = {name: each for name, each in everywhere if each[0] in self.words}
+        found = {name: self._isolate_fault(*each) for name, each in listed.items()}
+        return {name: columns for name, columns in found.items() if columns is not None}
+
+    def can_decide(self, faults: Sequence[Fault]) -> bool:
+        """Return whether every fault is identifiable beside the others; see `draw_case`."""
+        if any(self._is_hopeless(fault) for fault in faults):
+            return False
+        for fault in reversed(faults):  # the last one is new
+            signature = self._signature(fault)
+            others = [self._columns(other) for other in faults if other is not fault]
+            beside = orthonormal_basis(
+                np.hstack([np.zeros((len(signature), 0)), *others])
+            )
+            left = project_out(signature[:, None], beside)[:, 0]
+            seen = np.linalg.norm(left) >= VISIBLE
+            if not seen or len(self._find_alike(fault, left, beside)) > _TWINS:
+                return False
+        return True
+
+    def distance(self, fault: Fault) -> tuple[float, float]:
+        """Return norms of a fault's signature, and of its rest after the closest known effects."""
+        left = self._signature(fault)
+        size = float(np.linalg.norm(left))
+        basis = np.zeros((len(left), 0))
+        columns = list(self._all_columns.values())
+        for _ in range(_IMITATORS):
+            if not columns or not np.linalg.norm(left) >= VISIBLE:
+                break
+            spans = [orthonormal_basis(project_out(each, basis)) for each in columns]
+            best = max(spans, key=lambda span: float(np.linalg.norm(span.T @ left)))
+            basis = np.hstack([basis, best])
+            left = project_out(left[:, None], best)[:, 0]
+        return size, float(np.linalg.norm(left))
+
+    def _is_hopeless(self, fault: Fault) -> bool:
+        """Return whether a fault of any size is invisible or indistinguishable in such readings."""
+        if fault.name not in self._vain:
+            columns = self._isolate_fault(fault.effect, fault.place)
+            vain = columns is not None and not columns.any()
+            if columns is not None and not vain and columns.shape[1] == 1:
+                large = columns[:, 0] * (_ALIKE / _SAME / np.linalg.norm(columns))
+                vain = (
+                    len(self._find_alike(fault, large, np.zeros((len(large), 0))))
+                    > _TWINS
+                )
+            self._vain[fault.name] = vain
+        return self._vain[fault.name]
+
+    def _find_alike(self, fault: Fault, left: Array, beside: Array) -> set[str]:
+        """Return other effects that mimic a fault with no more parameters than it has.
+
+        left: its signature (r,) with the campaign's other faults projected out; beside: orthonormal
+        basis (r, k) of these.
+        """
+        others = dict(self._all_columns)
+        others.pop(self.lab.canonical(fault.name), None)
+        if fault.effect != "part-compliance":  # too flexible
+            others = {
+                n: each for n, each in others.items() if word_of(n) != "part-compliance"
+            }
+        most = len(fault.parameters)
+        rest = {n: project_out(columns, beside) for n, columns in others.items()}
+        return {
+            n
+            for n, columns in rest.items()
+            if fit_residual(left, columns, most) < _ALIKE
+        }

@@ -1,0 +1,488 @@
+"""Readings of the virtual machine: plan, nonlinear response, instrument, noise and campaign."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import product
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from stiffscope.gap.campaign.quantities import DEVIATION, WRENCH
+from stiffscope.gap.campaign.writing import (
+    describe_sensor,
+    number_cells,
+    write_campaign,
+)
+from stiffscope.lab.closure import COORDINATES, locate
+from stiffscope.lab.machine import GROUND, TOOL
+from stiffscope.lab.nonlinear import settle
+from stiffscope.lab.response import Response, Spot, respond, tool_spot
+from stiffscope.lab.rotations import lever, skew
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from stiffscope.lab.closure import Located
+    from stiffscope.lab.machine import Instrument, Machine
+    from stiffscope.lab.rotations import Array
+
+    Codes = NDArray[np.int64]
+    Kind = Literal["deflection", "deviation", "stiffness"]
+    Measures = Literal["displacement", "rotation"]
+
+KINDS: tuple[Kind, ...] = ("deflection", "deviation", "stiffness")
+MEASURES: tuple[Measures, ...] = ("displacement", "rotation")
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A sensor at a point (3,) of a node, home coordinates, with its direction in base axes."""
+
+    name: str
+    measures: Measures
+    node: str
+    at: Array
+    direction: Array
+    against: str = GROUND
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Readings in order: all loads at a pose, its deviation, its stiffness; then the next pose."""
+
+    poses: Array
+    """Commanded poses (p, k), m and rad."""
+    loads: tuple[tuple[str, Array], ...]
+    """Point of each load, a name of `hooks` or "" for M, and its wrench (6,), N and N·m."""
+    hooks: Mapping[str, Spot] = field(default_factory=dict[str, Spot])
+    sensors: tuple[Sensor, ...] = ()
+    """Sensors to read; if empty, the tool's pose at M is read."""
+    deviations: bool = True
+    stiffness: Literal["", "k", "p"] = ""
+    """Read diagonals of the stiffness matrix at M ("k") or pushes ("p")."""
+    sessions: int = 1
+    frame: tuple[Array, Array] | None = None
+    """Axes (3, 3) as columns and origin (3,), in {O}, of an instrument that reads positions.
+
+    Its sensors are x, y and z of each target in turn, displacements along the base's axes.
+    """
+
+    def channels(self, machine: Machine) -> tuple[Sensor, ...]:
+        """Return the sensors, or those equivalent to the tool's pose."""
+        if self.sensors:
+            return self.sensors
+        axes = dict(zip("xyz", np.eye(3), strict=True))
+        move, turn = (
+            partial(Sensor, measures=what, node=TOOL, at=machine.at)
+            for what in MEASURES
+        )
+        return tuple(
+            (turn if n[0] == "r" else move)(n, direction=axes[n[-1]])
+            for n in COORDINATES
+        )
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise of readings; sigma in the file is its standard deviation unless `stated` differs."""
+
+    displacement: float = 1e-6
+    """Standard deviation of displacements, m."""
+    rotation: float = 5e-6
+    """Standard deviation of rotations, rad."""
+    stiffness: float = 0.01
+    """Relative standard deviation of stiffnesses."""
+    spread: float = 0.0
+    """Log-normal spread of the sigma of readings."""
+    outliers: float = 0.0
+    """Fraction of gross outliers, 20 to 100 sigma."""
+    missing: float = 0.0
+    """Fraction of missing rows."""
+    stated: float | None = 1.0
+    """Factor on the sigma stated in the file; None if sigma is not stated."""
+    shuffle: bool = False
+
+
+@dataclass(frozen=True)
+class Readings:
+    """Recorded readings (n,) of a plan."""
+
+    plan: Plan
+    channels: tuple[Sensor, ...]
+    pose: Codes
+    load: Codes
+    """Index into the plan's loads; -1 for none."""
+    kind: Codes
+    """Index into `KINDS`."""
+    channel: Codes
+    value: Array
+    sigma: Array
+    """Stated standard deviation; NaN if not stated."""
+    session: Codes
+
+    def some(self, rows: Codes) -> Readings:
+        """Return the selected readings, in the given order."""
+        names = ("pose", "load", "kind", "channel", "value", "sigma", "session")
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+    @property
+    def turns(self) -> Codes:
+        """1 for readings (n,) of rotations, else 0."""
+        each = np.array(
+            [sensor.measures == "rotation" for sensor in self.channels], dtype=np.int64
+        )
+        return each[self.channel]
+
+    def shows(self, place: str) -> NDArray[np.bool_]:
+        """Return flags (n,) of a channel's readings; of "instrument" all but stiffnesses."""
+        named = np.array(
+            [place in {"instrument", sensor.name} for sensor in self.channels]
+        )
+        return named[self.channel] & (self.kind != 2)
+
+
+def true_readings(
+    machine: Machine, plan: Plan, located: Located | None = None
+) -> Readings:
+    """Return the noise-free readings of a machine.
+
+    Those of positions are displacements from the drawn positions, loaded or not; see `measure`.
+    Raises InputError for poses that the machine cannot reach.
+
+    Parameters
+    ----------
+    machine
+        The real machine, with its faults.
+    plan
+        Poses, loads and instruments.
+    located
+        Configuration of the machine at the plan's poses, if already known.
+    """
+    tool = tool_spot(machine)
+    channels = plan.channels(machine)
+    spots = [tool, *plan.hooks.values()]
+    response = respond(machine, plan.poses if located is None else located, spots)
+    seen = _gains(machine, response, channels)
+    p = len(plan.poses)
+    c = len(channels)
+    blocks: list[tuple[int, Array]] = []
+    away = partial(_displacements, machine, plan, response, channels, seen)
+    if plan.loads:
+        blocks.append(
+            (
+                0,
+                away(plan.loads)
+                if plan.frame
+                else _deflections(machine, plan, response, seen),
+            )
+        )
+    if plan.deviations:
+        blocks.append((1, away([("", np.zeros(6))])))
+    if plan.stiffness:
+        blocks.append((2, _stiffnesses(machine, plan, seen)[:, None]))
+    keys: list[Codes] = []
+    for kind, shown in blocks:  # (p, loads, channels)
+        loads = range(shown.shape[1]) if kind == 0 else (-1,)
+        every = [*product(range(p), loads, (kind,), range(c))]
+        keys.append(np.array(every, dtype=np.int64).reshape(-1, 4).T)
+    value = np.concatenate([shown.ravel() for _, shown in blocks])
+    pose, load, kinds, channel = np.concatenate(keys, axis=1)
+    order = np.argsort(pose, kind="stable")
+    session = (np.arange(len(order)) * plan.sessions) // len(order)
+    unknown = np.full(len(value), np.nan)
+    codes = (pose, load, kinds, channel, value, unknown)
+    rows = Readings(plan, channels, *codes, np.zeros_like(pose)).some(order)
+    rows = replace(rows, session=session)
+    value = _drift(machine.instrument, rows)
+    for name, (
+        line,
+        jump,
+    ) in machine.instrument.steps.items():  # the first readings are on line 2
+        value = value + jump * (rows.shows(name) & (np.arange(len(value)) + 2 >= line))
+    return replace(rows, value=_find_factors(machine.instrument, rows) * value)
+
+
+def _gains(machine: Machine, response: Response, channels: tuple[Sensor, ...]) -> Array:
+    """Return the readings (n, c, cases) of each channel for the response's cases."""
+    rows: list[Array] = []
+    for sensor in channels:
+        there = lever(response.true.point(sensor.node, sensor.at))
+        relative = there @ (
+            response.twists[sensor.node] - response.twists[sensor.against]
+        )
+        rows.append(_read_channel(machine.instrument, sensor, relative))
+    return _make_mixing(machine.instrument, channels) @ np.stack(rows, axis=1)
+
+
+def _read_channel(instrument: Instrument, sensor: Sensor, twist: Array) -> Array:
+    """Return the readings (n, …) of a sensor for twists (n, 6, …) at its point."""
+    part = twist[:, :3] if sensor.measures == "displacement" else twist[:, 3:]
+    along = sensor.direction
+    for place in ("instrument", sensor.name):
+        turned = np.eye(3) + skew(instrument.rotations.get(place, np.zeros(3)))
+        along = instrument.scales.get(place, 1.0) * along @ turned
+    return np.einsum("i,ni...->n...", along, part)
+
+
+def _make_mixing(instrument: Instrument, channels: tuple[Sensor, ...]) -> Array:
+    """Return the cross-talk matrix (c, c) of the channels."""
+    names = [sensor.name for sensor in channels]
+    out = np.eye(len(names))
+    for source, sink, share in instrument.crosstalk:
+        if source in names and sink in names:
+            out[names.index(sink), names.index(source)] += share
+    return out
+
+
+def _true_wrench(instrument: Instrument, stated: Array) -> Array:
+    """Return the true wrench (…, 6) at the stated point for a stated wrench."""
+    out = instrument.force * stated
+    moment = np.cross(instrument.application, out[..., :3])
+    return np.concatenate([out[..., :3], out[..., 3:] + moment], axis=-1)
+
+
+def _apply(
+    machine: Machine,
+    plan: Plan,
+    loads: Sequence[tuple[str, Array]],
+    shape: tuple[int, int],
+) -> Array:
+    """Return the cases (p, m, cases) of true wrenches; shape: poses and cases."""
+    first = {name: 6 * (k + 1) for k, name in enumerate(plan.hooks)} | {"": 0}
+    cases = np.zeros((shape[0], len(loads), shape[1]))
+    for k, (name, wrench) in enumerate(loads):
+        cases[:, k, first[name] : first[name] + 6] = _true_wrench(
+            machine.instrument, wrench
+        )
+    return cases
+
+
+def _settle_slots(
+    machine: Machine, response: Response, force: Array, *, gaps: bool
+) -> Array:
+    """Return the lost motion (p, m, slots) at slot forces (p, m, slots); see `settle`."""
+    p, m, s = force.shape
+    own = response.force[:, None, :, response.dead + 1 :]
+    coupling = np.broadcast_to(own, (p, m, s, s)).reshape(p * m, s, s)
+    return settle(machine.slots, coupling, force.reshape(p * m, s), gaps=gaps).reshape(
+        p, m, s
+    )
+
+
+def _deflections(
+    machine: Machine, plan: Plan, response: Response, seen: Array
+) -> Array:
+    """Return deflections (p, m, c): loaded minus unloaded."""
+    cases = _apply(machine, plan, plan.loads, seen.shape[::2])
+    if machine.slots:
+        force = np.einsum("nsc,nmc->nms", response.force, cases)
+        dead = np.broadcast_to(response.force[:, None, :, response.dead], force.shape)
+        lost = partial(_settle_slots, machine, response)
+        smooth = lost(force + dead, gaps=False) - lost(dead, gaps=False)
+        gap = lost(force, gaps=True) - lost(force, gaps=False)
+        cases[:, :, response.dead + 1 :] = smooth + gap
+    return np.einsum("nkc,nmc->nmk", seen, cases)
+
+
+def _displacements(
+    machine: Machine,
+    plan: Plan,
+    response: Response,
+    channels: tuple[Sensor, ...],
+    seen: Array,
+    loads: Sequence[tuple[str, Array]],
+) -> Array:
+    """Return displacements (p, m, c) of the machine under loads from where it is commanded."""
+    cases = _apply(machine, plan, loads, seen.shape[::2])
+    cases[:, :, response.dead] = 1.0
+    force = np.einsum("nsc,nmc->nms", response.force, cases)
+    cases[:, :, response.dead + 1 :] = _settle_slots(
+        machine, response, force, gaps=True
+    )
+    rigid: list[Array] = []
+    for s in channels:
+        moved = response.shift(Spot(s.node, s.at)) - response.shift(
+            Spot(s.node, s.at), s.against
+        )
+        rigid.append(_read_channel(machine.instrument, s, moved))
+    shift = np.stack(rigid, axis=1) @ _make_mixing(machine.instrument, channels).T
+    return shift[:, None] + np.einsum("nkc,nmc->nmk", seen, cases)
+
+
+def _stiffnesses(machine: Machine, plan: Plan, seen: Array) -> Array:
+    """Return stiffness diagonals or pushes (p, 6): stated wrench over measured displacement."""
+    shown = seen[:, :, :6] @ _true_wrench(machine.instrument, np.eye(6)).T
+    if plan.stiffness == "p":
+        return 1.0 / np.einsum("nii->ni", shown)
+    return np.einsum("nii->ni", np.linalg.inv(shown))
+
+
+def _drift(instrument: Instrument, rows: Readings) -> Array:
+    """Return the values (n,) read with an instrument that drifts during the campaign."""
+    time = np.linspace(0.0, 1.0, len(rows.value))
+    last = rows.session == rows.session.max()
+    gain = (1 + instrument.gain_drift * time) * np.where(
+        last, 1 + instrument.bad_session, 1.0
+    )
+    drift = np.array(instrument.drift)[rows.turns]
+    return np.where(rows.kind == 2, rows.value / gain, rows.value * gain + drift * time)
+
+
+def _find_factors(instrument: Instrument, rows: Readings) -> Array:
+    """Return the factors (n,) on the recorded numbers."""
+    out = np.ones(len(rows.value))
+    for name, factor in instrument.factors.items():
+        out = np.where(rows.shows(name), factor * out, out)
+    return out
+
+
+def sigma_of(rows: Readings, noise: Noise) -> Array:
+    """Return the standard deviations (n,) of the readings."""
+    sigma = np.array([noise.displacement, noise.rotation])[rows.turns]
+    return np.where(rows.kind == 2, noise.stiffness * np.abs(rows.value), sigma)
+
+
+def measure(
+    machine: Machine,
+    plan: Plan,
+    noise: Noise,
+    rng: np.random.Generator,
+    located: Located | None = None,
+) -> Readings:
+    """Return the readings of a machine, with noise, as a lab would deliver them.
+
+    Raises InputError for poses that the machine cannot reach.
+
+    Parameters
+    ----------
+    machine, plan, located
+        As for `true_readings`.
+    noise
+        Noise of each kind of reading.
+    rng
+        Random generator of the noise.
+    """
+    rows = true_readings(machine, plan, located)
+    instrument = machine.instrument
+    n = len(rows.value)
+    sigma = sigma_of(rows, noise) * np.abs(_find_factors(instrument, rows))
+    sigma = sigma * np.exp(noise.spread * rng.standard_normal(n))
+    value = rows.value + sigma * rng.standard_normal(n)
+    step = np.array(instrument.quantum)[rows.turns]
+    coarse = (step > 0) & (rows.kind != 2)
+    value = np.where(
+        coarse, np.round(value / np.where(coarse, step, 1.0)) * step, value
+    )
+    wild = rng.random(n) < noise.outliers
+    value = value + np.where(
+        wild, sigma * rng.uniform(20, 100, n) * rng.choice([-1, 1], n), 0.0
+    )
+    value = np.where(rows.kind == 2, np.maximum(np.abs(value), 1.0), value)
+    if plan.frame is not None:  # rows: x, y, z of each target
+        axes, origin = plan.frame
+        at = drawn_targets(machine, plan, located)[
+            rows.pose[::3], rows.channel[::3] // 3
+        ]
+        value = ((at + value.reshape(-1, 3) - origin) @ axes).ravel()
+    stated = np.full(n, np.nan) if noise.stated is None else noise.stated * sigma
+    kept = np.flatnonzero(rng.random(n) >= noise.missing)
+    if noise.shuffle:
+        kept = rng.permutation(kept)
+    return replace(rows, value=value, sigma=stated).some(kept)
+
+
+def drawn_targets(machine: Machine, plan: Plan, located: Located | None) -> Array:
+    """Return the drawn positions (p, t, 3) of a plan's targets."""
+    frames = (located or locate(machine, plan.poses)).frames
+    targets = plan.sensors[::3]
+    return np.stack(
+        [frames.point(machine.carrier(s.node), s.at) for s in targets], axis=1
+    )
+
+
+def write_readings(
+    readings: Readings,
+    folder: Path,
+    *,
+    robot: str,
+    pose: Sequence[str],
+    modelled: Sequence[str] = ("gravity",),
+    components: str = "published",
+) -> None:
+    """Write a campaign folder.
+
+    Parameters
+    ----------
+    readings
+        The readings with their plan.
+    folder
+        Created if absent.
+    robot, modelled, components
+        Header fields: nominal robot, effects included in its model, source of its parts' matrices.
+    pose
+        Names of the pose columns.
+    """
+    plan = readings.plan
+    header: dict[str, Any] = {
+        "robot": robot,
+        "modelled": list(modelled),
+        "components": components,
+    }
+    if plan.frame is None:
+        header["sensors"] = {
+            s.name: describe_sensor(
+                s.measures, s.node, s.at, s.direction, against=s.against
+            )
+            for s in plan.sensors
+        }
+    else:
+        header["frames"] = {"tracker": {"pose": "unknown"}}
+        seen = {"measures": "position", "frame": "tracker"}
+        targets = {
+            s.name.partition(".")[0]: {"body": s.node, "at": s.at.tolist()}
+            for s in plan.sensors
+        }
+        header["sensors"] = {name: {**seen, **where} for name, where in targets.items()}
+    hooks = plan.hooks.items()
+    header["loads"] = {
+        name: {"body": spot.node, "at": spot.at.tolist()} for name, spot in hooks
+    }
+    columns = {
+        name: number_cells(plan.poses[readings.pose, k]) for k, name in enumerate(pose)
+    }
+    if plan.hooks:
+        columns["load"] = [
+            plan.loads[k][0] if k >= 0 else "" for k in readings.load.tolist()
+        ]
+    wrench = np.full((len(readings.value), 6), np.nan)
+    for k, (_, stated) in enumerate(plan.loads):
+        wrench[readings.load == k] = stated
+    wrench[readings.kind == DEVIATION] = 0.0
+    columns |= {name: number_cells(wrench[:, k]) for k, name in enumerate(WRENCH)}
+    names = [sensor.name for sensor in readings.channels]
+    if plan.sensors:
+        columns["sensor"] = [names[k] for k in readings.channel.tolist()]
+        if plan.frame is None:
+            columns["kind"] = [KINDS[k] for k in readings.kind.tolist()]
+    else:
+        letters = (
+            "d",
+            "e",
+            plan.stiffness,
+        )  # of deflections, deviations, stiffnesses at M
+        codes = zip(readings.kind.tolist(), readings.channel.tolist(), strict=True)
+        columns["quantity"] = [
+            letters[kind] + names[channel] for kind, channel in codes
+        ]
+    columns |= {
+        "value": number_cells(readings.value),
+        "sigma": number_cells(readings.sigma),
+    }
+    if plan.sessions > 1:
+        columns["session"] = [f"day {k + 1}" for k in readings.session.tolist()]
+    write_campaign(folder, header, columns)

@@ -1,0 +1,1 @@
+"""Virtual experiments on one part."""

@@ -1,0 +1,337 @@
+"""Sensitivity of a part's compliance to its boundary conditions.
+
+Each choice changes one setting of the robot file, as `--set` would.
+"""
+
+from __future__ import annotations
+
+import csv
+import dataclasses
+import io
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from stiffscope.errors import InputError
+from stiffscope.experiments.experiments import solve_parts
+from stiffscope.experiments.orders import order_part
+from stiffscope.fea.experiment import SIGNIFICANT
+from stiffscope.robot.file.part_sections import ParametricPart, SolidPart
+from stiffscope.robot.part_matrices import entry_name
+from stiffscope.vjm.model.screws import shift
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from stiffscope.cad.slider import SliderParameters
+    from stiffscope.experiments.experiments import PartResult
+    from stiffscope.experiments.orders import PartOrder
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.runtime.workshop import Workshop
+
+AT_ONCE = 2  # parallel experiments; each may need gigabytes
+PAD_HEIGHT = 1 / 4  # of the thickness, for joint pads if the part has none
+HOLE_PITCH = 4.0  # spacing of bolt holes in thicknesses, if the part has none
+OWN = "as in the robot file"
+UNKNOWN = {
+    "three pads": "the solid of a STEP file is as it is",
+    "bolt holes": 'a STEP file does not say which; choose their washers beside the faces, washer = "18 mm"',
+    "foundation": "the robot file gives no foundation of this part, and no thickness to take one from",
+}
+APART = "the pads are loaded together here, not apart, so that there is one matrix"
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A way to hold or load a part: name, description, and the part's keys with their values."""
+
+    name: str
+    words: str
+    values: tuple[tuple[str, Any], ...] = ()
+    part: str = ""
+
+    @property
+    def overrides(self) -> tuple[str, ...]:
+        """Arguments of `--set` that select it."""
+        return tuple(
+            f"{self.part}.{key}={_format_value(key, value)}"
+            for key, value in self.values
+        )
+
+
+@dataclass(frozen=True)
+class Tested:
+    """A part's compliance (6, 6) under a choice, 95 % bounds, SI, at the file's reference point."""
+
+    choice: Choice
+    result: PartResult
+    compliance: np.ndarray
+    error: np.ndarray
+
+
+@dataclass(frozen=True)
+class Entry:
+    """An entry as in the robot file (SI, with bound), and its relative change by each choice."""
+
+    name: str
+    unit: str
+    own: float
+    error: float
+    changes: tuple[float, ...]
+    bars: tuple[float, ...]
+    place: tuple[int, int]
+    """Row and column in the compliance of all interfaces."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A part as in the robot file and under other choices; one line for each omitted choice."""
+
+    robot: str
+    part: str
+    own: Tested
+    others: tuple[Tested, ...]
+    entries: tuple[Entry, ...]
+    left_out: tuple[str, ...]
+
+
+def compare_interfaces(robot: RobotFile, part: str, shop: Workshop) -> Comparison:
+    """Test a part under each choice of boundary conditions.
+
+    Parameters
+    ----------
+    robot
+        Robot from `load_robot`.
+    part
+        Name of its rod, plate or STEP solid.
+    shop
+        Runs the experiments.
+
+    Raises
+    ------
+    InputError
+        If the part does not exist or is not a testable solid.
+    """
+    apart = getattr(robot.parts.get(part), "pads", None) == "apart"
+    base = _with(robot, part, {"pads": "together"}) if apart else robot
+    own = order_part(base, part, label=OWN)
+    orders, names, left_out = _orders(base, part, own)
+    wanted = {Choice(", ".join(names) or OWN, OWN): own, **orders}
+    found: list[PartResult] = []
+    for start in range(0, len(wanted), AT_ONCE):
+        found += solve_parts(
+            list(wanted.values())[start : start + AT_ONCE], shop, whole=False
+        )
+    tested = dict(zip(wanted, found, strict=True))
+    remarks = [APART, *left_out] if apart else left_out
+    return _compare_choices(robot.name, part, tested, remarks)
+
+
+def choices(robot: RobotFile, part: str) -> list[Choice]:
+    """Return the loads and supports to test on a part, with default sizes from its dimensions.
+
+    Default pads are a quarter of the thickness high, bolt holes four thicknesses apart (or as near
+    as the ribs permit); the foundation is a layer of the part's material and thickness. A STEP
+    solid is not modified, and tested on a foundation only if the file defines one.
+    """
+    section = robot.part(part)
+    if not isinstance(section, SolidPart):
+        message = f'expected a part that is a solid, got "{section.shape}"'
+        raise robot.refuse(("parts", part, "shape"), message)
+    bed = _bed(robot, part)
+
+    def choice(name: str, words: str, **values: float | str | None) -> Choice:
+        changed = (
+            (k, value)
+            for k, value in values.items()
+            if getattr(section, k, value) != value
+        )
+        return Choice(name, words, tuple(changed), part)
+
+    plate = section.shape == "plate"
+    whole, face = ({"pad_height": 0.0}, {"clamp": "face"}) if plate else ({}, {})
+    found = [
+        choice(
+            "rigid face",
+            "the loaded face moves as one body",
+            interface="rigid",
+            **whole,
+        ),
+        choice(
+            "even traction",
+            "the loaded face carries the load evenly",
+            interface="distributed",
+            **whole,
+        ),
+        choice(
+            "rigid clamp", "the clamped face does not move", foundation=None, **face
+        ),
+    ]
+    if bed is not None:
+        words = f"springs of {bed / 1e9:.12g} N/mm³ under the clamped face"
+        found.append(choice("foundation", words, foundation=bed, **face))
+    if plate:
+        shape: Any = section
+        slider: Any = shape.parameters()
+        height = slider.pad_height or PAD_HEIGHT * slider.thickness
+        # pads that are there are loaded as they are
+        rigid = {} if slider.pad_height else {"interface": "rigid"}
+        sizes = (
+            (height, "high"),
+            (slider.pad_width, "wide"),
+            (slider.pad_spacing, "apart"),
+        )
+        pads = ", ".join(f"{1e3 * size:g} mm {word}" for size, word in sizes)
+        count = slider.hole_count or _hole_count(slider)
+        size = f"{1e3 * slider.hole_diameter:g} mm"
+        words = f"loaded on three joint pads, {pads}"
+        found.insert(2, choice("three pads", words, pad_height=height, **rigid))
+        words = f"held in {count} bolt holes of {size} instead of by the face"
+        holes = choice(
+            "bolt holes", words, hole_count=count, clamp="holes", foundation=None
+        )
+        found.insert(4, holes)
+    return found
+
+
+def _bed(robot: RobotFile, part: str) -> float | None:
+    """Return the foundation stiffness to test, N/m³; None if the part's thickness is unknown."""
+    section = robot.part(part)
+    material = robot.material(part)
+    given = getattr(section, "foundation", None)
+    if given or material is None or not isinstance(section, ParametricPart):
+        return given
+    return float(f"{material.youngs_modulus / section.measure_across('z'):.3g}")
+
+
+def _with(robot: RobotFile, part: str, values: Mapping[str, Any]) -> RobotFile:
+    """Return the robot with changed values of a part, SI; its bodies are not updated."""
+    changed = robot.part(part).model_copy(update=dict(values))
+    return dataclasses.replace(robot, parts={**robot.parts, part: changed})
+
+
+def _format_value(key: str, value: Any) -> str:
+    """Format a value as in a robot file."""
+    if key == "foundation":
+        return "rigid" if value is None else f"{value / 1e9:.12g} N/mm^3"
+    return f"{1e3 * value:.12g} mm" if key == "pad_height" else str(value)
+
+
+def _hole_count(slider: SliderParameters) -> int:
+    """Return the hole count for a pitch of four thicknesses, or the nearest clear of the ribs."""
+    wanted = max(2, round(slider.width / (HOLE_PITCH * slider.thickness)))
+    for count in sorted(
+        range(2, 2 * wanted + 3), key=lambda count: abs(count - wanted)
+    ):
+        with suppress(InputError):
+            return dataclasses.replace(slider, hole_count=count).hole_count
+    return wanted
+
+
+def _orders(
+    robot: RobotFile, part: str, own: PartOrder
+) -> tuple[dict[Choice, PartOrder], list[str], list[str]]:
+    """Return orders that differ from the file's, names of choices equal to it, and omissions."""
+    orders: dict[Choice, PartOrder] = {}
+    same: list[str] = []
+    known = choices(robot, part)
+    names = {choice.name for choice in known}
+    unknown = {n: why for n, why in UNKNOWN.items() if own.step and n not in names}
+    left_out = [f"{name}: left out, since {why}" for name, why in unknown.items()]
+    for choice in known:
+        try:
+            order = order_part(
+                _with(robot, part, dict(choice.values)), part, label=choice.name
+            )
+        except InputError as error:
+            left_out.append(f"{choice.name}: left out; {error}")
+            continue
+        if order == own:
+            same.append(choice.name)
+        else:
+            orders[choice] = order
+    return orders, same, left_out
+
+
+def _compare_choices(
+    robot: str, part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]
+) -> Comparison:
+    points = next(iter(found.values())).experiment.reference_points
+    tested: list[Tested] = []
+    for (
+        choice,
+        result,
+    ) in found.items():  # at the same reference points, since pads protrude
+        carry = np.asarray(
+            block_diag(*shift(points - result.experiment.reference_points))
+        )
+        error = np.abs(carry) @ result.error @ np.abs(carry.T)
+        tested.append(
+            Tested(choice, result, carry @ result.compliance @ carry.T, error)
+        )
+    own, *others = tested
+    scale = np.sqrt(np.diag(own.compliance))
+    notable = np.abs(own.compliance) > SIGNIFICANT * np.outer(scale, scale)
+    shown = np.argwhere(
+        np.triu(notable) if len(points) == 1 else np.diag(np.diag(notable))
+    )
+    entries = [_entry(own, others, i, j) for i, j in shown.tolist()]
+    return Comparison(robot, part, own, tuple(others), tuple(entries), tuple(left_out))
+
+
+def _entry(own: Tested, others: Sequence[Tested], i: int, j: int) -> Entry:
+    """Return an entry; bounds of its changes add both errors in the worst case."""
+    value = float(own.compliance[i, j])
+    error = float(own.error[i, j])
+    ratios = np.array([t.compliance[i, j] for t in others]) / value
+    bounds = np.array([t.error[i, j] for t in others])
+    bars = (bounds + np.abs(ratios) * error) / abs(value)
+    name, unit = entry_name(i % 6, j % 6)
+    if len(own.compliance) > 6:
+        name = f"{own.result.experiment.interfaces[i // 6 + 1]} {name}"
+    changes = tuple((ratios - 1).tolist())
+    return Entry(name, unit, value, error, changes, tuple(bars.tolist()), (i, j))
+
+
+def interfaces_csv(compared: Comparison) -> str:
+    """Return CSV with a row for each entry and choice, SI; changes are relative to the file's."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(
+        ["entry", "unit", "choice", "set", "value", "bound", "change", "change_bound"]
+    )
+    for entry in compared.entries:
+        i, j = entry.place
+        others = zip(compared.others, entry.changes, entry.bars, strict=True)
+        rows = [(compared.own, 0.0, 0.0), *others]
+        for tested, change, bar in rows:
+            values = (tested.compliance[i, j], tested.error[i, j], change, bar)
+            numbers = (f"{v:.9g}" for v in values)
+            words = "; ".join(tested.choice.overrides)
+            writer.writerow(
+                [entry.name, entry.unit, tested.choice.name, words, *numbers]
+            )
+    return text.getvalue()
+
+
+def interfaces_json(compared: Comparison) -> dict[str, Any]:
+    """Return the full matrices as JSON data."""
+    return {
+        "part": compared.part,
+        "reference_point": compared.own.result.experiment.reference_point,
+        "choices": [
+            {
+                "name": t.choice.name,
+                "words": t.choice.words,
+                "set": list(t.choice.overrides),
+                "compliance": t.compliance,
+                "error": t.error,
+                **t.result.accuracy,
+            }
+            for t in (compared.own, *compared.others)
+        ],
+        "left_out": list(compared.left_out),
+    }

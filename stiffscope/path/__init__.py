@@ -1,0 +1,1 @@
+"""Error of the tool along a path under process forces."""

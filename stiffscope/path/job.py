@@ -1,0 +1,408 @@
+"""Job files: a robot, a path, and the process that loads the tool along it."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field
+from scipy.spatial.transform import Rotation
+
+from stiffscope.cad.materials import MATERIALS
+from stiffscope.path.cutting import cutting_materials, drill, mill
+from stiffscope.path.toolpath import MOST_LOAD, ToolPath, read_toolpath
+from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file import values as v
+from stiffscope.robot.file.description import RobotFile
+from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
+from stiffscope.robot.file.tables import one_of, read_table
+from stiffscope.robot.file.values import (
+    Direction,
+    Length,
+    Point,
+    Positive,
+    Reads,
+    Says,
+    Section,
+)
+from stiffscope.robot.reader import load_robot, load_robot_of
+from stiffscope.runtime import reading
+
+if TYPE_CHECKING:
+    from stiffscope.path.cutting import CuttingForces
+    from stiffscope.runtime.types import Array
+
+_FORCE = q.Dimension("a force of a process", "N", "100 N", most=MOST_LOAD)
+_MOST_EXPONENT = 1.0  # above it, thicker chips would need less force
+_SPEED = q.Dimension("a speed", "m/s", "600 mm/min", 1e-9, 1e3)
+_TURNS = q.Dimension("a rotational speed", "Hz", "9000 rpm", 1e-6, 1e5)
+_STRENGTH = q.Dimension("a yield strength", "Pa", "355 MPa", 1e3, 1e12)
+_STRESS = q.Dimension("a specific cutting force", "Pa", "2220 N/mm^2", 1e6, 1e12)
+_RATIO = q.Dimension("a ratio of forces", "", "0.3", most=10.0)
+_ENTERING = q.Dimension("an entering angle", "rad", "90 deg", most=np.pi / 2 + 1e-9)
+_POINT = q.Dimension("a point angle", "rad", "118 deg", most=np.pi)
+_FASTEST = 200.0  # m/s, of a cutting edge: twice what any cutter does
+
+# 1 rev/s in each unit of rotational speed
+_A_SECOND = {
+    "rpm": 60.0,
+    "1/min": 60.0,
+    "rev/min": 60.0,
+    "Hz": 1.0,
+    "1/s": 1.0,
+    "rev/s": 1.0,
+}
+
+
+def _speed(value: Any) -> float:
+    """Return a rotational speed in rev/s from a number in rev/s or a text with a unit."""
+    if not isinstance(value, str):
+        return q.to_si(value, _TURNS)
+    number, _, unit = value.strip().partition(" ")
+    a_second = _A_SECOND.get(unit.strip())
+    turns = None
+    with suppress(ValueError):
+        turns = float(number)
+    if a_second is None or turns is None:
+        units = ", ".join(_A_SECOND)
+        raise ValueError(
+            f'expected a rotational speed such as "9000 rpm" ({units}), got "{value}"'
+        )
+    return q.to_si(turns / a_second, _TURNS)
+
+
+def _reads(dimension: q.Dimension, says: str, sign: str = "positive") -> Reads:
+    return Reads(lambda value: q.to_si(value, dimension, sign=sign), says=says)
+
+
+Force = Annotated[float, _reads(_FORCE, 'a force such as "100 N"', "any")]
+Feed = Annotated[float, _reads(_SPEED, 'a speed such as "600 mm/min"')]
+Turns = Annotated[float, Reads(_speed, says='a rotational speed such as "9000 rpm"')]
+Stress = Annotated[float, _reads(_STRESS, 'such as "2220 N/mm^2"')]
+Cut = Annotated[
+    str,
+    Reads(
+        lambda name: one_of(name, cutting_materials(), "a material"),
+        says='a name such as "C45E"',
+    ),
+]
+Strength = Annotated[float, _reads(_STRENGTH, 'a strength such as "355 MPa"')]
+Share = Annotated[float, _reads(q.NUMBER, "a number", "non-negative")]
+Ratio = Annotated[float, _reads(_RATIO, "a ratio of forces", "non-negative")]
+
+
+class ForceSection(Section):
+    """A constant force on the tool: along the path, to its left seen from the spindle, axial."""
+
+    feed: Force = 0.0
+    across: Force = 0.0
+    axial: Force = 0.0
+
+
+class _Cut(Section):
+    """Common keys of milling and drilling: a material by name, or kc1 and mc."""
+
+    material: Cut | None = None
+    kc1: Stress | None = None
+    mc: Share | None = None
+    diameter: Length
+    speed: Turns
+    feed: Annotated[Feed | None, Says("feed where the path has none")] = None
+
+    def law(self) -> tuple[float, float]:
+        """Return specific cutting force, Pa, and exponent. Raise ValueError if inconsistent."""
+        own = [name for name in ("kc1", "mc") if getattr(self, name) is not None]
+        if self.material is not None and own:
+            got = f"a material and {' and '.join(own)}"
+            raise ValueError(
+                f"cut.{own[0]}: expected a material, or kc1 and mc, got {got}"
+            )
+        edge = np.pi * self.diameter * self.speed
+        if edge > _FASTEST:
+            raise ValueError(
+                f"expected pi * diameter * speed of at most {_FASTEST:g} m/s, got {edge:.4g} m/s"
+            )
+        if self.kc1 is not None and self.mc is not None:
+            if self.mc >= _MOST_EXPONENT:
+                raise ValueError(
+                    f"cut.mc: expected less than {_MOST_EXPONENT:g}, got {self.mc:g}"
+                )
+            return self.kc1, self.mc
+        if self.material is None:
+            got = own[0] if own else "neither"
+            raise ValueError(f"expected a material, or kc1 and mc, got {got}")
+        return cutting_materials()[self.material]
+
+
+class MillingSection(_Cut):
+    """A milling cutter that turns clockwise: engagement, radial and axial over tangential force."""
+
+    teeth: v.Some
+    depth: Length
+    width: Length
+    climb: v.Flag = True
+    lead: Annotated[float, _reads(_ENTERING, 'an angle such as "90 deg"')] = 0.5 * np.pi
+    radial: Ratio = 0.3
+    axial: Ratio = 0.0
+
+    def forces(self, feed: float) -> CuttingForces:
+        """Return the mean forces at a feed in m/s."""
+        if self.width > self.diameter:
+            raise ValueError("cut.width: expected at most the diameter")
+        own = self.model_dump(exclude={"material", "kc1", "mc", "feed"})
+        return mill(*self.law(), feed=feed, **own)
+
+
+class DrillingSection(_Cut):
+    """A twist drill."""
+
+    point: Annotated[float, _reads(_POINT, 'an angle such as "118 deg"')] = float(
+        np.deg2rad(118.0)
+    )
+
+    def forces(self, feed: float) -> CuttingForces:
+        """Return thrust and torque at a feed in m/s."""
+        own = self.model_dump(exclude={"material", "kc1", "mc", "feed"})
+        return drill(*self.law(), feed=feed, **own)
+
+
+class ProcessSection(Section):
+    """Loads of the process; all that are given, and the path's wrench columns, are added."""
+
+    force: ForceSection | None = None
+    milling: MillingSection | None = None
+    drilling: DrillingSection | None = None
+
+    @property
+    def cuts(self) -> tuple[MillingSection | DrillingSection, ...]:
+        """The given cuts: milling and drilling."""
+        return tuple(cut for cut in (self.milling, self.drilling) if cut is not None)
+
+
+class PayloadSection(Section):
+    """A mass on the tool's body at a point in home coordinates (default: M)."""
+
+    mass: v.Mass
+    centre: Point | None = None
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A free coordinate, rad or m.
+
+    Attributes
+    ----------
+    axis
+        Axis in base axes, for a spindle at home.
+    at
+        Point of a turntable's axis, m.
+    ends
+        Smallest and largest value.
+    rate
+        Largest change per metre of path.
+    """
+
+    name: Literal["spindle", "table", "slide"]
+    axis: tuple[float, ...]
+    at: tuple[float, ...]
+    ends: tuple[float, float]
+    rate: float
+
+    @property
+    def start(self) -> float:
+        """Allowed value nearest to 0."""
+        return float(np.clip(0.0, *self.ends))
+
+    def grid(self, turns: int) -> Array:
+        """Return values over the range: ``turns`` per full turn, or for a slide in total."""
+        low, high = self.ends
+        share = 1.0 if self.name == "slide" else min(1.0, (high - low) / (2.0 * np.pi))
+        whole = self.name != "slide" and high - low >= 2.0 * np.pi - 1e-9
+        return np.linspace(low, high, max(2, round(share * turns) + 1))[
+            : -1 if whole else None
+        ]
+
+    def place(self, tool: Array, values: Array) -> tuple[Array, Array]:
+        """Return tool poses (n, 6) and workpiece rotations (n, 3, 3) for values (n,)."""
+        axis = np.array(self.axis) / np.linalg.norm(self.axis)
+        out = tool.copy()
+        still = np.broadcast_to(np.eye(3), (len(tool), 3, 3))
+        if self.name == "slide":
+            out[:, :3] += values[:, None] * axis
+            return out, still
+        turn = Rotation.from_rotvec(values[:, None] * axis)
+        turned = Rotation.from_rotvec(tool[:, 3:])
+        if self.name == "spindle":
+            out[:, 3:] = (turned * turn).as_rotvec()
+            return out, still
+        out[:, :3] = self.at + turn.apply(tool[:, :3] - self.at)
+        out[:, 3:] = (turn * turned).as_rotvec()
+        return out, turn.as_matrix()
+
+
+class SlideSection(Section):
+    """A slide under the workpiece; for a robot on a rail at d, the workpiece moves by -d."""
+
+    axis: Direction
+    range: v.Lengths
+
+
+class TableSection(Section):
+    """A turntable under the workpiece: its axis passes through a point, base axes."""
+
+    axis: Direction = (0.0, 0.0, 1.0)
+    at: Point
+    range: v.Angles
+
+
+class FreeSection(Section):
+    """Coordinates that the process leaves free; they are chosen along the path for least error."""
+
+    spindle: Annotated[
+        v.Angles | None, Says("turns about the tool's axis that are allowed")
+    ] = None
+    table: TableSection | None = None
+    slide: SlideSection | None = None
+    least: Annotated[
+        Literal["normal", "along", "binormal", "size"], Says("which error")
+    ] = "normal"
+    turn: Annotated[
+        Positive, Says("turns: at most so many degrees a millimetre of path")
+    ] = 2
+
+    def motions(self, axis: tuple[float, ...]) -> tuple[Motion, ...]:
+        """Return the free motions; ``axis``: axis of the tool."""
+        rate = np.deg2rad(self.turn) * 1e3
+        origin = (0.0, 0.0, 0.0)
+        found = list[Motion]()
+        if self.table is not None:
+            found.append(
+                Motion("table", self.table.axis, self.table.at, self.table.range, rate)
+            )
+        if self.slide is not None:
+            found.append(
+                Motion("slide", self.slide.axis, origin, self.slide.range, 1.0)
+            )
+        if self.spindle is not None:
+            found.append(Motion("spindle", axis, origin, self.spindle, rate))
+        return tuple(found)
+
+
+class JobSection(Section):
+    """The top level of the file."""
+
+    robot: Annotated[
+        str,
+        Says(
+            "a robot file, seen from the job's folder, or the name of a bundled robot"
+        ),
+    ]
+    components: Literal["fea", "beam", "published"] | None = None
+    set: tuple[str, ...] = ()
+    path: Annotated[
+        str,
+        Says("a table (.csv, .tsv, .xlsx) or a program in G-code (.nc, .ngc, .gcode)"),
+    ]
+    units: dict[str, str] = Field(default_factory=dict)
+    step: Annotated[Length, Says("of a program: a point at least so often")] = 1e-3
+    at: Annotated[Point, Says("of a program: where its zero is, {O}")] = (0.0, 0.0, 0.0)
+    x: Annotated[Direction, Says("of a program: its x axis")] = (1.0, 0.0, 0.0)
+    y: Annotated[Direction, Says("of a program: its y axis")] = (0.0, 1.0, 0.0)
+    axis: Annotated[
+        Direction, Says("the tool's axis at home, from the workpiece to the spindle")
+    ] = (0.0, 0.0, 1.0)
+    gravity: Literal["weight", "none"] = "weight"
+    process: ProcessSection = ProcessSection()
+    payload: PayloadSection | None = None
+    yield_strength: Annotated[
+        dict[str, Strength], Says("by the name of a material")
+    ] = Field(default_factory=dict)
+    free: FreeSection | None = None
+
+
+SECTIONS = (
+    ("the top level of a job", JobSection),
+    ("[process]", ProcessSection),
+    ("[process.force]", ForceSection),
+    ("[process.milling]", MillingSection),
+    ("[process.drilling]", DrillingSection),
+    ("[payload]", PayloadSection),
+    ("[free]", FreeSection),
+    ("table of [free]", TableSection),
+    ("slide of [free]", SlideSection),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A robot, its path and its loads; ``file`` is the job's file, ``path_file`` the path's."""
+
+    file: Path
+    path_file: Path
+    section: JobSection
+    robot: RobotFile
+    path: ToolPath
+
+
+def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) -> Job:
+    """Load and check a job's file.
+
+    Parameters
+    ----------
+    path
+        TOML file; paths of robot and tool path are relative to its folder.
+    instead
+        Robot or robot file that replaces the job's, e.g. from a diagnosis or a study.
+
+    Raises
+    ------
+    InputError
+        The file is invalid; the message names file, line, field, expected and found value.
+    """
+    path = Path(path)
+    source = Source(path, reading.read_text(path, "a job's file in TOML"))
+    with source.refusing():
+        top = read_table(JobSection, parse_text(path, source.text, "a job's file"), ())
+        for name in ("milling", "drilling"):
+            cut = getattr(top.process, name)
+            with blame("process", name, inner=True):
+                _ = cut and cut.forces(1e-3)
+        if isinstance(instead, RobotFile):
+            robot = instead
+        elif instead is None:
+            robot = load_robot_of(path, top.robot, top.set)
+            for name in top.yield_strength:
+                with blame("yield_strength", name):
+                    one_of(name, MATERIALS | dict(robot.materials), "a material")
+        else:
+            robot = load_robot(instead, top.set)
+        file = path.parent / top.path
+        with blame("path"):
+            reading.open_file(file, "a table in CSV or a program in G-code").close()
+        found = read_toolpath(
+            file, robot, top.units, step=top.step, at=top.at, axes=_axes(top)
+        )
+        given = top.model_fields_set & (
+            set() if found.program else {"step", "at", "x", "y"}
+        )
+        if given:
+            raise FieldError(
+                (min(given),),
+                f"expected none beside a table ({file.name}), whose poses are in base axes",
+            )
+    return Job(path, file, top, robot, found)
+
+
+def _axes(top: JobSection) -> np.ndarray:
+    """Return the axes (3, 3) of a program as columns."""
+    x = np.array(top.x)
+    y = np.array(top.y)
+    x = x / np.linalg.norm(x)
+    y = y - x * (x @ y)
+    if np.linalg.norm(y) < 1e-9:
+        raise FieldError(("y",), "expected a direction across x, got one along it")
+    y = y / np.linalg.norm(y)
+    return np.column_stack((x, y, np.cross(x, y)))

@@ -1,1 +1,0 @@
-"""Import of simulator models and STEP assemblies as robot files."""

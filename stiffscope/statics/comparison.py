@@ -1,0 +1,119 @@
+"""Comparison of two robots or versions: stiffness and sag at common poses, and over a plane."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.robot.mechanism_of import configured_poses
+from stiffscope.statics.maps import map_robot
+from stiffscope.vjm.statics.analysis import analyse
+
+if TYPE_CHECKING:
+    from stiffscope.experiments.assembly import Assembled
+    from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.part_matrices import Components
+    from stiffscope.runtime.types import Array
+    from stiffscope.runtime.workshop import Workshop
+    from stiffscope.statics.maps import StiffnessMap
+
+POINTS = 60  # points of the map along each coordinate
+
+
+@dataclass(frozen=True, eq=False)
+class RobotComparison:
+    """Two robots at p poses.
+
+    Attributes
+    ----------
+    names
+        Names of the robots; file names for two versions of one robot.
+    poses
+        Names of the poses.
+    stiffness
+        Stiffness (2, p, 6, 6) at M without gravity, SI.
+    sag
+        Sag (2, p, 6) under own weight, m, rad.
+    change
+        Map of the first with the second's stiffness as the loaded one; None without a common plane.
+    """
+
+    names: tuple[str, str]
+    poses: tuple[str, ...]
+    stiffness: Array
+    sag: Array
+    change: StiffnessMap | None
+    made: dict[str, Assembled]
+    places: tuple[tuple[float, ...], ...]
+    """Coordinates of the poses, m and rad."""
+
+
+def compare_robots(
+    first: RobotFile, second: RobotFile, components: Components, shop: Workshop
+) -> RobotComparison:
+    """Compare two robots at the named poses that both reach.
+
+    Parameters
+    ----------
+    first, second
+        Robots whose poses have the same coordinates.
+    components, shop
+        Source of the parts' matrices, and workshop for experiments, one for a common part.
+
+    Raises
+    ------
+    InputError
+        Their poses have different coordinates, or no named pose is reachable for both.
+    """
+    if first.tool.pose != second.tool.pose:
+        got = " and ".join(" ".join(robot.tool.pose) for robot in (first, second))
+        expected = "expected two robots whose poses have the same coordinates"
+        raise InputError(f"compare: {expected}, got {got}")
+    names = (first.name, second.name)
+    if names[0] == names[1]:
+        names = (first.path.stem, second.path.stem)
+    if names[0] == names[1]:
+        names = (names[0], f"{names[1]} (second)")
+    made = assemble_robots({"first": first, "second": second}, components, shop)
+    poses = {
+        **{name: tuple(pose) for name, pose in second.poses.items()},
+        **first.poses,
+    }
+    values = np.array(list(poses.values()), dtype=float)
+    reached = np.zeros(len(poses), dtype=bool)
+    if poses:
+        valid = [
+            configured_poses(each.robot, each.mechanism, values).valid
+            for each in made.values()
+        ]
+        reached = np.all(valid, axis=0)
+    if not reached.any():
+        raise InputError(
+            "compare: expected a named pose that both robots reach, got none"
+        )
+    both = [
+        analyse(each.mechanism, values[reached], gravity="exact")
+        for each in made.values()
+    ]
+    plain = [analyse(each.mechanism, values[reached]) for each in made.values()]
+    change = None
+    if first.map is not None and second.map is not None:
+        one = map_robot(first, made["first"].mechanism, POINTS, "none")
+        sweep = replace(second, map=first.map)
+        with suppress(InputError):
+            other = map_robot(sweep, made["second"].mechanism, POINTS, "none")
+            change = replace(one, loaded=other.stiffness)
+    return RobotComparison(
+        names,
+        tuple(name for name, ok in zip(poses, reached, strict=True) if ok),
+        np.array([each.matrix for each in plain]),
+        np.array([each.sag for each in both]),
+        change,
+        made,
+        tuple(map(tuple, values[reached].tolist())),
+    )

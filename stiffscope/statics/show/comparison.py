@@ -1,0 +1,118 @@
+"""Comparison of two robots: tables, map of the change, JSON, HTML page."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from stiffscope.report.page import Section
+from stiffscope.report.pictures import draw, optional_pictures
+from stiffscope.report.robot_scene import place_robot, scene_of
+from stiffscope.report.run_report import AT_M
+from stiffscope.report.terminal import show_table
+from stiffscope.statics.show import maps
+from stiffscope.vjm.kinematics.configurations import configure
+from stiffscope.vjm.model.mechanism import COORDINATES, DIAGONAL
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from stiffscope.report.run_report import Draft
+    from stiffscope.statics.comparison import RobotComparison
+
+_UNITS = ("N/µm", "N/µm", "N/µm", "N·m/mrad", "N·m/mrad", "N·m/mrad")
+_WORDS = ("entry", "component", "unit")
+_FACTORS = np.array([1e-6] * 3 + [1e-3] * 3)
+
+
+def robots_json(found: RobotComparison) -> dict[str, Any]:
+    """Return stiffness and sag of both robots, and the ratio of the diagonals, for JSON output."""
+    diagonal = np.diagonal(found.stiffness, axis1=2, axis2=3)
+    return {
+        "robots": list(found.names),
+        "poses": list(found.poses),
+        "stiffness": found.stiffness,
+        "sag": found.sag,
+        "ratio": diagonal[1] / diagonal[0],
+    }
+
+
+def show_robots(found: RobotComparison) -> None:
+    """Print the stiffness diagonal and the sag of both robots, and the change of stiffness."""
+    first, second = found.names
+    diagonal = np.diagonal(found.stiffness, axis1=2, axis2=3)
+    rows = []
+    sags = []
+    sag = _round_alike(1e6 * found.sag.reshape(2, -1, 2, 3)).reshape(found.sag.shape)
+    for p, pose in enumerate(found.poses):
+        for k, entry in enumerate(DIAGONAL):
+            name = "" if k else pose
+            (before, after) = diagonal[:, p, k]
+            known = np.isfinite(before) and np.isfinite(after) and before
+            change = f"{100 * (after / before - 1):+.2f} %" if known else ""
+            both = (f"{_FACTORS[k] * each:.5g}" for each in (before, after))
+            rows.append([name, entry, _UNITS[k], *both, change])
+            unit = "µm" if k < 3 else "µrad"
+            sags.append(
+                [name, COORDINATES[k], unit, *(f"{each:.4g}" for each in sag[:, p, k])]
+            )
+    groups = [["pose"], ["entry", "unit", first, second, "change"]]
+    show_table("Stiffness at M, no gravity", groups, rows, prose=_WORDS)
+    groups = [["pose"], ["component", "unit", first, second]]
+    show_table("Sag under their own weight", groups, sags, prose=_WORDS)
+
+
+def _round_alike(values: np.ndarray) -> np.ndarray:
+    """Round values (2, n, 2, 3) to four digits of the largest of both robots, by pose and kind.
+
+    What is below is rounding, and noise of meshes where symmetry has none.
+    """
+    size = np.abs(np.nan_to_num(values)).max(axis=(0, 3), keepdims=True)
+    size = np.maximum(size, 1e-6 * size.max(initial=1e-6))
+    step = 10.0 ** (np.floor(np.log10(size)) - 3.0)
+    return np.round(values / step) * step + 0.0
+
+
+def draw_both(found: RobotComparison, folder: Path) -> None:
+    """Write both.png: the second robot at the first common pose, with outlines of the first.
+
+    Write change.png and change.svg: change in stiffness over the first robot's map, in percent.
+    """
+    drawn = [scene_of(made) for made in found.made.values()]
+    places = [
+        configure(made.mechanism, found.places[:1]) for made in found.made.values()
+    ]
+    former, now = (place_robot(place).moves for place in places)
+    ghost = {
+        **{key: drawn[0][key] for key in ("bodies", "joints", "tool")},
+        "moves": former,
+    }
+    shown = {"file": "both.png", "moves": now, "ghost": ghost}
+    title = f"{found.names[1]} at {found.poses[0]}; in light outlines {found.names[0]}"
+    with optional_pictures():
+        draw("robot", folder, pictures=[shown | {"title": title}], **drawn[1])
+    if found.change is not None:
+        title = f"{found.names[1]} against {found.names[0]}: change of the stiffness"
+        files = folder / "change.png", folder / "change.svg"
+        panels = maps.difference_panels(found.change, "change (%)", 100.0)
+        maps.draw_map(
+            found.change, panels, found.made["first"].robot.poses, title, *files
+        )
+
+
+def write_robots_page(found: RobotComparison, report: Draft) -> None:
+    """Write report.html."""
+    first, second = found.names
+    words = "over the workspace"
+    change = f"Change of the stiffness at M from {first} to {second} {words}."
+    captions = {
+        "both.png": (
+            f"{second}, and {first} in light outlines.",
+            "both robots at one pose",
+        ),
+        "change.png": (change, f"change of the stiffness {words}"),
+    }
+    facts = [f"robots: {first}, {second}", AT_M]
+    sections = [Section("Side by side", report.shown, report.figures(captions))]
+    report.write(" against ".join(found.names), facts, sections)

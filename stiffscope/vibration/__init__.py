@@ -1,0 +1,1 @@
+"""Natural frequencies and frequency responses of the robot."""

@@ -1,0 +1,1 @@
+"""Machine elements: bearings, guides, screws, and force-deflection curves."""

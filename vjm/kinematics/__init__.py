@@ -1,0 +1,1 @@
+"""Configurations of a mechanism, its mobility and its reach."""

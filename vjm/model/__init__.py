@@ -1,0 +1,1 @@
+"""Nouns of the mechanics: screws, joints, bodies, mechanisms."""

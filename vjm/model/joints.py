@@ -1,0 +1,330 @@
+"""Joints: their free motions, drives, springs and bearings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.model.checks import (
+    assign,
+    axes_along,
+    check_array,
+    check_compliance,
+    check_direction,
+    check_name,
+    check_vector,
+    spell_name,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from stiffscope.vjm.model.screws import Array
+
+FREE: dict[str, tuple[int, ...]] = {
+    "fixed": (),
+    "revolute": (3,),
+    "prismatic": (0,),
+    "cylindrical": (3, 0),
+    "universal": (3, 4),
+    "spherical": (3, 4, 5),
+    "planar": (1, 2, 3),
+}
+"""Free components, among x y z rx ry rz in the joint's axes, by kind, in the order of its
+coordinates; all others are held. A universal joint's axes need not be perpendicular."""
+DRIVEN = {"revolute": 3, "prismatic": 0, "cylindrical": 0}
+"""Component along which a drive acts."""
+LED = ("revolute", "prismatic", "cylindrical")
+"""Kinds that guide a body about or along one axis."""
+ALIKE = (
+    "revolute",
+    "prismatic",
+    "universal",
+    "spherical",
+)  # free motions have one unit
+
+
+@dataclass(frozen=True, eq=False)
+class Law:
+    """Odd, piecewise linear force-deflection law: ``slopes`` (m,) beyond ``starts`` (m,), m or rad.
+
+    The first start is half the backlash, within which the force is zero.
+    """
+
+    starts: Array
+    slopes: Array
+
+    @classmethod
+    def from_curve(cls, curve: ArrayLike, backlash: float = 0.0) -> Law:
+        """Create a law from (deflection, force) points (m, 2), extrapolated, and a backlash."""
+        points = np.vstack([np.zeros((1, 2)), np.asarray(curve, dtype=float)])
+        steps = np.diff(points, axis=0)
+        if not (np.isfinite(points).all() and (steps > 0.0).all()):
+            got = points[1:].tolist()
+            raise InputError(
+                f"curve: expected deflections and forces that rise from 0, got {got}"
+            )
+        slopes = steps[:, 1] / steps[:, 0]
+        new = np.r_[True, ~np.isclose(slopes[1:], slopes[:-1], rtol=1e-12, atol=0.0)]
+        return cls(0.5 * backlash + points[:-1, 0][new], slopes[new])
+
+    @property
+    def backlash(self) -> float:
+        """Total lost motion, m or rad."""
+        return 2.0 * float(self.starts[0])
+
+    @cached_property
+    def forces(self) -> Array:
+        """Forces (m,) at the starts."""
+        return np.concatenate(
+            [[0.0], np.cumsum(self.slopes[:-1] * np.diff(self.starts))]
+        )
+
+    @cached_property
+    def _widths(self) -> Array:
+        return np.diff(self.starts, append=np.inf)
+
+    def segment(self, deflection: Array) -> NDArray[np.intp]:
+        """Return segments: 0 within the backlash, ±1, ±2, … beyond each start by sign."""
+        count = np.searchsorted(self.starts, np.abs(deflection), side="right")
+        return np.where(deflection < 0.0, -count, count)
+
+    def line(self, segment: int) -> tuple[float, float]:
+        """Return a segment's slope, and the deflection at which its line has zero force."""
+        if not segment:
+            return 0.0, 0.0
+        k = abs(segment) - 1
+        offset = self.starts[k] - self.forces[k] / self.slopes[k]
+        return float(self.slopes[k]), float(np.sign(segment) * offset)
+
+    def force(self, deflection: Array) -> Array:
+        """Return forces at deflections, N or N·m."""
+        size = np.abs(deflection)
+        out = np.zeros(np.shape(deflection))
+        for start, slope, width in zip(
+            self.starts, self.slopes, self._widths, strict=True
+        ):
+            out = out + slope * np.clip(size - start, 0.0, width)
+        return np.copysign(out, deflection)
+
+    def slope(self, deflection: Array) -> Array:
+        """Return tangent stiffnesses at deflections; 0 within the backlash."""
+        return np.concatenate([[0.0], self.slopes])[np.abs(self.segment(deflection))]
+
+    def energy(self, deflection: Array) -> Array:
+        """Return strain energies at deflections, J."""
+        size = np.abs(deflection)
+        out = np.zeros(np.shape(deflection))
+        segments = zip(self.starts, self.slopes, self._widths, self.forces, strict=True)
+        for start, slope, width, force in segments:
+            along = np.clip(size - start, 0.0, width)
+            out = out + along * (force + 0.5 * slope * along)
+        return out
+
+    def add_compliance(self, compliance: float) -> Law:
+        """Add a compliance in series, which may be negative. Raises InputError if none is left."""
+        left = 1.0 / self.slopes + compliance
+        if not (left > 0.0).all():
+            raise InputError(
+                f"expected a drive that yields, got a compliance of {left.min():.6g}"
+            )
+        return Law(self.starts + compliance * self.forces, 1.0 / left)
+
+
+def _check_stiffness(field: str, stiffness: float) -> None:
+    if not 0.0 < stiffness < np.inf:
+        raise InputError(f"{field}: expected a stiffness above 0, got {stiffness}")
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Spring along a joint's free direction, N/m or N·m/rad, and its range relative to home.
+
+    ``law``: its force-deflection law if nonlinear; the stiffness is then its first slope.
+    """
+
+    stiffness: float
+    low: float = -np.inf
+    high: float = np.inf
+    law: Law | None = None
+
+    @property
+    def unloaded_stiffness(self) -> float:
+        """Tangent stiffness without load: 0 with backlash."""
+        return 0.0 if self.law is not None and self.law.starts[0] else self.stiffness
+
+    def add_backlash(self, backlash: float) -> Drive:
+        """Return the drive with additional backlash."""
+        law = self._find_law()
+        return replace(self, law=Law(law.starts + 0.5 * backlash, law.slopes))
+
+    def add_compliance(self, compliance: float) -> Drive:
+        """Add a compliance in series, which may be negative. Raises InputError if none is left."""
+        law = self._find_law().add_compliance(compliance)
+        return replace(self, stiffness=float(law.slopes[0]), law=self.law and law)
+
+    def _find_law(self) -> Law:
+        return self.law or Law(np.zeros(1), np.array([self.stiffness]))
+
+
+@dataclass(frozen=True, eq=False)
+class Joint:
+    """A joint between two nodes, ``first`` and ``second``.
+
+    ``at`` (3,) in m; ``axis`` (3,) is fixed to the first body, ``axis2`` of a universal joint to
+    the second. Joint axes: x along ``axis``, y nearest to ``axis2`` (by default the next base axis;
+    without ``axis``, base axes), fixed to the first body, origin on the second. In these axes:
+    bearing ``compliance`` (6, 6), ``offset`` (6,) of the unloaded second body (encoder offset, lack
+    of fit), ``astray`` (6,), the twist from the nominal to the actual joint; bodies at home, and
+    poses, are nominal. ``spring`` in N/m or N·m/rad resists each free motion of a passive joint (a
+    flexure); unloaded at the displacement ``rest`` from home.
+    """
+
+    name: str
+    first: str
+    second: str
+    kind: str
+    at: Array
+    axis: Array | None = None
+    axis2: Array | None = None
+    drive: Drive | None = None
+    compliance: Array | None = None
+    offset: Array | None = None
+    astray: Array | None = None
+    spring: float | None = None
+    rest: float = 0.0
+
+    def __post_init__(self) -> None:
+        here = check_name("joints", self.name)
+        if self.kind not in FREE:
+            raise InputError(
+                f"{here}.type: expected one of {', '.join(FREE)}, got {self.kind!r}"
+            )
+        assign(self, "at", check_vector(self.at, f"{here}.at", "a position in m"))
+        for key in ("axis", "axis2"):
+            if getattr(self, key) is not None:
+                assign(self, key, check_direction(getattr(self, key), f"{here}.{key}"))
+        if self.axis is None and self.kind not in {"fixed", "spherical"}:
+            raise InputError(
+                f"{here}.axis: expected the direction of a {self.kind} joint, got none"
+            )
+        if self.kind == "universal" and self.axis2 is None:
+            raise InputError(
+                f"{here}.axis2: expected the second of a universal joint, got none"
+            )
+        self._check_drive(here)
+        self._check_spring(here)
+        if self.compliance is not None:
+            c = check_compliance(
+                self.compliance, f"{here}.compliance", semidefinite=True
+            )
+            assign(self, "compliance", c)
+        if self.offset is not None:
+            assign(
+                self,
+                "offset",
+                check_array(self.offset, (6,), f"{here}.offset", "a twist"),
+            )
+        if self.astray is not None:
+            assign(
+                self,
+                "astray",
+                check_array(self.astray, (6,), f"{here}.astray", "a twist"),
+            )
+            self._check_kind(f"{here}.astray", LED)
+        _ = self.axes
+
+    def _check_kind(self, field: str, kinds: Iterable[str]) -> None:
+        if self.kind not in kinds:
+            known = ", ".join(kinds)
+            raise InputError(
+                f"{field}: expected a {known} joint, got a {self.kind} one"
+            )
+
+    def _check_drive(self, here: str) -> None:
+        drive = self.drive
+        if drive is None:
+            return
+        self._check_kind(f"{here}.drive", DRIVEN)
+        _check_stiffness(f"{here}.drive.stiffness", drive.stiffness)
+        if not drive.low < drive.high:
+            got = [drive.low, drive.high]
+            raise InputError(
+                f"{here}.drive.range: expected its low end first, got {got}"
+            )
+
+    def _check_spring(self, here: str) -> None:
+        if self.spring is None:
+            if self.rest:
+                raise InputError(f"{here}.rest: expected a spring beside it, got none")
+            return
+        self._check_kind(f"{here}.spring", ALIKE)
+        if self.drive is not None:
+            raise InputError(
+                f"{here}.spring: expected a passive joint, got one with a drive"
+            )
+        _check_stiffness(f"{here}.spring", self.spring)
+        if not np.isfinite(self.rest) or (self.rest and self.kind not in DRIVEN):
+            expected = "a displacement of a revolute or prismatic joint"
+            raise InputError(f"{here}.rest: expected {expected}, got {self.rest}")
+
+    @cached_property
+    def axes(self) -> Array:
+        """Joint axes x, y, z as columns (3, 3), in base axes at home."""
+        if self.axis is None:
+            return np.eye(3)
+        return axes_along(
+            self.axis, self.axis2, spell_name("joints", self.name), ("axis", "axis2")
+        )
+
+    @cached_property
+    def motions(self) -> tuple[tuple[str, Array], ...]:
+        """Free motions: ``R`` or ``P`` with a direction (3,) in base axes at home, or ``S``."""
+        if self.kind == "spherical":
+            return (("S", np.zeros(3)),)
+        motions = [
+            ("R" if k > 2 else "P", self.axes[:, k % 3]) for k in FREE[self.kind]
+        ]
+        if self.cross:
+            motions[1] = ("R", self.cross[1])
+        return tuple(motions)
+
+    @cached_property
+    def cross(self) -> tuple[Array, Array] | None:
+        """Both axes (3,) of a universal joint, in base axes at home; None of another kind."""
+        if self.kind != "universal" or self.axis is None or self.axis2 is None:
+            return None
+        return self.axis, self.axis2
+
+    @property
+    def driven(self) -> int | None:
+        """Index of the free motion along which the drive acts; None without a drive."""
+        return None if self.drive is None else FREE[self.kind].index(DRIVEN[self.kind])
+
+    @property
+    def resistance(self) -> float:
+        """Unloaded stiffness of the drive, or of its springs, N/m or N·m/rad; else 0."""
+        return (
+            self.drive.unloaded_stiffness
+            if self.drive is not None
+            else self.spring or 0.0
+        )
+
+    def resists(self, motion: int) -> bool:
+        """Return whether the drive or spring acts along a free motion, given by index."""
+        return self.resistance > 0.0 and (self.drive is None or motion == self.driven)
+
+    @cached_property
+    def held_components(self) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        """Held components along the joint's axes: of translation and of rotation (0, 1, 2).
+
+        A universal joint holds the rotation about the common normal of its axes.
+        """
+        held = [k for k in range(6) if k not in FREE[self.kind]]
+        return tuple(k for k in held if k < 3), tuple(k - 3 for k in held if k >= 3)

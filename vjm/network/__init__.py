@@ -1,0 +1,1 @@
+"""The elastic network of a mechanism and its condensation to the tool."""

@@ -1,0 +1,1 @@
+"""Stiffness, sag, deflection and equilibrium under load."""

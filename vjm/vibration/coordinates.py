@@ -1,0 +1,306 @@
+"""Coordinates of a vibrating mechanism, with its strain and kinetic energy, batched over poses.
+
+Elements that are rigid in some direction form a forest: their coordinates (unit springs and free
+motions, ``t = F y + N q``) place every node from the root of its tree, which is the ground or has
+its own twist. Elements that close loops in a tree add their coordinates and six constraints each.
+Others are springs between two nodes. Elastic bodies with dynamics add modal coordinates.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import reduce
+from typing import TYPE_CHECKING, Any, cast
+
+import numpy as np
+from scipy.cluster.hierarchy import DisjointSet  # pyright: ignore[reportMissingTypeStubs]
+
+from stiffscope.vjm.model.checks import GROUND
+from stiffscope.vjm.model.dynamics import factor_semidefinite
+from stiffscope.vjm.model.screws import Frame
+from stiffscope.vjm.network.network import list_elements, list_nodes
+from stiffscope.vjm.network.order import stack_columns, stack_rows
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from numpy.typing import NDArray
+
+    from stiffscope.vjm.model.bodies import Body
+    from stiffscope.vjm.model.mechanism import Mechanism
+    from stiffscope.vjm.model.screws import Array
+    from stiffscope.vjm.network.network import Element, Places
+
+_SPANNING = (
+    1e9  # scaled condition number up to which an element's directions are independent
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Linear functions: ``matrix`` (n or 1, r, c) times the coordinates in ``columns`` (c,)."""
+
+    columns: NDArray[np.intp]
+    matrix: Array
+
+    def over(self, columns: NDArray[np.intp]) -> Array:
+        """Return the matrix (n or 1, r, c) over more columns (c,), which include its own."""
+        out = np.zeros((*self.matrix.shape[:2], len(columns)))
+        out[..., np.searchsorted(columns, self.columns)] = self.matrix
+        return out
+
+    def plus(self, other: Rows, times: float = 1.0) -> Rows:
+        """Return the sum with ``times`` other rows."""
+        columns = np.union1d(self.columns, other.columns)
+        return Rows(columns, self.over(columns) + times * other.over(columns))
+
+    def below(self, other: Rows) -> Rows:
+        """Stack both, one below the other."""
+        columns = np.union1d(self.columns, other.columns)
+        return Rows(columns, stack_rows([self.over(columns), other.over(columns)]))
+
+    def after(self, matrix: Array) -> Rows:
+        """Multiply by a matrix (n or 1, k, r) from the left."""
+        return Rows(self.columns, matrix @ self.matrix)
+
+    def apply_to(self, vectors: Array) -> Array:
+        """Return values (n, r, c) for vectors (n, size, c) of all coordinates."""
+        return self.matrix @ vectors[:, self.columns]
+
+
+@dataclass(eq=False)
+class Coordinates:
+    """``size`` coordinates and linear functions of them.
+
+    ``twists`` of every node at M in base axes. ``strains`` by element: half their squares is strain
+    energy, J. ``springs`` by element: F⁺ᵀ (6, r), which maps its r spring strains to its wrench.
+    ``inertias``: half the squares of their rates is kinetic energy. ``rates`` of the driven
+    motions. ``constraints`` (6 rows each) of the loops, relative to ``length``.
+    """
+
+    mechanism: Mechanism
+    where: Places
+    length: float
+    size: int = 0
+    twists: dict[str, Rows] = field(default_factory=dict[Any, Any])
+    strains: dict[str, list[Rows]] = field(default_factory=dict[Any, Any])
+    springs: dict[str, Array] = field(default_factory=dict[Any, Any])
+    inertias: list[Rows] = field(default_factory=list[Any])
+    rates: list[Rows] = field(default_factory=list[Any])
+    constraints: list[Rows] = field(default_factory=list[Any])
+
+    def more(self, count: int) -> NDArray[np.intp]:
+        """Add coordinates; return their columns."""
+        self.size += count
+        return np.arange(self.size - count, self.size)
+
+    def gram(self, rows: Iterable[Rows]) -> Array:
+        """Return the sum of the squares of rows as a matrix (n, size, size)."""
+        out = np.zeros((len(self.where.tool), self.size, self.size))
+        for r in rows:
+            out[:, r.columns[:, None], r.columns] += r.matrix.mT @ r.matrix
+        return out
+
+    @property
+    def strain_rows(self) -> list[Rows]:
+        """Strains of all elements."""
+        return [r for rows in self.strains.values() for r in rows]
+
+    @property
+    def stiffness(self) -> Array:
+        """Stiffness (n, size, size), before the constraints."""
+        return self.gram(self.strain_rows)
+
+    @property
+    def mass(self) -> Array:
+        """Mass (n, size, size), before the constraints."""
+        return self.gram(self.inertias)
+
+    def some(self, index: NDArray[np.intp]) -> Coordinates:
+        """Return the coordinates at some of the poses."""
+        keys = ("twists", "strains", "inertias", "rates", "constraints")
+        picked = {key: _pick_rows(getattr(self, key), index) for key in keys}
+        return replace(self, where=self.where.some(index), **picked)
+
+    def jacobian(self) -> Array:
+        """Return all constraints (n, 6 m, size)."""
+        out = np.zeros((len(self.where.tool), 6 * len(self.constraints), self.size))
+        for k, r in enumerate(self.constraints):
+            out[:, 6 * k : 6 * k + 6, r.columns] = r.matrix
+        return out
+
+
+def sum_squares(rows: Iterable[Rows], vectors: Array) -> Array:
+    """Return the sums of squares (n, c) of rows for vectors (n, size, c): twice an energy."""
+    nothing = np.zeros((len(vectors), vectors.shape[2]))
+    return sum((np.square(r.apply_to(vectors)).sum(axis=1) for r in rows), nothing)
+
+
+def _pick_rows(rows: Any, index: NDArray[np.intp]) -> Any:
+    """Select poses in rows and containers of rows."""
+    if isinstance(rows, Rows):
+        return (
+            rows if len(rows.matrix) == 1 else replace(rows, matrix=rows.matrix[index])
+        )
+    if isinstance(rows, list):
+        return [_pick_rows(each, index) for each in cast("list[Any]", rows)]
+    return {
+        key: _pick_rows(each, index)
+        for key, each in cast("dict[str, Any]", rows).items()
+    }
+
+
+def form_coordinates(
+    mechanism: Mechanism, where: Places, length: float, drives: Iterable[str]
+) -> Coordinates:
+    """Form the coordinates of a mechanism whose bodies are not bent.
+
+    Parameters
+    ----------
+    mechanism
+        Mechanism in which joints with a drive have its spring, and those without move freely.
+    where
+        Places of the nodes at n configurations.
+    length
+        Characteristic length in m that scales rotations to translations.
+    drives
+        Joints without a drive whose rates are included: free drives.
+    """
+    out = Coordinates(mechanism, where, length)
+    unit = np.repeat([1.0 / length, 1.0], 3)
+    elements = list_elements(mechanism)
+    inverses = {e.name: _invert_columns(e, unit) for e in elements}
+    spanning = {
+        name: inverse for name, inverse in inverses.items() if inverse is not None
+    }
+    tree, chords = _grow_forest([e for e in elements if e.name not in spanning])
+    own: dict[str, Rows] = {}  # by element, and by body for shared coordinates
+    _place_nodes(out, tree, own)
+    for e in chords:
+        own[e.name] = _own_rows(out, e, own)
+        gap = _relate_ends(out, e).plus(
+            own[e.name].after(stack_columns(where.columns(e))), -1.0
+        )
+        out.constraints.append(gap.after(np.diag(unit)))
+    for e in elements:
+        r = e.factor.shape[1]
+        if e.name in spanning:
+            back = spanning[e.name] @ where.frame(e).inverse_adjoint()
+            own[e.name] = _relate_ends(out, e).after(back)
+            out.springs[e.name] = spanning[e.name][:r].T
+        elif r and not e.group:
+            out.springs[e.name] = np.linalg.pinv(e.factor).T
+        if e.group and e.group not in out.springs:
+            whole = np.vstack(
+                [other.factor for other in elements if other.group == e.group]
+            )
+            out.springs[e.group], out.strains[e.group] = (
+                np.linalg.pinv(whole).T,
+                [own[e.group]],
+            )
+        elif r and not e.group:
+            strain = own[e.name]
+            if e.name in spanning:
+                out.strains[e.name] = [Rows(strain.columns, strain.matrix[:, :r])]
+            else:
+                out.strains[e.name] = [Rows(strain.columns[:r], np.eye(r)[None])]
+        if e.joint is not None and e.name in drives:
+            k = r + (1 if e.joint.kind == "cylindrical" else 0)  # rotations come first
+            out.rates.append(
+                Rows(own[e.name].columns, own[e.name].matrix[:, k : k + 1])
+            )
+    for body in mechanism.bodies:
+        _add_inertia(out, body)
+    return out
+
+
+def _relate_ends(out: Coordinates, e: Element) -> Rows:
+    """Return the twist of an element's second node relative to its first, at M in base axes."""
+    return out.twists[e.second].plus(out.twists[e.first], -1.0)
+
+
+def _invert_columns(e: Element, unit: Array) -> Array | None:
+    """Return the inverse (6, 6) of ``[F N]``; None if not square and regular at every pose."""
+    both = np.hstack([e.factor, e.free])
+    if e.group or (e.joint is not None and e.joint.cross) or both.shape[1] != 6:
+        return None
+    scaled = both * unit[:, None]
+    scaled = scaled / np.linalg.norm(scaled, axis=0)
+    return np.linalg.inv(both) if np.linalg.cond(scaled) < _SPANNING else None
+
+
+def _grow_forest(elements: list[Element]) -> tuple[list[Element], list[Element]]:
+    """Return a spanning forest, elements with few coordinates first, and those that close loops."""
+    joined: Any = DisjointSet({node for e in elements for node in (e.first, e.second)})
+    tree: list[Element] = []
+    chords: list[Element] = []
+    for e in sorted(elements, key=lambda e: e.factor.shape[1] + e.free.shape[1]):
+        (tree if joined.merge(e.first, e.second) else chords).append(e)
+    return tree, chords
+
+
+def _own_rows(out: Coordinates, e: Element, own: dict[str, Rows]) -> Rows:
+    """Return an element's coordinates, springs then free motions; its body's if shared."""
+    if e.group in own:
+        return own[e.group]
+    count = e.factor.shape[1] + e.free.shape[1]
+    rows = Rows(out.more(count), np.eye(count)[None])
+    if e.group:
+        own[e.group] = rows
+    return rows
+
+
+def _place_nodes(out: Coordinates, tree: list[Element], own: dict[str, Rows]) -> None:
+    """Set the twists of all nodes, outward from the ground and from free roots."""
+    for start in list_nodes(out.mechanism):
+        if start in out.twists:
+            continue
+        columns = out.more(0 if start == GROUND else 6)
+        out.twists[start] = Rows(columns, np.eye(6)[None, :, : len(columns)])
+        queue = [start]
+        for here in queue:
+            for e in tree:
+                there = e.second if e.first == here else e.first
+                if here not in {e.first, e.second} or there in out.twists:
+                    continue
+                own[e.name] = _own_rows(out, e, own)
+                step = own[e.name].after(stack_columns(out.where.columns(e)))
+                sign = 1.0 if there == e.second else -1.0
+                out.twists[there] = out.twists[here].plus(step, sign)
+                queue.append(there)
+
+
+def _add_inertia(out: Coordinates, body: Body) -> None:
+    where = out.where
+    elastic = body.elastic
+
+    def express_twist(node: str, home: Array, axes: Array) -> Rows:
+        """Return a node's twist at a point of its own, in axes fixed to it."""
+        frame = Frame(where.rotation[node] @ axes, where.point(node, home) - where.tool)
+        return out.twists[node].after(frame.inverse_adjoint())
+
+    if elastic is None:
+        centre = np.zeros(3) if body.centre is None else body.centre
+        whole = np.zeros((6, 6))
+        whole[:3, :3] = body.mass * np.eye(3)
+        if body.inertia is not None:
+            whole[3:, 3:] = 0.5 * (body.inertia + body.inertia.T)
+        if whole.any():
+            twist = express_twist(body.name, centre, np.eye(3))
+            out.inertias.append(twist.after(factor_semidefinite(whole, body.name)))
+        return
+    places = zip(body.nodes, elastic.places, strict=True)
+    ends = [express_twist(node, at, elastic.axes) for node, at in places]
+    if elastic.dynamics is None:
+        if body.mass:
+            share = np.sqrt(body.mass / len(ends)) * np.eye(6)[:3]
+            out.inertias += [end.after(share) for end in ends]
+        return
+    squares = elastic.dynamics.squares
+    modal = Rows(out.more(len(squares)), np.eye(len(squares))[None])
+    whole = reduce(Rows.below, [*ends, modal])
+    out.inertias.append(whole.after(elastic.dynamics.factor))
+    if len(squares):
+        out.strains.setdefault(body.name, []).append(
+            modal.after(np.diag(np.sqrt(squares)))
+        )

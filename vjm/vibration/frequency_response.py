@@ -1,0 +1,126 @@
+"""Frequency response of a mechanism at a pose by modal superposition."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.model.screws import shift
+from stiffscope.vjm.network.network import END
+from stiffscope.vjm.vibration.coordinates import sum_squares
+from stiffscope.vjm.vibration.pencil import form_pencils
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from stiffscope.vjm.kinematics.configurations import Configurations
+    from stiffscope.vjm.model.mechanism import Mechanism
+    from stiffscope.vjm.model.screws import Array
+    from stiffscope.vjm.vibration.coordinates import Coordinates
+    from stiffscope.vjm.vibration.pencil import Drives
+
+_FREELY = 1e-6  # of a massless free motion: participation of a port
+
+
+@dataclass(frozen=True, eq=False)
+class Port:
+    """A point of force or response: ``direction`` (6,) at a node's home point ``at`` (3,).
+
+    ``direction``: force and moment, or displacement and rotation, base axes. Node None is the tool.
+    """
+
+    node: str | None
+    at: Array
+    direction: Array
+
+
+def frequency_response(
+    mechanism: Mechanism,
+    found: Configurations,
+    source: Port,
+    target: Port,
+    frequencies: ArrayLike,
+    *,
+    damping: float = 0.01,
+    drives: Drives = "held",
+) -> NDArray[np.complex128]:
+    """Return the receptance: complex displacement at one port per unit force at another.
+
+    Parameters
+    ----------
+    mechanism, found
+        Mechanism, and one configuration of it.
+    source, target
+        Ports of the force and of the response.
+    frequencies
+        (f,) in Hz, above 0.
+    damping
+        Modal damping ratio, equal for all modes.
+    drives
+        As for `modes`.
+
+    Returns
+    -------
+    ndarray
+        (f,), in m/N, m/(N·m), rad/N or rad/(N·m). Massless motions are static.
+
+    Raises
+    ------
+    InputError
+        If a port has no body or moves freely without inertia, or a value is out of range.
+
+    References
+    ----------
+    D. J. Ewins, Modal Testing, 2nd ed., Research Studies Press 2000, sect. 2.5.
+    """
+    hertz = np.asarray(frequencies, dtype=float)
+    if hertz.ndim != 1 or not ((hertz > 0.0) & np.isfinite(hertz)).all():
+        raise InputError("frequencies: expected numbers above 0 Hz")
+    if not 0.0 <= damping < 1.0:
+        raise InputError(
+            f"damping: expected a ratio of at least 0 and below 1, got {damping}"
+        )
+    ((pencil, _),) = form_pencils(mechanism, found.require_valid()[:1], drives)
+    vectors = pencil.all_vectors()[1][None]
+    idle = pencil.empty_motions.shape[1]
+    both = np.concatenate([vectors, pencil.empty_motions[None]], axis=2)
+    spread = pencil.basis @ (pencil.scale[:, None] * both)
+    ends = [_displace_port(pencil.system, port, spread)[0] for port in (source, target)]
+    for port, end in zip((source, target), ends, strict=True):
+        if idle and np.abs(end[-idle:]).max() > _FREELY * np.abs(end).max():
+            where = port.node or "tool"
+            raise InputError(
+                f"{where}: moves freely there, without stiffness and inertia"
+            )
+    count = vectors.shape[2]
+    full = spread[..., :count]
+    mass = sum_squares(pencil.system.inertias, full)[0]
+    stiffness = sum_squares(pencil.system.strain_rows, full)[0]
+    inert = (mass > 0.0) | (stiffness > 0.0)
+    part = (ends[0][:count] * ends[1][:count])[inert]
+    mass = mass[inert]
+    stiffness = stiffness[inert]
+    omega = 2.0 * np.pi * hertz[:, None]
+    dynamic = (
+        stiffness - omega**2 * mass + 2j * damping * omega * np.sqrt(stiffness * mass)
+    )
+    used = part != 0.0
+    return (part[used] / dynamic[:, used]).sum(axis=1)
+
+
+def _displace_port(system: Coordinates, port: Port, vectors: Array) -> Array:
+    """Return the displacement (n, c) of a port for vectors (n, size, c)."""
+    node = END if port.node is None else port.node
+    if node not in system.twists:
+        known = ", ".join(system.twists)
+        raise InputError(f"expected a body or an end of one, {known}, got {node!r}")
+    at, direction = (
+        np.asarray(each, dtype=float) for each in (port.at, port.direction)
+    )
+    carry = shift(system.where.point(node, at) - system.where.tool)
+    return np.einsum(
+        "i,nij,njc->nc", direction, carry, system.twists[node].apply_to(vectors)
+    )
