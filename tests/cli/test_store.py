@@ -10,7 +10,7 @@ import click
 import pytest
 
 from stiffscope.cli.main import _guarded, cli
-from stiffscope.registry import commands
+from stiffscope.registry import commands as registered_commands
 from stiffscope.runtime.cache import Cache, digest
 
 
@@ -111,7 +111,7 @@ def commands(group=cli, words=()):
 
 
 def test_the_help_of_all_commands_is_that_of_each():
-    said = {name: command.help for name, command in commands().items()}
+    said = {name: command.help for name, command in registered_commands().items()}
     assert {
         name: cli.get_command(None, name).help.partition("\n\n")[0] for name in said
     } == said
