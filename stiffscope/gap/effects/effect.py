@@ -17,7 +17,7 @@ import numpy as np
 
 from stiffscope.robot.nominal import NominalRobot, Place
 from stiffscope.runtime.types import Array
-from stiffscope.vjm.model.mechanism import Change
+from stiffscope.vjm.model.mechanism import Change, Mechanism
 
 __all__ = [  # names that effect modules import
     "ADDED",
@@ -243,11 +243,7 @@ class Setting:
     @cached_property
     def length(self) -> float:
         """Largest distance of two joints, or of the tool from one, m."""
-        mechanism = self.robot.mechanism
-        points = np.array(
-            [*(joint.at for joint in mechanism.joints), mechanism.tool.at]
-        )
-        return float(np.linalg.norm(points[:, None] - points, axis=2).max()) or 1.0
+        return find_length(self.robot.mechanism)
 
     @cached_property
     def mass(self) -> float:
@@ -262,6 +258,12 @@ class Setting:
         return tuple(
             Parameter(*p[:2], *(unit * value for value in p[2:])) for p, unit in own
         )
+
+
+def find_length(mechanism: Mechanism) -> float:
+    """Return the largest distance of two joints, or of the tool from one, m."""
+    points = np.array([*(joint.at for joint in mechanism.joints), mechanism.tool.at])
+    return float(np.linalg.norm(points[:, None] - points, axis=2).max()) or 1.0
 
 
 class Effect:

@@ -22,6 +22,7 @@ from stiffscope.gap.campaign.quantities import (
     JOINT,
     POSITION,
 )
+from stiffscope.gap.effects.effect import find_length
 from stiffscope.gap.effects.elements import along_drive, without_ranges
 from stiffscope.gap.forward.setup import Instruments
 from stiffscope.gap.forward.terminals import find_weight, unit_wrenches, wrenches_at
@@ -112,6 +113,11 @@ class RobotAtPoses:
     def mechanism(self) -> Mechanism:
         """The robot with linear drives of unlimited range, as errors may exceed their ranges."""
         return without_ranges(without_laws(self.robot.mechanism))
+
+    @cached_property
+    def length(self) -> float:
+        """Largest distance of two joints, or of the tool from one, m."""
+        return find_length(self.mechanism)
 
     @cached_property
     def laws(self) -> dict[str, Law]:

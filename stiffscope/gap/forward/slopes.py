@@ -152,9 +152,8 @@ def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:
     along = elastic.work_on_node(payload.body, elastic.weights([payload]))[
         ..., 0
     ]  # (p, cases)
-    out = np.where(
-        c.shows_rest, np.einsum("nc,nc->n", prediction.sense, along[c.pose]), 0.0
-    )
+    shown = c.shows_rest & prediction.weighs
+    out = np.where(shown, np.einsum("nc,nc->n", prediction.sense, along[c.pose]), 0.0)
     if (c.kind == FREQUENCY).any():
         v, w = np.split(elastic.twist_modes(payload.body, payload.at), 2, axis=1)
         arm = at.configurations.frame(payload.body)[0][at.shaken] @ payload.moments
