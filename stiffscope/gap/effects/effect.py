@@ -98,6 +98,8 @@ class Candidate:
     """Other names of this effect at this place, as `effect @ place`."""
     twins: tuple[tuple[Candidate, float], ...] = ()
     """Other effects with the same signature, and their internal parameter over this one's."""
+    odds: float = 1.0
+    """Factor on the prior odds of this form of the effect."""
     stated: bool = False
     """True if the prior size is a stated tolerance: a standard uncertainty, without heavy tails."""
     groups: tuple[int, ...] = ()

@@ -39,8 +39,8 @@ class Gravity(Effect):
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
         """Yield one candidate for the whole robot."""
-        del setting
-        yield cls().make_candidate(Place("robot"))
+        if setting.robot.mechanism.gravity.any():
+            yield cls().make_candidate(Place("robot"))
 
     def influence(self, values: Array) -> Influence:
         """Return the robot's weight."""

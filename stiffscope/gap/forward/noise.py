@@ -40,6 +40,9 @@ _ALIKE = 4.0  # readings as which it counts that noise is alike in a unit, and i
 _USUAL = 0.01
 _WITHIN = 2.0  # noise over the gap, and its standard deviation in logarithms
 _TOLD = 3.0  # least degrees of freedom that tell the noise
+_SURE = 10  # readings beyond all effects' columns below which noise is estimated with the effects
+_RANK = 1e-6  # of the largest singular value: a column that readings show
+UNSURE = np.geomspace(0.3, 10.0, 24)  # factors on the first estimate, which all effects share
 _EFFICIENCY = 0.5  # of the robust scatter: share of the degrees of freedom that it uses
 _MOST = 0.4  # most columns per reading in the joint fit
 
@@ -106,7 +109,14 @@ def noise_of(model: ForwardModel) -> Noise:
     one_pose = len(campaign.pose_names) == 1
     if noise.freedom < _TOLD or (unknown.any() and one_pose and not noise.remarks):
         remark = f"{len(gap)} readings do not tell their noise, which is guessed: state sigma"
-        return Noise(sigma, once, none, np.ones(1), (remark,), _TOLD)
+        if not unknown.all():
+            return Noise(sigma, once, none, np.ones(1), (remark,), _TOLD)
+        return Noise(sigma, once, unknown, UNSURE, (remark,), _TOLD)
+    free = int(once.sum()) - _count_independent(columns.values[once])
+    if unknown.all() and free < _SURE and not noise.remarks:
+        remark = f"{len(gap)} readings tell little of their noise: state sigma"
+        remarks = (*noise.remarks, remark)
+        return replace(noise, scaled=unknown, factors=UNSURE, remarks=remarks)
     return _add_remarks(campaign, noise, fit, once)
 
 
@@ -195,6 +205,15 @@ def _judge_noise(
 def _number_units(c: Campaign) -> Indices:
     """Return group numbers (n,) of readings in m, in rad, and relative to their size."""
     return np.where(c.relative, 2, c.direction >= 3).astype(np.int64)
+
+
+def _count_independent(columns: Array) -> int:
+    """Return the rank of columns (n, k) of equal length."""
+    length = np.linalg.norm(columns, axis=0)
+    unit = columns[:, length > 0.0] / length[length > 0.0]
+    if not unit.size:
+        return 0
+    return int(np.linalg.matrix_rank(unit, tol=_RANK * np.sqrt(unit.shape[1])))
 
 
 def _limit_to_scatter(c: Campaign, noise: Noise, unknown: Flags, once: Flags) -> Noise:

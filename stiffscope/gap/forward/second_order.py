@@ -32,9 +32,12 @@ if TYPE_CHECKING:
 class SecondOrderSettings:
     """When readings are taken at the equilibrium reached; both err on the side of doing so."""
 
-    visible: float = 0.1
-    """Standard deviations: estimated second order of a reading that is worth its equilibrium.
-    A tenth adds half a percent to a reading's scatter."""
+    visible: float = 1.0
+    """Standard deviations: largest estimated second order of a campaign's readings beyond which
+    equilibria are found; below, it adds less than `lack_of_fit.MODEL_NOISE` allows to the noise."""
+    slight: float = 0.1
+    """Standard deviations: estimate below which a single reading is left at first order; it adds
+    half a percent to the reading's scatter."""
     unstated: float = 1e-3
     """Noise over the rms of readings of its kind where none is stated: a good gauge's."""
     converged: float = 1e-9
@@ -50,9 +53,10 @@ def find_second_order(readings: RobotReadings) -> Array:
     Zero where they are far below the noise, and where no equilibrium is found.
     """
     out = np.zeros((len(readings.campaign), 6))
-    rows = np.flatnonzero(_estimate(readings) > SETTINGS.visible)
-    if not rows.size:
+    estimate = _estimate(readings)
+    if not estimate.max(initial=0.0) > SETTINGS.visible:
         return out
+    rows = np.flatnonzero(estimate > SETTINGS.slight)
     at_work = _Equilibria(readings, rows)
     try:
         out[rows] = at_work.difference

@@ -97,6 +97,8 @@ def judge_findings(found: Findings) -> Judgement:
             )
         return Judgement("ambiguous", known.words, known, tuple(unsettled))
     alone = sum(p for h, p in found.ranked if not h.words)
+    if found.problem.noise.scaled.any() and alone <= VERDICT.majority and strange:
+        return Judgement("unexplained", (), none, tuple(strange))  # of unknown noise
     if alone > VERDICT.majority or not best.words or strange:
         return Judgement("no-gap", (), none, tuple(strange))
     known = found.fit_effects(best.words)

@@ -29,7 +29,14 @@ _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
 def sentence(diagnosis: Diagnosis) -> str:
-    """Return the verdict in one plain sentence."""
+    """Return the verdict in one plain sentence, and whether the noise should be stated."""
+    verdict = _tell_verdict(diagnosis)
+    if any(remark.endswith("state sigma") for remark in diagnosis.remarks):
+        return f"{verdict} These readings do not tell their noise: state sigma."
+    return verdict
+
+
+def _tell_verdict(diagnosis: Diagnosis) -> str:
     gap = diagnosis.gap
     nominal, explained, held_out, noise = gap_sizes(gap)
     others = f"noise {noise}"
