@@ -218,14 +218,37 @@ def _describe(
     alone = found.fit_effects([c])
     left = found.percent_rms(alone if alone is reported else found.fit_plainly(alone))
     parameters = {} if c.is_nuisance else _average_parameters(c.name, joint, averaged)
-    return Effect(
-        c.effect,
-        c.place,
-        probability,
-        left,
-        parameters,
-        errors=_errors(c, *own_part(joint, c.name)),
+    errors = _errors(c, *own_part(joint, c.name))
+    if _is_open(c, parameters):
+        errors = parameters  # one of the values that make up these sums
+        parameters = _sums(c, *own_part(joint, c.name))
+    return Effect(c.effect, c.place, probability, left, parameters, errors=errors)
+
+
+def _is_open(candidate: Candidate, parameters: dict[str, Parameter]) -> bool:
+    """Return whether readings show sums of parameters, but not these within their range."""
+    if not candidate.sums or not parameters:
+        return False
+    ends = zip(parameters.values(), candidate.plausible, strict=True)
+    return any(
+        p.sigma > 0.0 and (p.interval[0] < low or p.interval[1] > high)
+        for p, (low, high) in ends
+        if p.unit == "m"
     )
+
+
+def _sums(
+    candidate: Candidate, values: Array, covariance: Array
+) -> dict[str, Parameter]:
+    """Return the sums of an effect's internal parameters with intervals."""
+    out: dict[str, Parameter] = {}
+    for name, unit, coefficients in candidate.sums:
+        along = np.array(coefficients)
+        value = float(along @ values)
+        sigma = float(np.sqrt(max(along @ covariance @ along, 0.0)))
+        low, high = (value + sigma * end for end in quantiles(0.0, 1.0).tolist())
+        out[name] = Parameter(value, sigma, unit, interval=(low, high), nominal=0.0)
+    return out
 
 
 def _average_parameters(

@@ -132,3 +132,22 @@ def test_sag_of_soft_drives_is_no_payload(tmp_path, header):
     assert not any(e.effect in {"payload", "mass"} for e in found.effects)
     assert ("gravity @ robot" in names) is bool(header)
     assert found.gap.chi2_per_reading[1] == pytest.approx(1.0, abs=0.4)
+
+
+def test_what_shows_of_a_mass_is_its_moment(tmp_path):
+    """14 kg hung on a wrist of 5 kg: named, within the body, or as a moment about its joint."""
+    rng = np.random.default_rng(4)
+    rows = []
+    heavier = MASSES + [0, 0, 9.0]
+    for _ in range(24):
+        q = rng.uniform([-1.5, -0.8, -1.2], [1.5, 0.8, 1.2])
+        rows += rows_of(q, sag(q, STIFFNESS, masses=heavier), 3e-6, rng)
+    found = diagnose(write(tmp_path / "c", rows))
+    (effect,) = found.effects
+    group = {f"{effect.effect} @ {effect.place}", *effect.confused_with}
+    assert group & {"payload @ link3", "mass @ link3"}
+    assert found.gap.chi2_per_reading[1] == pytest.approx(1.0, abs=0.4)
+    if "moment_x" in effect.parameters:
+        moment = effect.parameters["moment_x"]
+        assert moment.value == pytest.approx(9.0 * 0.2, abs=3 * moment.sigma)
+    assert all(p.plausible for p in effect.parameters.values())

@@ -65,6 +65,7 @@ class ActuatorStiffness(ElementEffect):
                 place, (prior,)
             )
             guessed = min(factors) > 1.0
+            alone = guessed or not robot.elastic_sources  # nothing else yields
             if (count > 1 and guessed) or count >= _MANY:
                 # with priors this wide each drive may have its own factor besides a common one;
                 # of many drives, more may be soft than a diagnosis has effects
@@ -75,7 +76,7 @@ class ActuatorStiffness(ElementEffect):
                 yield cls(partial(_soften_each, robot, place.members)).make_candidate(
                     place,
                     each,
-                    odds=1.0 if guessed else _UNUSUAL,
+                    odds=1.0 if alone else _UNUSUAL,
                     scale=(size,) * (1 + count),
                     groups=(1, count),
                     bounds=FREE,

@@ -109,6 +109,9 @@ class Candidate:
     part_units: tuple[str, ...] = ()
     couplings: int = 0
     """Number of trailing internal parameters that couple the others; these may have either sign."""
+    sums: tuple[tuple[str, str, tuple[float, ...]], ...] = ()
+    """Name, unit and coefficients (k,) of sums of the internal parameters that readings show
+    where they do not show the physical ones: the moments of a mass whose place is open."""
     flexible: bool = False
     """True if it can fit almost anything; such effects are not used to estimate noise."""
     pattern: str = ""

@@ -42,7 +42,9 @@ _WITHIN = 2.0  # noise over the gap, and its standard deviation in logarithms
 _TOLD = 3.0  # least degrees of freedom that tell the noise
 _SURE = 10  # readings beyond all effects' columns below which noise is estimated with the effects
 _RANK = 1e-6  # of the largest singular value: a column that readings show
-UNSURE = np.geomspace(0.3, 10.0, 24)  # factors on the first estimate, which all effects share
+UNSURE = np.geomspace(
+    0.3, 10.0, 24
+)  # factors on the first estimate, which all effects share
 _EFFICIENCY = 0.5  # of the robust scatter: share of the degrees of freedom that it uses
 _MOST = 0.4  # most columns per reading in the joint fit
 
