@@ -12,7 +12,7 @@ import numpy as np
 
 from stiffscope.fea.beam import euler_bernoulli, polar, restrained_torsion
 from stiffscope.robot.file.part_sections import ParametricPart
-from stiffscope.robot.part_matrices import part_matrices as parts_of
+from stiffscope.robot import part_matrices as parts_of
 
 if TYPE_CHECKING:
     from stiffscope.cad.materials import AnyMaterial
