@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.fea.beam import euler_bernoulli, polar, restrained_torsion
-from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot import part_matrices as parts_of
+from stiffscope.robot.file.part_sections import ParametricPart
 
 if TYPE_CHECKING:
     from stiffscope.cad.materials import AnyMaterial
