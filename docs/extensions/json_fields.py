@@ -444,7 +444,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
         {
             "file": ("file that was read", ""),
             "points.*": ("place (3,) of a point of the file, in its axes", "m"),
-            "lines[]": ("points connected by a line of the file", ""),
+            "lines": ("points connected by lines of the file", ""),
             "responses[].force.point": ("number or name of the point of the force", ""),
             "responses[].force.axis": ("`x`, `y`, `z`, `rx`, `ry` or `rz`", ""),
             "responses[].force.sign": ("1 along the axis, -1 against it", ""),
