@@ -439,6 +439,46 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "left_out": ("choices not applicable to the part, with reasons", ""),
         },
     ),
+    "responses": (
+        ["responses", "TAP.uff"],
+        {
+            "file": ("file that was read", ""),
+            "points.*": ("place (3,) of a point of the file, in its axes", "m"),
+            "lines": ("points connected by lines of the file", ""),
+            "responses[].force.point": ("number or name of the point of the force", ""),
+            "responses[].force.axis": ("`x`, `y`, `z`, `rx`, `ry` or `rz`", ""),
+            "responses[].force.sign": ("1 along the axis, -1 against it", ""),
+            "responses[].motion.point": ("the same of the motion", ""),
+            "responses[].motion.axis": ("", ""),
+            "responses[].motion.sign": ("", ""),
+            "responses[].quantity": (
+                "what the file holds: `receptance`, `mobility` or `accelerance`",
+                "",
+            ),
+            "responses[].band": ("lowest and highest frequency", "Hz"),
+            "responses[].lines": ("number of frequencies", ""),
+            "responses[].resonances": ("maxima of the receptance", "Hz"),
+            "responses[].static_stiffness?": (
+                "null without a level part below the first resonance, and where force and motion differ",
+                "",
+            ),
+            "responses[].static_stiffness.value?": (
+                "static stiffness at a driving point",
+                "N/m, N·m/rad",
+            ),
+            "responses[].static_stiffness.spread?": (
+                "half its 95 % interval",
+                "N/m, N·m/rad",
+            ),
+            "responses[].static_stiffness.band?": ("frequencies used", "Hz"),
+            "responses[].source": ("file and line of the dataset", ""),
+            "modes[].frequency?": ("mode shape of the file: its frequency", "Hz"),
+            "modes[].damping?": ("damping ratio; null if not stated", ""),
+            "modes[].points?": ("points of the shape", ""),
+            "doubts": ("doubts on the measurement, one sentence each", ""),
+            "remarks": ("doubts on units, and datasets that were not read", ""),
+        },
+    ),
     "faces": (
         ["faces", "PART.step"],
         {
