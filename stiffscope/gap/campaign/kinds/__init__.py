@@ -36,6 +36,8 @@ KIND_OF: Indices = np.repeat(np.arange(len(KINDS)), _LENGTHS)
 """Number of the kind by code."""
 DIRECTION_OF: Indices = np.array([quantity.direction for quantity in QUANTITY])
 MODE_OF: Indices = np.array([quantity.mode for quantity in QUANTITY])
+SPARE_MODES_OF: Indices = np.array([kind.spare_modes for kind in KINDS])[KIND_OF]
+"""Modes to compute above the highest one read, by code."""
 NAMED: Indices = np.flatnonzero([quantity.name != "" for quantity in QUANTITY])
 """Codes of the quantities that have a name."""
 INSTRUMENTS = tuple(dict.fromkeys(kind.instrument for kind in KINDS if kind.instrument))

@@ -91,6 +91,7 @@ FREQUENCY = Kind(
     is_absolute=False,
     is_steady=True,
     shows_rest=False,
+    spare_modes=0,
     noise_group="frequency",
     gain_sign=0.0,
     force_sign=0.0,

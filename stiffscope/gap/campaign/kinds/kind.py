@@ -117,6 +117,9 @@ class Kind:
     """Whether equal values at all poses are plausible."""
     shows_rest: bool
     """Whether it shows weight and geometric errors of the robot without applied loads."""
+    spare_modes: int
+    """Modes of vibration to compute above the highest one read, where the robot has them, as a
+    derivative may be a sum over all modes."""
     noise_group: str
     """Readings of one instrument and group have noise in common."""
     gain_sign: float
@@ -128,7 +131,7 @@ class Kind:
 
     def unit(self, *, turns: bool) -> str:
         """Return the SI unit as shown, along or about axes."""
-        return self.dimensions[turns].unit.replace("*", "·")
+        return self.dimensions[turns].unit.replace("**", "^").replace("*", "·")
 
 
 def along_axes(letter: str) -> tuple[Quantity, ...]:
