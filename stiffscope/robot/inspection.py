@@ -12,7 +12,7 @@ from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
 from stiffscope.registry import registered
 from stiffscope.robot.checks import HOME
-from stiffscope.robot.file.part_sections import InterfacePart, MatrixPart, solid_length
+from stiffscope.robot.file.part_sections import InterfacePart, MatrixPart
 from stiffscope.robot.file.sections import RigidBody
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.robot.part_matrices import known_mass, source_of, used_parts
@@ -185,7 +185,7 @@ def _part(robot: RobotFile, name: str) -> Part:
     part = robot.parts[name]
     bodies = robot.bodies_of(name)
     one = robot.bodies[bodies[0]]
-    length = solid_length(part) or getattr(one, "length", None)
+    length = part.span or getattr(one, "length", None)
     return Part(
         name, part.shape, source_of(part), length, known_mass(robot, name), bodies
     )
