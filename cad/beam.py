@@ -5,7 +5,7 @@ height, from the centroid, at the loaded end the reference point. Channel flange
 """
 
 from dataclasses import dataclass, fields
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -26,7 +26,7 @@ class BeamParameters(SolidParameters):
         If a value is out of range; it is named as in the robot file (``tube.wall``).
     """
 
-    axes: ClassVar[str] = (
+    axes = (
         "x along the beam from its clamped end, y across, z along its height; twist (v, omega) "
         "and wrench (f, m) at the centroid of the loaded end"
     )
@@ -82,8 +82,8 @@ class TubeParameters(BeamParameters):
     Axes: x along it from the clamped end, from the section's centroid.
     """
 
-    shape: ClassVar[str] = "tube"
-    is_round: ClassVar[bool] = True
+    shape = "tube"
+    is_round = True
     radius: Annotated[float, "outer radius"]
     wall: Annotated[float, WALL]
 
@@ -131,7 +131,7 @@ class BoxParameters(_FlatParameters):
     Axes: x along it from the clamped end, from the section's centroid.
     """
 
-    shape: ClassVar[str] = "box"
+    shape = "box"
     wall: Annotated[float, WALL]
 
     def largest(self) -> dict[str, float]:
@@ -173,7 +173,7 @@ class IParameters(_FlangedParameters):
     Axes: x along it from the clamped end, from the section's centroid.
     """
 
-    shape: ClassVar[str] = "i"
+    shape = "i"
 
     def cross_section(self, poisson: float) -> Section:
         """See `BeamParameters`."""
@@ -203,7 +203,7 @@ class ChannelParameters(_FlangedParameters):
     Axes: x along it from the clamped end, from the section's centroid.
     """
 
-    shape: ClassVar[str] = "channel"
+    shape = "channel"
 
     def cross_section(self, poisson: float) -> Section:
         """See `BeamParameters`."""

@@ -4,7 +4,7 @@ Axes: x from the clamped end at x = 0 to the loaded end, whose centre is the ref
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any
 
 from stiffscope.cad.checks import (
     GAP,
@@ -30,14 +30,14 @@ class LinkParameters(SolidParameters):
         If a value is out of range; it is named as in the robot file (``link.bore``).
     """
 
-    shape: ClassVar[str] = "rod"
-    axes: ClassVar[str] = (
+    shape = "rod"
+    axes = (
         "x along the rod from its clamped end; twist (v, omega) and wrench (f, m) at the "
         "centre of the loaded end"
     )
-    required: ClassVar[tuple[str, ...]] = ("length", "radius")
-    is_round: ClassVar[bool] = True
-    published: ClassVar[Literal["", "formula", "table"]] = "formula"
+    required = ("length", "radius")
+    is_round = True
+    published = "formula"
     length: Annotated[float, "length along x, from clamped to loaded end"] = 0.5
     radius: Annotated[float, "outer radius"] = 0.0125
     bore: Annotated[float, "diameter of the axial through hole"] = 0.0

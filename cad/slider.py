@@ -58,17 +58,17 @@ class SliderParameters(SolidParameters):
         If a value is out of range; it is named as in the robot file (``slider.rib_pitch``).
     """
 
-    shape: ClassVar[str] = "plate"
-    axes: ClassVar[str] = (
+    shape = "plate"
+    axes = (
         "x away from the clamped face, y across, z through the plate, to the side of its ribs; "
         "twist (v, omega) and wrench (f, m) at the centre of the loaded face"
     )
-    required: ClassVar[tuple[str, ...]] = ("depth", "width", "thickness")
-    along: ClassVar[frozenset[str]] = frozenset({"depth", "pad_height"})
-    is_plate: ClassVar[bool] = True
-    whole_load: ClassVar[dict[str, Any]] = {"pad_height": 0.0}
-    whole_clamp: ClassVar[dict[str, Any]] = {"clamp": "face"}
-    published: ClassVar[Literal["", "formula", "table"]] = "table"
+    required = ("depth", "width", "thickness")
+    along = frozenset({"depth", "pad_height"})
+    is_plate = True
+    whole_load: ClassVar = {"pad_height": 0.0}
+    whole_clamp: ClassVar = {"clamp": "face"}
+    published = "table"
     depth: Annotated[float, "size along x, from clamped to loaded face"] = 0.085
     width: Annotated[float, "size along y"] = 0.320
     thickness: Annotated[float, "size along z"] = 0.020

@@ -161,29 +161,13 @@ class SolidPart(PartSection):
     @property
     def sources(self) -> tuple[Source, ...]:
         """See `PartSection`."""
-        return ("fea",)
-
-    @model_validator(mode="after")
-    def _by_a_source(self) -> Self:
-        if self.compliance not in self.sources:
-            wanted = " or ".join(f'"{source}"' for source in self.sources)
-            message = (
-                f'expected {wanted} for a {self.shape} part, got "{self.compliance}"'
-            )
-            raise InputError(f"part.compliance: {message}")
-        return self
+        return typing.get_args(type(self).model_fields["compliance"].annotation)
 
 
 class ParametricPart(SolidPart):
     """A solid that the file describes by lengths and counts."""
 
     made: ClassVar[type[SolidParameters]]
-
-    @property
-    def sources(self) -> tuple[Source, ...]:
-        """See `PartSection`."""
-        known = typing.get_args(Source)
-        return known[:1] if self.parameters().bare_volume is None else known
 
     @property
     def interface_names(self) -> tuple[str, ...]:
@@ -230,14 +214,15 @@ _CONSTANTS = {
 
 
 def _section_of(
-    name: str, base: Any, made: type, doc: str, required: tuple[str, ...] = ()
+    name: str, base: Any, made: type, required: tuple[str, ...] = (), **further: Any
 ) -> Any:
-    """Create a section with one key for each field, but its name, of what is ``made`` of it."""
+    """Create a section with one key for each field, but its name, of what is ``made`` of it.
+
+    ``further`` are the docstring and other keys of the section.
+    """
     kinds = {float: v.LengthOrZero, int: v.Count}
     hints = typing.get_type_hints(made, include_extras=True)
-    fields = dict[str, Any]()
-    if getattr(made, "published", "") == "table":
-        fields["published"] = (str | None, None)
+    fields = dict[str, Any](further)
     for field in dataclasses.fields(made):
         if field.name == "name":
             continue
@@ -250,16 +235,21 @@ def _section_of(
         kind = _CONSTANTS.get(field.name.rpartition("_")[2], kind)
         default = ... if needed else field.default
         fields[field.name] = kind, Field(default, description=means)
-    model: Any = create_model(name, __base__=base, __doc__=doc, **fields)
+    model: Any = create_model(name, __base__=base, **fields)
     model.made = made
     return model
 
 
 def _read_shape(shape: type[SolidParameters]) -> type[ParametricPart]:
     """Create the section of a shape, described by its docstring without the errors."""
-    doc = (inspect.getdoc(shape) or "").partition("\n\nRaises\n")[0]
+    own: dict[str, Any] = {}
+    own["__doc__"] = (inspect.getdoc(shape) or "").partition("\n\nRaises\n")[0]
+    if shape.segments is SolidParameters.segments:  # no beam theory: FEA alone
+        own["compliance"] = (Literal["fea"], "fea")
+    if shape.published == "table":
+        own["published"] = (str | None, None)
     name = f"{shape.shape.title()}Part"
-    return _section_of(name, ParametricPart, shape, doc, shape.required)
+    return _section_of(name, ParametricPart, shape, shape.required, **own)
 
 
 PARAMETRIC = {name: _read_shape(shape) for name, shape in SHAPES.items()}
@@ -272,6 +262,7 @@ class StepPart(SolidPart):
     bodies made of it have these as ends, and are placed by their `at`, `x` and `y`.
     """
 
+    compliance: Literal["fea"] = "fea"  # pyright: ignore[reportIncompatibleVariableOverride]
     file: Annotated[str, Says('a path such as "arm.step"')]
     clamped: Faces | None = None
     loaded: Faces | None = None
@@ -427,5 +418,5 @@ class MaterialSection(Section):
 
 _BULK = "An isotropic elastic material."
 _ALONG = "A transversely isotropic material, fibres along the part's x."
-Isotropic = _section_of("Isotropic", MaterialSection, Material, _BULK)
-Fibrous = _section_of("Fibrous", MaterialSection, TransverselyIsotropic, _ALONG)
+Isotropic = _section_of("Isotropic", MaterialSection, Material, __doc__=_BULK)
+Fibrous = _section_of("Fibrous", MaterialSection, TransverselyIsotropic, __doc__=_ALONG)
