@@ -18,7 +18,6 @@ from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.sections import Bearing, ElasticBody, RigidBody
 from stiffscope.robot.file.tables import one_of
 from stiffscope.robot.mechanism_of import rigid_mechanism, written_axes
-from stiffscope.vjm.model.joints import DRIVEN
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -190,7 +189,7 @@ def _check_bearing(robot: RobotFile, name: str) -> None:
             joint.yielding(written_axes(robot, name))
     if getattr(joint, "drive", None) is None or joint.compliance is None:
         return
-    along = DRIVEN[joint.type]
+    along = joint.made.driven
     given = joint.compliance
     free = (
         (given.axial if along == 0 else 0.0)

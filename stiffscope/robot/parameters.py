@@ -120,10 +120,10 @@ def _of_joint(name: str, joint: JointSection) -> Iterator[tuple[Key, Any, str]]:
     drive = getattr(joint, "drive", None)
     bearing = joint.compliance
     if drive is not None and drive.stiffness:
-        unit = "N*m/rad" if joint.type == "revolute" else "N/m"
+        unit = "N*m/rad" if joint.made.turns else "N/m"
         yield as_written(("joints", name, "drive", "stiffness")), drive.stiffness, unit
     if getattr(joint, "spring", None) is not None:
-        unit = "N/m" if joint.type == "prismatic" else "N*m/rad"
+        unit = "N*m/rad" if joint.made.turns else "N/m"
         yield (
             as_written(("joints", name, "spring")),
             getattr(joint, "spring", None),
