@@ -93,7 +93,10 @@ PART = {
         "kg, kg·m, kg·m²",
     ),
     "seconds": ("wall time by stage: cad, mesh, solve", "s"),
-    "beam": ("compliance by Timoshenko beam theory; null for a STEP solid", YIELDS),
+    "beam": (
+        "compliance by Timoshenko beam theory; null for a STEP solid or a shape without beam theory",
+        YIELDS,
+    ),
     "cached": ("whether the result came from the cache", ""),
 }
 RESPONSES = {
@@ -370,10 +373,13 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 "entries[].fea": ("value from the virtual experiment", "`unit`"),
                 "entries[].error": ("95 % bound on `fea`", "`unit`"),
                 "entries[].euler_bernoulli": (
-                    "value by beam theory without shear",
+                    "value by beam theory without shear; null for a shape without beam theory",
                     "`unit`",
                 ),
-                "entries[].timoshenko": ("value by beam theory with shear", "`unit`"),
+                "entries[].timoshenko": (
+                    "value by beam theory with shear; null likewise",
+                    "`unit`",
+                ),
                 "entries[].published": (
                     "published value; null if there is none",
                     "`unit`",

@@ -119,7 +119,7 @@ class RobotAtPoses:
         """Return the displacement (p, k) of a passive joint from its spring's rest position."""
         joint = self.mechanism.joint(name)
         away = self.configurations.coordinates(name)
-        return (away @ joint.axes if joint.kind == "spherical" else away) - joint.rest
+        return (away @ joint.axes if joint.type.is_ball else away) - joint.rest
 
     @cached_property
     def law_influence(self) -> Array:
@@ -150,10 +150,11 @@ class RobotAtPoses:
         where = c.where(int(np.argmax(c.pose == pose)))
         points = np.array([joint.at for joint in self.mechanism.joints])
         size = float(np.ptp(points, axis=0).max() + np.abs(points).max())
-        kinds = {f"{JOINT}{joint.name}": joint.kind for joint in self.mechanism.joints}
+        joints = self.mechanism.joints
+        turning = {f"{JOINT}{joint.name}" for joint in joints if joint.turns}
         beyond: dict[str, tuple[float, float, str, str]] = {}
         for name, value in zip(c.coordinates, c.poses[pose].tolist(), strict=True):
-            turns = name in AXES[3:] or kinds.get(name) == "revolute"
+            turns = name in AXES[3:] or name in turning
             limit, units = (
                 (2.0 * np.pi, ("rad", "deg")) if turns else (5.0 * size, ("m", "mm"))
             )
