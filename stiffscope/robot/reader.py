@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
 from stiffscope.robot.checks import check_robot
 from stiffscope.robot.file.copies import make_copies
 from stiffscope.robot.file.evaluate import evaluate, evaluate_value
-from stiffscope.robot.file.override import apply_overrides, assign
+from stiffscope.robot.file.override import apply_overrides, assign, check_unit
 from stiffscope.robot.file.parse import FieldError, Source, parse_text
 from stiffscope.robot.file.validate import check_top, read_pose, validate
 from stiffscope.robot.library import find_robot, robot_names
@@ -55,9 +56,8 @@ def load_robot(
     0.025
     """
     path = find_robot(name_or_path)
-    return read_robot(
-        path, reading.read_text(path, "a robot file in TOML"), overrides, tolerance
-    )
+    text = reading.read_text(path, "a robot file in TOML")
+    return read_robot(path, text, overrides, tolerance, require_units=True)
 
 
 def load_robot_of(
@@ -94,7 +94,12 @@ def load_robot_of(
 
 
 def read_robot(
-    path: Path, text: str, overrides: Sequence[str] = (), tolerance: str | None = None
+    path: Path,
+    text: str,
+    overrides: Sequence[str] = (),
+    tolerance: str | None = None,
+    *,
+    require_units: bool = False,
 ) -> RobotFile:
     """Read a robot from text, as `load_robot` does from a file.
 
@@ -108,6 +113,9 @@ def read_robot(
         Changes of the file, as in `--set`.
     tolerance
         Relative accuracy of the experiments, such as "1 %"; by default as in the file.
+    require_units
+        Whether an override by a bare number is refused where the file states a unit: a person
+        probably means that unit, and SI is a thousand times as much.
     """
     if isinstance(overrides, str):
         raise InputError(
@@ -117,10 +125,15 @@ def read_robot(
     source = Source(path, text, tuple(overrides))
     with source.refusing():
         check_top(data)
-        of_copies = apply_overrides(data, source, tolerance)
+        written = copy.deepcopy(data) if overrides and require_units else {}
+        changes, of_copies = apply_overrides(data, source, tolerance)
         data, values, tolerances = evaluate(data)
         copied = make_copies(data)
         source.origins.update((name, origin.name) for name, origin in copied.items())
+        for change in changes if require_units else ():
+            check_unit(
+                change, written, source.origins.get(change.key[1], change.key[1])
+            )
         for override in of_copies:
             value = evaluate_value(override.value, values, override.key)
             assign(data, override.key, value, override.text)

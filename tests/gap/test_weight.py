@@ -138,7 +138,7 @@ def test_what_shows_of_a_mass_is_its_moment(tmp_path):
     """14 kg hung on a wrist of 5 kg: named, within the body, or as a moment about its joint."""
     rng = np.random.default_rng(4)
     rows = []
-    heavier = MASSES + [0, 0, 9.0]
+    heavier = MASSES + np.array([0, 0, 9.0])
     for _ in range(24):
         q = rng.uniform([-1.5, -0.8, -1.2], [1.5, 0.8, 1.2])
         rows += rows_of(q, sag(q, STIFFNESS, masses=heavier), 3e-6, rng)

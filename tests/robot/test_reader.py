@@ -1,5 +1,6 @@
 """A robot file of any mechanism: what it means, and that errors name file, line, field and what would be valid."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -935,7 +936,7 @@ def test_set_reaches_parts_parameters_joints_bodies_and_copies(read):
         TEXT,
         "arm.radius=20 mm",
         "parameters.th=30 deg",
-        "leg1.motor.drive.stiffness=2e4",
+        "leg1.motor.drive.stiffness=20 kN*m/rad",
         "platform.mass=1 kg",
         "leg2.motor.drive.stiffness=1 kN*m/rad",
         "parts.arm.mesh.size=6mm",
@@ -1136,3 +1137,18 @@ def test_files_that_cannot_be_robots(tmp_path):
     ]:
         with pytest.raises(InputError, match=message):
             load_robot(tmp_path / f"{name}.toml")
+
+
+@pytest.mark.parametrize(
+    ("robot", "override", "unit"),
+    [
+        ("biglide", "slider.thickness=16", "16 mm"),
+        ("delta", "leg1.motor.drive.stiffness=30", "30 kN*m/rad"),
+        ("delta", "leg2.motor.drive.stiffness=30", "30 kN*m/rad"),
+    ],
+)
+def test_a_bare_number_is_refused_where_the_file_states_a_unit(robot, override, unit):
+    with pytest.raises(InputError, match=re.escape(f"such as {unit}")):
+        load_robot(robot, [override])
+    with_unit = override.partition("=")[0] + "=" + unit
+    load_robot(robot, [with_unit])

@@ -206,7 +206,7 @@ def _judge_noise(
 
 def _number_units(c: Campaign) -> Indices:
     """Return group numbers (n,) of readings in m, in rad, and relative to their size."""
-    return np.where(c.relative, 2, c.direction >= 3).astype(np.int64)
+    return c.unit_numbers
 
 
 def _count_independent(columns: Array) -> int:

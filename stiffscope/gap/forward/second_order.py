@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION
+from stiffscope.gap.campaign.quantities import DEVIATION
 from stiffscope.gap.forward.elastic_state import measure_motion
 from stiffscope.gap.forward.terminals import find_weight, wrenches_at
 from stiffscope.vjm.model.checks import GROUND
@@ -188,7 +188,7 @@ class _Equilibria:
                 "nij,nj->ni", state.move_sensor(k)[c.pose[mine]], r.applied_loads[mine]
             )
             away = exact[loaded[here]] - linear
-            deflects = c.kind[mine] == DEFLECTION
+            deflects = c.is_difference[mine]
             displaced = state.displace_sensor(k)[c.pose[mine]]
             before = np.where(deflects[:, None], exact[unloaded[here]], displaced)
             out[here] = away - before
