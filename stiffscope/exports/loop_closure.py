@@ -16,7 +16,6 @@ from stiffscope.vjm.model.joints import FREE
 if TYPE_CHECKING:
     from stiffscope.vjm.model.screws import Array
 
-SHARE = 0.05  # of the compliance next to a cut joint that its spring takes, at most
 _LEVER = (
     0.1  # m, between the points of a spring along an axis with nothing elastic near it
 )
@@ -60,9 +59,7 @@ def count_moved(kind: str) -> int:
     return _MOVED.get(kind, 0)
 
 
-def close_loop(
-    kind: str, local: Array | None, rigid: float, share: float = SHARE
-) -> Array:
+def close_loop(kind: str, local: Array | None, rigid: float, share: float) -> Array:
     """Return the stiffness (6,) of a closure along and about a joint's axes.
 
     Parameters

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections import Counter
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
@@ -14,7 +15,6 @@ from stiffscope.exports.floating_body import (
     float_body,
 )
 from stiffscope.exports.loop_closure import (
-    SHARE,
     Closure,
     close_loop,
     count_moved,
@@ -27,7 +27,7 @@ from stiffscope.vjm.model.screws import Frame, rotation_of, shift
 from stiffscope.vjm.network.network import END, FOOT, list_elements
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Collection, Mapping, Sequence
 
     from stiffscope.exports.floating_body import Springs
     from stiffscope.exports.spanning_tree import Branch, SpanningTree
@@ -41,7 +41,9 @@ MASSLESS = (
     1e-10  # kg, and kg·m²: of bodies that carry none; MuJoCo has no bodies without
 )
 SITE = "tool"
-_AXES = "xyz"
+_UNKNOWN = (
+    1e-3  # moment of inertia of a body that has none, over mass times squared size
+)
 
 
 @dataclass(frozen=True)
@@ -57,16 +59,19 @@ class Tuning:
     smallest
         (6,) compliances, m/N and rad/(N·m), where elastic bodies are rigid in some directions.
     rigid
-        Stiffness of a loop's closure, N/m, where nothing next to it is elastic.
+        Least stiffness of a loop's closure, N/m.
+    share
+        Of the compliance next to a cut joint that the closure takes, at most.
     idle
-        Mass, kg, and moment of inertia, kg·m², of rigid bodies that have none.
+        Inertia of the joints of bodies that have no mass or inertia, kg.
     """
 
     highest: float
     damping: float
     smallest: Array
     rigid: float
-    idle: tuple[float, float]
+    share: float
+    idle: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +98,7 @@ class Writer:
     places: dict[str, tuple[ET.Element, Frame]] = field(default_factory=dict)
     coordinates: list[Coordinate] = field(default_factory=list)
     commands: list[tuple[str, str]] = field(default_factory=list)
-    sites: int = 0
+    closures: int = 0
 
     def __post_init__(self) -> None:
         self.world = ET.SubElement(self.root, "worldbody")
@@ -123,12 +128,17 @@ def write_tree(mechanism: Mechanism, name: str, tuning: Tuning) -> Writer:
     elements = {element.name: element for element in list_elements(mechanism)}
     tree = span_tree(mechanism)
     nodes = {node: body for body in mechanism.bodies for node in body.nodes}
-    closures = _close_loops(tree, elements, nodes, tuning)
+    closures = _close_loops(mechanism, tree, elements, nodes, tuning)
     writer.places[GROUND] = writer.world, Frame(np.eye(3), np.zeros(3))
     _add_base(writer, elements[BASE])
     for branch in tree.branches:
         taken = {c.end: c.compliance for c in closures if c.body == branch.body}
-        _add_branch(writer, mechanism, branch, elements[branch.joint.name], taken)
+        lost = [c.compliance[0, 0] for c in closures if c.body == branch.joint.name]
+        element = elements[branch.joint.name]
+        if lost and branch.joint.drive is not None:
+            stiffer = branch.joint.drive.add_compliance(-sum(lost))
+            element = replace(element, joint=replace(element.joint, drive=stiffer))
+        _add_branch(writer, mechanism, branch, element, taken)
     for joint, closure in zip(tree.cuts, closures, strict=True):
         _add_closure(writer, joint, elements[joint.name], closure)
     _add_tool(writer, mechanism, elements[TOOL])
@@ -151,7 +161,7 @@ def _add_tool(writer: Writer, mechanism: Mechanism, tool: Element) -> None:
     frame = Frame(np.eye(3), tool.at)
     carrier = mechanism.tool.body
     if tool.factor.size or tool.offset is not None:
-        body, place = _add_body(writer, "tool_end", carrier, frame, tool.offset)
+        body, place = _add_body(writer, f"{SITE}:end", carrier, frame, tool.offset)
         _add_bearing(writer, body, "grip", frame, tool.compliance)
         _set_mass(body, 0.0, np.zeros(3), None, place)
         writer.places[END] = body, place
@@ -176,7 +186,8 @@ def _add_body(
     if offset is not None:
         there = _compose(_displacement(offset, about or home), home)
     local = _relative(place, there)
-    body = ET.SubElement(element, "body", name=name)
+    called = f"{name}:body" if name == "world" else name  # MuJoCo's name of the ground
+    body = ET.SubElement(element, "body", name=called)
     body.set("pos", numbers(local.origin()))
     body.set("quat", numbers(quaternion(local.matrix())))
     return body, home
@@ -213,14 +224,16 @@ def _set_mass(
     centre: Array,
     inertia: Array | None,
     place: Frame,
-    least: tuple[float, float] = (MASSLESS, MASSLESS),
+    least: float = MASSLESS,
 ) -> None:
-    """Give a body its mass, centre (3,) and inertia (3, 3) about it, both in base axes at home."""
+    """Give a body its mass, centre (3,) and inertia (3, 3) about it, both in base axes at home.
+
+    ``least``: smallest principal moment of inertia, kg·m².
+    """
     turn = place.matrix()
     tensor = np.zeros((3, 3)) if inertia is None else turn.T @ inertia @ turn
     values, vectors = np.linalg.eigh(0.5 * (tensor + tensor.T))
-    flat = least[1] if mass == 0.0 else MASSLESS
-    values = values.clip(min=max(flat, 1e-9 * float(values[-1])))
+    values = values.clip(min=max(MASSLESS, least))
     # MuJoCo wants moments of inertia that a solid can have.
     values[2] = min(values[2], values[0] + values[1])
     if np.linalg.det(vectors) < 0.0:
@@ -228,11 +241,9 @@ def _set_mass(
     inertial = ET.Element("inertial")
     inertial.set("pos", numbers(turn.T @ (centre - place.origin())))
     inertial.set("quat", numbers(quaternion(vectors)))
-    inertial.set("mass", numbers(max(mass, least[0])))
+    inertial.set("mass", numbers(max(mass, MASSLESS)))
     inertial.set("diaginertia", numbers(values))
     body.insert(0, inertial)
-    if mass == 0.0:
-        body.set("gravcomp", "1")
 
 
 def _add_six(body: ET.Element, name: str, frame: Frame) -> list[str]:
@@ -301,7 +312,8 @@ def _add_branch(
     if body.elastic is not None:
         end = body.nodes.index(branch.node)
         home = Frame(body.elastic.axes, body.elastic.places[end])
-    compliance = taken.get(-1, joint.compliance)
+    extra = _lacking_inertia(mechanism, body, tuning=writer.tuning)
+    compliance = joint.compliance
     yields = compliance is not None and compliance.any()
     between = f"{joint.name}:bearing"
     if branch.forward:
@@ -314,12 +326,12 @@ def _add_branch(
             writer.places[between] = middle, place
             parent = between
         entered, place = _add_body(writer, branch.node, parent, home)
-        _add_motions(writer, entered, place, joint, element, sign=1.0)
+        _add_motions(writer, entered, place, joint, element, 1.0, extra)
     else:
         offset = None if element.offset is None else -element.offset
         if yields or offset is not None:
             middle, place = _add_body(writer, between, parent, frame)
-            _add_motions(writer, middle, place, joint, element, sign=-1.0)
+            _add_motions(writer, middle, place, joint, element, -1.0, extra)
             _set_mass(middle, 0.0, place.origin(), None, place)
             writer.places[between] = middle, place
             entered, place = _add_body(
@@ -330,17 +342,42 @@ def _add_branch(
                 _add_bearing(writer, entered, between, local, compliance)
         else:
             entered, place = _add_body(writer, branch.node, parent, home)
-            _add_motions(writer, entered, place, joint, element, sign=-1.0)
+            _add_motions(writer, entered, place, joint, element, -1.0, extra)
     writer.places[branch.node] = entered, place
     if body.elastic is None:
         centre = element.at if body.centre is None else body.centre
-        least = writer.tuning.idle
+        least = _UNKNOWN * body.mass * _measure(mechanism, body) ** 2
         _set_mass(entered, body.mass, centre, body.inertia, place, least)
         return
     _add_elastic(writer, body, end, taken)
 
 
 IDENTITY = Frame(np.eye(3), np.zeros(3))
+
+
+def _lacking_inertia(
+    mechanism: Mechanism, body: Body, tuning: Tuning
+) -> tuple[float, float]:
+    """Return an armature, kg and kg·m², for the joint of a body that has no mass or no inertia.
+
+    It has no weight, and is small beside what moves with it.
+    """
+    if body.elastic is not None:
+        if body.elastic.dynamics is not None:
+            return 0.0, 0.0
+        points = body.elastic.places
+        size = float(np.ptp(points, axis=0).max())
+        return 0.0, 0.1 * _UNKNOWN * max(body.mass, tuning.idle) * size**2
+    if body.mass > 0.0:
+        return 0.0, 0.0
+    return tuning.idle, tuning.idle * _measure(mechanism, body) ** 2
+
+
+def _measure(mechanism: Mechanism, body: Body) -> float:
+    """Return the size of a rigid body, m: the extent of its joints."""
+    joints = mechanism.joints
+    points = np.array([j.at for j in joints if body.name in {j.first, j.second}])
+    return float(np.linalg.norm(np.ptp(points, axis=0))) or 0.01
 
 
 def _add_motions(
@@ -350,8 +387,12 @@ def _add_motions(
     joint: Joint,
     element: Element,
     sign: float,
+    extra: tuple[float, float],
 ) -> None:
-    """Add a joint's free motions to a body, with its drive or spring."""
+    """Add a joint's free motions to a body, with its drive or spring.
+
+    ``extra``: armature of translations, kg, and rotations, kg·m².
+    """
     back = place.matrix().T
     at = numbers(back @ (element.at - place.origin()))
     motions = list(enumerate(element.joint.motions))
@@ -366,6 +407,8 @@ def _add_motions(
         writer.coordinates.append(
             Coordinate(name, joint.name, index, 1.0 if kind != "S" else sign, turn)
         )
+        if extra[kind != "P"]:
+            out.set("armature", numbers(extra[kind != "P"]))
         if joint.drive is not None and index == joint.driven:
             _add_drive(writer, out, name, joint)
         elif joint.spring is not None:
@@ -480,6 +523,7 @@ def _displace_ends(body: Body, root: int) -> Array:
 
 
 def _close_loops(
+    mechanism: Mechanism,
     tree: SpanningTree,
     elements: Mapping[str, Element],
     nodes: Mapping[str, Body],
@@ -487,7 +531,10 @@ def _close_loops(
 ) -> list[Closure]:
     """Return the closure of every cut joint."""
     roots = {branch.body: branch.node for branch in tree.branches}
-    beside = [_elastic_side(elements[j.name], nodes, roots) for j in tree.cuts]
+    single = _single_nodes(mechanism)
+    hung = set(roots.values())
+    beside = [_elastic_side(j, nodes, single - hung) for j in tree.cuts]
+    struts = _struts(mechanism, tree)
     out = []
     for joint, side in zip(tree.cuts, beside, strict=True):
         element = elements[joint.name]
@@ -495,16 +542,24 @@ def _close_loops(
         own = element.joint.compliance
         if own is not None and own.any():
             local = _invert_used(own)
-            stiffness = close_loop(joint.kind, local, tuning.rigid)
+            stiffness = close_loop(joint.kind, local, tuning.rigid, tuning.share)
             taken = taken_compliance(stiffness, local)
             out.append(
                 Closure(joint.name, -1, taken, stiffness, count_moved(joint.kind))
             )
             continue
         if side is None:
-            stiffness = close_loop(joint.kind, None, tuning.rigid)
-            none = np.zeros((6, 6))
-            out.append(Closure("", 0, none, stiffness, count_moved(joint.kind)))
+            driven = struts.get(joint.second) or struts.get(joint.first)
+            least = tuning.rigid
+            if driven is not None:
+                least = max(least, driven.drive.stiffness / tuning.share)
+            stiffness = close_loop(joint.kind, None, least, tuning.share)
+            lost = np.zeros((6, 6))
+            if driven is not None:
+                along = frame.matrix().T @ driven.axes[:, 0]
+                lost[0, 0] = float(along @ (along / stiffness[:3]))
+            name = driven.name if driven else ""
+            out.append(Closure(name, -2, lost, stiffness, count_moved(joint.kind)))
             continue
         body = nodes[side]
         end = body.nodes.index(side)
@@ -515,21 +570,39 @@ def _close_loops(
         carry = _relative(part, frame).adjoint()
         local = carry.T @ whole[row : row + 6, row : row + 6] @ carry
         alike = sum(1 for other in beside if other and nodes[other] is body)
-        stiffness = close_loop(joint.kind, local, tuning.rigid, SHARE / alike)
+        stiffness = close_loop(joint.kind, local, tuning.rigid, tuning.share / alike)
         taken = carry @ taken_compliance(stiffness, local) @ carry.T
         out.append(Closure(body.name, end, taken, stiffness, count_moved(joint.kind)))
     return out
 
 
+def _single_nodes(mechanism: Mechanism) -> set[str]:
+    """Return the nodes with one joint and without the tool: what passes it passes that joint."""
+    joints = Counter(n for j in mechanism.joints for n in (j.first, j.second))
+    return {n for n, count in joints.items() if count == 1} - {mechanism.tool.body}
+
+
 def _elastic_side(
-    element: Element, nodes: Mapping[str, Body], roots: Mapping[str, str]
+    joint: Joint, nodes: Mapping[str, Body], able: Collection[str]
 ) -> str | None:
-    """Return the joint's node that is an end of an elastic body, not the one it hangs by."""
-    for node in (element.second, element.first):
-        body = nodes.get(node)
-        if body is not None and body.elastic is not None and roots[body.name] != node:
+    """Return the joint's node that is an end of an elastic body in series with the joint."""
+    for node in (joint.second, joint.first):
+        if node in able and nodes[node].elastic is not None:
             return node
     return None
+
+
+def _struts(mechanism: Mechanism, tree: SpanningTree) -> dict[str, Joint]:
+    """Return the linear drives that move a rigid body with one more joint, by that body."""
+    joints = Counter(n for j in mechanism.joints for n in (j.first, j.second))
+    return {
+        branch.body: branch.joint
+        for branch in tree.branches
+        if branch.joint.kind == "prismatic"
+        and branch.joint.drive is not None
+        and joints[branch.body] == 2
+        and branch.body != mechanism.tool.body
+    }
 
 
 def _invert_used(compliance: Array) -> Array:
@@ -576,6 +649,7 @@ def _add_closure(
         writer.places[name] = middle, place
         first = name
     axes = closure_frame(element)
+    writer.closures += 1
     for number, (along, direction, stiffness) in enumerate(
         hold_points(closure.stiffness), start=1
     ):
@@ -598,7 +672,7 @@ def _add_moved(
 ) -> None:
     """Add the free motions of a cut joint that its closure does not allow, with a small inertia."""
     back = element.axes.T
-    fastest = writer.tuning.highest**2 / SHARE
+    fastest = writer.tuning.highest**2 / writer.tuning.share
     for index, (kind, axis) in enumerate(element.joint.motions[: closure.moved]):
         name = f"{joint.name}:{index + 1}"
         out = ET.SubElement(body, "joint", name=name, axis=numbers(back @ axis))

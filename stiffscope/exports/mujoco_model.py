@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.model.screws import Array
 
 OLDEST = (4, 0)
-_STILL = 1e-9  # squared frequency over the largest: a free motion
+_STILL = (2.0 * np.pi * 0.1) ** 2  # rad²/s²: slower motions are free
 
 
 def load_mujoco() -> Any:
@@ -61,24 +62,49 @@ def key_positions(
     return out
 
 
-def natural_frequencies(mujoco: Any, model: Any, position: Array) -> Array:
-    """Return all natural frequencies in Hz, ascending, of a model at a position (nq,), unloaded.
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Of a model at a position: natural frequencies, the highest possible one, tool compliance.
 
-    From the mass matrix and the stiffness of its springs, without free motions.
+    ``frequencies`` (c,) in Hz, ascending, without free motions; ``highest`` in Hz, with all drives
+    at their stiffest; ``compliance`` (6, 6) at the tool's site in base axes.
     """
+
+    frequencies: Array
+    highest: float
+    compliance: Array
+
+
+def find_spectrum(mujoco: Any, model: Any, position: Array) -> Spectrum:
+    """Return the spectrum of an unloaded model at a position (nq,)."""
     data = mujoco.MjData(model)
     data.qpos[:] = position
     mujoco.mj_forward(model, data)
     mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
-    squares = eigh(spring_stiffness(mujoco, model, data), mass, eigvals_only=True)
-    squares = squares[squares > _STILL * squares[-1]]
-    return np.sqrt(squares) / (2.0 * np.pi)
+    limited = model.actuator_forcelimited.astype(bool)
+    gains = -model.actuator_biasprm[: model.nu, 1]
+    plain = spring_stiffness(model, data, np.where(limited, 0.0, gains))
+    squares, shapes = eigh(plain, mass)
+    firm = squares > _STILL
+    highest = float(squares[-1])
+    if limited.any():
+        stiffest = np.where(limited, gains.clip(min=0.0), gains)
+        stiff = spring_stiffness(model, data, stiffest)
+        highest = float(eigh(stiff, mass, eigvals_only=True)[-1])
+    both = np.zeros((6, model.nv))
+    site = model.site("tool").id
+    mujoco.mj_jacSite(model, data, both[:3], both[3:], site)
+    seen = both @ shapes[:, firm]
+    return Spectrum(
+        np.sqrt(squares[firm]) / (2.0 * np.pi),
+        np.sqrt(highest) / (2.0 * np.pi),
+        (seen / squares[firm]) @ seen.T,
+    )
 
 
-def spring_stiffness(mujoco: Any, model: Any, data: Any) -> Array:
-    """Return the stiffness (nv, nv) of joints, tendons and actuators at the data's position."""
-    del mujoco
+def spring_stiffness(model: Any, data: Any, gains: Array) -> Array:
+    """Return the stiffness (nv, nv) of joints, tendons and actuators (nu,) at a position."""
     out = np.zeros((model.nv, model.nv))
     for joint in range(model.njnt):
         at = model.jnt_dofadr[joint]
@@ -96,6 +122,5 @@ def spring_stiffness(mujoco: Any, model: Any, data: Any) -> Array:
         start = data.moment_rowadr[row]
         some = slice(start, start + data.moment_rownnz[row])
         moments[row, data.moment_colind[some]] = data.actuator_moment[some]
-    gains = -model.actuator_biasprm[: model.nu, 1]
     out += moments.T @ (gains[:, None] * moments)
     return 0.5 * (out + out.T)

@@ -53,7 +53,8 @@ class SpanningTree:
 def span_tree(mechanism: Mechanism) -> SpanningTree:
     """Return a spanning tree of a mechanism's bodies.
 
-    Joints with a drive or a spring are in the tree where loops allow it; see ``CUT_FIRST``.
+    Joints with a drive or a spring are in the tree where loops allow it, then those between rigid
+    bodies; see ``CUT_FIRST``.
     """
     joined = {GROUND: GROUND} | {body.name: body.name for body in mechanism.bodies}
 
@@ -62,9 +63,13 @@ def span_tree(mechanism: Mechanism) -> SpanningTree:
             body = joined[body]
         return body
 
-    def last_cut(joint: Joint) -> tuple[bool, int]:
+    elastic = {n for b in mechanism.bodies if b.elastic is not None for n in b.nodes}
+
+    def last_cut(joint: Joint) -> tuple[bool, bool, int]:
         loaded = joint.drive is not None or joint.spring is not None
-        return not loaded, -CUT_FIRST.index(joint.kind)
+        yields = joint.compliance is not None
+        soft = yields or joint.first in elastic or joint.second in elastic
+        return not loaded, soft, -CUT_FIRST.index(joint.kind)
 
     tree = []
     cuts = []
