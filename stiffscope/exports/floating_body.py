@@ -222,6 +222,28 @@ def _with_dynamics(
     return FloatingBody(order, total, centre, inertia, zeros, free, springs)
 
 
+def rigid_inertia(body: Body) -> tuple[float, Array, Array]:
+    """Return mass, centre (3,) and inertia (3, 3) about it of a body, base axes at home."""
+    elastic = body.elastic
+    if elastic is None:
+        none = np.zeros((3, 3))
+        centre = np.zeros(3) if body.centre is None else body.centre
+        return body.mass, centre, none if body.inertia is None else body.inertia
+    if not body.mass:
+        return 0.0, elastic.places[0], np.zeros((3, 3))
+    if elastic.dynamics is None:
+        centre = elastic.places.mean(axis=0)
+        away = elastic.places - centre
+        square = float((away**2).sum()) * np.eye(3)
+        return body.mass, centre, body.mass / len(away) * (square - away.T @ away)
+    size = elastic.dynamics.ends_size
+    motion = rigid_motions((elastic.places - elastic.places[0]) @ elastic.axes)
+    whole = motion.T @ elastic.dynamics.mass[:size, :size] @ motion
+    mass, centre, inertia = _rigid_inertia(whole)
+    axes = elastic.axes
+    return mass, elastic.places[0] + axes @ centre, axes @ inertia @ axes.T
+
+
 def _rigid_inertia(mass: Array) -> tuple[float, Array, Array]:
     """Return mass, centre (3,) and inertia (3, 3) about it of a rigid body's mass matrix (6, 6)."""
     total = float(np.trace(mass[:3, :3])) / 3.0

@@ -14,6 +14,7 @@ from stiffscope.exports.floating_body import (
     diagonalize,
     float_body,
 )
+from stiffscope.exports.frames import compose, displacement, relative
 from stiffscope.exports.loop_closure import (
     Closure,
     close_loop,
@@ -23,7 +24,7 @@ from stiffscope.exports.loop_closure import (
 )
 from stiffscope.exports.spanning_tree import span_tree
 from stiffscope.vjm.model.checks import BASE, GROUND, TOOL, axes_along
-from stiffscope.vjm.model.screws import Frame, rotation_of, shift
+from stiffscope.vjm.model.screws import Frame, shift
 from stiffscope.vjm.network.network import END, FOOT, list_elements
 
 if TYPE_CHECKING:
@@ -184,30 +185,13 @@ def _add_body(
     element, place = writer.places[parent]
     there = home
     if offset is not None:
-        there = _compose(_displacement(offset, about or home), home)
-    local = _relative(place, there)
+        there = compose(displacement(offset, about or home), home)
+    local = relative(place, there)
     called = f"{name}:body" if name == "world" else name  # MuJoCo's name of the ground
     body = ET.SubElement(element, "body", name=called)
     body.set("pos", numbers(local.origin()))
     body.set("quat", numbers(quaternion(local.matrix())))
     return body, home
-
-
-def _displacement(twist: Array, frame: Frame) -> Frame:
-    """Return the displacement by a twist (6,) in a frame, as a map of base coordinates."""
-    moved = Frame(rotation_of(twist[3:]), twist[:3])
-    back = Frame(frame.matrix().T, -frame.matrix().T @ frame.origin())
-    return _compose(_compose(frame, moved), back)
-
-
-def _compose(outer: Frame, inner: Frame) -> Frame:
-    return Frame(outer.matrix() @ inner.matrix(), outer.point(inner.origin()))
-
-
-def _relative(parent: Frame, child: Frame) -> Frame:
-    """Return a frame in the axes of another."""
-    back = parent.matrix().T
-    return Frame(back @ child.matrix(), back @ (child.origin() - parent.origin()))
 
 
 def quaternion(rotation: Array) -> Array:
@@ -338,7 +322,7 @@ def _add_branch(
                 writer, branch.node, between, home, offset, frame
             )
             if yields:
-                local = _relative(home, frame)
+                local = relative(home, frame)
                 _add_bearing(writer, entered, between, local, compliance)
         else:
             entered, place = _add_body(writer, branch.node, parent, home)
@@ -567,7 +551,7 @@ def _close_loops(
         whole = clamped_stiffness(body, root, tuning.smallest)
         row = 6 * (end - (end > root))
         part = Frame(body.elastic.axes, body.elastic.places[end])
-        carry = _relative(part, frame).adjoint()
+        carry = relative(part, frame).adjoint()
         local = carry.T @ whole[row : row + 6, row : row + 6] @ carry
         alike = sum(1 for other in beside if other and nodes[other] is body)
         stiffness = close_loop(joint.kind, local, tuning.rigid, tuning.share / alike)
@@ -686,7 +670,7 @@ def _add_moved(
 def _add_site(writer: Writer, name: str, node: str, home: Frame, **looks: str) -> None:
     """Add a site to a node's body at a place given at home in base axes."""
     element, place = writer.places[node]
-    local = _relative(place, home)
+    local = relative(place, home)
     site = ET.SubElement(element, "site", name=name)
     site.set("pos", numbers(local.origin()))
     site.set("quat", numbers(quaternion(local.matrix())))
