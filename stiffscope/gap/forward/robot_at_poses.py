@@ -18,6 +18,7 @@ from stiffscope.errors import InputError
 from stiffscope.gap.campaign.kinds import KINDS, MODE_OF
 from stiffscope.gap.campaign.kinds.kind import NO_MODE
 from stiffscope.gap.campaign.quantities import AXES, JOINT
+from stiffscope.gap.effects.effect import find_length
 from stiffscope.gap.effects.elements import along_drive, without_ranges
 from stiffscope.gap.forward.setup import Instruments
 from stiffscope.gap.forward.terminals import find_weight, unit_wrenches, wrenches_at
@@ -109,6 +110,11 @@ class RobotAtPoses:
     def mechanism(self) -> Mechanism:
         """The robot with linear drives of unlimited range, as errors may exceed their ranges."""
         return without_ranges(without_laws(self.robot.mechanism))
+
+    @cached_property
+    def length(self) -> float:
+        """Largest distance of two joints, or of the tool from one, m."""
+        return find_length(self.mechanism)
 
     @cached_property
     def laws(self) -> dict[str, Law]:

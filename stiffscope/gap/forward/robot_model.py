@@ -85,9 +85,11 @@ class RobotModel:
     @cached_property
     def _library(self) -> tuple[Candidate, ...]:
         without = {self.without, Gravity.word if self._has_gravity else ""}
-        known = find_candidates(self.setting, without)
+        known = tuple(find_candidates(self.setting, without))
+        heavy = tuple((c, ()) for c in known if c.effect == Gravity.word)
+        # drives and masses that only weight would show are tried beside gravity
         return (
-            *merge_twins(tuple(known), self.predict()),
+            *merge_twins(known, self.predict(heavy)),
             *nuisance_patterns(self.predict()),
         )
 
@@ -158,7 +160,7 @@ class RobotModel:
 
     @property
     def _has_gravity(self) -> bool:
-        return Gravity.word in self.campaign.modelled
+        return self.campaign.is_weighed
 
     @cached_property
     def _sound(self) -> ElasticState:

@@ -19,6 +19,7 @@ from stiffscope.gap.campaign.kinds import MODE_OF
 from stiffscope.gap.effects.elements import along_drive
 from stiffscope.gap.forward.elastic_state import ElasticState
 from stiffscope.gap.forward.instrument_readings import InstrumentReadings
+from stiffscope.gap.forward.second_order import SETTINGS, find_second_order
 from stiffscope.vjm.elements.laws import settle
 
 if TYPE_CHECKING:
@@ -51,10 +52,15 @@ class RobotReadings(InstrumentReadings):
         """Whether an effect adds the robot's weight, which the nominal model lacks."""
         return any(influence.weight for influence in self.influences)
 
+    @property
+    def weighs(self) -> bool:
+        """Whether weight acts: a payload's never does where the robot's own does not."""
+        return self.weighted or self.heavier
+
     @cached_property
     def gravity(self) -> float:
         """Gravity acting on the robot, m/s²."""
-        return self.at.robot.acceleration if self.weighted or self.heavier else 0.0
+        return self.at.robot.acceleration if self.weighs else 0.0
 
     @cached_property
     def elastic_state(self) -> ElasticState:
@@ -89,7 +95,7 @@ class RobotReadings(InstrumentReadings):
         for load in range(-1, len(c.loads)):
             mine = c.is_loaded & c.is_motion & (c.load == load)
             out[mine, at.load_cases(load)] = wrench[mine]
-        out[c.shows_rest] += self._dead
+        out[c.shows_rest] += self.rest_loads
         return out
 
     @cached_property
@@ -126,10 +132,24 @@ class RobotReadings(InstrumentReadings):
 
         For positions and distances, it excludes the motion by geometric errors.
         """
-        out = np.zeros((len(self.campaign), 6))
+        out = find_second_order(self)
         for k, mine in self.by_sensor(self.is_motion):
-            out[mine] = self._motion(k, mine)
+            out[mine] += self._motion(k, mine)
         return out
+
+    @cached_property
+    def length(self) -> float:
+        """Largest distance of two joints, or of the tool from one, m."""
+        return self.at.length
+
+    @cached_property
+    def expected_noise(self) -> Array:
+        """Standard uncertainty (n,) of readings; a share of their kind's rms if not stated."""
+        c = self.campaign
+        like = c.kind_numbers
+        mean = np.bincount(like, c.value**2) / np.maximum(np.bincount(like), 1)
+        usual = SETTINGS.unstated * np.sqrt(mean)[like]
+        return np.where(np.isnan(c.sigma), usual, c.sigma).clip(min=1e-300)
 
     def _motion(self, k: int, rows: Indices) -> Array:
         """Return the true motion (m, 6) at a sensor, or (-1) at M, for readings (m,)."""
@@ -163,7 +183,9 @@ class RobotReadings(InstrumentReadings):
         """Part (n,) of positions and distances that is due to applied wrenches; zero for others."""
         c = self.campaign
         out = np.zeros(len(self.campaign))
-        pushes = self.applied_loads - np.where(c.shows_rest[:, None], self._dead, 0.0)
+        pushes = self.applied_loads - np.where(
+            c.shows_rest[:, None], self.rest_loads, 0.0
+        )
         for k, sensor in enumerate(c.sensors):
             mine = np.flatnonzero(c.sensor == k)
             if sensor.absolute and mine.size:
@@ -271,14 +293,14 @@ class RobotReadings(InstrumentReadings):
 
     def find_rest_wrench(self, name: str) -> Array:
         """Return the unloaded wrench (n, 6) in an element at each reading's pose, own axes."""
-        carried = self.elastic_state.transmit_wrenches(name) @ self._dead
+        carried = self.elastic_state.transmit_wrenches(name) @ self.rest_loads
         return carried[self.campaign.pose]
 
     @cached_property
-    def _dead(self) -> Array:
+    def rest_loads(self) -> Array:
         """Permanent terminal loads (cases,)."""
         out = np.zeros(self.at.cases)
-        out[self.at.weight_case :] = self.gravity, 1.0
+        out[self.at.weight_case :] = self.gravity, float(self.weighs)
         return out
 
     def drive_force(self, drive: str) -> Array:

@@ -151,6 +151,7 @@ def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:
         ..., 0
     ]  # (p, cases)
     work = np.einsum("nc,nc->n", prediction.sense, along[c.pose])
+    work = work if prediction.weighs else 0.0 * work
     return prediction.ask(
         lambda predictor, rows: predictor.load(prediction, rows, payload, work[rows])
     )
