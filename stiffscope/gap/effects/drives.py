@@ -119,7 +119,7 @@ class Backlash(Effect):
         driven = setting.robot.driven
         for place in setting.robot.places(driven):
             if place.sole:
-                turns = driven[place.sole].kind == "revolute"
+                turns = driven[place.sole].turns
                 own = (
                     cls.parameters if turns else setting.in_robots_units(cls.parameters)
                 )
@@ -146,7 +146,7 @@ class EncoderOffset(ElementEffect):
         driven = setting.robot.driven
         for place in setting.robot.places(driven):
             directions = {name: along_drive(driven[name]) for name in place.members}
-            turns = all(driven[name].kind == "revolute" for name in place.members)
+            turns = all(driven[name].turns for name in place.members)
             effect = cls(partial(move_ends, directions))
             own = cls.parameters if turns else setting.in_robots_units(cls.parameters)
             yield effect.make_candidate(place, own, units=("rad" if turns else "m",))

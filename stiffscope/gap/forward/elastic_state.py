@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.campaign.quantities import FIRST_FREQUENCY, FREQUENCY
+from stiffscope.gap.campaign.kinds import MODE_OF, SPARE_MODES_OF
 from stiffscope.gap.effects.elements import add_payloads, change_elements
 from stiffscope.gap.forward import robot_at_poses
 from stiffscope.gap.forward.terminals import (
@@ -222,10 +222,13 @@ class ElasticState:
         """Lowest modes at the poses with frequency readings, drives locked."""
         at = self.at
         c = self.at.campaign
-        count = int((c.quantity[c.kind == FREQUENCY] - FIRST_FREQUENCY).max()) + 1
-        found = modes(self._loaded_mechanism, at.configurations[at.shaken], count)
-        if found.frequencies.shape[1] < count or np.isnan(found.frequencies).any():
-            row = int(np.argmax(c.kind == FREQUENCY))
+        mode = MODE_OF[c.quantity]
+        count = int(mode.max()) + 1
+        most = count + int(SPARE_MODES_OF[c.quantity].max())
+        found = modes(self._loaded_mechanism, at.configurations[at.shaken], most)
+        read = found.frequencies[:, :count]
+        if read.shape[1] < count or np.isnan(read).any():
+            row = int(np.argmax(mode >= 0))
             where = f"{c.where(row)}: quantity"
             raise InputError(
                 f"{where}: expected one of the modes that the robot has, got f{count}"

@@ -179,7 +179,7 @@ def _judge_noise(c: Campaign, noise: Noise, fit: _Fit) -> tuple[Noise, _Fit]:
 
 def _number_units(c: Campaign) -> Indices:
     """Return group numbers (n,) of readings in m, in rad, and relative to their size."""
-    return np.where(c.relative, 2, c.direction >= 3).astype(np.int64)
+    return c.unit_numbers
 
 
 def _add_remarks(c: Campaign, noise: Noise, fit: _Fit) -> Noise:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import POSITION
+from stiffscope.gap.campaign.kinds import CODE_ALONG
 from stiffscope.gap.campaign.readings import match_robot
 from stiffscope.gap.campaign.sanity import find_doubts, inspect_ranges
 from stiffscope.gap.effects.drives import ActuatorStiffness
@@ -67,7 +67,7 @@ class RobotModel:
         Positions and distances are taken relative to those of the rigid robot as commanded.
         """
         campaign = match_robot(self.campaign, self.nominal.robot)
-        if (campaign.kind == POSITION).any() and campaign.expected is None:
+        if campaign.is_absolute.any() and campaign.expected is None:
             at = RobotAtPoses(self.nominal, campaign)
             expected = np.zeros(len(campaign))
             there = at.instruments.look(at.instruments_start[0], *at.targets(at.rest))
@@ -187,7 +187,7 @@ class RobotModel:
     def predict_as(self, kind: int, other: int) -> Array:
         """Return readings (n,) predicted with those of one kind taken for another."""
         c = self.campaign
-        quantity = np.where(c.kind == kind, 6 * other + c.direction, c.quantity)
+        quantity = np.where(c.kind == kind, CODE_ALONG[other, c.direction], c.quantity)
         return (
             replace(self, campaign=replace(c, quantity=quantity))
             .predict()

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import DEVIATION, PUSH
 from stiffscope.gap.effects.effect import Setting
 
 if TYPE_CHECKING:
@@ -32,7 +31,7 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting
     at = sound.at
     c = sound.at.campaign
     translation, rotation = np.split(np.einsum("pii->pi", sound.compliance), 2, axis=1)
-    moving = c.sensor[c.kind <= DEVIATION]
+    moving = c.sensor[c.is_displacement]
     return Setting(
         at.robot,
         (_median(translation, _USUAL[0]), _median(rotation, _USUAL[1])),
@@ -41,7 +40,7 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting
             for b in at.mechanism.bodies
             if b.elastic is None
         },
-        bool(((c.sensor < 0) & (c.kind <= PUSH)).any()),
+        bool(c.at_tool.any()),
         {sensor.name: bool((moving == k).any()) for k, sensor in enumerate(c.sensors)},
         suspect,
     )
