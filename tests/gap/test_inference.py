@@ -790,7 +790,7 @@ def test_prior_odds_alone_identify_nothing(alike, verdict):
     )
     others = [c.name for c in crowd[:alike]]
     assert set(diagnosis.effects[0].confused_with) <= {*others}
-    assert len(diagnosis.effects[0].confused_with) == min(alike, 2)
+    assert len(diagnosis.effects[0].confused_with) == min(alike, 5)
     assert (verdict == "ambiguous") == any(
         "fits about as well as effect-0 @ place" in r for r in diagnosis.remarks
     )
@@ -1000,7 +1000,7 @@ def test_a_group_has_the_likeliest_of_what_readings_do_not_tell_apart():
 
 
 def test_a_main_cause_that_is_not_settled_is_ambiguous():
-    """A small certain effect beside a large one that has any of eight names."""
+    """A small effect beside a large one that has any of eight names explains too little to be certain."""
     model = linear_model(np.random.default_rng(13), parameters=(1,))
     model = twin(
         model, "effect-0 @ place", twins=tuple(f"twin-{k} @ place" for k in range(7))
@@ -1011,7 +1011,6 @@ def test_a_main_cause_that_is_not_settled_is_ambiguous():
     )
     assert large.verdict == "ambiguous"
     assert {e.effect for e in large.effects} == {"effect-0", "effect-1"}
-    assert "certain: effect-1 @ place; uncertain: effect-0 @ place" in large.remarks
     assert small.verdict == "partly"
     assert {e.effect for e in small.effects} == {"effect-1"}
 
