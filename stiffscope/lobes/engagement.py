@@ -17,7 +17,9 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array
 
 _POINTS = 48  # of a quadrature over the engagement, exact to rounding
-_RIPPLE = 0.1  # harmonic over mean, above which the zero-order solution is off by percents
+_RIPPLE = (
+    0.1  # harmonic over mean, above which the zero-order solution is off by percents
+)
 
 
 @dataclass(frozen=True)

@@ -18,9 +18,12 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array
     from stiffscope.vjm.kinematics.configurations import Configurations
     from stiffscope.vjm.model.mechanism import Mechanism
+    from stiffscope.vjm.vibration.modes import Modes
 
 MODES = 12  # modes kept; the rest responds statically
-_AWAY = 1e7  # rad/s: frequency that fills the place of a missing mode, whose shape is zero
+_AWAY = (
+    1e7  # rad/s: frequency that fills the place of a missing mode, whose shape is zero
+)
 _NOWHERE = 1e-6  # of the largest: static remainder that is rounding
 
 
@@ -50,6 +53,8 @@ class ToolResponse:
     remainder: Array
     frequency_error: Array
     damping_error: Array
+    origin: Array | None = None
+    """Share (n, a, m) of the robot's and then the holder's own modes in each; None: the robot's."""
 
     def __len__(self) -> int:
         """Return the number of poses."""
@@ -64,6 +69,7 @@ class ToolResponse:
             self.remainder[some],
             self.frequency_error[some],
             self.damping_error[some],
+            None if self.origin is None else self.origin[some],
         )
 
     @property
@@ -103,8 +109,8 @@ def tool_response(
     found: Configurations,
     axes: Array,
     damping: Callable[[Array], tuple[Array, Array]],
-) -> ToolResponse:
-    """Return the tool's response at n configurations, drives held.
+) -> tuple[ToolResponse, Modes]:
+    """Return the tool's response at n configurations, drives held, and the robot's modes.
 
     Parameters
     ----------
@@ -133,7 +139,8 @@ def tool_response(
     remainder = _positive(axes @ soft @ axes.mT - static, soft)
     ratio, doubt = damping(np.where(known, hertz, 1.0))
     error = np.where(known, shaken.error / np.where(known, hertz, 1.0), 0.0)
-    return ToolResponse(squares, ratio, turned, remainder, error, doubt)
+    response = ToolResponse(squares, ratio, turned, remainder, error, doubt)
+    return response, shaken
 
 
 def _positive(matrix: Array, scale: Array) -> Array:
@@ -195,8 +202,8 @@ def couple_holder(
     damped = np.einsum("nai,na,nai->ni", vectors, friction, vectors)
     weight = np.einsum("nai,na,nai->nai", vectors, held, vectors)
     share = weight / weight.sum(axis=1, keepdims=True)
-    doubts = np.concatenate([robot.damping_error, np.zeros((n, k))], axis=1)
-    doubts[:, m:] = robot.damping_error.max(axis=1, keepdims=True)
+    own_doubt = np.tile(robot.damping_error.max(axis=1, keepdims=True), (1, k))
+    doubts = np.concatenate([robot.damping_error, own_doubt], axis=1)
     errors = np.concatenate([robot.frequency_error, np.zeros((n, k))], axis=1)
     return replace(
         robot,
@@ -205,4 +212,5 @@ def couple_holder(
         shapes=moved @ vectors,
         frequency_error=np.einsum("nai,na->ni", share, errors),
         damping_error=np.einsum("nai,na->ni", share, doubts),
+        origin=share,
     )

@@ -12,7 +12,7 @@ Y. Altintas, E. Budak, Analytical prediction of stability lobes in milling, CIRP
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import permutations
 from typing import TYPE_CHECKING
 
@@ -24,16 +24,19 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array
 
 _BROAD = 60  # frequencies spread over the range of all modes
-_SHARP = np.sinh(np.linspace(-4.5, 4.5, 37))  # half widths of a resonance, to 45 of them
+_SHARP = np.sinh(
+    np.linspace(-4.5, 4.5, 37)
+)  # half widths of a resonance, to 45 of them
 _ZOOMS = 9  # each takes a quarter of the interval
 _SPLITS = 8  # of an interval of frequencies, at a time
 _SETTLE = 6  # secant steps of a crossing
+_STEP = 1e-6  # relative step of a derivative by frequency
 _CHUNK = 128  # poses at a time
 
 
 @dataclass(frozen=True, eq=False)
 class Critical:
-    """Limits at n poses that hold at any speed.
+    """Limits at n poses that hold at any speed of a range.
 
     Attributes
     ----------
@@ -43,6 +46,9 @@ class Critical:
         Frequency (n,) of chatter there, rad/s.
     shares
         Share (n, m) of each mode in Re λ there; negative for modes that act against it.
+    slope
+        ``d ln depth = -Re g + slope · Im g`` (n,) for a change of the response with g = d ln λ, at
+        the speed of the limit.
     coupling
         Depth (n,), m, from which the modes alone are unstable, without a wave left by the tooth
         before; infinite without such.
@@ -51,7 +57,13 @@ class Critical:
     depth: Array
     omega: Array
     shares: Array
+    slope: Array
     coupling: Array
+
+    def relative_change(self, change: Array) -> Array:
+        """Return d ln depth (n, …) for changes g = d ln λ (n, …)."""
+        slope = self.slope.reshape(-1, *[1] * (np.ndim(change) - 1))
+        return slope * change.imag - change.real
 
 
 def frequency_grid(response: ToolResponse) -> Array:
@@ -101,8 +113,12 @@ def follow(values: Array) -> Array:
     return out
 
 
-def find_critical(response: ToolResponse, cut: Engagement) -> Critical:
-    """Return the depth of cut that is stable at any speed, at each pose.
+def find_critical(
+    response: ToolResponse,
+    cut: Engagement,
+    speeds: tuple[float, float] = (0.0, np.inf),
+) -> Critical:
+    """Return the depth of cut that is stable at any speed of a range, at each pose.
 
     Parameters
     ----------
@@ -110,22 +126,33 @@ def find_critical(response: ToolResponse, cut: Engagement) -> Critical:
         Response of the tool at n poses.
     cut
         Engagement of the cutter.
+    speeds
+        Slowest and fastest speed, rev/s; by default all.
     """
     parts = [
-        _find_critical(response[start : start + _CHUNK], cut)
+        _find_critical(response[start : start + _CHUNK], cut, speeds)
         for start in range(0, len(response), _CHUNK)
     ]
-    fields = ("depth", "omega", "shares", "coupling")
+    return join_criticals(parts)
+
+
+def join_criticals(parts: list[Critical]) -> Critical:
+    """Return the limits of several stacks of poses as one."""
+    if len(parts) == 1:
+        return parts[0]
+    names = [field.name for field in fields(Critical)]
     return Critical(
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in fields)
+        *(np.concatenate([getattr(part, name) for part in parts]) for name in names)
     )
 
 
-def _find_critical(response: ToolResponse, cut: Engagement) -> Critical:
+def _find_critical(
+    response: ToolResponse, cut: Engagement, speeds: tuple[float, float]
+) -> Critical:
     n = len(response)
     grid = frequency_grid(response)
     values = eigenvalues(response, cut, grid)
-    real = values.real.max(axis=2)
+    real = _within(values, grid, cut, speeds)
     coupling = _find_coupling(follow(values))
     poses = np.arange(n)
     best = real.argmax(axis=1)
@@ -134,14 +161,55 @@ def _find_critical(response: ToolResponse, cut: Engagement) -> Critical:
     share = np.linspace(0.0, 1.0, _SPLITS + 1)
     for _ in range(_ZOOMS):
         inner = low[:, None] + (high - low)[:, None] * share
-        real = eigenvalues(response, cut, inner).real.max(axis=2)
+        real = _within(eigenvalues(response, cut, inner), inner, cut, speeds)
         best = real.argmax(axis=1)
         low = inner[poses, np.maximum(best - 1, 0)]
         high = inner[poses, np.minimum(best + 1, _SPLITS)]
     omega = inner[poses, best]
     most = real[poses, best]
     depth = np.where(most > 0.0, 0.5 / np.where(most > 0.0, most, 1.0), np.inf)
-    return Critical(depth, omega, _mode_shares(response, cut, omega), coupling)
+    shares = _mode_shares(response, cut, omega)
+    slope = _find_slope(response, cut, omega, speeds)
+    return Critical(depth, omega, shares, slope, coupling)
+
+
+def _find_slope(
+    response: ToolResponse, cut: Engagement, omega: Array, speeds: tuple[float, float]
+) -> Array:
+    """Return the ratio (n,) of real and imaginary part of d ln((1 - exp(-iωτ)) λ) / dω.
+
+    With it, ω follows a change of the response at a speed that stays.
+    """
+    step = _STEP * omega
+    beside = np.stack([omega - step, omega, omega + step], axis=1)
+    values = follow(eigenvalues(response, cut, beside))
+    best = values[:, 1].real.argmax(axis=1)
+    value = values[np.arange(len(omega)), :, best]
+    logarithm = np.log(value[:, 2] / value[:, 0]) / (2.0 * step)
+    turn = 2.0 * np.angle(value[:, 1]) + np.pi
+    fast = cut.teeth * speeds[1]
+    lobe = np.ceil((omega / fast - turn) / (2.0 * np.pi)).clip(min=0.0)
+    delay = (turn + 2.0 * np.pi * lobe) / omega
+    wave = np.exp(-1j * turn)
+    rate = logarithm + 1j * delay * wave / (1.0 - wave)
+    return rate.real / np.where(rate.imag != 0.0, rate.imag, 1.0)
+
+
+def _within(
+    values: Array, omega: Array, cut: Engagement, speeds: tuple[float, float]
+) -> Array:
+    """Return the largest Re λ (n, f) of which a lobe lies in the range of speeds, else 0."""
+    slow, fast = speeds
+    turn = 2.0 * np.angle(values) + np.pi
+    first = 0.0
+    if np.isfinite(fast):
+        soonest = omega / (cut.teeth * fast)
+        first = np.ceil((soonest[..., None] - turn) / (2.0 * np.pi)).clip(min=0.0)
+    within = np.full(values.shape, True)
+    if slow > 0.0:
+        latest = omega / (cut.teeth * slow)
+        within = np.floor((latest[..., None] - turn) / (2.0 * np.pi)) >= first
+    return np.where(within, values.real, 0.0).max(axis=2)
 
 
 def _find_coupling(values: Array) -> Array:
@@ -158,7 +226,7 @@ def _find_coupling(values: Array) -> Array:
 def mode_terms(response: ToolResponse, cut: Engagement, omega: Array) -> Array:
     """Return the terms (n, m) of the largest Re λ at ω (n,) by mode, complex; they add up to λ.
 
-    Because λ is stationary in its eigenvectors, dλ is also the sum of the terms' own changes.
+    Because λ is stationary in its eigenvectors, dλ is the sum of the terms' own changes.
     """
     by_mode, still = response.looped(cut)
     modal = response.modal(omega[:, None])[:, 0]
@@ -169,6 +237,13 @@ def mode_terms(response: ToolResponse, cut: Engagement, omega: Array) -> Array:
     left = np.linalg.pinv(right)[poses, best]
     vector = right[poses, :, best]
     return modal * np.einsum("ni,nmij,nj->nm", left, by_mode, vector)
+
+
+def mode_total(response: ToolResponse, cut: Engagement, omega: Array) -> Array:
+    """Return the λ (n,) with the largest real part at ω (n,), rad/s."""
+    values = eigenvalues(response, cut, omega[:, None])[:, 0]
+    best = values.real.argmax(axis=1)
+    return values[np.arange(len(values)), best]
 
 
 def _mode_shares(response: ToolResponse, cut: Engagement, omega: Array) -> Array:
@@ -194,7 +269,9 @@ def zero_order_depth(
         Frequencies (n, f), rad/s, by default `frequency_grid`.
     """
     omega = frequency_grid(response) if grid is None else grid
-    delays = 1.0 / (cut.teeth * np.broadcast_to(speeds, (len(response), np.shape(speeds)[-1])))
+    delays = 1.0 / (
+        cut.teeth * np.broadcast_to(speeds, (len(response), np.shape(speeds)[-1]))
+    )
     out = np.empty(delays.shape)
     for start in range(0, len(response), _CHUNK):
         some = slice(start, start + _CHUNK)
@@ -235,7 +312,9 @@ def _cross_lobes(
     goal = level.reshape(len(delays), -1)[speeds, best]
     low = omega[place]
     high = omega[place + 1]
-    near = values[place, branch] + t * (values[place + 1, branch] - values[place, branch])
+    near = values[place, branch] + t * (
+        values[place + 1, branch] - values[place, branch]
+    )
     below = start[speeds, branch, place] - goal
     ends = [below, below + rise[speeds, branch, place]]
     exact = _settle(response, cut, delays, goal, (low, high), ends, near)
