@@ -32,29 +32,74 @@ _LEAST_POINTS = 5  # of a panel, beyond those by which modes vibrate in it
 _PER_TURN = 4.0  # further points per vibration of the fastest mode that matters
 _MOST_POINTS = 60
 _MATTERS = 0.01  # of the largest static response: modes that set the number of points
-_BROAD = 48  # values of μ on half the circle
-_SHARP = np.sinh(np.linspace(-4.0, 4.0, 17))  # half widths of a resonance
-_TRIALS = 28  # depths of a first search
-_LOW, _HIGH = 0.05, 8.0  # their range, of the least zero-order depth over all speeds
+_BROAD = 32  # values of μ on half the circle
+_SHARP = np.sinh(np.linspace(-4.5, 4.5, 11))  # half widths of a resonance
+_TURN = 0.5  # rad of the determinant's phase, above which points are added
+_PARTS = 4  # of an interval
+_TRIALS = 48  # depths of a first search
+_LOW, _HIGH = 0.02, 60.0  # their range, of the zero-order limit over the speeds
 _HALVINGS = 12
+_ROUNDS = 6
+_SAME = 1e-3  # change of a depth by finer points
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """Λ(μ) = (1 - 1/μ) (prompt + left diag(z / (1 - z) exp(-p τ)) right) on a points.
+
+    ``decay`` (2m,): exp(p τ) of the modes' poles and their conjugates.
+    """
+
+    prompt: Array
+    left: Array
+    right: Array
+    decay: Array
+
+    def eigenvalues(self, theta: Array) -> Array:
+        """Return the eigenvalues (t, a) at multipliers exp(iθ), θ (t,)."""
+        inverse = np.exp(-1j * theta)  # 1 / μ
+        middle = inverse[:, None] / (1.0 - self.decay * inverse[:, None])
+        later = (self.left * middle[:, None]) @ self.right.T
+        factor = (1.0 - inverse)[:, None, None]
+        return np.linalg.eigvals(factor * (self.prompt + later))
 
 
 @dataclass(frozen=True, eq=False)
 class Circle:
-    """Eigenvalues (t, m) of Λ at multipliers exp(iθ), θ (t,) from 0 to π, for one speed."""
+    """Eigenvalues (t, a) of Λ at multipliers exp(iθ), θ (t,) from 0 to π, for one speed."""
 
+    loop: Loop
     theta: Array
     values: Array
 
+    def refined(self, depth: float) -> Circle:
+        """Return it with more points where the determinant turns fast at a depth, m."""
+        turns = np.abs(self._turns(np.array(depth)))
+        coarse = np.flatnonzero(turns > _TURN)
+        if not coarse.size:
+            return self
+        start = self.theta[coarse]
+        step = self.theta[coarse + 1] - start
+        share = np.linspace(0.0, 1.0, _PARTS + 1)[1:-1]
+        more = (start[:, None] + step[:, None] * share).ravel()
+        theta = np.concatenate([self.theta, more])
+        values = np.concatenate([self.values, self.loop.eigenvalues(more)])
+        order = np.argsort(theta)
+        return Circle(self.loop, theta[order], values[order])
+
     def unstable(self, depth: Array) -> Array:
         """Return how many multipliers (…,) lie outside the unit circle at depths (…,), m."""
+        turned = self._turns(depth).sum(axis=-1)
+        return np.rint(-turned / np.pi).astype(int)
+
+    def _turns(self, depth: Array) -> Array:
+        """Return the changes (…, t - 1) of the determinant's phase between points, rad."""
         factors = 1.0 - np.asarray(depth)[..., None, None] * self.values
         whole = factors[..., 0]
         for k in range(1, factors.shape[-1]):  # a product: its phase is all that counts
             whole = whole * factors[..., k]
             whole = whole / np.maximum(np.abs(whole), 1e-300)
-        turned = np.angle(whole[..., 1:] * whole[..., :-1].conj()).sum(axis=-1)
-        return np.rint(-turned / np.pi).astype(int)
+        return np.angle(whole[..., 1:] * whole[..., :-1].conj())
 
 
 @cache
@@ -117,23 +162,15 @@ def circle(response: ToolResponse, cut: Engagement, speed: float) -> Circle:
     # a static remainder acts at once on all teeth that are in the workpiece
     together = which[:, None] == which
     prompt += np.where(together, normal @ response.remainder[0] @ force.T, 0.0)
-    theta = _angles(poles, delay)
-    inverse = np.exp(-1j * theta)  # 1 / μ
     both = np.concatenate([poles, poles.conj()])
     sign = np.concatenate([0.5j / -poles.imag, 0.5j / poles.imag])
-    decay = np.exp(both * delay)
     at = base[which]
     left = np.tile(seen, 2) * np.exp(both * at[:, None])  # (a, 2m)
-    right = (
-        np.tile(loaded, 2)
-        * np.exp(both * (delay - at[:, None]))
-        * weights[which][:, None]
-        * sign
-    )
-    middle = inverse[:, None] / (1.0 - decay * inverse[:, None])  # (t, 2m)
-    later = (left * middle[:, None]) @ right.T
-    matrix = (1.0 - inverse)[:, None, None] * (prompt + later)
-    return Circle(theta, np.linalg.eigvals(matrix))
+    remaining = np.exp(both * (delay - at[:, None]))
+    right = np.tile(loaded, 2) * remaining * weights[which][:, None] * sign
+    loop = Loop(prompt, left, right, np.exp(both * delay))
+    theta = _angles(poles, delay)
+    return Circle(loop, theta, loop.eigenvalues(theta))
 
 
 def _place_nodes(
@@ -218,7 +255,10 @@ def is_stable(
     response: ToolResponse, cut: Engagement, speed: float, depth: float
 ) -> bool:
     """Return whether a cut is stable at one pose, speed (rev/s) and depth (m)."""
-    return not circle(response, cut, speed).unstable(np.array(depth))
+    around = circle(response, cut, speed)
+    for _ in range(_ROUNDS):
+        around = around.refined(depth)
+    return not around.unstable(np.array(depth))
 
 
 def interrupted_depth(
@@ -237,7 +277,7 @@ def interrupted_depth(
     speeds
         Spindle speeds (s,), rev/s.
     scale
-        Depth (n,), m, of which 0.05 to 8 times are searched: the zero-order limit at any speed.
+        Depth (n,), m, of which 0.02 to 60 times are searched: the zero-order limit.
     """
     out = np.full((len(response), len(speeds)), np.inf)
     shares = np.geomspace(_LOW, _HIGH, _TRIALS)
@@ -247,8 +287,23 @@ def interrupted_depth(
         trials = scale[k] * shares
         for j, speed in enumerate(speeds):
             around = circle(response[k : k + 1], cut, float(speed))
-            out[k, j] = _first_unstable(around, trials)
+            out[k, j] = _find_depth(around, trials)
     return out
+
+
+def _find_depth(around: Circle, trials: Array) -> float:
+    """Return the least unstable depth, m, on points that are refined there."""
+    depth = _first_unstable(around, trials)
+    for _ in range(_ROUNDS):
+        before = depth
+        finer = around.refined(depth if np.isfinite(depth) else float(trials[-1]))
+        if finer is around:
+            break
+        around = finer
+        depth = _first_unstable(around, trials)
+        if abs(depth - before) <= _SAME * before:
+            break
+    return depth
 
 
 def _first_unstable(around: Circle, trials: Array) -> float:
@@ -264,4 +319,4 @@ def _first_unstable(around: Circle, trials: Array) -> float:
             high = middle
         else:
             low = middle
-    return 0.5 * (low + high)
+    return float(0.5 * (low + high))
