@@ -9,8 +9,8 @@ import tomlkit
 from stiffscope.errors import InputError
 from stiffscope.experiments.robot_files import robot_document
 from stiffscope.gap.effects.effect import UNNAMED
-from stiffscope.gap.effects.masses import AddedMass, Gravity, Mass
-from stiffscope.gap.effects.vocabulary import apply_effect
+from stiffscope.gap.effects.masses import Gravity
+from stiffscope.gap.effects.vocabulary import apply_effect, find_kind
 from stiffscope.runtime import output
 
 if TYPE_CHECKING:
@@ -86,11 +86,11 @@ def _refusals(
 ) -> Iterator[str]:
     """Yield reasons why effects cannot be adopted. heavy: whether the robot's weight will act."""
     for effect in found:
-        if effect.effect in {AddedMass.word, Mass.word} and not heavy:
-            yield f"{effect.effect} @ {effect.place}: masses count only where gravity is modelled"
-            continue
         if effect.effect == UNNAMED:
             yield f"{effect.place}: fitted together with the effects, but not a known effect"
+            continue
+        if find_kind(effect.effect).weighs and not heavy:
+            yield f"{effect.effect} @ {effect.place}: masses count only where gravity is modelled"
             continue
         try:
             apply_effect(bare, effect.effect, effect.place, _values(effect))

@@ -8,13 +8,11 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from stiffscope.gap.effects.instruments import SensorSign, Unit
-from stiffscope.gap.effects.joints import JointAxis
 from stiffscope.gap.forward.forward_model import Noise
 
 if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign
-    from stiffscope.gap.forward.forward_model import ForwardModel
+    from stiffscope.gap.forward.forward_model import Candidate, ForwardModel
     from stiffscope.runtime.types import Array, Flags, Indices
 
 
@@ -28,17 +26,14 @@ LARGEST = 1000  # most readings used for the initial guess of unknown noise
 FRACTIONS = np.geomspace(1e-5, 2.0, 80)  # candidate ratios of noise to gap
 
 
-_DOUBTED = {
-    Unit.word,
-    SensorSign.word,
-}  # if suspected, assumed present for the noise estimate
 _LEAST_FREE = 1e-6  # least share of a reading's variance that a joint fit leaves
 _ALIKE = 4.0  # readings as which it counts that noise is alike in a unit, and in all
 _USUAL = 0.01
 _WITHIN = 2.0  # noise over the gap, and its standard deviation in logarithms
 _TOLD = 3.0  # least degrees of freedom that tell the noise
 _EFFICIENCY = 0.5  # of the robust scatter: share of the degrees of freedom that it uses
-_MOST = 0.4  # most columns per reading in the joint fit
+_MOST = 0.4  # of the readings: degrees of freedom beyond which axes give way
+_ENOUGH = 0.5  # of the readings: beyond, a joint fit of all effects shows no outliers
 
 
 @dataclass(frozen=True)
@@ -73,21 +68,22 @@ def noise_of(model: ForwardModel) -> Noise:
     """
     campaign = model.campaign
     prediction = model.predict(
-        tuple((c, ()) for c in model.library if c.effect in _DOUBTED)
+        tuple((c, ()) for c in model.library if c.assumed and not c.scale)
     )
-    joint = [c for c in model.library if c.scale and not (c.flexible or c.swarming)]
-    if sum(len(c.scale) for c in joint) > _MOST * len(
-        campaign
-    ):  # axes fit almost anything
-        joint = [c for c in joint if c.effect != JointAxis.word]
-    x = np.hstack([prediction.columns(c) * np.array(c.scale) for c in joint])
+    joint = [c for c in model.library if c.scale and _joins(c)]
     gap = campaign.value - prediction.values
     unknown = np.isnan(campaign.sigma)
-    sigma = np.where(unknown, _first_guess(campaign, gap, x), campaign.sigma)
     every = np.ones(len(gap), dtype=np.bool_)
+    for chosen in (joint, [c for c in joint if not c.gives_way]):
+        x = np.hstack([prediction.columns(c) * np.array(c.scale) for c in chosen])
+        sigma = np.where(unknown, _first_guess(campaign, gap, x), campaign.sigma)
+        freedom = _count_freedom(x / sigma[:, None])
+        if freedom <= _MOST * len(gap):
+            break
     noise = Noise(sigma, every, ~every, np.ones(1))
-    if len(gap) <= 2 * x.shape[1] and not unknown.any():
-        return noise
+    if freedom > _ENOUGH * len(gap) and not unknown.any():
+        count = f"{len(gap)} readings for {freedom:.0f} unknowns of the possible causes"
+        return replace(noise, remarks=(f"{count}: outliers were not sought",))
     fit = _Fit(np.zeros(len(gap)), np.ones(len(gap)))
     columns = _Columns(LOOSE * x / sigma[:, None])
     for _ in range(PASSES):
@@ -100,6 +96,22 @@ def noise_of(model: ForwardModel) -> Noise:
         remark = f"{len(gap)} readings do not tell their noise, which is guessed: state sigma"
         return Noise(sigma, every, ~every, np.ones(1), (remark,), _TOLD)
     return _add_remarks(campaign, noise, fit)
+
+
+def _joins(candidate: Candidate) -> bool:
+    """Return whether an effect is among those that are fitted together."""
+    return candidate.joins_noise and not (candidate.flexible or candidate.swarming)
+
+
+def _count_freedom(columns: Array) -> float:
+    """Return the degrees of freedom that columns (n, k), in sigmas, take from the readings.
+
+    Columns that repeat others, or that readings do not show, take none: how many effects there are
+    in the library does not count.
+    """
+    small = columns if columns.shape[1] < len(columns) else columns.T
+    size = np.linalg.eigvalsh(LOOSE**2 * small.T @ small).clip(min=0.0)
+    return float(np.sum(size / (size + 1.0)))
 
 
 def _first_guess(c: Campaign, gap: Array, x: Array) -> Array:

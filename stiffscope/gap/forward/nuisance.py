@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from stiffscope.vjm.model.joints import Joint
 
 
-_FULL_FORCE = 0.2  # fraction of a drive's largest force that overcomes friction
 _SPRING = 1e6  # N/m: spring to the frame per unit parameter
 _LIKE_FORCE = (
     100.0  # N or N·m: joint load at which parameters equal deformations, m or rad
@@ -97,9 +96,6 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
         pitch = Pattern(partial(_pitch, at.configurations.drives.mean(axis=0)))
         yield _make_unnamed(
             "errors that grow along the rail", (1e-3,) * len(drives), pitch
-        )
-        yield _make_unnamed(
-            "less motion at small loads", (1e-5,) * len(drives), Pattern(_friction)
         )
     if at.used_loads[:6].all():
         springs = "a stiffness towards the frame, growing with the distance"
@@ -197,7 +193,9 @@ def _make_unnamed(
     names = tuple(f"p{k + 1}" for k in range(len(scale)))
     count = len(scale)
     own = names, ("",) * count, scale, (FREE,) * count
-    return Candidate(UNNAMED, place, *own, pattern=kind or place, action=action)
+    return Candidate(
+        UNNAMED, place, *own, pattern=kind or place, imitates=True, action=action
+    )
 
 
 def _bow(lengths: Mapping[str, float], values: Array) -> Changes:
@@ -274,8 +272,9 @@ def _crosstalk(sink: int, source: int, prediction: RobotReadings) -> Array:
 def _off_centre(prediction: RobotReadings) -> Array:
     """Return columns of a wrench that acts beside its point, so that its force has moments."""
     force = np.nan_to_num(prediction.campaign.wrench[:, :3])
+    moments = (np.cross(axis, force) for axis in np.eye(3))
     return np.column_stack(
-        [prediction.applied_motion(np.cross(axis, force)) for axis in np.eye(3)]
+        [prediction.applied_motion(np.hstack([0.0 * m, m])) for m in moments]
     )
 
 
@@ -341,16 +340,3 @@ def _make_yielding(across: Mapping[str, Array], prediction: RobotReadings) -> Ar
         steps = [whole - rest, np.cbrt(whole) - np.cbrt(rest), squares]
         columns += np.stack([np.sum(read * step, axis=1) for step in steps], axis=1)
     return np.where((c.kind <= DEVIATION)[:, None], columns, 0.0)
-
-
-def _friction(prediction: RobotReadings) -> Array:
-    """Return columns of Coulomb friction: motion lost by a fixed amount towards the force."""
-    deflected = prediction.campaign.kind == DEFLECTION
-    columns: list[Array] = []
-    for drive in prediction.at.robot.driven:
-        force = np.where(deflected, prediction.drive_force(drive), 0.0)
-        lost = np.clip(
-            force / max(_FULL_FORCE * np.abs(force).max(initial=0.0), 1e-9), -1.0, 1.0
-        )
-        columns.append(lost * prediction.by_drive(drive))
-    return np.stack(columns, axis=1)

@@ -27,15 +27,18 @@ from stiffscope.gap.campaign.quantities import (
 from stiffscope.gap.effects.elements import along_drive
 from stiffscope.gap.forward.elastic_state import ElasticState
 from stiffscope.gap.forward.instrument_readings import InstrumentReadings
+from stiffscope.gap.forward.load_chains import LoadChains, size_loads
 from stiffscope.vjm.elements.laws import settle
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from stiffscope.gap.effects.effect import Knee
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
     from stiffscope.gap.forward.setup import Placed, Projection
     from stiffscope.runtime.types import Array, Flags, Indices
 
+_SAME_LOAD = 1e-5  # relative difference of equal loads
 _ZERO_FORCE = 1e-6  # rounding error of zero forces over the largest force
 
 
@@ -87,12 +90,29 @@ class RobotReadings(InstrumentReadings):
         return float(np.prod([1.0 + each.force_gain for each in self.influences]))
 
     @cached_property
+    def true_wrench(self) -> Array:
+        """Applied wrenches (n, 6) without a common scale: leaks and weights that differ taken off."""
+        out = np.nan_to_num(self.campaign.wrench)
+        for each in self.influences:
+            if each.leak is not None:
+                true = np.linalg.solve(np.eye(3) + each.leak, out[:, :3].T).T
+                out = np.hstack([true, out[:, 3:]])
+            for value, growth in each.load_gains.items():
+                out = out * (1.0 + growth * self.has_size(value))[:, None]
+        return out
+
+    def has_size(self, value: float) -> Flags:
+        """Return flags (n,) of readings under a load of a stated size, N or N·m."""
+        size = size_loads(self.campaign.wrench)
+        return np.abs(size - value) <= _SAME_LOAD * value
+
+    @cached_property
     def applied_loads(self) -> Array:
         """Terminal loads (n, cases) of every reading of a motion; zero for other readings."""
         c = self.campaign
         at = self.at
         out = np.zeros((len(c), at.cases))
-        wrench = self.force_scale * np.nan_to_num(c.wrench)
+        wrench = self.force_scale * self.true_wrench
         for load in range(-1, len(c.loads)):
             mine = (c.kind != DEVIATION) & c.is_motion & (c.load == load)
             out[mine, at.load_cases(load)] = wrench[mine]
@@ -308,6 +328,45 @@ class RobotReadings(InstrumentReadings):
         for influence in self.influences:
             for drive, width in influence.dead_zones.items():
                 out = out + width * self.dead_zone(drive)
+            for drive, knee in influence.knees.items():
+                out = out + self.bent_by(drive, knee)
+            for drive in influence.frictions:
+                out = out - self._drive_compliance(drive) * self.held_by(drive) * (
+                    self.by_drive(drive)
+                )
+        return out
+
+    def bent_by(self, drive: str, knee: Knee) -> Array:
+        """Return the change (n,) of readings by another compliance of a drive below and beyond a load."""
+        force = self.drive_force(drive)
+        small = np.clip(force, -knee.load, knee.load)
+        softer = knee.below * small + knee.beyond * (force - small)
+        axis = along_drive(self.at.robot.driven[drive])
+        compliance = float(axis @ self.at.robot.compliances[drive] @ axis)
+        return compliance * softer * self.by_drive(drive)
+
+    def held_by(self, drive: str, change: float = 0.0) -> Array:
+        """Return the force or moment (n,) that friction, and a change of it, holds in a drive."""
+        friction = sum(each.frictions.get(drive, 0.0) for each in self.influences)
+        return self._chains.hold(self.drive_force(drive), max(friction + change, 0.0))
+
+    def yield_to_friction(self, drive: str, change: float) -> Array:
+        """Return the change (n,) of readings by a change of a drive's friction, N or N·m."""
+        more = self.held_by(drive, change) - self.held_by(drive)
+        return -self._drive_compliance(drive) * more * self.by_drive(drive)
+
+    @cached_property
+    def _chains(self) -> LoadChains:
+        return LoadChains(self.campaign)
+
+    def _drive_compliance(self, drive: str) -> float:
+        """Return the compliance of a drive with its changes, m/N or rad/(N·m)."""
+        axis = along_drive(self.at.robot.driven[drive])
+        out = float(axis @ self.at.robot.compliances[drive] @ axis)
+        for each in self.influences:
+            change = each.elements.get(drive)
+            if change is not None and change.compliance is not None:
+                out += float(axis @ change.compliance @ axis)
         return out
 
     @cached_property
@@ -400,19 +459,19 @@ class RobotReadings(InstrumentReadings):
         pose = np.searchsorted(self.at.shaken, c.pose[which])
         return which, pose, c.quantity[which] - FIRST_FREQUENCY
 
-    def applied_motion(self, moments: Array) -> Array:
-        """Return deflections (n,) by moments (n, 3) added to applied wrenches; else zero."""
+    def applied_motion(self, wrenches: Array) -> Array:
+        """Return deflections (n,) by wrenches (n, 6) added to the applied ones; else zero."""
         c = self.campaign
         applied = self.is_motion & (self.campaign.kind != DEVIATION)
         out = np.zeros(len(c))
         for load in range(-1, len(c.loads)):
             cases = self.at.load_cases(load)
             for k, mine in self.by_sensor(applied & (c.load == load)):
-                motion = self.elastic_state.move_sensor(k)[c.pose[mine], :, cases][
-                    ..., 3:
-                ]
-                twist = np.einsum("nij,nj->ni", motion, moments[mine])
-                out[mine] = np.einsum("ni,ni->n", self.axis[mine], twist)
+                motion = self.elastic_state.move_sensor(k)[c.pose[mine], :, cases]
+                twist = np.einsum("nij,nj->ni", motion, wrenches[mine])
+                out[mine] = np.einsum(
+                    "ni,ij,nj->n", self.axis[mine], self.instrument(k), twist
+                )
         return out
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from stiffscope.gap.campaign.quantities import DEVIATION, PUSH
 from stiffscope.gap.effects.effect import Setting
+from stiffscope.gap.forward.load_chains import size_loads
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -17,6 +18,10 @@ if TYPE_CHECKING:
 
 _USUAL = (2e-7, 2e-6)  # m/N, rad/(N·m): default for motions that are free or not read
 _ROUNDING = 1e-9  # relative
+_SAME_LOAD = 1e-5  # relative difference of equal loads
+_FEWEST = 3
+_MOST = 12  # sizes of loads, each read
+_OFTEN = 2  # times: of fewer one is no different from an outlier
 
 
 def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting:
@@ -33,6 +38,8 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting
     c = sound.at.campaign
     translation, rotation = np.split(np.einsum("pii->pi", sound.compliance), 2, axis=1)
     moving = c.sensor[c.kind <= DEVIATION]
+    loaded = c.is_motion & np.nan_to_num(c.wrench).any(axis=1)
+    forces = np.nan_to_num(c.wrench[loaded, :3]).any(axis=0)
     return Setting(
         at.robot,
         (_median(translation, _USUAL[0]), _median(rotation, _USUAL[1])),
@@ -44,7 +51,26 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting
         bool(((c.sensor < 0) & (c.kind <= PUSH)).any()),
         {sensor.name: bool((moving == k).any()) for k, sensor in enumerate(c.sensors)},
         suspect,
+        tool_is_used=bool(
+            ((c.sensor < 0) & (c.kind <= PUSH)).any() or (loaded & (c.load < 0)).any()
+        ),
+        tool_turns=bool(
+            ((c.sensor < 0) & (c.kind == DEVIATION) & (c.direction > 2)).any()
+        ),
+        forces=(bool(forces[0]), bool(forces[1]), bool(forces[2])),
+        load_values=_find_values(c.wrench[loaded]),
     )
+
+
+def _find_values(wrenches: Array) -> tuple[tuple[float, str], ...]:
+    """Return the sizes of loads and their unit, if a few occur often enough to compare them."""
+    size = size_loads(wrenches)
+    values = np.unique([float(f"{value:.6g}") for value in size if value > 0.0])
+    counts = [np.sum(np.abs(size - value) <= _SAME_LOAD * value) for value in values]
+    if not _FEWEST <= len(values) <= _MOST or min(counts) < _OFTEN:
+        return ()
+    unit = "N" if np.nan_to_num(wrenches)[:, :3].any() else "N·m"
+    return tuple((float(value), unit) for value in values)
 
 
 def _median(compliances: Array, usual: float) -> float:
