@@ -198,6 +198,11 @@ class Knee(NamedTuple):
     below: float
     beyond: float
 
+    def bend(self, force: Array) -> Array:
+        """Return what is added to forces (n,): those by which a linear drive would yield as much more."""
+        small = np.clip(force, -self.load, self.load)
+        return self.below * small + self.beyond * (force - small)
+
 
 Row = tuple[int, int]
 """A row of readings: file number and line number."""

@@ -9,7 +9,7 @@ A reading is ``a · D b``, with the generalized compliance D between terminals, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -31,12 +31,13 @@ from stiffscope.gap.forward.load_chains import LoadChains, size_loads
 from stiffscope.vjm.elements.laws import settle
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from stiffscope.gap.effects.effect import Knee
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
     from stiffscope.gap.forward.setup import Placed, Projection
     from stiffscope.runtime.types import Array, Flags, Indices
+    from stiffscope.vjm.model.joints import Law
 
 _SAME_LOAD = 1e-5  # relative difference of equal loads
 _ZERO_FORCE = 1e-6  # rounding error of zero forces over the largest force
@@ -338,12 +339,17 @@ class RobotReadings(InstrumentReadings):
 
     def bent_by(self, drive: str, knee: Knee) -> Array:
         """Return the change (n,) of readings by another compliance of a drive below and beyond a load."""
-        force = self.drive_force(drive)
-        small = np.clip(force, -knee.load, knee.load)
-        softer = knee.below * small + knee.beyond * (force - small)
+        rest = self.rest_force(drive)
         axis = along_drive(self.at.robot.driven[drive])
         compliance = float(axis @ self.at.robot.compliances[drive] @ axis)
+        softer = knee.bend(rest + self.drive_force(drive)) - knee.bend(rest)
         return compliance * softer * self.by_drive(drive)
+
+    def rest_force(self, drive: str) -> Array:
+        """Return the force or moment (n,) of a drive at rest, to which that of a deflection adds."""
+        axis = along_drive(self.at.robot.driven[drive])
+        deflected = self.campaign.kind == DEFLECTION
+        return np.where(deflected, self.find_rest_wrench(drive) @ axis, 0.0)
 
     def held_by(self, drive: str, change: float = 0.0) -> Array:
         """Return the force or moment (n,) that friction, and a change of it, holds in a drive."""
@@ -371,17 +377,28 @@ class RobotReadings(InstrumentReadings):
 
     @cached_property
     def _lost_by_laws(self) -> Array:
-        """Changes (n,) of readings by nonlinear drives, each unloaded in the middle of its gap."""
+        """Changes (n,) of readings by nonlinear drives, each unloaded in the middle of its gap.
+
+        A curve is followed from the force at rest; a gap is crossed towards the applied force.
+        """
         at = self.at
         forces = np.stack([self.drive_force(name) for name in at.laws], axis=1)
         forces = np.where(self.find_signs(forces) == 0.0, 0.0, forces)
+        rest = np.stack([self.rest_force(name) for name in at.laws], axis=1)
         laws = list(at.laws.values())
-        influence = at.law_influence[self.campaign.pose]
-        shifts = settle(
-            laws, np.array([law.slopes[0] for law in laws]), forces, influence
-        ).shift
+        smooth = [replace(law, starts=law.starts - law.starts[0]) for law in laws]
+        shifts = self._settle(laws, forces)
+        if rest.any():
+            bent = self._settle(smooth, forces + rest) - self._settle(smooth, rest)
+            shifts = shifts - self._settle(smooth, forces) + bent
         changes = (shifts[:, k] * self.by_drive(name) for k, name in enumerate(at.laws))
         return sum(changes, np.zeros(len(forces)))
+
+    def _settle(self, laws: Sequence[Law], forces: Array) -> Array:
+        """Return the shifts (n, k) of drives with k laws under forces (n, k)."""
+        influence = self.at.law_influence[self.campaign.pose]
+        slopes = np.array([law.slopes[0] for law in laws])
+        return settle(laws, slopes, forces, influence).shift
 
     def find_rest_wrench(self, name: str) -> Array:
         """Return the unloaded wrench (n, 6) in an element at each reading's pose, own axes."""

@@ -87,7 +87,8 @@ def _of_others(prediction: RobotReadings, step: Step) -> Array:
         moment = np.zeros_like(wrench[:, 3:])
         out -= prediction.applied_motion(np.hstack([wrench[:, :3] @ rate.T, moment]))
     for value, growth in ahead.load_gains.items():
-        rate = (growth - behind.load_gains[value]) / width
+        now = 0.5 * (growth + behind.load_gains[value])
+        rate = (growth - behind.load_gains[value]) / width / (1.0 + now)
         share = rate * prediction.has_size(value)[:, None]
         out += prediction.applied_motion(share * wrench)
     if ahead.force_gain != behind.force_gain:
