@@ -431,22 +431,6 @@ def mixed(force):
     return np.array([force[0] + 0.08 * force[2], force[1] - 0.05 * force[2], force[2]])
 
 
-def carry_payload(mass):
-    """Return the arm with a mass at its tool."""
-    return Arm(
-        masses=(
-            *Arm().masses[:2],
-            (
-                6.0 + mass,
-                tuple(
-                    (6.0 * np.array([0.25, 0, 1.0]) + mass * np.array([0.5, 0, 1.0]))
-                    / (6.0 + mass)
-                ),
-            ),
-        )
-    )
-
-
 OFFSET = Arm(tool=(0.53, 0.0, 0.985))
 DRIVES = (r"actuator-stiffness @ (J\d|drives)",)
 NOTHING = ()
@@ -468,40 +452,91 @@ def soft(joint):
     return (rf"actuator-stiffness @ J{joint}",)
 
 
+def loads(arm, *args, **more):
+    """Return how single loads on an arm are measured."""
+    return lambda rng: measure_loads(rng, arm, *args, **more)
+
+
+def ladders(arm, **more):
+    """Return how rising and falling loads on an arm are measured."""
+    return lambda rng: measure_ladders(rng, arm, **more)
+
+
+def rest(arm):
+    """Return how the unloaded tool of an arm is measured."""
+    return lambda rng: measure_rest(rng, arm)
+
+
+def stroll(rng):
+    """Return loads read with an instrument of 1/f noise."""
+    table = measure_loads(rng, Arm())
+    return change_values(table, lambda v: v + 1e-5 * pink(rng, len(v)))
+
+
+def crossed(force):
+    """Return what a table states whose columns of x and y are exchanged."""
+    return force[[1, 0, 2]]
+
+
+KNEE = with_drive(1, knee=30.0, beyond=0.5)
+GEAR = with_drive(2, stiffness=0.4, knee=15.0, beyond=2.5)
+STICKY = with_drive(2, friction=4.0, stiffness=0.7)
+SLIGHTLY_SOFT = with_drive(1, stiffness=0.9)
+HEAVY = [4 * force for force in CROSS]
+MASSES = ("mass @ .*", "gravity @ robot")
+SWAP = ("column-swap @ .*",)
+BASE = ("base-compliance @ base",)
+KNEE_OF_J3 = ("preload-loss @ J3", *soft(3))
+LEG = (r"(link-length|encoder-offset) @ strut3.*",)
+
 TRAPS = (
-    Trap("hysteresis of J2", lambda r: measure_ladders(r, with_drive(1, friction=8.0)), ("friction @ J2",)),
-    Trap("hysteresis of J1", lambda r: measure_ladders(r, with_drive(0, friction=6.0), axes=(0, 1)), ("friction @ J1",)),
-    Trap("stick of J3", lambda r: measure_loads(r, with_drive(2, friction=4.0)), ("friction @ J3",)),
-    Trap("hysteresis of a soft J3", lambda r: measure_ladders(r, with_drive(2, friction=4.0, stiffness=0.7)), ("friction @ J3", *soft(3))),
+    Trap("hysteresis of J2", ladders(with_drive(1, friction=8.0)), ("friction @ J2",)),
+    Trap("hysteresis of a soft J3", ladders(STICKY), ("friction @ J3", *soft(3))),
+    Trap("stick of J3", loads(with_drive(2, friction=4.0)), ("friction @ J3",)),
     Trap("drift of the instrument", lambda r: drift(r, Arm()), NOTHING, "drift"),
     Trap("drift beside a soft J2", lambda r: drift(r, SOFT), soft(2)),
-    Trap("yielding base", lambda r: measure_loads(r, Arm(base=3e-6)), ("base-compliance @ base",)),
-    Trap("rocking base", lambda r: measure_loads(r, Arm(lift=6e-6)), ("base-compliance @ base",)),
-    Trap("lost preload of J2", lambda r: measure_ladders(r, with_drive(1, knee=30.0, beyond=0.5)), ("preload-loss @ J2",)),
-    Trap("two-slope gear of J3", lambda r: measure_loads(r, with_drive(2, stiffness=0.4, knee=15.0, beyond=2.5)), ("preload-loss @ J3", *soft(3))),
-    Trap("dead zone of J2", lambda r: measure_loads(r, with_drive(1, gap=1.5e-4)), ("backlash @ J2",)),
-    Trap("cross-talk of the force", lambda r: measure_loads(r, Arm(), stated=mixed), ("force-cross-talk @ .*",)),
-    Trap("tool offset, loaded", lambda r: measure_loads(r, OFFSET), ("tool-offset @ tool",)),
-    Trap("tool offset, unloaded", lambda r: measure_rest(r, OFFSET), ("tool-offset @ tool",)),
-    Trap("gravity compensated wholly", lambda r: measure_rest(r, Arm(weight=0.0)), ("mass @ .*", "gravity @ robot")),
-    Trap("gravity compensated partly", lambda r: measure_rest(r, Arm(weight=0.4)), ("mass @ .*", "gravity @ robot")),
-    Trap("payload of 4 kg", lambda r: measure_rest(r, carry_payload(4.0)), ("payload @ link3", "mass @ link3")),
+    Trap("yielding base", loads(Arm(base=3e-6)), BASE),
+    Trap("rocking base", loads(Arm(lift=6e-6)), BASE),
+    Trap("lost preload of J2", ladders(KNEE), ("preload-loss @ J2",)),
+    Trap("two-slope gear of J3", loads(GEAR), KNEE_OF_J3),
+    Trap("dead zone of J2", loads(with_drive(1, gap=1.5e-4)), ("backlash @ J2",)),
+    Trap(
+        "cross-talk of the force",
+        loads(Arm(), stated=mixed),
+        ("force-cross-talk @ .*",),
+    ),
+    Trap("tool offset, loaded", loads(OFFSET), ("tool-offset @ tool",)),
+    Trap("tool offset, unloaded", rest(OFFSET), ("tool-offset @ tool",)),
+    Trap("gravity compensated wholly", rest(Arm(weight=0.0)), MASSES),
+    Trap("gravity compensated partly", rest(Arm(weight=0.4)), MASSES),
     Trap("cancelling causes", cancelling, DRIVES),
     Trap("set and member", both_softer, DRIVES),
-    Trap("1/f noise", lambda r: (lambda t: change_values(t, lambda v: v + 1e-5 * pink(r, len(v))))(measure_loads(r, Arm())), NOTHING),
+    Trap("1/f noise", stroll, NOTHING),
     Trap("rounding to 10 µm", lambda r: round_off(measure_loads(r, Arm())), NOTHING),
     Trap("rounding, J2 soft", lambda r: round_off(measure_loads(r, SOFT)), soft(2)),
-    Trap("dx and dy swapped", lambda r: swap_words(measure_loads(r, Arm()), "dx", "dy"), ("column-swap @ .*",)),
-    Trap("fx and fy swapped", lambda r: measure_loads(r, Arm(), stated=lambda f: f[[1, 0, 2]]), ("column-swap @ .*",)),
+    Trap(
+        "dx and dy swapped",
+        lambda r: swap_words(measure_loads(r, Arm()), "dx", "dy"),
+        SWAP,
+    ),
+    Trap("fx and fy swapped", loads(Arm(), stated=crossed), SWAP),
     Trap("one light weight", light_weight, ("load-value @ 60 N",)),
-    Trap("a leg 0.2 mm long", long_leg, (r"(link-length|encoder-offset) @ strut3.*",)),
-    Trap("copies of rows", lambda r: repeat(measure_loads(r, with_drive(1, stiffness=0.9), 4, noise=2e-5)), soft(2)),
+    Trap("a leg 0.2 mm long", long_leg, LEG),
+    Trap(
+        "copies of rows",
+        lambda r: repeat(measure_loads(r, SLIGHTLY_SOFT, 4, noise=2e-5)),
+        soft(2),
+    ),
     Trap("outliers", lambda r: outliers(r, measure_loads(r, SOFT)), soft(2)),
-    Trap("sigma ten times too small", lambda r: measure_loads(r, Arm(), noise=10 * NOISE), NOTHING),
+    Trap("sigma ten times too small", loads(Arm(), noise=10 * NOISE), NOTHING),
     Trap("slipped gauge, J2 soft", slip, ("sensor-step @ x", *soft(2))),
     Trap("curve at one posture", curve, NOTHING),
-    Trap("second-order sag", lambda r: measure_loads(r, with_drive(1, stiffness=0.3), loads=[4 * f for f in CROSS]), soft(2)),
-)  # fmt: skip
+    Trap(
+        "second-order sag",
+        loads(with_drive(1, stiffness=0.3), loads=HEAVY),
+        soft(2),
+    ),
+)
 
 
 def write(folder, table, stated):
@@ -563,7 +598,7 @@ def judge(trap, found):
 
 def answer(trap, stated, seed):
     """Return the score, verdict and causes of one trap."""
-    rng = np.random.default_rng([seed, TRAPS.index(trap)])
+    rng = np.random.default_rng([seed, *trap.name.encode()])
     with tempfile.TemporaryDirectory() as folder:
         case = Path(folder) / "case"
         write(case, trap.make(rng), stated)

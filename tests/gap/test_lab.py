@@ -676,7 +676,7 @@ def test_fea_slider_where_the_nominal_has_a_beam():
 
 
 def test_lab_imports_no_mechanics_of_the_diagnosis():
-    own = r"errors|robot\.file\.|gap\.lab\.|gap\.campaign\.(quantities|writing)"
+    own = r"errors|robot\.file\.|lab\.|gap\.campaign\.(quantities|writing)"
     for file in Path(lab_faults.__file__).parent.glob("*.py"):
         for module in re.findall(r"from stiffscope\.?(\S*) import", file.read_text()):
             assert re.match(own, module), (file.name, module)

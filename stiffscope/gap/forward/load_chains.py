@@ -71,6 +71,8 @@ class LoadChains:
         """
         step, levels = self.steps
         read = step >= 0
+        if not read.any():
+            return np.zeros(len(force))
         applied = np.zeros(int(step.max(initial=-1)) + 1)
         applied[step[read]] = force[read]
         carried = np.zeros_like(applied)

@@ -14,14 +14,12 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from stiffscope.gap.forward.elastic_state import ElasticState
-    from stiffscope.runtime.types import Array
+    from stiffscope.runtime.types import Array, Indices
 
 _USUAL = (2e-7, 2e-6)  # m/N, rad/(N·m): default for motions that are free or not read
 _ROUNDING = 1e-9  # relative
-_SAME_LOAD = 1e-5  # relative difference of equal loads
 _FEWEST = 3
-_MOST = 12  # sizes of loads, each read
-_OFTEN = 2  # times: of fewer one is no different from an outlier
+_MOST = 12  # sizes of loads of a set
 
 
 def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting:
@@ -58,19 +56,28 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting
             ((c.sensor < 0) & (c.kind == DEVIATION) & (c.direction > 2)).any()
         ),
         forces=(bool(forces[0]), bool(forces[1]), bool(forces[2])),
-        load_values=_find_values(c.wrench[loaded]),
+        load_values=_find_values(c.wrench[loaded], c.load[loaded]),
     )
 
 
-def _find_values(wrenches: Array) -> tuple[tuple[float, str], ...]:
-    """Return the sizes of loads and their unit, if a few occur often enough to compare them."""
+def _find_values(wrenches: Array, points: Indices) -> tuple[tuple[float, str], ...]:
+    """Return the sizes of loads and their unit where weights of a set are hung in one way.
+
+    That is where loads of at least three sizes act along one line at one point.
+    """
+    wrenches = np.nan_to_num(wrenches)
     size = size_loads(wrenches)
-    values = np.unique([float(f"{value:.6g}") for value in size if value > 0.0])
-    counts = [np.sum(np.abs(size - value) <= _SAME_LOAD * value) for value in values]
-    if not _FEWEST <= len(values) <= _MOST or min(counts) < _OFTEN:
+    along = np.round(wrenches / size[:, None], 5)
+    first = along[np.arange(len(along)), np.argmax(np.abs(along), axis=1)]
+    lines = np.column_stack([points, along * np.sign(first)[:, None]])
+    values: set[float] = set()
+    for line in np.unique(lines, axis=0):
+        here = {float(f"{v:.6g}") for v in size[(lines == line).all(axis=1)]}
+        values |= here if len(here) >= _FEWEST else set()
+    if len(values) > _MOST:
         return ()
-    unit = "N" if np.nan_to_num(wrenches)[:, :3].any() else "N·m"
-    return tuple((float(value), unit) for value in values)
+    unit = "N" if wrenches[:, :3].any() else "N·m"
+    return tuple((value, unit) for value in sorted(values))
 
 
 def _median(compliances: Array, usual: float) -> float:
