@@ -112,6 +112,8 @@ class Candidate:
     """True if it can fit almost anything; such effects are not used to estimate noise."""
     pattern: str = ""
     """Kind of a nuisance pattern, independent of its place."""
+    spell: Callable[[Array], str] | None = None
+    """Words for a nuisance pattern by its fitted parameters, where their sign is free."""
     like: str = ""
     """Effect that a nuisance pattern resembles, at a place where that effect is not defined."""
     swarming: bool = False
@@ -159,6 +161,10 @@ class Candidate:
     def is_nuisance(self) -> bool:
         """Whether it is a nuisance pattern."""
         return self.effect == UNNAMED
+
+    def describe(self, values: Sequence[float]) -> str:
+        """Return the place, or a nuisance pattern in the words of what was found."""
+        return self.place if self.spell is None else self.spell(np.array(values))
 
     @property
     def simple(self) -> bool:

@@ -99,7 +99,9 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
         )
     if at.used_loads[:6].all():
         springs = "a stiffness towards the frame, growing with the distance"
-        yield _make_unnamed(springs, (0.01,) * 6, Pattern(partial(_tether, middle)))
+        away = "a force away from the frame, growing with the distance"
+        tether = _make_unnamed(springs, (0.01,) * 6, Pattern(partial(_tether, middle)))
+        yield replace(tether, spell=partial(_spell, springs, away))
     yield _make_unnamed(
         "a zero of its own in every direction", (1e-5,) * channels, Pattern(apart)
     )
@@ -143,7 +145,22 @@ def _play_of(at: RobotAtPoses) -> Iterator[Candidate]:
         play = _make_unnamed(
             f"play at {place}", (1e-5,) * 2, Pattern(partial(_play, axes)), "play"
         )
-        yield replace(play, like="backlash")
+        held = f"motion held back at {place}"
+        yield replace(play, like="backlash", spell=partial(_spell, play.place, held))
+
+
+def _spell(grown: str, shrunk: str, values: Array) -> str:
+    """Return one of two texts by the sign of what patterns add together."""
+    return grown if float(np.sum(values)) >= 0.0 else shrunk
+
+
+def _spell_curve(place: str, size: Array, values: Array) -> str:
+    """Return whether a place yields less or more in proportion under large loads.
+
+    size: columns' norms (2,) of the force's cube root, which is steep at small loads, and square.
+    """
+    small, large = values * size
+    return f"{'stiffening' if small >= large else 'softening'} at {place}"
 
 
 def _stiffening_of(nominal: RobotReadings) -> Iterator[Candidate]:
@@ -158,9 +175,11 @@ def _stiffening_of(nominal: RobotReadings) -> Iterator[Candidate]:
         straight, curved = np.split(weight * _make_yielding(axes, nominal), [1], axis=1)
         shares = (straight.T @ curved) / max(float(np.sum(straight**2)), 1e-300)
         stiffening = Pattern(partial(_make_stiffening, axes, shares))
-        yield _make_unnamed(
+        size = np.linalg.norm(curved - straight @ shares, axis=0)
+        curve = _make_unnamed(
             f"stiffening at {place}", (1e-5,) * 2, stiffening, "stiffening"
         )
+        yield replace(curve, spell=partial(_spell_curve, place, size))
 
 
 def _places(
