@@ -183,6 +183,7 @@ class Friction(Effect):
 
     word = "friction"
     precedence = 142
+    gives_way = True
     parameters = (Parameter("force", "N", 0.1, 0.0, 1.0),)
     bounds = ADDED
     blames = True
@@ -218,6 +219,7 @@ class PreloadLoss(Effect):
 
     word = "preload-loss"
     precedence = 144
+    gives_way = True
     adoptable = True
     parameters = (
         Parameter("load", "N", 0.5, 0.0, 1.0),
