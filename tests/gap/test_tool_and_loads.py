@@ -60,7 +60,6 @@ EXACT = {
 def test_readings_are_those_of_an_arm_at_its_exact_equilibrium(tmp_path, name):
     """To the second order of the deflections, 1e-3, which the linear model lacks."""
     measure, arm, parameters = EXACT[name]
-    arm = replace(arm, masses=tuple((0.0, at) for _, at in arm.masses))
     table = measure(np.random.default_rng(2), arm, noise=QUIET)
     model = open_model(tmp_path, table)
     seen = model.campaign.value
@@ -178,3 +177,44 @@ def test_what_a_robot_file_can_contain_is_adopted_and_the_rest_refused_by_name(
     ):
         with pytest.raises(InputError, match=f"{effect} @ {place}"):
             apply_effect(nominal, effect, place, {})
+
+
+def test_rounded_readings_scatter_at_least_by_their_step(tmp_path):
+    """A dial gauge of 10 µm and sigma of 3 µm: √(3² + 10²/12) µm; a micrometre does not count."""
+    rng = np.random.default_rng(5)
+    plain = traps.measure_loads(rng, traps.Arm(), 4)
+    coarse = traps.round_off(plain)
+    fine = traps.change_values(plain, lambda v: np.round(v / 1e-6) * 1e-6)
+    for table, sigma, step in (
+        (plain, 3e-6, 0),
+        (fine, 3e-6, 0),
+        (coarse, 4.16e-6, 1e-5),
+    ):
+        folder = tmp_path / f"{sigma}{step}{id(table)}"
+        folder.mkdir()
+        model = open_model(folder, table)
+        assert model.steps.max() == pytest.approx(step)
+        assert model.noise().sigma.max() == pytest.approx(sigma, rel=2e-3)
+
+
+def test_small_readings_are_no_multiples_of_a_large_step(tmp_path):
+    table = traps.measure_loads(np.random.default_rng(5), traps.Arm(), 4)
+    tiny = traps.change_values(table, lambda v: 1e-9 * v)
+    assert not open_model(tmp_path, tiny).steps.any()
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ((1e-5, 0.0), "stiffening"),
+        ((0.0, 1e-5), "softening"),
+        ((-1e-5, 0.0), "softening"),
+    ],
+)
+def test_a_pattern_whose_sign_is_free_is_called_after_what_was_found(
+    tmp_path, values, said
+):
+    table = traps.measure_loads(np.random.default_rng(1), traps.Arm(), 2)
+    model = open_model(tmp_path, table)
+    pattern = next(c for c in model.library if c.place == "stiffening at J2")
+    assert pattern.describe(values) == f"{said} at J2"

@@ -20,6 +20,8 @@ class ResolutionSettings:
 
     least: int = 10
     """Readings of an instrument: of fewer, multiples of one step may be chance."""
+    apart: int = 3
+    """Least number of different multiples among them."""
     exact: float = 1e-4
     """Largest deviation from a multiple of the step, in steps, e.g. by a conversion of units."""
     decades: tuple[int, int] = (-9, 0)
@@ -49,13 +51,14 @@ def find_steps(campaign: Campaign) -> Array:
 
 def _find_step(values: Array) -> float:
     """Return the largest step of which all values (n,) are multiples; zero if there is none."""
-    if len(np.unique(values)) < 2:
-        return 0.0
     first, last = RESOLUTION.decades
     for decade in range(last, first - 1, -1):
         for digit in (5.0, 2.0, 1.0):
             multiples = values / (digit * 10.0**decade)
-            if np.abs(multiples - np.round(multiples)).max() < RESOLUTION.exact:
+            steps = np.round(multiples)
+            if len(np.unique(steps)) < RESOLUTION.apart:
+                continue
+            if np.abs(multiples - steps).max() < RESOLUTION.exact:
                 return digit * 10.0**decade
     return 0.0
 
