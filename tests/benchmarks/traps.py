@@ -1,10 +1,10 @@
 """Thirty traps: what people measure, and what a diagnosis is tempted to call a cause.
 
 The mechanics are this file's own: a serial arm at its exact equilibrium, by a fixed point over its
-joints, and a hexapod by Newton's method on its legs. Nothing of the library but its command line
-is used, so that any version can be tried::
+joints, and a hexapod by Newton's method on its legs. Of the library nothing is used but a
+diagnosis of the folder written, so that any version can be tried::
 
-    python tests/benchmarks/traps.py [--only TEXT] [--seed N] [--jobs N]
+    python -m tests.benchmarks.traps [--only TEXT] [--seed N]
 
 prints a table of traps: what is answered with sigma stated and with it left empty, and whether that
 is *right* (all certain causes are the planted ones, or none is certain where there is none to
@@ -14,16 +14,17 @@ name), *honest* (nothing is certain) or *false* (something else is certain).
 from __future__ import annotations
 
 import argparse
-import json
 import re
-import subprocess
-import sys
 import tempfile
-from concurrent.futures import ThreadPoolExecutor
+from collections import Counter
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
+
+import stiffscope
+from stiffscope.errors import InputError
+from stiffscope.gap.inference.diagnosis import to_json
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 NOISE = 3e-6  # m
@@ -555,25 +556,11 @@ def write(folder, table, stated):
 
 
 def diagnose(folder):
-    """Return the diagnosis of a campaign folder by the command line."""
-    out = folder / "out"
-    command = [
-        sys.executable,
-        "-m",
-        "stiffscope",
-        "diagnose",
-        str(folder),
-        "--out",
-        str(out),
-    ]
-    run = subprocess.run(command, capture_output=True, text=True, check=False)
-    if run.returncode:
-        return {
-            "verdict": "failed",
-            "effects": [],
-            "remarks": [run.stderr.strip()[-200:]],
-        }
-    return json.loads((out / "diagnosis.json").read_text(encoding="utf-8"))
+    """Return the diagnosis of a campaign folder as its JSON has it."""
+    try:
+        return to_json(stiffscope.diagnose(str(folder)))
+    except InputError as error:
+        return {"verdict": "failed", "effects": [], "remarks": [str(error)]}
 
 
 def judge(trap, found):
@@ -612,23 +599,21 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="", help="traps whose names contain this")
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--jobs", type=int, default=1)
     given = parser.parse_args()
     chosen = [trap for trap in TRAPS if given.only in trap.name]
-    tasks = [(trap, stated) for trap in chosen for stated in (True, False)]
-    with ThreadPoolExecutor(given.jobs) as pool:
-        answers = pool.map(lambda task: answer(*task, given.seed), tasks)
-        results = dict(zip(tasks, answers, strict=True))
+    counts = {stated: Counter() for stated in (True, False)}
     print("| trap | sigma stated | | sigma empty | |\n|---|---|---|---|---|")
     for trap in chosen:
-        cells = [
-            cell for stated in (True, False) for cell in results[trap, stated][::-1]
-        ]
-        print(f"| {trap.name} | {' | '.join(cells)} |")
-    for stated in (True, False):
-        scores = [results[trap, stated][0] for trap in chosen]
-        count = {word: scores.count(word) for word in ("right", "honest", "false")}
-        print(f"sigma {'stated' if stated else 'empty'}: {count} of {len(chosen)}")
+        cells = []
+        for stated, count in counts.items():
+            score, words = answer(trap, stated, given.seed)
+            count[score] += 1
+            cells += [words, score]
+        print(f"| {trap.name} | {' | '.join(cells)} |", flush=True)
+    for stated, count in counts.items():
+        print(
+            f"sigma {'stated' if stated else 'empty'}: {dict(count)} of {len(chosen)}"
+        )
 
 
 if __name__ == "__main__":
