@@ -11,7 +11,7 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.sections import RigidBody
-from stiffscope.robot.part_matrices import beam_segments, known_mass, part_sources
+from stiffscope.robot.part_matrices import known_mass, part_sources
 from stiffscope.vjm.statics import analysis as statics
 from stiffscope.vjm.vibration.modes import frequencies
 
@@ -178,14 +178,13 @@ def mass_of_solids(
         body.mass for body in robot.bodies.values() if isinstance(body, RigidBody)
     )
     for name in part_sources(robot, components):
+        part = robot.parts[name]
         material = robot.material(name)
         mass = known_mass(robot, name) or 0.0
         if name in experiments:
             mass = experiments[name].mass
-        elif isinstance(robot.parts[name], ParametricPart) and material is not None:
-            segments = beam_segments(robot, name)
-            mass = material.density * sum(
-                length * section.area for length, section in segments
-            )
+        elif isinstance(part, ParametricPart) and material is not None:
+            volume = part.parameters().bare_volume
+            mass = mass if volume is None else material.density * volume
         rigid += len(robot.bodies_of(name)) * mass
     return rigid

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign import quantities as of
-
 if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.runtime.types import Array
@@ -40,8 +38,8 @@ def find_steps(campaign: Campaign) -> Array:
     """
     c = campaign
     out = np.zeros(len(c))
-    shown = (c.kind == of.DEFLECTION) | (c.kind == of.DEVIATION)
-    groups = 2 * c.channel + (c.kind == of.DEVIATION)
+    shown = c.is_displacement
+    groups = 2 * c.channel + c.is_difference
     for group in np.unique(groups[shown]):
         rows = np.flatnonzero(shown & (groups == group))
         if len(rows) >= RESOLUTION.least:

@@ -36,6 +36,10 @@ if TYPE_CHECKING:
     from stiffscope.gap.effects.effect import Array, Changes
 
 
+_MANY = 4  # drives, each of which may have its own factor
+_UNUSUAL = 0.01  # odds of that where no tolerance says that drives are guesses
+
+
 @dataclass(frozen=True)
 class ActuatorStiffness(ElementEffect):
     """Factor on the stiffness of drives along their driven directions."""
@@ -63,8 +67,11 @@ class ActuatorStiffness(ElementEffect):
             yield cls(partial(soften, robot, place.members)).make_candidate(
                 place, (prior,)
             )
-            if count > 1 and min(factors) > 1.0:
-                # with priors this wide each drive may have its own factor besides a common one
+            guessed = min(factors) > 1.0
+            alone = guessed or not robot.elastic_sources  # nothing else yields
+            if (count > 1 and guessed) or count >= _MANY:
+                # with priors this wide each drive may have its own factor besides a common one;
+                # of many drives, more may be soft than a diagnosis has effects
                 each = tuple(
                     prior._replace(name=f"{name}.{known.name}")
                     for name in place.members
@@ -72,6 +79,7 @@ class ActuatorStiffness(ElementEffect):
                 yield cls(partial(_soften_each, robot, place.members)).make_candidate(
                     place,
                     each,
+                    odds=1.0 if alone else _UNUSUAL,
                     scale=(size,) * (1 + count),
                     groups=(1, count),
                     bounds=FREE,
@@ -123,7 +131,7 @@ class Backlash(Effect):
         driven = setting.robot.driven
         for place in setting.robot.places(driven):
             if place.sole:
-                turns = driven[place.sole].kind == "revolute"
+                turns = driven[place.sole].turns
                 own = (
                     cls.parameters if turns else setting.in_robots_units(cls.parameters)
                 )
@@ -150,7 +158,7 @@ class EncoderOffset(ElementEffect):
         driven = setting.robot.driven
         for place in setting.robot.places(driven):
             directions = {name: along_drive(driven[name]) for name in place.members}
-            turns = all(driven[name].kind == "revolute" for name in place.members)
+            turns = all(driven[name].turns for name in place.members)
             effect = cls(partial(move_ends, directions))
             own = cls.parameters if turns else setting.in_robots_units(cls.parameters)
             yield effect.make_candidate(place, own, units=("rad" if turns else "m",))

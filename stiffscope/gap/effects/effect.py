@@ -17,7 +17,7 @@ import numpy as np
 
 from stiffscope.robot.nominal import NominalRobot, Place
 from stiffscope.runtime.types import Array
-from stiffscope.vjm.model.mechanism import Change
+from stiffscope.vjm.model.mechanism import Change, Mechanism
 
 __all__ = [  # names that effect modules import
     "ADDED",
@@ -99,6 +99,8 @@ class Candidate:
     """Other names of this effect at this place, as `effect @ place`."""
     twins: tuple[tuple[Candidate, float], ...] = ()
     """Other effects with the same signature, and their internal parameter over this one's."""
+    odds: float = 1.0
+    """Factor on the prior odds of this form of the effect."""
     stated: bool = False
     """True if the prior size is a stated tolerance: a standard uncertainty, without heavy tails."""
     groups: tuple[int, ...] = ()
@@ -108,6 +110,9 @@ class Candidate:
     part_units: tuple[str, ...] = ()
     couplings: int = 0
     """Number of trailing internal parameters that couple the others; these may have either sign."""
+    sums: tuple[tuple[str, str, tuple[float, ...]], ...] = ()
+    """Name, unit and coefficients (k,) of sums of the internal parameters that readings show
+    where they do not show the physical ones: the moments of a mass whose place is open."""
     flexible: bool = False
     """True if it can fit almost anything; such effects are not used to estimate noise."""
     pattern: str = ""
@@ -302,11 +307,7 @@ class Setting:
     @cached_property
     def length(self) -> float:
         """Largest distance of two joints, or of the tool from one, m."""
-        mechanism = self.robot.mechanism
-        points = np.array(
-            [*(joint.at for joint in mechanism.joints), mechanism.tool.at]
-        )
-        return float(np.linalg.norm(points[:, None] - points, axis=2).max()) or 1.0
+        return find_length(self.robot.mechanism)
 
     @cached_property
     def mass(self) -> float:
@@ -321,6 +322,12 @@ class Setting:
         return tuple(
             Parameter(*p[:2], *(unit * value for value in p[2:])) for p, unit in own
         )
+
+
+def find_length(mechanism: Mechanism) -> float:
+    """Return the largest distance of two joints, or of the tool from one, m."""
+    points = np.array([*(joint.at for joint in mechanism.joints), mechanism.tool.at])
+    return float(np.linalg.norm(points[:, None] - points, axis=2).max()) or 1.0
 
 
 _FACTS = ("weighs", "merges", "assumed", "imitates", "joins_noise", "gives_way")

@@ -49,7 +49,7 @@ class ElementEffect(Effect):
 
 def along_drive(joint: Joint) -> Array:
     """Return the direction (6,) of a drive in its joint's axes: a translation or a rotation."""
-    return ABOUT if joint.kind == "revolute" else ALONG
+    return ABOUT if joint.turns else ALONG
 
 
 def soften(nominal: NominalRobot, names: Sequence[str], u: Array) -> Changes:
@@ -113,7 +113,7 @@ def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
         change = changes.get(joint.name)
         if joint.drive is None or change is None or change.compliance is None:
             continue
-        along = 3 if joint.kind == "revolute" else 0
+        along = joint.type.driven or 0
         rest = change.compliance.copy()
         screw = (
             0.0 if joint.compliance is None else float(joint.compliance[along, along])

@@ -90,7 +90,7 @@ def _errors(robot: NominalRobot, joints: Sequence[str]) -> Iterator[_Error]:
             yield _Error(name, word, twist, word.startswith("r"))
         if name in robot.driven:
             joint = robot.driven[name]
-            yield _Error(name, "zero", along_drive(joint), joint.kind == "revolute")
+            yield _Error(name, "zero", along_drive(joint), joint.turns)
 
 
 def _find_patterns(errors: Sequence[_Error]) -> tuple[list[str], Array]:

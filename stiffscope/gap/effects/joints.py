@@ -26,7 +26,6 @@ from stiffscope.gap.effects.elements import (
     add_diagonal,
     pick_patterns,
 )
-from stiffscope.vjm.model.joints import ALIKE, LED
 from stiffscope.vjm.model.mechanism import Change
 
 if TYPE_CHECKING:
@@ -150,7 +149,7 @@ class JointStiffness(ElementEffect):
         """Yield candidates at passive joints with a stated spring."""
         robot = setting.robot
         passive = [
-            j for j in robot.mechanism.joints if j.drive is None and j.kind in ALIKE
+            j for j in robot.mechanism.joints if j.drive is None and j.type.is_uniform
         ]
         springs = {j.name: j.spring for j in passive if j.spring is not None}
         for place in robot.places(springs):
@@ -205,7 +204,7 @@ def find_axis_twists(mechanism: Mechanism) -> dict[str, dict[str, Array]]:
             if k > 2 or j.kind != "prismatic"
         }
         for j in mechanism.joints
-        if j.kind in LED
+        if j.type.driven is not None
     }
 
 

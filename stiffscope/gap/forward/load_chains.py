@@ -8,8 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import DEFLECTION
-
 if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.runtime.types import Array, Indices
@@ -39,7 +37,7 @@ class LoadChains:
         """Step (n,) of each reading, -1 if it is no deflection; and for each rank in a chain the steps."""
         c = self.campaign
         step = np.full(len(c), -1)
-        rows = np.flatnonzero(c.kind == DEFLECTION)
+        rows = np.flatnonzero(c.is_difference)
         rows = rows[np.lexsort((c.line[rows], c.file[rows]))]
         wrench = np.nan_to_num(c.wrench)
         ranks: list[int] = []

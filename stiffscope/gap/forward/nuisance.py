@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, DEVIATION
+from stiffscope.gap.campaign.quantities import AXES
 from stiffscope.gap.effects.effect import FREE, UNNAMED, Candidate
 from stiffscope.gap.effects.elements import ElementEffect, along_drive
 from stiffscope.gap.forward.robot_prediction import Gain, Pattern
@@ -67,7 +67,7 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
     """Yield faults of instruments, loads, drives and surroundings visible in displacements."""
     drives = list(at.robot.driven)
     c = at.campaign
-    read = np.unique(c.channel[c.kind <= DEVIATION])
+    read = np.unique(c.channel[c.is_displacement])
     sessions = len(c.session_names)
     channels = len(read)
     middle = at.configurations.tool[:, :3].mean(axis=0)
@@ -110,7 +110,7 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
 def _crossings(at: RobotAtPoses) -> Iterator[Candidate]:
     """Yield cross-talk between directions at M and sensors with readings."""
     c = at.campaign
-    read: list[int] = np.unique(c.channel[c.kind <= DEVIATION]).tolist()
+    read: list[int] = np.unique(c.channel[c.is_displacement]).tolist()
     at_tool = range(len(c.sensors), len(c.sensors) + len(AXES))
     sources = {*read, *(at_tool if set(read).intersection(at_tool) else ())}
     names = [
@@ -186,7 +186,7 @@ def _places(
     at: RobotAtPoses, axes: Mapping[str, Array]
 ) -> Iterator[tuple[str, dict[str, Array]]]:
     """Yield places of joints with axes (6,) whose faults displacements may show, with the axes."""
-    read = (at.campaign.kind <= DEVIATION).any()
+    read = at.campaign.is_displacement.any()
     for place in at.robot.places(
         name for name, along in axes.items() if read and along.any()
     ):
@@ -252,7 +252,7 @@ def _stretch(
 def _by_channel(read: Indices, prediction: RobotReadings) -> Array:
     """Return columns (n, k): 1 for readings of each of the instruments and directions read (k,)."""
     c = prediction.campaign
-    size = np.where(c.kind <= DEVIATION, 1.0, 0.0)
+    size = np.where(c.is_displacement, 1.0, 0.0)
     return size[:, None] * (c.channel[:, None] == read)
 
 
@@ -269,7 +269,7 @@ def _hysteresis(prediction: RobotReadings) -> Array:
     """Return Rayleigh loops ``(a² - x²)/a`` by session; a is the largest like reading."""
     c = prediction.campaign
     x = prediction.plain_readings
-    loaded = c.kind == DEFLECTION
+    loaded = c.is_difference
     key = np.stack([c.pose, c.channel, c.load], axis=1)
     group = np.unique(key, axis=0, return_inverse=True)[1].ravel()
     largest = np.zeros(group.max() + 1)
@@ -282,7 +282,7 @@ def _hysteresis(prediction: RobotReadings) -> Array:
 def _crosstalk(sink: int, source: int, prediction: RobotReadings) -> Array:
     """Return a column with the source channel's signal in readings of the sink channel."""
     c = prediction.campaign
-    rows = np.flatnonzero((c.channel == sink) & (c.kind <= DEVIATION))
+    rows = np.flatnonzero((c.channel == sink) & c.is_displacement)
     column = np.zeros((len(c), 1))
     column[rows, 0] = prediction.seen_by(source, rows)
     return column
@@ -358,4 +358,4 @@ def _make_yielding(across: Mapping[str, Array], prediction: RobotReadings) -> Ar
         squares = whole * np.abs(whole) - rest * np.abs(rest)
         steps = [whole - rest, np.cbrt(whole) - np.cbrt(rest), squares]
         columns += np.stack([np.sum(read * step, axis=1) for step in steps], axis=1)
-    return np.where((c.kind <= DEVIATION)[:, None], columns, 0.0)
+    return np.where(c.is_displacement[:, None], columns, 0.0)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import POSITION
+from stiffscope.gap.campaign.kinds import CODE_ALONG
 from stiffscope.gap.campaign.readings import match_robot
 from stiffscope.gap.campaign.resolution import find_rounding
 from stiffscope.gap.campaign.sanity import find_doubts, inspect_ranges
@@ -62,7 +62,7 @@ class RobotModel:
         Positions and distances are taken relative to those of the rigid robot as commanded.
         """
         campaign = match_robot(self.campaign, self.nominal.robot)
-        if (campaign.kind == POSITION).any() and campaign.expected is None:
+        if campaign.is_absolute.any() and campaign.expected is None:
             at = RobotAtPoses(self.nominal, campaign)
             expected = np.zeros(len(campaign))
             there = at.instruments.look(at.instruments_start[0], *at.targets(at.rest))
@@ -80,9 +80,11 @@ class RobotModel:
     @cached_property
     def _library(self) -> tuple[Candidate, ...]:
         without = {self.without, Gravity.word if self._has_gravity else ""}
-        known = find_candidates(self.setting, without)
+        known = tuple(find_candidates(self.setting, without))
+        heavy = tuple((c, ()) for c in known if c.effect == Gravity.word)
+        # drives and masses that only weight would show are tried beside gravity
         return (
-            *merge_twins(tuple(known), self.predict()),
+            *merge_twins(known, self.predict(heavy)),
             *nuisance_patterns(self.predict()),
         )
 
@@ -165,7 +167,7 @@ class RobotModel:
 
     @property
     def _has_gravity(self) -> bool:
-        return Gravity.word in self.campaign.modelled
+        return self.campaign.is_weighed
 
     @cached_property
     def _sound(self) -> ElasticState:
@@ -198,7 +200,7 @@ class RobotModel:
     def predict_as(self, kind: int, other: int) -> Array:
         """Return readings (n,) predicted with those of one kind taken for another."""
         c = self.campaign
-        quantity = np.where(c.kind == kind, 6 * other + c.direction, c.quantity)
+        quantity = np.where(c.kind == kind, CODE_ALONG[other, c.direction], c.quantity)
         return (
             replace(self, campaign=replace(c, quantity=quantity))
             .predict()

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import DEVIATION
 from stiffscope.gap.effects.effect import Effect, Influence
 from stiffscope.gap.effects.instruments import SensorStep
 from stiffscope.gap.forward.robot_readings import RobotReadings
@@ -127,7 +126,7 @@ class RobotPrediction(RobotReadings):
         if influence.weight:
             change = self.display[0] * self._grow(self.weight[:, None])[:, 0]
         for name, factor in influence.factors.items():
-            shown = self.shown_by(name) & (self.campaign.kind <= DEVIATION)
+            shown = self.shown_by(name) & self.campaign.is_displacement
             change = np.where(
                 shown, (factor - 1.0) * self.display[0] * self.plain_readings, change
             )

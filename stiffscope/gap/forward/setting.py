@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import DEVIATION, PUSH
 from stiffscope.gap.effects.effect import Setting
 from stiffscope.gap.forward.load_chains import size_loads
 
@@ -35,8 +34,9 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting
     at = sound.at
     c = sound.at.campaign
     translation, rotation = np.split(np.einsum("pii->pi", sound.compliance), 2, axis=1)
-    moving = c.sensor[c.kind <= DEVIATION]
+    moving = c.sensor[c.is_displacement]
     loaded = c.is_motion & np.nan_to_num(c.wrench).any(axis=1)
+    resting = c.at_tool & c.is_displacement & ~c.is_difference
     forces = np.nan_to_num(c.wrench[loaded, :3]).any(axis=0)
     return Setting(
         at.robot,
@@ -46,15 +46,11 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting
             for b in at.mechanism.bodies
             if b.elastic is None
         },
-        bool(((c.sensor < 0) & (c.kind <= PUSH)).any()),
+        bool(c.at_tool.any()),
         {sensor.name: bool((moving == k).any()) for k, sensor in enumerate(c.sensors)},
         suspect,
-        tool_is_used=bool(
-            ((c.sensor < 0) & (c.kind <= PUSH)).any() or (loaded & (c.load < 0)).any()
-        ),
-        tool_turns=bool(
-            ((c.sensor < 0) & (c.kind == DEVIATION) & (c.direction > 2)).any()
-        ),
+        tool_is_used=bool(c.at_tool.any() or (loaded & (c.load < 0)).any()),
+        tool_turns=bool((resting & (c.direction > 2)).any()),
         forces=(bool(forces[0]), bool(forces[1]), bool(forces[2])),
         load_values=_find_values(c.wrench[loaded], c.load[loaded]),
     )

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import FREQUENCY, PUSH, STIFFNESS
+from stiffscope.gap.campaign.kinds import numbers_by_code
 from stiffscope.gap.effects.effect import Payload
 from stiffscope.gap.effects.elements import along_drive
 from stiffscope.vjm.model.checks import GROUND, TOOL
@@ -26,10 +26,8 @@ if TYPE_CHECKING:
 
     Step = tuple[Influence, Influence, float]
 
-_SIGNS = np.array(
-    [1.0, 1.0, -1.0, -1.0, 0.0, 0.0]
-)  # of a displacement gain, by kind of reading
-_FORCE_SIGNS = np.array([1.0, 0.0, -1.0, -1.0, 0.0, 0.0])  # of a gain of applied forces
+_SIGNS = numbers_by_code(lambda kind: kind.gain_sign)
+_FORCE_SIGNS = numbers_by_code(lambda kind: kind.force_sign)
 
 
 def find_slopes(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
@@ -77,7 +75,7 @@ def _of_others(prediction: RobotReadings, step: Step) -> Array:
         rate = (gain - behind.gains[name]) / width / prediction.gain_of(name)
         out += (
             rate
-            * _SIGNS[c.kind]
+            * _SIGNS[c.quantity]
             * prediction.plain_readings
             * prediction.shown_by(name)
         )
@@ -94,7 +92,8 @@ def _of_others(prediction: RobotReadings, step: Step) -> Array:
     if ahead.force_gain != behind.force_gain:
         rate = (ahead.force_gain - behind.force_gain) / width / prediction.force_scale
         out += rate * (
-            _FORCE_SIGNS[c.kind] * prediction.plain_readings + prediction.pushed_targets
+            _FORCE_SIGNS[c.quantity] * prediction.plain_readings
+            + prediction.pushed_targets
         )
     return out
 
@@ -203,20 +202,14 @@ def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:
     """Return derivatives (n,) by a payload's weight, and by its inertia for frequencies."""
     c = prediction.campaign
     elastic = prediction.elastic_state
-    at = prediction.at
     along = elastic.work_on_node(payload.body, elastic.weights([payload]))[
         ..., 0
     ]  # (p, cases)
-    out = np.where(
-        c.shows_rest, np.einsum("nc,nc->n", prediction.sense, along[c.pose]), 0.0
+    work = np.einsum("nc,nc->n", prediction.sense, along[c.pose])
+    work = work if prediction.weighs else 0.0 * work
+    return prediction.ask(
+        lambda predictor, rows: predictor.load(prediction, rows, payload, work[rows])
     )
-    if (c.kind == FREQUENCY).any():
-        v, w = np.split(elastic.twist_modes(payload.body, payload.at), 2, axis=1)
-        arm = at.configurations.frame(payload.body)[0][at.shaken] @ payload.moments
-        turned = np.cross(w, arm[..., None], axis=1)
-        rate = payload.mass * np.square(v).sum(axis=1) + 2.0 * (v * turned).sum(axis=1)
-        out += prediction.at_modes(-0.5 * elastic.frequencies * rate)
-    return out
 
 
 def _of_turn(prediction: RobotReadings, name: str, rate: Array) -> Array:
@@ -225,16 +218,8 @@ def _of_turn(prediction: RobotReadings, name: str, rate: Array) -> Array:
     shown = prediction.shown_by(name)
     turn = np.kron(np.eye(2), np.cross(rate, np.eye(3)).T)
     out = np.zeros(len(c))
-    for k, mine in prediction.by_sensor(shown & prediction.is_motion):
-        looked = np.einsum(
-            "ni,ij,nj->n", prediction.axis[mine], turn, prediction.twist[mine]
-        )
-        out[mine] = prediction.gain(k) * looked
-    back = turn @ np.linalg.inv(prediction.instrument(-1)) * prediction.gain(-1)
-    if shown[c.kind == STIFFNESS].any():
-        change = prediction.entries(-prediction.shown_stiffness @ back)
-        out = np.where(c.kind == STIFFNESS, change, out)
-    if shown[c.kind == PUSH].any():
-        change = prediction.entries(back @ prediction.shown_compliance)
-        out = np.where(c.kind == PUSH, -(prediction.pushes**2) * change, out)
+    for predictor, rows in prediction.at.predictors:
+        turned = rows[shown[rows]]
+        if turned.size:
+            out[turned] = predictor.turn(prediction, turned, turn)
     return out

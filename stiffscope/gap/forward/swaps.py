@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import AXES, DEVIATION, WRENCH
+from stiffscope.gap.campaign.kinds import CODE_ALONG
+from stiffscope.gap.campaign.quantities import AXES, WRENCH
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -37,10 +38,11 @@ def swap_columns(campaign: Campaign, pairs: Iterable[tuple[str, str]]) -> Campai
             c = replace(c, wrench=c.wrench[:, order])
         elif first in AXES:
             axes = [AXES.index(first), AXES.index(second)]
-            moved = (c.sensor < 0) & (c.kind <= DEVIATION)
-            quantity = np.array(c.quantity)
+            moved = (c.sensor < 0) & c.is_displacement
+            direction = np.array(c.direction)
             for one, other in (axes, axes[::-1]):
-                quantity[moved & (c.direction == one)] += other - one
+                direction[moved & (c.direction == one)] = other
+            quantity = np.where(moved, CODE_ALONG[c.kind, direction], c.quantity)
             c = replace(c, quantity=quantity)
         else:
             names = [sensor.name for sensor in c.sensors]
@@ -83,7 +85,7 @@ def _misfit(left: Array, chosen: Array) -> float:
 def _list_pairs(c: Campaign) -> Iterator[tuple[str, str]]:
     """Yield pairs of columns of one unit that have readings or loads."""
     applied = np.nan_to_num(c.wrench).any(axis=0)
-    at_tool = (c.sensor < 0) & (c.kind <= DEVIATION)
+    at_tool = (c.sensor < 0) & c.is_displacement
     read = np.isin(np.arange(len(AXES)), c.direction[at_tool])
     for names, used in ((WRENCH, applied), (AXES, read)):
         for half in (range(3), range(3, 6)):
