@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.vjm.model.joints import FREE
+from stiffscope.vjm.model.joints import JOINT_TYPES
 
 if TYPE_CHECKING:
     from stiffscope.vjm.model.screws import Array
@@ -75,7 +75,7 @@ def close_loop(kind: str, local: Array | None, rigid: float, share: float) -> Ar
         Of the local compliance that the closure takes.
     """
     moved = count_moved(kind)
-    free = FREE[kind][moved:]
+    free = JOINT_TYPES[kind].free[moved:]
     held = [k for k in range(6) if k not in free]
     if kind == "universal":  # closed about its second axis, x of the closure
         held = [0, 1, 2, 4, 5]
@@ -89,7 +89,8 @@ def close_loop(kind: str, local: Array | None, rigid: float, share: float) -> Ar
         needed = largest * own**2 / share
         for k, value in zip(used, needed, strict=True):
             stiffness[k] = max(value, rigid) if k < 3 else value
-    for k in FREE[kind][:moved] if kind in {"prismatic", "cylindrical"} else ():
+    dragged = kind in {"prismatic", "cylindrical"}
+    for k in JOINT_TYPES[kind].free[:moved] if dragged else ():
         stiffness[k] = (rigid if k < 3 else rigid * _LEVER**2) * _DRAG
     across = [1, 2]
     if 3 not in held and 4 in held:  # two points along the axis hold both alike

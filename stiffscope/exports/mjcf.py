@@ -10,6 +10,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.exports.mjcf_meshes import add_meshes
 from stiffscope.exports.mjcf_tree import Tuning, Writer, numbers, write_tree
 from stiffscope.exports.mujoco_model import (
     Spectrum,
@@ -195,6 +196,7 @@ def _finish(mujoco: Any, order: Order, trial: Trial, wanted: Wanted) -> Exported
     largest = 1.0 / (np.pi * max(each.highest for each in trial.spectra))
     step = float(f"{STEP * largest:.1e}")
     _add_step(writer.root, step)
+    add_meshes(writer, order.assembled)
     _add_keys(writer, order, trial)
     text = _text(writer.root)
     mujoco.MjModel.from_xml_string(text)

@@ -24,7 +24,6 @@ from stiffscope.exports.loop_closure import (
 )
 from stiffscope.exports.spanning_tree import is_loaded, span_tree
 from stiffscope.vjm.model.checks import BASE, GROUND, TOOL, axes_along
-from stiffscope.vjm.model.joints import DRIVEN
 from stiffscope.vjm.model.screws import Frame, shift
 from stiffscope.vjm.network.network import END, FOOT, list_elements
 
@@ -152,7 +151,8 @@ def _fold_drive(element: Element) -> Element:
     joint = element.joint
     if joint is None or joint.drive is None or joint.compliance is None:
         return element
-    along = DRIVEN[joint.kind]
+    along = joint.type.driven
+    assert along is not None  # noqa: S101
     more = float(joint.compliance[along, along])
     rest = joint.compliance.copy()
     rest[along] = 0.0
