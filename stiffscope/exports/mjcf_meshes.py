@@ -1,4 +1,4 @@
-"""The solids of a robot as meshes of an MJCF model: for the eye, without mass and contact."""
+"""Solids, light and camera of an MJCF model: for the eye, without mass and contact."""
 
 from __future__ import annotations
 
@@ -50,8 +50,25 @@ def add_meshes(writer: Writer, assembled: Assembled) -> None:
         geom.set("conaffinity", "0")
         geom.set("group", "1")
         geom.set("rgba", numbers(_colour(solid.colour, glass=solid.glass)))
-    if len(assets):
-        writer.root.insert(2, assets)
+    sky = {"type": "skybox", "builtin": "gradient", "width": "64", "height": "384"}
+    ET.SubElement(assets, "texture", sky | {"rgb1": "1 1 1", "rgb2": ".8 .84 .88"})
+    visual = ET.Element("visual")
+    light = {"ambient": ".45 .45 .45", "diffuse": ".5 .5 .5"}
+    ET.SubElement(visual, "headlight", light)
+    ET.SubElement(visual, "global", {"offwidth": "1920", "offheight": "1080"})
+    for position, element in enumerate((_statistic(assembled), visual, assets), 2):
+        writer.root.insert(position, element)
+
+
+def _statistic(assembled: Assembled) -> ET.Element:
+    """Return where a camera finds the robot."""
+    mechanism = assembled.mechanism
+    points = np.array([j.at for j in mechanism.joints] + [mechanism.tool.at])
+    middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    out = ET.Element("statistic", center=numbers(middle.round(_DIGITS)))
+    size = max(float(np.ptp(points, axis=0).max()), 0.01)
+    out.set("extent", numbers(round(size, _DIGITS)))
+    return out
 
 
 def _owner(writer: Writer, assembled: Assembled, nodes: tuple[str, ...]) -> str:
