@@ -61,6 +61,9 @@ class Tuning:
         (6,) compliances, m/N and rad/(N·m), where elastic bodies are rigid in some directions.
     rigid
         Least stiffness of a loop's closure, N/m.
+    needed
+        (3,) least stiffness, N/m, along the part axes of an elastic body's end at a ball joint that
+        closes a loop, by joint and node; between a hundredth of ``rigid`` and ``rigid``.
     share
         Of the compliance next to a cut joint that the closure takes, at most.
     idle
@@ -73,6 +76,7 @@ class Tuning:
     rigid: float
     share: float
     idle: float
+    needed: Mapping[tuple[str, str], Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -569,12 +573,19 @@ def _close_loops(
         whole = clamped_stiffness(body, root, tuning.smallest)
         row = 6 * (end - (end > root))
         part = Frame(body.elastic.axes, body.elastic.places[end])
+        ball = not is_loaded(joint) and joint.type.is_ball
+        least = tuning.rigid
+        if ball:
+            frame = Frame(body.elastic.axes, element.at)
+            needed = tuning.needed.get((joint.name, side), least)
+            least = np.clip(needed, 0.01 * tuning.rigid, tuning.rigid)
         carry = relative(part, frame).adjoint()
         local = carry.T @ whole[row : row + 6, row : row + 6] @ carry
         alike = sum(1 for other in beside if other and nodes[other] is body)
-        stiffness = close_loop(kind, local, tuning.rigid, tuning.share / alike)
+        stiffness = close_loop(kind, local, least, tuning.share / alike)
         taken = carry @ taken_compliance(stiffness, local) @ carry.T
-        out.append(Closure(body.name, end, taken, stiffness, moved))
+        along = side if ball else ""
+        out.append(Closure(body.name, end, taken, stiffness, moved, along))
     return out
 
 
@@ -651,6 +662,10 @@ def _add_closure(
         writer.places[name] = middle, place
         first = name
     axes = closure_frame(element)
+    if closure.side:
+        axes = Frame(writer.places[closure.side][1].matrix(), element.at)
+        if closure.side == second:
+            first, second = second, first
     writer.closures += 1
     for number, (along, direction, stiffness) in enumerate(
         hold_points(closure.stiffness), start=1
