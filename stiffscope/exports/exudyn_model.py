@@ -222,9 +222,7 @@ def _displacement(where: Places, node: str, k: int) -> dict[str, Any]:
     return {"turned": vector, "moved": move[k if len(move) > 1 else 0]}
 
 
-def _idle_axes(
-    mechanism: Mechanism, found: Configurations, k: int
-) -> dict[str, Array]:
+def _idle_axes(mechanism: Mechanism, found: Configurations, k: int) -> dict[str, Array]:
     """Return, by joint, the axis about which a body spins idly there."""
     out = {}
     for idle in mobility(mechanism, found, k).idle:

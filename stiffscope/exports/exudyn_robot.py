@@ -8,6 +8,8 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import exudyn as exu
@@ -29,7 +31,9 @@ FREE = {
 """Free motions among x y z rx ry rz along a joint's axes; a universal joint adds its second axis."""
 DRIVEN = {"revolute": 3, "prismatic": 0, "cylindrical": 0}
 RANK = 1e-9  # relative singular value below which a direction has no compliance
-GAP = 1e-6  # of a drive's first slope: stiffness within its backlash
+STRAIGHT = (1.0, 0.5, 0.2, 0.05, 0.01, 1e-3, 1e-6)
+"""Shares of a straight law in that of a drive with a curve, in turn: Newton's method does not
+converge at once where a backlash has no stiffness. The last one remains."""
 ROUNDING = 1e-14  # of a force: what is left of it when a solution has converged
 POINTS = np.vstack([np.eye(3), -np.eye(3)])  # mesh nodes about an interface
 
@@ -101,7 +105,7 @@ def curve_force(starts: Any, slopes: Any, moved: float) -> float:
     """Return the force of a drive: no stiffness up to the first start, then a slope after each."""
     widths = np.diff(starts, append=np.inf)
     parts = slopes * np.clip(abs(moved) - starts, 0.0, widths)
-    return float(np.copysign(parts.sum(), moved) + GAP * slopes[0] * moved)
+    return float(np.copysign(parts.sum(), moved))
 
 
 def frame_along(directions: Any) -> tuple[Any, list[int]]:
@@ -115,6 +119,10 @@ def frame_along(directions: Any) -> tuple[Any, list[int]]:
     return axes, [1] * directions.shape[1] + [0] * (3 - directions.shape[1])
 
 
+End = tuple[str, Any, Any]
+"""A frame on a node: its name, place (3,) and axes (3, 3) at the pose."""
+
+
 class Robot:
     """The robot at one pose: the EXUDYN system ``mbs``, and item numbers by name.
 
@@ -125,7 +133,12 @@ class Robot:
     """
 
     def __init__(
-        self, model: dict[str, Any], pose: str, *, linear: bool = False, sign: float = 1.0
+        self,
+        model: dict[str, Any],
+        pose: str,
+        *,
+        linear: bool = False,
+        sign: float = 1.0,
     ) -> None:
         self.model = model
         self.linear = linear
@@ -140,6 +153,8 @@ class Robot:
         self.faces: dict[str, Any] = {}
         self.released: list[Any] = []
         self.stiffest = 0.0
+        self.curved = False
+        self.straight = 1.0
         self.loads: dict[str, Any] = {}
         self.weights: list[Any] = []
         self.places: dict[str, Any] = {}
@@ -170,11 +185,15 @@ class Robot:
         """Return a node's rotation from home."""
         return self.frames[self.carriers[node]][0]
 
-    def add_body(self, node: str, place: Any, mass: float, first: Any, inertia: Any) -> None:
+    def add_body(
+        self, node: str, place: Any, mass: float, first: Any, inertia: Any
+    ) -> None:
         """Add a rigid body: first moment (3,) and inertia (3, 3) about its place."""
         self.places[node] = place
         self.nodes[node] = self.mbs.AddNode(
-            item.NodeRigidBodyRxyz(name=node, referenceCoordinates=[*place, 0.0, 0.0, 0.0])
+            item.NodeRigidBodyRxyz(
+                name=node, referenceCoordinates=[*place, 0.0, 0.0, 0.0]
+            )
         )
         xx, yy, zz = np.diag(inertia)
         six = [xx, yy, zz, inertia[1, 2], inertia[0, 2], inertia[0, 1]]
@@ -214,14 +233,17 @@ class Robot:
         modal = body["condensed_mass"] is not None
         share = 0.0 if modal else body["mass"] / len(nodes)
         for node, home in zip(nodes, places, strict=True):
-            self.add_body(node, self.at(node, home), share, np.zeros(3), np.zeros((3, 3)))
+            self.add_body(
+                node, self.at(node, home), share, np.zeros(3), np.zeros((3, 3))
+            )
         axes = self.turn(nodes[0]) @ np.array(body["axes"])
         if modal or len(nodes) > 2:
             self.add_superelement(name, nodes, body, axes)
             return
+        tip = self.places[nodes[1]]
+        start = self.shifted(name, nodes[0], tip, axes)
         compliance = np.array(body["compliance"])
-        place = self.places[nodes[1]]
-        self.connect(name, nodes, place, axes, compliance, np.zeros((6, 0)))
+        self.connect(name, start, (nodes[1], tip, axes), compliance, np.zeros((6, 0)))
 
     def add_superelement(
         self, name: str, nodes: list[str], body: dict[str, Any], axes: Any
@@ -303,7 +325,9 @@ class Robot:
             self.add_weight(body_number)
         for end, node in enumerate(nodes):
             numbers = [end * len(POINTS) + k for k in range(len(POINTS))]
-            lack = self.offset(name if len(nodes) == 2 else node) * (end > 0)
+            lack = (
+                self.offset(name if len(nodes) == 2 else node) if end else np.zeros(6)
+            )
             frame = np.eye(4)
             frame[:3, :3] = rotation_of(axes @ lack[3:])
             frame[:3, 3] = axes @ lack[:3]
@@ -348,82 +372,99 @@ class Robot:
         resists = joint["drive"] or joint["spring"]
         free: list[Any] = []
         for k, motion in enumerate(motions):
-            sprung = joint["spring"] or (joint["drive"] and FREE[kind][k] == DRIVEN[kind])
+            sprung = joint["spring"] or (
+                joint["drive"] and FREE[kind][k] == DRIVEN[kind]
+            )
             if sprung and not curved:
                 compliance = compliance + np.outer(motion, motion) / resists
             else:
                 free.append(motion)
         columns = np.array(free).T.reshape(6, -1)
         place = self.at(second, joint["at"])
-        self.connect(name, [first, second], place, axes, compliance, columns)
+        start = self.shifted(name, first, place, axes)
+        end = (second, place, axes)
+        self.connect(name, start, end, compliance, columns)
         if curved:
-            self.add_curve(name, [first, second], place, axes, joint)
+            along = DRIVEN[kind]
+            starts, slopes = (
+                np.array(joint["law"][key]) for key in ("starts", "slopes")
+            )
+            law = partial(curve_force, starts, slopes)
+            self.add_curve(f"{name} drive", start, end, along, law, slopes[0])
 
     def add_curve(
-        self, name: str, nodes: list[str], place: Any, axes: Any, joint: dict[str, Any]
+        self,
+        name: str,
+        start: End,
+        end: End,
+        along: int,
+        law: Callable[[float], float],
+        stiffness: float,
     ) -> None:
-        """Add a drive with a force-deflection curve and backlash."""
-        along = DRIVEN[joint["kind"]]
-        starts = np.array(joint["law"]["starts"])
-        slopes = np.array(joint["law"]["slopes"])
-        lack = self.offset(name)[along]
+        """Add a spring along one axis of a frame: force as a function of deflection.
+
+        stiffness: that of the straight law from which the equilibrium is approached.
+        """
 
         def force(*state: Any) -> Any:
+            moved = np.concatenate([state[3], state[4]])[along]
             out = np.zeros(6)
-            moved = np.concatenate([state[3], state[4]])[along] - lack
-            out[along] = curve_force(starts, slopes, moved)
+            out[along] = (
+                law(moved) * (1.0 - self.straight) + self.straight * stiffness * moved
+            )
             return out
 
-        ends = [self.marker(node, place, axes) for node in nodes]
-        self.springs[f"{name} drive"] = self.mbs.AddObject(
-            item.ObjectConnectorRigidBodySpringDamper(
-                name=f"{name} drive",
-                markerNumbers=ends,
-                springForceTorqueUserFunction=force,
-            )
-        )
+        self.curved = True
+        self.stiffest = max(self.stiffest, stiffness)
+        self.add_spring(name, start, end, springForceTorqueUserFunction=force)
 
     def connect(
-        self, name: str, nodes: list[str], place: Any, axes: Any, compliance: Any, free: Any
+        self, name: str, start: End, end: End, compliance: Any, free: Any
     ) -> None:
-        """Connect two nodes at a place: a spring, and joints along what is rigid."""
+        """Connect two frames, that coincide unloaded: a spring, and joints along what is rigid."""
+        axes = start[2]
         rigid = self.model["rigid"]
         stiffness, *held = split_element(compliance, free, rigid, self.model["length"])
         if name in self.pose["idle"] and not self.linear:
             idle = axes.T @ np.array(self.pose["idle"][name])
             stiffness[3:, 3:] += self.model["idle"] * np.outer(idle, idle)
-        offset = self.offset(name)
-        first, second = nodes
-        start = (first, place + axes @ offset[:3], axes @ rotation_of(offset[3:]))
-        ends = (start, (second, place, axes))
         self.stiffest = max(self.stiffest, float(np.abs(stiffness[:3, :3]).max()))
         if stiffness.any():
-            self.springs[name] = self.mbs.AddObject(
-                item.ObjectConnectorRigidBodySpringDamper(
-                    name=name,
-                    markerNumbers=[self.marker(*end) for end in ends],
-                    stiffness=stiffness,
-                )
-            )
+            self.add_spring(name, start, end, stiffness=stiffness)
         turns, flags = zip(*map(frame_along, held), strict=True)
         if np.array_equal(*turns):
-            self.hold(name, ends, turns[0], [*flags[0], *flags[1]])
+            self.hold(name, start, end, turns[0], [*flags[0], *flags[1]])
             return
-        self.hold(f"{name} translation", ends, turns[0], [*flags[0], 0, 0, 0])
-        self.hold(f"{name} rotation", ends, turns[1], [0, 0, 0, *flags[1]])
+        self.hold(f"{name} translation", start, end, turns[0], [*flags[0], 0, 0, 0])
+        self.hold(f"{name} rotation", start, end, turns[1], [0, 0, 0, *flags[1]])
+
+    def add_spring(self, name: str, start: End, end: End, **given: Any) -> None:
+        """Add a spring between two frames."""
+        markers = [self.marker(*start), self.marker(*end)]
+        self.springs[name] = self.mbs.AddObject(
+            item.ObjectConnectorRigidBodySpringDamper(
+                name=name, markerNumbers=markers, **given
+            )
+        )
+
+    def shifted(self, name: str, node: str, place: Any, axes: Any) -> End:
+        """Return a frame on an element's first end, moved by its lack of fit."""
+        offset = self.offset(name)
+        return node, place + axes @ offset[:3], axes @ rotation_of(offset[3:])
 
     def offset(self, name: str) -> Any:
         """Return the twist (6,) of an element's unloaded second end from its first, own axes."""
         return self.sign * np.array(self.pose["offsets"].get(name, np.zeros(6)))
 
-    def hold(self, name: str, ends: Any, turn: Any, flags: list[int]) -> None:
+    def hold(
+        self, name: str, start: End, end: End, turn: Any, flags: list[int]
+    ) -> None:
         """Add a joint that holds two frames together along some of their axes."""
         if any(flags):
+            markers = [self.marker(n, at, axes @ turn) for n, at, axes in (start, end)]
             self.joints[name] = self.mbs.AddObject(
                 item.ObjectJointGeneric(
-                    name=f"{name} joint",
-                    markerNumbers=[self.marker(n, at, axes @ turn) for n, at, axes in ends],
-                    constrainedAxes=flags,
+                    name=f"{name} joint", markerNumbers=markers, constrainedAxes=flags
                 )
             )
 
@@ -502,17 +543,25 @@ class Robot:
         """Find the equilibrium; return the tool's twist (6,) at M from the pose, m and rad."""
         initial = exu.ConfigurationType.Initial
         start = self.mbs.systemData.GetODE2Coordinates(initial)
-        self.mbs.SolveStatic(self.settings(), updateInitialValues=True)
+        self.solve()
         twist = self.tool_twist()
         self.mbs.systemData.SetODE2Coordinates(start, initial)
         return twist
+
+    def solve(self) -> None:
+        """Find the equilibrium; it becomes the initial state."""
+        for share in STRAIGHT if self.curved else STRAIGHT[-1:]:
+            self.straight = share
+            self.mbs.SolveStatic(self.settings(), updateInitialValues=True)
 
     def tool_twist(self) -> Any:
         """Return the tool's twist (6,) at M from the pose, base axes, m and rad."""
         body = self.model["tool"]["body"]
         kind = exu.OutputVariableType
         moved = self.mbs.GetNodeOutput(self.nodes[body], kind.Displacement)
-        turn = self.mbs.GetNodeOutput(self.nodes[body], kind.RotationMatrix).reshape(3, 3)
+        turn = self.mbs.GetNodeOutput(self.nodes[body], kind.RotationMatrix).reshape(
+            3, 3
+        )
         arm = self.tool - self.places[body]
         return np.concatenate([moved + turn @ arm - arm, vector_of(turn)])
 
@@ -564,9 +613,13 @@ def find_deflection(model: dict[str, Any], pose: str, wrench: Any) -> Any:
 
 def report(model: dict[str, Any]) -> None:
     """Print sag and frequencies at a pose as JSON."""
-    parser = argparse.ArgumentParser(description="Sag and natural frequencies of the robot.")
+    parser = argparse.ArgumentParser(
+        description="Sag and natural frequencies of the robot."
+    )
     parser.add_argument("pose", nargs="?", choices=list(model["poses"]))
-    parser.add_argument("--wrench", help="FX,FY,FZ,MX,MY,MZ at M, N and N m: its deflection too")
+    parser.add_argument(
+        "--wrench", help="FX,FY,FZ,MX,MY,MZ at M, N and N m: its deflection too"
+    )
     given = parser.parse_args()
     pose = given.pose or next(iter(model["poses"]))
     out = {

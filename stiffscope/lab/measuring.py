@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     Codes = NDArray[np.int64]
     Kind = Literal["deflection", "deviation", "stiffness"]
     Measures = Literal["displacement", "rotation"]
+    Mechanics = Literal["own", "exudyn"]
 
 KINDS: tuple[Kind, ...] = ("deflection", "deviation", "stiffness")
 MEASURES: tuple[Measures, ...] = ("displacement", "rotation")
@@ -147,7 +148,10 @@ class Readings:
 
 
 def true_readings(
-    machine: Machine, plan: Plan, located: Located | None = None
+    machine: Machine,
+    plan: Plan,
+    located: Located | None = None,
+    mechanics: Mechanics = "own",
 ) -> Readings:
     """Return the noise-free readings of a machine.
 
@@ -162,29 +166,15 @@ def true_readings(
         Poses, loads and instruments.
     located
         Configuration of the machine at the plan's poses, if already known.
+    mechanics
+        Of this laboratory, or of EXUDYN.
     """
-    tool = tool_spot(machine)
     channels = plan.channels(machine)
-    spots = [tool, *plan.hooks.values()]
-    response = respond(machine, plan.poses if located is None else located, spots)
-    seen = _gains(machine, response, channels)
+    found = locate(machine, plan.poses) if located is None else located
+    seek = find_by_exudyn if mechanics == "exudyn" else _find_linear
+    blocks = seek(machine, plan, found, channels)
     p = len(plan.poses)
     c = len(channels)
-    blocks: list[tuple[int, Array]] = []
-    away = partial(_displacements, machine, plan, response, channels, seen)
-    if plan.loads:
-        blocks.append(
-            (
-                0,
-                away(plan.loads)
-                if plan.frame
-                else _deflections(machine, plan, response, seen),
-            )
-        )
-    if plan.deviations:
-        blocks.append((1, away([("", np.zeros(6))])))
-    if plan.stiffness:
-        blocks.append((2, _stiffnesses(machine, plan, seen)[:, None]))
     keys: list[Codes] = []
     for kind, shown in blocks:  # (p, loads, channels)
         loads = range(shown.shape[1]) if kind == 0 else (-1,)
@@ -205,6 +195,61 @@ def true_readings(
     ) in machine.instrument.steps.items():  # the first readings are on line 2
         value = value + jump * (rows.shows(name) & (np.arange(len(value)) + 2 >= line))
     return replace(rows, value=_find_factors(machine.instrument, rows) * value)
+
+
+def _find_linear(
+    machine: Machine, plan: Plan, located: Located, channels: tuple[Sensor, ...]
+) -> list[tuple[int, Array]]:
+    """Return readings (p, loads, channels) of each kind, by the linear response."""
+    spots = [tool_spot(machine), *plan.hooks.values()]
+    response = respond(machine, located, spots)
+    seen = _gains(machine, response, channels)
+    away = partial(_displacements, machine, plan, response, channels, seen)
+    blocks: list[tuple[int, Array]] = []
+    if plan.loads and plan.frame:
+        blocks.append((0, away(plan.loads)))
+    elif plan.loads:
+        blocks.append((0, _deflections(machine, plan, response, seen)))
+    if plan.deviations:
+        blocks.append((1, away([("", np.zeros(6))])))
+    if plan.stiffness:
+        blocks.append((2, _stiffnesses(machine, plan, seen)[:, None]))
+    return blocks
+
+
+def find_by_exudyn(
+    machine: Machine, plan: Plan, located: Located, channels: tuple[Sensor, ...]
+) -> list[tuple[int, Array]]:
+    """Return readings (p, loads, channels) of each kind, by equilibria in EXUDYN."""
+    from stiffscope.lab.exudyn_machine import ExudynBench
+
+    points = [(node, s.at) for s in channels for node in (s.node, s.against)]
+    hooks = {"": (TOOL, machine.at)}
+    hooks |= {name: (spot.node, spot.at) for name, spot in plan.hooks.items()}
+    bench = ExudynBench(machine, located, hooks, points)
+    mixing = _make_mixing(machine.instrument, channels)
+
+    def read(moved: Array) -> Array:
+        """Return what the channels show (p, m, c) of points' displacements (p, m, 2c, 6)."""
+        relative = moved[..., ::2, :] - moved[..., 1::2, :]
+        shown = [
+            _read_channel(machine.instrument, s, relative[..., k, :].swapaxes(1, 2))
+            for k, s in enumerate(channels)
+        ]
+        return np.stack(shown, axis=-1) @ mixing.T
+
+    loads = [(n, _true_wrench(machine.instrument, w)) for n, w in plan.loads]
+    blocks: list[tuple[int, Array]] = []
+    if loads and plan.frame:
+        blocks.append((0, read(bench.positions(loads, 1.0))))
+    elif loads:
+        blocks.append((0, read(bench.deflections(loads))))
+    if plan.deviations:
+        blocks.append((1, read(bench.positions([("", np.zeros(6))], 1.0))))
+    if plan.stiffness:
+        seen = read(np.moveaxis(bench.units(), -1, 1)).swapaxes(1, 2)
+        blocks.append((2, _stiffnesses(machine, plan, seen)[:, None]))
+    return blocks
 
 
 def _gains(machine: Machine, response: Response, channels: tuple[Sensor, ...]) -> Array:
@@ -353,6 +398,7 @@ def measure(
     noise: Noise,
     rng: np.random.Generator,
     located: Located | None = None,
+    mechanics: Mechanics = "own",
 ) -> Readings:
     """Return the readings of a machine, with noise, as a lab would deliver them.
 
@@ -360,14 +406,14 @@ def measure(
 
     Parameters
     ----------
-    machine, plan, located
+    machine, plan, located, mechanics
         As for `true_readings`.
     noise
         Noise of each kind of reading.
     rng
         Random generator of the noise.
     """
-    rows = true_readings(machine, plan, located)
+    rows = true_readings(machine, plan, located, mechanics)
     instrument = machine.instrument
     n = len(rows.value)
     sigma = sigma_of(rows, noise) * np.abs(_find_factors(instrument, rows))

@@ -22,7 +22,9 @@ def export_exudyn(order: Order) -> Exported:
     curved = [n for n, j in model["joints"].items() if j["law"] is not None]
     remarks = []
     if not mechanism.gravity.any():
-        remarks.append("the robot has no gravity, so that its sag is that of misfits alone")
+        remarks.append(
+            "the robot has no gravity, so that its sag is that of misfits alone"
+        )
     if curved:
         remarks.append(
             f"within the backlash of {', '.join(curved)} a millionth of the drive's stiffness is "
