@@ -16,7 +16,7 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.lab.closure import joint_state, spring_state
 from stiffscope.lab.machine import BASE, DRIVEN, FREE, GROUND, TOOL
-from stiffscope.lab.nonlinear import lost_motion
+from stiffscope.lab.nonlinear import lost_motion, settle
 from stiffscope.lab.rotations import both_parts, turn, vector_of
 
 try:
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 
 _RIGID = 1e4  # of the stiffest spring: a rigid direction with play, or that mixes axes
 _FAR = 0.1  # m or rad: no deflection
+_HELD = 1e-3  # of a load: what finite displacements put on drives that do not carry it
 _IDLE = 1.0  # N·m/rad, on motions that nothing resists
 _FORCES = (
     1e-6,
@@ -45,6 +46,10 @@ _FORCES = (
     5000,
 )  # N or N·m: least and greatest of a law's table, and their number
 _NEARLY_NONE = 1e-9
+_STEP = 1e-7  # m or rad: lost motion by which the slots' coupling is found
+MOVED = ("play", "friction")
+"""Laws that jump, on which Newton's method does not converge: the rest of their spring is moved to
+where the equilibrium obeys them."""
 _UNIT = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])  # N and N·m: of stiffnesses at M
 
 
@@ -120,17 +125,47 @@ class FaultyRobot(Robot):
         return compliance, np.array(motions).T.reshape(6, -1)
 
     def add_slot(self, slot: Slot, joint: Joint, start: Any, end: Any) -> None:
-        """Add the spring of one direction with a nonlinear law."""
-        alike = [s for s in self.machine.slots if s.element == slot.element]
-        same = [s for s in alike if s.direction == slot.direction]
-        if slot is not same[0]:
-            return
+        """Add the spring of one direction: with its law, or with a rest that play moves."""
         i = slot.direction
-        own = float(joint.compliance[i, i])
+        name = f"{slot.element} slot {i}"
+        if name in self.springs:
+            return
         rigid = self.model["rigid"]
-        soft = max(own, 1.0 / rigid)
-        law = partial(_force, *_tabulate_law(same, soft))
-        self.add_curve(f"{slot.element} slot {i}", start, end, i, law, 1.0 / soft)
+        soft = max(float(joint.compliance[i, i]), 1.0 / rigid)
+        same = [s for s in self.machine.slots if s.element == slot.element]
+        same = [s for s in same if s.direction == i]
+        if any(each.law in MOVED for each in same):
+            stiffness = np.zeros((6, 6))
+            stiffness[i, i] = 1.0 / soft
+            self.stiffest = max(self.stiffest, 1.0 / soft)
+            self.add_spring(name, start, end, stiffness=stiffness)
+        else:
+            law = partial(_force, *_tabulate_law(same, soft))
+            self.add_curve(name, start, end, i, law, 1.0 / soft)
+
+    def slot_forces(self) -> Array:
+        """Return the force (s,) in every slot at the last equilibrium."""
+        kinds = (
+            exudyn.OutputVariableType.ForceLocal,
+            exudyn.OutputVariableType.TorqueLocal,
+        )
+        out = []
+        for slot in self.machine.slots:
+            number = self.springs[f"{slot.element} slot {slot.direction}"]
+            parts = [self.mbs.GetObjectOutput(number, kind) for kind in kinds]
+            out.append(np.concatenate(parts)[slot.direction])
+        return np.array(out)
+
+    def move_rests(self, lost: Array) -> None:
+        """Move the rest of each slot's spring by its lost motion (s,)."""
+        rests: dict[str, Array] = {}
+        for slot, size in zip(self.machine.slots, lost, strict=True):
+            rest = rests.setdefault(
+                f"{slot.element} slot {slot.direction}", np.zeros(6)
+            )
+            rest[slot.direction] += size
+        for name, rest in rests.items():
+            self.mbs.SetObjectParameter(self.springs[name], "offset", rest)
 
     def add_joint_spring(
         self, joint: Joint, ends: Sequence[str], start: Any, end: Any
@@ -196,9 +231,10 @@ class FaultyRobot(Robot):
             raise InputError(
                 "pose: expected an equilibrium in EXUDYN, got none"
             ) from error
-        out = np.array([self.displacement(node, at) for node, at in sensors])
+        moved = [self.displacement(node, at) for node, at in sensors]
+        out = np.array(moved).reshape(-1, 6)
         self.mbs.systemData.SetODE2Coordinates(start, initial)
-        if np.abs(out).max() > _FAR:
+        if np.abs(out).max(initial=0.0) > _FAR:
             raise InputError(
                 "pose: expected small displacements in EXUDYN, got large ones"
             )
@@ -239,10 +275,7 @@ def _tabulate_law(slots: Sequence[Slot], compliance: float) -> tuple[Array, Arra
     way = np.concatenate([-forces[::-1], [-_NEARLY_NONE, 0.0, _NEARLY_NONE], forces])
     moved = compliance * way
     for slot in slots:
-        if slot.law == "play":
-            moved = moved + slot.size * np.sign(way)
-        else:
-            moved = moved + lost_motion(slot, way)[0]
+        moved = moved + lost_motion(slot, way)[0]
     return moved, way
 
 
@@ -384,7 +417,23 @@ class ExudynBench:
         self.hooks = {}
         for name, (node, at) in hooks.items():
             self.hooks[name] = [_add_hook(robot, node, at) for robot in self.robots]
-        self.has_play = any(slot.law == "play" for slot in machine.slots)
+        slots = machine.slots
+        self.slots = slots if any(slot.law in MOVED for slot in slots) else ()
+        self.has_play = any(slot.law == "play" for slot in slots)
+        self.couplings = [self._couple(robot) for robot in self.robots]
+
+    def _couple(self, robot: FaultyRobot) -> Array:
+        """Return the force (s, s) in every slot for unit lost motion in each."""
+        out = np.zeros((len(self.slots), len(self.slots)))
+        robot.set_gravity(0.0)
+        for k, step in enumerate(_STEP * np.eye(len(self.slots))):
+            for sign in (1.0, -1.0):
+                robot.move_rests(sign * step)
+                robot.settled(())
+                out[:, k] += sign * robot.slot_forces() / (2.0 * _STEP)
+        if self.slots:
+            robot.move_rests(np.zeros(len(self.slots)))
+        return out
 
     def positions(self, loads: Sequence[tuple[str, Array]], weight: float) -> Array:
         """Return displacements (p, m, s, 6) from the pose under loads and a share of weights."""
@@ -394,10 +443,28 @@ class ExudynBench:
             row = []
             for name, wrench in loads:
                 self._load(robot, k, name, wrench)
-                row.append(robot.settled(self.points))
+                size = float(np.abs(wrench[:3]).max()) if weight == 0.0 else 0.0
+                row.append(self._settle(robot, k, _HELD * size))
                 self._load(robot, k, name, np.zeros(6))
             out.append(row)
         return np.array(out)
+
+    def _settle(self, robot: FaultyRobot, k: int, held: float) -> Array:
+        """Return the displacements (s, 6) of the points, with play and friction obeyed.
+
+        held: force (N) up to which a drive stays in the middle of its gap.
+        """
+        moved = robot.settled(self.points)
+        if not self.slots:
+            return moved
+        force = robot.slot_forces()[None]
+        lever = [1.0 if s.direction < 3 else robot.model["length"] for s in self.slots]
+        force = np.where(np.abs(force) > held * np.array(lever), force, 0.0)
+        lost = settle(self.slots, self.couplings[k][None], force, gaps=True)[0]
+        robot.move_rests(lost)
+        moved = robot.settled(self.points)
+        robot.move_rests(np.zeros(len(self.slots)))
+        return moved
 
     def _load(self, robot: FaultyRobot, k: int, name: str, wrench: Array) -> None:
         force, torque = self.hooks[name][k]
