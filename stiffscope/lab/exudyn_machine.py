@@ -440,10 +440,11 @@ class ExudynBench:
         out = []
         for k, robot in enumerate(self.robots):
             robot.set_gravity(weight)
+            unit = np.repeat([1.0, robot.model["length"]], 3)
             row = []
             for name, wrench in loads:
                 self._load(robot, k, name, wrench)
-                size = float(np.abs(wrench[:3]).max()) if weight == 0.0 else 0.0
+                size = float(np.abs(wrench / unit).max()) if weight == 0.0 else 0.0
                 row.append(self._settle(robot, k, _HELD * size))
                 self._load(robot, k, name, np.zeros(6))
             out.append(row)
