@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 _RIGID = 1e4  # of the stiffest spring: a rigid direction with play, or that mixes axes
 _FAR = 0.1  # m or rad: no deflection
-_HELD = 1e-3  # of a load: what finite displacements put on drives that do not carry it
+_HELD = 1e-2  # of a load: what finite displacements put on drives that do not carry it
 _IDLE = 1.0  # N·m/rad, on motions that nothing resists
 _FORCES = (
     1e-6,
