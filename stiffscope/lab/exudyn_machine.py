@@ -21,7 +21,7 @@ from stiffscope.lab.rotations import both_parts, turn, vector_of
 
 try:
     import exudyn
-    from exudyn import itemInterface as items
+    from exudyn import itemInterface as items  # noqa: N813 (a module)
 
     from stiffscope.exports.exudyn_robot import Robot
 except ImportError as error:
