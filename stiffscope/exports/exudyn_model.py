@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.spatial.transform import (  # pyright: ignore[reportMissingTypeStubs]
 )
 
 from stiffscope.errors import InputError
+from stiffscope.vjm.elements.laws import without_laws
 from stiffscope.vjm.kinematics.mobility import mobility
 from stiffscope.vjm.model.checks import BASE, GROUND, TOOL
 from stiffscope.vjm.model.joints import DRIVEN
@@ -101,7 +103,7 @@ def tabulate(
 
 def _tool_compliance(mechanism: Mechanism, found: Configurations) -> Array:
     """Return the tool's translational compliance (n, 3, 3), m/N; InputError if it moves freely."""
-    out = compliance(mechanism, found)[:, :3, :3]
+    out = compliance(without_laws(mechanism), found)[:, :3, :3]
     if not np.isfinite(out).all():
         raise InputError(
             "joints: expected drives or springs that hold the tool, got one that moves freely; "
@@ -269,7 +271,7 @@ def write_script(robot: str, model: dict[str, Any]) -> str:
     """Return a script of tables and code that needs numpy, scipy and EXUDYN alone."""
     from stiffscope.exports import exudyn_robot
 
-    source = inspect.getsource(exudyn_robot)
+    source = re.sub(r" +# noqa.*", "", inspect.getsource(exudyn_robot))
     head, _, runtime = source.partition(_CUT)
     return SCRIPT.format(
         robot=robot,

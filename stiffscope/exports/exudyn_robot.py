@@ -128,8 +128,9 @@ class Robot:
 
     Every body, and every end of an elastic one, is a rigid body whose frame is parallel to the base
     axes at the pose. ``nodes``, ``bodies``, ``springs``, ``joints`` and ``loads``: their numbers in
-    ``mbs``. ``linear``: for vibrations, without curves of drives and springs on idle motions.
-    ``sign``: -1 reverses all lacks of fit.
+    ``mbs``. ``linear``: for vibrations about the drawn pose, without curves of drives, lacks of fit
+    and springs on idle motions.
+    ``sign``: -1 reverses all lacks of fit, 0 leaves them out.
     """
 
     def __init__(
@@ -142,7 +143,7 @@ class Robot:
     ) -> None:
         self.model = model
         self.linear = linear
-        self.sign = sign
+        self.sign = 0.0 if linear else sign
         self.pose = model["poses"][pose]
         self.container = exu.SystemContainer()
         self.mbs = self.container.AddSystem()
@@ -602,7 +603,7 @@ def find_sag(model: dict[str, Any], pose: str) -> Any:
 
 def find_deflection(model: dict[str, Any], pose: str, wrench: Any) -> Any:
     """Return the tool's small displacement (6,) by a wrench (6,) at M alone, N and N m."""
-    robot = Robot(model, pose)
+    robot = Robot(model, pose, sign=0.0)
     robot.set_gravity(0.0)
     twists = []
     for sign in (1.0, -1.0):

@@ -30,7 +30,8 @@ class StateSpace:
     Attributes
     ----------
     a, b, c, d
-        (2m, 2m), (2m, u), (y, 2m), (y, u). The state is the modes' displacements, then their rates.
+        (2m, 2m), (2m, u), (y, 2m), (y, u). The state is the modes' displacements times their angular
+        frequencies (free motions: as they are), then their rates.
     inputs, outputs
         Names such as ``tool.fz`` (N, N·m) and ``tool.z`` (m, rad).
     frequencies, damping
@@ -121,11 +122,13 @@ def form_state_space(
     static = modal.displacement[:, rest]
     m = len(kept)
     zero = np.zeros((m, m))
-    rates = np.hstack([-np.diag(omega**2), -np.diag(2.0 * damping * omega)])
+    # displacements times frequencies are of the size of rates, which keeps A well scaled
+    scale = np.where(omega > 0.0, omega, 1.0)
+    rates = np.hstack([-np.diag(omega**2 / scale), -np.diag(2.0 * damping * omega)])
     return StateSpace(
-        a=np.vstack([np.hstack([zero, np.eye(m)]), rates]),
+        a=np.vstack([np.hstack([zero, np.diag(scale)]), rates]),
         b=np.vstack([np.zeros((m, len(ports))), shape.T]),
-        c=np.hstack([shape, np.zeros((len(ports), m))]),
+        c=np.hstack([shape / scale, np.zeros((len(ports), m))]),
         d=static / modal.stiffness[rest] @ static.T,
         inputs=tuple(f"{name}.{f}" for name in points for f in WRENCH),
         outputs=tuple(f"{name}.{x}" for name in points for x in COORDINATES),
