@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
-
-import stiffscope
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -60,6 +59,8 @@ class Slice:
         the folder of the run; none if empty.
     keys
         ``"module:name"`` by kind of file: the sections of that file as pairs of title and schema.
+    sections
+        Further top-level sections of a kind of file: kind, name, and ``"module:schema"``.
     """
 
     commands: tuple[Command, ...] = ()
@@ -68,13 +69,14 @@ class Slice:
     doubts: str = ""
     pictures: str = ""
     keys: tuple[tuple[str, str], ...] = ()
+    sections: tuple[tuple[str, str, str], ...] = ()
 
 
 @cache
 def slices() -> dict[str, Slice]:
     """Return what the slices register, by name of the slice."""
     found = {}
-    for package in iter_modules(stiffscope.__path__):
+    for package in iter_modules([str(Path(__file__).parent)]):
         name = f"stiffscope.{package.name}.slice"
         if package.ispkg and find_spec(name) is not None:
             found[package.name] = import_module(name).SLICE
@@ -96,6 +98,16 @@ def registered(kind: str) -> Iterator[Any]:
         reference = getattr(each, kind)
         if reference:
             yield load(reference)
+
+
+def sections_of(kind: str) -> dict[str, Any]:
+    """Return the schemas of the sections that slices add to a kind of file, by name."""
+    return {
+        name: load(reference)
+        for each in slices().values()
+        for of, name, reference in each.sections
+        if of == kind
+    }
 
 
 def load(reference: str) -> Any:

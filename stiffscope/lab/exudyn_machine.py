@@ -16,7 +16,7 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.lab.closure import joint_state, spring_state
 from stiffscope.lab.machine import BASE, DRIVEN, FREE, GROUND, TOOL
-from stiffscope.lab.nonlinear import lost_motion, settle
+from stiffscope.lab.nonlinear import lost_motion
 from stiffscope.lab.rotations import both_parts, turn, vector_of
 
 try:
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
 
 _RIGID = 1e4  # of the stiffest spring: a rigid direction with play, or that mixes axes
 _FAR = 0.1  # m or rad: no deflection
-_HELD = 1e-2  # of a load: what finite displacements put on drives that do not carry it
 _IDLE = 1.0  # N·m/rad, on motions that nothing resists
 _FORCES = (
     1e-6,
@@ -46,11 +45,14 @@ _FORCES = (
     5000,
 )  # N or N·m: least and greatest of a law's table, and their number
 _NEARLY_NONE = 1e-9
-_STEP = 1e-7  # m or rad: lost motion by which the slots' coupling is found
-MOVED = ("play", "friction")
-"""Laws that jump, on which Newton's method does not converge: the rest of their spring is moved to
-where the equilibrium obeys them."""
-_UNIT = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])  # N and N·m: of stiffnesses at M
+SMOOTH = ("hardening", "stiffening")
+"""Laws without a corner. On others Newton's method does not converge: the rest of their spring is
+moved to where the equilibrium obeys them."""
+
+
+def are_smooth(slots: Sequence[Slot]) -> bool:
+    """Return whether Newton's method converges on all laws."""
+    return all(slot.law in SMOOTH for slot in slots)
 
 
 class FaultyRobot(Robot):
@@ -132,14 +134,14 @@ class FaultyRobot(Robot):
             return
         rigid = self.model["rigid"]
         soft = max(float(joint.compliance[i, i]), 1.0 / rigid)
-        same = [s for s in self.machine.slots if s.element == slot.element]
-        same = [s for s in same if s.direction == i]
-        if any(each.law in MOVED for each in same):
+        if not are_smooth(self.machine.slots):
             stiffness = np.zeros((6, 6))
             stiffness[i, i] = 1.0 / soft
             self.stiffest = max(self.stiffest, 1.0 / soft)
             self.add_spring(name, start, end, stiffness=stiffness)
         else:
+            same = [s for s in self.machine.slots if s.element == slot.element]
+            same = [s for s in same if s.direction == i]
             law = partial(_force, *_tabulate_law(same, soft))
             self.add_curve(name, start, end, i, law, 1.0 / soft)
 
@@ -256,6 +258,17 @@ class FaultyRobot(Robot):
 
     def _frame(self, node: str) -> str:
         return self.machine.carrier(self.machine.tool if node == TOOL else node)
+
+    def add_hook(self, node: str, at: Array) -> tuple[Any, Any]:
+        """Add a load of zero at a node's home point; return the numbers of force and moment."""
+        place = self.located.frames.point(self._frame(node), at)[0]
+        marker = self.marker(node, place, np.eye(3))
+        numbers = [
+            self.mbs.AddLoad(kind(markerNumber=marker, loadVector=np.zeros(3)))
+            for kind in (items.LoadForceVector, items.LoadTorqueVector)
+        ]
+        self.mbs.Assemble()
+        return numbers[0], numbers[1]
 
 
 def _apart(state: Any, joint: Joint, frames: Any, ends: Sequence[str]) -> Array:
@@ -386,117 +399,3 @@ def _idle(machine: Machine, located: Located) -> Mapping[str, Array]:
             axis = ends[1] - ends[0]
             out[balls[0].name] = axis / np.linalg.norm(axis)
     return out
-
-
-class ExudynBench:
-    """The machine at all poses of a plan, and what its points do under loads.
-
-    Parameters
-    ----------
-    machine
-        The machine with its faults.
-    located
-        The sound machine's configuration at the poses.
-    hooks
-        Points of loads by name, each a node and a point (3,) at home; "" is M.
-    points
-        Nodes and home points (3,) to read.
-    """
-
-    def __init__(
-        self,
-        machine: Machine,
-        located: Located,
-        hooks: Mapping[str, tuple[str, Array]],
-        points: Sequence[tuple[str, Array]],
-    ) -> None:
-        self.points = points
-        self.robots = [
-            FaultyRobot(machine, located, k) for k in range(len(located.closed))
-        ]
-        self.hooks = {}
-        for name, (node, at) in hooks.items():
-            self.hooks[name] = [_add_hook(robot, node, at) for robot in self.robots]
-        slots = machine.slots
-        self.slots = slots if any(slot.law in MOVED for slot in slots) else ()
-        self.has_play = any(slot.law == "play" for slot in slots)
-        self.couplings = [self._couple(robot) for robot in self.robots]
-
-    def _couple(self, robot: FaultyRobot) -> Array:
-        """Return the force (s, s) in every slot for unit lost motion in each."""
-        out = np.zeros((len(self.slots), len(self.slots)))
-        robot.set_gravity(0.0)
-        for k, step in enumerate(_STEP * np.eye(len(self.slots))):
-            for sign in (1.0, -1.0):
-                robot.move_rests(sign * step)
-                robot.settled(())
-                out[:, k] += sign * robot.slot_forces() / (2.0 * _STEP)
-        if self.slots:
-            robot.move_rests(np.zeros(len(self.slots)))
-        return out
-
-    def positions(self, loads: Sequence[tuple[str, Array]], weight: float) -> Array:
-        """Return displacements (p, m, s, 6) from the pose under loads and a share of weights."""
-        out = []
-        for k, robot in enumerate(self.robots):
-            robot.set_gravity(weight)
-            unit = np.repeat([1.0, robot.model["length"]], 3)
-            row = []
-            for name, wrench in loads:
-                self._load(robot, k, name, wrench)
-                size = float(np.abs(wrench / unit).max()) if weight == 0.0 else 0.0
-                row.append(self._settle(robot, k, _HELD * size))
-                self._load(robot, k, name, np.zeros(6))
-            out.append(row)
-        return np.array(out)
-
-    def _settle(self, robot: FaultyRobot, k: int, held: float) -> Array:
-        """Return the displacements (s, 6) of the points, with play and friction obeyed.
-
-        held: force (N) up to which a drive stays in the middle of its gap.
-        """
-        moved = robot.settled(self.points)
-        if not self.slots:
-            return moved
-        force = robot.slot_forces()[None]
-        lever = [1.0 if s.direction < 3 else robot.model["length"] for s in self.slots]
-        force = np.where(np.abs(force) > held * np.array(lever), force, 0.0)
-        lost = settle(self.slots, self.couplings[k][None], force, gaps=True)[0]
-        robot.move_rests(lost)
-        moved = robot.settled(self.points)
-        robot.move_rests(np.zeros(len(self.slots)))
-        return moved
-
-    def _load(self, robot: FaultyRobot, k: int, name: str, wrench: Array) -> None:
-        force, torque = self.hooks[name][k]
-        robot.mbs.SetLoadParameter(force, "loadVector", wrench[:3])
-        robot.mbs.SetLoadParameter(torque, "loadVector", wrench[3:])
-
-    def deflections(self, loads: Sequence[tuple[str, Array]]) -> Array:
-        """Return deflections (p, m, s, 6): loaded less unloaded.
-
-        Play is read without weight, as a push both ways from its middle would.
-        """
-        weight = 0.0 if self.has_play else 1.0
-        still = self.positions([("", np.zeros(6))], weight)
-        return self.positions(loads, weight) - still
-
-    def units(self) -> Array:
-        """Return the displacements (p, s, 6, 6) for each unit wrench at M, small."""
-        loads = [("", sign * unit) for sign in (1, -1) for unit in np.diag(_UNIT)]
-        moved = self.positions(loads, 0.0)
-        both = 0.5 * (moved[:, :6] - moved[:, 6:])
-        return np.moveaxis(both, 1, -1) / _UNIT
-
-
-def _add_hook(robot: FaultyRobot, node: str, at: Array) -> tuple[Any, Any]:
-    """Add a load at a node's home point; return the numbers of force and moment."""
-    frame = robot._frame(node)  # noqa: SLF001 (its own module)
-    place = robot.located.frames.point(frame, at)[0]
-    marker = robot.marker(node, place, np.eye(3))
-    numbers = [
-        robot.mbs.AddLoad(kind(markerNumber=marker, loadVector=np.zeros(3)))
-        for kind in (items.LoadForceVector, items.LoadTorqueVector)
-    ]
-    robot.mbs.Assemble()
-    return numbers[0], numbers[1]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from stiffscope.errors import InputError
 from stiffscope.exports.target import Exported, Order, Target
 
 
 def export_mjcf(order: Order) -> Exported:
     """Return a robot for MuJoCo."""
-    raise InputError(f"{order.assembled.robot.name}: not yet")
+    from stiffscope.exports.mjcf import export_robot
+
+    return export_robot(order)
 
 
 TARGET = Target(
