@@ -43,7 +43,17 @@ MADE_UP = Outcome(
     robot="serial-arm",
     stated=((0.99, True),),
 )
-CAPITALS = ("DIR", "PART.", "ARM.", "STUDY.", "JOB.", "BEARING.", "ROBOT", "CAMPAIGN")
+CAPITALS = (
+    "DIR",
+    "PART.",
+    "ARM.",
+    "STUDY.",
+    "JOB.",
+    "LOBES.",
+    "BEARING.",
+    "ROBOT",
+    "CAMPAIGN",
+)
 """Prefixes of words that stand for a file or folder."""
 URDF = """<robot name="arm">
   <link name="stand"/>
@@ -72,6 +82,7 @@ components = "beam"
 path = "path.csv"
 process = { milling = { material = "C45E", diameter = 0.01, teeth = 4, speed = "50 1/s", depth = 1e-3, width = 3e-3 } }
 """
+LOBES = JOB + "lobes = { damping = 0.03, points = 9 }\n"
 
 
 class Answers(Directive):
@@ -145,6 +156,7 @@ def _place() -> Iterator[Path]:
         (place / "ARM.urdf").write_text(URDF)
         (place / "STUDY.toml").write_text(STUDY)
         (place / "JOB.toml").write_text(JOB)
+        (place / "LOBES.toml").write_text(LOBES)
         (place / "BEARING.toml").write_text(BEARING)
         tool = load_robot("serial-arm").tool.at
         rows = [

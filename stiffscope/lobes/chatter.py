@@ -218,12 +218,9 @@ def stretch_of(job: Job, assembled: Assembled, most: int = MOST_POINTS) -> Stret
     points = acting[pick_evenly(len(acting), most)]
     steps = np.linalg.norm(np.diff(tool[:, :3], axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])
-    pose = assembled.mechanism.tool.pose
-    if path.by_joints or len(blocks) == 1:
-        found = blocks[0][points] if len(blocks) == 1 else None
-    else:
-        found = None
-    if found is None:
+    found = blocks[0][points] if len(blocks) == 1 else None
+    if found is None:  # a long path: its points once more, from their tool poses
+        pose = assembled.mechanism.tool.pose
         found = configure(assembled.mechanism, _pose_columns(tool[points], pose))
     return Stretch(found, tool[points], axes[points], points, length[points])
 

@@ -143,28 +143,17 @@ def show_lobes(found: Lobes) -> None:
         verdict = "chatters along the whole path"
     elif share < 100.0:
         verdict = f"chatters on {100.0 - share:.0f} % of the path's points"
+    where = f"line {line} of {file}, s = {1e3 * found.length[k]:,.1f} mm"
+    speeds = f"{60.0 * found.speeds[0]:.0f} to {60.0 * found.speeds[-1]:.0f} rpm"
+    force = f"{1e-6 * cut.stiffness:.4g} N/mm² at a chip of {_mm(cutting.chip)}"
+    asked = f"{_mm(cutting.depth)} deep at {60.0 * cutting.speed:.0f} rpm"
     facts = [
-        (
-            "cut",
-            f"{_mm(cutting.depth)} deep at {60.0 * cutting.speed:.0f} rpm: {verdict}",
-        ),
-        (
-            "stable depth there",
-            f"{_mm(along.limit[k])} at worst, line {line} of {file}, "
-            f"s = {1e3 * found.length[k]:,.1f} mm",
-        ),
-        ("margin", f"{_times(found.margin[k])} of the depth at worst"),
-        (
-            "all speeds",
-            f"{_mm(along.critical.depth.min())} from {60.0 * found.speeds[0]:.0f} to "
-            f"{60.0 * found.speeds[-1]:.0f} rpm",
-        ),
+        ("cut", f"{asked}: {verdict}"),
+        ("stable there", f"{_mm(along.limit[k])} at worst, {where}"),
+        ("margin", f"{_times(found.margin[k])} the job's depth"),
+        ("stable from", f"{speeds}: {_mm(along.critical.depth.min())}"),
         ("teeth in the cut", f"{cut.immersed:.2f}; method: {found.method}"),
-        (
-            "cutting force",
-            f"{1e-6 * cut.stiffness:.4g} N/mm² more per chip, at a chip of "
-            f"{_mm(cutting.chip)}",
-        ),
+        ("force by chip", force),
     ]
     show_facts(f"Chatter: {file} on {found.job.robot.name}", facts)
     at = found.at
