@@ -28,6 +28,7 @@ from stiffscope.vjm.model.screws import rotation_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.lobes.engagement import Engagement
@@ -68,6 +69,20 @@ def lobes_section(job: Job) -> LobesSection:
         expected = "expected a section with the damping of the modes"
         raise InputError(f"{job.file}: lobes: {expected}, got none")
     return section
+
+
+def files_of(job: Job) -> list[Path]:
+    """Return the files that a job's results depend on, besides itself and its robot."""
+    section = getattr(job.section, "lobes", None)
+    if section is None or section.measured is None:
+        return [job.path_file]
+    return [job.path_file, job.file.parent / section.measured]
+
+
+def check_cut(job: Job) -> None:
+    """Raise InputError if a job lacks what the stability of its cut needs."""
+    cutting_of(job)
+    damping_of(job)
 
 
 def cutting_of(job: Job) -> Cutting:
