@@ -43,9 +43,11 @@ MADE_UP = Outcome(
     robot="serial-arm",
     stated=((0.99, True),),
 )
+EXAMPLES = Path(__file__).parents[2] / "examples"
 CAPITALS = (
     "DIR",
     "PART.",
+    "TAP.",
     "ARM.",
     "STUDY.",
     "JOB.",
@@ -154,6 +156,7 @@ def _place() -> Iterator[Path]:
             place / "PART.step",
         )
         (place / "ARM.urdf").write_text(URDF)
+        shutil.copyfile(EXAMPLES / "hammer" / "tap.uff", place / "TAP.uff")
         (place / "STUDY.toml").write_text(STUDY)
         (place / "JOB.toml").write_text(JOB)
         (place / "LOBES.toml").write_text(LOBES)
