@@ -348,8 +348,11 @@ def _some(value: Any) -> Any:
 
 _EXAMPLE = 'a table such as { kind = "deep-groove", … }'
 _KIND = Discriminator(lambda value: f"tagged-{ELEMENTS[dict(value)['kind']].__name__}")
-_tagged = (Annotated[model, Tag(f"tagged-{model.__name__}")] for model in _MODELS)
-AnyElement: Any = Annotated[Union[tuple(_tagged)], _KIND]  # noqa: UP007 (of a list)
+if TYPE_CHECKING:
+    AnyElement = ElementSection
+else:
+    _tagged = (Annotated[each, Tag(f"tagged-{each.__name__}")] for each in _MODELS)
+    AnyElement = Annotated[Union[tuple(_tagged)], _KIND]  # noqa: UP007 (of a list)
 Elements = Annotated[tuple[AnyElement, ...], BeforeValidator(_some), Says(_EXAMPLE)]
 
 
