@@ -844,7 +844,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             ),
             "gap.nominal": ("gap between model and readings", "% rms"),
             "gap.explained": ("remaining gap with the effects", "% rms"),
-            "gap.held_out": ("remaining gap at held-out poses", "% rms"),
+            "gap.held_out": (
+                "remaining gap at held-out poses; null at a single pose",
+                "% rms",
+            ),
             "gap.noise": ("noise of the readings", "% rms"),
             "gap.chi2_per_reading": (
                 "χ² per reading without and with the effects",
@@ -892,9 +895,22 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 "1",
             ),
             "effects[].errors": (
-                "for an effect of many small errors: each error as in `parameters`, largest first",
+                "what `parameters` summarize: small errors, largest first; mass and place where moments show",
                 "`unit`; angles as arc length at 1 m",
             ),
+            "drives.*.stated": (
+                "stiffness of each drive in the robot file",
+                "N/m, N·m/rad",
+            ),
+            "drives.*.value": (
+                "resulting stiffness with everything that was found, set and member multiplied out",
+                "N/m, N·m/rad",
+            ),
+            "drives.*.sigma": (
+                "its standard uncertainty; null if the drive is not seen",
+                "N/m, N·m/rad",
+            ),
+            "drives.*.seen": ("whether the readings show the drive", ""),
             "beside": (
                 "uncertain effects fitted together with the others, as in `effects`; `unknown`: unmodelled",
                 "",

@@ -203,7 +203,7 @@ def _finish(mujoco: Any, order: Order, trial: Trial, wanted: Wanted) -> Exported
     count = wanted.frequencies.shape[1]
     highest = writer.tuning.highest / (2.0 * np.pi)
     answer = {
-        "file": file,
+        "files": [file],
         "timestep": step,
         "largest_timestep": largest,
         "highest": highest,

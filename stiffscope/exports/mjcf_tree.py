@@ -22,8 +22,9 @@ from stiffscope.exports.loop_closure import (
     hold_points,
     taken_compliance,
 )
-from stiffscope.exports.spanning_tree import span_tree
+from stiffscope.exports.spanning_tree import is_loaded, span_tree
 from stiffscope.vjm.model.checks import BASE, GROUND, TOOL, axes_along
+from stiffscope.vjm.model.joints import DRIVEN
 from stiffscope.vjm.model.screws import Frame, shift
 from stiffscope.vjm.network.network import END, FOOT, list_elements
 
@@ -126,7 +127,7 @@ def write_tree(mechanism: Mechanism, name: str, tuning: Tuning) -> Writer:
         See `Tuning`.
     """
     writer = Writer(tuning, ET.Element("mujoco", model=name))
-    elements = {element.name: element for element in list_elements(mechanism)}
+    elements = {e.name: _fold_drive(e) for e in list_elements(mechanism)}
     tree = span_tree(mechanism)
     nodes = {node: body for body in mechanism.bodies for node in body.nodes}
     closures = _close_loops(mechanism, tree, elements, nodes, tuning)
@@ -144,6 +145,21 @@ def write_tree(mechanism: Mechanism, name: str, tuning: Tuning) -> Writer:
         _add_closure(writer, joint, elements[joint.name], closure)
     _add_tool(writer, mechanism, elements[TOOL])
     return writer
+
+
+def _fold_drive(element: Element) -> Element:
+    """Return a joint's element whose bearing's compliance along the drive is part of the drive."""
+    joint = element.joint
+    if joint is None or joint.drive is None or joint.compliance is None:
+        return element
+    along = DRIVEN[joint.kind]
+    more = float(joint.compliance[along, along])
+    rest = joint.compliance.copy()
+    rest[along] = 0.0
+    rest[:, along] = 0.0
+    drive = joint.drive.add_compliance(more) if more else joint.drive
+    bearing = rest if rest.any() else None
+    return replace(element, joint=replace(joint, drive=drive, compliance=bearing))
 
 
 def _add_base(writer: Writer, base: Element) -> None:
@@ -394,7 +410,7 @@ def _add_motions(
         if extra[kind != "P"]:
             out.set("armature", numbers(extra[kind != "P"]))
         if joint.drive is not None and index == joint.driven:
-            _add_drive(writer, out, name, joint)
+            _add_drive(writer, out, name, joint, extra[kind != "P"])
         elif joint.spring is not None:
             out.set("stiffness", numbers(joint.spring))
             out.set("damping", numbers(joint.spring * writer.tuning.damping))
@@ -403,12 +419,14 @@ def _add_motions(
                 out.set("springref", numbers(joint.rest))
 
 
-def _add_drive(writer: Writer, out: ET.Element, name: str, joint: Joint) -> None:
+def _add_drive(
+    writer: Writer, out: ET.Element, name: str, joint: Joint, extra: float
+) -> None:
     """Add a servo whose control is the commanded displacement from home, m or rad."""
     drive = joint.drive
     assert drive is not None  # noqa: S101
     slopes = [drive.stiffness] if drive.law is None else drive.law.slopes
-    out.set("armature", numbers(max(slopes) / writer.tuning.highest**2))
+    out.set("armature", numbers(max(slopes) / writer.tuning.highest**2 + extra))
     for number, (gain, limit) in enumerate(servos(drive.stiffness, drive.law)):
         called = name if number == 0 else f"{name}:law{number}"
         servo = ET.SubElement(writer.actuators, "general", name=called, joint=name)
@@ -523,27 +541,27 @@ def _close_loops(
     for joint, side in zip(tree.cuts, beside, strict=True):
         element = elements[joint.name]
         frame = closure_frame(element)
+        kind = "fixed" if is_loaded(joint) else joint.kind
+        moved = len(joint.motions) if is_loaded(joint) else count_moved(kind)
         own = element.joint.compliance
         if own is not None and own.any():
             local = _invert_used(own)
-            stiffness = close_loop(joint.kind, local, tuning.rigid, tuning.share)
+            stiffness = close_loop(kind, local, tuning.rigid, tuning.share)
             taken = taken_compliance(stiffness, local)
-            out.append(
-                Closure(joint.name, -1, taken, stiffness, count_moved(joint.kind))
-            )
+            out.append(Closure(joint.name, -1, taken, stiffness, moved))
             continue
         if side is None:
             driven = struts.get(joint.second) or struts.get(joint.first)
             least = tuning.rigid
             if driven is not None:
                 least = max(least, driven.drive.stiffness / tuning.share)
-            stiffness = close_loop(joint.kind, None, least, tuning.share)
+            stiffness = close_loop(kind, None, least, tuning.share)
             lost = np.zeros((6, 6))
             if driven is not None:
                 along = frame.matrix().T @ driven.axes[:, 0]
                 lost[0, 0] = float(along @ (along / stiffness[:3]))
             name = driven.name if driven else ""
-            out.append(Closure(name, -2, lost, stiffness, count_moved(joint.kind)))
+            out.append(Closure(name, -2, lost, stiffness, moved))
             continue
         body = nodes[side]
         end = body.nodes.index(side)
@@ -554,9 +572,9 @@ def _close_loops(
         carry = relative(part, frame).adjoint()
         local = carry.T @ whole[row : row + 6, row : row + 6] @ carry
         alike = sum(1 for other in beside if other and nodes[other] is body)
-        stiffness = close_loop(joint.kind, local, tuning.rigid, tuning.share / alike)
+        stiffness = close_loop(kind, local, tuning.rigid, tuning.share / alike)
         taken = carry @ taken_compliance(stiffness, local) @ carry.T
-        out.append(Closure(body.name, end, taken, stiffness, count_moved(joint.kind)))
+        out.append(Closure(body.name, end, taken, stiffness, moved))
     return out
 
 
@@ -657,6 +675,12 @@ def _add_moved(
     """Add the free motions of a cut joint that its closure does not allow, with a small inertia."""
     back = element.axes.T
     fastest = writer.tuning.highest**2 / writer.tuning.share
+    if is_loaded(joint):
+        place = Frame(element.axes, element.at)
+        held = closure.stiffness
+        extra = (float(held[:3].max()) / fastest, float(held[3:].max()) / fastest)
+        _add_motions(writer, body, place, joint, element, 1.0, extra)
+        return
     for index, (kind, axis) in enumerate(element.joint.motions[: closure.moved]):
         name = f"{joint.name}:{index + 1}"
         out = ET.SubElement(body, "joint", name=name, axis=numbers(back @ axis))

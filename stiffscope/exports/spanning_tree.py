@@ -50,6 +50,11 @@ class SpanningTree:
         return [b for b in self.branches if mechanism.carrier(b.parent) == body]
 
 
+def is_loaded(joint: Joint) -> bool:
+    """Return whether a joint has a drive or a spring along its free motions."""
+    return joint.drive is not None or joint.spring is not None
+
+
 def span_tree(mechanism: Mechanism) -> SpanningTree:
     """Return a spanning tree of a mechanism's bodies.
 
@@ -66,10 +71,9 @@ def span_tree(mechanism: Mechanism) -> SpanningTree:
     elastic = {n for b in mechanism.bodies if b.elastic is not None for n in b.nodes}
 
     def last_cut(joint: Joint) -> tuple[bool, bool, int]:
-        loaded = joint.drive is not None or joint.spring is not None
         yields = joint.compliance is not None
         soft = yields or joint.first in elastic or joint.second in elastic
-        return not loaded, soft, -CUT_FIRST.index(joint.kind)
+        return not is_loaded(joint), soft, -CUT_FIRST.index(joint.kind)
 
     tree = []
     cuts = []

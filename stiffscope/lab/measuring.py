@@ -76,7 +76,7 @@ class Plan:
             return self.sensors
         axes = dict(zip("xyz", np.eye(3), strict=True))
         move, turn = (
-            partial(Sensor, measures=what, node=TOOL, at=machine.at)
+            partial(Sensor, measures=what, node=TOOL, at=tool_spot(machine).at)
             for what in MEASURES
         )
         return tuple(
@@ -177,6 +177,9 @@ def true_readings(
     planned = [k for k, each in enumerate(RECORDED) if each.is_planned(plan)]
     blocks = [(k, RECORDED[k].measure(bench)) for k in planned]
     keys: list[Codes] = []
+    names = [sensor.name for sensor in channels]
+    order = _swap_channels(machine.instrument, names)
+    blocks = [(k, shown[:, :, order] if k < 2 else shown) for k, shown in blocks]
     for kind, shown in blocks:  # (p, loads, channels)
         loads = range(shown.shape[1]) if RECORDED[kind].is_loaded else (-1,)
         every = [*product(range(p), loads, (kind,), range(c))]
@@ -196,6 +199,17 @@ def true_readings(
     ) in machine.instrument.steps.items():  # the first readings are on line 2
         value = value + jump * (rows.shows(name) & (np.arange(len(value)) + 2 >= line))
     return replace(rows, value=_find_factors(machine.instrument, rows) * value)
+
+
+def _swap_channels(instrument: Instrument, names: Sequence[str]) -> list[int]:
+    """Return the channels (c,) whose numbers stand in the place of each."""
+    order = list(range(len(names)))
+    for first, second in instrument.swaps:
+        if first in names and second in names:
+            i = names.index(first)
+            j = names.index(second)
+            order[i], order[j] = order[j], order[i]
+    return order
 
 
 def _gains(machine: Machine, response: Response, channels: tuple[Sensor, ...]) -> Array:
@@ -233,6 +247,15 @@ def _make_mixing(instrument: Instrument, channels: tuple[Sensor, ...]) -> Array:
 def _true_wrench(instrument: Instrument, stated: Array) -> Array:
     """Return the true wrench (…, 6) at the stated point for a stated wrench."""
     out = instrument.force * stated
+    for first, second in instrument.swaps:
+        if first in WRENCH:
+            columns = [WRENCH.index(first), WRENCH.index(second)]
+            out[..., columns] = out[..., columns[::-1]]
+    size = np.linalg.norm(stated[..., :3], axis=-1, keepdims=True)
+    for value, factor in instrument.weights.items():
+        out = np.where(np.isclose(size, float(value.split()[0])), factor * out, out)
+    mixing = np.linalg.inv(np.eye(3) + instrument.leak)
+    out = np.concatenate([out[..., :3] @ mixing.T, out[..., 3:]], axis=-1)
     moment = np.cross(instrument.application, out[..., :3])
     return np.concatenate([out[..., :3], out[..., 3:] + moment], axis=-1)
 
@@ -254,15 +277,21 @@ def _apply(
 
 
 def _settle_slots(
-    machine: Machine, response: Response, force: Array, *, gaps: bool
+    machine: Machine, response: Response, force: Array, *, gaps: bool, held: bool = True
 ) -> Array:
-    """Return the lost motion (p, m, slots) at slot forces (p, m, slots); see `settle`."""
+    """Return the lost motion (p, m, slots) at slot forces (p, m, slots); see `settle`.
+
+    held: whether friction holds; it does not hold the weight of a robot at rest.
+    """
     p, m, s = force.shape
     own = response.force[:, None, :, response.dead + 1 :]
     coupling = np.broadcast_to(own, (p, m, s, s)).reshape(p * m, s, s)
-    return settle(machine.slots, coupling, force.reshape(p * m, s), gaps=gaps).reshape(
-        p, m, s
-    )
+    slots = [
+        replace(slot, size=0.0) if slot.law == "friction" and not held else slot
+        for slot in machine.slots
+    ]
+    lost = settle(slots, coupling, force.reshape(p * m, s), gaps=gaps)
+    return lost.reshape(p, m, s)
 
 
 def _deflections(
@@ -293,13 +322,16 @@ def _displacements(
     cases[:, :, response.dead] = 1.0
     force = np.einsum("nsc,nmc->nms", response.force, cases)
     cases[:, :, response.dead + 1 :] = _settle_slots(
-        machine, response, force, gaps=True
+        machine, response, force, gaps=True, held=False
     )
     rigid: list[Array] = []
     for s in channels:
         moved = response.shift(Spot(s.node, s.at)) - response.shift(
             Spot(s.node, s.at), s.against
         )
+        if not plan.sensors:
+            turned = response.nominal.rotation[TOOL]
+            moved = moved + (machine.shift.reshape(2, 3) @ turned.mT).reshape(-1, 6)
         rigid.append(_read_channel(machine.instrument, s, moved))
     shift = np.stack(rigid, axis=1) @ _make_mixing(machine.instrument, channels).T
     return shift[:, None] + np.einsum("nkc,nmc->nmk", seen, cases)

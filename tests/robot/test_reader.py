@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
+from stiffscope.robot.file.override import TypedOverride
 from stiffscope.robot.file.sections import AXES
 from stiffscope.robot.library import copy_robot, find_robot, robot_names
 from stiffscope.robot.mechanism_of import mechanism_of
@@ -940,7 +941,7 @@ def test_set_reaches_parts_parameters_joints_bodies_and_copies(read):
         TEXT,
         "arm.radius=20 mm",
         "parameters.th=30 deg",
-        "leg1.motor.drive.stiffness=20 kN*m/rad",
+        "leg1.motor.drive.stiffness=2e4",
         "platform.mass=1 kg",
         "leg2.motor.drive.stiffness=1 kN*m/rad",
         "parts.arm.mesh.size=6mm",
@@ -1152,8 +1153,10 @@ def test_files_that_cannot_be_robots(tmp_path):
         ("delta", "leg2.motor.drive.stiffness=30", "30 kN*m/rad"),
     ],
 )
-def test_a_bare_number_is_refused_where_the_file_states_a_unit(robot, override, unit):
+def test_a_typed_bare_number_is_refused_where_the_file_states_a_unit(
+    robot, override, unit
+):
     with pytest.raises(InputError, match=re.escape(f"such as {unit}")):
-        load_robot(robot, [override])
+        load_robot(robot, [TypedOverride(override)])
     with_unit = override.partition("=")[0] + "=" + unit
     load_robot(robot, [with_unit])
