@@ -12,8 +12,8 @@ from stiffscope.errors import InputError
 from stiffscope.experiments.robot_files import robot_document
 from stiffscope.gap.effects.drives import ActuatorStiffness
 from stiffscope.gap.effects.effect import UNNAMED
-from stiffscope.gap.effects.masses import AddedMass, Gravity, Mass
-from stiffscope.gap.effects.vocabulary import apply_effect
+from stiffscope.gap.effects.masses import Gravity
+from stiffscope.gap.effects.vocabulary import apply_effect, find_kind
 from stiffscope.gap.inference.diagnosis import Parameter
 from stiffscope.runtime import output
 
@@ -111,15 +111,15 @@ def _refusals(
 ) -> Iterator[str]:
     """Yield reasons why effects cannot be adopted. heavy: whether the robot's weight will act."""
     for effect in found:
-        if effect.effect in {AddedMass.word, Mass.word} and not heavy:
+        if effect.effect == UNNAMED:
+            yield f"{effect.place}: fitted together with the effects, but not a known effect"
+            continue
+        if find_kind(effect.effect).weighs and not heavy:
             yield f"{effect.effect} @ {effect.place}: masses count only where gravity is modelled"
             continue
         strange = [n for n, p in effect.parameters.items() if not p.plausible]
         if strange:
             yield f"{effect.effect} @ {effect.place}: {', '.join(strange)} is not plausible"
-            continue
-        if effect.effect == UNNAMED:
-            yield f"{effect.place}: fitted together with the effects, but not a known effect"
             continue
         try:
             apply_effect(bare, effect.effect, effect.place, _values(effect))

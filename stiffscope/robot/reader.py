@@ -57,7 +57,7 @@ def load_robot(
     """
     path = find_robot(name_or_path)
     text = reading.read_text(path, "a robot file in TOML")
-    return read_robot(path, text, overrides, tolerance, require_units=True)
+    return read_robot(path, text, overrides, tolerance)
 
 
 def load_robot_of(
@@ -94,12 +94,7 @@ def load_robot_of(
 
 
 def read_robot(
-    path: Path,
-    text: str,
-    overrides: Sequence[str] = (),
-    tolerance: str | None = None,
-    *,
-    require_units: bool = False,
+    path: Path, text: str, overrides: Sequence[str] = (), tolerance: str | None = None
 ) -> RobotFile:
     """Read a robot from text, as `load_robot` does from a file.
 
@@ -113,9 +108,6 @@ def read_robot(
         Changes of the file, as in `--set`.
     tolerance
         Relative accuracy of the experiments, such as "1 %"; by default as in the file.
-    require_units
-        Whether an override by a bare number is refused where the file states a unit: a person
-        probably means that unit, and SI is a thousand times as much.
     """
     if isinstance(overrides, str):
         raise InputError(
@@ -125,15 +117,14 @@ def read_robot(
     source = Source(path, text, tuple(overrides))
     with source.refusing():
         check_top(data)
-        written = copy.deepcopy(data) if overrides and require_units else {}
+        written = copy.deepcopy(data) if overrides else {}
         changes, of_copies = apply_overrides(data, source, tolerance)
         data, values, tolerances = evaluate(data)
         copied = make_copies(data)
         source.origins.update((name, origin.name) for name, origin in copied.items())
-        for change in changes if require_units else ():
-            check_unit(
-                change, written, source.origins.get(change.key[1], change.key[1])
-            )
+        for change in changes:
+            owner = source.origins.get(change.key[1], change.key[1])
+            check_unit(change, written, owner)
         for override in of_copies:
             value = evaluate_value(override.value, values, override.key)
             assign(data, override.key, value, override.text)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
+from stiffscope.robot.file.override import TypedOverride
 from stiffscope.robot.file.sections import AXES
 from stiffscope.robot.library import copy_robot, find_robot, robot_names
 from stiffscope.robot.mechanism_of import mechanism_of
@@ -125,7 +126,11 @@ def test_units_expressions_and_defaults(read):
     assert robot.bodies["leg1.arm"].tip == pytest.approx(
         (0.18 + 0.22 * np.cos(np.radians(25)), 0, robot.parameters["z"])
     )
-    assert robot.parts["arm"].lengths()["length"] == robot.parameters["a"] == 0.22
+    assert (
+        robot.parts["arm"].parameters().lengths()["length"]
+        == robot.parameters["a"]
+        == 0.22
+    )
     drive = robot.joints["leg1.motor"].drive
     assert (drive.stiffness, *drive.range) == pytest.approx(
         (24e3, *np.radians([-60, 80]))
@@ -936,7 +941,7 @@ def test_set_reaches_parts_parameters_joints_bodies_and_copies(read):
         TEXT,
         "arm.radius=20 mm",
         "parameters.th=30 deg",
-        "leg1.motor.drive.stiffness=20 kN*m/rad",
+        "leg1.motor.drive.stiffness=2e4",
         "platform.mass=1 kg",
         "leg2.motor.drive.stiffness=1 kN*m/rad",
         "parts.arm.mesh.size=6mm",
@@ -946,7 +951,7 @@ def test_set_reaches_parts_parameters_joints_bodies_and_copies(read):
         "strut.mass= = 2.0*a",
         "map.x=[0, 0.1]",
     )
-    assert robot.parts["arm"].lengths()["radius"] == 0.02
+    assert robot.parts["arm"].parameters().lengths()["radius"] == 0.02
     assert robot.bodies["leg1.arm"].tip[2] == pytest.approx(-0.11)
     stiffness = [robot.joints[f"leg{i}.motor"].drive.stiffness for i in (1, 2, 3)]
     assert stiffness == [
@@ -1055,7 +1060,7 @@ def test_biglide_has_tables_1_to_4_of_the_paper():
         "K_ac": 1.27e7,
     }
     assert given == pytest.approx(expected)
-    assert robot.parts["link"].lengths() == pytest.approx(
+    assert robot.parts["link"].dimensions() == pytest.approx(
         {
             "length": 0.5,
             "radius": 0.0125,
@@ -1065,7 +1070,8 @@ def test_biglide_has_tables_1_to_4_of_the_paper():
         }
     )
     assert [
-        robot.parts["slider"].lengths()[key] for key in ("depth", "width", "thickness")
+        robot.parts["slider"].parameters().lengths()[key]
+        for key in ("depth", "width", "thickness")
     ] == [0.085, 0.32, 0.02]
     assert (robot.parts["link"].mass, robot.bodies["platform"].mass) == (1.95, 7.93)
     steel = robot.material("link")
@@ -1147,8 +1153,10 @@ def test_files_that_cannot_be_robots(tmp_path):
         ("delta", "leg2.motor.drive.stiffness=30", "30 kN*m/rad"),
     ],
 )
-def test_a_bare_number_is_refused_where_the_file_states_a_unit(robot, override, unit):
+def test_a_typed_bare_number_is_refused_where_the_file_states_a_unit(
+    robot, override, unit
+):
     with pytest.raises(InputError, match=re.escape(f"such as {unit}")):
-        load_robot(robot, [override])
+        load_robot(robot, [TypedOverride(override)])
     with_unit = override.partition("=")[0] + "=" + unit
     load_robot(robot, [with_unit])

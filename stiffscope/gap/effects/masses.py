@@ -59,6 +59,7 @@ class Mass(Effect):
 
     word = "mass"
     precedence = 25
+    weighs = True
     adoptable = True
     parameters = (Parameter("factor", "1", 0.2, 0.3, 3.0),)
     conversion = GROWTH
@@ -130,6 +131,7 @@ class AddedMass(Effect):
 
     word = "payload"
     precedence = 20
+    weighs = True
     adoptable = True
     parameters = (
         Parameter("mass", "kg", 0.2, 0.0, 3.0),

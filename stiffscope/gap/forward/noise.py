@@ -11,13 +11,11 @@ from scipy.special import chdtri  # pyright: ignore[reportMissingTypeStubs, repo
 
 from stiffscope.gap.campaign.copies import find_copies
 from stiffscope.gap.campaign.scatter import SCATTER, find_scatter
-from stiffscope.gap.effects.instruments import SensorSign, Unit
-from stiffscope.gap.effects.joints import JointAxis
 from stiffscope.gap.forward.forward_model import Noise
 
 if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign
-    from stiffscope.gap.forward.forward_model import ForwardModel
+    from stiffscope.gap.forward.forward_model import Candidate, ForwardModel
     from stiffscope.runtime.types import Array, Flags, Indices
 
 
@@ -31,10 +29,6 @@ LARGEST = 1000  # most readings used for the initial guess of unknown noise
 FRACTIONS = np.geomspace(1e-5, 2.0, 80)  # candidate ratios of noise to gap
 
 
-_DOUBTED = {
-    Unit.word,
-    SensorSign.word,
-}  # if suspected, assumed present for the noise estimate
 _LEAST_FREE = 1e-6  # least share of a reading's variance that a joint fit leaves
 _ALIKE = 4.0  # readings as which it counts that noise is alike in a unit, and in all
 _USUAL = 0.01
@@ -46,7 +40,8 @@ UNSURE = np.geomspace(
     0.3, 10.0, 24
 )  # factors on the first estimate, which all effects share
 _EFFICIENCY = 0.5  # of the robust scatter: share of the degrees of freedom that it uses
-_MOST = 0.4  # most columns per reading in the joint fit
+_MOST = 0.4  # of the readings: degrees of freedom beyond which axes give way
+_ENOUGH = 0.5  # of the readings: beyond, a joint fit of all effects shows no outliers
 
 
 @dataclass(frozen=True)
@@ -81,23 +76,24 @@ def noise_of(model: ForwardModel) -> Noise:
     """
     campaign = model.campaign
     prediction = model.predict(
-        tuple((c, ()) for c in model.library if c.effect in _DOUBTED)
+        tuple((c, ()) for c in model.library if c.assumed and not c.scale)
     )
-    joint = [c for c in model.library if c.scale and not (c.flexible or c.swarming)]
-    if sum(len(c.scale) for c in joint) > _MOST * len(
-        campaign
-    ):  # axes fit almost anything
-        joint = [c for c in joint if c.effect != JointAxis.word]
-    x = np.hstack([prediction.columns(c) * np.array(c.scale) for c in joint])
+    joint = [c for c in model.library if c.scale and _joins(c)]
     gap = campaign.value - prediction.values
     unknown = np.isnan(campaign.sigma)
     once = find_copies(campaign)[0]
-    guess = _first_guess(campaign, gap, x, np.flatnonzero(once))
-    sigma = np.where(unknown, guess, campaign.sigma)
+    for chosen in (joint, [c for c in joint if not c.gives_way]):
+        x = np.hstack([prediction.columns(c) * np.array(c.scale) for c in chosen])
+        guess = _first_guess(campaign, gap, x, np.flatnonzero(once))
+        sigma = np.where(unknown, guess, campaign.sigma)
+        freedom = _count_freedom(x / sigma[:, None])
+        if freedom <= _MOST * len(gap):
+            break
     none = np.zeros(len(gap), dtype=np.bool_)
     noise = Noise(sigma, once, none, np.ones(1))
-    if len(gap) <= 2 * x.shape[1] and not unknown.any():
-        return noise
+    if freedom > _ENOUGH * len(gap) and not unknown.any():
+        count = f"{len(gap)} readings for {freedom:.0f} unknowns of the possible causes"
+        return replace(noise, remarks=(f"{count}: outliers were not sought",))
     fit = _Fit(np.zeros(len(gap)), np.ones(len(gap)))
     columns = _Columns(LOOSE * x / sigma[:, None])
     for _ in range(PASSES):
@@ -120,6 +116,22 @@ def noise_of(model: ForwardModel) -> Noise:
         remarks = (*noise.remarks, remark)
         return replace(noise, scaled=unknown, factors=UNSURE, remarks=remarks)
     return _add_remarks(campaign, noise, fit, once)
+
+
+def _joins(candidate: Candidate) -> bool:
+    """Return whether an effect is among those that are fitted together."""
+    return candidate.joins_noise and not (candidate.flexible or candidate.swarming)
+
+
+def _count_freedom(columns: Array) -> float:
+    """Return the degrees of freedom that columns (n, k), in sigmas, take from the readings.
+
+    Columns that repeat others, or that readings do not show, take none: how many effects there are
+    in the library does not count.
+    """
+    small = columns if columns.shape[1] < len(columns) else columns.T
+    size = np.linalg.eigvalsh(LOOSE**2 * small.T @ small).clip(min=0.0)
+    return float(np.sum(size / (size + 1.0)))
 
 
 def _first_guess(c: Campaign, gap: Array, x: Array, rows: Indices) -> Array:

@@ -270,6 +270,8 @@ class RobotAtPoses:
         out = np.ones(self.cases, dtype=np.bool_)
         for k, load in enumerate(c.loads):
             acts = (np.nan_to_num(c.wrench[c.load == k]) != 0.0).any(axis=0)
+            if self._firm and acts[:3].any():
+                acts[:3] = True  # a leak of the force sensor has the others
             if self._firm and load.body == self.mechanism.tool.body:
                 acts[3:] |= [acts[:3][np.arange(3) != axis].any() for axis in range(3)]
             out[self.load_cases(k)] = acts
@@ -350,11 +352,12 @@ class RobotAtPoses:
         """What predicts the readings, with the rows (m,) of which it does."""
         kind = self.campaign.kind
         served: dict[Predictor, list[int]] = {}
-        for number in np.unique(kind).tolist():
+        numbers: list[int] = np.unique(kind).tolist()
+        for number in numbers:
             served.setdefault(KINDS[number].predictor, []).append(number)
         return tuple(
-            (predictor, np.flatnonzero(np.isin(kind, numbers)))
-            for predictor, numbers in served.items()
+            (predictor, np.flatnonzero(np.isin(kind, own)))
+            for predictor, own in served.items()
         )
 
 

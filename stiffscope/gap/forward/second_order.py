@@ -111,7 +111,7 @@ class _Equilibria:
         """Distinct states (s, 8) of pose, load and wrench; those of readings (m,) and at rest."""
         r = self.readings
         c = r.campaign
-        wrench = r.force_scale * np.nan_to_num(c.wrench[self.rows])
+        wrench = r.force_scale * r.true_wrench[self.rows]
         pulled = c.kind[self.rows] != DEVIATION
         keys = np.column_stack([c.pose[self.rows], c.load[self.rows], wrench])
         keys[~pulled, 1:] = 0.0

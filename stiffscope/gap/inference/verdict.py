@@ -51,7 +51,7 @@ def judge_findings(found: Findings) -> Judgement:
     none = found.none
     wrong = {c.name: implausible(c, found.best) for c in best.words}
     strange = [text for texts in wrong.values() for text in texts]
-    unnamed = sorted(c.place for c in best.candidates if c.is_nuisance)
+    unnamed = sorted(c.describe(v) for c, v in best.parameters if c.is_nuisance)
     if unnamed:
         strange.append(
             f"the readings follow {', '.join(unnamed)}, outside the known effects"

@@ -53,13 +53,20 @@ _STATED = re.compile(
 )
 
 
+class TypedOverride(str):
+    """An override that a person has typed, rather than a program that computes in SI."""
+
+    __slots__ = ()
+
+
 @dataclass(frozen=True)
 class Override:
-    """A value for a key, and the text of the override."""
+    """A value for a key, the text of the override, and whether a person typed it."""
 
     key: tuple[str, ...]
     value: Any
     text: str
+    is_typed: bool = False
 
 
 def apply_overrides(
@@ -105,7 +112,9 @@ def apply_overrides(
 
 
 def check_unit(change: Override, written: Mapping[str, Any], owner: str) -> None:
-    """Raise InputError for a bare number where the file states a number with a unit.
+    """Raise InputError for a typed bare number where the file states a number with a unit.
+
+    A person probably means that unit, and SI is a thousand times as much.
 
     Parameters
     ----------
@@ -116,7 +125,8 @@ def check_unit(change: Override, written: Mapping[str, Any], owner: str) -> None
     owner
         Name of the entry that states the value: of a copy, its original.
     """
-    if isinstance(change.value, bool) or not isinstance(change.value, int | float):
+    is_number = type(change.value) in {int, float}
+    if not change.is_typed or not is_number:
         return
     stated: Any = written
     for part in (change.key[0], owner, *change.key[2:]):
@@ -180,7 +190,8 @@ def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
     ):
         ways = f"bodies.{name} or joints.{name}"
         raise InputError(f"--set {text}: expected {ways}, got {name}, which both have")
-    return Override((fitting or found)[0], value, f"--set {text}")
+    is_typed = isinstance(text, TypedOverride)
+    return Override((fitting or found)[0], value, f"--set {text}", is_typed)
 
 
 def _ways(name: str, known: Iterable[str]) -> list[tuple[str, ...]]:
