@@ -133,10 +133,10 @@ def fit_drives(source: Path) -> tuple[Array, float, float, float]:
     angles, wrench, moved = read_cases(source.read_text(encoding="utf-8"))
     columns = np.array([_columns(q, w) for q, w in zip(angles, wrench, strict=True)])
 
-    def fit(chosen: Array) -> Array:
+    def fit(chosen: NDArray[np.int64]) -> Array:
         return nnls(columns[chosen].reshape(-1, 6), moved[chosen].ravel())[0]
 
-    every = np.arange(len(angles))
+    every = np.arange(len(angles), dtype=np.int64)
     found = fit(every)
     left_out = [moved[k] - columns[k] @ fit(every[every != k]) for k in every]
     sizes = (moved, moved - columns @ found, np.array(left_out))

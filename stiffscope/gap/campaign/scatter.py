@@ -64,7 +64,7 @@ def find_scatter(campaign: Campaign, rows: Indices, size: Array) -> tuple[float,
         mean = np.bincount(which, value[mine]) / np.bincount(which)
         squares += float(np.sum((value[mine] - mean[which]) ** 2))
         count += len(mine) - len(steps)
-        left, spare = _leave_smooth(steps, mean, np.bincount(which))
+        left, spare = _leave_smooth(steps, mean, np.bincount(which).astype(float))
         squares += left
         count += spare
     return squares, count

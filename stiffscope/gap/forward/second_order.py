@@ -113,7 +113,8 @@ class _Equilibria:
         c = r.campaign
         wrench = r.force_scale * r.true_wrench[self.rows]
         pulled = c.kind[self.rows] != DEVIATION
-        keys = np.column_stack([c.pose[self.rows], c.load[self.rows], wrench])
+        named = np.column_stack([c.pose[self.rows], c.load[self.rows]])
+        keys: Array = np.hstack([named.astype(float), wrench])
         keys[~pulled, 1:] = 0.0
         rest = np.zeros_like(keys)
         rest[:, 0] = keys[:, 0]
