@@ -172,7 +172,7 @@ def _add_base(writer: Writer, base: Element) -> None:
     frame = Frame(base.axes, base.at)
     if base.factor.size or base.offset is not None:
         body, place = _add_body(writer, FOOT[1:-1], GROUND, frame, base.offset)
-        _add_bearing(writer, body, "base", frame, base.compliance)
+        _add_bearing(writer, body, "base", IDENTITY, base.compliance)
         _set_mass(body, 0.0, np.zeros(3), None, place)
         writer.places[FOOT] = body, place
 
@@ -183,7 +183,7 @@ def _add_tool(writer: Writer, mechanism: Mechanism, tool: Element) -> None:
     carrier = mechanism.tool.body
     if tool.factor.size or tool.offset is not None:
         body, place = _add_body(writer, f"{SITE}:end", carrier, frame, tool.offset)
-        _add_bearing(writer, body, "grip", frame, tool.compliance)
+        _add_bearing(writer, body, "grip", IDENTITY, tool.compliance)
         _set_mass(body, 0.0, np.zeros(3), None, place)
         writer.places[END] = body, place
         carrier = END
