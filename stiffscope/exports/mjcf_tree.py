@@ -42,9 +42,6 @@ MASSLESS = (
     1e-10  # kg, and kg·m²: of bodies that carry none; MuJoCo has no bodies without
 )
 SITE = "tool"
-_UNKNOWN = (
-    1e-3  # moment of inertia of a body that has none, over mass times squared size
-)
 
 
 @dataclass(frozen=True)
@@ -66,8 +63,10 @@ class Tuning:
         closes a loop, by joint and node; between a hundredth of ``rigid`` and ``rigid``.
     share
         Of the compliance next to a cut joint that the closure takes, at most.
+    unknown
+        Moment of inertia of bodies that have none, over mass times squared size.
     idle
-        Inertia of the joints of bodies that have no mass or inertia, kg.
+        Inertia of the joints of bodies that have no mass, kg.
     """
 
     highest: float
@@ -75,6 +74,7 @@ class Tuning:
     smallest: Array
     rigid: float
     share: float
+    unknown: float
     idle: float
     needed: Mapping[tuple[str, str], Array] = field(default_factory=dict)
 
@@ -103,7 +103,6 @@ class Writer:
     places: dict[str, tuple[ET.Element, Frame]] = field(default_factory=dict)
     coordinates: list[Coordinate] = field(default_factory=list)
     commands: list[tuple[str, str]] = field(default_factory=list)
-    closures: int = 0
 
     def __post_init__(self) -> None:
         self.world = ET.SubElement(self.root, "worldbody")
@@ -159,6 +158,9 @@ def _fold_drive(element: Element) -> Element:
     assert along is not None  # noqa: S101
     more = float(joint.compliance[along, along])
     rest = joint.compliance.copy()
+    coupled = np.delete(rest[along], along)
+    if coupled.any():
+        return element
     rest[along] = 0.0
     rest[:, along] = 0.0
     drive = joint.drive.add_compliance(more) if more else joint.drive
@@ -320,37 +322,34 @@ def _add_branch(
     compliance = joint.compliance
     yields = compliance is not None and compliance.any()
     between = f"{joint.name}:bearing"
-    if branch.forward:
-        offset = element.offset
-        if yields or offset is not None:
-            middle, place = _add_body(writer, between, parent, frame, offset)
-            if yields:
-                _add_bearing(writer, middle, between, IDENTITY, compliance)
-            _set_mass(middle, 0.0, place.origin(), None, place)
-            writer.places[between] = middle, place
-            parent = between
+    sign = 1.0 if branch.forward else -1.0
+    offset = element.offset
+    if offset is not None and not branch.forward:
+        offset = -offset
+    if not yields and offset is None:
         entered, place = _add_body(writer, branch.node, parent, home)
-        _add_motions(writer, entered, place, joint, element, 1.0, extra)
+        _add_motions(writer, entered, place, joint, element, sign, extra)
     else:
-        offset = None if element.offset is None else -element.offset
-        if yields or offset is not None:
-            middle, place = _add_body(writer, between, parent, frame)
-            _add_motions(writer, middle, place, joint, element, -1.0, extra)
+        # A bearing has the axes of the first body and its place on the second: it slides, but
+        # does not turn, with the joint.
+        before, after = ("P", "RS") if branch.forward else ("RS", "P")
+        if any(kind in before for kind, _ in joint.motions):
+            middle, place = _add_body(writer, f"{joint.name}:between", parent, frame)
+            _add_motions(writer, middle, place, joint, element, sign, extra, before)
             _set_mass(middle, 0.0, place.origin(), None, place)
-            writer.places[between] = middle, place
-            entered, place = _add_body(
-                writer, branch.node, between, home, offset, frame
-            )
-            if yields:
-                local = relative(home, frame)
-                _add_bearing(writer, entered, between, local, compliance)
-        else:
-            entered, place = _add_body(writer, branch.node, parent, home)
-            _add_motions(writer, entered, place, joint, element, -1.0, extra)
+            parent = f"{joint.name}:between"
+            writer.places[parent] = middle, place
+        middle, place = _add_body(writer, between, parent, frame, offset)
+        if yields:
+            _add_bearing(writer, middle, between, IDENTITY, compliance)
+        _set_mass(middle, 0.0, place.origin(), None, place)
+        writer.places[between] = middle, place
+        entered, place = _add_body(writer, branch.node, between, home)
+        _add_motions(writer, entered, place, joint, element, sign, extra, after)
     writer.places[branch.node] = entered, place
     if body.elastic is None:
         centre = element.at if body.centre is None else body.centre
-        least = _UNKNOWN * body.mass * _measure(mechanism, body) ** 2
+        least = writer.tuning.unknown * body.mass * _measure(mechanism, body) ** 2
         _set_mass(entered, body.mass, centre, body.inertia, place, least)
         return
     _add_elastic(writer, body, end, taken)
@@ -371,7 +370,7 @@ def _lacking_inertia(
             return 0.0, 0.0
         points = body.elastic.places
         size = float(np.ptp(points, axis=0).max())
-        return 0.0, 0.1 * _UNKNOWN * max(body.mass, tuning.idle) * size**2
+        return 0.0, 0.1 * tuning.unknown * max(body.mass, tuning.idle) * size**2
     if body.mass > 0.0:
         return 0.0, 0.0
     return tuning.idle, tuning.idle * _measure(mechanism, body) ** 2
@@ -392,8 +391,9 @@ def _add_motions(
     element: Element,
     sign: float,
     extra: tuple[float, float],
+    kinds: str = "PRS",
 ) -> None:
-    """Add a joint's free motions to a body, with its drive or spring.
+    """Add a joint's free motions of some kinds to a body, with its drive or spring.
 
     ``extra``: armature of translations, kg, and rotations, kg·m².
     """
@@ -401,6 +401,8 @@ def _add_motions(
     at = numbers(back @ (element.at - place.origin()))
     motions = list(enumerate(element.joint.motions))
     for index, (kind, axis) in motions if sign > 0.0 else motions[::-1]:
+        if kind not in kinds:
+            continue
         several = len(motions) > 1
         name = f"{joint.name}:{index + 1}" if several else joint.name
         out = ET.SubElement(body, "joint", name=name, pos=at)
@@ -645,19 +647,21 @@ def _add_closure(
     frame = Frame(element.axes, element.at)
     offset = element.offset
     compliance = element.joint.compliance
-    if compliance is not None or offset is not None:
-        name = f"{joint.name}:bearing"
-        middle, place = _add_body(writer, name, first, frame, offset)
-        if compliance is not None:
+    slides = any(kind == "P" for kind, _ in element.joint.motions)
+    steps = ["bearing", "moved"] if not slides else ["moved", "bearing"]
+    needed = {
+        "bearing": compliance is not None or offset is not None,
+        "moved": closure.moved > 0,
+    }
+    for step in filter(needed.get, steps):
+        name = f"{joint.name}:{step}"
+        shifted = offset if step == "bearing" else None
+        middle, place = _add_body(writer, name, first, frame, shifted)
+        if step == "moved":
+            _add_moved(writer, middle, joint, element, closure)
+        elif compliance is not None:
             lost = closure.compliance if closure.end == -1 else 0.0
             _add_bearing(writer, middle, name, IDENTITY, compliance - lost)
-        _set_mass(middle, 0.0, place.origin(), None, place)
-        writer.places[name] = middle, place
-        first = name
-    if closure.moved:
-        name = f"{joint.name}:moved"
-        middle, place = _add_body(writer, name, first, frame)
-        _add_moved(writer, middle, joint, element, closure)
         _set_mass(middle, 0.0, place.origin(), None, place)
         writer.places[name] = middle, place
         first = name
@@ -666,7 +670,6 @@ def _add_closure(
         axes = Frame(writer.places[closure.side][1].matrix(), element.at)
         if closure.side == second:
             first, second = second, first
-    writer.closures += 1
     for number, (along, direction, stiffness) in enumerate(
         hold_points(closure.stiffness), start=1
     ):

@@ -106,6 +106,16 @@ def test_robots_of_rigid_and_massless_struts_do_too(name, tmp_path):
     check(tmp_path, order(load_robot(FILES / f"{name}.toml")))
 
 
+def test_a_guide_yields_where_its_carriage_stands(tmp_path):
+    text = ARM.format(drive='drive = { stiffness = "50 N/um" }')
+    text = text.replace("revolute", "prismatic").replace("[0, 1, 0]", "[0, 0, 1]")
+    guide = 'compliance = { radial = "0.02 um/N", tilting = "10 urad/(N*m)" }'
+    text = text.replace("[tool]", f"{guide}\n[tool]")
+    path = tmp_path / "slide.toml"
+    path.write_text(text.replace("home = [0]", 'home = [0]\nup = ["300 mm"]'))
+    check(tmp_path, order(load_robot(path)))
+
+
 def test_a_model_settles_at_its_own_time_step(tmp_path):
     wanted = order(load_robot("serial-arm"), ["home"])
     model, data, export = load(tmp_path, wanted)
