@@ -12,6 +12,7 @@ import numpy as np
 from stiffscope.exports.floating_body import (
     clamped_stiffness,
     diagonalize,
+    elastic_of,
     float_body,
 )
 from stiffscope.exports.frames import compose, displacement, relative
@@ -141,7 +142,7 @@ def write_tree(mechanism: Mechanism, name: str, tuning: Tuning) -> Writer:
         element = elements[branch.joint.name]
         if lost and branch.joint.drive is not None:
             stiffer = branch.joint.drive.add_compliance(-sum(lost))
-            element = replace(element, joint=replace(element.joint, drive=stiffer))
+            element = replace(element, joint=replace(_joint_of(element), drive=stiffer))
         _add_branch(writer, mechanism, branch, element, taken)
     for joint, closure in zip(tree.cuts, closures, strict=True):
         _add_closure(writer, joint, elements[joint.name], closure)
@@ -166,6 +167,13 @@ def _fold_drive(element: Element) -> Element:
     drive = joint.drive.add_compliance(more) if more else joint.drive
     bearing = rest if rest.any() else None
     return replace(element, joint=replace(joint, drive=drive, compliance=bearing))
+
+
+def _joint_of(element: Element) -> Joint:
+    """Return the joint of a joint's element, displaced if it is."""
+    if element.joint is None:
+        raise TypeError(f"{element.name} is no joint")
+    return element.joint
 
 
 def _add_base(writer: Writer, base: Element) -> None:
@@ -311,22 +319,24 @@ def _add_branch(
 ) -> None:
     """Add a joint and the body to which it leads."""
     parent = FOOT if branch.parent == GROUND else branch.parent
-    joint = element.joint
+    joint = _joint_of(element)
     body = mechanism.body(branch.body)
     frame = Frame(element.axes, element.at)
     home = Frame(np.eye(3), element.at)
+    end = 0
     if body.elastic is not None:
         end = body.nodes.index(branch.node)
         home = Frame(body.elastic.axes, body.elastic.places[end])
     extra = _lacking_inertia(mechanism, body, tuning=writer.tuning)
     compliance = joint.compliance
-    yields = compliance is not None and compliance.any()
+    if compliance is not None and not compliance.any():
+        compliance = None
     between = f"{joint.name}:bearing"
     sign = 1.0 if branch.forward else -1.0
     offset = element.offset
     if offset is not None and not branch.forward:
         offset = -offset
-    if not yields and offset is None:
+    if compliance is None and offset is None:
         entered, place = _add_body(writer, branch.node, parent, home)
         _add_motions(writer, entered, place, joint, element, sign, extra)
     else:
@@ -340,7 +350,7 @@ def _add_branch(
             parent = f"{joint.name}:between"
             writer.places[parent] = middle, place
         middle, place = _add_body(writer, between, parent, frame, offset)
-        if yields:
+        if compliance is not None:
             _add_bearing(writer, middle, between, IDENTITY, compliance)
         _set_mass(middle, 0.0, place.origin(), None, place)
         writer.places[between] = middle, place
@@ -399,7 +409,7 @@ def _add_motions(
     """
     back = place.matrix().T
     at = numbers(back @ (element.at - place.origin()))
-    motions = list(enumerate(element.joint.motions))
+    motions = list(enumerate(_joint_of(element).motions))
     for index, (kind, axis) in motions if sign > 0.0 else motions[::-1]:
         if kind not in kinds:
             continue
@@ -468,8 +478,7 @@ def _add_elastic(
     writer: Writer, body: Body, root: int, taken: Mapping[int, Array]
 ) -> None:
     """Add an elastic body's mean axes, further ends and springs to its root end."""
-    elastic = body.elastic
-    assert elastic is not None  # noqa: S101
+    elastic = elastic_of(body)
     tuning = writer.tuning
     chain = float_body(body, root, taken, tuning.smallest, tuning.highest)
     nodes = [body.nodes[k] for k in chain.order]
@@ -517,8 +526,7 @@ def _add_elastic(
 
 def _displace_ends(body: Body, root: int) -> Array:
     """Return the twists (n, 6) of unloaded ends relative to the root, in part axes."""
-    elastic = body.elastic
-    assert elastic is not None  # noqa: S101
+    elastic = elastic_of(body)
     out = np.zeros((len(elastic.ends), 6))
     if elastic.offset is None:
         return out
@@ -549,7 +557,7 @@ def _close_loops(
         frame = closure_frame(element)
         kind = "fixed" if is_loaded(joint) else joint.kind
         moved = len(joint.motions) if is_loaded(joint) else count_moved(kind)
-        own = element.joint.compliance
+        own = _joint_of(element).compliance
         if own is not None and own.any():
             local = _invert_used(own)
             stiffness = close_loop(kind, local, tuning.rigid, tuning.share)
@@ -559,7 +567,7 @@ def _close_loops(
         if side is None:
             driven = struts.get(joint.second) or struts.get(joint.first)
             least = tuning.rigid
-            if driven is not None:
+            if driven is not None and driven.drive is not None:
                 least = max(least, driven.drive.stiffness / tuning.share)
             stiffness = close_loop(kind, None, least, tuning.share)
             lost = np.zeros((6, 6))
@@ -574,11 +582,11 @@ def _close_loops(
         root = body.nodes.index(roots[body.name])
         whole = clamped_stiffness(body, root, tuning.smallest)
         row = 6 * (end - (end > root))
-        part = Frame(body.elastic.axes, body.elastic.places[end])
+        part = Frame(elastic_of(body).axes, elastic_of(body).places[end])
         ball = not is_loaded(joint) and joint.type.is_ball
-        least = tuning.rigid
+        least: float | Array = tuning.rigid
         if ball:
-            frame = Frame(body.elastic.axes, element.at)
+            frame = Frame(elastic_of(body).axes, element.at)
             needed = tuning.needed.get((joint.name, side), least)
             least = np.clip(needed, 0.01 * tuning.rigid, tuning.rigid)
         carry = relative(part, frame).adjoint()
@@ -630,7 +638,7 @@ def _invert_used(compliance: Array) -> Array:
 
 def closure_frame(element: Element) -> Frame:
     """Return the axes of a closure at home: of a universal joint, x is along its second axis."""
-    joint = element.joint
+    joint = _joint_of(element)
     if joint.cross is None:
         return Frame(element.axes, element.at)
     first, second = joint.cross
@@ -646,8 +654,8 @@ def _add_closure(
     )
     frame = Frame(element.axes, element.at)
     offset = element.offset
-    compliance = element.joint.compliance
-    slides = any(kind == "P" for kind, _ in element.joint.motions)
+    compliance = _joint_of(element).compliance
+    slides = any(kind == "P" for kind, _ in _joint_of(element).motions)
     steps = ["bearing", "moved"] if not slides else ["moved", "bearing"]
     needed = {
         "bearing": compliance is not None or offset is not None,
@@ -699,7 +707,7 @@ def _add_moved(
         extra = (float(held[:3].max()) / fastest, float(held[3:].max()) / fastest)
         _add_motions(writer, body, place, joint, element, 1.0, extra)
         return
-    for index, (kind, axis) in enumerate(element.joint.motions[: closure.moved]):
+    for index, (kind, axis) in enumerate(_joint_of(element).motions[: closure.moved]):
         name = f"{joint.name}:{index + 1}"
         out = ET.SubElement(body, "joint", name=name, axis=numbers(back @ axis))
         out.set("type", "hinge" if kind == "R" else "slide")
