@@ -12,6 +12,7 @@ from stiffscope.errors import InputError
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.sections import RigidBody
 from stiffscope.robot.part_matrices import known_mass, part_sources
+from stiffscope.vjm.model.mechanism import COORDINATES, DIAGONAL
 from stiffscope.vjm.statics import analysis as statics
 from stiffscope.vjm.vibration.modes import frequencies
 
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
 MOST_MODES = 12  # number of modes computed, including free motions
 FREE = 1e-3  # Hz; lower modes are free motions
-_AXES = ("x", "y", "z", "rx", "ry", "rz")
 _ENTRY = {
     "K": (("N/m", "N"), ("N", "N*m/rad")),
     "C": (("m/N", "1/N"), ("1/N", "rad/(N*m)")),
@@ -39,8 +39,10 @@ _TAKE: dict[str, Callable[[np.ndarray], Any]] = {
     "worst": lambda each: np.max(np.abs(each)),
     "rms": lambda each: np.sqrt(np.mean(each**2)),
 }
-ALONG_PATH: tuple[str, ...] = ("error", "normal", "along", "binormal")
-"""Size of the error on a path and its parts, m."""
+CRITICAL = "critical_depth"
+"""Depth of cut, m, that is stable at all speeds of the job's range."""
+ALONG_PATH: tuple[str, ...] = ("error", "normal", "along", "binormal", CRITICAL)
+"""Size of the error on a path and its parts, and stable depth of cut, m."""
 
 
 @dataclass(frozen=True)
@@ -77,15 +79,14 @@ class Response:
 def _entries() -> dict[str, tuple[str, int, int, str]]:
     """Return matrix, row, column and unit of the entries of K and C by name."""
     found = {}
-    for i, axis in enumerate(_AXES):
-        name = axis if axis[0] == "r" else f"t{axis}"
-        found[f"K_{name}"] = ("K", i, i, _ENTRY["K"][i // 3][i // 3])
+    for i, name in enumerate(DIAGONAL):
+        found[name] = ("K", i, i, _ENTRY["K"][i // 3][i // 3])
     for matrix, units in _ENTRY.items():
         for i in range(6):
             for j in range(6):
                 found[f"{matrix}{i + 1}{j + 1}"] = (matrix, i, j, units[i // 3][j // 3])
-    found |= {f"k{axis}": found[f"K{i + 1}{i + 1}"] for i, axis in enumerate(_AXES)}
-    return found
+    short = zip(COORDINATES, DIAGONAL, strict=True)
+    return found | {f"k{axis}": found[name] for axis, name in short}
 
 
 ENTRIES = _entries()
@@ -114,8 +115,13 @@ def known_units(robot: RobotFile) -> dict[str, str]:
 
 
 def worst_of(quantity: str) -> str:
-    """Return the worst case over poses: "least" for stiffness and frequency, else "greatest"."""
-    return "least" if re.match(r"(K|k|f)", quantity.rpartition(".")[2]) else "greatest"
+    """Return the worst case over poses: "least" for stiffness, frequency and stable depth.
+
+    Of other quantities it is "greatest".
+    """
+    name = quantity.rpartition(".")[2]
+    least = name == CRITICAL or re.match(r"(K|k|f)", name)
+    return "least" if least else "greatest"
 
 
 def of_modes(quantity: str) -> bool:

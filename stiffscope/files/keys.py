@@ -150,10 +150,12 @@ def all_keys() -> dict[str, dict[str, list[Key]]]:
     for name, parameters in EFFECTS.items():
         said = ", ".join(f"{parameter} ({unit})" for parameter, unit in parameters[:9])
         campaign["effects"].append(Key(name, said or "no parameters"))
-    others = {}
-    for each in slices().values():
+    others = dict[str, dict[str, list[Key]]]()
+    # a file's own sections stand before those that other slices add to it
+    ordered = sorted(slices().values(), key=lambda each: bool(each.sections))
+    for each in ordered:
         for kind, tables in each.keys:
-            others[kind] = _section_keys(kind, load(tables))
+            others.setdefault(kind, {}).update(_section_keys(kind, load(tables)))
     return {"robot": _robot_keys(), **others, "campaign": campaign}
 
 

@@ -238,6 +238,19 @@ class Drive:
         law = self._find_law()
         return replace(self, law=Law(law.starts + 0.5 * backlash, law.slopes))
 
+    def bend_at(self, load: float, below: float, beyond: float) -> Drive:
+        """Return the drive with its stiffness multiplied by one factor up to a load and another beyond.
+
+        Raises InputError for a nonlinear drive.
+        """
+        if self.law is not None:
+            raise InputError(
+                "expected a linear drive, got one with a curve or backlash"
+            )
+        slopes = self.stiffness * np.array([below, beyond])
+        law = Law(np.array([0.0, load / slopes[0]]), slopes)
+        return replace(self, stiffness=float(slopes[0]), law=law)
+
     def add_compliance(self, compliance: float) -> Drive:
         """Add a compliance in series, which may be negative. Raises InputError if none is left."""
         law = self._find_law().add_compliance(compliance)

@@ -120,7 +120,9 @@ class Campaign:
 
     robot: str | None
     """Name of a bundled robot, or path of a robot file as written; None with predictions."""
-    modelled: tuple[str, ...]
+    modelled: tuple[str, ...] | None
+    """Effects that the nominal model carries; None: own weight where the robot has it,
+    until the robot is known (`match_robot`)."""
     components: str | None
     """Source of the matrices of rods and plates; None: as in the robot file."""
     pose_names: tuple[str, ...]
@@ -185,6 +187,11 @@ class Campaign:
     def __len__(self) -> int:
         """Return the number of readings."""
         return len(self.value)
+
+    @property
+    def is_weighed(self) -> bool:
+        """Whether the nominal model carries the robot's own weight."""
+        return "gravity" in (self.modelled or ())
 
     def select(self, rows: Indices) -> Campaign:
         """Return the campaign with some of its readings (r,)."""

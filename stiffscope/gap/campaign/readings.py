@@ -289,6 +289,7 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
         and loads that are not on its bodies.
     """
     _check_bodies(campaign, robot)
+    campaign = _state_weight(campaign, robot)
     if len(campaign.poses) > MOST_POSES:
         where = campaign.where(int(np.argmax(campaign.pose >= MOST_POSES)))
         most = f"expected at most {MOST_POSES:,} different poses"
@@ -311,6 +312,13 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
             raise InputError(f"{where}: pose: expected one of {known}, got {name!r}")
     poses = np.array([robot.poses[name] for name in campaign.pose_names])
     return replace(campaign, poses=poses, coordinates=tuple(robot.tool.pose))
+
+
+def _state_weight(campaign: Campaign, robot: RobotFile) -> Campaign:
+    """Return the campaign with what the nominal model carries: weight acts on every machine."""
+    if campaign.modelled is not None:
+        return campaign
+    return replace(campaign, modelled=("gravity",) if robot.gravity else ())
 
 
 def _order_columns(campaign: Campaign, robot: RobotFile) -> Campaign:

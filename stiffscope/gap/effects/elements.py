@@ -140,6 +140,9 @@ def change_robot(mechanism: Mechanism, influence: Influence) -> Mechanism:
     for k, joint in enumerate(joints):
         if joint.drive and (width := influence.dead_zones.get(joint.name)):
             joints[k] = replace(joint, drive=joint.drive.add_backlash(2.0 * width))
+        if joint.drive and (knee := influence.knees.get(joint.name)):
+            factors = 1.0 / (1.0 + knee.below), 1.0 / (1.0 + knee.beyond)
+            joints[k] = replace(joint, drive=joint.drive.bend_at(knee.load, *factors))
     changed = change_elements(
         replace(mechanism, joints=tuple(joints)), influence.elements
     )

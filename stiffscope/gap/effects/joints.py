@@ -179,6 +179,7 @@ class JointAxis(ElementEffect):
 
     word = "joint-axis"
     precedence = 112
+    gives_way = True  # axes of many joints fit almost anything
     parameters = (
         *(Parameter(name, "m", 2e-4, -1e-2, 1e-2) for name in ("y", "z")),
         *(Parameter(name, "rad", 1e-3, -0.05, 0.05) for name in ("ry", "rz")),

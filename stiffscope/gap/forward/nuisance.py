@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from stiffscope.vjm.model.joints import Joint
 
 
-_FULL_FORCE = 0.2  # fraction of a drive's largest force that overcomes friction
 _SPRING = 1e6  # N/m: spring to the frame per unit parameter
 _LIKE_FORCE = (
     100.0  # N or N·m: joint load at which parameters equal deformations, m or rad
@@ -98,12 +97,11 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
         yield _make_unnamed(
             "errors that grow along the rail", (1e-3,) * len(drives), pitch
         )
-        yield _make_unnamed(
-            "less motion at small loads", (1e-5,) * len(drives), Pattern(_friction)
-        )
     if at.used_loads[:6].all():
         springs = "a stiffness towards the frame, growing with the distance"
-        yield _make_unnamed(springs, (0.01,) * 6, Pattern(partial(_tether, middle)))
+        away = "a force away from the frame, growing with the distance"
+        tether = _make_unnamed(springs, (0.01,) * 6, Pattern(partial(_tether, middle)))
+        yield replace(tether, spell=partial(_spell, springs, away))
     yield _make_unnamed(
         "a zero of its own in every direction", (1e-5,) * channels, Pattern(apart)
     )
@@ -147,7 +145,22 @@ def _play_of(at: RobotAtPoses) -> Iterator[Candidate]:
         play = _make_unnamed(
             f"play at {place}", (1e-5,) * 2, Pattern(partial(_play, axes)), "play"
         )
-        yield replace(play, like="backlash")
+        held = f"motion held back at {place}"
+        yield replace(play, like="backlash", spell=partial(_spell, play.place, held))
+
+
+def _spell(grown: str, shrunk: str, values: Array) -> str:
+    """Return one of two texts by the sign of what patterns add together."""
+    return grown if float(np.sum(values)) >= 0.0 else shrunk
+
+
+def _spell_curve(place: str, size: Array, values: Array) -> str:
+    """Return whether a place yields less or more in proportion under large loads.
+
+    size: columns' norms (2,) of the force's cube root, which is steep at small loads, and square.
+    """
+    small, large = values * size
+    return f"{'stiffening' if small >= large else 'softening'} at {place}"
 
 
 def _stiffening_of(nominal: RobotReadings) -> Iterator[Candidate]:
@@ -162,9 +175,11 @@ def _stiffening_of(nominal: RobotReadings) -> Iterator[Candidate]:
         straight, curved = np.split(weight * _make_yielding(axes, nominal), [1], axis=1)
         shares = (straight.T @ curved) / max(float(np.sum(straight**2)), 1e-300)
         stiffening = Pattern(partial(_make_stiffening, axes, shares))
-        yield _make_unnamed(
+        size = np.linalg.norm(curved - straight @ shares, axis=0)
+        curve = _make_unnamed(
             f"stiffening at {place}", (1e-5,) * 2, stiffening, "stiffening"
         )
+        yield replace(curve, spell=partial(_spell_curve, place, size))
 
 
 def _places(
@@ -197,7 +212,9 @@ def _make_unnamed(
     names = tuple(f"p{k + 1}" for k in range(len(scale)))
     count = len(scale)
     own = names, ("",) * count, scale, (FREE,) * count
-    return Candidate(UNNAMED, place, *own, pattern=kind or place, action=action)
+    return Candidate(
+        UNNAMED, place, *own, pattern=kind or place, imitates=True, action=action
+    )
 
 
 def _bow(lengths: Mapping[str, float], values: Array) -> Changes:
@@ -274,8 +291,9 @@ def _crosstalk(sink: int, source: int, prediction: RobotReadings) -> Array:
 def _off_centre(prediction: RobotReadings) -> Array:
     """Return columns of a wrench that acts beside its point, so that its force has moments."""
     force = np.nan_to_num(prediction.campaign.wrench[:, :3])
+    moments = (np.cross(axis, force) for axis in np.eye(3))
     return np.column_stack(
-        [prediction.applied_motion(np.cross(axis, force)) for axis in np.eye(3)]
+        [prediction.applied_motion(np.hstack([0.0 * m, m])) for m in moments]
     )
 
 
@@ -341,16 +359,3 @@ def _make_yielding(across: Mapping[str, Array], prediction: RobotReadings) -> Ar
         steps = [whole - rest, np.cbrt(whole) - np.cbrt(rest), squares]
         columns += np.stack([np.sum(read * step, axis=1) for step in steps], axis=1)
     return np.where(c.is_displacement[:, None], columns, 0.0)
-
-
-def _friction(prediction: RobotReadings) -> Array:
-    """Return columns of Coulomb friction: motion lost by a fixed amount towards the force."""
-    deflected = prediction.campaign.is_difference
-    columns: list[Array] = []
-    for drive in prediction.at.robot.driven:
-        force = np.where(deflected, prediction.drive_force(drive), 0.0)
-        lost = np.clip(
-            force / max(_FULL_FORCE * np.abs(force).max(initial=0.0), 1e-9), -1.0, 1.0
-        )
-        columns.append(lost * prediction.by_drive(drive))
-    return np.stack(columns, axis=1)

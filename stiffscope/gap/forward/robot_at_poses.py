@@ -18,6 +18,7 @@ from stiffscope.errors import InputError
 from stiffscope.gap.campaign.kinds import KINDS, MODE_OF
 from stiffscope.gap.campaign.kinds.kind import NO_MODE
 from stiffscope.gap.campaign.quantities import AXES, JOINT
+from stiffscope.gap.effects.effect import find_length
 from stiffscope.gap.effects.elements import along_drive, without_ranges
 from stiffscope.gap.forward.setup import Instruments
 from stiffscope.gap.forward.terminals import find_weight, unit_wrenches, wrenches_at
@@ -109,6 +110,11 @@ class RobotAtPoses:
     def mechanism(self) -> Mechanism:
         """The robot with linear drives of unlimited range, as errors may exceed their ranges."""
         return without_ranges(without_laws(self.robot.mechanism))
+
+    @cached_property
+    def length(self) -> float:
+        """Largest distance of two joints, or of the tool from one, m."""
+        return find_length(self.mechanism)
 
     @cached_property
     def laws(self) -> dict[str, Law]:
@@ -264,6 +270,8 @@ class RobotAtPoses:
         out = np.ones(self.cases, dtype=np.bool_)
         for k, load in enumerate(c.loads):
             acts = (np.nan_to_num(c.wrench[c.load == k]) != 0.0).any(axis=0)
+            if self._firm and acts[:3].any():
+                acts[:3] = True  # a leak of the force sensor has the others
             if self._firm and load.body == self.mechanism.tool.body:
                 acts[3:] |= [acts[:3][np.arange(3) != axis].any() for axis in range(3)]
             out[self.load_cases(k)] = acts
@@ -344,11 +352,12 @@ class RobotAtPoses:
         """What predicts the readings, with the rows (m,) of which it does."""
         kind = self.campaign.kind
         served: dict[Predictor, list[int]] = {}
-        for number in np.unique(kind).tolist():
+        numbers: list[int] = np.unique(kind).tolist()
+        for number in numbers:
             served.setdefault(KINDS[number].predictor, []).append(number)
         return tuple(
-            (predictor, np.flatnonzero(np.isin(kind, numbers)))
-            for predictor, numbers in served.items()
+            (predictor, np.flatnonzero(np.isin(kind, own)))
+            for predictor, own in served.items()
         )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -12,6 +12,7 @@ from stiffscope.gap.effects.effect import Effect, Influence
 from stiffscope.gap.effects.instruments import SensorStep
 from stiffscope.gap.forward.robot_readings import RobotReadings
 from stiffscope.gap.forward.slopes import find_slopes
+from stiffscope.gap.forward.swaps import swap_columns
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -129,4 +130,9 @@ class RobotPrediction(RobotReadings):
             change = np.where(
                 shown, (factor - 1.0) * self.display[0] * self.plain_readings, change
             )
+        if influence.swaps:
+            swapped = replace(
+                self, campaign=swap_columns(self.campaign, influence.swaps)
+            )
+            return swapped.values - self.values
         return self.projection.without(change[:, None])[:, 0]

@@ -12,7 +12,8 @@ import numpy as np
 
 from stiffscope.gap.campaign.kinds import numbers_by_code
 from stiffscope.gap.effects.effect import Payload
-from stiffscope.vjm.model.checks import GROUND
+from stiffscope.gap.effects.elements import along_drive
+from stiffscope.vjm.model.checks import GROUND, TOOL
 from stiffscope.vjm.model.screws import skew
 from stiffscope.vjm.network.network import FOOT
 
@@ -56,6 +57,18 @@ def _of_others(prediction: RobotReadings, step: Step) -> Array:
         out += _of_payload(prediction, Payload(more.body, more.at, mass, moments))
     for drive, size in ahead.dead_zones.items():
         out += (size - behind.dead_zones[drive]) / width * prediction.dead_zone(drive)
+    for drive, knee in ahead.knees.items():
+        other = behind.knees[drive]
+        change = prediction.bent_by(drive, knee) - prediction.bent_by(drive, other)
+        out += change / width
+    for drive, size in ahead.frictions.items():
+        now = sum(each.frictions.get(drive, 0.0) for each in prediction.influences)
+        half = 0.5 * (size - behind.frictions[drive])
+        near = max(half, half - now)  # forward where the drive has none
+        changes = [
+            prediction.yield_to_friction(drive, near + s * half) for s in (1, -1)
+        ]
+        out += (changes[0] - changes[1]) / width
     for name, turn in ahead.turns.items():
         out += _of_turn(prediction, name, (turn - behind.turns[name]) / width)
     for name, gain in ahead.gains.items():
@@ -66,6 +79,16 @@ def _of_others(prediction: RobotReadings, step: Step) -> Array:
             * prediction.plain_readings
             * prediction.shown_by(name)
         )
+    wrench = prediction.true_wrench
+    if ahead.leak is not None and behind.leak is not None:
+        rate = (ahead.leak - behind.leak) / width
+        moment = np.zeros_like(wrench[:, 3:])
+        out -= prediction.applied_motion(np.hstack([wrench[:, :3] @ rate.T, moment]))
+    for value, growth in ahead.load_gains.items():
+        now = 0.5 * (growth + behind.load_gains[value])
+        rate = (growth - behind.load_gains[value]) / width / (1.0 + now)
+        share = rate * prediction.has_size(value)[:, None]
+        out += prediction.applied_motion(share * wrench)
     if ahead.force_gain != behind.force_gain:
         rate = (ahead.force_gain - behind.force_gain) / width / prediction.force_scale
         out += rate * (
@@ -92,15 +115,47 @@ def _of_elements(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
         read, applied = prediction.find_wrenches(name)
         mine, rates = _find_rates(steps, name, "compliance")
         if len(mine):
+            applied = _relieve(prediction, name, applied)
             work = (read[:, :, None] * applied[:, None, :]).reshape(len(c), -1)
             out[:, mine] += work @ rates.reshape(len(mine), -1).T
         mine, rates = _find_rates(steps, name, "offset")
         if len(mine):
             out[:, mine] += still * read @ rates.T
+            if name == TOOL:
+                out[:, mine] += _of_shifted_tool(prediction, rates)
         mine, rates = _find_rates(steps, name, "astray")
         if len(mine):
             turned = read[:, None] @ _turn_about(prediction, name)[c.pose]
             out[:, mine] += still * turned[:, 0] @ rates.T
+    return out
+
+
+def _relieve(prediction: RobotReadings, name: str, wrench: Array) -> Array:
+    """Return the wrenches (n, 6) on an element without what friction beside its spring holds."""
+    if not any(name in each.frictions for each in prediction.influences):
+        return wrench
+    axis = along_drive(prediction.at.robot.driven[name])
+    return wrench - prediction.held_by(name)[:, None] * axis
+
+
+def _of_shifted_tool(prediction: RobotReadings, shifts: Array) -> Array:
+    """Return derivatives (n, k) of motions and stiffnesses at M by shifts (k, 6) of M on its body.
+
+    A shift s moves M by ``ω × s`` where the tool turns, and gives a force F the moment ``s × F``:
+    both terms of ``a · D b`` gain the moment of their own force.
+    """
+    c = prediction.campaign
+    turn = prediction.elastic_state.places.rotation[prediction.at.mechanism.tool.body]
+    turn = np.broadcast_to(turn, (len(c.poses), 3, 3))[c.pose]
+    pairs = zip(
+        (prediction.drive, prediction.sense), prediction.at_terminals, strict=True
+    )
+    forces, twists = zip(*((load[:, :3], twist) for load, twist in pairs), strict=True)
+    out = np.zeros((len(c), len(shifts)))
+    for k, shift in enumerate(shifts):
+        away = turn @ shift[:3]
+        for force, twist in zip(forces, twists, strict=True):
+            out[:, k] += np.einsum("ni,ni->n", np.cross(away, force), twist[:, 3:])
     return out
 
 
@@ -151,6 +206,7 @@ def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:
         ..., 0
     ]  # (p, cases)
     work = np.einsum("nc,nc->n", prediction.sense, along[c.pose])
+    work = work if prediction.weighs else 0.0 * work
     return prediction.ask(
         lambda predictor, rows: predictor.load(prediction, rows, payload, work[rows])
     )

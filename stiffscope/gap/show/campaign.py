@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.gap.campaign.copies import find_copies
 from stiffscope.gap.campaign.kinds import KINDS
 from stiffscope.gap.campaign.quantities import WRENCH
-from stiffscope.gap.inference.findings import copies
 from stiffscope.gap.planning.candidates import ENOUGH
 from stiffscope.report.numbers import coordinates, pose_values
 from stiffscope.report.page import Section
@@ -121,7 +121,7 @@ def campaign_json(
             zip(c.session_names, np.bincount(c.session).tolist(), strict=True)
         ),
         "without_sigma": int(np.isnan(c.sigma).sum()),
-        "copies": copies(c)[1] or None,
+        "copies": find_copies(c)[1] or None,
         "remarks": [asdict(remark) for remark in remarks],
         "channels": _channels(c),
         "sensors": {s.name: _sensor(c, k) for k, s in enumerate(c.sensors)},

@@ -12,8 +12,14 @@ from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.gap.effects.vocabulary import word_of
 from stiffscope.gap.forward.robot_at_poses import configure_robot
 from stiffscope.lab.blind.cases import Fault
-from stiffscope.lab.closure import COORDINATES
-from stiffscope.lab.faults import ENTRIES, KNOWN, acts_on, inject, is_uniform
+from stiffscope.lab.faults import (
+    ENTRIES,
+    KNOWN,
+    OUTSIDE,
+    acts_on,
+    inject,
+    is_uniform,
+)
 from stiffscope.lab.machine import machine_of
 from stiffscope.lab.plans import Workspace, workspace
 from stiffscope.robot.library import robot_names
@@ -32,6 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from stiffscope.lab.machine import Machine
+    from stiffscope.lab.measuring import Mechanics
     from stiffscope.lab.rotations import Array
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.types import Flags
@@ -42,11 +49,6 @@ _SEED = 20  # seed of that pool
 _ALL_DRIVES = "drives"
 _ALL_JOINTS = "joints"
 _ALL_BODIES = "robot"
-INSTRUMENT = "instrument"
-_OF_SENSORS = {"instrument-misalignment", "displacement-scale"}
-_OF_CHANNELS = {"unit", "sensor-sign"}
-OF_READINGS = _OF_SENSORS | _OF_CHANNELS | {"sensor-step"}
-"""Faults of displacements as they are read; a tracker's are none of them."""
 
 
 @dataclass(frozen=True)
@@ -58,11 +60,13 @@ class BlindRobot:
     nominal : the nominal model used for diagnosis, and its file.
     parts : matrix and mass of every part used, as `PartMatrix`.
     components : source of these matrices, as named in a campaign's header.
+    mechanics : laboratory that measures: our own, or EXUDYN's.
     """
 
     nominal: NominalRobot
     parts: Mapping[str, Any]
     components: str
+    mechanics: Mechanics = "own"
 
     @property
     def name(self) -> str:
@@ -78,7 +82,10 @@ class BlindRobot:
 
 
 def blind_robots(
-    robots: Sequence[RobotFile], components: str | None, shop: Workshop
+    robots: Sequence[RobotFile],
+    components: str | None,
+    shop: Workshop,
+    mechanics: Mechanics = "own",
 ) -> list[BlindRobot]:
     """Return the robots with their parts' matrices; raise InputError for one whose home is singular.
 
@@ -91,6 +98,8 @@ def blind_robots(
         matrix, else beam theory, neither of which needs a virtual experiment.
     shop
         Workshop that runs experiments if needed.
+    mechanics
+        Laboratory that measures.
     """
     out: list[BlindRobot] = []
     for robot in robots:
@@ -104,9 +113,8 @@ def blind_robots(
         )
         source = components or ("published" if published else "beam")
         made = assemble_robots({robot.name: robot}, source, shop)[robot.name]
-        out.append(
-            BlindRobot(NominalRobot(made.mechanism, robot), made.matrices, source)
-        )
+        nominal = NominalRobot(made.mechanism, robot)
+        out.append(BlindRobot(nominal, made.matrices, source, mechanics))
     return out
 
 
@@ -154,17 +162,9 @@ class Lab:
         """Return the places of an effect: elements and distinct sets, or instrument and sensors."""
         file = self.robot.nominal.robot
         machine = self.sound
-        fixed = {
-            "base-compliance": ("base",),
-            "platform-compliance": ("tool",),
-            "cable-chain": ("tool",),
-            "force-scale": (INSTRUMENT,),
-            **dict.fromkeys(_OF_SENSORS, (INSTRUMENT, *sensors)),
-            **dict.fromkeys(_OF_CHANNELS, (INSTRUMENT, *(sensors or COORDINATES))),
-            "sensor-step": tuple(sensors or COORDINATES),
-        }
-        if effect in fixed:
-            return fixed[effect]
+        where = {**KNOWN, **OUTSIDE}[effect].where
+        if where is not None:
+            return where(sensors)
         if (
             effect == "part-dimension"
         ):  # and material constants of parts computed by beam theory

@@ -1,0 +1,71 @@
+"""File formats of result tables: one function a format, which every command that writes a table asks for."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+    from pathlib import Path
+
+    import xarray as xr
+
+    Columns = Mapping[str, Any]
+
+
+def _write_csv(columns: Columns, path: Path, digits: int | None) -> None:
+    import pandas as pd
+    import pyarrow as pa
+    import pyarrow.csv
+
+    numbers = all(np.asarray(each).dtype == float for each in columns.values())
+    if numbers and digits is None:  # quick on long paths
+        pyarrow.csv.write_csv(pa.table(dict(columns)), path)
+        return
+    form: dict[str, Any] = {}
+    if digits is not None:
+        form = {"float_format": f"%.{digits}g", "na_rep": "nan"}
+    pd.DataFrame(columns).to_csv(path, index=False, lineterminator="\n", **form)
+
+
+def _write_parquet(columns: Columns, path: Path, digits: int | None) -> None:
+    import pandas as pd
+
+    del digits  # all of them take no more space
+    pd.DataFrame(columns).to_parquet(path, index=False)
+
+
+TABLE_FORMATS = {".csv": _write_csv, ".parquet": _write_parquet}
+"""By the suffix of its files, the function of each format that writes columns to a path, with so
+many significant digits, or all if None."""
+
+
+def write_table(
+    columns: Columns,
+    target: Path,
+    suffixes: Iterable[str] = (".csv",),
+    digits: int | None = None,
+) -> None:
+    """Write a table to a file of each format.
+
+    Parameters
+    ----------
+    columns
+        Columns (n,) by name, of numbers or text.
+    target
+        Path of the files without their suffix.
+    suffixes
+        Formats, of `TABLE_FORMATS`.
+    digits
+        Significant digits of numbers written as text; by default all.
+    """
+    for suffix in suffixes:
+        path = target.with_name(target.name + suffix)
+        TABLE_FORMATS[suffix](columns, path, digits)
+
+
+def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
+    """Write a dataset as netCDF 3, which every reader knows."""
+    dataset.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
