@@ -976,6 +976,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
         {
             "campaigns": ("number of campaigns per robot", ""),
             "seed": ("random seed", ""),
+            "machine": ("whose mechanics was measured: `own` or `exudyn`", ""),
             "seconds": ("wall time", "s"),
             **SHARES,
             "held_out_over_noise": (

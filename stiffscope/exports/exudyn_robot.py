@@ -560,8 +560,8 @@ class Robot:
         body = self.model["tool"]["body"]
         kind = exu.OutputVariableType
         moved = self.mbs.GetNodeOutput(self.nodes[body], kind.Displacement)
-        turn = self.mbs.GetNodeOutput(self.nodes[body], kind.RotationMatrix).reshape(
-            3, 3
+        turn = np.reshape(
+            self.mbs.GetNodeOutput(self.nodes[body], kind.RotationMatrix), (3, 3)
         )
         arm = self.tool - self.places[body]
         return np.concatenate([moved + turn @ arm - arm, vector_of(turn)])
