@@ -375,6 +375,8 @@ def _mount(
 ) -> dict[str, Any]:
     return {
         "kind": "fixed",
+        "free": [],
+        "driven": None,
         "between": [first, second],
         "at": np.zeros(3) if at is None else at,
         "axes": np.eye(3),
