@@ -1,3 +1,5 @@
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false
+# pyright: reportOptionalSubscript=false, reportMissingImports=false (EXUDYN's stubs; an extra)
 """Robot in EXUDYN: rigid bodies, springs with full 6x6 stiffness, joints and superelements.
 
 It needs numpy and EXUDYN alone: an exported model is this module behind a robot's tables.
