@@ -42,6 +42,7 @@ SLOW = (
     "gap/test_diagnosis_report.py",
     "gap/test_doubted_instruments.py",
     "gap/test_effects_command.py",
+    "gap/test_exudyn_lab.py",
     "gap/test_geometry.py",
     "gap/test_hostile_tables.py",
     "gap/test_inference.py",
