@@ -212,6 +212,35 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             ),
         },
     ),
+    "export": (
+        ["export", "serial-arm", "--to", "mjcf", "--at", "home", "--out", "DIR"],
+        {
+            "robot": ("name of the robot", ""),
+            "target": ("form, as `--to` names it", ""),
+            "poses": ("names or texts of the poses", ""),
+            "files": ("files in DIR", ""),
+            "timestep?": ("`mjcf`: time step that is set", "s"),
+            "largest_timestep?": ("`mjcf`: largest stable one at the poses", "s"),
+            "highest?": ("`mjcf`: frequency below which springs vibrate", "Hz"),
+            "tool?": ("`mjcf`: [pose]: unloaded tool pose", TWIST),
+            "sag?": ("`mjcf`: [pose]: twist of the tool under own weight", TWIST),
+            "frequencies?": ("`mjcf`: [pose][mode]: lowest of the robot", "Hz"),
+            "exported_frequencies?": (
+                "`mjcf`: [pose][mode]: lowest of the model",
+                "Hz",
+            ),
+            "deviation.compliance?": (
+                "`mjcf`: largest deviation at M, over √(C_ii C_jj)",
+                "relative",
+            ),
+            "deviation.frequency?": (
+                "`mjcf`: largest deviation of these frequencies, beside the shift by `--highest`",
+                "relative",
+            ),
+            "links?": ("`urdf`: number of links", ""),
+            "cut_joints?": ("`urdf`: joints that close loops, which are cut", ""),
+        },
+    ),
     "modes": (
         ["modes", *PUBLISHED, "--at", "Q1"],
         {
