@@ -54,6 +54,7 @@ SLOW = (
     "lab/test_blind.py",
     "lab/test_lab.py",
     "live/test_live.py",
+    "lobes",
     "notebook/test_notebook.py",
     "parts/test_experiment_options.py",
     "parts/test_interfaces.py",
