@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.fea.beam import euler_bernoulli, polar, restrained_torsion
+from stiffscope.robot import part_matrices as parts_of
 from stiffscope.robot.file.part_sections import ParametricPart
-from stiffscope.robot.part_matrices import part_matrices as parts_of
 
 if TYPE_CHECKING:
     from stiffscope.cad.materials import AnyMaterial
@@ -78,8 +78,13 @@ def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Com
 
 
 def _find_printed(robot: RobotFile, name: str) -> np.ndarray | None:
-    """Return the published compliance (6, 6) that applies to the part, or None."""
+    """Return the published compliance (6, 6) that applies to the part, or None.
+
+    None also if the part has another shape or material than the published one.
+    """
     known = {n for n, part in robot.parts.items() if getattr(part, "published", None)}
+    if not parts_of.is_published_part(robot, name):
+        return None
     if name in known or (known and robot.part(name).shape == "rod"):
         return parts_of.published_compliance(robot, name)
     return None

@@ -8,6 +8,8 @@ from PIL import Image
 
 from stiffscope.cli.main import cli
 from stiffscope.errors import InputError
+from stiffscope.experiments.comparison import _find_printed
+from stiffscope.robot.reader import load_robot
 
 
 def test_twice_the_drives_of_a_robot_of_drives_alone_is_twice_the_stiffness(
@@ -120,3 +122,25 @@ def test_a_pose_that_cannot_be_commanded_is_refused_at_its_line(
         match=r"one.toml:12: tool.pose: expected coordinates that the mechanism can move in",
     ):
         cli([*arguments, "--out", "out"], standalone_mode=False)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "slider.thickness=25mm",
+        "slider.rib_count=3",
+        "materials.steel.youngs_modulus=200GPa",
+    ],
+)
+def test_a_part_of_another_shape_or_material_has_no_published_matrix(change):
+    robot = load_robot("biglide")
+    assert _find_printed(robot, "slider") is not None
+    assert _find_printed(robot, "link") is not None
+    other = load_robot("biglide", [change])
+    assert _find_printed(other, "slider") is None
+    assert (_find_printed(other, "link") is None) == ("materials" in change)
+    assert _find_printed(load_robot("biglide", ["link.bore=5mm"]), "link") is None
+    assert (
+        _find_printed(load_robot("biglide", ["slider.rib_height=9mm"]), "slider")
+        is not None
+    )
