@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
 from importlib.util import find_spec
+from pathlib import Path
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
-
-import stiffscope
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -74,7 +73,7 @@ class Slice:
 def slices() -> dict[str, Slice]:
     """Return what the slices register, by name of the slice."""
     found = {}
-    for package in iter_modules(stiffscope.__path__):
+    for package in iter_modules([str(Path(__file__).parent)]):
         name = f"stiffscope.{package.name}.slice"
         if package.ispkg and find_spec(name) is not None:
             found[package.name] = import_module(name).SLICE

@@ -28,33 +28,33 @@ EXTENDED = {
         "test_modules_of_the_working_folder_change_nothing[arguments0]",
         "test_modules_of_the_working_folder_change_nothing[arguments1]",
     ),
-    "cli/test_diagnosis.py": (
+    "gap/test_diagnosis_command.py": (
         "test_backlash_of_a_rotary_drive_with_two_slopes_is_found_adopted_and_found_no_more",
         "test_pictures_of_a_diagnosis_are_kept",
     ),
-    "cli/test_experiment_options.py": (
+    "parts/test_experiment_options.py": (
         "test_a_foundation_gives_way_and_the_superelement_holds_the_part",
         "test_a_tolerance_that_is_not_met_is_told_in_one_line",
         "test_pads_apart_are_shown_one_by_one",
         "test_tolerance_reaches_the_experiment_and_enters_its_key",
     ),
-    "cli/test_map.py": (
+    "statics/test_map.py": (
         "test_a_volume_holds_what_maps_and_single_poses_hold",
         "test_numbers_carry_names_and_units",
     ),
-    "cli/test_store.py": ("test_eighty_columns_of_ascii",),
-    "cli/test_vibration.py": (
+    "files/test_store.py": ("test_eighty_columns_of_ascii",),
+    "vibration/test_vibration.py": (
         "test_maps_have_frequencies",
         "test_shapes_are_drawn_and_move",
     ),
-    "design/test_comparison.py": (
+    "statics/test_comparison.py": (
         "test_a_picture_shows_the_first_robot_in_outlines_beside_the_second",
     ),
     "experiments/test_assembly.py": (
         "test_a_mass_that_only_cad_knows_is_tested_for",
         "test_a_step_file_s_solid_yields_and_weighs",
     ),
-    "experiments/test_interfaces.py": (
+    "parts/test_interfaces.py": (
         "test_a_rod_on_a_foundation_sinks_in_by_force_over_area",
     ),
     "experiments/test_named_interfaces.py": (
@@ -114,7 +114,7 @@ EXTENDED = {
         "test_geometry_and_masses_have_no_favourite_size",
         "test_the_gap_lies_where_its_cause_is_named",
     ),
-    "gap/test_blind.py": (
+    "lab/test_blind.py": (
         "test_an_interrupted_check_goes_on_and_ends_the_same",
         "test_cases_of_any_robot_are_written_and_named",
         "test_effects_are_exchanged_in_sets_that_are_nearly_as_good",
@@ -163,7 +163,7 @@ EXTENDED = {
     ),
     "gap/test_instruments.py": ("test_a_diagnosis_by_an_unknown_tracker",),
     "gap/test_interfaces.py": ("test_a_soft_head_is_found_adopted_and_found_no_more",),
-    "gap/test_lab.py": (
+    "lab/test_lab.py": (
         "test_stiffness_and_sag_are_those_of_the_mechanism_engine[delta]",
         "test_stiffness_and_sag_are_those_of_the_mechanism_engine[orthoglide]",
     ),
@@ -185,11 +185,11 @@ EXTENDED = {
     "gap/test_sanity.py": (
         "test_faults_of_the_robot_raise_no_doubts_of_its_instruments",
     ),
-    "report/test_live.py": (
+    "live/test_live.py": (
         "test_a_page_follows_a_slider_five_times_a_second",
         "test_new_rows_of_a_campaign_appear",
     ),
-    "report/test_notebook.py": (
+    "notebook/test_notebook.py": (
         "test_every_object_shows_as_a_table",
         "test_the_robot_turns_inside_a_cell",
     ),
@@ -198,7 +198,7 @@ EXTENDED = {
         "test_a_process_that_is_ready_ahead_draws_the_same_picture",
         "test_picture_of_a_deformed_robot_with_the_users_own_surface",
     ),
-    "robot/test_assembly.py": (
+    "imports/test_assembly.py": (
         "test_a_headed_pin_in_holes_of_its_diameter_is_told_with_both_readings",
         "test_every_joint_is_found_and_none_invented[3-prs]",
         "test_every_joint_is_found_and_none_invented[delta]",

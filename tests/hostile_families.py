@@ -214,7 +214,7 @@ PLAIN = {
 @cache
 def families() -> dict[str, Family]:
     """All of them by name; those of solids are built here."""
-    from tests.robot.test_import import ARM, FOUR_BAR
+    from tests.imports.test_import import ARM, FOUR_BAR
 
     return {
         **PLAIN,
@@ -240,7 +240,7 @@ def families() -> dict[str, Family]:
 
 
 def _of_solids() -> dict[str, Family]:
-    from tests.robot.assemblies import LOW, Made, at, b, rod
+    from tests.imports.assemblies import LOW, Made, at, b, rod
 
     with TemporaryDirectory() as folder:
         made = Made()

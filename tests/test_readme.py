@@ -141,8 +141,8 @@ def place(tmp_path_factory):
     (folder / "arm.urdf").write_text(ARM)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("stiffscope.runtime.workshop.Processes", Here)
-        for room in ("campaigns", "design"):  # one process for blind cases and designs
-            patch.setattr(f"stiffscope.cli.{room}.processors", lambda: 1)
+        for room in ("lab", "design"):  # one process for blind cases and designs
+            patch.setattr(f"stiffscope.{room}.command.processors", lambda: 1)
         yield folder
 
 

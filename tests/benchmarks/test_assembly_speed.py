@@ -12,7 +12,7 @@ from stiffscope.cad.assembly import read_assembly
 from stiffscope.cad.contacts import find_contacts
 from stiffscope.imports.contact_joints import find_joints
 from stiffscope.imports.hardware import find_hardware
-from tests.robot import assemblies
+from tests.imports import assemblies
 
 
 @pytest.mark.benchmark

@@ -24,8 +24,8 @@ from stiffscope.lab.plans import draw_plan
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
 from tests.gap.synthetic import linear_model
-from tests.gap.test_blind import blind_robot
 from tests.gap.test_inference import planted
+from tests.lab.test_blind import blind_robot
 
 POSES = 111
 STANCES = 32  # of the hexapod, and of a template

@@ -20,8 +20,8 @@ from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.kinematics.configurations import configure
 from stiffscope.vjm.statics.yielding import deflection
+from tests.gap.test_diagnosis_report import write
 from tests.report.browser import CHROMIUM, browser
-from tests.report.test_diagnosis_report import write
 from tests.report.test_terminal import diagnosed
 
 AXE = Path(__file__).parent / "axe" / "node_modules" / "axe-core" / "axe.min.js"

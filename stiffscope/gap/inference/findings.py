@@ -376,7 +376,7 @@ class Findings:
         """Return % rms of residuals (n,) over sigma, averaged over poses with non-zero readings."""
         model = self.campaign.value - residual * self.sigma
         told = self.used_readings & (self.campaign.value != 0.0)
-        scores = []
+        scores = list[float]()
         for pose in range(len(self.campaign.pose_names)):
             here = self.campaign.pose == pose
             if (told & here).any():

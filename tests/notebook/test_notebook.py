@@ -19,8 +19,8 @@ from stiffscope.notebook.objects import SHOWN, as_html, open_bar, register
 from stiffscope.report import part_tables
 from stiffscope.robot.inspection import Doubt
 from stiffscope.runtime.progress import LISTENERS, silence
+from tests.gap.test_diagnosis_report import HOSTILE, Page
 from tests.report.browser import CHROMIUM, browser
-from tests.report.test_diagnosis_report import HOSTILE, Page
 from tests.report.test_terminal import diagnosed, state
 
 

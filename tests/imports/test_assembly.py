@@ -31,7 +31,7 @@ from stiffscope.imports.said import Said, said_beside
 from stiffscope.robot.inspection import inspect_robot
 from stiffscope.robot.reader import load_robot
 from tests.experiments.one_part import write_bar
-from tests.robot import assemblies
+from tests.imports import assemblies
 
 STANDING = {  # place (mm, degrees), unit and whether solids have names
     "five-bar": ((13.7, -220.3, 71.1), (31, -47, 113), "MM", True),

@@ -17,7 +17,7 @@ from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm.statics.analysis import stiffness
-from tests.robot import assemblies
+from tests.imports import assemblies
 
 MESH = 'mesh = { size = "12 mm" }'
 LEVELS = {
