@@ -138,7 +138,8 @@ def inspect_robot(robot: RobotFile) -> Inspection:
     inspection = Inspection(robot, mechanism, found, residual, parts, masses, doubts)
     try:
         configurations = configured_poses(robot, mechanism, list(named.values()))
-        ways = reach(mechanism)
+        locked = [k for k, state in found.coordinates.items() if state == "locked"]
+        ways = [w for w in reach(mechanism) if w.coordinate not in locked]
     except InputError as error:
         return replace(inspection, remarks=tuple(_of_mobility(found)), error=str(error))
     poses = tuple(
@@ -162,7 +163,7 @@ def inspect_robot(robot: RobotFile) -> Inspection:
         *_of_masses(robot, masses),
     )
     made = {"configurations": configurations, "mapped": mapped, "remarks": remarks}
-    return replace(inspection, reach=ways, poses=poses, **made)
+    return replace(inspection, reach=tuple(ways), poses=poses, **made)
 
 
 def _named_poses(
