@@ -15,7 +15,11 @@ from OCP.BOPAlgo import BOPAlgo_ArgumentAnalyzer
 from OCP.BOPTools import BOPTools_AlgoTools3D
 from OCP.BRep import BRep_Builder, BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
-from OCP.BRepAlgoAPI import BRepAlgoAPI_Common
+from OCP.BRepAlgoAPI import (
+    BRepAlgoAPI_Common,
+    BRepAlgoAPI_Section,
+    BRepAlgoAPI_Splitter,
+)
 from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepBuilderAPI import (
     BRepBuilderAPI_MakeEdge,
@@ -29,6 +33,7 @@ from OCP.BRepGProp import BRepGProp, BRepGProp_Face
 from OCP.BRepLib import BRepLib
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.BRepTools import BRepTools
+from OCP.collections import List_TopoDS_Shape
 from OCP.GeomAbs import GeomAbs_CurveType
 from OCP.GeomAPI import GeomAPI_ProjectPointOnSurf
 from OCP.gp import (
@@ -197,6 +202,15 @@ def borders(shape: Shape) -> dict[tuple[int, int], list[Edge]]:
                 found.setdefault((other, index), []).append(edge)
             met.append(index)
     return found
+
+
+def corner_numbers(shape: Shape) -> list[frozenset[int]]:
+    """Return the numbers of the vertices of each face; faces that touch have a common one."""
+    numbers = Numbering()
+    return [
+        frozenset(numbers.number_shape(each) for each in vertices(face))
+        for face in faces(shape)
+    ]
 
 
 def normal_angle(edge: Edge, beside: tuple[Face, Face]) -> float:
@@ -390,6 +404,79 @@ def common_area(faces: tuple[Face, Face], step: Floats) -> tuple[float, Floats]:
     cut = BRepAlgoAPI_Common(faces[0], faces[1].Moved(TopLoc_Location(move)))
     found = area_properties(cut.Shape() if cut.IsDone() else compound())
     return float(found.Mass()), xyz(found.CentreOfMass())
+
+
+def common_outline(faces: tuple[Face, Face], step: Floats) -> list[Edge]:
+    """Return the borders of the common of plane faces, the second moved by ``step``, mm."""
+    move = gp_Trsf()
+    move.SetTranslation(gp_Vec(*step.tolist()))
+    cut = BRepAlgoAPI_Common(faces[0], faces[1].Moved(TopLoc_Location(move)))
+    return edges(cut.Shape()) if cut.IsDone() else []
+
+
+def section(face: Face, point: Floats, normal: Floats) -> list[Edge]:
+    """Return the edges in which a plane through a point (3,) cuts a face."""
+    plane = gp_Pln(gp_Pnt(*point.tolist()), gp_Dir(*normal.tolist()))
+    cut = BRepAlgoAPI_Section(face, plane, False)
+    cut.Build()
+    return edges(cut.Shape()) if cut.IsDone() else []
+
+
+def is_seam(edge: Edge, face: Face) -> bool:
+    """Return whether an edge is where a closed face meets itself."""
+    return bool(BRep_Tool.IsClosed_s(edge, face))
+
+
+def middle_of_edge(edge: Edge) -> Floats:
+    """Return the point (3,) at the middle of an edge's parameters."""
+    curve = BRepAdaptor_Curve(edge)
+    return xyz(curve.Value(0.5 * (curve.FirstParameter() + curve.LastParameter())))
+
+
+def inner_point(face: Face) -> Floats:
+    """Return a point (3,) near a face, well within its borders: of its largest triangle."""
+    size = diagonal(face)
+    ((nodes, triangles),) = triangulate(face, 0.01 * size, 0.3)
+    if not len(triangles):
+        return middle_of(face)[0]
+    corners = nodes[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    largest = int(np.argmax(np.linalg.norm(normals, axis=1)))
+    return corners[largest].mean(axis=0)
+
+
+def imprint_lines(
+    solid: Solid, lines: list[Edge]
+) -> tuple[Solid, dict[int, tuple[int, ...]]] | None:
+    """Split a solid's faces along edges that lie on them; None if that gives no valid solid.
+
+    Returns
+    -------
+    tuple
+        The solid, and the indices of the pieces of each face, by its former index.
+    """
+    arguments, tools = List_TopoDS_Shape(), List_TopoDS_Shape()
+    arguments.Append(solid)
+    for line in lines:
+        tools.Append(line)
+    split = BRepAlgoAPI_Splitter()
+    split.SetArguments(arguments)
+    split.SetTools(tools)
+    split.Build()
+    found = solids(split.Shape()) if split.IsDone() else []
+    if len(found) != 1 or not is_valid(found[0]):
+        return None
+    numbers = Numbering()
+    for face in faces(found[0]):
+        numbers.number_shape(face)
+    count = numbers.count
+    pieces = {}
+    for index, face in enumerate(faces(solid)):
+        made = [TopoDS.Face(each) for each in split.Modified(face)] or [face]
+        pieces[index] = tuple(numbers.number_shape(each) for each in made)
+    if numbers.count > count:  # a piece that the solid has not
+        return None
+    return found[0], pieces
 
 
 def volume_properties(shape: Shape) -> GProp_GProps:

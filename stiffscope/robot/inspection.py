@@ -58,11 +58,15 @@ _ROTARY = {"revolute", "universal", "spherical", "cylindrical"}
 
 @dataclass(frozen=True)
 class Doubt:
-    """Something for a person to check: solids, description, and place, m, or None."""
+    """Something for a person to check: solids, description, and place, m, or None.
+
+    ``warning``: whether it may make numbers wrong by far, so that every command repeats it.
+    """
 
     solids: tuple[str, ...]
     text: str
     at: tuple[float, ...] | None = None
+    warning: bool = False
 
 
 @dataclass(frozen=True)
