@@ -25,6 +25,7 @@ from OCP.BRepBuilderAPI import (
     BRepBuilderAPI_MakeEdge,
     BRepBuilderAPI_MakeVertex,
     BRepBuilderAPI_MakeWire,
+    BRepBuilderAPI_Sewing,
 )
 from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepExtrema import BRepExtrema_DistShapeShape
@@ -52,6 +53,8 @@ from OCP.gp import (
 from OCP.GProp import GProp_GProps
 from OCP.Message import Message, Message_PrinterOStream
 from OCP.ShapeAnalysis import ShapeAnalysis_CanonicalRecognition
+from OCP.ShapeFix import ShapeFix_Shape, ShapeFix_Solid
+from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
 from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
 from OCP.TopExp import TopExp_Explorer
 from OCP.TopLoc import TopLoc_Location
@@ -266,13 +269,68 @@ def diagonal(shape: Shape) -> float:
     )
 
 
-def self_intersects(shape: Shape) -> bool:
-    """Return whether faces or edges intersect other than at shared borders."""
+def find_interferences(shape: Shape) -> list[tuple[Floats, float]]:
+    """Return where faces, edges or vertices interfere other than at shared borders.
+
+    Neighbours within their tolerances count, which many sound solids have.
+
+    Returns
+    -------
+    list
+        Place (3,), and the size of what interferes if it is one face with itself, else 0.
+    """
     analyzer = BOPAlgo_ArgumentAnalyzer()
     analyzer.SetShape1(shape)
     analyzer.SelfInterMode = True
     analyzer.Perform()
-    return analyzer.HasFaulty()
+    found = []
+    for each in analyzer.GetCheckResult() if analyzer.HasFaulty() else ():
+        some = list(each.GetFaultyShapes1())
+        if len(some) > 1:
+            search = BRepExtrema_DistShapeShape(some[0], some[1])
+            ends = [search.PointOnShape1(1), search.PointOnShape2(1)]
+            found.append((np.mean([xyz(end) for end in ends], axis=0), 0.0))
+        else:
+            limits = bounds(some[0] if some else shape)
+            found.append(
+                (limits.mean(axis=0), float(np.linalg.norm(np.ptp(limits, axis=0))))
+            )
+    return found
+
+
+def find_fault(shape: Shape) -> Floats | None:
+    """Return the place (3,) of the first face that the kernel finds invalid; None if none is."""
+    analyzer = BRepCheck_Analyzer(shape)
+    for face in faces(shape):
+        some = [face, *edges(face), *vertices(face)]
+        if not all(analyzer.IsValid(each) for each in some):
+            return bounds(face).mean(axis=0)
+    return None
+
+
+def heal_solid(shape: Shape) -> tuple[Shape, list[str]]:
+    """Return a shape with its faults mended as far as the kernel can, and what was done."""
+    done = []
+    fix = ShapeFix_Shape(shape)
+    if fix.Perform():
+        done.append("faces, wires and tolerances fixed")
+    healed = fix.Shape()
+    if not is_valid(healed) or not solids(healed):
+        sewing = BRepBuilderAPI_Sewing(1e-2)
+        for face in faces(healed):
+            sewing.Add(face)
+        sewing.Perform()
+        sewn = sewing.SewedShape()
+        shells = _list_distinct(sewn, TopAbs_ShapeEnum.TopAbs_SHELL, TopoDS.Shell)
+        if len(shells) == 1:
+            healed = ShapeFix_Solid().SolidFromShell(shells[0])
+            done.append("faces sewn within 0.01 mm")
+    if not is_valid(healed):
+        unify = ShapeUpgrade_UnifySameDomain(healed, True, True, False)
+        unify.Build()
+        healed = unify.Shape()
+        done.append("faces of one surface united")
+    return healed, done
 
 
 def surface_under(face: Face) -> tuple[str, Any]:
